@@ -8,13 +8,14 @@ corners) or by its place in the ring alone (dots, crossings).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import VisionError
+from .interaction import Plane
 from .segmentation import borders
 from .undistortion import CameraModel
 
@@ -36,6 +37,18 @@ STATIONS, FEWEST = 48, 10  # profiles across a line, and of them those that must
 RIM_FITS, RIM_STATIONS, RIM_SPACED = 2, (24, 64), 0.5
 RIM_REACH, RIM_FURTHEST, RIM_STEP = (1.5, 0.6), 8.0, 0.4
 OUTLYING = 1.0  # px from a line beyond which a point is none of it
+
+
+class Seen(NamedTuple):
+    """What a tracker finds in a picture.
+
+    points: (n, 2) normalised. plane: of the target, where it tells that. accuracy: normalised
+    length to which the points are found.
+    """
+
+    points: np.ndarray
+    plane: Plane | None
+    accuracy: float
 
 
 class Tracker(ABC):
@@ -61,6 +74,20 @@ class Tracker(ABC):
         """The same points (n, 2), normalised and without the lens; VisionError as `find`."""
         x, y, _ = camera.normalise(*self.find(grey).T)
         return np.column_stack([x, y])
+
+    def look(
+        self, grey: NDArray[np.uint8], camera: CameraModel,
+        world_T_camera: np.ndarray | None = None, depth: NDArray[np.float32] | None = None,
+    ) -> Seen:  # fmt: skip
+        """All that is found in the next picture of a loop; VisionError as `find`.
+
+        Args:
+            world_T_camera: (4, 4), where it is known. depth: (rows, columns) m, where there is one.
+        """
+        return Seen(self.places(grey, camera), None, self.accuracy / camera.K[0])
+
+    def reset(self) -> None:
+        """Forget earlier pictures."""
 
 
 class DotTracker(Tracker):

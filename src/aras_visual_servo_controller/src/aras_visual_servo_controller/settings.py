@@ -13,10 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.settings import converted, default_of, defaults, parameter
 from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
+from aras_visual_servo_camera.errors import VisionError
+from aras_visual_servo_camera.model import Start, model_tracker
 from aras_visual_servo_camera.trackers import TRACKERS, Tracker
 
 from .arm import (
@@ -54,6 +57,7 @@ LAW_GAINS = {
 BY_JOINT = ("max_velocity", "max_acceleration", "lower", "upper", "posture", "elbow", "lead",
             "stiffness", "damping", "controllers")  # fmt: skip
 NONE: Mapping[str, Any] = {}
+MODEL = "model"  # the tracker of a known mesh
 OUTLINE = "outline"  # the tracker that takes the corners of what was segmented
 # Names of former versions.
 ALIASES = {"pitch_gain": "hold_gain"}
@@ -92,7 +96,10 @@ class Settings:
 
     scheme: feature, scheme, several joined by '+', or 'package.module:Class'.
     interaction: L at the view: current, desired, mean, estimated.
-    tracker: of a target's points: outline, dots, marker, lines.
+    tracker: of a target's points: outline, dots, marker, lines, model.
+    model: mesh of the target (STL, OBJ, DAE), m, whose pose the tracker 'model' follows.
+    model_start: where the model is at first: {pose: x y z roll pitch yaw in the base}, {marker:
+        {size, pose}} or {clicks: rows x y z u v}.
     depth_image: the target's plane is taken from the camera's depth image, in place of goal and
         kinematics.
     weights: of stacked features, one each; empty: all alike.
@@ -141,6 +148,8 @@ class Settings:
     scheme: str = parameter("moments", name=True)
     interaction: str = parameter("current")
     tracker: str = parameter(OUTLINE)
+    model: str = parameter("")
+    model_start: Mapping[str, Any] = parameter({})
     depth_image: bool = parameter(False)
     weights: tuple[float, ...] = parameter(())
     smoothing: float = parameter(0.0, "s", least=0.0, most=10.0)
@@ -509,9 +518,14 @@ class Settings:
 
     def make_tracker(self) -> Tracker | None:
         """What finds the points of the target; None: the outline's corners."""
+        if self.tracker == MODEL:
+            try:
+                return model_tracker(self.model, Start(self.model_start))
+            except (VisionError, DescriptionError) as error:
+                raise ConfigurationError(str(error)) from error
         if self.tracker not in TRACKERS:
             raise ConfigurationError(
-                f"unknown tracker '{self.tracker}': {nearest(self.tracker, TRACKERS)}"
+                f"unknown tracker '{self.tracker}': {nearest(self.tracker, (*TRACKERS, MODEL))}"
             )
         made = TRACKERS[self.tracker]
         return None if made is None else made()

@@ -114,9 +114,9 @@ class TargetSpec:
     """The target: what it is, where, and how it moves.
 
     shape: 'aras', the demo's two plates; corners (x, y), m, of a flat polygon; square, triangle,
-        l_shape, heptagon, circle; four_dots, marker, line_grid, poster; the path of a picture or
-        of an SVG with an outline.
-    size: of a named shape or a path, along x and y, m.
+        l_shape, heptagon, circle; four_dots, marker, line_grid, poster; the path of a picture, of
+        an SVG with an outline, or of a mesh (STL, OBJ, DAE; m), which is a solid.
+    size: of a named shape, a picture or an SVG, along x and y, m.
     pose: x, y, z (m), roll, pitch, yaw (rad) of its frame in the world; its z axis is its normal.
         The plates of 'aras' lie at (0, 0, 0.59) in that frame. motion: see Motion.
     occluder: low and high corner (x, y), m, of an opaque rectangle that lies on the target.
@@ -147,8 +147,8 @@ class TargetSpec:
         check(self, ExperimentError, "target")
         require(
             isinstance(self.shape, tuple) or self.shape in NAMES or bool(Path(self.shape).suffix),
-            f"target.shape is '{self.shape}', must be a list of corners, the path of a picture or "
-            f"an SVG, or a name: {nearest(str(self.shape), NAMES)}",
+            f"target.shape is '{self.shape}', must be a list of corners, the path of a picture, "
+            f"an SVG or a mesh, or a name: {nearest(str(self.shape), NAMES)}",
         )
         require(self.occluded is None or self.occluder is not None,
                 "target.occluded says when an occluder lies there: give target.occluder")

@@ -13,7 +13,8 @@ from aras_visual_servo_controller.settings import Settings
 
 from ..errors import ExperimentError
 from ..targets.outlines import tracker_of
-from .experiment import FLYING, Experiment
+from ..targets.solids import is_mesh
+from .experiment import FLYING, Experiment, TargetSpec
 from .packages import PackagePath
 from .robots import Robot
 
@@ -44,6 +45,7 @@ def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
         "start": "none",
         "lockstep": experiment.commands == "images",
         "tracker": tracker_of(experiment.target.shape),
+        **_model(experiment.target),
         "cameras": {name: {"frame": name} for name in experiment.cameras},
         **(FREE if experiment.plant in FLYING else {}),
         **(IDEAL if experiment.plant == "ideal" else {}),
@@ -58,6 +60,14 @@ def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
         return settings.for_robot(robot_name(robot.urdf), given)
     except ConfigurationError as error:
         raise ExperimentError(str(error)) from error
+
+
+def _model(target: TargetSpec) -> dict[str, Any]:
+    """What the tracker of a solid target is told: its mesh, and where it is about."""
+    if not is_mesh(target.shape):
+        return {}
+    mesh = str(Path(target.shape).expanduser().resolve())
+    return {"model": mesh, "model_start": {"pose": list(target.pose)}}
 
 
 def named_goal(experiment: Experiment, settings: Settings) -> Goal:

@@ -20,6 +20,7 @@ from ..asked import cameras
 from ..errors import ExperimentError, ViewError
 from ..targets.geometry import PlacedTarget, project
 from ..targets.pictures import seen
+from ..targets.solids import SolidTarget
 from ..targets.textures import TexturedTarget
 from .base import CAMERA, CameraReading, JointReading, Place, Plant, Reading
 from .free_body import FreeBody
@@ -111,7 +112,7 @@ class Sight:
     ) -> np.ndarray:
         """The picture (rows, columns) uint8; `occluded`: with what lies on the target."""
         shape, occluder = self.target.shape, self.occluder if occluded else None
-        if isinstance(shape, TexturedTarget):
+        if isinstance(shape, TexturedTarget | SolidTarget):
             return seen(shape, self.camera, seen_from, occluder)
         image = cameras.draw(outline, self.camera)
         if outline is not None and occluder is not None:

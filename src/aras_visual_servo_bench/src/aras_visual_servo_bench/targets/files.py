@@ -21,6 +21,7 @@ from ..asked.experiment import BoxSpec, Pair, TargetSpec
 from ..errors import ExperimentError, require, writing
 from .geometry import Target
 from .outlines import shape_of
+from .solids import SolidTarget
 from .textures import TexturedTarget
 
 ABOVE = 5e-4  # m that an occluder lies above the face
@@ -41,6 +42,7 @@ BOX = """
     <inertial><origin xyz="0 0 {z!r}"/><mass value="{mass!r}"/>
       <inertia ixx="{ixx!r}" iyy="{iyy!r}" izz="{izz!r}" ixy="0" ixz="0" iyz="0"/></inertial>"""
 RUBS = '<gazebo reference="{name}"><mu1>{friction!r}</mu1></gazebo>'
+GREY = '<gazebo reference="{name}"><material>Gazebo/Grey</material></gazebo>'
 OCCLUDER = """
     <visual name="occluder">
       <origin xyz="{x:.9g} {y:.9g} {z:.9g}" rpy="0 0 0"/>
@@ -55,7 +57,7 @@ def write(
     """Write a target's files, and answer the path of its URDF.
 
     Args:
-        target: a flat one. name: of files, model and link.
+        target: a flat one, or a solid. name: of files, model and link.
         meshes: how the URDF names the folder; empty: by its own path.
         occluder: low and high corner (x, y), m, of a white rectangle on it.
         box: a loose one on which it lies.
@@ -63,6 +65,8 @@ def write(
     Raises:
         ExperimentError: the target is not flat, or nothing can be written there.
     """
+    if isinstance(target, SolidTarget):
+        return _solid(target, folder, name)
     vertices = target.vertices()
     require(
         bool(np.abs(vertices[:, 2]).max() < 1e-9),
@@ -91,6 +95,18 @@ def write(
         path.write_text(
             URDF.format(name=name, mesh=f"{where}/{name}.obj", more=more, physics=physics)
         )
+    return path
+
+
+def _solid(target: SolidTarget, folder: Path, name: str) -> Path:
+    """The URDF of a solid that stands still, by its own mesh file."""
+    with writing(f"the target into {folder}", ExperimentError):
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f"{name}.urdf"
+        grey = "" if target.coloured else GREY.format(name=name)
+        path.write_text(URDF.format(
+            name=name, mesh=f"file://{target.path}", more="", physics=STANDS + grey
+        ))  # fmt: skip
     return path
 
 

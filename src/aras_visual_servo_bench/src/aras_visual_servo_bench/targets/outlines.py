@@ -1,4 +1,4 @@
-"""Targets by name: outlines, made pictures, a PNG, an SVG outline."""
+"""Targets by name: outlines, made pictures, a PNG, an SVG outline, a mesh."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ import numpy as np
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.names import nearest
-from aras_visual_servo_controller.settings import OUTLINE
+from aras_visual_servo_controller.settings import MODEL, OUTLINE
 
 from ..errors import ExperimentError, require
 from .geometry import ARAS, PolygonTarget, RoundTarget, Target
+from .solids import is_mesh, solid_target
 from .textures import MADE, from_picture
 
 if TYPE_CHECKING:
@@ -50,6 +51,8 @@ TRACKERS = {"four_dots": "dots", "marker": "marker", "line_grid": "lines"}
 
 def tracker_of(shape: str | tuple[tuple[float, float], ...]) -> str:
     """Name of the tracker of a target's points, by its shape as in TargetSpec or by its file."""
+    if is_mesh(shape):
+        return MODEL
     return TRACKERS.get(Path(shape).stem, OUTLINE) if isinstance(shape, str) else OUTLINE
 
 
@@ -57,10 +60,11 @@ def tracker_of(shape: str | tuple[tuple[float, float], ...]) -> str:
 def shape_of(
     shape: str | tuple[tuple[float, float], ...], size: tuple[float, float]
 ) -> Target:
-    """The target of a name, of a picture's or an SVG's path, or of a flat polygon's corners.
+    """The target of a name, of a picture's, an SVG's or a mesh's path, or of a flat polygon's
+    corners.
 
     Args:
-        shape: as in TargetSpec. size: of what has a name or a path, along x and y, m.
+        shape: as in TargetSpec. size: of what has a name, or a picture's or an SVG's path, along x and y, m.
 
     Raises:
         ExperimentError: there is none of that name, or its file cannot be used.
@@ -77,6 +81,8 @@ def shape_of(
         return MADE[shape](size)
     path = Path(shape).expanduser()
     require(bool(path.suffix), f"target.shape is '{shape}': {nearest(shape, NAMES)}")
+    if is_mesh(shape):
+        return solid_target(path)
     require(path.is_file(), f"target.shape: there is no file {path}")
     if path.suffix.lower() == ".svg":
         return PolygonTarget(_scaled(svg_outline(path), size))

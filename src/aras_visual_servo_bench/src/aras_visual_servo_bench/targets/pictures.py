@@ -17,9 +17,11 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from ..asked.experiment import Pair
 from .files import scratch, write
 from .geometry import NEAREST, Target
+from .solids import SolidTarget
 
 FARTHEST = 1e3  # m
 SHOWN = Sun(ambient=1.0, diffuse=0.0, background=(1.0, 1.0, 1.0, 1.0))  # colours as they are
+LIT = Sun(background=(1.0, 1.0, 1.0, 1.0))  # a solid is seen by the light on its faces
 KEPT = 8  # targets: a picture as the renderer reads it takes 3 MB
 
 
@@ -68,4 +70,5 @@ def _rays(camera: CameraModel, pixels: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=KEPT)
 def _renderer(target: Target, occluder: tuple[Pair, Pair] | None) -> Renderer:
     urdf: Path = write(target, scratch(), occluder=occluder)
-    return create_renderer("exact", _Still(parse_urdf(urdf.read_text())), SHOWN)
+    light = LIT if isinstance(target, SolidTarget) else SHOWN
+    return create_renderer("exact", _Still(parse_urdf(urdf.read_text())), light)

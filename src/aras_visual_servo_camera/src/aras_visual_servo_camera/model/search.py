@@ -25,7 +25,7 @@ def candidates(grey, pixel, normal, expected, reach, least, tolerance):
     """Places of steepest change within `reach` px of each point, the nearest first.
 
     Args:
-        pixel, normal: (n, 2) as of EdgePoints. expected: (n, 2) grey levels on the side of the normal
+        pixel, normal: (n, 2) as of EdgePoints. expected: (n, 2) grey levels on the normal's side
             and on the other; UNKNOWN: any.
         least: grey levels of a change. tolerance: of a level that is expected.
 

@@ -75,6 +75,13 @@ class Solid:
         return cls(vertices, faces, normals, np.ascontiguousarray(edges[kept]),
                    np.ascontiguousarray(beside[kept]), angle[kept] > CREASE, name)  # fmt: skip
 
+    def points(self) -> np.ndarray:
+        """(4, 3) m, corners of its box's section halfway up its z axis: a plane across the solid,
+        as which schemes of flat targets have it."""
+        (x, y, z), (X, Y, Z) = self.box()
+        middle = 0.5 * (z + Z)
+        return np.array([(x, y, middle), (X, y, middle), (X, Y, middle), (x, Y, middle)])
+
     def box(self) -> tuple[np.ndarray, np.ndarray]:
         """Low and high corner (3,) of its box, m."""
         return self.vertices.min(axis=0), self.vertices.max(axis=0)

@@ -11,7 +11,7 @@ from aras_visual_servo_base.poses import exponential, inverse, logarithm, skew
 
 from ..errors import ModelError
 from ..undistortion import CameraModel
-from .fitting import edge_equations
+from .fitting import edge_equations, surface_equations
 from .search import UNKNOWN, candidates, measured
 from .solid import Solid
 from .visible import EdgePoints, visible_samples
@@ -29,6 +29,7 @@ TOLERANCE, LEARNED = 25.0, 0.2  # grey levels of a remembered level; its part th
 BLIND = 1e-4  # part of the greatest eigenvalue below which a motion cannot be seen
 EXPLAINED = 1.0  # px from the solid within which an edge counts as its own
 FEWEST, LEAST_SHARE = 15, 0.45  # points, and their part of the visible ones: less is lost
+DEPTHS, FLATNESS = 8, 3e-4  # px between pixels of a depth image; m to which they are exact at best
 ROOM = 4.0  # px to other edges, with which a point can be measured
 
 
@@ -79,14 +80,16 @@ class ModelTracking:
         return self._pose is not None
 
     def track(
-        self, grey: NDArray[np.uint8], camera: CameraModel, expected: np.ndarray | None = None
-    ) -> Found:
+        self, grey: NDArray[np.uint8], camera: CameraModel, expected: np.ndarray | None = None,
+        depth: NDArray[np.float32] | None = None,
+    ) -> Found:  # fmt: skip
         """Find the solid in the next picture.
 
         Args:
             grey: (rows, columns).
             expected: (4, 4) camera_T_solid by what else is known of the motion; None: the motion
                 between the last two pictures goes on.
+            depth: (rows, columns) m along the optical axis, where there is a depth image.
 
         Raises:
             ModelError: it was not started.
@@ -97,6 +100,7 @@ class ModelTracking:
         if expected is None:
             expected = exponential(self._motion) @ before
         noise = noise_of(grey)
+        self._surface = None if depth is None else self._depths(depth, camera, expected)
         found = self._found(grey, camera, expected, noise)
         if found.lost and np.abs(self._motion).max() > 0.0:  # it may have stopped
             again = self._found(grey, camera, before, noise)
@@ -156,6 +160,10 @@ class ModelTracking:
                 least)  # fmt: skip
             if step == FITS:
                 break
+            if self._surface is not None:
+                more = surface_equations(self.solid.vertices, self.solid.faces, self.solid.normals,
+                                         self._surface, np.ascontiguousarray(pose), FLATNESS)
+                A, b = A + more[0], b + more[1]
             change = self._solved(A, b, pose)
             pose = exponential(change) @ pose
             middle = pose[:3, :3] @ self._middle + pose[:3, 3]
@@ -167,6 +175,22 @@ class ModelTracking:
         moved = np.linalg.norm(change[:3] + np.cross(change[3:], middle))
         moved = focal * (moved + self._radius * np.linalg.norm(change[3:])) / middle[2]
         return pose, float(moved), (residuals, A, scale)
+
+    def _depths(
+        self, depth: np.ndarray, camera: CameraModel, pose: np.ndarray
+    ) -> np.ndarray | None:
+        """(n, 3) normalised x, y and depth, m, of pixels about the solid; None: there are none."""
+        points = self.solid.vertices @ pose[:3, :3].T + pose[:3, 3]
+        if not (points[:, 2] > 0.0).all():
+            return None
+        u, v = camera.project(*(points[:, :2] / points[:, 2:]).T)
+        columns = np.arange(max(int(u.min()), 0), min(int(u.max()), camera.width), DEPTHS)
+        rows = np.arange(max(int(v.min()), 0), min(int(v.max()), camera.height), DEPTHS)
+        u, v = (a.ravel() for a in np.meshgrid(columns, rows))
+        x, y, valid = camera.normalise(u, v)
+        there = depth[v, u].astype(float)
+        good = valid & np.isfinite(there) & (there > 0.0)
+        return np.column_stack([x, y, there])[good] if good.any() else None
 
     def _about_middle(self, pose: np.ndarray) -> np.ndarray:
         """(6, 6) from changes about the middle, in radii, to those about the camera."""

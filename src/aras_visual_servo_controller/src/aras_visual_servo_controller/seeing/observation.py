@@ -169,6 +169,8 @@ class Observer:
         """Forget the last observation, as after the clock went back."""
         self._stamp: float | None = None
         self._pose: np.ndarray | None = None
+        if self.tracker is not None:
+            self.tracker.reset()
 
     def of_image(
         self,
@@ -203,10 +205,13 @@ class Observer:
             valid, reason, seen = self._segmented(image, camera, needs)
         if valid and tracked:
             try:
-                points = self.tracker.places(image.grey, camera)
-                seen["corners"] = _frozen(points)
-                seen["corner_accuracy"] = self.tracker.accuracy / camera.K[0]
-                seen["pixel_count"] = 0 if self.tracker.numbered else len(points)
+                found = self.tracker.look(
+                    image.grey, camera, self._pose_at(joints, world_T_camera), depth
+                )
+                seen["corners"] = _frozen(found.points)
+                seen["corner_accuracy"] = found.accuracy
+                seen["pixel_count"] = 0 if self.tracker.numbered else len(found.points)
+                plane = found.plane if plane is None else plane
             except VisionError as error:
                 valid, reason = False, str(error)
         if Need.IMAGE in self.needs:
@@ -282,6 +287,14 @@ class Observer:
             moments=moments, contour=contour, corners=corners, plane=plane,
         )  # fmt: skip
 
+    def _pose_at(
+        self, joints: JointSample | None, world_T_camera: np.ndarray | None
+    ) -> np.ndarray | None:
+        """world_T_camera (4, 4): as given, else by the joints; None where neither tells it."""
+        if world_T_camera is None and joints is not None and self.arm is not None:
+            return self.arm.pose(joints.positions)
+        return world_T_camera
+
     def _segmented(
         self, image: Image, camera: CameraModel, needs: frozenset[Need]
     ) -> tuple[bool, str, dict[str, object]]:
@@ -324,9 +337,9 @@ class Observer:
         **seen: object,
     ) -> Observation:
         stamp = float(stamp)
-        pose = None if world_T_camera is None else _frozen(world_T_camera)
-        if pose is None and joints is not None and self.arm is not None:
-            pose = _frozen(self.arm.pose(joints.positions))
+        pose = self._pose_at(joints, world_T_camera)
+        if pose is not None:
+            pose = _frozen(pose)
         measured = plane is not None
         if plane is None and depth is None and pose is not None and self.plane_from is not None:
             plane = self.plane_from(pose)

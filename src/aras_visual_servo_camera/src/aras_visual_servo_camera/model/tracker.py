@@ -1,0 +1,85 @@
+"""A solid as a target: its pose, told as points of a plane for schemes of points and poses."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aras_visual_servo_base.meshes import files
+from aras_visual_servo_base.poses import inverse
+
+from ..errors import ModelError, VisionError
+from ..interaction import Plane
+from ..trackers import Seen, Tracker
+from ..undistortion import CameraModel
+from .solid import Solid, triangles_of
+from .starting import Start
+from .tracking import ModelTracking
+
+AT_BEST = 0.01  # px to which the points of a pose are known, whatever its covariance
+
+
+class ModelTracker(Tracker):
+    """The corners of a solid's middle plane (see Solid.points), by its pose.
+
+    Attributes:
+        tracking: what finds the pose; its `found` has that of the last picture.
+    """
+
+    def __init__(self, solid: Solid, start: Start) -> None:
+        self.tracking, self._start = ModelTracking(solid), start
+        self.reset()
+
+    def reset(self) -> None:
+        """See Tracker.reset."""
+        self.tracking.start(None)
+        self._world_T_solid: np.ndarray | None = None
+
+    def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
+        """A pose needs the camera: see `look`."""
+        raise VisionError("tracker 'model' needs the camera's calibration")
+
+    def look(
+        self, grey: NDArray[np.uint8], camera: CameraModel,
+        world_T_camera: np.ndarray | None = None, depth: NDArray[np.float32] | None = None,
+    ) -> Seen:  # fmt: skip
+        """See Tracker.look; VisionError where the solid is lost."""
+        tracking, expected = self.tracking, None
+        if not tracking.started:
+            tracking.start(self._start.camera_T_solid(grey, camera, world_T_camera))
+        elif world_T_camera is not None and self._world_T_solid is not None:
+            expected = inverse(world_T_camera) @ self._world_T_solid
+        found = tracking.track(grey, camera, expected, depth)
+        if found.lost:
+            if self._world_T_solid is None or self._start.kind == "marker":
+                tracking.start(None)  # it is looked for anew
+            raise VisionError(found.lost)
+        pose = found.camera_T_solid
+        if world_T_camera is not None:
+            self._world_T_solid = world_T_camera @ pose
+        places = tracking.solid.points() @ pose[:3, :3].T + pose[:3, 3]
+        variance = np.trace(found.covariance[:3, :3]) / 3.0
+        accuracy = np.hypot(AT_BEST / camera.K[0], np.sqrt(variance) / pose[2, 3])
+        return Seen(places[:, :2] / places[:, 2:], _plane(pose, places), float(accuracy))
+
+
+def _plane(pose: np.ndarray, places: np.ndarray) -> Plane | None:
+    """Of the points (4, 3); None where the camera lies in it."""
+    across = float(pose[:3, 2] @ places[0])
+    return Plane(*(pose[:3, 2] / across).tolist()) if across else None
+
+
+def read_solid(path: str) -> Solid:
+    """The solid of a mesh file, in m.
+
+    Raises:
+        DescriptionError: the file cannot be read. ModelError: it is not a solid in metres.
+    """
+    return Solid.of(triangles_of(files.read(path)), path)
+
+
+def model_tracker(path: str, start: Start) -> ModelTracker:
+    """Of a mesh file; errors as `read_solid`."""
+    if not path:
+        raise ModelError("tracker 'model' needs the mesh of what it follows: give model: FILE")
+    return ModelTracker(read_solid(path), start)

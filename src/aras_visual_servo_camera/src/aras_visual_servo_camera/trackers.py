@@ -39,7 +39,7 @@ RIM_REACH, RIM_FURTHEST, RIM_STEP = (1.5, 0.6), 8.0, 0.4
 OUTLYING = 1.0  # px from a line beyond which a point is none of it
 
 
-class Seen(NamedTuple):
+class TrackedPoints(NamedTuple):
     """What a tracker finds in a picture.
 
     points: (n, 2) normalised. plane: of the target, where it tells that. accuracy: normalised
@@ -78,13 +78,13 @@ class Tracker(ABC):
     def look(
         self, grey: NDArray[np.uint8], camera: CameraModel,
         world_T_camera: np.ndarray | None = None, depth: NDArray[np.float32] | None = None,
-    ) -> Seen:  # fmt: skip
+    ) -> TrackedPoints:  # fmt: skip
         """All that is found in the next picture of a loop; VisionError as `find`.
 
         Args:
             world_T_camera: (4, 4), where it is known. depth: (rows, columns) m, where there is one.
         """
-        return Seen(self.places(grey, camera), None, self.accuracy / camera.K[0])
+        return TrackedPoints(self.places(grey, camera), None, self.accuracy / camera.K[0])
 
     def reset(self) -> None:
         """Forget earlier pictures."""

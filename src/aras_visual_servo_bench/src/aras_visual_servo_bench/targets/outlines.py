@@ -64,7 +64,8 @@ def shape_of(
     corners.
 
     Args:
-        shape: as in TargetSpec. size: of what has a name, or a picture's or an SVG's path, along x and y, m.
+        shape: as in TargetSpec.
+        size: of what has a name, or a picture's or an SVG's path, along x and y, m.
 
     Raises:
         ExperimentError: there is none of that name, or its file cannot be used.

@@ -5,4 +5,6 @@ from .starting import Start
 from .tracker import ModelTracker, model_tracker, read_solid
 from .tracking import Found, ModelTracking
 
-__all__ = ["Found", "ModelTracker", "ModelTracking", "Solid", "Start", "model_tracker", "read_solid"]
+__all__ = [
+    "Found", "ModelTracker", "ModelTracking", "Solid", "Start", "model_tracker", "read_solid",
+]  # fmt: skip

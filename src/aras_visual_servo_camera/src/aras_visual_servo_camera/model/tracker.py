@@ -10,7 +10,7 @@ from aras_visual_servo_base.poses import inverse
 
 from ..errors import ModelError, VisionError
 from ..interaction import Plane
-from ..trackers import Seen, Tracker
+from ..trackers import TrackedPoints, Tracker
 from ..undistortion import CameraModel
 from .solid import Solid, triangles_of
 from .starting import Start
@@ -42,7 +42,7 @@ class ModelTracker(Tracker):
     def look(
         self, grey: NDArray[np.uint8], camera: CameraModel,
         world_T_camera: np.ndarray | None = None, depth: NDArray[np.float32] | None = None,
-    ) -> Seen:  # fmt: skip
+    ) -> TrackedPoints:  # fmt: skip
         """See Tracker.look; VisionError where the solid is lost."""
         tracking, expected = self.tracking, None
         if not tracking.started:
@@ -60,7 +60,7 @@ class ModelTracker(Tracker):
         places = tracking.solid.points() @ pose[:3, :3].T + pose[:3, 3]
         variance = np.trace(found.covariance[:3, :3]) / 3.0
         accuracy = np.hypot(AT_BEST / camera.K[0], np.sqrt(variance) / pose[2, 3])
-        return Seen(places[:, :2] / places[:, 2:], _plane(pose, places), float(accuracy))
+        return TrackedPoints(places[:, :2] / places[:, 2:], _plane(pose, places), float(accuracy))
 
 
 def _plane(pose: np.ndarray, places: np.ndarray) -> Plane | None:

@@ -20,6 +20,7 @@ from aras_visual_servo_controller.seeing.observation import CAMERA
 from ..errors import ExperimentError, require
 from ..targets.geometry import Motion
 from ..targets.outlines import NAMES
+from ..targets.solids import is_mesh
 from .cameras import Belief, CameraSpec
 from .relative_start import RelativeStart
 from .robots import RobotSpec
@@ -155,6 +156,12 @@ class TargetSpec:
         for begin, end in self.occluded or ():
             require(0.0 <= begin < end,
                     f"target.occluded is from {begin:g} to {end:g} s, must rise from 0 on")
+        require(
+            not is_mesh(self.shape) or self.box is None and self.occluder is None
+            and not self.perturbed,
+            "target.box, occluder and perturbed are for flat targets, and a mesh is a solid of its "
+            "own: leave them out",
+        )
         given = self.shape == "aras" or self.described
         require(
             self.box is None or not given and self.motion == Motion(),

@@ -18,6 +18,7 @@ from aras_visual_servo_controller.settings import Settings
 from ..errors import ExperimentError, ViewError
 from ..plants import CameraReading
 from ..plants.free_body import FreeBody
+from ..targets.solids import SolidTarget
 from . import cameras
 from .cameras import Eye
 from .plant_making import PlantMaker
@@ -75,6 +76,14 @@ class GoalViews:
             except ViewError as error:
                 where = f" (camera '{name}')" if several else ""
                 raise ExperimentError(f"goal: {error}{where}: {ELSEWHERE}") from error
+            if isinstance(plants.target.shape, SolidTarget):
+                across, down = np.ptp(np.column_stack(eye.true.project(*outline.T)), axis=0)
+                if across > eye.true.width or down > eye.true.height:
+                    raise ExperimentError(
+                        f"the goal is shown where the target is {across:.0f} x {down:.0f} px, "
+                        f"larger than the view of {eye.true.width} x {eye.true.height} px: give a "
+                        "goal from farther away"
+                    )
             if plants.experiment.pictures:
                 seen = (cameras.draw(outline, eye.true) < cameras.WHITE).any()
             else:

@@ -113,6 +113,7 @@ def measured(grey, pixel, normal, room, expected, least, tolerance, noise):
         place, good = here, False
         contrast, level = 0.0, np.zeros(2)
         inside = counted = 0
+        slope_of = 0.0
         for _ in range(3):
             # Pixels that the edge touches: half the change's width to either side.
             half = 0.5 * (1.0 + slope) + SLACK
@@ -140,6 +141,17 @@ def measured(grey, pixel, normal, room, expected, least, tolerance, noise):
                 spread = max(spread, abs(values[i] - left))
             for i in range(behind):
                 spread = max(spread, abs(values[count - 1 - i] - right))
+            slope_of = max(spread - 3.0 * noise, 0.0)
+            if slope_of > 0.0:  # shaded: the levels next to the edge count
+                left, right = values[before - 1], values[count - behind]
+                if before > 1:
+                    left += 0.5 * (left - values[before - 2])
+                if behind > 1:
+                    right += 0.5 * (right - values[count - behind + 1])
+                contrast = right - left
+                good = abs(contrast) >= least
+                if not good:
+                    break
             good = spread <= UNEVEN * abs(contrast) + 3.0 * noise
             if not good:
                 break
@@ -165,5 +177,5 @@ def measured(grey, pixel, normal, room, expected, least, tolerance, noise):
         found[n, 0] = (place - here) * along
         found[n, 1], found[n, 2] = with_normal, against
         around = inside + 0.5 * inside * inside / counted
-        found[n, 3] = around * (noise / contrast) ** 2 * along * along
+        found[n, 3] = around * ((noise + slope_of) / contrast) ** 2 * along * along
     return found

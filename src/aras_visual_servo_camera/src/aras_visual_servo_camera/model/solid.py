@@ -14,6 +14,7 @@ WELDED = 1e-6  # part of the size within which corners of triangles are one
 # they are its outline. Below the second they are one flat face, whose edges are never seen.
 CREASE, FLAT = np.radians(35.0), 1e-4
 SMALLEST, LARGEST = 2e-3, 5.0  # m: sizes beyond which a mesh is not in metres
+SLIPPERY = 1e-4  # part of the greatest eigenvalue of the surface's motions, below which it stays
 THINNEST = 1e-9  # of the size squared: a triangle with less area is none
 
 
@@ -74,6 +75,31 @@ class Solid:
         kept = angle > FLAT
         return cls(vertices, faces, normals, np.ascontiguousarray(edges[kept]),
                    np.ascontiguousarray(beside[kept]), angle[kept] > CREASE, name)  # fmt: skip
+
+    def slips(self) -> np.ndarray:
+        """(6, k) motions (m, rad times `radius`) about the middle of its box that leave the surface
+        where it is, as turns of a cylinder about its axis; unit columns that are at right angles.
+
+        Reference: N. Gelfand and L. Guibas, Shape segmentation using local slippage analysis,
+        Symposium on Geometry Processing 2004.
+        """
+        corners = self.vertices[self.faces] - self.middle
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0],
+                                       corners[:, 2] - corners[:, 0]), axis=1)  # fmt: skip
+        turned = np.cross(corners.mean(axis=1), self.normals) / self.radius
+        rows = np.hstack([self.normals, turned]) * np.sqrt(area / area.sum())[:, None]
+        values, vectors = np.linalg.eigh(rows.T @ rows)
+        return vectors[:, values < SLIPPERY * values[-1]]
+
+    @property
+    def middle(self) -> np.ndarray:
+        """(3,) of its box, m."""
+        return 0.5 * np.sum(self.box(), axis=0)
+
+    @property
+    def radius(self) -> float:
+        """Half of its box's diagonal, m."""
+        return 0.5 * float(np.linalg.norm(np.subtract(*self.box())))
 
     def points(self) -> np.ndarray:
         """(4, 3) m, corners of its box's section halfway up its z axis: a plane across the solid,

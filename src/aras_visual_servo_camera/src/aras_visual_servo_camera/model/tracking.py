@@ -18,7 +18,8 @@ from .visible import EdgePoints, visible_samples
 
 # px between points: where edges are looked for, and where they are measured.
 SPARSE, DENSE = 6.0, 3.0
-REACH, STARTING_REACH = 10.0, 20.0  # px to either side of where edges are expected
+REACH = 10.0  # px to either side of where edges are expected
+STARTING = (20.0, 10.0, 40.0)  # px likewise, one after the other, where it is rough
 LOOKS, FITS, MEASUREMENTS = 4, 4, 3  # at most: searches, Gauss-Newton steps of each, measurements
 NEAR = 0.7  # px from which on edges are measured, not looked for
 STILL = 0.01  # px: a change of the pose by less is none
@@ -26,7 +27,8 @@ LEAST, NOISY = 10.0, 3.5  # grey levels of a change; times the noise
 LEAST_SCALE = (0.5, 0.02)  # px, of residuals: where edges are looked for, and measured
 FLOOR = 0.03  # px to which an edge is measured without noise
 TOLERANCE, LEARNED = 25.0, 0.2  # grey levels of a remembered level; its part that is renewed
-BLIND = 1e-4  # part of the greatest eigenvalue below which a motion cannot be seen
+STEP = 5e-3  # m that a motion goes at once of which the edges tell nothing
+UNSEEN = 1e12  # m^2, variance of what the edges cannot tell
 EXPLAINED = 1.0  # px from the solid within which an edge counts as its own
 FEWEST, LEAST_SHARE = 15, 0.45  # points, and their part of the visible ones: less is lost
 DEPTHS, FLATNESS = 8, 3e-4  # px between pixels of a depth image; m to which they are exact at best
@@ -40,7 +42,7 @@ class Found:
     Attributes:
         camera_T_solid: (4, 4).
         covariance: (6, 6) of a change (m, rad) about the middle of the solid, in the camera's axes;
-            infinite along what the edges do not tell.
+            beyond all measure along what the edges do not tell.
         share: part of the visible edge points that were found where the pose has them.
         count: of those points. residual: their distances, px, rms.
         lost: why the pose is not to be trusted, in words; empty where it is.
@@ -63,8 +65,7 @@ class ModelTracking:
 
     def __init__(self, solid: Solid) -> None:
         self.solid = solid
-        low, high = solid.box()
-        self._middle, self._radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+        self._middle, self._radius, self._slips = solid.middle, solid.radius, solid.slips()
         self.start(None)
 
     def start(self, camera_T_solid: np.ndarray | None) -> None:
@@ -101,10 +102,16 @@ class ModelTracking:
             expected = exponential(self._motion) @ before
         noise = noise_of(grey)
         self._surface = None if depth is None else self._depths(depth, camera, expected)
-        found = self._found(grey, camera, expected, noise)
-        if found.lost and np.abs(self._motion).max() > 0.0:  # it may have stopped
-            again = self._found(grey, camera, before, noise)
-            found = again if again.share > found.share else found
+        tries = [(expected, reach) for reach in (STARTING if self._fresh else (REACH,))]
+        if np.abs(self._motion).max() > 0.0:  # it may have stopped
+            tries.append((before, REACH))
+        found = None
+        for pose, reach in tries:
+            one = self._found(grey, camera, pose, noise, reach)
+            if found is None or one.share > found.share:
+                found, self._measured = one, self._last
+            if not found.lost:
+                break
         self.found = found
         if found.lost:
             self._motion = np.zeros(6)
@@ -117,15 +124,15 @@ class ModelTracking:
         return found
 
     def _found(
-        self, grey: np.ndarray, camera: CameraModel, pose: np.ndarray, noise: float
-    ) -> Found:
+        self, grey: np.ndarray, camera: CameraModel, pose: np.ndarray, noise: float,
+        reach: float,
+    ) -> Found:  # fmt: skip
         least = max(LEAST, NOISY * noise)
         tolerance = TOLERANCE + NOISY * noise
         for look in range(LOOKS):
             samples = visible_samples(self.solid, camera, pose, SPARSE)
-            reach = (STARTING_REACH if self._fresh else REACH) / (1.0 + look)
             away = candidates(grey, samples.pixel, samples.normal, self._expected(samples),
-                              reach, least, tolerance)  # fmt: skip
+                              reach / (1.0 + look), least, tolerance)  # fmt: skip
             pose, moved, _ = self._fitted(
                 samples, away, np.ones(len(away)), pose, LEAST_SCALE[0])
             if moved < NEAR and look:
@@ -139,7 +146,7 @@ class ModelTracking:
                 samples, np.ascontiguousarray(values[:, :1]), weight, pose, LEAST_SCALE[1])
             if moved < 10.0 * STILL:
                 break
-        self._measured = samples, values, rest[0]
+        self._last = samples, values, rest[0]
         return self._judged(samples, pose, *rest)
 
     def _expected(self, samples: EdgePoints) -> np.ndarray:
@@ -202,11 +209,21 @@ class ModelTracking:
 
     def _solved(self, A: np.ndarray, b: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """The change (v, w) (6,), nothing along what is not seen."""
-        M = self._about_middle(pose)
-        values, vectors = np.linalg.eigh(M.T @ A @ M)
-        seen = values > BLIND * max(values[-1], 1e-12)
-        along = vectors[:, seen]
-        return M @ (along @ ((along.T @ (M.T @ b)) / values[seen]))
+        M, slips = self._about_middle(pose), self._slipping(pose)
+        told = M.T @ b
+        told -= slips @ (slips.T @ told)
+        return M @ np.linalg.solve(self._told(A, M, slips) + np.eye(6) / STEP**2, told)
+
+    def _slipping(self, pose: np.ndarray) -> np.ndarray:
+        """(6, k) motions about the middle that change no picture, in the camera's axes."""
+        R = pose[:3, :3]
+        return np.concatenate([R @ self._slips[:3], R @ self._slips[3:]])
+
+    @staticmethod
+    def _told(A: np.ndarray, M: np.ndarray, slips: np.ndarray) -> np.ndarray:
+        """The information A (6, 6) about changes about the middle, none along `slips`."""
+        kept = np.eye(6) - slips @ slips.T
+        return kept @ M.T @ A @ M @ kept
 
     def _judged(
         self, samples: EdgePoints, pose: np.ndarray, residuals: np.ndarray, A: np.ndarray,
@@ -224,10 +241,9 @@ class ModelTracking:
         return Found(pose, self._covariance(A, pose), share, count, rms, lost)
 
     def _covariance(self, A: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        M = self._about_middle(pose)
-        values, vectors = np.linalg.eigh(M.T @ A @ M)
-        unseen = values <= BLIND * max(values[-1], 1e-12)
-        inverse_values = np.where(unseen, 1e12, 1.0 / np.where(unseen, 1.0, values))
+        values, vectors = np.linalg.eigh(
+            self._told(A, self._about_middle(pose), self._slipping(pose)))
+        inverse_values = 1.0 / np.maximum(values, 1.0 / UNSEEN)
         scaled = np.concatenate([np.ones(3), np.full(3, 1.0 / self._radius)])
         return scaled[:, None] * ((vectors * inverse_values) @ vectors.T) * scaled
 

@@ -15,6 +15,9 @@ NEAREST = 0.01  # m along the optical axis: nothing nearer is looked for
 MOST = 1200  # points of one picture
 ENDS, SHORT = 4.0, 16.0  # px left out at the ends of an edge, but of those that are shorter
 BORDER = 5.0  # px from the picture's border
+# Cosines to the ray between which a face is seen edge-on: a strip, whose two sides are one edge in
+# the picture, and which an error of the pose shows or hides.
+GRAZING = (-0.01, 0.03)
 DEEPER = 2e-3  # part of the depth by which a face has to lie before a point to hide it
 FAR = 1e6  # px: no other edge
 STEP = 1e-4  # of normalised coordinates, for the lens's derivatives
@@ -150,7 +153,7 @@ def _sampled(vertices, faces, normals, edges, beside, creased, T, lens, width, h
             flat[i, 2] = 1.0 / points[i, 2]
             flat[i, 0] = fx * points[i, 0] * flat[i, 2] + cx
             flat[i, 1] = fy * points[i, 1] * flat[i, 2] + cy
-    front = np.zeros(len(faces), np.bool_)
+    front, grazing = np.zeros(len(faces), np.bool_), np.zeros(len(faces), np.bool_)
     ahead = np.empty(len(faces), np.int64)  # faces that can hide something
     count = 0
     for f in range(len(faces)):
@@ -160,6 +163,8 @@ def _sampled(vertices, faces, normals, edges, beside, creased, T, lens, width, h
             turned = T[k, 0] * normals[f, 0] + T[k, 1] * normals[f, 1] + T[k, 2] * normals[f, 2]
             towards += turned * p[k]
         front[f] = towards < 0.0
+        away = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+        grazing[f] = GRAZING[0] * away < -towards < GRAZING[1] * away
         if front[f]:
             ahead[count] = f
             count += 1
@@ -168,6 +173,8 @@ def _sampled(vertices, faces, normals, edges, beside, creased, T, lens, width, h
     count = 0
     for e in range(len(edges)):
         a, b = front[beside[e, 0]], front[beside[e, 1]]
+        if creased[e] and (grazing[beside[e, 0]] or grazing[beside[e, 1]]):
+            continue
         if (a != b or (creased[e] and a)) and flat[edges[e, 0], 2] > 0.0 < flat[edges[e, 1], 2]:
             shown[count] = e
             count += 1

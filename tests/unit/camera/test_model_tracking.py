@@ -1,0 +1,250 @@
+"""The pose of a solid by its edges: accuracy on drawn pictures, and what is said of a lost one."""
+
+import numpy as np
+import pytest
+from tracking_scenes import (
+    CAMERA,
+    CONDITIONS,
+    SOLIDS,
+    Sequence,
+    block,
+    corners_of,
+    error_of,
+)
+
+from aras_visual_servo_base.poses import exponential, inverse, rotation_vector, transform
+from aras_visual_servo_camera.errors import ModelError, VisionError
+from aras_visual_servo_camera.model import ModelTracker, ModelTracking, Solid, Start
+from aras_visual_servo_camera.model.fitting import surface_equations
+from aras_visual_servo_camera.model.search import UNKNOWN, measured
+from aras_visual_servo_camera.model.visible import visible_samples
+
+OFF = (0.002, -0.0015, 0.004, 0.012, -0.015, 0.02)  # m and rad that a start is off
+PICTURES = (3, 170, 410)
+# mm and degrees; measured on these pictures: half of it at most.
+BOUNDS = {"clean": (0.06, 0.03), "cluttered": (0.06, 0.03), "occluded": (0.1, 0.06),
+          "noisy": (0.3, 0.15)}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("solids")
+
+
+def solid_of(name):
+    return Solid.of(corners_of(name), name)
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+@pytest.mark.parametrize("name", SOLIDS)
+def test_a_pose_is_found_from_nearby_to_a_fraction_of_a_millimetre(folder, name, condition):
+    sequence, tracking = Sequence(name, condition, folder), ModelTracking(solid_of(name))
+    for i in PICTURES:
+        true = sequence.pose(i)
+        tracking.start(exponential(OFF) @ true)
+        found = tracking.track(sequence.picture(i), CAMERA)
+        away, turned = error_of(name, found.camera_T_solid, true)
+        assert not found.lost
+        assert 1e3 * away < BOUNDS[condition][0], i
+        assert np.degrees(turned) < BOUNDS[condition][1], i
+
+
+def test_a_solid_is_followed_and_its_motion_goes_on(folder):
+    sequence, tracking = Sequence("bracket", "cluttered", folder), ModelTracking(
+        solid_of("bracket"))  # fmt: skip
+    tracking.start(sequence.pose(0))
+    for i in range(0, 24, 2):  # twice as fast
+        found = tracking.track(sequence.picture(i), CAMERA)
+        assert error_of("bracket", found.camera_T_solid, sequence.pose(i))[0] < 1e-4
+    onward = exponential(tracking._motion) @ found.camera_T_solid
+    stayed = error_of("bracket", found.camera_T_solid, sequence.pose(24))[0]
+    assert error_of("bracket", onward, sequence.pose(24))[0] < 0.3 * stayed
+    tracking.start(sequence.pose(0))
+    assert not tracking._motion.any()
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_edge_points_are_those_that_a_depth_image_shows(folder, name):
+    sequence, solid = Sequence(name, "clean", folder), solid_of(name)
+    for i in (0, 100, 300):
+        pose, depth = sequence.pose(i), sequence.depth(i)
+        points = visible_samples(solid, CAMERA, pose, 3.0)
+        places = points.at @ pose[:3, :3].T + pose[:3, 3]
+        assert np.allclose(places[:, :2] / places[:, 2:], points.seen)
+        u, v = np.round(points.pixel).astype(int).T
+        around = np.array([depth[v + b, u + a] for a in (-2, 0, 2) for b in (-2, 0, 2)])
+        # Something of its depth is seen at it, and nothing much nearer all around.
+        near = np.where(solid.creased[points.edge], 5e-3, 0.015)  # a round side falls away
+        assert (np.abs(around - places[:, 2]).min(axis=0) < near).all()
+        assert (around.max(axis=0) > places[:, 2] - 3e-3).all()
+        assert len(points.at) > 100
+
+
+def test_of_a_cylinder_only_rims_and_outline_are_edges(folder):
+    sequence, solid = Sequence("cylinder", "clean", folder), solid_of("cylinder")
+    pose = sequence.pose(40)
+    points = visible_samples(solid, CAMERA, pose, 3.0)
+    upright = ~solid.creased[points.edge]
+    eye = inverse(pose)[:3, 3]
+    radial = points.at[upright] * (1.0, 1.0, 0.0)
+    radial /= np.linalg.norm(radial, axis=1, keepdims=True)
+    towards = eye - points.at[upright]
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    assert upright.sum() > 30
+    assert np.abs((radial * towards).sum(axis=1)).max() < 0.03  # two sides of 256
+    assert (points.at[~upright][:, 2] < 1e-9).any()  # the ground's rim, where it is seen
+    low = points.at[~upright][points.at[~upright][:, 2] < 1e-9]
+    assert ((eye - low) @ np.diag([1.0, 1.0, 0.0]) * low).sum(axis=1).min() > 0.0
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.2, 0.7, 0.9, 1.5, 2.2, -0.4])
+def test_an_edge_is_measured_exactly_whatever_its_slant(angle):
+    normal = np.array([np.cos(angle), np.sin(angle)])
+    fine = (np.arange(40 * 96) + 0.5) / 96.0 - 0.5
+    across = fine[None, :] * normal[0] + fine[:, None] * normal[1] - 20.0 * normal.sum()
+    for offset in (0.0, 0.13, 0.37, -0.42):
+        cover = (across < offset).reshape(40, 96, 40, 96).mean(axis=(1, 3))
+        grey = np.round(200.0 - 150.0 * cover).astype(np.uint8)
+        along = np.array([-normal[1], normal[0]])
+        at = 20.0 + np.linspace(-6.0, 6.0, 13)[:, None] * along
+        normals, free = np.tile(normal, (13, 1)), np.full((13, 2), 50.0)
+        any_level = np.full((13, 2), UNKNOWN)
+        values = measured(grey, at, normals, free, any_level, 10.0, 25.0, 0.0)
+        assert np.abs(values[:, 0] - offset).max() < 0.012
+        assert np.allclose(values[:, 1:3], (200.0, 50.0), atol=0.6)
+        # A level that is expected otherwise is another edge.
+        any_level[:, 0] = 90.0
+        other = measured(grey, at, normals, free, any_level, 10.0, 25.0, 0.0)
+        assert np.isnan(other[:, 0]).all()
+
+
+def test_a_solid_that_is_gone_is_lost_and_found_again(folder):
+    sequence, tracking = Sequence("box", "clean", folder), ModelTracking(solid_of("box"))
+    tracking.start(sequence.pose(0))
+    assert not tracking.track(sequence.picture(0), CAMERA).lost
+    empty = np.full((480, 640), 90, np.uint8)
+    gone = tracking.track(empty, CAMERA)
+    assert gone.lost.startswith("box is lost: 0 of ")
+    assert gone.share == 0.0
+    other = Sequence("cylinder", "cluttered", folder)
+    assert tracking.track(other.picture(200), CAMERA).lost
+    found = tracking.track(sequence.picture(1), CAMERA)
+    assert not found.lost
+    assert error_of("box", found.camera_T_solid, sequence.pose(1))[0] < 1e-4
+
+
+def test_what_cannot_be_seen_stays_as_it_was_and_is_said(folder):
+    sequence, tracking = Sequence("cylinder", "clean", folder), ModelTracking(solid_of("cylinder"))
+    true = sequence.pose(10)
+    tracking.start(true @ transform((0, 0, 0), (0.0, 0.0, 0.3)))
+    found = tracking.track(sequence.picture(10), CAMERA)
+    turned = rotation_vector(true[:3, :3].T @ found.camera_T_solid[:3, :3])
+    assert turned[2] == pytest.approx(0.3, abs=0.02)
+    values, vectors = np.linalg.eigh(found.covariance)
+    assert values[-1] > 1.0 > 1e-6 > values[-2]
+    assert abs(vectors[3:, -1] @ found.camera_T_solid[:3, 2]) > 0.999
+
+
+def test_the_covariance_tells_the_spread_of_noisy_pictures(folder):
+    sequence, tracking = Sequence("box", "clean", folder), ModelTracking(solid_of("box"))
+    true, plain = sequence.pose(60), sequence.picture(60)
+    random = np.random.default_rng(3)
+    middle = np.append(tracking._middle, 1.0)
+    away, told = [], []
+    for _ in range(20):
+        noisy = np.clip(np.round(plain + random.normal(0.0, 5.0, plain.shape)), 0, 255)
+        tracking.start(true)
+        found = tracking.track(noisy.astype(np.uint8), CAMERA)
+        away.append(((found.camera_T_solid - true) @ middle)[:3])
+        told.append(np.diag(found.covariance)[:3])
+    ratio = np.sqrt((np.square(away) / told).mean())
+    assert 0.4 < ratio < 2.5
+
+
+def test_a_depth_image_alone_tells_the_pose_of_three_faces(folder):
+    sequence, solid = Sequence("box", "clean", folder), solid_of("box")
+    true, depth = sequence.pose(200), sequence.depth(200)
+    v, u = (a.ravel() for a in np.mgrid[0:480:6, 0:640:6])
+    x, y, _ = CAMERA.normalise(u, v)
+    seen = np.column_stack([x, y, depth[v, u]])
+    pose = exponential((0.001, -0.0005, 0.002, 0.004, -0.005, 0.003)) @ true
+    for _ in range(12):
+        A, b, count = surface_equations(
+            solid.vertices, solid.faces, solid.normals, seen, np.ascontiguousarray(pose), 1e-3)
+        pose = exponential(np.linalg.solve(A, b)) @ pose
+    away, turned = error_of("box", pose, true)
+    assert count > 100
+    assert away < 5e-5
+    assert turned < 1e-3
+
+
+def test_a_depth_image_holds_what_noise_lets_go(folder):
+    sequence, name = Sequence("cylinder", "noisy", folder), "cylinder"
+    errors = []
+    for deep in (False, True):
+        tracking, sums = ModelTracking(solid_of(name)), []
+        for i in range(30, 230, 20):
+            tracking.start(sequence.pose(i))
+            depth = sequence.depth(i) if deep else None
+            found = tracking.track(sequence.picture(i), CAMERA, None, depth)
+            sums.append(error_of(name, found.camera_T_solid, sequence.pose(i))[0])
+        errors.append(np.sqrt(np.mean(np.square(sums))))
+    assert errors[1] < 0.7 * errors[0]
+
+
+def test_clicks_and_a_marker_start_it(folder):
+    sequence, name = Sequence("bracket", "clean", folder), "bracket"
+    true, picture = sequence.pose(0), sequence.picture(0)
+    corners = np.unique(corners_of(name).reshape(-1, 3), axis=0)[[0, 3, 5, 8, 10]]
+    places = corners @ true[:3, :3].T + true[:3, 3]
+    u, v = CAMERA.project(*(places[:, :2] / places[:, 2:]).T)
+    rough = np.round(np.column_stack([corners, u + 1.5, v - 1.0]), 4)
+    tracker = ModelTracker(solid_of(name), Start({"clicks": rough.tolist()}))
+    told = tracker.look(picture, CAMERA)
+    assert error_of(name, tracker.tracking.found.camera_T_solid, true)[0] < 1e-4
+    section = solid_of(name).points() @ true[:3, :3].T + true[:3, 3]
+    assert np.abs(told.points - section[:, :2] / section[:, 2:]).max() < 2e-4
+    assert told.plane.inverse_depth(*told.points[2]) == pytest.approx(1.0 / section[2, 2], rel=1e-3)
+    assert 0.0 < told.accuracy < 1e-3
+    start = Start({"marker": {"size": 0.04, "pose": [0.01, 0, 0, 0, 0, 0]}})
+    with pytest.raises(VisionError, match="no marker"):
+        start.camera_T_solid(picture, CAMERA, None)
+
+
+def test_a_pose_in_the_world_starts_it_and_kinematics_tell_where_to_look(folder):
+    sequence, name = Sequence("box", "clean", folder), "box"
+    tracker = ModelTracker(solid_of(name), Start({"pose": [0, 0, 0, 0, 0, 0]}))
+    with pytest.raises(VisionError, match="needs the camera's pose"):
+        tracker.look(sequence.picture(0), CAMERA)
+    for i in (0, 20, 60):  # far too far apart for a search
+        tracker.look(sequence.picture(i), CAMERA, inverse(sequence.pose(i)))
+        assert error_of(name, tracker.tracking.found.camera_T_solid, sequence.pose(i))[0] < 2e-4
+
+
+@pytest.mark.parametrize(("given", "why"), [
+    ({}, "says where the model is"),
+    ({"pose": [0, 0, 0]}, "six finite numbers"),
+    ({"pose": [0] * 6, "clicks": []}, "says where the model is"),
+    ({"clicks": [[0, 0, 0, 1, 1]] * 3}, "four rows of five"),
+    ({"marker": {"size": 0.1}}, "'pose'"),
+])  # fmt: skip
+def test_a_start_that_is_none_is_refused(given, why):
+    with pytest.raises(ModelError, match=why):
+        Start(given)
+
+
+def test_meshes_that_are_no_solid_in_metres_are_refused():
+    box = corners_of("box")
+    with pytest.raises(ModelError, match="80 m long: is it in millimetres"):
+        Solid.of(1000.0 * box, "part.stl")
+    with pytest.raises(ModelError, match="too small"):
+        Solid.of(0.001 * box, "part.stl")
+    with pytest.raises(ModelError, match="part.stl is open"):
+        Solid.of(box[1:], "part.stl")
+    with pytest.raises(ModelError, match="inside out"):
+        Solid.of(box[:, ::-1], "part.stl")
+    flipped = box.copy()
+    flipped[3] = flipped[3, ::-1]
+    with pytest.raises(ModelError, match="open or folded"):
+        Solid.of(flipped, "part.stl")
+    assert len(Solid.of(block((0, 0), (0.1, 0.05), 0.3, 0.0, 0.04)).edges) == 12

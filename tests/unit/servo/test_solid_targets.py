@@ -1,0 +1,121 @@
+"""Solids as targets: servoed by the pose of a mesh, and refused where it is none."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "camera"))
+
+from tracking_scenes import corners_of, write_obj
+
+from aras_visual_servo_base.poses import inverse, transform
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.targets.pictures import seen
+from aras_visual_servo_bench.targets.solids import solid_target
+from aras_visual_servo_camera.model import ModelTracking
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.settings import Settings
+
+# A camera with fx != fy whose lens bends lines by up to 20 px.
+BENT = CameraModel(640, 480, (610.0, 0, 331.3, 0, 560.0, 228.7, 0, 0, 1),
+                   (-0.28, 0.09, 0.002, -0.0015, 0.0))  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def meshes(tmp_path_factory):
+    """The path of each solid's OBJ file, and of bad ones."""
+    folder, found = tmp_path_factory.mktemp("meshes"), {}
+    for name in ("box", "bracket"):
+        found[name] = str(write_obj(folder / f"{name}.obj", [(corners_of(name), 0.6)]))
+    box = corners_of("box")
+    bad = {"millimetres": 1e3 * box, "open": box[2:], "inside": box[:, ::-1]}
+    for name, triangles in bad.items():
+        found[name] = str(write_obj(folder / f"{name}.obj", [(triangles, 0.6)]))
+    return found
+
+
+def flying(mesh, **more):
+    """A flying camera that sees the solid aslant."""
+    return Experiment(
+        plant="free", features="pictures", scheme="pose", target={"shape": mesh},
+        goal={"pose": [0.05, -0.2, 0.33, -2.6, 0.0, 0.0]},
+        start={"pose": [0.09, -0.22, 0.4, -2.45, 0.06, 0.4]}, **more,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("scheme", ["pose", "two_and_half_d", "numbered_points"])
+def test_schemes_of_poses_and_points_go_to_a_solid(meshes, scheme):
+    result = run(flying(meshes["bracket"], believed={"centre": [0.4, -0.3]}).with_(scheme=scheme))
+    assert result.converged
+    assert result.verdict.distance < 3e-4
+    assert result.verdict.angle < 1e-3
+
+
+@pytest.mark.parametrize("name", ["box", "bracket"])
+def test_the_arm_goes_to_a_solid_on_its_table(meshes, name):
+    target = {"shape": meshes[name], "pose": [0.0, 0.0, 0.5905, 0.0, 0.0, 0.3]}
+    starts = {"height": [0.2, 0.3], "side": 0.04, "turn": 0.7, "tilt": 0.15, "margin": 4}
+    result = run(Experiment(target=target, scheme="pose", start=starts, seed=3, duration=12.0))
+    assert result.outcome.startswith("converged")
+    assert result.verdict.distance < 2e-4
+    assert result.verdict.angle < 1e-3
+
+
+def test_a_start_that_is_rough_and_depth_images_do(meshes):
+    wrong = {"model_start": {"pose": [0.004, -0.003, 0.003, 0.02, 0.0, 0.03]}, "depth_image": True}
+    target = {"shape": meshes["box"], "pose": [0.0, 0.0, 0.5905, 0.0, 0.0, 0.3]}
+    start = {"pose": [0.004, -0.003, 0.5925, 0.02, 0.0, 0.33]}
+    asked = Experiment(target=target, scheme="pose", options={**wrong, "model_start": start})
+    assert run(asked).verdict.distance < 2e-4
+
+
+def test_a_lens_is_taken_off(meshes):
+    target, tracking = solid_target(Path(meshes["bracket"])), None
+    tracking = ModelTracking(target.solid)
+    target_T_camera = transform((0.14, -0.24, 0.28), (-2.45, 0.1, 0.3))  # far from the middle
+    true = inverse(target_T_camera)
+    picture = seen(target, BENT, target_T_camera)
+    tracking.start(transform((0.002, -0.001, 0.003), (0.01, -0.01, 0.012)) @ true)
+    found = tracking.track(np.ascontiguousarray(picture), BENT)
+    assert not found.lost
+    assert np.abs(found.camera_T_solid - true).max() < 3e-4
+    assert found.residual < 0.1
+
+
+@pytest.mark.parametrize(("name", "why"), [
+    ("millimetres", "80 m long: is it in millimetres"),
+    ("open", "open or folded"),
+    ("inside", "inside out"),
+])  # fmt: skip
+def test_a_mesh_that_is_no_solid_is_refused(meshes, name, why):
+    with pytest.raises(ExperimentError, match=why):
+        assemble(flying(meshes[name]))
+
+
+def test_what_a_solid_cannot_be_is_said(meshes):
+    with pytest.raises(ExperimentError, match="no file"):
+        assemble(flying("nowhere.stl"))
+    near = flying(meshes["box"]).with_(goal={"pose": [0.0, 0.0, 0.075, 3.1416, 0.0, 0.0]})
+    with pytest.raises(ExperimentError, match="larger than the view"):
+        assemble(near)
+    with pytest.raises(ExperimentError, match="leave them out"):
+        flying(meshes["box"]).with_(target={"shape": meshes["box"], "perturbed": True})
+    with pytest.raises(ConfigurationError, match="give model: FILE"):
+        Settings.from_mapping(
+            {"tracker": "model", "model_start": {"pose": [0] * 6}}).make_tracker()
+    with pytest.raises(ConfigurationError, match="says where the model is"):
+        Settings.from_mapping({"tracker": "model", "model": meshes["box"]}).make_tracker()
+
+
+def test_a_target_that_is_gone_is_said_to_be_lost(meshes):
+    asked = flying(meshes["box"]).with_(
+        target={"shape": meshes["box"], "motion": {"step": [0.12, 0.05, 0.0], "begin": 0.5}})
+    result = run(asked)
+    assert not result.converged
+    assert any("is lost:" in reason for reason in result.reasons)

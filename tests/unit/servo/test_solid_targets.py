@@ -44,6 +44,7 @@ def flying(mesh, **more):
     """A flying camera that sees the solid aslant."""
     return Experiment(
         plant="free", features="pictures", scheme="pose", target={"shape": mesh},
+        camera={"width": 640, "height": 480, "horizontal_fov": 0.9},
         goal={"pose": [0.05, -0.2, 0.33, -2.6, 0.0, 0.0]},
         start={"pose": [0.09, -0.22, 0.4, -2.45, 0.06, 0.4]}, **more,
     )  # fmt: skip

@@ -12,6 +12,7 @@ from pathlib import Path
 from outcome_campaign.table import section_of
 
 from . import (  # noqa: F401 (they enter their checks)
+    calibration,
     dynamics,
     gripping,
     joints,
@@ -84,12 +85,24 @@ def main(arguments: list[str] | None = None) -> int:
             print(line(check, row), flush=True)
         print(f"    {time.process_time() - began:.1f} s", flush=True)
     if options.write:
-        kept = section_of(TABLE.read_text(encoding="utf-8")) if TABLE.exists() else ""
-        page = _HEAD + "".join(markdown(c, r) for c, r in found) + _TAIL + kept
+        before = TABLE.read_text(encoding="utf-8") if TABLE.exists() else ""
+        page = _HEAD + _rows(found, before) + _TAIL + section_of(before)
         TABLE.write_text(with_result(page), encoding="utf-8")
     failed = [f"{c.name}: {r.what}" for c, r in found if not r.passed]
     print(json.dumps({"rows": len(found), "failed": failed}))
     return 1 if failed else 0
+
+
+def _rows(found: list[tuple[Check, Row]], before: str) -> str:
+    """Lines of the table: those found, and of checks that were not made those of the page before."""
+    own = {check.name: [] for check, _ in found}
+    for check, row in found:
+        own[check.name].append(markdown(check, row))
+    for line in before.splitlines(keepends=True):
+        name = line.split(" | ")[0].removeprefix("| ")
+        if name in CHECKS and name not in {check.name for check, _ in found}:
+            own.setdefault(name, []).append(line)
+    return "".join(line for name in CHECKS for line in own.get(name, ()))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -99,7 +112,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("names", nargs="*", help="checks, as --list names them; all")
     parser.add_argument("--quick", action="store_true", help="only what CI runs")
     parser.add_argument("--list", action="store_true", help="names only")
-    parser.add_argument("--write", action="store_true", help="write docs/truth.md")
+    parser.add_argument("--write", action="store_true", help="write docs/truth.md; rows "
+                        "of checks that are not made stay")
     return parser
 
 

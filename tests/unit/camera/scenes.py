@@ -14,10 +14,14 @@ SENSOR_R_OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 
 
 class Bench:
-    """A World of single bodies, closed at the end of the test."""
+    """A World of single bodies, closed at the end of the test.
 
-    def __init__(self) -> None:
-        self.world = World()
+    at: added to the places of what is put into it, m.
+    """
+
+    def __init__(self, world: World | None = None, at=(0.0, 0.0, 0.0)) -> None:
+        self.world = World() if world is None else world
+        self.at = at
         self._count = 0
 
     def body(self, geometry, position=(0, 0, 0), colour="Gazebo/White",
@@ -31,7 +35,7 @@ class Bench:
         return self.world.spawn(
             RobotDescription(f"body{self._count}", "link", {"link": Link("link", mass, (visual,))},
                              {}, static=com is None, colours=colours),
-            f"body{self._count}", Pose(tuple(position), tuple(orientation)))
+            f"body{self._count}", Pose(tuple(np.add(position, self.at)), tuple(orientation)))
 
     def box(self, half, position, colour="Gazebo/White", orientation=(0, 0, 0, 1)) -> Model:
         """A box of half these side lengths, m."""

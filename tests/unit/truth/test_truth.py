@@ -60,6 +60,19 @@ def test_the_table_is_written_for_the_documentation(only, tmp_path, monkeypatch)
         (tmp_path / "truth.md").read_text()
 
 
+def test_rows_of_checks_that_were_not_made_stay(only, tmp_path, monkeypatch):
+    only(Row("melting point", "0 °C", 0.3, 0.2, "°C"))
+    monkeypatch.setattr(cli, "TABLE", tmp_path / "truth.md")
+    cli.main(["--write"])
+    cold = Check("cold", "a book", True, lambda: [Row("boiling point", "78 °C", 0.0, 0.1, "°C")])
+    monkeypatch.setattr(cli, "CHECKS", {"cold": cold, **cli.CHECKS})
+    for arguments in (["cold", "--write"], ["--quick", "--write"]):
+        cli.main(arguments)
+        lines = (tmp_path / "truth.md").read_text().splitlines()
+        kept = [line for line in lines if line.startswith(("| cold |", "| heat |"))]
+        assert [line.split(" | ")[2] for line in kept] == ["boiling point", "melting point"]
+
+
 def test_the_page_begins_with_what_its_tables_say():
     page = cli.TABLE.read_text(encoding="utf-8")
     assert result.with_result(page) == page, "write it anew: tests/truth --write"

@@ -15,6 +15,7 @@ from . import (  # noqa: F401 (they enter their checks)
     calibration,
     dynamics,
     gripping,
+    interaction,
     joints,
     light,
     motion,
@@ -94,7 +95,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _rows(found: list[tuple[Check, Row]], before: str) -> str:
-    """Lines of the table: those found, and of checks that were not made those of the page before."""
+    """Lines of the table: those found, and of the other checks those of the page before."""
     own = {check.name: [] for check, _ in found}
     for check, row in found:
         own[check.name].append(markdown(check, row))

@@ -20,6 +20,7 @@ from . import (  # noqa: F401 (they enter their checks)
     light,
     motion,
     repeats,
+    sensor,
     storms,
     vision,
 )

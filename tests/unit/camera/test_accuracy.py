@@ -81,7 +81,8 @@ def picture(sensor, world_T_optical):
     """What the sensor draws, (H, W, 3), before noise."""
     config = sensor.config
     return sensor.renderer.render(
-        View(config.width, config.height, world_T_optical, config.K, 0.005, 20.0, sensor._lens))
+        View(config.width, config.height, world_T_optical, config.K, 0.005, 20.0,
+             sensor._whole[2]))
 
 
 def poses(config, count, seed=1, aside=0.5):

@@ -7,7 +7,7 @@ import pytest
 from scenes import BRIGHT, link_pose, looking, table_and_target
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.camera.effects import EffectChain, Effects
+from aras_sim_bridge.camera.effects import EffectChain, Effects, SensorModel
 from aras_sim_bridge.camera.formats import read_out, shape_of, widened
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.rendering import create_renderer
@@ -142,7 +142,7 @@ def test_reset_and_rate_change():
         sensor.set_rate(2000.0, 0, MS)
     assert sensor.rate == 20.0
     blurred = camera(update_rate=10.0, effects={"exposure_time": 0.02})
-    with pytest.raises(CameraError, match="shorten it first"):
+    with pytest.raises(CameraError, match="exposure_time 0.02 s: .* 0.0166667 s; .* shorten it"):
         blurred.set_rate(60.0, 0, MS)
 
 
@@ -197,6 +197,101 @@ def test_motion_blur_begins_with_a_whole_exposure():
     sensor = camera(update_rate=10.0, effects={"exposure_time": 0.02})
     sensor.reset(95 * MS)
     assert [f.stamp_ns // MS for _, f in frames(sensor, 200, start=95 * MS)] == [200]
+
+
+def test_rows_are_drawn_one_after_the_other_about_the_stamp():
+    renderer = Nothing()
+    sensor = camera(renderer, update_rate=10.0, effects={"row_time": 0.002, "rows_together": 2})
+    times = []
+    drawn = renderer.render
+    renderer.render = lambda view, blend: (
+        times.append((sensor._next_ns, view.height, view.K[1, 2])), drawn(view, blend))[1]
+    ((after, frame),) = frames(sensor, 150)
+    middle = (8 - 1) / 2
+    assert times == [
+        ((100 + 2 * (first + 0.5 - middle)) * MS, 2, pytest.approx(middle - first))
+        for first in (0, 2, 4, 6)
+    ]  # fmt: skip
+    assert frame.stamp_ns == 100 * MS and after == 106 * MS
+    assert frame.image.shape == (8, 16, 3) and (frame.image == 100).all()
+
+
+def test_rows_that_blur_are_averaged_each_about_its_own_instant():
+    renderer = Nothing()
+    effects = {"row_time": 0.001, "rows_together": 4, "exposure_time": 0.01, "exposure_samples": 2}
+    sensor = camera(renderer, update_rate=10.0, effects=effects)
+    levels, times = iter((10, 20, 30, 60)), []
+    renderer.render = lambda view, blend: (
+        times.append((sensor._next_ns / MS, round(3.5 - view.K[1, 2]))),
+        np.full((view.height, 16, 3), next(levels), np.uint8))[1]
+    ((_, frame),) = frames(sensor, 150)
+    assert times == [(95.5, 0), (99.5, 4), (100.5, 0), (104.5, 4)]
+    assert (frame.image[:4] == 20).all() and (frame.image[4:] == 40).all()
+
+
+@pytest.mark.parametrize("lens", [
+    {}, {"distortion_coefficients": [-0.3, 0.1, 0.001, 0.0, 0.0]},
+    {"lens": "equidistant", "horizontal_fov": 3.0, "cutoff_angle": 1.3},
+])  # fmt: skip
+def test_what_stands_still_is_the_same_row_by_row(bench, lens):
+    table_and_target(bench)
+    renderer = create_renderer("exact", bench.world)
+    one, other = (CameraSensor(CameraConfig.from_mapping({
+        "width": 160, "height": 118, "horizontal_fov": 1.2, "near": 0.02, "depth": True, **lens,
+        "effects": effects}), renderer) for effects in ({}, {"row_time": 1e-4}))  # fmt: skip
+    before, rolling = (s.capture(DOWN, 50 * MS) for s in (one, other))
+    apart = np.abs(before.image.astype(int) - rolling.image)
+    assert apart.max() <= 2 and (apart > 0).mean() < 0.01
+    np.testing.assert_array_equal(before.depth, rolling.depth)
+
+
+def test_a_triggered_picture_is_read_before_the_next_one_begins():
+    sensor = camera(update_rate=10.0, trigger_topic="go", effects={"row_time": 0.004})
+    for _ in range(2):
+        sensor.trigger(100 * MS, MS)
+    first, second = (frame.stamp_ns for _, frame in frames(sensor, 300, start=100 * MS))
+    assert first == 101 * MS and second == first + 32 * MS
+
+
+@pytest.mark.parametrize(("effects", "told"), [
+    ({"row_time": 0.005}, "row_time 0.005 s of 8 rows, 0.04 s in all: .* period of 0.0333333 s"),
+    ({"exposure_time": 0.04}, "exposure_time 0.04 s: has to be shorter than the period"),
+    ({"exposure_time": 0.02, "row_time": 0.002}, "exposure_time and row_time .*, 0.036 s together"),
+    ({"row_time": -1e-5}, "row_time is -1e-05, must be >= 0"),
+    ({"auto_exposure": {"target": 300}}, "auto_exposure.target is 300"),
+    ({"auto_exposure": {"least": 2.0}}, "begins at a factor of 1"),
+])  # fmt: skip
+def test_impossible_times_are_one_clear_line(effects, told):
+    with pytest.raises(CameraError, match=told) as raised:
+        camera(update_rate=30.0, effects=effects)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.7])
+@pytest.mark.parametrize("vignetting", [0.0, 0.3])
+@pytest.mark.parametrize("shot", [0.0, 0.05])
+def test_auto_exposure_brings_the_mean_to_its_target(gain, vignetting, shot):
+    def means(level, **auto):
+        effects = {"auto_exposure": {"target": 90.0, **auto}, "gain": gain, "shot_noise": shot,
+                   "vignetting": vignetting}  # fmt: skip
+        sensor = camera(Nothing(level), update_rate=100.0, effects=effects, width=64, height=64)
+        return [frame.image.mean() for _, frame in frames(sensor, 200)]
+
+    for level in (30, 160):
+        found = means(level)
+        assert found[0] == pytest.approx(level * gain * (1 - vignetting / 3), rel=0.02)
+        assert found[-1] == pytest.approx(90.0, abs=1.5)
+        ratio = np.log(90.0 / found[1]) / np.log(90.0 / found[0])
+        assert ratio == pytest.approx(0.5, abs=0.1)
+    assert means(20, most=2.0)[-1] == pytest.approx(2.0 * 20 * gain * (1 - vignetting / 3), abs=1.0)
+
+
+def test_auto_exposure_begins_anew_after_a_reset():
+    sensor = camera(Nothing(30), update_rate=100.0, effects={"auto_exposure": {}})
+    first = [frame.image.mean() for _, frame in frames(sensor, 60)]
+    sensor.reset(0)
+    assert [frame.image.mean() for _, frame in frames(sensor, 60)] == first
+    assert first[0] == 30 and first[-1] > 100
 
 
 def test_depth_is_measured_in_the_middle_of_the_exposure():
@@ -285,6 +380,38 @@ def test_shot_noise_grows_with_the_light():
         out = chain.apply(np.full(shape, level, np.uint8), level)
         assert out.std() == pytest.approx(np.sqrt(0.25 * level + 1 / 12), rel=0.03)
     assert (chain.apply(np.zeros(shape, np.uint8), 0) == 0).all()
+
+
+@pytest.mark.parametrize("gain", [0.5, 1.5])
+@pytest.mark.parametrize(("level", "exposure"), [(60, 1.0), (110, 1.3), (250, 1.0)])
+def test_noise_is_that_of_a_characterised_sensor(level, exposure, gain):
+    """EMVA 1288: variance K (K e + K read^2) + 1/12 of e electrons, up to the full well."""
+    K, well, read, dark, time = 0.04, 4000.0, 9.0, 50_000.0, 0.002
+    effects = Effects(
+        sensor=SensorModel(gain=K, full_well=well, read_noise=read, dark_current=dark),
+        exposure=exposure, exposure_time=time, gain=gain,
+    )  # fmt: skip
+    grey = np.full((240, 320, 3), level, np.uint8)
+    out = EffectChain(effects, grey.shape, 3).apply(grey, 5)
+    electrons = min(level * exposure / K + dark * time, well)
+    assert out.mean() == pytest.approx(gain * K * electrons, abs=0.1)
+    variance = (gain * K) ** 2 * (electrons + read**2) + 1 / 12
+    assert out.var() == pytest.approx(variance, rel=0.02)
+
+
+@pytest.mark.parametrize(("sensor", "effects", "told"), [
+    ({"gain": 0.01}, {}, "effects.sensor.full_well is missing"),
+    ({"gain": 0.0, "full_well": 1e4}, {}, "effects.sensor.gain is 0.0, must be > 0"),
+    ({"gain": 0.01, "full_well": -1}, {}, "full_well is -1.0, must be > 0"),
+    ({"gain": 1e-5, "full_well": 1e4}, {}, "is 0.1 grey levels: all would be black"),
+    ({"gain": 0.01, "full_well": 1e4, "read_noise": 2e4}, {}, "read_noise 20000 e- drowns a full"),
+    ({"gain": 0.01, "full_well": 1e4, "dark_current": 5.0}, {}, "exposure_time, which is 0"),
+    ({"gain": 0.01, "full_well": 1e4}, {"shot_noise": 0.1}, "leave one of them out"),
+])  # fmt: skip
+def test_impossible_figures_of_a_sensor_are_one_clear_line(sensor, effects, told):
+    with pytest.raises(CameraError, match=told) as raised:
+        CameraConfig.from_mapping({"effects": {"sensor": sensor, **effects}})
+    assert "\n" not in str(raised.value)
 
 
 @pytest.mark.parametrize("mean", [-6.0, 0.0, 7.0])

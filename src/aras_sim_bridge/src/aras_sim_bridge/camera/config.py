@@ -19,6 +19,7 @@ from .formats import encoding_of
 from .intrinsics import CameraIntrinsics, CameraProjection, camera_matrix, projection_matrix
 from .lens import COEFFICIENTS, RADIUS, REACH, BrownLens, FisheyeLens, check_fisheye
 from .lens import fisheye_coefficients as ideal_coefficients
+from .shutter import duration
 
 LARGEST_SIDE = 16384  # px
 LARGEST_AREA = 1 << 25  # px; drawing a frame of this size takes 0.5 GB
@@ -104,9 +105,7 @@ class CameraConfig:
         self._check_names()
         check(self.near < self.far,
               f"clip distances near={self.near} far={self.far}: need 0 < near < far")
-        check(0.0 <= self.effects.exposure_time < 1.0 / self.update_rate,
-              f"exposure_time {self.effects.exposure_time} s: has to be shorter than the period of "
-              f"{1.0 / self.update_rate:g} s")
+        self.check_rate(self.update_rate)
         encoding_of(self.format, self.name)
         self._check_lens()
         if self.camera_matrix is not None:
@@ -182,6 +181,17 @@ class CameraConfig:
         self._check(bool(np.isfinite(self.model.unproject(border)).all()),
                     f"distortion_coefficients {list(self.distortion_coefficients)} fold the "
                     "picture over inside the image; make them smaller or the focal length longer")
+
+    def check_rate(self, rate: float) -> None:
+        """Raise CameraError where pictures at this rate, Hz, leave no time to expose and read."""
+        e, rows = self.effects, f"row_time {self.effects.row_time:g} s of {self.height} rows"
+        taken = {f"exposure_time {e.exposure_time:g} s": e.exposure_time,
+                 f"{rows}, {e.row_time * self.height:g} s in all": e.row_time * self.height,
+                 f"exposure_time and {rows}, {duration(e, self.height):g} s together":
+                     duration(e, self.height)}  # fmt: skip
+        for what, time in taken.items():
+            self._check(time < 1.0 / rate, f"{what}: has to be shorter than the period of "
+                        f"{1.0 / rate:g} s; lower the rate or shorten it")
 
     def _check(self, condition: bool, message: str) -> None:
         if not condition:

@@ -23,6 +23,65 @@ _DROP, _NOISE = 0, 1
 
 
 @dataclass(frozen=True)
+class SensorModel:
+    """A sensor as EMVA 1288 characterises it; a grey level is one of 255, an electron is e-.
+
+    gain: K, grey levels an e-: light of g grey levels is g / K e-, of that variance. full_well:
+    e- that a pixel holds; what is more is lost. read_noise: standard deviation in the dark, e-.
+    dark_current: e- a second, during exposure_time.
+
+    Reference: EMVA Standard 1288, Standard for characterization of image sensors and cameras,
+    release 4.0 linear, 2021.
+    """
+
+    gain: float = parameter(unit="grey levels an electron", above=0.0)
+    full_well: float = parameter(unit="e-", above=0.0)
+    read_noise: float = parameter(0.0, "e-", least=0.0)
+    dark_current: float = parameter(0.0, "e-/s", least=0.0)
+
+    def __post_init__(self) -> None:
+        check(self, CameraError, "effects.sensor")
+        full = self.gain * self.full_well
+        if full < 1.0:
+            raise CameraError(
+                f"effects.sensor: a full_well of {self.full_well:g} e- at a gain of {self.gain:g} "
+                f"grey levels an electron is {full:.2g} grey levels: all would be black; raise one"
+            )
+        if self.read_noise >= self.full_well:
+            raise CameraError(
+                f"effects.sensor: read_noise {self.read_noise:g} e- drowns a full_well of "
+                f"{self.full_well:g} e-; give less of the one or more of the other"
+            )
+
+
+@dataclass(frozen=True)
+class AutoExposure:
+    """Brings the mean of the pictures to `target`, grey levels, by a factor on the light.
+
+    speed: part of what is missing, as a ratio's logarithm, that the next picture makes up for.
+    least, most: of the factor, which is 1 at the first picture.
+    """
+
+    target: float = parameter(110.0, "grey levels", above=0.0, below=255.0)
+    speed: float = parameter(0.5, above=0.0, most=1.0)
+    least: float = parameter(0.1, above=0.0)
+    most: float = parameter(10.0, above=0.0)
+
+    def __post_init__(self) -> None:
+        check(self, CameraError, "effects.auto_exposure")
+        if not self.least <= 1.0 <= self.most:
+            raise CameraError(
+                f"effects.auto_exposure: it begins at a factor of 1, which is not within least "
+                f"{self.least:g} and most {self.most:g}; make room for it"
+            )
+
+    def following(self, factor: float, mean: float) -> float:
+        """The factor after a picture of this mean, grey levels, was taken with another."""
+        missing = self.target / max(mean, 1.0)
+        return float(np.clip(factor * missing**self.speed, self.least, self.most))
+
+
+@dataclass(frozen=True)
 class Effects:
     """noise_mean, noise_stddev: Gaussian noise, grey levels of 255, independent in every channel
     that the picture has. shot_noise: variance a grey level; a sensor of full-well capacity N
@@ -30,6 +89,8 @@ class Effects:
     gain: factor after the shot noise, which it amplifies. vignetting: light lost in the corner,
     0..1. exposure_time: s; the shutter is open that long around the stamp, with
     exposure_samples pictures averaged. drop_probability: share of frames that are never sent.
+    sensor: its calibrated noise, in place of shot_noise. row_time: s from one row's exposure to
+    the next one's, downwards; 0: all rows at once. rows_together: rows drawn as of one instant.
     """
 
     noise_mean: float = parameter(0.0, least=-255.0, most=255.0)
@@ -41,9 +102,25 @@ class Effects:
     exposure_time: float = parameter(0.0, "s", least=0.0)
     exposure_samples: int = parameter(5, least=1, most=64)
     drop_probability: float = parameter(0.0, "(no frame would ever come)", least=0.0, below=1.0)
+    sensor: SensorModel | None = None
+    auto_exposure: AutoExposure | None = None
+    row_time: float = parameter(0.0, "s", least=0.0)
+    rows_together: int = parameter(8, least=1)
 
     def __post_init__(self) -> None:
         check(self, CameraError, "effects")
+        if self.sensor is None:
+            return
+        if self.shot_noise:
+            raise CameraError(
+                f"effects.shot_noise {self.shot_noise:g}: effects.sensor has it from its gain; "
+                "leave one of them out"
+            )
+        if self.sensor.dark_current and not self.exposure_time:
+            raise CameraError(
+                f"effects.sensor.dark_current {self.sensor.dark_current:g} e-/s gathers during "
+                "exposure_time, which is 0: give one above 0, or leave the dark current out"
+            )
 
 
 class EffectChain:
@@ -58,28 +135,44 @@ class EffectChain:
         self.effects = e = effects
         self._seed = seed
         self._shade = _vignette(shape, e.vignetting, e.exposure)
-        self._curve = None
-        if e.exposure != 1.0 or e.gain != 1.0:
-            wells = np.clip(np.arange(256) * e.exposure, 0.0, 255.0)
-            self._curve = np.clip(np.round(wells * e.gain), 0, 255).astype(np.uint8)
+        # Of light in grey levels: its variance a level, what is added and lost, and what reading
+        # adds before the gain.
+        self._shot, self._dark, self._full, self._read = e.shot_noise, 0.0, 255.0, 0.0
+        if (model := e.sensor) is not None:
+            self._shot, self._read = model.gain, model.gain * model.read_noise
+            self._dark = model.gain * model.dark_current * e.exposure_time
+            self._full = model.gain * model.full_well
+        self._curve = self._curve_of(1.0)
 
     def lost(self, stamp_ns: int) -> bool:
         """Whether the frame with this stamp, ns of simulated time, never comes."""
         p = self.effects.drop_probability
         return bool(p) and self._random(stamp_ns, _DROP).random() < p
 
-    def apply(self, image: np.ndarray, stamp_ns: int) -> np.ndarray:
-        """The uint8 picture as the sensor reads it out, in a new array or unchanged."""
+    def _curve_of(self, factor: float) -> np.ndarray | None:
+        """What each grey level of light, times a factor, becomes, (256,); None: itself."""
+        exposure, gain = factor * self.effects.exposure, self.effects.gain
+        if exposure == gain == 1.0:
+            return None
+        wells = np.clip(np.arange(256) * exposure, 0.0, 255.0)
+        return np.clip(np.round(wells * gain), 0, 255).astype(np.uint8)
+
+    def apply(self, image: np.ndarray, stamp_ns: int, factor: float = 1.0) -> np.ndarray:
+        """The uint8 picture as the sensor reads it out, in a new array or unchanged.
+
+        factor: on its light, of the auto exposure.
+        """
         e = self.effects
-        if e.shot_noise:
-            return self._with_shot_noise(image, stamp_ns)
+        if self._shot:
+            return self._with_shot_noise(image, stamp_ns, factor)
         if self._shade is not None:
             # Gain in the same product: rounding before it would leave bands.
-            image = cv2.multiply(image, self._shade, scale=e.gain, dtype=cv2.CV_8U)
+            image = cv2.multiply(image, self._shade, scale=factor * e.gain, dtype=cv2.CV_8U)
             if e.gain < 1.0:  # full wells
                 image = np.minimum(image, np.uint8(round(255.0 * e.gain)))
-        elif self._curve is not None:
-            image = cv2.LUT(image, self._curve)
+        else:
+            curve = self._curve if factor == 1.0 else self._curve_of(factor)
+            image = image if curve is None else cv2.LUT(image, curve)
         if e.noise_stddev or e.noise_mean:
             out = np.empty_like(image)
             # Rounding to grey levels adds a variance of 1/12.
@@ -89,16 +182,18 @@ class EffectChain:
             return out
         return image
 
-    def _with_shot_noise(self, image: np.ndarray, stamp_ns: int) -> np.ndarray:
-        """Variance = gain^2 (shot_noise * light) + noise_stddev^2; full wells stay full."""
+    def _with_shot_noise(self, image: np.ndarray, stamp_ns: int, factor: float) -> np.ndarray:
+        """Variance = gain^2 (shot * light + read^2) + noise_stddev^2; full wells stay full."""
         e = self.effects
         if self._shade is not None:
-            light = cv2.multiply(image, self._shade, dtype=cv2.CV_32F)
+            light = cv2.multiply(image, self._shade, scale=factor, dtype=cv2.CV_32F)
         else:
-            light = image.astype(np.float32) * np.float32(e.exposure)
-        light = np.minimum(light, np.float32(255.0))
-        spread = cv2.sqrt(light * np.float32(e.shot_noise * e.gain**2)
-                          + np.float32(e.noise_stddev**2))
+            light = image.astype(np.float32) * np.float32(factor * e.exposure)
+        if self._dark:
+            light = light + np.float32(self._dark)
+        light = np.minimum(light, np.float32(self._full))
+        spread = cv2.sqrt(light * np.float32(self._shot * e.gain**2)
+                          + np.float32((self._read * e.gain) ** 2 + e.noise_stddev**2))
         noise = np.empty(image.shape, np.float32)
         _fill_with_noise(self._key(stamp_ns), noise.reshape(-1))
         out = light * np.float32(e.gain) + cv2.multiply(spread, noise)

@@ -19,6 +19,7 @@ from . import formats
 from .config import CameraConfig
 from .effects import EffectChain
 from .intrinsics import CameraIntrinsics
+from .shutter import duration, parts
 
 if TYPE_CHECKING:
     from ..rendering.renderer import Renderer
@@ -65,16 +66,16 @@ class CameraSensor:
         self.config = config
         self.renderer = renderer
         self.info: CameraIntrinsics = config.intrinsics()
-        model = config.model
-        self._K = config.K
-        self._lens = None
         self._link_T_optical = mounting(config.xyz, config.rpy)
+        self._parts = parts(config.effects, config.height)
+        # The last of those that are as near to the stamp.
+        self._middle = min(range(len(self._parts)), key=lambda n: (
+            abs(self._parts[n].offset_ns), -n))  # fmt: skip
         try:
-            if not model.is_pinhole:
-                size = config.width, config.height
-                self._lens = shared(*size, (model.K.tobytes(), model.lens), lambda: (
-                    Tiles.of_lens(*size, model.unproject)))
-            renderer.prepare(self._view(np.eye(4)))
+            self._whole = self._pixels(0, config.height)
+            self._bands = {part.first: self._pixels(part.first, part.last)
+                           for part in self._parts}  # fmt: skip
+            renderer.prepare(self._view(np.eye(4), self._whole))
         except (RenderingError, MemoryError) as error:
             reason = str(error) or "not enough memory; make width and height smaller"
             raise CameraError(f"camera '{config.name}': {reason}") from None
@@ -82,8 +83,6 @@ class CameraSensor:
         self._effects = EffectChain(config.effects, shape, config.seed)
         self._rate = config.update_rate
         self._latency_ns = round(config.latency * 1e9)
-        blurred = config.effects.exposure_time > 0.0
-        self._samples = config.effects.exposure_samples if blurred else 1
         self._first, self._told_black, self._told_missed = True, False, False
         # Whether pictures carry them now; who offers them may switch off what nobody reads.
         self.depth, self.segmentation = config.depth, config.segmentation
@@ -105,7 +104,8 @@ class CameraSensor:
         c = self.config
         pixels = np.stack(np.meshgrid(np.arange(c.width), np.arange(c.height)), axis=2)
         rays = c.model.unproject(pixels.reshape(-1, 2)).reshape(c.height, c.width, 3)
-        if self._lens is None or self._lens.forward:
+        lens = self._whole[2]
+        if lens is None or lens.forward:
             rays = rays / rays[..., 2:]
         return rays.astype(np.float32)
 
@@ -128,26 +128,21 @@ class CameraSensor:
         if not (np.isfinite(rate) and rate > 0.0):
             raise CameraError(f"camera '{self.config.name}': rate {rate} Hz: give one above 0")
         self.check_time_step(step_ns, rate)
-        exposure = self.config.effects.exposure_time
-        if exposure * rate >= 1.0:
-            raise CameraError(
-                f"camera '{self.config.name}': rate {rate:g} Hz leaves {1e3 / rate:g} ms a frame, "
-                f"and exposure_time is {1e3 * exposure:g} ms; shorten it first"
-            )
+        self.config.check_rate(rate)
         self._rate = float(rate)
-        under_way = self._waiting
+        under_way, factor = self._waiting, self._factor
         self.reset(time_ns)
-        self._waiting = under_way
+        self._waiting, self._factor = under_way, factor
 
     def trigger(self, time_ns: int, step_ns: int) -> None:
         """Expose once more, in the step of `step_ns` from `time_ns` on, or after the exposures
         that were asked for before; without effect on a camera that streams."""
         if not self.config.trigger_topic:
             return
-        stamp = time_ns + step_ns - self._offset_ns(0)
+        stamp = time_ns + step_ns - self._parts[0].offset_ns
         if self._triggered:
-            exposure_ns = round(self.config.effects.exposure_time * 1e9)
-            stamp = max(stamp, self._triggered[-1] + max(step_ns, exposure_ns))
+            taken_ns = round(duration(self.config.effects, self.config.height) * 1e9)
+            stamp = max(stamp, self._triggered[-1] + max(step_ns, taken_ns))
         self._triggered.append(stamp)
         self._plan()
 
@@ -158,13 +153,13 @@ class CameraSensor:
         """
         self._triggered: deque[int] = deque()
         self._index = int(time_ns * self._rate / 1e9)
-        while self._instant(self._index) + self._offset_ns(0) <= time_ns:
+        while self._instant(self._index) + self._parts[0].offset_ns <= time_ns:
             self._index += 1
         self._before: tuple[int, np.ndarray] | None = None
         self._waiting: deque[tuple[int, Frame]] = deque()
         self._sum: np.ndarray | None = None
         self._measured: tuple[np.ndarray, np.ndarray] | None = None
-        self._sample = 0
+        self._part, self._factor = 0, 1.0
         self._plan()
 
     def _instant(self, index: int) -> int:
@@ -174,12 +169,7 @@ class CameraSensor:
 
     def _plan(self) -> None:
         """Set the instant of the next picture: the frame's, or one of its partial exposures."""
-        self._next_ns = self._instant(self._index) + self._offset_ns(self._sample)
-
-    def _offset_ns(self, sample: int) -> int:
-        """From the stamp to a partial exposure, ns."""
-        e = self.config.effects
-        return round(e.exposure_time * 1e9 * ((sample + 0.5) / self._samples - 0.5))
+        self._next_ns = self._instant(self._index) + self._parts[self._part].offset_ns
 
     def needs_before(self, time_after_ns: int) -> bool:
         """Whether a picture falls inside the step that ends at `time_after_ns`."""
@@ -215,7 +205,7 @@ class CameraSensor:
         """Where one physics step spans several instants, only the newest is drawn."""
         if self.config.trigger_topic:
             return
-        if self._sample == 0 and self._instant(self._index + 1) <= time_ns:
+        if self._part == 0 and self._instant(self._index + 1) <= time_ns:
             if not self._told_missed:
                 self._told_missed = True
                 _log.warning("camera '%s' leaves out frames: its %g Hz are above the physics rate; "
@@ -230,33 +220,38 @@ class CameraSensor:
         stamp = self._instant(self._index)
         if not self._effects.lost(stamp):
             self._draw(pose, time_ns)
-            if self._sample + 1 == self._samples:
-                self._finish(stamp)
-        self._sample += 1
-        if self._sample == self._samples:
-            self._index, self._sample = self._index + 1, 0
+            if self._part + 1 == len(self._parts):
+                self._finish(stamp, pose)
+        self._part += 1
+        if self._part == len(self._parts):
+            self._index, self._part = self._index + 1, 0
             if self._triggered:
                 self._triggered.popleft()
         self._plan()
 
     def _draw(self, pose: np.ndarray, time_ns: int) -> None:
         blend, pose = self._blend(self._next_ns, pose, time_ns)
-        view = self._view(pose)
-        image = self.renderer.render(view, blend)
-        if self._sample == self._samples // 2 and (self.depth or self.segmentation):
-            self._measured = self.renderer.measure(view, blend)
-        if self._sample == 0:
-            self._warn_if_blind(image, view)
-        if self._samples > 1:
-            image = image.astype(np.uint16)
-        self._sum = image if self._sample == 0 else self._sum + image
+        part = self._parts[self._part]
+        image = self.renderer.render(self._view(pose, self._bands[part.first]), blend)
+        if self._part == self._middle and (self.depth or self.segmentation):
+            self._measured = self.renderer.measure(self._view(pose, self._whole), blend)
+        if len(self._parts) == 1:
+            self._sum = image
+            return
+        if self._part == 0:
+            self._sum = np.zeros((self.config.height, self.config.width, 3), np.uint16)
+        self._sum[part.first : part.last] += image
 
-    def _finish(self, stamp: int) -> None:
-        image, n = self._sum, self._samples
-        if n > 1:
+    def _finish(self, stamp: int, pose: np.ndarray) -> None:
+        image, e = self._sum, self.config.effects
+        if len(self._parts) > 1:
+            n = e.exposure_samples if e.exposure_time > 0.0 else 1
             image = ((image + n // 2) // n).astype(np.uint8)
+        self._warn_if_blind(image, pose @ self._link_T_optical)
         encoding = self.config.encoding
-        image = self._effects.apply(formats.read_out(image, encoding), stamp)
+        image = self._effects.apply(formats.read_out(image, encoding), stamp, self._factor)
+        if e.auto_exposure is not None:
+            self._factor = e.auto_exposure.following(self._factor, float(image.mean()))
         depth, segmentation = self._measured or (None, None)
         self._sum = self._measured = None
         frame = Frame(stamp, formats.widened(image, encoding), encoding,
@@ -264,10 +259,22 @@ class CameraSensor:
                       segmentation if self.segmentation else None)
         self._waiting.append((stamp + self._latency_ns, frame))
 
-    def _view(self, world_T_link: np.ndarray) -> View:
-        c = self.config
-        return View(c.width, c.height, world_T_link @ self._link_T_optical, self._K, c.near, c.far,
-                    self._lens)
+    def _pixels(self, first: int, last: int) -> tuple[int, np.ndarray, Tiles | None]:
+        """How many rows, the camera matrix (3, 3) and the lens of rows first ... last - 1."""
+        model, width = self.config.model, self.config.width
+        K = model.K - [[0, 0, 0], [0, 0, first], [0, 0, 0]]
+        if model.is_pinhole:
+            return last - first, K, None
+        size = width, last - first
+        lens = shared(*size, (K.tobytes(), model.lens), lambda: Tiles.of_lens(
+            *size, lambda pixels: model.unproject(pixels + [0, first])))  # fmt: skip
+        return last - first, K, lens
+
+    def _view(
+        self, world_T_link: np.ndarray, pixels: tuple[int, np.ndarray, Tiles | None]
+    ) -> View:
+        c, (rows, K, lens) = self.config, pixels
+        return View(c.width, rows, world_T_link @ self._link_T_optical, K, c.near, c.far, lens)
 
     def _blend(self, instant: int, pose: np.ndarray, time_ns: int) -> tuple[float, np.ndarray]:
         if self._before is None or not self._before[0] <= instant < time_ns:
@@ -276,7 +283,7 @@ class CameraSensor:
         share = (instant - before_ns) / (time_ns - before_ns)
         return share, blended(before, pose, share)
 
-    def _warn_if_blind(self, image: np.ndarray, view: View) -> None:
+    def _warn_if_blind(self, image: np.ndarray, world_T_optical: np.ndarray) -> None:
         """Say once when the camera stands inside something, or when nothing but black is seen.
 
         The camera's own link may well hold the lens: Gazebo too draws no faces from behind.
@@ -286,7 +293,7 @@ class CameraSensor:
         black = not (self._told_black or image[0, 0, 0] or image[::8, ::8].any())
         if not first and not black:
             return
-        around = [name for name in self.renderer.bodies_around(view.world_T_optical[:3, 3])
+        around = [name for name in self.renderer.bodies_around(world_T_optical[:3, 3])
                   if name.split("::")[-1] != self.config.link]
         where = f"it is inside {', '.join(around)}" if around else "only black things are in view"
         if black:

@@ -166,12 +166,17 @@ def preset(camera: str | Mapping[str, Any], packages: PackagePath, robot: str) -
     return dict(settings)
 
 
-def model_of(settings: Mapping[str, Any]) -> CameraModel:
-    """Intrinsics of a camera with these settings; ExperimentError where they are impossible."""
+def config_of(settings: Mapping[str, Any]) -> CameraConfig:
+    """A camera with these settings; ExperimentError where they are impossible."""
     try:
-        return model_of_info(CameraConfig.from_mapping({"name": "camera", **settings}).intrinsics())
+        return CameraConfig.from_mapping({"name": "camera", **settings})
     except CameraError as error:
         raise ExperimentError(str(error)) from None
+
+
+def model_of(settings: Mapping[str, Any]) -> CameraModel:
+    """Intrinsics of a camera with these settings; ExperimentError where they are impossible."""
+    return model_of_info(config_of(settings).intrinsics())
 
 
 def model_of_info(info: Any) -> CameraModel:

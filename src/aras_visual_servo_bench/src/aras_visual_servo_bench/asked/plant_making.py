@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from aras_sim_bridge.camera.effects import EffectChain, Effects
+from aras_sim_bridge.camera.mounting import seed_of
+from aras_sim_bridge.camera.shutter import parts
 from aras_sim_bridge.description import Light
 from aras_sim_bridge.description.lights import SUN
 from aras_visual_servo_base.poses import relative, transform
@@ -25,12 +28,12 @@ from ..plants.kinematic import FreeCamera, KinematicChain, Sight
 from ..targets.files import ABOVE, description_file, occluder_file
 from ..targets.geometry import PlacedTarget
 from ..targets.textures import TexturedTarget
-from .cameras import Eye
+from .cameras import Eye, config_of
 from .experiment import FLYING, Experiment, SunSpec
 from .robots import Robot
 
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
-CHANCE = {"noise_stddev", "shot_noise", "drop_probability"}  # of a camera's effects
+CHANCE = {"noise_stddev", "shot_noise", "sensor", "drop_probability"}  # of a camera's effects
 WATCHES: frozenset[Need] = frozenset()  # what a camera that steers nothing is asked for
 # The demo's target as the launch files put it into the world: a model whose origin lies there.
 PLATES = "package://aras_visual_servo_gazebo/targets/aras.urdf"
@@ -95,6 +98,20 @@ class PlantMaker:
                     "use poster or a PNG"
                 )
             target = replace(target, shape=target.shape.perturbed(experiment.seed))
+        config = config_of(eye.settings)
+        effects = config.effects
+        if effects.row_time and experiment.plant == "ideal":
+            raise ExperimentError(
+                f"camera '{eye.name}' has a row_time of {effects.row_time:g} s, and plant ideal "
+                "exposes all rows at once: take plant free, or leave row_time out"
+            )
+        rows, sensor = (), None
+        if effects.row_time and not exactly:
+            rows = parts(replace(effects, exposure_time=0.0), config.height)
+        if effects.sensor is not None and not exactly:
+            alone = Effects(sensor=effects.sensor, exposure_time=effects.exposure_time)
+            seed = eye.settings.get("seed", seed_of(experiment.seed, eye.name))
+            sensor = EffectChain(alone, (config.height, config.width), seed)
         return Sight(
             eye.true,
             target,
@@ -106,11 +123,11 @@ class PlantMaker:
             occluder=experiment.target.occluder,
             occluded=() if exactly and experiment.target.occluded else experiment.target.occluded,
             unbounded=self.unbounded,
-            drop=0.0 if experiment.plant == "bullet" else float(
-                dict(eye.settings.get("effects", {})).get("drop_probability", 0.0)
-            ),
+            drop=0.0 if experiment.plant == "bullet" else effects.drop_probability,
             name=eye.name,
             place=self.places.get(eye.name),
+            parts=rows,
+            sensor=sensor,
         )  # fmt: skip
 
     def _spawned(self, exactly: bool) -> tuple[ShownTarget, ...]:

@@ -288,7 +288,7 @@ class BulletArm(Plant):
         step(ended)
         moved = logarithm(relative(before, self.pose()))
         for one in self._exposures:
-            if one.due_ns <= ended:
+            while one.due_ns <= ended:
                 pose = before @ exponential((one.due_ns - began) / simulation.step_ns * moved)
                 if (seen := one.expose(pose)) is not None:
                     self._readings.append(seen)

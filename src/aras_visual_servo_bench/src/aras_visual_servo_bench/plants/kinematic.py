@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aras_sim_bridge.camera.effects import EffectChain
+from aras_sim_bridge.camera.shutter import Part
 from aras_visual_servo_base.poses import exponential
 from aras_visual_servo_camera.moments import find_crossing
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -24,6 +26,7 @@ from ..targets.solids import SolidTarget
 from ..targets.textures import TexturedTarget
 from .base import CAMERA, CameraReading, JointReading, Place, Plant, Reading
 from .free_body import FreeBody
+from .rolling import rolling
 
 NS = 1_000_000_000
 OCCLUDED = 128  # grey level of the cover's own drawing from which on it hides
@@ -43,6 +46,8 @@ class Sight:
         when it lies there, s; None: always.
     unbounded: exact features have no picture's border, and are lost behind the camera alone.
     name: of the camera. place: of another camera than the control camera.
+    parts: rows that are exposed one after the other; empty: all at once.
+    sensor: adds a calibrated sensor's noise to drawn pictures; None: there is none.
     """
 
     camera: CameraModel
@@ -58,12 +63,12 @@ class Sight:
     unbounded: bool = False
     name: str = CAMERA
     place: Place | None = None
+    parts: tuple[Part, ...] = ()
+    sensor: EffectChain | None = None
 
     def look(self, pose: np.ndarray, stamp_ns: int, random: np.random.Generator) -> CameraReading:
         """What the camera sees where the control camera is at world_T_camera (4, 4)."""
-        if self.place is not None:
-            pose = self.place.at(pose)
-        seen_from = self.target.seen_from(pose, stamp_ns / NS)
+        seen_from = self.seen_from(pose, stamp_ns)
         try:
             outline = self.target.shape.outline(seen_from)
             points = self.target.shape.points(seen_from)
@@ -76,36 +81,47 @@ class Sight:
                 return CameraReading(stamp_ns, camera=self.name)
             return CameraReading(
                 stamp_ns,
-                outline=self._outlined(outline, random),
-                points=self._pixels(points, random),
+                outline=self.jittered(self.pixels(outline), random, closed=True),
+                points=self.jittered(self.pixels(points), random),
                 camera=self.name,
             )
-        image = self._drawn(outline, seen_from, lies_there(self.occluded, stamp_ns / NS))
-        if self.grey_noise:
-            noisy = image + random.normal(0.0, self.grey_noise, image.shape)
-            image = np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+        drawn = self._drawn(outline, seen_from, lies_there(self.occluded, stamp_ns / NS))
+        image = self.noisy(drawn, stamp_ns, random)
         depth = self._depth(seen_from) if self.depth else None
         return CameraReading(stamp_ns, image, "mono8", depth, camera=self.name)
 
-    def _outlined(self, outline: np.ndarray, random: np.random.Generator) -> np.ndarray:
-        """Pixels (n, 2) of an outline; its noise is drawn anew where edges cross, as no picture's
-        do."""
-        pixels = self._pixels(outline, random)
-        tries = 1
-        while self.jitter and tries < TRIES and find_crossing(pixels) is not None:
-            pixels, tries = self._pixels(outline, random), tries + 1
-        return pixels
+    def noisy(
+        self, image: np.ndarray, stamp_ns: int, random: np.random.Generator
+    ) -> np.ndarray:
+        """A drawn picture (rows, columns) uint8 with its noise."""
+        if self.sensor is not None:
+            image = self.sensor.apply(image, stamp_ns)
+        if self.grey_noise:
+            noise = image + random.normal(0.0, self.grey_noise, image.shape)
+            image = np.clip(np.round(noise), 0, 255).astype(np.uint8)
+        return image
 
-    def _pixels(
-        self, points: np.ndarray | None, random: np.random.Generator
+    def jittered(
+        self, pixels: np.ndarray | None, random: np.random.Generator, closed: bool = False
     ) -> np.ndarray | None:
-        """Where normalised points (n, 2) are in the picture, px, with their noise."""
-        if points is None:
-            return None
-        pixels = np.column_stack(self.camera.project(*points.T))
-        if self.jitter:
-            pixels += random.normal(0.0, self.jitter, pixels.shape)
-        return pixels
+        """Pixels (n, 2) with their noise; that of an outline, closed, is drawn anew where edges
+        cross, as no picture's do."""
+        if pixels is None or not self.jitter:
+            return pixels
+        for _ in range(TRIES):
+            found = pixels + random.normal(0.0, self.jitter, pixels.shape)
+            if not closed or find_crossing(found) is None:
+                break
+        return found
+
+    def seen_from(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray:
+        """target_T_camera (4, 4) where the control camera is at world_T_camera (4, 4)."""
+        at = pose if self.place is None else self.place.at(pose)
+        return self.target.seen_from(at, stamp_ns / NS)
+
+    def pixels(self, points: np.ndarray | None) -> np.ndarray | None:
+        """Where normalised points (n, 2) are in the picture, px."""
+        return None if points is None else np.column_stack(self.camera.project(*points.T))
 
     def _drawn(
         self, outline: np.ndarray | None, seen_from: np.ndarray, occluded: bool
@@ -145,21 +161,32 @@ class Exposures:
     """When a camera exposes, from its first period on, and what it sees then.
 
     Attributes:
-        due_ns: simulated time of the next exposure.
+        due_ns: simulated time at which it has to be asked next: of an exposure, or of its part.
     """
 
     def __init__(self, sight: Sight, random: np.random.Generator) -> None:
         """`random`: draws its noise, and which images are lost."""
         self._sight, self._random, self._count = sight, random, 1
         self._period = NS / sight.rate
-        self.due_ns = round(self._period)
+        self._offsets = [part.offset_ns for part in sight.parts] or [0]
+        self._poses: list[np.ndarray] = []
+        self.due_ns = self._stamp_ns + self._offsets[0]
+
+    @property
+    def _stamp_ns(self) -> int:
+        return round(self._count * self._period)
 
     def expose(self, pose: np.ndarray) -> CameraReading | None:
-        """Where the control camera is at world_T_camera (4, 4); None: the image is lost."""
-        at_ns, self._count = self.due_ns, self._count + 1
-        self.due_ns = round(self._count * self._period)
-        if self._sight.drop and self._random.random() < self._sight.drop:
+        """Where the control camera is at world_T_camera (4, 4); None: the image is lost, or not
+        whole yet."""
+        at_ns, poses = self._stamp_ns, [*self._poses, pose]
+        whole = len(poses) == len(self._offsets)
+        self._poses, self._count = [] if whole else poses, self._count + whole
+        self.due_ns = self._stamp_ns + self._offsets[len(self._poses)]
+        if not whole or self._sight.drop and self._random.random() < self._sight.drop:
             return None
+        if self._sight.parts:
+            return rolling(self._sight, poses, at_ns, self._random)
         return self._sight.look(pose, at_ns, self._random)
 
 

@@ -1,0 +1,145 @@
+"""Cameras whose rows are exposed one after the other, on every plant."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_plants import SQUARE, START, bullet, until
+
+from aras_sim_bridge.camera.effects import Effects
+from aras_sim_bridge.camera.shutter import parts
+from aras_visual_servo_base.poses import exponential
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.plants import CameraReading
+from aras_visual_servo_bench.plants.free_body import FreeBody
+from aras_visual_servo_bench.plants.kinematic import FreeCamera, Sight
+from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.targets.geometry import PlacedTarget
+from aras_visual_servo_camera.undistortion import CameraModel
+
+ROW, PERIOD = 1.1e-4, 1.0 / 30.0
+K = (240.0, 0.0, 165.3, 0.0, 251.0, 112.8, 0.0, 0.0, 1.0)
+CAMERA = CameraModel(320, 240, K, (-0.2, 0.05, 0.001, -0.002, 0.0), "plumb_bob")
+ORIGIN = np.array([[1.0, 0, 0, 0.01], [0, -1.0, 0, -0.02], [0, 0, -1.0, 0.25], [0, 0, 0, 1.0]])
+TWIST = np.array([0.5, -0.4, 0.2, 0.8, -1.1, 2.0])
+STAMP = round(PERIOD * 1e9)
+
+
+def sight(**further):
+    rows = parts(Effects(row_time=ROW, rows_together=8), CAMERA.height)
+    return Sight(CAMERA, PlacedTarget(SQUARE, np.eye(4)), parts=rows, **further)
+
+
+def flying(seen):
+    """The first picture of a camera that flies by a twist."""
+    plant = FreeCamera(FreeBody(ORIGIN @ exponential(-PERIOD * TWIST)), np.zeros(6), seen)
+    plant.command("velocity", TWIST)
+    readings = [r for r in until(plant, 60_000_000) if isinstance(r, CameraReading)]
+    assert [r.stamp_ns for r in readings] == [STAMP]
+    return readings[0]
+
+
+def pose_at(offset):
+    """world_T_camera (4, 4), s after the stamp."""
+    return ORIGIN @ exponential(offset * TWIST)
+
+
+def test_a_point_is_where_it_was_when_its_own_row_was_exposed():
+    found = flying(sight())
+    for pixel, corner in zip(found.points, SQUARE.vertices(), strict=True):
+        row = 120.0
+        for _ in range(30):
+            seen = np.linalg.inv(pose_at((row - 119.5) * ROW)) @ [*corner, 1.0]
+            u, row = CAMERA.project(seen[0] / seen[2], seen[1] / seen[2])
+        np.testing.assert_allclose(pixel, [u, row], atol=0.01)
+    still = replace(sight(), parts=()).look(ORIGIN, STAMP, np.random.default_rng(0))
+    assert np.abs(found.points - still.points).max() > 1.0
+    np.testing.assert_allclose(found.outline, found.points)
+
+
+@pytest.mark.parametrize("depth", [False, True])
+def test_a_picture_is_made_of_rows_of_the_pictures_of_their_instants(depth):
+    rolling = sight(pictures=True, depth=depth)
+    found, still = flying(rolling), replace(rolling, parts=())
+    for part in rolling.parts:
+        now = still.look(pose_at(1e-9 * part.offset_ns), STAMP, np.random.default_rng(0)).image
+        rows = slice(part.first, part.last)
+        np.testing.assert_allclose(found.image[rows].astype(int), now[rows], atol=1)
+    middle = still.look(pose_at(0.0), STAMP, np.random.default_rng(0))
+    assert np.abs(found.image.astype(int) - middle.image).max() > 50
+    if depth:
+        np.testing.assert_allclose(found.depth, middle.depth, rtol=5e-3)
+
+
+def test_what_leaves_the_picture_while_it_is_read_is_not_seen():
+    beside = np.eye(4)
+    beside[1, 3] = -0.13  # below the picture
+    rolling = replace(sight(), target=PlacedTarget(SQUARE, beside))
+    assert flying(rolling).points is None
+    assert flying(replace(rolling, unbounded=True)).points is not None
+
+
+def test_an_arms_exact_points_are_of_their_own_rows_too(robot, preset, pinhole):
+    table = np.eye(4)
+    table[2, 3] = 0.59
+    rows = parts(Effects(row_time=5e-5), pinhole.height)
+    found = {}
+    for name, own in (("global", ()), ("rolling", rows)):
+        seen = Sight(pinhole, PlacedTarget(SQUARE, table), parts=own, unbounded=True)
+        plant = bullet(robot, preset, sights=(seen,))
+        try:
+            plant.command("position", START + [0.0, 0.0, 0.0, 0.0, 0.0, 0.8])
+            found[name] = [r for r in until(plant, 220_000_000) if isinstance(r, CameraReading)]
+        finally:
+            plant.close()
+    assert [r.stamp_ns for r in found["global"]] == [r.stamp_ns for r in found["rolling"]]
+    assert len(found["global"]) == 6
+    apart = [np.abs(a.points - b.points).max() for a, b in zip(*found.values(), strict=True)]
+    assert 0.02 < max(apart) < 10.0
+
+
+def test_a_stretch_of_steps_sees_what_single_steps_see(robot, preset):
+    effects = {"row_time": 6e-5, "exposure_time": 0.003, "exposure_samples": 3,
+               "sensor": {"gain": 0.02, "full_well": 12e3, "read_noise": 30.0}}  # fmt: skip
+    pictures = {}
+    for step_ns in (1_000_000, 10**9):
+        plant = bullet(robot, preset, camera={"effects": effects}, seed=4)
+        taken = []
+        try:
+            plant.command("position", START + [0.0, 0.0, 0.1, 0.0, 0.0, 0.5])
+            while plant.time_ns < 120_000_000:
+                until_ns = min(plant.time_ns + step_ns, 120_000_000)
+                taken += [r for r in plant.advance(until_ns) if isinstance(r, CameraReading)]
+        finally:
+            plant.close()
+        pictures[step_ns] = taken
+    one, other = pictures.values()
+    assert len(one) == len(other) == 3
+    for a, b in zip(one, other, strict=True):
+        assert a.stamp_ns == b.stamp_ns
+        np.testing.assert_array_equal(a.image, b.image)
+
+
+@pytest.mark.parametrize(("keys", "told"), [
+    ({"camera": {"effects": {"row_time": 2e-4}}}, "0.048 s in all: has to be shorter than"),
+    ({"camera": {"effects": {"exposure_time": 0.05}}}, "exposure_time 0.05 s: has to be shorter"),
+    ({"camera": {"effects": {"row_time": 1e-5}}, "plant": "ideal"}, "exposes all rows at once"),
+    ({"camera": {"effects": {"sensor": {"gain": 1.0}}}}, "full_well is missing"),
+])  # fmt: skip
+@pytest.mark.parametrize("plant", ["bullet", "chain"])
+def test_impossible_ones_are_refused_before_the_first_run(plant, keys, told):
+    with pytest.raises(ExperimentError, match=told) as raised:
+        assemble(Experiment.from_mapping({"plant": plant, **keys}))
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("plant", ["bullet", "chain"])
+def test_the_loop_converges_with_a_rolling_noisy_camera(plant):
+    effects = {"row_time": 1e-4, "sensor": {"gain": 0.01, "full_well": 25e3, "read_noise": 20.0}}
+    camera = {"horizontal_fov": 2.0, "effects": effects}
+    keys = {"plant": plant, "gain": 1.5, "duration": 12.0, "camera": camera}
+    assert run(Experiment.from_mapping(keys)).outcome == "converged"

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.camera import CameraConfig, CameraSensor, Frame
+from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.rendering import create_renderer
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.world import Pose, Twist
 
 from .check import Row, check
 from .robots import SOURCES
@@ -79,3 +82,86 @@ def sensor_noise() -> Iterator[Row]:
                   "grey levels")  # fmt: skip
         yield Row(f"{name}, full well", f"{figures.full_well:g} e-",
                   abs(brightest / figures.gain / figures.full_well - 1.0), 0.005)  # fmt: skip
+
+
+_SPEED, _DEEP = 0.8, 0.6  # m/s along the rows, m before the camera
+_BAR = """<robot name="bar"><link name="base"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+<visual><geometry><box size="0.03 0.6 0.00001"/></geometry></visual></link>
+<gazebo reference="base"><material>Gazebo/Black</material></gazebo></robot>"""
+_WALL = """<robot name="wall"><link name="world"><visual><origin xyz="0 0 -0.1"/>
+<geometry><box size="6 6 0.1"/></geometry></visual></link></robot>"""
+
+
+def _passing(effects: dict[str, float]) -> tuple[np.ndarray, np.ndarray, float, list[Frame]]:
+    """Pictures of a black bar that passes a camera across its rows.
+
+    Answers the rows (h,), the column (h,) that the bar's middle has at time 0, the px that it moves
+    in a second, and the frames.
+    """
+    simulation = Simulation(SimulationConfig(gravity=(0.0, 0.0, 0.0), ground_plane=False))
+    try:
+        simulation.spawn(parse_urdf(_WALL), "wall")
+        bar = simulation.spawn(parse_urdf(_BAR), "bar", Pose((-0.2, 0.0, 0.0)))
+        # It looks down, along its +x; +x of the world is to the left in its pictures.
+        camera = simulation.add_camera("watch", {
+            "parent": "world", "pose": [0.0, 0.0, _DEEP, np.pi / 2, np.pi / 2, 0.0], "near": 0.02,
+            "width": 480, "height": 240, "horizontal_fov": 0.9, "update_rate": 20.0,
+            "effects": effects})  # fmt: skip
+        frames: list[Frame] = []
+        camera.on_frame, camera.enabled = frames.append, True
+        bar.set_twist(Twist((_SPEED, 0.0, 0.0)))
+        while simulation.time_ns < 420_000_000:
+            simulation.step(420_000_000)
+        seen = camera.parent_T_optical[:3, :3].T @ [1.0, 0.0, 0.0]
+        K = camera.sensor.info.K
+    finally:
+        simulation.close()
+    per_second = K[0, 0] * seen[0] * _SPEED / _DEEP
+    rows = np.arange(240.0)
+    return rows, np.full(240, K[0, 2] - 0.2 / _SPEED * per_second), per_second, frames
+
+
+def _dark(image: np.ndarray) -> np.ndarray:
+    """How dark (h, w) each pixel is, of the ground's grey level."""
+    grey = image[..., 0].astype(float)
+    return 1.0 - grey / grey.max()
+
+
+@check("a bar of known speed", quick=True)
+def motion_blur() -> Iterator[Row]:
+    """A bar that passes at 0.8 m/s blurs by its way during the exposure, evenly."""
+    for time in (0.012, 0.03):
+        _, _, speed, frames = _passing({"exposure_time": time, "exposure_samples": 16})
+        _, _, _, sharp = _passing({})
+        way, wrong, off = abs(speed) * time, [], []
+        for blurred, still in zip(frames, sharp, strict=True):
+            (one, other), columns = (_dark(f.image)[120] for f in (blurred, still)), np.arange(480)
+            middle = [(d * columns).sum() / d.sum() for d in (one, other)]
+            spread = [(d * (columns - m) ** 2).sum() / d.sum()
+                      for d, m in zip((one, other), middle, strict=True)]  # fmt: skip
+            wrong.append(np.sqrt(12.0 * (spread[0] - spread[1])) / way - 1.0)
+            off.append(middle[0] - middle[1])
+        what = f"exposed for {1e3 * time:g} ms"
+        yield Row(f"{what}, width", f"{way:.3g} px", abs(float(np.mean(wrong))), 0.01)
+        yield Row(f"{what}, middle", "of the sharp picture", float(np.abs(off).max()), 0.02, "px")
+
+
+@check("a bar of known speed", quick=True)
+def rolling_shutter() -> Iterator[Row]:
+    """A bar that passes at 0.8 m/s leans: each row shows it where it was at the row's instant."""
+    for row_time, together in ((5e-5, 1), (1.5e-4, 1), (1.5e-4, 8)):
+        rows, begin, speed, frames = _passing({"row_time": row_time, "rows_together": together})
+        if len(frames) < 6:
+            raise RuntimeError(f"only {len(frames)} pictures")
+        errors = []
+        for frame in frames:
+            dark = _dark(frame.image)
+            found = (dark * np.arange(480)).sum(axis=1) / dark.sum(axis=1)
+            exposed = 1e-9 * frame.stamp_ns + (rows - 119.5) * row_time
+            errors.append(found - (begin + speed * exposed))
+        # Rows that are drawn together are up to half of them away from their instant.
+        allowed = 0.02 + abs(speed) * row_time * 0.5 * (together - 1)
+        yield Row(f"row_time {1e6 * row_time:g} µs, {together} rows together",
+                  f"leans by {abs(speed) * row_time * 239:.3g} px",
+                  float(np.abs(errors).max()), allowed, "px")  # fmt: skip

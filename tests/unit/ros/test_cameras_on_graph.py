@@ -18,7 +18,7 @@ from genpy import Time
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import String
 
-from aras_sim_bridge.camera import Frame
+from aras_sim_bridge.camera import CameraConfig, Frame
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.ros.camera import frames, settings, topics
 from aras_sim_bridge.ros.camera.compressed import COMPRESSED_FIELDS, CompressedTopic, encode
@@ -37,7 +37,12 @@ SETTINGS = {
     "distortion_model": "plumb_bob",
     "depth": True,
     "segmentation": True,
+    "effects": {
+        "row_time": 1e-6, "exposure_time": 2e-3, "exposure_samples": 1,
+        "sensor": {"gain": 0.02, "full_well": 12e3, "read_noise": 7.0, "dark_current": 30.0},
+    },
 }
+SETTINGS_OF_A_PRESET = {k: v for k, v in SETTINGS.items() if k not in ("parent", "pose")}
 DEFAULTS = {field.name: field.default for field in COMPRESSED_FIELDS}
 
 
@@ -178,6 +183,18 @@ def test_a_calibration_that_cannot_be_kept_is_published_all_the_same(eye):
     (listener,) = eye.graph.listen("/eye/camera_info")
     eye.step(10)
     assert messages(listener, CameraInfo)[0].header.frame_id == "mine"
+
+
+def test_the_figures_of_the_sensor_stand_beside_camera_info_as_a_preset(eye):
+    assert eye.graph.call("/eye/set_camera_info", CameraInfo(width=8)).success
+    kept = (eye.home / "camera_info" / "eye_sensor.yaml").read_text()
+    (told,) = eye.graph.publishers["/eye/sensor_info"].sent
+    assert told.data == kept
+    figures = yaml.safe_load(kept)
+    assert figures["effects"]["sensor"] == SETTINGS["effects"]["sensor"]
+    assert figures["effects"]["row_time"] == 1e-6
+    again = CameraConfig.from_mapping({**SETTINGS_OF_A_PRESET, **figures})
+    assert again.effects == eye.mounted.sensor.config.effects
 
 
 @pytest.mark.parametrize("name", ["", "..", "a/../../b", "/"])

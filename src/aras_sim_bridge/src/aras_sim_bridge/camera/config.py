@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
@@ -231,6 +231,16 @@ class CameraConfig:
             D, name = tuple(D), "plumb_bob"
         return CameraIntrinsics(self.width, self.height, K, D, name, np.eye(3),
                                 projection_matrix(K, self.hack_baseline))
+
+    def sensor_figures(self) -> dict[str, object]:
+        """What CameraInfo has no place for, as keys of a preset: shutter, exposure and noise."""
+        keys = ("row_time", "rows_together", "exposure_time", "exposure_samples", "exposure",
+                "gain", "noise_mean", "noise_stddev", "shot_noise", "vignetting")  # fmt: skip
+        effects = {key: getattr(self.effects, key) for key in keys}
+        for key in ("sensor", "auto_exposure"):
+            if (part := getattr(self.effects, key)) is not None:
+                effects[key] = asdict(part)
+        return {"effects": effects}
 
     @classmethod
     def from_description(cls, camera: CameraDescription,

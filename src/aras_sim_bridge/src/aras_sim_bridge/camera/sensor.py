@@ -75,7 +75,7 @@ class CameraSensor:
             self._whole = self._pixels(0, config.height)
             self._bands = {part.first: self._pixels(part.first, part.last)
                            for part in self._parts}  # fmt: skip
-            renderer.prepare(self._view(np.eye(4), self._whole))
+            renderer.prepare(self._view(np.eye(4)))
         except (RenderingError, MemoryError) as error:
             reason = str(error) or "not enough memory; make width and height smaller"
             raise CameraError(f"camera '{config.name}': {reason}") from None
@@ -234,7 +234,7 @@ class CameraSensor:
         part = self._parts[self._part]
         image = self.renderer.render(self._view(pose, self._bands[part.first]), blend)
         if self._part == self._middle and (self.depth or self.segmentation):
-            self._measured = self.renderer.measure(self._view(pose, self._whole), blend)
+            self._measured = self.renderer.measure(self._view(pose), blend)
         if len(self._parts) == 1:
             self._sum = image
             return
@@ -271,9 +271,10 @@ class CameraSensor:
         return last - first, K, lens
 
     def _view(
-        self, world_T_link: np.ndarray, pixels: tuple[int, np.ndarray, Tiles | None]
+        self, world_T_link: np.ndarray, pixels: tuple[int, np.ndarray, Tiles | None] | None = None
     ) -> View:
-        c, (rows, K, lens) = self.config, pixels
+        """Through these pixels, or through all."""
+        c, (rows, K, lens) = self.config, pixels or self._whole
         return View(c.width, rows, world_T_link @ self._link_T_optical, K, c.near, c.far, lens)
 
     def _blend(self, instant: int, pose: np.ndarray, time_ns: int) -> tuple[float, np.ndarray]:

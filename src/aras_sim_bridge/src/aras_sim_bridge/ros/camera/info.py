@@ -10,9 +10,14 @@ import rospy
 import yaml
 from sensor_msgs.msg import CameraInfo
 
-from aras_sim_bridge.camera import CameraIntrinsics
+from aras_sim_bridge.camera import CameraConfig, CameraIntrinsics
 from aras_sim_bridge.errors import CameraError
 
+SENSOR_HEAD = """\
+# Row r of h is exposed for exposure_time about the stamp + (r - (h - 1) / 2) row_time, all in s;
+# sensor: gain in grey levels (of 255) an electron, full_well and read_noise in electrons,
+# dark_current in electrons a second. Keys of a camera's preset.
+"""
 
 def to_camera_info(info: CameraIntrinsics) -> CameraInfo:
     """Return the message, without a stamp."""
@@ -51,19 +56,28 @@ def calibration_path(camera_name: str) -> Path:
     return home.joinpath("camera_info", *parts[:-1], parts[-1] + ".yaml")
 
 
-def save_calibration(info: CameraInfo, camera_name: str) -> Path:
-    """Write info in the format of camera_calibration_parsers; return the file.
+def save_calibration(info: CameraInfo, camera_name: str, config: CameraConfig) -> Path:
+    """Write info in the format of camera_calibration_parsers, and beside it, as NAME_sensor.yaml,
+    the sensor's figures; return the file.
 
     Raises:
         CameraError, OSError: when that is not possible.
     """
     path = calibration_path(camera_name)
     path.parent.mkdir(parents=True, exist_ok=True)
-    # Another reader never sees half a file.
-    draft = path.with_name(path.name + ".new")
-    draft.write_text(_calibration_yaml(info, camera_name), encoding="utf-8")
-    draft.replace(path)
+    beside = path.with_name(f"{path.stem}_sensor.yaml")
+    texts = {path: _calibration_yaml(info, camera_name), beside: sensor_yaml(config)}
+    for file, text in texts.items():
+        # Another reader never sees half a file.
+        draft = file.with_name(file.name + ".new")
+        draft.write_text(text, encoding="utf-8")
+        draft.replace(file)
     return path
+
+
+def sensor_yaml(config: CameraConfig) -> str:
+    """What CameraInfo has no place for, as a preset: it can be laid over a camera's settings."""
+    return SENSOR_HEAD + yaml.safe_dump(config.sensor_figures(), sort_keys=False)
 
 
 def _flat(values: np.ndarray) -> list[float]:

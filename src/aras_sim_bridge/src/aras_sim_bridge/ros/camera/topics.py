@@ -7,7 +7,7 @@ from collections.abc import Callable
 import rospy
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.srv import SetCameraInfo
-from std_msgs.msg import Empty
+from std_msgs.msg import Empty, String
 
 from aras_sim_bridge.camera import CameraConfig, CameraIntrinsics, Frame
 from aras_sim_bridge.camera.mounting import MountedCamera, together
@@ -16,7 +16,12 @@ from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.ros.camera import frames
 from aras_sim_bridge.ros.camera.compressed import CompressedTopic
 from aras_sim_bridge.ros.camera.image_topic import ImageTopic
-from aras_sim_bridge.ros.camera.info import prefixed, save_calibration, to_camera_info
+from aras_sim_bridge.ros.camera.info import (
+    prefixed,
+    save_calibration,
+    sensor_yaml,
+    to_camera_info,
+)
 from aras_sim_bridge.ros.camera.labels import LabelTopic
 from aras_sim_bridge.ros.camera.points_topic import PointsTopic
 from aras_sim_bridge.ros.conversions import to_time
@@ -53,6 +58,7 @@ class CameraTopics:
         self._topics: list[Topic] = []
         self._closing: list[ServiceTable | ReconfigureServer] = []
         self._trigger: rospy.Subscriber | None = None
+        self._figures: rospy.Publisher | None = None
         self._depth: ImageTopic | None = None
         self._points: PointsTopic | None = None
         self._depth_info: QuickPublisher | None = None
@@ -94,6 +100,8 @@ class CameraTopics:
             topic = f"{root}/segmentation/image_raw"
             self._segmentation = self._kept(ImageTopic(topic, self._changed))
             self._labels = self._kept(LabelTopic(f"{root}/segmentation/labels", self._changed))
+        self._figures = rospy.Publisher(f"{root}/sensor_info", String, latch=True, queue_size=1)
+        self._figures.publish(String(sensor_yaml(config)))
         self._closing.append(ServiceTable(self.namespace, self._thread, self.set_camera_info))
         if config.camera_name:  # as upstream: none without a name of its own
             self._closing.append(self._rate_server(self._thread.call(self._rate)))
@@ -110,8 +118,9 @@ class CameraTopics:
         self._changed()
         if self._announced:
             frames.withdraw(self._frame_id)
-        if self._trigger is not None:
-            self._trigger.unregister()
+        for end in (self._trigger, self._figures):
+            if end is not None:
+                end.unregister()
         for service in self._closing:
             service.shutdown()
         for topic in self._topics:
@@ -200,7 +209,7 @@ class CameraTopics:
         info.header.frame_id = info.header.frame_id or self._frame_id
         self._info_message = info
         try:
-            path = save_calibration(info, self._camera_name)
+            path = save_calibration(info, self._camera_name, self._mounted.sensor.config)
         except (CameraError, OSError) as error:
             text = f"Error storing camera calibration: {error}"
             return {"success": False, "status_message": text}

@@ -8,7 +8,7 @@ from .effects import Effects
 
 
 @dataclass(frozen=True)
-class Part:
+class RowBand:
     """Rows first ... last - 1 of a picture, seen at one instant: offset_ns after the stamp."""
 
     offset_ns: int
@@ -16,7 +16,7 @@ class Part:
     last: int
 
 
-def parts(effects: Effects, height: int) -> tuple[Part, ...]:
+def parts(effects: Effects, height: int) -> tuple[RowBand, ...]:
     """What a picture of `height` rows is put together from, in the order of time.
 
     Row r is exposed for exposure_time about stamp + (r - (height - 1) / 2) row_time: the stamp is
@@ -31,7 +31,7 @@ def parts(effects: Effects, height: int) -> tuple[Part, ...]:
     for first in range(0, height, together):
         last = min(first + together, height)
         read = e.row_time * (0.5 * (first + last - 1) - 0.5 * (height - 1))
-        found += [Part(round(1e9 * (read + at)), first, last) for at in opened]
+        found += [RowBand(round(1e9 * (read + at)), first, last) for at in opened]
     return tuple(sorted(found, key=lambda part: part.offset_ns))
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aras_sim_bridge.camera.effects import EffectChain
-from aras_sim_bridge.camera.shutter import Part
+from aras_sim_bridge.camera.shutter import RowBand
 from aras_visual_servo_base.poses import exponential
 from aras_visual_servo_camera.moments import find_crossing
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -63,7 +63,7 @@ class Sight:
     unbounded: bool = False
     name: str = CAMERA
     place: Place | None = None
-    parts: tuple[Part, ...] = ()
+    parts: tuple[RowBand, ...] = ()
     sensor: EffectChain | None = None
 
     def look(self, pose: np.ndarray, stamp_ns: int, random: np.random.Generator) -> CameraReading:

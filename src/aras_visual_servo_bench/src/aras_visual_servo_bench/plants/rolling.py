@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_sim_bridge.camera.shutter import Part
+from aras_sim_bridge.camera.shutter import RowBand
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..errors import ViewError
@@ -71,13 +71,13 @@ def _outlines(
     return [project(in_target, look) for look in looks]
 
 
-def _rows(camera: CameraModel, part: Part) -> CameraModel:
+def _rows(camera: CameraModel, part: RowBand) -> CameraModel:
     """The camera of these rows alone."""
     K = np.reshape(camera.K, (3, 3)) - [[0, 0, 0], [0, 0, part.first], [0, 0, 0]]
     return replace(camera, height=part.last - part.first, K=tuple(K.ravel().tolist()))
 
 
-def _in_own_rows(pixels: np.ndarray, parts: Sequence[Part]) -> np.ndarray:
+def _in_own_rows(pixels: np.ndarray, parts: Sequence[RowBand]) -> np.ndarray:
     """Pixels (n, 2) where points were when their own rows were exposed.
 
     pixels: (parts, n, 2), px, of a camera that stands still at each part. Between two parts a point

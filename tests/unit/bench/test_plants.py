@@ -13,7 +13,8 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading, JointReading
 from aras_visual_servo_bench.plants.bullet_arm import BulletArm
 from aras_visual_servo_bench.plants.free_body import FreeBody
-from aras_visual_servo_bench.plants.kinematic import FreeCamera, KinematicChain, Sight
+from aras_visual_servo_bench.plants.kinematic import FreeCamera, KinematicChain
+from aras_visual_servo_bench.plants.sight import Sight
 from aras_visual_servo_bench.running.loop import Loop, run
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
 from aras_visual_servo_camera.moments import find_crossing

@@ -16,7 +16,8 @@ from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.plants.free_body import FreeBody
-from aras_visual_servo_bench.plants.kinematic import FreeCamera, Sight
+from aras_visual_servo_bench.plants.kinematic import FreeCamera
+from aras_visual_servo_bench.plants.sight import Sight
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.targets.geometry import PlacedTarget
 from aras_visual_servo_camera.undistortion import CameraModel

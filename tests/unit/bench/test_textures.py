@@ -13,7 +13,7 @@ from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.loop_settings import settings_of
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading
-from aras_visual_servo_bench.plants.kinematic import Sight
+from aras_visual_servo_bench.plants.sight import Sight
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.targets.geometry import PlacedTarget
 from aras_visual_servo_bench.targets.outlines import (

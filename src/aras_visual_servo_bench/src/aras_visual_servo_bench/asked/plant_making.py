@@ -24,7 +24,8 @@ from ..plants.base import Place
 from ..plants.bullet_arm import BulletArm, ShownTarget
 from ..plants.free_body import FreeBody
 from ..plants.ideal import IdealCamera
-from ..plants.kinematic import FreeCamera, KinematicChain, Sight
+from ..plants.kinematic import FreeCamera, KinematicChain
+from ..plants.sight import Sight
 from ..targets.files import ABOVE, description_file, occluder_file
 from ..targets.geometry import PlacedTarget
 from ..targets.textures import TexturedTarget

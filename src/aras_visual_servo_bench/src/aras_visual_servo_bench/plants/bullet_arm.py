@@ -32,7 +32,8 @@ from ..asked.robots import Robot
 from ..errors import ExperimentError
 from ..targets.geometry import PlacedTarget
 from .base import CAMERA, CameraReading, JointListener, JointReading, Plant, Reading
-from .kinematic import Sight, exposures, lies_there
+from .kinematic import exposures
+from .sight import Sight, lies_there
 
 if TYPE_CHECKING:
     from aras_visual_servo_controller.loop.driver import Driver

@@ -17,7 +17,8 @@ from aras_visual_servo_controller.arm.task import Task
 
 from .base import JointReading, Reading
 from .free_body import FreeBody
-from .kinematic import NS, FreeCamera, Sight
+from .kinematic import FreeCamera
+from .sight import NS, Sight
 
 STILL = np.zeros(6)
 

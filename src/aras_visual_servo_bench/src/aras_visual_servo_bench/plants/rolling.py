@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,9 +13,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from ..errors import ViewError
 from ..targets.geometry import Target, project
 from .base import CameraReading
-
-if TYPE_CHECKING:
-    from .kinematic import Sight
+from .sight import Sight
 
 
 def rolling(

@@ -1,6 +1,6 @@
 """The same experiment of the Bullet arm in the runner, on a graph in lockstep and from its bag.
 
-Forty of them, compared by `tests/one_run`; five in test_runner_equals_graph.py.
+They are compared by `tests/one_run`; six in test_runner_equals_graph.py.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ def _target(shape: str) -> dict[str, Any]:
 
 
 def _cases() -> Iterable[Case]:
-    """The forty: schemes by cameras, starts, delays, targets, laws and mountings."""
+    """All: schemes by cameras, starts, delays, targets, laws and mountings."""
     for scheme in ("moments", "moments_2016", "kernel", "points"):
         # Kernels are of one camera: that which the shipped goal was taught with.
         for camera in ("original",) if scheme == "kernel" else CAMERAS:
@@ -141,7 +141,7 @@ def _cases() -> Iterable[Case]:
             yield Case(f"{scheme}/{word}", scheme, start=start, frames=75)
         for delay in (0.02, 0.05):
             yield Case(f"{scheme}/delay {delay:g} s", scheme, **_delayed(delay))
-    for camera in ("fisheye", "noisy"):
+    for camera in ("fisheye", "noisy", "rolling"):
         yield Case(f"moments/{camera}", camera=camera)
     yield Case("moments/near", start=NEAR, frames=150, ends="converged")
     for shape in ("square", "triangle", "l_shape"):

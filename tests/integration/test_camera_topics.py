@@ -100,7 +100,7 @@ def test_formats(name):
     assert len(image.data) == 48 * image.step
     levels = np.frombuffer(image.data, np.uint16 if size in (2, 6) else np.uint8)
     full = 65535 if size in (2, 6) else 255
-    assert levels.max() == full
+    assert levels.max() == full * 233 // 255  # white that faces up
     assert levels.min() <= full // 25
 
 

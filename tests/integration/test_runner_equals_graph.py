@@ -6,15 +6,15 @@ import pytest
 from one_run import CASES, differences
 
 
-def test_there_are_forty_experiments():
-    assert len(CASES) == 40
+def test_there_are_forty_experiments_and_one_more():
+    assert len(CASES) == 41
 
 
-# `tests/one_run` compares all forty.
+# `tests/one_run` compares all.
 @pytest.mark.parametrize(
     "name",
     ["kernel/original", "moments_2016/wide", "moments/near", "moments/delay 0.02 s",
-     "points/original"],
+     "points/original", "moments/rolling"],
 )  # fmt: skip
 def test_runner_graph_and_bag_are_one(launch, ros_node, ros_master, tmp_path, name):
     assert differences(CASES[name], launch, ros_master, tmp_path) == []

@@ -84,7 +84,7 @@ def _kinds() -> list[_Kind]:
         n for n, f in FEATURES.items() if Need.CORNERS in f.needs and n not in stereo | matched)
     moments = frozenset(FEATURES) - photometric - matched - stereo - cornered - kernel
     return [
-        _Kind(moments, _WITHOUT_SYMMETRY, frozenset((Need.MOMENTS,)), 0.02),
+        _Kind(moments, _WITHOUT_SYMMETRY, frozenset((Need.MOMENTS,)), 0.005),
         _Kind(cornered, _PARALLELOGRAM, frozenset((Need.CORNERS,)), 0.02),
         _Kind(stereo, _PARALLELOGRAM, frozenset((Need.CORNERS,)), 0.03),
         # It counts whole pixels, and knows a pinhole that looks square on.

@@ -62,7 +62,7 @@ class AutoExposure:
     least, most: of the factor, which is 1 at the first picture.
     """
 
-    target: float = parameter(110.0, "grey levels", above=0.0, below=255.0)
+    target: float = parameter(160.0, "grey levels", above=0.0, below=255.0)
     speed: float = parameter(0.5, above=0.0, most=1.0)
     least: float = parameter(0.1, above=0.0)
     most: float = parameter(10.0, above=0.0)

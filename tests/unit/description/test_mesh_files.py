@@ -364,7 +364,7 @@ def test_a_file_is_read_once_until_it_or_what_it_names_changes(tmp_path):
     path, colours = tmp_path / "a.obj", tmp_path / "a.mtl"
     path.write_bytes(b"mtllib a.mtl\nusemtl m\n" + obj())
     (first,) = read(str(path))
-    assert first.rgba is None
+    assert first.rgba == mesh_files.GREY
     assert read(str(path))[0] is first
     colours.write_text("newmtl m\nKd 1 0 0\n")
     (red,) = read(str(path))
@@ -393,3 +393,21 @@ def test_what_is_kept_of_files_is_bounded(tmp_path, monkeypatch):
     read(str(paths[3]))
     read(str(paths[2]))
     assert str(paths[0]) not in mesh_files._cache
+
+
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+
+
+@pytest.mark.parametrize(("library", "named"), [
+    ("newmtl m\nmap_Kd lost.png\nKd 1 0 0\n", "lost.png"),
+    (None, "a.mtl"),
+    ("newmtl other\nKd 1 0 0\n", "a.obj"),
+])
+def test_what_lacks_its_material_or_picture_is_grey_and_named(tmp_path, caplog, library, named):
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nusemtl m\n" + TRIANGLE)
+    if library is not None:
+        (tmp_path / "a.mtl").write_text(library)
+    (mesh,) = mesh_files.read(str(tmp_path / "a.obj"))
+    assert (mesh.rgba, mesh.texture) == (mesh_files.GREY, None)
+    (record,) = caplog.records
+    assert str(tmp_path / named) in record.getMessage() and "grey" in record.getMessage()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import Light, RobotDescription, read_sdf
+from aras_sim_bridge.description import Light, RobotDescription, packages, read_sdf
 from aras_sim_bridge.description.lights import SUN, read_scene
 from aras_sim_bridge.description.types import Surroundings
 from aras_sim_bridge.errors import DescriptionError, SimError
@@ -37,8 +37,10 @@ class WorldFile:
     time_ns: int = 0
 
 
-def read(path: str) -> WorldFile:
+def read(path: str, resolve_package: packages.ResolvePackage = packages.find) -> WorldFile:
     """Return what stands in the world file at `path`; an empty path gives the defaults.
+
+    resolve_package: the directory of a package, by its name.
 
     Raises:
         DescriptionError: no such file, not SDF, something in it that cannot be built, or a number
@@ -56,7 +58,7 @@ def read(path: str) -> WorldFile:
     if world is None:
         raise DescriptionError(f"{where}: there is no <sdf><world> in it")
     try:
-        content = read_sdf(root, base_directory=os.path.dirname(os.path.abspath(path)))
+        content = read_sdf(root, resolve_package, os.path.dirname(os.path.abspath(path)))
         scene = read_scene(world.find("scene"))
     except DescriptionError as error:
         raise DescriptionError(f"{where}: {error}") from None

@@ -133,15 +133,19 @@ def _beam_meets(T, r, centre, half, n, point, radius, d, far, growth):
     return low <= high
 
 
-@compiled("f8[::1], f8[::1], f8, i8, i8[::1], i8, f8[:,:,::1], i8[::1], i8[::1], i8[::1], "
+@compiled("f8[::1], f8[::1], f8, i8, i8, f8, i8[::1], i8, f8[:,:,::1], i8[::1], i8[::1], i8[::1], "
           "i8[::1], f8[:,::1], f8[:,::1], f8[:,:,::1]", allocates=False)
-def _blocked(p, d, far, skip, candidates, many, T, part, row, first, count, centre, half, corners):
+def _blocked(p, d, far, skip, own, beside, candidates, many, T, part, row, first, count, centre,
+             half, corners):
     """Whether one of the clusters `candidates[:many]` is in the way from p along d (of any length)
-    up to `far` times it; not one of the part `skip`. What is in the way comes first then."""
+    up to `far` times it; not one of the part `skip`, nor of the part `own` nearer than `beside`, m,
+    for p may be beside its triangle. What is in the way comes first then."""
+    least = beside / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
     for i in range(many):
         c = candidates[i]
         if part[c] == skip:
             continue
+        begin = least if part[c] == own else 0.0
         r = row[c]
         x, y, z = p[0] - T[r, 0, 3], p[1] - T[r, 1, 3], p[2] - T[r, 2, 3]
         ox = T[r, 0, 0] * x + T[r, 1, 0] * y + T[r, 2, 0] * z
@@ -178,7 +182,7 @@ def _blocked(p, d, far, skip, candidates, many, T, part, row, first, count, cent
             if v < 0.0 or u + v > 1.0:
                 continue
             at = (e2x * qx + e2y * qy + e2z * qz) * scale
-            if 0.0 < at < far:
+            if begin < at < far:
                 candidates[i] = candidates[0]
                 candidates[0] = c
                 return True
@@ -338,6 +342,7 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
             for i in range(9):
                 for j in range(9):
                     corner_of[i, j] = -1
+            soft = lamps[lamp, RADIUS] > 0.0
             for i in range(many):
                 m = who[i]
                 for j in range(3):
@@ -351,7 +356,7 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                     front = flat[i, 0] * d[0] + flat[i, 1] * d[1] + flat[i, 2] * d[2]
                     t = triangle[m]
                     skip = part[t] if hull[t] >= 0 or front <= 0.0 else np.int64(-1)
-                    soft = lamps[lamp, RADIUS] > 0.0
+                    beside = 3.0 * step
                     says = 0
                     if i < whole:
                         x0, y0 = place[i] % TILE, place[i] // TILE
@@ -375,8 +380,9 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                                         a, b = RIM[spot, 0], RIM[spot, 1]
                                     end = _aimed(lamps, lamp, p, d, far, e, a, b, ray)
                                     own |= DARK if _blocked(
-                                        p, ray, end, skip, candidates, near_by, T, cluster_part,
-                                        cluster_row, first, count, centre, half, corners) else LIT
+                                        p, ray, end, skip, part[t], beside, candidates, near_by, T,
+                                        cluster_part, cluster_row, first, count, centre, half,
+                                        corners) else LIT
                                 corner_says[y, x] = own
                             says |= corner_says[y, x]
                             if says == MIXED:
@@ -387,8 +393,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                         seen = 0.0
                     elif says == MIXED:
                         rays, hits, shrink = FINE, 0, 1.0
-                        if i >= whole:
-                            rays, shrink = FEW, 0.5
+                        if i >= whole:  # its middle: it may end beside that
+                            rays, shrink = FEW if soft else 1, 0.0
                         tried = 0
                         for k in range(rays):
                             s = k
@@ -402,8 +408,9 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                             end = _aimed(lamps, lamp, p, d, far, e, SPREAD[s, 2], SPREAD[s, 3], ray)
                             tried += 1
                             hits += 0 if _blocked(
-                                p, ray, end, skip, candidates, near_by, T, cluster_part,
-                                cluster_row, first, count, centre, half, corners) else 1
+                                p, ray, end, skip, part[t], beside, candidates, near_by, T,
+                                cluster_part, cluster_row, first, count, centre, half,
+                                corners) else 1
                         seen = hits / max(tried, 1)
                 for j in range(3):
                     light[i, j] += seen * left * cosine * lamps[lamp, COLOUR + j]

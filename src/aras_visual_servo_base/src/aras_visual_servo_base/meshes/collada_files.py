@@ -20,7 +20,8 @@ _LEFT_OUT = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefErro
 _MOST_NODES = 100_000  # a few kB of nodes that show each other twice make more than any memory
 
 
-def read(data: bytes, folder: Path, check_size: Callable[[int, int], None]) -> list[Mesh]:
+def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
+         picture: Callable[[Path, str], str | None], grey: Rgba) -> list[Mesh]:
     """One mesh for each primitive that the scene shows, in metres.
 
     The unit is applied and the up axis is not, as in Gazebo and rviz.
@@ -28,6 +29,7 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None]) -> l
     Args:
         folder: what texture files are relative to.
         check_size: refuses numbers of triangles and of meshes.
+        picture: path of a texture, None for one that is missing: grey is drawn then.
 
     Raises:
         DescriptionError: saying what is missing or wrong.
@@ -53,7 +55,7 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None]) -> l
     meshes: list[Mesh] = []
     count = 0
     for node, placed in _shown(document.scene):
-        looks = {look.symbol: _look(look.target, folder) for look in node.materials}
+        looks = {look.symbol: _look(look.target, folder, picture, grey) for look in node.materials}
         for primitive in node.geometry.primitives:
             if isinstance(primitive, collada.polylist.Polylist):
                 primitive = _triangulated(primitive)
@@ -187,12 +189,15 @@ def _mesh(triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, texture
     return from_indices(index, triangles.vertex, uv, normals, rgba, texture)
 
 
-def _look(material: collada.material.Material, folder: Path) -> tuple[Rgba | None, str | None]:
+def _look(material: collada.material.Material, folder: Path,
+          picture: Callable[[Path, str], str | None], grey: Rgba
+          ) -> tuple[Rgba | None, str | None]:
     """Colour and texture file of a material's diffuse light, None where it has none."""
     diffuse = getattr(getattr(material, "effect", None), "diffuse", None)
     if isinstance(diffuse, collada.material.Map):
         file = folder / diffuse.sampler.surface.image.path
-        return None, str(file) if file.is_file() else None
+        texture = picture(file, f"material '{safe_xml.shorten(material.id)}'")
+        return None if texture else grey, texture
     if diffuse is None:
         return None, None
     return (*(float(x) for x in diffuse[:3]), 1.0), None

@@ -8,6 +8,7 @@ STL and OBJ are read here for that reason: of OBJ files trimesh 5.2 takes corner
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import stat
@@ -19,11 +20,14 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DescriptionError
+from ..safe_xml import shorten
 from .mesh import Mesh, Rgba, from_corners, from_indices
 
 LARGEST_FILE = 256 * 1024 * 1024  # bytes
 MOST_TRIANGLES = 1_000_000  # read in 10 s and 1 GB (STL)
 MOST_MESHES = 10_000  # of one file
+GREY: Rgba = (0.7, 0.7, 0.7, 1.0)  # of what lacks its material or its picture
+_log = logging.getLogger(__name__)
 _LARGEST_CACHE = 256 * 1024 * 1024  # bytes of arrays
 _STL_HEAD = 84  # bytes before the triangles of a binary STL file, the last four their number
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
@@ -162,6 +166,7 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
     elements: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
     faces: dict[tuple[int, str], list[list[tuple[int, ...]]]] = {}
     materials: dict[str, tuple[Rgba | None, str | None]] = {}
+    lacking: set[str] = set()
     material, piece, count = "", 0, 0
     for number, line in enumerate(data.decode(errors="replace").splitlines(), 1):
         kind, *words = line.split() or [""]
@@ -179,7 +184,10 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
             elif kind == "usemtl":
                 material = " ".join(words)
             elif kind == "mtllib":
-                materials |= _read_mtl(folder / " ".join(words), states)
+                library = folder / " ".join(words)
+                found = _read_mtl(library, states)
+                materials |= found
+                lacking |= set() if found else {str(library)}
             _check_size(count, len(faces))
         except ValueError:
             raise DescriptionError(f"line {number}: what should be a number is none") from None
@@ -189,7 +197,13 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
         raise DescriptionError("it has no faces")
     v, vt, vn = (np.array(values, dtype=float).reshape(-1, width)
                  for values, width in zip(elements.values(), (3, 2, 3), strict=True))
-    return [from_indices(np.array(corners), v, vt, vn, *materials.get(name, (None, None)), group)
+    looks = {name: materials.get(name, (None, None)) for _, name in faces}
+    for name in looks.keys() - materials.keys() - {""}:
+        where = f"there is no {min(lacking)}" if lacking else "no library that it names defines it"
+        _log.warning("mesh file %s: material '%s' is drawn grey: %s", next(iter(states)),
+                     shorten(name), where)
+        looks[name] = GREY, None
+    return [from_indices(np.array(corners), v, vt, vn, *looks[name], group)
             for (group, name), corners in faces.items() if corners]
 
 
@@ -220,31 +234,40 @@ def _corner(word: str, counts: list[int]) -> tuple[int, ...]:
 
 def _read_mtl(path: Path, states: dict[Path, _State | None]
               ) -> dict[str, tuple[Rgba | None, str | None]]:
-    """Material name -> (rgba, texture file); a file that is not there names none."""
+    """Material name -> (rgba, texture file); a file that is not there has none."""
     materials: dict[str, tuple[Rgba | None, str | None]] = {}
     states[path] = _state(path)
     if states[path] is None:
         return materials
-    name, rgba, texture = "", None, None
+    name, rgba, texture, grey = "", None, None, False
     for line in _contents(path).decode(errors="replace").splitlines():
         kind, *words = line.split() or [""]
         if kind == "newmtl":
-            name, rgba, texture = " ".join(words), None, None
+            name, rgba, texture, grey = " ".join(words), None, None, False
         elif kind == "Kd":
             rgba = (*(float(word) for word in words[:3]), 1.0)
             if len(rgba) != 4 or not all(map(math.isfinite, rgba)):
                 raise DescriptionError(f"{path.name}: material '{name}': Kd needs three numbers")
         elif kind == "map_Kd" and words:
             file = path.parent / words[-1]
-            texture = str(file) if file.is_file() else None
-        materials[name] = (rgba, texture)
+            texture = picture(file, f"material '{shorten(name)}' of {path}")
+            grey = texture is None
+        materials[name] = (GREY if grey else rgba, texture)
     return materials
+
+
+def picture(file: Path, what: str) -> str | None:
+    """The path of a material's picture; None, with a warning, where it is missing."""
+    if file.is_file():
+        return str(file)
+    _log.warning("%s is drawn grey: there is no %s", what, file)
+    return None
 
 
 def _read_dae(data: bytes, folder: Path, _states: dict[Path, _State | None]) -> list[Mesh]:
     from . import collada_files  # takes 0.07 s that few need
 
-    return collada_files.read(data, folder, _check_size)
+    return collada_files.read(data, folder, _check_size, picture, GREY)
 
 
 _READERS: dict[str, Callable[[bytes, Path, dict[Path, _State | None]], list[Mesh]]] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -202,7 +202,9 @@ class Experiment:
     robot: see RobotSpec. friction: of its joints (bullet). lag: of each joint (chain, free), s.
     target: see TargetSpec; 'aras' is part of the Bullet arm's description, others are put into the
         world in its place.
-    sun: see SunSpec (bullet).
+    sun: see SunSpec (bullet). world: an SDF world file around the arm, by path or as 'workbench' of
+        the shipped ones: its models, lights and scene, in place of the sun and the plain ground
+        (bullet).
     camera: name of a preset, path of a YAML file, or the settings: the true one.
     camera_xyz, camera_rpy: how it is moved in its link, m and rad; all that hangs on it goes along.
     believed: how the controller's idea of the camera differs; see Belief.
@@ -232,6 +234,7 @@ class Experiment:
     lag: float = parameter(0.04, "s", least=0.0)
     target: TargetSpec = TargetSpec()
     sun: SunSpec = SunSpec()
+    world: str = ""
     camera: str | Mapping[str, Any] = "original"
     camera_xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
     camera_rpy: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "rad")
@@ -265,6 +268,10 @@ class Experiment:
         check(self, ExperimentError)
         self._check_cameras()
         if self.plant == "bullet":
+            require(
+                not self.world or replace(self.sun, exposure=EXPOSURES[0]) == SunSpec(),
+                "the lights are those of the world file: give sun.exposure alone, or no world",
+            )
             own = not (self.target.motion.still and not any(self.target.pose))
             require(
                 not (self.target.described and own),
@@ -290,6 +297,7 @@ class Experiment:
             )
         else:
             require(not self.traced, "traced is for the Bullet arm: other plants have no steps")
+            require(not self.world, "world is for the Bullet arm: other plants have none")
             require(self.sun == SunSpec(), "sun is for the Bullet arm: other plants have no light")
         require(
             not self.pictures or not self.jitter,

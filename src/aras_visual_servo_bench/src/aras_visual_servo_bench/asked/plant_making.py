@@ -12,8 +12,10 @@ import numpy as np
 from aras_sim_bridge.camera.effects import EffectChain, Effects
 from aras_sim_bridge.camera.mounting import seed_of
 from aras_sim_bridge.camera.shutter import parts
-from aras_sim_bridge.description import Light
+from aras_sim_bridge.description import Light, world_file
 from aras_sim_bridge.description.lights import SUN
+from aras_sim_bridge.description.world_file import WorldFile
+from aras_sim_bridge.errors import SimError
 from aras_visual_servo_base.poses import relative, transform
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.seeing.observation import Need
@@ -38,6 +40,7 @@ CHANCE = {"noise_stddev", "shot_noise", "sensor", "drop_probability"}  # of a ca
 WATCHES: frozenset[Need] = frozenset()  # what a camera that steers nothing is asked for
 # The demo's target as the launch files put it into the world: a model whose origin lies there.
 PLATES = "package://aras_visual_servo_gazebo/targets/aras.urdf"
+WORLDS = "package://aras_visual_servo_gazebo/world/{}.world"
 PLATES_AT = (0.0, 0.0, 0.591)
 
 
@@ -154,7 +157,7 @@ class PlantMaker:
             return BulletArm(
                 self.robot, self._drawn(self.control, exactly), joints, experiment.seed,
                 experiment.renderer, experiment.traced, self._spawned(exactly),
-                () if experiment.pictures else self.sights(), (_sun(experiment.sun),),
+                () if experiment.pictures else self.sights(), self._around(),
                 self.control.name if experiment.cameras else "",
                 {name: self._drawn(eye, exactly) for name, eye in self.others.items()},
                 experiment.sun.exposure,
@@ -168,6 +171,18 @@ class PlantMaker:
         return kind(
             arm, start, sight, lag=experiment.lag, seed=experiment.seed, others=others
         )  # fmt: skip
+
+    def _around(self) -> WorldFile:
+        """What is around the arm: a world file's, or the sun over Gazebo's ground."""
+        named = self.experiment.world
+        if not named:
+            return WorldFile(lights=(_sun(self.experiment.sun),))
+        if "/" not in named and not named.endswith(".world"):
+            named = WORLDS.format(named)
+        try:
+            return world_file.read(str(self.robot.packages.file(named)), self.robot.packages.find)
+        except SimError as error:
+            raise ExperimentError(str(error)) from error
 
     def _drawn(self, eye: Eye, exactly: bool) -> dict[str, Any]:
         """Settings of a camera whose pictures are rendered; `exactly`: without noise."""

@@ -10,8 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from aras_sim_bridge.description import CameraDescription, Light, RobotDescription, parse_urdf
-from aras_sim_bridge.description.lights import SUN
+from aras_sim_bridge.description import (
+    CameraDescription,
+    RobotDescription,
+    parse_urdf,
+    world_file,
+)
+from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.rendering import EXPOSURES
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -84,7 +89,7 @@ class BulletArm(Plant):
         traced: bool = False,
         shown: Sequence[ShownTarget] = (),
         sights: Sequence[Sight] = (),
-        lights: tuple[Light, ...] = (SUN,),
+        around: WorldFile = WorldFile(),  # noqa: B008 (frozen)
         name: str = "",
         others: Mapping[str, Mapping[str, Any]] = NO_OTHERS,
         exposure: str = EXPOSURES[0],
@@ -99,7 +104,7 @@ class BulletArm(Plant):
                 lies on it.
             sights: see in place of the cameras, the control camera first, from where the physics
                 has that at each exposure; nothing is drawn then. None: the cameras.
-            lights: of the world; the first is the sun.
+            around: what stands and shines around the robot.
             name: of the control camera; '': the robot's own, the only one.
             others: settings of the other cameras, by name; `robot` says where they sit.
             exposure: how the light becomes grey levels, one of EXPOSURES.
@@ -137,9 +142,13 @@ class BulletArm(Plant):
             sights[0], sights[1:], np.random.default_rng(seed), seed
         )
         self._simulation = Simulation(
-            SimulationConfig(renderer=renderer, seed=seed, lights=lights, exposure=exposure)
+            SimulationConfig(
+                renderer=renderer, seed=seed, lights=around.lights, scene=around.scene,
+                ground_plane=around.ground_plane, exposure=exposure,
+            )
         )
         try:
+            world_file.populate(self._simulation.spawn, around)
             self._spawn(robot, description, name, own, joints)
             for name, one in zip((TARGET, OCCLUDER), shown, strict=False):
                 self._place(name, one)

@@ -121,9 +121,11 @@ class GazeboNode:
 
 def _set_up_log(level: str) -> None:
     """Let the library's records go where rospy's own do, the console and /rosout."""
-    logger, rosout = logging.getLogger("aras_sim_bridge"), logging.getLogger("rosout")
-    logger.parent = rosout
-    logger.setLevel(level.upper() if level != "warn" else "WARNING")
+    rosout = logging.getLogger("rosout")
+    for name in ("aras_sim_bridge", "aras_visual_servo_base"):
+        logger = logging.getLogger(name)
+        logger.parent = rosout
+        logger.setLevel(level.upper() if level != "warn" else "WARNING")
     if level == "debug":
         rosout.setLevel(logging.DEBUG)
 

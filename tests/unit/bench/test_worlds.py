@@ -1,0 +1,79 @@
+"""Experiments in a world of their own, and the one that ships."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from test_target_files import on_the_arm, seen
+
+from aras_sim_bridge.description import world_file
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.running.loop import run
+
+ROOT = Path(__file__).resolve().parents[3]
+GAZEBO = ROOT / "src" / "aras_visual_servo_gazebo"
+SMALL = {"width": 160, "height": 120, "horizontal_fov": 1.2}
+STILL = {"friction": False, "duration": 0.2, "camera": SMALL}
+
+
+def test_the_workbench_is_seen_all_around_the_target():
+    table, *_ = seen(on_the_arm("l_shape", **STILL))
+    bench, *_ = seen(on_the_arm("l_shape", world="workbench", **STILL))
+    # The table is one grey; the bench has grain nearly everywhere.
+    flat = [float((cv2.Laplacian(one.astype(float), cv2.CV_64F) == 0).mean())
+            for one in (table, bench)]
+    assert flat[0] > 0.8 and flat[1] < 0.3
+    assert len(np.unique(bench)) > 60
+
+
+def test_a_world_that_is_not_there_is_named():
+    with pytest.raises(ExperimentError, match="did you mean 'workbench.world'"):
+        assemble(on_the_arm("l_shape", world="workbemch", **STILL))
+
+
+@pytest.mark.parametrize(("asked", "said"), [
+    ({"world": "workbench", "sun": {"direction": [0, 0, -1]}}, "lights are those of the world"),
+    ({"world": "workbench", "plant": "free"}, "world is for the Bullet arm"),
+])
+def test_worlds_that_cannot_be_are_refused(asked, said):
+    with pytest.raises(ExperimentError, match=said):
+        Experiment.from_mapping(asked)
+
+
+def test_grey_levels_lead_the_arm_home_on_the_workbench():
+    poster = {"shape": "poster", "size": [0.12, 0.12], "pose": [0.05, 0.02, 0.5915, 0, 0, 0.3]}
+    result = run(Experiment.from_mapping({
+        "world": "workbench", "scheme": "luminance", "camera": SMALL, "target": poster,
+        "goal": [0.05, 0.0, -0.09, 0.045, 0.045, 0.0],
+        "start": [0.055, 0.0, -0.085, 0.045, 0.045, 0.04]}))
+    assert result.converged and result.verdict.reached
+
+
+def test_the_workbench_is_what_its_script_writes(tmp_path):
+    script = GAZEBO / "scripts" / "make_workbench.py"
+    subprocess.run([sys.executable, str(script), "--out", str(tmp_path)], check=True)
+    made = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file())
+    kept = GAZEBO / "world"
+    assert made == sorted(
+        path.relative_to(kept) for path in kept.rglob("*")
+        if path.is_file() and path.name != "aras_visual_servo.world")
+    for path in made:
+        if path.suffix in (".png", ".jpg"):  # another OpenCV may round otherwise
+            one, two = (cv2.imread(str(folder / path)).astype(int) for folder in (tmp_path, kept))
+            assert np.abs(one - two).mean() < 1.0
+        else:
+            assert (tmp_path / path).read_text() == (kept / path).read_text()
+
+
+def test_the_workbench_has_nothing_to_warn_of(caplog):
+    world = world_file.read(str(GAZEBO / "world" / "workbench.world"),
+                            lambda _: str(GAZEBO))
+    assert world.warnings == () and not caplog.records
+    assert (len(world.lights), world.scene.shadows, world.scene.sky) == (3, "hard", True)

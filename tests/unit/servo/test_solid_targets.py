@@ -50,7 +50,7 @@ def flying(mesh, **more):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("scheme", ["pose", "two_and_half_d", "numbered_points"])
+@pytest.mark.parametrize("scheme", ["model", "two_and_half_d", "numbered_points"])
 def test_schemes_of_poses_and_points_go_to_a_solid(meshes, scheme):
     result = run(flying(meshes["bracket"], believed={"centre": [0.4, -0.3]}).with_(scheme=scheme))
     assert result.converged

@@ -97,7 +97,7 @@ class Settings:
     scheme: feature, scheme, several joined by '+', or 'package.module:Class'.
     interaction: L at the view: current, desired, mean, estimated.
     tracker: of a target's points: outline, dots, marker, lines, model.
-    model: mesh of the target (STL, OBJ, DAE), m, whose pose the tracker 'model' follows.
+    model: mesh of the target (STL, OBJ, DAE), m, whose pose is followed: the tracker is 'model'.
     model_start: where the model is at first: {pose: x y z roll pitch yaw in the base}, {marker:
         {size, pose}} or {clicks: rows x y z u v}.
     depth_image: the target's plane is taken from the camera's depth image, in place of goal and
@@ -518,7 +518,7 @@ class Settings:
 
     def make_tracker(self) -> Tracker | None:
         """What finds the points of the target; None: the outline's corners."""
-        if self.tracker == MODEL:
+        if self.tracker == MODEL or self.model or "model" in re.split(r"[+@]", self.scheme):
             try:
                 return model_tracker(self.model, Start(self.model_start))
             except (VisionError, DescriptionError) as error:

@@ -66,6 +66,7 @@ def _model(target: TargetSpec) -> dict[str, Any]:
     """What the tracker of a solid target is told: its mesh, and where it is about."""
     if not is_mesh(target.shape):
         return {}
+    # It is looked for where it is, or where the options say.
     mesh = str(Path(target.shape).expanduser().resolve())
     return {"model": mesh, "model_start": {"pose": list(target.pose)}}
 

@@ -18,6 +18,7 @@ from .visible import EdgePoints, visible_samples
 
 # px between points: where edges are looked for, and where they are measured.
 SPARSE, DENSE = 6.0, 3.0
+ENOUGH = 60  # points; of a solid that is small in the picture they are nearer together
 REACH = 10.0  # px to either side of where edges are expected
 STARTING = (20.0, 10.0, 40.0)  # px likewise, one after the other, where it is rough
 LOOKS, FITS, MEASUREMENTS = 4, 4, 3  # at most: searches, Gauss-Newton steps of each, measurements
@@ -130,7 +131,7 @@ class ModelTracking:
         least = max(LEAST, NOISY * noise)
         tolerance = TOLERANCE + NOISY * noise
         for look in range(LOOKS):
-            samples = visible_samples(self.solid, camera, pose, SPARSE)
+            samples = self._points(camera, pose, SPARSE)
             away = candidates(grey, samples.pixel, samples.normal, self._expected(samples),
                               reach / (1.0 + look), least, tolerance)  # fmt: skip
             pose, moved, _ = self._fitted(
@@ -138,7 +139,7 @@ class ModelTracking:
             if moved < NEAR and look:
                 break
         for _ in range(MEASUREMENTS):
-            samples = visible_samples(self.solid, camera, pose, DENSE)
+            samples = self._points(camera, pose, DENSE)
             values = measured(grey, samples.pixel, samples.normal, samples.room,
                               self._expected(samples), least, tolerance, noise)  # fmt: skip
             weight = 1.0 / (FLOOR**2 + np.nan_to_num(values[:, 3], nan=1.0))
@@ -148,6 +149,14 @@ class ModelTracking:
                 break
         self._last = samples, values, rest[0]
         return self._judged(samples, pose, *rest)
+
+    def _points(self, camera: CameraModel, pose: np.ndarray, spacing: float) -> EdgePoints:
+        """Those that are seen from a pose, every `spacing` px, or nearer where they are few."""
+        points = visible_samples(self.solid, camera, pose, spacing)
+        if 0 < len(points.at) < ENOUGH:
+            nearer = max(1.0, spacing * len(points.at) / ENOUGH)
+            points = visible_samples(self.solid, camera, pose, nearer)
+        return points
 
     def _expected(self, samples: EdgePoints) -> np.ndarray:
         """Grey levels (n, 2) on both sides of the points, where they are known."""

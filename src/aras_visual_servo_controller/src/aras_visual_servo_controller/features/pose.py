@@ -150,6 +150,12 @@ class PoseInGoalFrame(RelativePose):
         return _joined(place, ThetaU.of_pose(self, c_T_g, origin))
 
 
+class ModelPose(PoseInGoalFrame):
+    """PoseInGoalFrame by the pose of a known mesh, which the tracker 'model' follows."""
+
+    name = "model"
+
+
 class PoseCamera(RelativePose):
     """Position-based: s = (c_t_o, theta u), translation in the camera's frame."""
 

@@ -36,7 +36,15 @@ from .moment_features import (
 )
 from .moments import ImageMoments
 from .points import Points
-from .pose import PoseCamera, PoseInGoalFrame, ThetaU, Translation, TranslationCamera, TwoAndHalfD
+from .pose import (
+    ModelPose,
+    PoseCamera,
+    PoseInGoalFrame,
+    ThetaU,
+    Translation,
+    TranslationCamera,
+    TwoAndHalfD,
+)
 from .stereo import StereoPoints, StereoPose
 
 FEATURES: dict[str, type[Feature]] = {
@@ -48,7 +56,7 @@ FEATURES: dict[str, type[Feature]] = {
         for feature in (
             NumberedPoints, PolarPoints, Points3D, Depth, Lines, Segments, NormalisedSegments,
             VanishingPoints, ThetaU, Translation, TranslationCamera, PoseInGoalFrame, PoseCamera,
-            TwoAndHalfD,
+            ModelPose, TwoAndHalfD,
             BasicMoments, CentredMoments, GravityCentre, NormalisedGravityCentre, Area,
             NormalisedArea, Alpha, Ellipse, Invariants, Skewness, Symmetry, MomentsPitch,
             MomentsSix, Luminance, LuminanceDamped, LuminanceDCT, LuminancePCA, PhotometricMoments,

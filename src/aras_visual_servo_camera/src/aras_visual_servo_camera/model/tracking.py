@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,7 @@ UNSEEN = 1e12  # m^2, variance of what the edges cannot tell
 EXPLAINED = 1.0  # px from the solid within which an edge counts as its own
 FEWEST, LEAST_SHARE = 15, 0.45  # points, and their part of the visible ones: less is lost
 DEPTHS, FLATNESS = 8, 3e-4  # px between pixels of a depth image; m to which they are exact at best
+SAME = 0.9  # of the last picture's share: with more there was no need to look for edges
 ROOM = 4.0  # px to other edges, with which a point can be measured
 
 
@@ -73,7 +75,7 @@ class ModelTracking:
         """Begin anew from a pose (4, 4), roughly; None: it is not known yet."""
         self.found: Found | None = None
         self._pose = None if camera_T_solid is None else np.array(camera_T_solid, float)
-        self._motion, self._fresh = np.zeros(6), True
+        self._motion, self._fresh, self._share = np.zeros(6), True, 0.0
         self._levels = np.full((len(self.solid.edges), 2), UNKNOWN)
 
     @property
@@ -103,7 +105,10 @@ class ModelTracking:
             expected = exponential(self._motion) @ before
         noise = noise_of(grey)
         self._surface = None if depth is None else self._depths(depth, camera, expected)
-        tries = [(expected, reach) for reach in (STARTING if self._fresh else (REACH,))]
+        if self._fresh:
+            tries = [(expected, reach) for reach in STARTING]
+        else:  # where it is expected nothing need be looked for
+            tries = [(expected, 0.0), (expected, REACH)]
         if np.abs(self._motion).max() > 0.0:  # it may have stopped
             tries.append((before, REACH))
         found = None
@@ -111,7 +116,7 @@ class ModelTracking:
             one = self._found(grey, camera, pose, noise, reach)
             if found is None or one.share > found.share:
                 found, self._measured = one, self._last
-            if not found.lost:
+            if not found.lost and (reach > 0.0 or found.share > SAME * self._share):
                 break
         self.found = found
         if found.lost:
@@ -120,7 +125,7 @@ class ModelTracking:
         self._motion = np.zeros(6) if self._fresh else logarithm(
             found.camera_T_solid @ inverse(before)
         )
-        self._pose, self._fresh = found.camera_T_solid, False
+        self._pose, self._fresh, self._share = found.camera_T_solid, False, found.share
         self._learn()
         return found
 
@@ -130,7 +135,7 @@ class ModelTracking:
     ) -> Found:  # fmt: skip
         least = max(LEAST, NOISY * noise)
         tolerance = TOLERANCE + NOISY * noise
-        for look in range(LOOKS):
+        for look in range(LOOKS if reach > 0.0 else 0):
             samples = self._points(camera, pose, SPARSE)
             away = candidates(grey, samples.pixel, samples.normal, self._expected(samples),
                               reach / (1.0 + look), least, tolerance)  # fmt: skip
@@ -168,7 +173,7 @@ class ModelTracking:
     ) -> tuple[np.ndarray, float, tuple[np.ndarray, np.ndarray, float]]:  # fmt: skip
         """The pose that fits, how far that moved the solid (px), and what is left."""
         start, residuals = pose, np.full(len(away), np.nan)
-        focal = float(np.linalg.norm(samples.gain[:1]))
+        focal = _scale(samples)
         A, scale = np.zeros((6, 6)), least
         for step in range(FITS + 1):
             A, b, residuals, scale = edge_equations(
@@ -182,15 +187,16 @@ class ModelTracking:
                 A, b = A + more[0], b + more[1]
             change = self._solved(A, b, pose)
             pose = exponential(change) @ pose
-            middle = pose[:3, :3] @ self._middle + pose[:3, 3]
-            there = np.abs(change[:3] + np.cross(change[3:], middle)).max()
-            if focal * (there + self._radius * np.abs(change[3:]).max()) < STILL * middle[2]:
+            if focal * self._moved(change, pose) < STILL:
                 break
-        change = logarithm(pose @ inverse(start))
-        middle = start[:3, :3] @ self._middle + start[:3, 3]
-        moved = np.linalg.norm(change[:3] + np.cross(change[3:], middle))
-        moved = focal * (moved + self._radius * np.linalg.norm(change[3:])) / middle[2]
-        return pose, float(moved), (residuals, A, scale)
+        moved = focal * self._moved(logarithm(pose @ inverse(start)), start)
+        return pose, moved, (residuals, A, scale)
+
+    def _moved(self, change: np.ndarray, pose: np.ndarray) -> float:
+        """How far a change (v, w) moves the solid in the picture, normalised, about."""
+        middle = pose[:3, :3] @ self._middle + pose[:3, 3]
+        there = math.hypot(*(change[:3] + skew(change[3:]) @ middle))
+        return float((there + self._radius * math.hypot(*change[3:])) / middle[2])
 
     def _depths(
         self, depth: np.ndarray, camera: CameraModel, pose: np.ndarray
@@ -268,6 +274,11 @@ class ModelTracking:
             known[some] = np.where(
                 known[some] < 0.0, mean, known[some] + LEARNED * (mean - known[some])
             )
+
+
+def _scale(samples: EdgePoints) -> float:
+    """px for a normalised length of 1, about; 0 where there are no points."""
+    return math.hypot(*samples.gain[0]) if len(samples.gain) else 0.0
 
 
 def noise_of(grey: NDArray[np.uint8]) -> float:

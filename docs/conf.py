@@ -61,7 +61,8 @@ CONTENTS = """
 CHAPTERS = {
     "The first hour": (
         "docs/first_run", "docs/gallery", "docs/my_scheme", "docs/my_robot", "docs/my_camera",
-        "docs/several_cameras", "docs/my_target", "docs/studies", "docs/browsing",
+        "docs/several_cameras", "docs/my_target", "docs/solid_targets", "docs/studies",
+        "docs/browsing",
         "docs/learning", "docs/reading_results", "docs/installing",
     ),
     "Coming from Gazebo": ("docs/porting", "docs/differences"),

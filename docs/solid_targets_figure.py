@@ -1,0 +1,57 @@
+#!/usr/bin/env python3
+"""Draws images/solid_targets.png for solid_targets.md; run it from anywhere."""
+
+# ruff: noqa: E402 - the paths must be set before the imports that need them
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+HERE = Path(__file__).parent
+for package in ("base", "camera"):
+    sys.path.insert(0, str(HERE.parent / "src" / f"aras_visual_servo_{package}" / "src"))
+sys.path.insert(0, str(HERE.parent / "src" / "aras_sim_bridge" / "src"))
+sys.path.insert(0, str(HERE.parent / "tests" / "unit" / "camera"))
+
+from tracking_scenes import CAMERA, SOLIDS, Sequence, corners_of
+
+from aras_visual_servo_base.poses import exponential
+from aras_visual_servo_camera.model import ModelTracking, Solid
+from aras_visual_servo_camera.model.visible import visible_samples
+
+OFF = (0.002, -0.0015, 0.004, 0.012, -0.015, 0.02)  # m and rad that the start is off
+BEFORE, FOUND = (60, 60, 230), (60, 220, 60)  # blue, green, red: red and green
+PICTURE, SCALE = 200, 2
+
+
+def drawn(name: str, folder: Path) -> np.ndarray:
+    """The solid before clutter, with its edges where they were expected, and where they are."""
+    sequence, solid = Sequence(name, "cluttered", folder), Solid.of(corners_of(name), name)
+    grey, true = sequence.picture(PICTURE), sequence.pose(PICTURE)
+    tracking = ModelTracking(solid)
+    tracking.start(exponential(OFF) @ true)
+    found = tracking.track(grey, CAMERA).camera_T_solid
+    large = cv2.resize(grey, None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_AREA)
+    picture = cv2.cvtColor(large, cv2.COLOR_GRAY2BGR)
+    for pose, colour in ((exponential(OFF) @ true, BEFORE), (found, FOUND)):
+        for u, v in visible_samples(solid, CAMERA, pose, 2.0).pixel:
+            at = (int(round(SCALE * (u + 0.5) - 0.5)), int(round(SCALE * (v + 0.5) - 0.5)))
+            cv2.circle(picture, at, 2, colour, -1, cv2.LINE_AA)
+    u, v = CAMERA.project(*(true[:2, 3] / true[2, 3]))
+    left, top = int(SCALE * u) - 220, int(SCALE * v) - 260
+    return picture[max(top, 0) : max(top, 0) + 400, max(left, 0) : max(left, 0) + 440]
+
+
+def main() -> None:
+    """Write the picture."""
+    with tempfile.TemporaryDirectory() as folder:
+        parts = [drawn(name, Path(folder)) for name in SOLIDS]
+    cv2.imwrite(str(HERE / "images" / "solid_targets.png"), np.hstack(parts))
+
+
+if __name__ == "__main__":
+    main()

@@ -259,6 +259,7 @@ VALUES = {
     "translation": translation,
     "translation_camera": translation_camera,
     "pose": stacked(translation, theta_u),
+    "model": stacked(translation, theta_u),
     "pose_camera": stacked(translation_camera, theta_u),
     "two_and_half_d": two_and_half,
     "basic_moments": basic,

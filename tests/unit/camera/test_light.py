@@ -142,3 +142,11 @@ def test_lights_that_are_too_many_are_named(caplog):
     assert [record.args[0] for record in caplog.records] == ["l16", "l17"]
     assert len(simulation._sunlight().lights) == MOST_LIGHTS
     simulation.close()
+
+
+def test_a_ball_casts_no_shadow_on_itself(bench):
+    """Facets that turn from the light are lit as far as their smooth normals are."""
+    bench.body(Geometry("sphere", radius=0.3), (0.0, 0.0, 0.1))
+    side = Light("s", direction=(1.0, 0.2, 0.0), diffuse=(0.5,) * 4, cast_shadows=True)
+    lit, shaded = (shown(bench, Sun(lights=(side,), shadows=s)) for s in ("none", "hard"))
+    assert (lit == shaded).all()

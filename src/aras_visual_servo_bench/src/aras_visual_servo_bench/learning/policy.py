@@ -33,8 +33,8 @@ from .learned import Learned, Network, off
 from .learned_pictures import rectified, shrunk
 from .regressor import fitted
 
-COLUMNS, ROWS = 32, 24  # of the picture that the network sees
-HIDDEN = (128, 64)
+COLUMNS, ROWS = 40, 30  # of the picture that the network sees
+HIDDEN = (192, 96)
 STARTS = Sampler(height=(0.15, 0.4), side=0.1, turn=np.radians(45.0))
 # The arm before the demo's target, as on the graph; episodes of up to 4 s.
 PRACTICE = Experiment(plant="bullet", start=STARTS, duration=4.0, linger=None, delay=0.0)
@@ -42,7 +42,7 @@ ROUNDS = 4  # the teacher flies in the first one, the policy in the others
 GAIN = 1.5  # 1/s, of both
 ASTRAY = 0.3  # deviation of what is added to an action, so that more is seen than good ways
 HELD = 30  # steps that such an addition lasts, at most
-EPOCHS = 60
+EPOCHS, REFINED = 30, ((1e-4, 15), (1e-5, 5))  # at a rate of 1e-3, and at lower ones
 
 
 def inputs(grey: np.ndarray) -> np.ndarray:
@@ -61,7 +61,7 @@ class Policy(Learned):
     """Flies as the network tells by the picture; see Learned."""
 
     needs = frozenset((Need.IMAGE,))
-    tolerances = (0.002, 0.002, 0.002, 0.01)
+    tolerances = (0.0005, 0.0005, 0.0005, 0.002)
     network = PolicyNetwork
 
     def told(self, observation: Observation) -> np.ndarray:
@@ -129,7 +129,7 @@ def practise(
 def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
     """Arrays of a PolicyNetwork that answers y (n, 5) to x (n, k); ExperimentError: no library."""
     return fitted(
-        x, y, 1e-2, np.float16, hidden_layer_sizes=HIDDEN, activation="relu", solver="adam",
+        x, y, 0.3, np.float16, REFINED, hidden_layer_sizes=HIDDEN, activation="relu", solver="adam",
         alpha=1e-5, batch_size=100, learning_rate_init=1e-3, max_iter=EPOCHS, tol=0.0,
         n_iter_no_change=EPOCHS, random_state=seed,
     )  # fmt: skip

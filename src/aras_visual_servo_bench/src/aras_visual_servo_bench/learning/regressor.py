@@ -6,7 +6,7 @@ import argparse
 import os
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -109,12 +109,14 @@ def teach(
 
 
 def fitted(
-    x: np.ndarray, y: np.ndarray, least_scale: float, kept: type, **options: Any
+    x: np.ndarray, y: np.ndarray, least_scale: float, kept: type,
+    refined: Sequence[tuple[float, int]] = (), **options: Any,
 ) -> dict[str, np.ndarray]:
     """Arrays of a Regressor that answers y (n, m) to x (n, k).
 
     Args:
         least_scale: that an input's deviation counts as at least. kept: type of the weights kept.
+        refined: learning rates and epochs that follow: steps of one size leave the weights astray.
         options: of scikit-learn's MLPRegressor.
 
     Raises:
@@ -132,7 +134,10 @@ def fitted(
     network = MLPRegressor(**options)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)  # its iterations are what was asked for
-        network.fit((x - mean) / scale, (y - out_mean) / out_scale)
+        network.fit(x := (x - mean) / scale, y := (y - out_mean) / out_scale)
+        for rate, epochs in refined:
+            network.set_params(learning_rate_init=rate, max_iter=epochs, warm_start=True)
+            network.fit(x, y)
     arrays = {"mean": mean, "scale": scale, "out_mean": out_mean, "out_scale": out_scale}
     for i, (w, b) in enumerate(zip(network.coefs_, network.intercepts_, strict=True)):
         arrays[f"w{i}"], arrays[f"b{i}"] = w.astype(kept), b.astype(np.float32)

@@ -281,7 +281,7 @@ def test_the_judge_finds_nothing_in_cameras_as_believed():
          "camera 'wall' stands in the world, and the arm moves nothing that it sees"),
         ({"cameras": two(wall={"pose": [0, 0, -0.5, 0, 0, 0]}), "scheme": f"{BOTH}+points@wall"},
          "camera 'wall' stands still, and so does what it sees"),
-        ({"scheme": "luminance@left+points@right"}, "looks at pictures, and there are none"),
+        ({"scheme": "kernel@left+points@right"}, "looks at pictures, and there are none"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_before_the_first_run(changes, words):

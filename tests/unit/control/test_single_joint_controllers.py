@@ -57,6 +57,15 @@ class TestPosition:
         rig.step(2)
         assert rig.hardware.handles["a"].effort_command == 0.0
 
+    def test_a_command_beyond_the_limit_by_rounding_alone_is_not_told(self, make):
+        rig = make("effort_controllers/JointPositionController", joint="a", pid=PID)
+        controller = rig.run("c")
+        for command, told in ((2.0 + 6.8e-8, 0), (2.0 + 1e-5, 1)):
+            controller.set_command(command)
+            rig.step(2)
+            assert controller.state(0, 0.001).set_point == 2.0
+            assert sum("beyond" in line for line in rig.log) == told
+
     def test_command_beyond_the_limit_is_clamped_in_the_cycle_only_and_told_once(self, make):
         rig = make("effort_controllers/JointPositionController", joint="a", pid=PID)
         controller = rig.run("c")

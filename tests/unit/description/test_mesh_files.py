@@ -148,7 +148,7 @@ DAMAGED = [
             b'<instance_geometry url="#g"/>', b'<instance_node url="#n29"/>'),
      "its scene has more than 100000 nodes; simplify it"),
     ("loop.dae", dae('<instance_geometry url="#g"/>', '<instance_node url="#n"/>'), "cannot be"),
-    ("a.ply", b"ply", "convert it to one of .dae, .obj, .stl"),
+    ("a.ply", b"ply", "convert it to one of .dae, .glb, .gltf, .obj, .stl"),
 ]
 SOUND = {
     "a.stl": binary_stl(), "B.STL": binary_stl(), "ascii.stl": ascii_stl(),

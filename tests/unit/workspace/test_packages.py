@@ -28,6 +28,7 @@ KEYS = {
     },
     "sklearn": "python3-sklearn",
     "svgelements": "python3-svgelements-pip",
+    "trimesh": "python3-trimesh-pip",
     "yaml": "python3-yaml",
 }
 ELSEWHERE = {"arm_parts", "gantry_parts", "mesh_primitives"}  # scripts beside the importing one

@@ -1,4 +1,4 @@
-"""STL, OBJ and COLLADA files: read once and checked, by everybody who needs them.
+"""STL, OBJ, COLLADA and glTF files: read once and checked, by everybody who needs them.
 
 What a file says wrongly is refused: a face that names a point that is not there, a number that is
 none, a file without a triangle. Libraries that guess there draw and collide with something else.
@@ -38,9 +38,10 @@ _cache_lock = threading.Lock()
 
 
 def read(path: str) -> tuple[Mesh, ...]:
-    """The meshes of an STL, OBJ or COLLADA (.dae) file, one for each material and each group.
+    """The meshes of an STL, OBJ, COLLADA (.dae) or glTF (.glb, .gltf) file, one for each material
+    and each group.
 
-    In the file's own unit, COLLADA in m; of COLLADA's axes none is turned, as in Gazebo and rviz.
+    In the file's own unit, COLLADA and glTF in m; no axes are turned, as in Gazebo and rviz.
     Files that did not change since are not read again.
 
     Raises:
@@ -270,6 +271,17 @@ def _read_dae(data: bytes, folder: Path, _states: dict[Path, _State | None]) -> 
     return collada_files.read(data, folder, _check_size, picture, GREY)
 
 
+def _read_gltf(data: bytes, _folder: Path, states: dict[Path, _State | None]) -> list[Mesh]:
+    from . import gltf_files
+
+    def beside(file: Path) -> bytes:
+        states[file] = _state(file)
+        return _contents(file)
+
+    return gltf_files.read(data, next(iter(states)), _check_size, beside)
+
+
 _READERS: dict[str, Callable[[bytes, Path, dict[Path, _State | None]], list[Mesh]]] = {
-    ".stl": _read_stl, ".obj": _read_obj, ".dae": _read_dae,
+    ".stl": _read_stl, ".obj": _read_obj, ".dae": _read_dae, ".glb": _read_gltf,
+    ".gltf": _read_gltf,
 }

@@ -24,7 +24,8 @@ PACKAGES = (
 )  # fmt: skip
 APART = "studies"  # folder of what is run, which tells itself apart
 READ = (
-    ".py", ".yaml", ".urdf", ".world", ".dae", ".stl", ".obj", ".mtl", ".png", ".npz",
+    ".py", ".yaml", ".urdf", ".world", ".dae", ".glb", ".gltf", ".stl", ".obj", ".mtl", ".png",
+    ".npz",
 )  # fmt: skip
 USERS = re.compile(r"([A-Za-z_]\w*(?:\.\w+)*):[A-Za-z_]\w*")  # package.module:Class
 # Those whose numbers go into a run.

@@ -17,7 +17,7 @@ from aras_visual_servo_camera.model import Solid, read_solid
 from ..errors import ExperimentError, require
 from .geometry import Target, project
 
-MESHES = (".stl", ".obj", ".dae")
+MESHES = (".stl", ".obj", ".dae", ".glb", ".gltf")
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,176 @@
+"""glTF 2.0 files (.glb, .gltf), read by trimesh; what it would pass over is refused here."""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import io
+import json
+import shutil
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import DescriptionError
+from ..picture_files import LARGEST
+from ..safe_xml import shorten
+from .mesh import Mesh, Rgba, from_indices
+
+if TYPE_CHECKING:
+    import trimesh
+
+_HEAD = 12  # bytes of a .glb file before its first chunk, which begins with its length and kind
+_TRIANGLES = 4  # glTF's number of that kind of primitive, which is the default
+_NONE = np.zeros((0, 3))
+
+
+def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
+         beside: Callable[[Path], bytes]) -> list[Mesh]:
+    """One mesh for each primitive that the scene shows, in metres.
+
+    Its axes are as the file has them, +y up by glTF's rule; no other is turned either.
+
+    Args:
+        check_size: refuses numbers of triangles and of meshes.
+        beside: reads a file that it names, in its own folder.
+
+    Raises:
+        DescriptionError: saying what is missing or wrong.
+    """
+    import trimesh  # takes half a second that few need
+
+    tree = _tree(data)
+    normals = _checked(tree, check_size)
+
+    class Beside(trimesh.resolvers.Resolver):
+        """Gives the files that are named in this one."""
+
+        def __init__(self) -> None:
+            """Of `path`."""
+
+        def get(self, name: str) -> bytes:
+            file = (path.parent / name).resolve()
+            if not file.is_relative_to(path.parent.resolve()):
+                raise DescriptionError(f"'{shorten(name)}' is not in its folder")
+            return beside(file)
+
+        def keys(self) -> list[str]:
+            return []
+
+        def namespaced(self, namespace: str) -> Beside:
+            return self
+
+        def write(self, name: str, data: bytes) -> None:
+            raise NotImplementedError
+
+    try:
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=path.suffix[1:].lower(),
+                                   resolver=Beside(), process=False)
+    except DescriptionError:
+        raise
+    except Exception as error:  # what it meets in a damaged file it does not foresee everywhere
+        said = f"{type(error).__name__}: {error}"
+        raise DescriptionError(f"its parts do not fit together: {shorten(said, 200)}") from None
+    meshes = []
+    for node in sorted(scene.graph.nodes_geometry):
+        placed, name = scene.graph[node]
+        shape = scene.geometry[name]
+        if isinstance(shape, trimesh.Trimesh) and len(shape.faces):
+            meshes.append(_mesh(shape, normals).placed(placed))
+            check_size(sum(len(mesh.triangles) for mesh in meshes), len(meshes))
+    if not meshes:
+        raise DescriptionError("its scene shows no triangles")
+    return meshes
+
+
+def _tree(data: bytes) -> dict[str, Any]:
+    """The JSON of a file, which says what its bytes are."""
+    text = data
+    if data[:4] == b"glTF":
+        length = int.from_bytes(data[_HEAD : _HEAD + 4], "little")
+        text = data[_HEAD + 8 : _HEAD + 8 + length]
+    try:
+        tree = json.loads(text)
+    except (ValueError, RecursionError):
+        raise DescriptionError("it begins with no glTF") from None
+    if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
+        raise DescriptionError("it is no glTF: it has no asset")
+    if not str(tree["asset"].get("version", "")).startswith("2"):
+        raise DescriptionError("it is not glTF 2", "export it as glTF 2")
+    return tree
+
+
+def _checked(tree: dict[str, Any], check_size: Callable[[int, int], None]) -> bool:
+    """Whether all triangles have normals of their own; sizes and extensions are checked."""
+    if needed := tree.get("extensionsRequired"):
+        raise DescriptionError(f"it needs {shorten(', '.join(map(str, needed)), 200)}, which is "
+                               "not read", "export it without extensions, as compression")
+    try:
+        primitives = [one for mesh in tree.get("meshes", ()) for one in mesh["primitives"]
+                      if one.get("mode", _TRIANGLES) == _TRIANGLES]
+        corners = [one.get("indices", one["attributes"]["POSITION"]) for one in primitives]
+        check_size(sum(int(tree["accessors"][k]["count"]) for k in corners) // 3, len(primitives))
+        return all("NORMAL" in one["attributes"] for one in primitives)
+    except (LookupError, TypeError, ValueError, AttributeError):
+        raise DescriptionError("its meshes name what is not there") from None
+
+
+def _mesh(shape: trimesh.Trimesh, normals: bool) -> Mesh:
+    """A primitive in its own frame; `normals`: with those of the file."""
+    index = np.full((len(shape.faces), 3, 3), -1)
+    index[..., 0] = shape.faces
+    uv = getattr(shape.visual, "uv", None)
+    if uv is not None and len(uv) == len(shape.vertices):
+        index[..., 1] = shape.faces
+    else:
+        uv = _NONE
+    given = _NONE
+    if normals:
+        given, index[..., 2] = np.asarray(shape.vertex_normals), shape.faces
+    rgba, texture = _look(shape.visual)
+    return from_indices(index, np.asarray(shape.vertices), np.asarray(uv), given, rgba, texture)
+
+
+def _look(visual: Any) -> tuple[Rgba | None, str | None]:
+    """Colour of a primitive's material, or the file of its picture; None where it has none."""
+    if visual.kind in ("vertex", "face"):
+        return tuple((np.asarray(visual.main_color, float) / 255.0).tolist()), None
+    material = getattr(visual, "material", None)
+    image = getattr(material, "baseColorTexture", None)
+    if image is not None:
+        return None, _kept(image)
+    factor = getattr(material, "baseColorFactor", None)
+    if factor is None:
+        return None, None
+    red, green, blue, opacity = np.asarray(factor, float) / 255.0
+    return (_shown(red), _shown(green), _shown(blue), float(opacity)), None
+
+
+def _shown(linear: float) -> float:
+    """The level, 0 to 1, by which pictures show a share of light (IEC 61966-2-1): glTF's factors
+    are such shares, its pictures are levels."""
+    low = linear <= 0.0031308
+    return float(12.92 * linear if low else 1.055 * linear ** (1.0 / 2.4) - 0.055)
+
+
+def _kept(image: Any) -> str:
+    """A file of a picture that is inside of another file; it goes with the process."""
+    if image.width * image.height > LARGEST:
+        raise DescriptionError(f"a picture in it has more than {LARGEST} pixels", "make it smaller")
+    pixels = image.convert("RGBA" if "A" in image.getbands() else "RGB")
+    name = hashlib.sha256(pixels.tobytes() + str(pixels.size).encode()).hexdigest()[:32]
+    file = _folder() / f"{name}.png"
+    if not file.exists():
+        pixels.save(file)
+    return str(file)
+
+
+@lru_cache(maxsize=1)
+def _folder() -> Path:
+    folder = Path(mkdtemp(prefix="aras_pictures_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder

@@ -137,7 +137,10 @@ def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
 
 def main(argv: list[str] | None = None) -> int:
     """Teach the policy; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0],
+        epilog="example: python3 -m aras_visual_servo_bench.learning.policy --out policy.npz",
+    )
     parser.add_argument("--steps", type=int, default=12_000, help="pictures to learn from")
     parser.add_argument("--environments", type=int, default=2 * (os.cpu_count() or 1))
     parser.add_argument("--out", type=Path, default=PolicyNetwork.weights())

@@ -388,7 +388,10 @@ def world() -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0],
+        epilog="example: python3 src/aras_visual_servo_gazebo/scripts/make_workbench.py",
+    )
     parser.add_argument("--out", type=Path, default=OUT)
     out = parser.parse_args().out
     folder = out / "workbench"

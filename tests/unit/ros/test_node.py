@@ -250,19 +250,21 @@ def test_the_library_s_lines_go_where_rospy_s_go(level, shown, monkeypatch):
     monkeypatch.setattr(rosout, "handlers", [handler])
     before = rosout.level
     rosout.setLevel(logging.INFO)
-    ours = logging.getLogger("aras_sim_bridge")
-    parent = ours.parent
+    ours = [logging.getLogger(name) for name in ("aras_sim_bridge", "aras_visual_servo_base")]
+    parents = [one.parent for one in ours]
     try:
         node._set_up_log(level)
-        library = logging.getLogger("aras_sim_bridge.world.somewhere")
-        for write, text in ((library.debug, "d"), (library.info, "i"), (library.warning, "w"),
-                            (library.error, "e")):
-            write(text)
+        for one in ours:
+            library = one.getChild("world.somewhere")
+            for write, text in ((library.debug, "d"), (library.info, "i"), (library.warning, "w"),
+                                (library.error, "e")):
+                write(text)
     finally:
         rosout.setLevel(before)
-        ours.parent = parent
-        ours.setLevel(logging.NOTSET)
-    assert found == shown
+        for one, parent in zip(ours, parents, strict=True):
+            one.parent = parent
+            one.setLevel(logging.NOTSET)
+    assert found == 2 * shown
 
 
 @pytest.fixture

@@ -21,7 +21,6 @@ from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..asked.assembly import assemble
-from ..asked.experiment import Experiment
 from ..errors import StudyError
 from ..plants import CameraReading
 from ..recording.run import Run
@@ -107,13 +106,16 @@ def check_room(study: Study, path: Path, done: int = 0) -> str:
     if study.pictures == "none":
         return ""
     experiment = study.experiment_of(0)
-    images = _most_images(study, experiment)
     seen = Keeper(pictures=True)
     loop = Loop(experiment, assemble(experiment, depth=study.depth), watch=seen.add)
     try:
         loop.to_image()
     finally:
         loop.close()
+    images = 1
+    if study.pictures == "all":
+        rate = max(eye.rate for eye in loop.parts.eyes.values())
+        images = int(np.ceil(experiment.duration * rate)) + 2
     each = NUMBERS_BYTES + seen.nbytes
     total = (study.runs - done) * images * each
     there = next(parent for parent in (path.absolute(), *path.absolute().parents)
@@ -193,13 +195,6 @@ class Keeper:
 
 def _cameras(study: Study) -> tuple[str, ...]:
     return tuple(study.experiment_of(0).seen_by)
-
-
-def _most_images(study: Study, experiment: Experiment) -> int:
-    if study.pictures == "first":
-        return 1
-    rate = max(float(spec.rate or 0.0) for spec in experiment.seen_by.values()) or 30.0
-    return int(np.ceil(experiment.duration * rate)) + 2
 
 
 def _picture(reading: CameraReading) -> bytes | None:

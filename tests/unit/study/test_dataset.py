@@ -207,8 +207,13 @@ def test_the_command_makes_a_data_set_and_its_card(tmp_path, monkeypatch, capsys
     exec(reading, space)
     assert space["picture"].shape == (240, 320)
     assert set(space["images"].outcome) <= set(space["runs"].outcome) and len(space["runs"]) == 2
-    # Once more: nothing is left to do; --views is another study.
+    # Once more: nothing is left to do, and no room is needed; --views is another study.
     monkeypatch.chdir(tmp_path)
+    Usage = namedtuple("Usage", "total used free")
+    with monkeypatch.context() as full:
+        full.setattr(shutil, "disk_usage", lambda path: Usage(0, 0, 0))
+        assert main(words) == 0
+    capsys.readouterr()
     assert main(words) == 0
     assert "all 2 runs are in" in capsys.readouterr().out
     assert main([*words, "--views"]) == 1

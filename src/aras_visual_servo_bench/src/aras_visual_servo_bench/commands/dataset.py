@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from ..study import engine, images
-from ..study.folder import Folder
+from ..study.folder import Folder, kept_runs
 from ..study.study import Study
 from . import running
 
@@ -39,6 +39,6 @@ def _dataset(options: argparse.Namespace) -> int:
                "depth": options.depth}  # fmt: skip
     study = Study.from_yaml(given, changed)
     engine.check_study(study)
-    print(images.check_room(study, options.out))
+    print(images.check_room(study, options.out, kept_runs(options.out)))
     text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
     return running.carry_out(Folder.create(options.out, study, text), options)

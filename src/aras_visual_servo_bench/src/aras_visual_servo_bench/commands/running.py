@@ -18,7 +18,7 @@ from ..asked.packages import PackagePath
 from ..errors import ExperimentError, StudyError, program
 from ..running import loop
 from ..study import card, engine, images, overrides, tables
-from ..study.folder import Folder
+from ..study.folder import Folder, kept_runs
 from ..study.pools import RENEWED, DaskPool, Pool, ThisProcess
 from ..study.progress import Progress, counted, duration
 from ..study.results import Results
@@ -85,7 +85,8 @@ def _run(options: argparse.Namespace) -> int:
     options.study = study_file(options.study)
     study = Study.from_yaml(options.study, changed)
     engine.check_study(study)
-    room = images.check_room(study, options.out or Path())
+    out = options.out or Path()
+    room = images.check_room(study, out, kept_runs(out))
     if options.dry_run:
         if room:
             print(room)

@@ -276,6 +276,11 @@ class Folder:
         _write(path, data)
 
 
+def kept_runs(path: Path) -> int:
+    """How many runs the folder of a study holds; 0 where there is none."""
+    return Folder.open(path).done() if (path / MANIFEST).exists() else 0
+
+
 def difference(old: Study, new: Study) -> str:
     """In what two studies differ, key by key, in a line."""
     before, after = _flat(old.to_mapping()), _flat(new.to_mapping())

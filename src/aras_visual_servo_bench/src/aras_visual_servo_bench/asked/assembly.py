@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -30,12 +30,12 @@ from ..plants.base import Place
 from ..plants.free_body import FreeBody
 from ..plants.ideal import ExactResolver, IdealCamera
 from ..targets.geometry import PlacedTarget, RoundTarget
-from ..targets.outlines import shape_of
 from .cameras import Eye
 from .experiment import FLYING, CameraPose, Experiment, Sampler
 from .goal_views import GoalViews, observed
 from .loop_settings import named_goal, settings_of
 from .plant_making import PlantMaker
+from .postures import Postures, warn
 from .robots import Robot
 from .sampling import draw_start
 
@@ -55,6 +55,8 @@ class Assembly:
         goal_pose: world_T_camera (4, 4) where the true camera was when the goal was shown; of one
             that is computed, where it says. target: in the world.
         places: where the other cameras are beside the control camera.
+        postures: of an arm; None of a camera that flies.
+        notes: what a reader must know before believing the rest.
     """
 
     plant: Plant
@@ -66,6 +68,8 @@ class Assembly:
     goal_pose: np.ndarray
     target: PlacedTarget
     places: Mapping[str, Place]
+    postures: Postures | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def camera(self) -> CameraModel:
@@ -107,7 +111,7 @@ class _Builder:
             name: Eye.of(name, spec, self.robot.packages, experiment.robot.cameras)
             for name, spec in experiment.seen_by.items()
         }
-        self.target = _target(experiment)
+        self.target = experiment.target.placed
         self.loop_settings = settings_of(experiment, self.robot)
         try:
             self.scheme = self.loop_settings.make_scheme()
@@ -141,6 +145,7 @@ class _Builder:
         pose, joints, named = self._wanted()
         arm, believed_arm = self._arms(pose)
         others = self._others(pose, believed_arm)
+        notes = self._hiding(pose, joints)
         goal = None
         if named is not None:
             goal = self._computed(named, {self.control.name: believed_arm, **others})
@@ -173,7 +178,7 @@ class _Builder:
         plant = self.plants.plant(arm, start)
         return Assembly(
             plant, self.loop_settings, servo, rig, self.eyes, goal, pose, self.target,
-            self.plants.places,
+            self.plants.places, None if isinstance(arm, FreeBody) else self.plants.postures, notes,
         )  # fmt: skip
 
     def check(self) -> None:
@@ -285,6 +290,28 @@ class _Builder:
             return None
         return goal
 
+    def _hiding(self, pose: np.ndarray, joints: Mapping[str, float]) -> tuple[str, ...]:
+        """What to say of an arm that hides the target at the goal from those who see it.
+
+        pose: world_T_camera (4, 4) there. joints: by name, where they are given.
+        """
+        postures = self.plants.postures
+        if not postures.drawn:
+            return ()
+        try:
+            q = postures.at(pose) if not joints else [joints[n] for n in self.true_arm.names]
+        except UnreachableError:
+            return ()
+        part = postures.hidden(q)
+        if not part:
+            return ()
+        note = f"the arm hides {100.0 * part:.0f} % of the target at the goal" + (
+            ": give it other joints" if joints
+            else ", and less in no posture that was found: give another pose"
+        )
+        warn(note)
+        return (note,)
+
     def _deeper(self, goal: Goal) -> Goal:
         """The goal with its depths as they are believed."""
         deeper = {
@@ -301,10 +328,9 @@ class _Builder:
         if isinstance(start, Sampler):
             near = np.zeros(len(arm.names))
             if isinstance(arm, Arm):
-                frames = arm.camera_frame, arm.target_frame
-                found = _joints_of(self.robot.urdf, frames, goal_pose.tobytes())
                 # A goal out of reach is an outcome, and starts can be found all the same.
-                near = near if found is None else np.array(found)
+                with contextlib.suppress(UnreachableError):
+                    near = self.plants.postures.at(goal_pose)
             return draw_start(
                 start, arm, goal_pose, near, self.target, self.control.true,
                 self.experiment.seed,
@@ -312,7 +338,9 @@ class _Builder:
             )  # fmt: skip
         if isinstance(start, CameraPose):
             pose = transform(start.pose[:3], start.pose[3:])
-            return arm.inverse(pose, np.zeros(len(arm.names)))
+            if isinstance(arm, FreeBody):
+                return arm.coordinates(pose)
+            return self.plants.postures.start(pose, goal_pose)
         joints = start_joints(start, self.true_arm, self.loop_settings.package)
         if joints is None:
             raise ExperimentError("start is 'none', but a plant has to begin somewhere")
@@ -320,19 +348,6 @@ class _Builder:
         if isinstance(arm, FreeBody):
             return arm.coordinates(self.true_arm.pose(joints))
         return joints
-
-
-@lru_cache(maxsize=32)
-def _joints_of(urdf: str, frames: tuple[str, str], pose: bytes) -> tuple[float, ...] | None:
-    """Joints of an arm's camera pose (4, 4), None out of reach: all runs of a study share a goal.
-
-    frames: of the camera and of the target.
-    """
-    arm = Arm.from_urdf(urdf, frames[0], target_frame=frames[1])
-    try:
-        return tuple(arm.inverse(np.frombuffer(pose).reshape(4, 4), np.zeros(len(arm.names))))
-    except UnreachableError:
-        return None
 
 
 def check(experiment: Experiment) -> None:
@@ -367,12 +382,6 @@ def _check_standing(experiment: Experiment, control: str, robot: Robot) -> None:
             f"scheme '{experiment.scheme}' read a camera in the hand, or give the link that "
             "carries the target as robot.target_frame"
         )
-
-
-def _target(experiment: Experiment) -> PlacedTarget:
-    spec = experiment.target
-    shape = shape_of(spec.shape, spec.size)
-    return PlacedTarget(shape, transform(spec.pose[:3], spec.pose[3:]), spec.motion)
 
 
 def _deeper(goal: Goal, factor: float) -> Goal:

@@ -18,8 +18,8 @@ from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..errors import ExperimentError, require
-from ..targets.geometry import Motion
-from ..targets.outlines import NAMES
+from ..targets.geometry import Motion, PlacedTarget
+from ..targets.outlines import NAMES, shape_of
 from ..targets.solids import is_mesh
 from .cameras import Belief, CameraSpec
 from .relative_start import RelativeStart
@@ -137,6 +137,12 @@ class TargetSpec:
     occluded: tuple[Pair, ...] | None = None
     perturbed: bool = False
     box: BoxSpec | None = None
+
+    @property
+    def placed(self) -> PlacedTarget:
+        """The target in the world; ExperimentError where its shape cannot be read."""
+        shape = shape_of(self.shape, self.size)
+        return PlacedTarget(shape, transform(self.pose[:3], self.pose[3:]), self.motion)
 
     @property
     def described(self) -> bool:

@@ -33,6 +33,7 @@ from ..targets.geometry import PlacedTarget
 from ..targets.textures import TexturedTarget
 from .cameras import Eye, config_of
 from .experiment import FLYING, Experiment, SunSpec
+from .postures import Postures
 from .robots import Robot
 
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
@@ -78,6 +79,13 @@ class PlantMaker:
                 other, rest = self.robot.arm_of(name, arm), np.zeros(len(arm.names))
                 places[name] = Place(relative(arm.pose(rest), other.pose(rest)))
         return places
+
+    @cached_property
+    def postures(self) -> Postures:
+        """Of the arm, with the control camera before the target."""
+        experiment = self.experiment
+        drawn = experiment.plant == "bullet" and experiment.pictures
+        return Postures.of(self.robot, self.control, experiment.target, drawn)
 
     @property
     def unbounded(self) -> bool:
@@ -206,9 +214,7 @@ class PlantMaker:
             UnreachableError: the arm cannot be there. ExperimentError: no picture comes.
         """
         arm = self.robot.arm(self.control.name)
-        q = np.array([joints[name] for name in arm.names]) if joints else arm.inverse(
-            pose, np.zeros(len(arm.names))
-        )
+        q = np.array([joints[name] for name in arm.names]) if joints else self.postures.at(pose)
         plant = self.plant(arm, q, exactly=True)
         # An arm that efforts drive would sag until its controllers hold it, and the picture comes
         # after some hundredths of a second.

@@ -104,7 +104,7 @@ class Robot:
     def description(self) -> RobotDescription:
         """As the simulator takes it; ExperimentError naming what is wrong."""
         try:
-            return _described(self.urdf, self.spec.search)
+            return described(self.urdf, self.spec.search)
         except DescriptionError as error:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
 
@@ -190,7 +190,7 @@ class Robot:
 
     def _arm(self, urdf: str, frame: str) -> Arm:
         try:
-            return _arm_of(urdf, frame, self.spec.target_frame)
+            return arm_from(urdf, frame, self.spec.target_frame)
         except ConfigurationError as error:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
 
@@ -233,12 +233,12 @@ _functions = functools.cache(runpy.run_path)
 
 
 @functools.lru_cache(maxsize=32)
-def _arm_of(urdf: str, camera_frame: str, target_frame: str) -> Arm:
-    """Read once a process, as `_described`."""
+def arm_from(urdf: str, camera_frame: str, target_frame: str) -> Arm:
+    """Read once a process, as `described`."""
     return Arm.from_urdf(urdf, camera_frame, target_frame=target_frame)
 
 
 @functools.lru_cache(maxsize=8)
-def _described(urdf: str, search: tuple[str, ...]) -> RobotDescription:
+def described(urdf: str, search: tuple[str, ...]) -> RobotDescription:
     """Parsed once a process: all runs of a study have the same, which is frozen."""
     return parse_urdf(urdf, PackagePath(search).find)

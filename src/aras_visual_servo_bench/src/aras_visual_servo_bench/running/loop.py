@@ -15,6 +15,7 @@ from aras_visual_servo_controller.loop.state import CONVERGED, Command, ServoSta
 
 from ..asked.assembly import Assembly, assemble
 from ..asked.experiment import Experiment
+from ..asked.postures import warn
 from ..plants import CameraReading
 from ..plants.base import seconds
 from ..recording.from_loop import Recorder
@@ -24,6 +25,10 @@ from .ending import Ending
 NS = 1_000_000_000
 LAST_NS = 50_000_000
 PATIENCE_NS = 5 * NS  # for a first picture
+SEEN_THROUGH = (
+    "at the end the arm, where it is drawn, hides {:.0f} % of the target: plant chain sees through "
+    "it, plant bullet does not"
+)
 log = logging.getLogger(__name__)
 
 
@@ -199,7 +204,7 @@ class Loop:
         outcome = self.servo.outcome
         if self._ending is not None:
             outcome = self._ending.last_word(outcome)
-        return self._recorder.run(
+        run = self._recorder.run(
             self.plant, self.experiment, self.parts,
             goal_pose=self.goal_pose(),
             joint_names=self.plant.joint_names,
@@ -208,7 +213,14 @@ class Loop:
             mend=outcome.mend,
             verdict=self.verdict(),
             peak_speed=getattr(self.plant, "peak_speed", None),
+            notes=[*self.parts.notes],
         )  # fmt: skip
+        if self.experiment.plant == "chain" and run.converged:
+            hidden = self.parts.postures.hidden(self.plant.joints()[0], self.plant.time_ns / NS)
+            if hidden:
+                run.notes.append(SEEN_THROUGH.format(100.0 * hidden))
+                warn(run.notes[-1])
+        return run
 
     def close(self) -> None:
         """Give back what the plant holds."""

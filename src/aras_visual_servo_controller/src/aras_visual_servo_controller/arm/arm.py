@@ -1,6 +1,6 @@
 """Any chain of joints that moves a camera, from the robot's URDF: names, limits, kinematics."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -241,16 +241,20 @@ class Arm:
             )
 
     def inverse(
-        self, world_T_camera: np.ndarray, q0: np.ndarray, tolerance: float = 1e-9
+        self, world_T_camera: np.ndarray, q0: np.ndarray, tolerance: float = 1e-9,
+        cost: Callable[[np.ndarray], float] | None = None,
     ) -> np.ndarray:
         """Joints (n,) within the limits that put the camera at a pose (4, 4), found from q0 (n,).
+
+        cost: what speaks against joints (n,), from 0 on. The first that are found without any are
+            taken, or the cheapest of several; None: the first.
 
         Raises:
             UnreachableError: no such joints were found; with how far the nearest is.
         """
         from .inverse import solve  # here, because SciPy's optimisers take a third of a second
 
-        return solve(self.view, self.lower, self.upper, world_T_camera, q0, tolerance)
+        return solve(self.view, self.lower, self.upper, world_T_camera, q0, tolerance, cost)
 
 
 @compiled("f8[:], f8[:], f8[:], f8[:], f8[:]")

@@ -15,10 +15,12 @@ ATTEMPTS = 16  # beginnings tried, the given one first
 
 # Pose (4, 4) and Jacobian (6, n) of the camera at joints (n,): Arm.view.
 View = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+# What speaks against joints (n,), from 0, nothing, on.
+Cost = Callable[[np.ndarray], float]
 
 
 def solve(view: View, lower: np.ndarray, upper: np.ndarray, world_T_camera: np.ndarray,
-          q0: np.ndarray, tolerance: float) -> np.ndarray:
+          q0: np.ndarray, tolerance: float, cost: Cost | None = None) -> np.ndarray:
     """Joints (n,) within the limits, see `Arm.inverse`; redundant joints stay near q0.
 
     Raises:
@@ -34,6 +36,7 @@ def solve(view: View, lower: np.ndarray, upper: np.ndarray, world_T_camera: np.n
     high = np.where(np.isfinite(upper), upper, q0 + 2.0 * np.pi)
     random = np.random.default_rng(0)
     best: tuple[float, np.ndarray] | None = None
+    cheapest: tuple[float, np.ndarray] | None = None
     begin = q0
     for attempt in range(ATTEMPTS):
         begin = np.clip(begin, low, high)
@@ -53,10 +56,16 @@ def solve(view: View, lower: np.ndarray, upper: np.ndarray, world_T_camera: np.n
         if best is None or left < best[0]:
             best = left, found.x
         if left < tolerance:
-            return found.x
+            costs = 0.0 if cost is None else cost(found.x)
+            if costs <= 0.0:
+                return found.x
+            if cheapest is None or costs < cheapest[0]:
+                cheapest = costs, found.x
         # A joint that may turn for ever is tried within a turn of where it was.
         reach = np.minimum(high - low, 2.0 * np.pi) * min(1.0, 0.2 + attempt / ATTEMPTS)
         begin = q0 + random.uniform(-0.5, 0.5, len(q0)) * reach
+    if cheapest is not None:
+        return cheapest[1]
     residual = _residual(best[1], view, goal)
     distance = float(np.linalg.norm(residual[:3]))
     turn = float(np.linalg.norm(residual[3:])) / LENGTH

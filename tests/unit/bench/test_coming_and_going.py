@@ -1,10 +1,12 @@
-"""What lies on a target at given times."""
+"""What lies on a target, and what lights it, at given times."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from aras_visual_servo_bench.asked.assembly import assemble
-from aras_visual_servo_bench.asked.experiment import Experiment, TargetSpec
+from aras_visual_servo_bench.asked.experiment import Experiment, SunSpec, TargetSpec
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import Loop
 
@@ -45,6 +47,38 @@ def test_it_lies_there_at_its_times_and_no_other(plant, target):
     assert wanted.any() and (~wanted).any()
     np.testing.assert_array_equal(covered, wanted)
     assert goal.moments.m00 == pytest.approx(same.moments.m00, rel=1e-6)  # taught without it
+
+
+def test_the_sun_shines_at_its_times_and_no_other():
+    """At 0 s it does not: so the goal is taught, in what the ambient light leaves."""
+    asked = experiment("bullet", shape="poster", occluder=None)
+    asked = replace(asked, scheme="luminance", start=asked.goal, sun=SunSpec(shines=TIMES))
+    seen = []
+    loop = Loop(asked, assemble(asked), watch=lambda of, one: seen.append(
+        (one.stamp, float(one.picture.grey.mean()))))  # fmt: skip
+    state = loop.to_image()
+    assert np.abs(state.decision.error).max() < 2.0  # grey levels, at the goal's own pose
+    loop.to_end()
+    loop.close()
+    stamps, grey = np.array(seen).T
+    shines = np.any([(stamps > a) & (stamps <= b) for a, b in TIMES], axis=0)
+    assert shines.any() and (~shines).any()
+    np.testing.assert_array_equal(grey > 1.5 * grey[0], shines)
+
+
+def test_a_sun_that_is_gone_by_the_first_image_has_lit_the_goal():
+    asked = experiment("bullet", shape="poster", occluder=None)
+    asked = replace(asked, scheme="luminance", start=asked.goal, sun=SunSpec(shines=((0.0, 0.02),)))
+    loop = Loop(asked, assemble(asked))
+    assert np.abs(loop.to_image().decision.error).max() > 50.0
+    loop.close()
+
+
+def test_times_of_the_sun_that_cannot_be_are_refused():
+    with pytest.raises(ExperimentError, match="sun.shines is from 2 to 1 s"):
+        Experiment(sun={"shines": [[2.0, 1.0]]})
+    with pytest.raises(ExperimentError, match="the lights are those of the world file"):
+        Experiment(world="workbench", sun={"shines": [[1.0, 2.0]]})
 
 
 @pytest.mark.parametrize(("target", "complaint"), [

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import BRIGHT, looking
 
-from aras_sim_bridge.description import Geometry, Light, world_file
-from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.description import Geometry, Light, parse_urdf, world_file
+from aras_sim_bridge.errors import DescriptionError, WorldError
 from aras_sim_bridge.rendering import Sun, View, create_renderer
 from aras_sim_bridge.simulation import MOST_LIGHTS, Simulation, SimulationConfig
 
@@ -134,6 +136,72 @@ def test_what_a_world_says_of_light(tmp_path):
     path.write_text(WORLD.format("<aras:shadows>long</aras:shadows>"))
     with pytest.raises(DescriptionError, match="'long' is unknown; use none, hard, soft"):
         world_file.read(str(path))
+
+
+TIMED = WORLD.replace("</attenuation>", "</attenuation><aras:shines>{times}</aras:shines>")
+
+
+def test_a_light_of_a_world_comes_and_goes(tmp_path):
+    path = tmp_path / "w.world"
+    path.write_text(TIMED.format("", times="0 0.5  1.25 2"))
+    (spot,) = world_file.read(str(path)).lights
+    assert spot.shines == ((0.0, 0.5), (1.25, 2.0))
+    for times, complaint in [("0 0.5 1", "needs 4 numbers"), ("1 0.5", "from 1 to 0.5 s"),
+                             ("-1 0.5", "must rise from 0 on"), ("1 x", "'x'")]:
+        path.write_text(TIMED.format("", times=times))
+        with pytest.raises(DescriptionError, match=f"light 'l': aras:shines.*{complaint}"):
+            world_file.read(str(path))
+    with pytest.raises(WorldError, match="'l': shines from 2 to 1 s"):
+        Simulation(SimulationConfig(lights=(Light("l", shines=((2.0, 1.0),)),)))
+
+
+EYE = {"parent": "world", "width": 32, "height": 24, "update_rate": 50.0, "near": 0.02,
+       "pose": [0.0, 0.0, 1.0, 0.0, np.pi / 2, 0.0]}
+
+
+def levels(*lights) -> dict[int, int]:
+    """Grey level of a white floor in each image, by its stamp, ms."""
+    simulation = Simulation(SimulationConfig(lights=lights))
+    eye, seen = simulation.add_camera("eye", EYE), {}
+    eye.on_frame = lambda frame: seen.update(
+        {frame.stamp_ns // 1_000_000: int(frame.image[12, 16, 0])})
+    eye.enabled = True
+    simulation.spawn(parse_urdf(
+        '<robot name="f"><link name="world"/><link name="f"><visual><geometry>'
+        '<box size="3 3 0.01"/></geometry></visual></link><joint name="j" type="fixed">'
+        '<parent link="world"/><child link="f"/></joint></robot>'), "floor")
+    while simulation.time_ns < 200_000_000:
+        simulation.step(simulation.time_ns + 7_000_000)
+    simulation.close()
+    return seen
+
+
+def test_pictures_are_lit_by_what_shines_at_their_time():
+    """By more light than is white, and the camera stays as it is: dark is darker by what is gone.
+    """
+    sun = Light("sun", direction=DOWN, diffuse=(0.7, 0.7, 0.7, 1.0))
+    timed = replace(sun, shines=((0.0, 0.06), (0.14, 0.18)))
+    whole, seen = levels(sun), levels(timed)
+    assert set(whole.values()) == {255}  # (0.4 + 0.7) / 1.1
+    dark = round(255 * 0.4 / 1.1)
+    assert seen == {ms: 255 if ms <= 60 or 140 < ms <= 180 else dark for ms in whole}
+    lamp = replace(timed, name="lamp", diffuse=(0.2, 0.1, 0.3, 1.0))
+    both = levels(sun, lamp)
+    assert both == {ms: round(255 * (1.3 if level == 255 else 1.1) / 1.4)
+                    for ms, level in seen.items()}
+
+
+def test_a_simulation_that_begins_anew_is_lit_as_at_its_beginning():
+    light = Light("sun", direction=DOWN, diffuse=(0.6,) * 3 + (1.0,), shines=((0.0, 0.05),))
+    simulation = Simulation(SimulationConfig(lights=(light,)))
+    eye, seen = simulation.add_camera("eye", EYE), []
+    eye.on_frame, eye.enabled = lambda frame: seen.append(int(frame.image.mean())), True
+    for _ in range(2):
+        while simulation.time_ns < 100_000_000:
+            simulation.step()
+        simulation.reset_simulation()
+    simulation.close()
+    assert seen[:5] == seen[5:] and seen[1] > seen[4] + 50
 
 
 def test_lights_that_are_too_many_are_named(caplog):

@@ -25,7 +25,7 @@ from aras_sim_bridge.control.manager import ControllerManager
 from aras_sim_bridge.control.switching import STRICT
 from aras_sim_bridge.description import CameraDescription, Light, RobotDescription
 from aras_sim_bridge.description.lights import SUN, checked_light
-from aras_sim_bridge.description.types import Surroundings
+from aras_sim_bridge.description.types import Surroundings, within
 from aras_sim_bridge.errors import (
     CameraError,
     DescriptionError,
@@ -43,7 +43,8 @@ if TYPE_CHECKING:
     from aras_sim_bridge.rendering.renderer import Renderer
 
 MOST_LIGHTS = 16  # that pictures are lit by
-NO_LIGHT = Light("none", diffuse=(0.0, 0.0, 0.0, 1.0))
+DARK = (0.0, 0.0, 0.0, 1.0)
+NO_LIGHT = Light("none", diffuse=DARK)
 log = logging.getLogger(__name__)
 Cycles = Callable[..., tuple[int, int, int]]
 
@@ -225,8 +226,18 @@ class Simulation:
             self._renderer.light = self._sunlight()
 
     def _sunlight(self) -> Sun:
-        """The light that cameras see by: where one white sun without shadows is all, as that."""
-        scene, lights = self.config.scene, tuple(self.lights.values())[:MOST_LIGHTS]
+        """The light that cameras see by now."""
+        lights = tuple(self.lights.values())[:MOST_LIGHTS]
+        now = tuple(
+            light if within(light.shines, self.time_ns / 1e9) else replace(light, diffuse=DARK)
+            for light in lights
+        )
+        light = self._light_of(lights)
+        return light if now == lights else replace(self._light_of(now), white=light.most)
+
+    def _light_of(self, lights: tuple[Light, ...]) -> Sun:
+        """Of these lights: where one white sun without shadows is all, as that."""
+        scene = self.config.scene
         ambient = max(scene.ambient[:3])
         tint = tuple(part / (ambient or 1.0) for part in scene.ambient[:3])
         around = Sun(diffuse=0.0, ambient=ambient, tint=tint, background=scene.background,
@@ -270,6 +281,8 @@ class Simulation:
         due = [camera for camera in cameras if camera.sensor.due(self.time_ns)]
         if due and self.before_pictures is not None:
             self.before_pictures(self.time_ns)
+        if due and any(light.shines is not None for light in self.lights.values()):
+            self._renderer.light = self._sunlight()
         for camera in due:
             camera.after_step(self.time_ns)
 

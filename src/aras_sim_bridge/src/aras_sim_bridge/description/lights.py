@@ -34,6 +34,9 @@ def checked_light(light: Light) -> Light:
             raise WorldError(f"{where}: {what} {value} must not be negative")
     if math.hypot(*light.direction) < 1e-9:
         raise WorldError(f"{where}: its direction is zero; a light shines somewhere")
+    for begin, end in light.shines or ():
+        if not 0.0 <= begin < end:
+            raise WorldError(f"{where}: shines from {begin:g} to {end:g} s, must rise from 0 on")
     return light
 
 
@@ -61,7 +64,8 @@ def read_light(element: Element, pose: Pose) -> Light:
         number(text_of(spot, "inner_angle"), f"{where}: spot inner_angle", 0.6),
         number(text_of(spot, "outer_angle"), f"{where}: spot outer_angle", 1.0),
         number(text_of(spot, "falloff"), f"{where}: spot falloff", 1.0),
-        truth(text_of(element, "cast_shadows"), f"{where}: cast_shadows", False))
+        truth(text_of(element, "cast_shadows"), f"{where}: cast_shadows", False),
+        _times(text_of(element, "aras:shines"), f"{where}: aras:shines"))
 
 
 def read_scene(scene: Element | None) -> Surroundings:
@@ -80,6 +84,18 @@ def read_scene(scene: Element | None) -> Surroundings:
     return Surroundings(_rgba(scene, "ambient", "scene", plain.ambient),
                         _rgba(scene, "background", "scene", plain.background),
                         scene.find("sky") is not None, shadows)
+
+
+def _times(text: str | None, where: str) -> tuple[tuple[float, float], ...] | None:
+    if text is None:
+        return None
+    count = len(text.split())
+    values = numbers(text, count + count % 2, where)
+    pairs = tuple(zip(values[::2], values[1::2], strict=True))
+    for begin, end in pairs:
+        if not 0.0 <= begin < end:
+            raise DescriptionError(f"{where}: from {begin:g} to {end:g} s, must rise from 0 on")
+    return pairs
 
 
 def _rgba(element: Element, tag: str, where: str, default: Rgba) -> Rgba:

@@ -237,11 +237,18 @@ class SensorDescription:
     on_child: bool = False
 
 
+def within(times: tuple[tuple[float, float], ...] | None, time: float) -> bool:
+    """Whether what comes and goes at given times, s, is there at `time`: after its coming, up to
+    its going. None: it always is."""
+    return times is None or any(begin < time <= end for begin, end in times)
+
+
 @dataclass(frozen=True)
 class Light(Placed):
     """A light of an SDF world. kind: directional, point or spot. direction: from the light,
     in the world, of a spot in its own frame. attenuation: by the distance in m, none beyond
-    attenuation_range. spot_inner, spot_outer: whole angles of a spot's cones, rad."""
+    attenuation_range. spot_inner, spot_outer: whole angles of a spot's cones, rad. shines: from
+    when and until when, s of simulated time, as often as it comes; None: always."""
 
     name: str
     kind: str = "directional"
@@ -258,6 +265,7 @@ class Light(Placed):
     spot_outer: float = 1.0
     spot_falloff: float = 1.0
     cast_shadows: bool = False
+    shines: tuple[tuple[float, float], ...] | None = None
 
 
 @dataclass(frozen=True)

@@ -81,6 +81,8 @@ class Sun:
     shadows: one of SHADOWS, of those lights that cast them.
     tint: of the ambient light, red, green, blue, times `ambient`.
     sky: whether one is seen in place of the background.
+    white: what a white surface gives back at most, by which `unclipped` scales; None: of this
+        light. More where lights that come and go are dark, for the camera stays as it is.
     """
 
     direction: tuple[float, float, float] = (-0.5, 0.1, -0.9)
@@ -92,16 +94,22 @@ class Sun:
     shadows: str = "none"
     tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
     sky: bool = False
+    white: float | None = None
+
+    @property
+    def most(self) -> float:
+        """What a white surface gives back of this light at most."""
+        if self.lights:
+            diffuse = np.sum([light.diffuse[:3] for light in self.lights], axis=0)
+            return float((diffuse + self.ambient * np.array(self.tint)).max())
+        return self.ambient + self.diffuse
 
     @property
     def scale(self) -> float:
         """Grey levels, in parts of 255, that a surface shows for the light that it gives back."""
         if self.exposure == "gazebo":
             return 1.0
-        if self.lights:
-            most = np.sum([light.diffuse[:3] for light in self.lights], axis=0)
-            return 1.0 / max(float((most + self.ambient * np.array(self.tint)).max()), 1.0)
-        return 1.0 / max(self.ambient + self.diffuse, 1.0)
+        return 1.0 / max(self.most if self.white is None else self.white, 1.0)
 
     @property
     def around(self) -> np.ndarray:

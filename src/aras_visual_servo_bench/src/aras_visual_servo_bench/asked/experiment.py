@@ -76,6 +76,12 @@ class CameraPose:
         return f"camera at x {x}, y {y}, z {z} m, roll {roll}°, pitch {pitch}°, yaw {yaw}°"
 
 
+def _check_times(times: tuple[Pair, ...] | None, name: str) -> None:
+    for begin, end in times or ():
+        require(0.0 <= begin < end,
+                f"{name} is from {begin:g} to {end:g} s, must rise from 0 on")
+
+
 @dataclass(frozen=True)
 class SunSpec:
     """The sun over the Bullet arm's table; its light is white, and ambient light is there besides.
@@ -83,15 +89,19 @@ class SunSpec:
     direction: from the sun to the ground, in the world. diffuse: its part of what a white face
     square to it gives back; 0.4 more come from around. exposure: 'unclipped': both are scaled so
     that they are 1 at most; 'gazebo': what is above 1 is white all the same, which moves edges.
+    shines: from when and until when it does, s of simulated time, as often as it comes; ambient
+    light stays, and the goal is taught in the light of the beginning. None: always.
     """
 
     direction: tuple[float, float, float] = SUN.direction
     diffuse: float = parameter(SUN.diffuse[0], least=0.0, most=1.0)
     exposure: str = parameter(EXPOSURES[0], choices=EXPOSURES)
+    shines: tuple[Pair, ...] | None = None
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "sun")
         require(any(self.direction), "sun.direction must not be zero")
+        _check_times(self.shines, "sun.shines")
 
 
 @dataclass(frozen=True)
@@ -159,9 +169,7 @@ class TargetSpec:
         )
         require(self.occluded is None or self.occluder is not None,
                 "target.occluded says when an occluder lies there: give target.occluder")
-        for begin, end in self.occluded or ():
-            require(0.0 <= begin < end,
-                    f"target.occluded is from {begin:g} to {end:g} s, must rise from 0 on")
+        _check_times(self.occluded, "target.occluded")
         require(
             not is_mesh(self.shape) or self.box is None and self.occluder is None
             and not self.perturbed,

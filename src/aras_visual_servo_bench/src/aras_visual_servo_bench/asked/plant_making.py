@@ -14,6 +14,7 @@ from aras_sim_bridge.camera.mounting import seed_of
 from aras_sim_bridge.camera.shutter import parts
 from aras_sim_bridge.description import Light, world_file
 from aras_sim_bridge.description.lights import SUN
+from aras_sim_bridge.description.types import within
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError
 from aras_visual_servo_base.poses import relative, transform
@@ -36,6 +37,7 @@ from .experiment import FLYING, Experiment, SunSpec
 from .postures import Postures
 from .robots import Robot
 
+BEGINNING = 1e-3  # s: the first step of the physics
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
 CHANCE = {"noise_stddev", "shot_noise", "sensor", "drop_probability"}  # of a camera's effects
 WATCHES: frozenset[Need] = frozenset()  # what a camera that steers nothing is asked for
@@ -165,7 +167,7 @@ class PlantMaker:
             return BulletArm(
                 self.robot, self._drawn(self.control, exactly), joints, experiment.seed,
                 experiment.renderer, experiment.traced, self._spawned(exactly),
-                () if experiment.pictures else self.sights(), self._around(),
+                () if experiment.pictures else self.sights(), self._around(exactly),
                 self.control.name if experiment.cameras else "",
                 {name: self._drawn(eye, exactly) for name, eye in self.others.items()},
                 experiment.sun.exposure,
@@ -180,8 +182,20 @@ class PlantMaker:
             arm, start, sight, lag=experiment.lag, seed=experiment.seed, others=others
         )  # fmt: skip
 
-    def _around(self) -> WorldFile:
-        """What is around the arm: a world file's, or the sun over Gazebo's ground."""
+    def _around(self, exactly: bool) -> WorldFile:
+        """What is around the arm: a world file's, or the sun over Gazebo's ground.
+
+        exactly: lights that come and go stay as they are at the beginning.
+        """
+        around = self._surroundings()
+        if not exactly:
+            return around
+        return replace(around, lights=tuple(
+            replace(light, shines=None if within(light.shines, BEGINNING) else ())
+            for light in around.lights
+        ))  # fmt: skip
+
+    def _surroundings(self) -> WorldFile:
         named = self.experiment.world
         if not named:
             return WorldFile(lights=(_sun(self.experiment.sun),))
@@ -235,4 +249,4 @@ class PlantMaker:
 def _sun(spec: SunSpec) -> Light:
     """The world's sun, of that direction and strength."""
     strength = (spec.diffuse,) * 3
-    return replace(SUN, direction=spec.direction, diffuse=(*strength, 1.0))
+    return replace(SUN, direction=spec.direction, diffuse=(*strength, 1.0), shines=spec.shines)

@@ -16,6 +16,7 @@ from aras_sim_bridge.description import (
     parse_urdf,
     world_file,
 )
+from aras_sim_bridge.description.types import within
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.rendering import EXPOSURES
@@ -38,7 +39,7 @@ from ..errors import ExperimentError
 from ..targets.geometry import PlacedTarget
 from .base import CAMERA, CameraReading, JointListener, JointReading, Plant, Reading
 from .kinematic import exposures
-from .sight import Sight, lies_there
+from .sight import Sight
 
 if TYPE_CHECKING:
     from aras_visual_servo_controller.loop.driver import Driver
@@ -70,7 +71,7 @@ class ShownTarget:
 
     def pose(self, time: float) -> Pose:
         """The model's in the world at `time` (s); out of sight while it is not there."""
-        if not lies_there(self.times, time):
+        if not within(self.times, time):
             return OUT_OF_SIGHT
         world_T_target = self.placed.world_T_target(time)
         return Pose.from_matrix(world_T_target @ transform(self.lies_at, (0.0,) * 3))

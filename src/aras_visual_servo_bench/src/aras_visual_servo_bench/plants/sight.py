@@ -9,6 +9,7 @@ import numpy as np
 
 from aras_sim_bridge.camera.effects import EffectChain
 from aras_sim_bridge.camera.shutter import RowBand
+from aras_sim_bridge.description.types import within
 from aras_visual_servo_camera.moments import find_crossing
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -76,7 +77,7 @@ class Sight:
                 points=self.jittered(self.pixels(points), random),
                 camera=self.name,
             )
-        drawn = self._drawn(outline, seen_from, lies_there(self.occluded, stamp_ns / NS))
+        drawn = self._drawn(outline, seen_from, within(self.occluded, stamp_ns / NS))
         image = self.noisy(drawn, stamp_ns, random)
         depth = self._depth(seen_from) if self.depth else None
         return CameraReading(stamp_ns, image, "mono8", depth, camera=self.name)
@@ -141,8 +142,3 @@ class Sight:
         before = valid & (nearness > 0.0)
         depth[before] = 1.0 / nearness[before]
         return depth.reshape(self.camera.height, self.camera.width)
-
-
-def lies_there(times: tuple[tuple[float, float], ...] | None, time: float) -> bool:
-    """Whether what comes and goes is there at a time (s): after its coming, up to its going."""
-    return times is None or any(begin < time <= end for begin, end in times)

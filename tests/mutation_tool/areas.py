@@ -6,6 +6,8 @@ import difflib
 from dataclasses import dataclass
 from pathlib import Path
 
+from .sources import is_source
+
 BASE = "src/aras_visual_servo_base/src/aras_visual_servo_base"
 BRIDGE = "src/aras_sim_bridge/src/aras_sim_bridge"
 VISION = "src/aras_visual_servo_camera/src/aras_visual_servo_camera"
@@ -34,7 +36,8 @@ class Area:
     def source_files(self, top: Path) -> list[Path]:
         """All sources, in order of their names; raises UnknownAreaError where there are none."""
         left_out = {file for glob in self.without for file in top.glob(glob)}
-        files = {file for glob in self.sources for file in top.glob(glob)} - left_out
+        files = {file for glob in self.sources for file in top.glob(glob)
+                 if is_source(top, str(file.relative_to(top)))} - left_out
         if not files:
             known = ", ".join(self.sources)
             raise UnknownAreaError(f"area {self.name} has no sources yet: {known}")
@@ -51,43 +54,90 @@ class Area:
 
 
 _INTEGRATION = "tests/integration"
+_UNIT = "tests/unit"
 
 AREAS = {
     area.name: area
     for area in (
-        Area("rendering", (f"{BRIDGE}/rendering/**/*.py",), ("tests/unit/camera",)),
-        Area("camera", (f"{BRIDGE}/camera/**/*.py",), ("tests/unit/camera",)),
+        Area("rendering", (f"{BRIDGE}/rendering/**/*.py",), (f"{_UNIT}/camera",)),
+        Area("camera", (f"{BRIDGE}/camera/**/*.py", f"{BRIDGE}/sensors/**/*.py"),
+             (f"{_UNIT}/camera", f"{_UNIT}/world/test_sensors", f"{_UNIT}/world/test_stereo",
+              f"{_UNIT}/bench/test_camera_sensors")),
         Area("control", (f"{BRIDGE}/control/**/*.py",),
-             ("tests/unit/control", "tests/unit/world/test_step_response",
-              "tests/unit/world/test_cycle")),
-        Area("world", (f"{BRIDGE}/world/**/*.py",), ("tests/unit/world",)),
+             (f"{_UNIT}/control", f"{_UNIT}/world/test_step_", f"{_UNIT}/world/test_cycle",
+              f"{_UNIT}/world/test_foreign_robots",
+              f"{_UNIT}/world/test_command_streams")),
+        Area("world", (f"{BRIDGE}/world/**/*.py",), (f"{_UNIT}/world",)),
         Area("description", (f"{BRIDGE}/description/**/*.py",),
-             ("tests/unit/description", "tests/unit/world", "tests/unit/robot",
-              "tests/unit/camera")),
+             (f"{_UNIT}/description", f"{_UNIT}/world", f"{_UNIT}/robot", f"{_UNIT}/camera")),
         Area("simulation", (f"{BRIDGE}/*.py",),
-             ("tests/unit/world", "tests/unit/control", "tests/unit/camera")),
+             (f"{_UNIT}/world", f"{_UNIT}/control", f"{_UNIT}/camera", f"{_UNIT}/description")),
         Area("ros", (f"{BRIDGE}/ros/**/*.py",),
-             ("tests/unit/ros", "tests/unit/control", "tests/unit/camera", "tests/unit/world"),
-             without=(f"{BRIDGE}/ros/cli/*.py",),
+             (f"{_UNIT}/ros", f"{_UNIT}/control", f"{_UNIT}/camera",
+              f"{_UNIT}/world/test_divergence"),
              graph=tuple(f"{_INTEGRATION}/test_bridge_{name}.py" for name in (
                  "gazebo_api", "resets", "lockstep", "controllers", "controller_manager"))
              + (f"{_INTEGRATION}/test_camera_topics.py",)),
-        Area("vision", (f"{VISION}/**/*.py",), ("tests/unit/features",),
+        Area("vision", (f"{VISION}/**/*.py",),
+             (f"{_UNIT}/features", f"{_UNIT}/camera/test_model_tracking"),
              without=(f"{VISION}/node.py",)),
-        Area("kinematics", (f"{CONTROLLER}/arm/*.py",), ("tests/unit/servo", "tests/unit/arm")),
-        Area("laws", (f"{CONTROLLER}/laws/*.py",), ("tests/unit/servo",)),
-        Area("features", (f"{CONTROLLER}/features/*.py", f"{CONTROLLER}/schemes/*.py"),
-             ("tests/unit/servo", "tests/unit/features")),
+        Area("kinematics", (f"{CONTROLLER}/arm/*.py",), (f"{_UNIT}/servo", f"{_UNIT}/arm")),
+        Area("laws", (f"{CONTROLLER}/laws/*.py",),
+             (f"{_UNIT}/servo", f"{_UNIT}/ros/test_gains")),
+        Area("features", tuple(f"{CONTROLLER}/{room}/*.py" for room in (
+                 "features", "schemes", "goals")),
+             (f"{_UNIT}/servo", f"{_UNIT}/features", f"{_UNIT}/settings")),
         Area("servo",
              (f"{CONTROLLER}/*.py", *(f"{CONTROLLER}/{room}/*.py" for room in (
-                 "goals", "hands", "loop", "seeing"))),
-             ("tests/unit/servo", "tests/unit/loop")),
-        Area("judging", (f"{CONTROLLER}/judging/*.py",), ("tests/unit/servo",)),
-        Area("bench", (f"{BENCH}/**/*.py",), ("tests/unit/bench", "tests/unit/study"),
-             without=(f"{BENCH}/ros/**/*.py",)),
-        Area("base", (f"{BASE}/*.py",), ("tests/unit/base", "tests/unit/workspace/test_moved",
-              "tests/unit/workspace/test_loops")),
+                 "hands", "loop", "seeing"))),
+             (f"{_UNIT}/servo", f"{_UNIT}/loop")),
+        Area("judging", (f"{CONTROLLER}/judging/*.py",),
+             (f"{_UNIT}/servo", f"{_UNIT}/docs/test_figures")),
+        Area("study", (f"{BENCH}/study/*.py", f"{BENCH}/numbers/*.py"),
+             (f"{_UNIT}/study", f"{_UNIT}/loop", f"{_UNIT}/bench/test_protocols",
+              f"{_UNIT}/bench/test_report.py", f"{_UNIT}/bench/test_browse",
+              f"{_UNIT}/docs/test_blocks")),
+        Area("live", (f"{BENCH}/live/*.py",),
+             (f"{_UNIT}/bench/test_page", f"{_UNIT}/bench/test_story",
+              f"{_UNIT}/bench/test_keeping")),
+        Area("report", tuple(f"{BENCH}/{room}/*.py" for room in (
+                 "report", "pictures", "browse", "recording")),
+             (f"{_UNIT}/bench/test_report", f"{_UNIT}/bench/test_browse",
+              f"{_UNIT}/bench/test_palette", f"{_UNIT}/bench/test_several_cameras",
+              f"{_UNIT}/study")),
+        Area("bench",
+             (f"{BENCH}/*.py", *(f"{BENCH}/{room}/*.py" for room in (
+                 "asked", "targets", "plants", "running", "learning", "commands"))),
+             (f"{_UNIT}/bench", f"{_UNIT}/loop", f"{_UNIT}/settings", f"{_UNIT}/truth",
+              f"{_UNIT}/servo/test_solid_targets", f"{_UNIT}/servo/test_matches")),
+        Area("nodes",
+             (f"{BENCH}/ros/*.py", f"{CONTROLLER}/ros/*.py", f"{VISION}/node.py",
+              "src/aras_visual_servo_ros/src/**/*.py", "src/*/nodes/*",
+              "src/aras_visual_servo_bench/scripts/*", "src/upstream_*/*/scripts/*",
+              "src/upstream_*/*/src/**/*.py"),
+             (f"{_UNIT}/ros", f"{_UNIT}/bench/test_demo_words", f"{_UNIT}/bench/test_keeping",
+              f"{_UNIT}/features/test_vision_messages", f"{_UNIT}/servo/test_parameters",
+              f"{_UNIT}/servo/test_teleop", f"{_UNIT}/servo/test_teach", f"{_UNIT}/workspace",
+              f"{_UNIT}/settings")),
+        Area("robots", ("src/aras_visual_servo_gazebo/scripts/*",),
+             (f"{_UNIT}/robot", f"{_UNIT}/description", f"{_UNIT}/workspace/test_scripts")),
+        Area("base", (f"{BASE}/**/*.py",),
+             (f"{_UNIT}/base", f"{_UNIT}/settings", f"{_UNIT}/description/test_tree",
+              f"{_UNIT}/description/test_gltf_files", f"{_UNIT}/description/test_mesh_files",
+              f"{_UNIT}/description/test_shapes", f"{_UNIT}/arm/test_arm",
+              f"{_UNIT}/arm/test_kinematics", f"{_UNIT}/bench/test_eye_to_hand",
+              f"{_UNIT}/workspace/test_moved", f"{_UNIT}/workspace/test_loops")),
     )
+}
+# In no area, and why.
+LEFT_OUT = {
+    "src/*/setup.py": "catkin runs it when the workspace is built",
+    "src/upstream_*/*/setup.py": "catkin runs it when the workspace is built",
+}
+# Folders of tests below tests/unit that are of no area, and why.
+TESTS_LEFT_OUT = {
+    "docs": "documentation, its code blocks and figures excepted",
+    "mutation": "this tool",
 }
 
 

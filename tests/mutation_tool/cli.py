@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 
+from . import changed
 from .areas import AREAS, UnknownAreaError, area_named
 from .campaign import Campaign, CampaignError, Outcome
 from .equivalents import Equivalents, EquivalentsError
@@ -31,9 +32,13 @@ def _parser() -> argparse.ArgumentParser:
         prog="tests/mutation",
         description="Plant single faults in an area, one at a time, and see whether its tests "
         "find them. Works on copies under out/mutation.",
-        epilog=f"example: tests/mutation vision --limit 50; areas: {', '.join(AREAS)}",
+        epilog="examples: tests/mutation vision --limit 50; tests/mutation changed --since main; "
+        f"areas: {', '.join(AREAS)}",
     )
-    parser.add_argument("area", help="see below")
+    parser.add_argument("area", help=f"see below, or {changed.NAME}: the lines that are new")
+    parser.add_argument("--since", default="", metavar="COMMIT",
+                        help="for changed: new since HEAD left this branch or commit "
+                        f"({' or '.join(changed.BRANCHES)})")
     parser.add_argument("--limit", type=int, default=200, metavar="N", help="faults (200)")
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="which ones (1)")
     parser.add_argument("--only", default="", metavar="REGEX",
@@ -42,12 +47,16 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes (2)")
     parser.add_argument("--resume", action="store_true",
                         help="keep what was found before, and misses if nothing has changed")
+    parser.add_argument("--record", action="store_true",
+                        help="record tests anew that ran sources which have changed since")
     parser.add_argument("--minutes", type=float, default=1e6, metavar="M",
                         help="begin nothing new after M minutes; go on with --resume")
     parser.add_argument("--graph", action=argparse.BooleanOptionalAction, default=True,
                         help="also run the integration tests that the area names (yes)")
     parser.add_argument("--skip", default="", metavar="REGEX",
                         help="leave test files out whose path has a match")
+    parser.add_argument("--budget", type=float, default=20.0, metavar="S",
+                        help="processor seconds that a fault's tests take at most (20)")
     parser.add_argument("--goal", type=float, default=0.85, help="share to be found (0.85)")
     parser.add_argument("--folder", type=Path, default=TOP / "out" / "mutation",
                         help="for copies and results (out/mutation)")
@@ -55,11 +64,17 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace) -> int:
-    area = area_named(options.area)
+    lines = None
+    if options.area == changed.NAME:
+        lines = changed.changed_lines(TOP, options.since)
+        area = changed.area_of(TOP, lines)
+    else:
+        area = area_named(options.area)
     sources = {str(f.relative_to(TOP)): f.read_bytes() for f in area.source_files(TOP)}
-    faults = sample(sources, options.limit, options.seed, options.only)
+    faults = sample(sources, options.limit, options.seed, options.only, lines)
     if not faults:
-        raise UnknownAreaError(f"no fault of area {area.name} matches --only {options.only}")
+        among = f"that matches --only {options.only}" if options.only else "can be planted"
+        raise UnknownAreaError(f"area {area.name}: no fault {among}")
     if options.list:
         for fault in faults:
             print(f"{fault.key} {fault.file}:{fault.line} {fault.function}, {fault.operator}\n"
@@ -69,10 +84,10 @@ def _run(options: argparse.Namespace) -> int:
     deadline = time.monotonic() + 60.0 * options.minutes
     campaign = Campaign(
         area, TOP, options.folder, options.jobs, deadline, _say, graph=options.graph,
-        skip=options.skip,
+        skip=options.skip, budget=options.budget,
     )
     try:
-        report = _campaign(campaign, faults, equivalents, options.resume)
+        report = _campaign(campaign, faults, equivalents, options)
     finally:
         campaign.close()
     if report is None:
@@ -83,12 +98,13 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _campaign(
-    campaign: Campaign, faults: list[Fault], equivalents: Equivalents, resume: bool
+    campaign: Campaign, faults: list[Fault], equivalents: Equivalents,
+    options: argparse.Namespace,
 ) -> Report | None:
-    cover = campaign.record()
+    cover = campaign.record(options.record)
     if cover is None:
         return None
-    if not resume:
+    if not options.resume:
         campaign.forget()
     report = Report(faults, {f.key for f in faults if equivalents.reason(f)}, cover)
     known = campaign.known()

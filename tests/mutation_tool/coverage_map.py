@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import bisect
 import re
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,7 +12,7 @@ from .edits import COMPILED
 from .faults import Fault
 from .recording import COLLECTING
 
-_SLOW_S = 0.5
+_CLASSES_S = (0.05, 0.3, 1.5)  # tests are run by classes of so many processor seconds
 
 
 @dataclass(frozen=True)
@@ -76,8 +77,22 @@ class CoverageMap:
         return self._ordered(found - self.failed)
 
     def total(self, tests: list[str]) -> float:
-        """Seconds that these tests took when they were recorded."""
+        """Processor seconds that these tests took when they were recorded."""
         return sum(self.seconds[name] for name in tests)
+
+    def within(self, tests: list[str], budget: float) -> list[str]:
+        """The first of them, that take so many seconds together; one at least."""
+        total, kept = 0.0, []
+        for name in tests:
+            total += self.seconds[name]
+            if kept and total > budget:
+                break
+            kept.append(name)
+        return kept
+
+    def imports(self, fault: Fault) -> bool:
+        """Whether it runs while test files are imported."""
+        return not fault.names and bool(self._importing(fault.file, *fault.lines))
 
     def _tests(self, file: str, first: int, last: int) -> set[str]:
         lines = self._of_line.get(file, {})
@@ -102,14 +117,14 @@ class CoverageMap:
         def file_of(name: str) -> str:
             return name.partition("::")[0]
 
-        totals: dict[tuple[bool, str], float] = {}
+        classes = {name: bisect.bisect(_CLASSES_S, self.seconds[name]) for name in tests}
+        totals: dict[tuple[int, str], float] = {}
         for name in tests:
-            group = self.seconds[name] > _SLOW_S, file_of(name)
+            group = classes[name], file_of(name)
             totals[group] = totals.get(group, 0.0) + self.seconds[name]
 
-        def rank(name: str) -> tuple[bool, bool, float, str, float, str]:
-            slow, graph = self.seconds[name] > _SLOW_S, "::" not in name
-            file = file_of(name)
+        def rank(name: str) -> tuple[bool, int, float, str, float, str]:
+            slow, graph, file = classes[name], "::" not in name, file_of(name)
             return graph, slow, totals[slow, file], file, self.seconds[name], name
 
         return sorted(tests, key=rank)

@@ -80,11 +80,15 @@ def is_fault(fault: Fault, source: bytes) -> bool:
         return False
 
 
-def sample(sources: dict[str, bytes], count: int, seed: int, only: str = "") -> list[Fault]:
+def sample(
+    sources: dict[str, bytes], count: int, seed: int, only: str = "",
+    lines: dict[str, set[int]] | None = None,
+) -> list[Fault]:
     """`count` faults of the sources (by file): the same for the same seed and sources.
 
     Each fault's place in the draw is a hash of the seed and of itself, so an edit elsewhere
-    changes nothing about it. `only`: regular expression that "file function was" must contain.
+    changes nothing about it. `only`: regular expression that "file function was" must contain;
+    `lines`: those in which faults may begin, of each file.
     """
     def draw(fault: Fault) -> str:
         return hashlib.sha256(f"{seed} {fault.key}".encode()).hexdigest()
@@ -93,6 +97,7 @@ def sample(sources: dict[str, bytes], count: int, seed: int, only: str = "") -> 
     faults = [
         fault for file, source in sources.items() for fault in faults_of(source, file)
         if wanted.search(f"{fault.file} {fault.function} {fault.was}")
+        and (lines is None or fault.line in lines.get(file, ()))
     ]
     drawn: list[Fault] = []
     for fault in sorted(faults, key=draw):

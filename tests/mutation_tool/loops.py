@@ -10,6 +10,7 @@ import ast
 import hashlib
 import pickle
 import re
+import zlib
 from pathlib import Path
 
 
@@ -38,15 +39,20 @@ def keep(cache: Path, module: str, was: bytes, now: bytes, names: set[str]) -> N
     """Let what numba keeps in `cache` of a module, but for functions of these names, count for its
     source as it is `now`.
 
-    It knows a source by its SHA-256. A function that stands in another line now is not found, and
+    It knows a source by its SHA-256, and `aras_visual_servo_base.compiled` adds the CRC-32 of the
+    sources of what a function calls. A function that stands in another line now is not found, and
     is compiled again.
     """
     before, after = (hashlib.sha256(source).digest() for source in (was, now))
+    called = {(f"{module}.py", str(zlib.crc32(was))): (f"{module}.py", str(zlib.crc32(now)))}
     for index in cache.glob(f"*/{module}.*.nbi"):
         function = index.name.removeprefix(f"{module}.").rpartition("-")[0]
         if function.partition(".")[0] in names:
             continue
         with index.open("rb") as file:
-            version, (source, kept) = pickle.load(file), pickle.load(file)
+            version, (stamp, kept) = pickle.load(file), pickle.load(file)
+        source, *made_of = stamp if isinstance(stamp, tuple) else (stamp,)
         if source == before:
-            index.write_bytes(pickle.dumps(version) + pickle.dumps((after, kept)))
+            now_of = (after, *(called.get(one, one) for one in made_of))
+            stamp = now_of if isinstance(stamp, tuple) else after
+            index.write_bytes(pickle.dumps(version) + pickle.dumps((stamp, kept)))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -37,7 +37,11 @@ class Recorder:
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
         self._switch(item.nodeid)
-        return (yield)
+        began = spent()
+        try:
+            return (yield)
+        finally:
+            self.seconds[item.nodeid] = spent() - began
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef) -> Iterator[None]:
@@ -51,9 +55,14 @@ class Recorder:
             self._switch(before)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
         if not report.passed:
             self.failed.setdefault(report.nodeid, report.outcome)
+
+
+def spent() -> float:
+    """Processor seconds of this process and of its children that have ended."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
 
 
 def _label(definition: pytest.FixtureDef) -> str:
@@ -61,35 +70,62 @@ def _label(definition: pytest.FixtureDef) -> str:
 
 
 class Chosen:
-    """Runs these tests alone, in this order; `failed` is the first that failed."""
+    """Runs these tests alone, in this order, until one fails.
 
-    def __init__(self, order: list[str]) -> None:
+    Args:
+        order: the tests' ids.
+        seconds: processor seconds that each takes without a fault.
+        limit: is told before each test how many processor seconds it may take.
+        patience: seconds that each may take besides four times what it takes without a fault.
+
+    Attributes:
+        failed: the tests that failed, the first alone where pytest stops there.
+        ran: how many were begun.
+        memory: one failed because there was no memory.
+    """
+
+    def __init__(
+        self, order: list[str], seconds: dict[str, float], limit: Callable[[float], None],
+        patience: float,
+    ) -> None:
         self._place = {name: k for k, name in enumerate(order)}
+        self._seconds, self._limit, self._patience = seconds, limit, patience
         self.failed: list[str] = []
         self.ran = 0
+        self.memory = False
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         kept = [item for item in items if item.nodeid in self._place]
         items[:] = sorted(kept, key=lambda item: self._place[item.nodeid])
 
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> None:
+        self._limit(self._patience + 4.0 * self._seconds.get(item.nodeid, 0.0))
+
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         self.ran += report.when == "setup"
         if report.failed and report.nodeid not in self.failed:
             self.failed.append(report.nodeid)
+            self.memory |= "MemoryError" in report.longreprtext
+            print(report.nodeid, report.longreprtext, sep="\n")
+
+    def answer(self, code: int) -> dict[str, object]:
+        return {"code": code, "failed": self.failed, "ran": self.ran, "memory": self.memory}
 
 
-def _options(top: Path) -> list[str]:
-    return ["-q", "-p", "no:cacheprovider", "-c", str(top / "pyproject.toml"), f"--rootdir={top}"]
+def options(top: Path) -> list[str]:
+    return ["-q", "-p", "no:cacheprovider", "-p", "no:rerunfailures",
+            "-c", str(top / "pyproject.toml"), f"--rootdir={top}"]
 
 
-def record(top: Path, test_file: str, answer: Path) -> int:
-    """Run one test file below `top` under coverage; writes what CoverageMap reads to `answer`."""
+def record(top: Path, test_file: str) -> dict[str, object]:
+    """Run one test file below `top` under coverage; what CoverageMap reads."""
     coverage = Coverage(data_file=None, include=[f"{top}/src/*"], config_file=False)
     recorder = Recorder(coverage)
     coverage.start()
     coverage.switch_context(COLLECTING)
-    code = pytest.main([*_options(top), str(top / test_file)], plugins=[recorder])
+    code = pytest.main([*options(top), str(top / test_file)], plugins=[recorder])
     coverage.stop()
     data = coverage.get_data()
     lines = {
@@ -98,20 +134,11 @@ def record(top: Path, test_file: str, answer: Path) -> int:
         }
         for file in data.measured_files()
     }
-    answer.write_text(json.dumps({
-        "code": int(code), "lines": lines, "shared": recorder.shared,
-        "seconds": recorder.seconds, "failed": recorder.failed,
-    }))
-    return int(code)
+    return {"code": int(code), "lines": lines, "shared": recorder.shared,
+            "seconds": recorder.seconds, "failed": recorder.failed}
 
 
-def run(top: Path, order: list[str], answer: Path, stop_at_first: bool) -> int:
-    """Run these tests; writes {code, failed, ran} to `answer`."""
-    chosen = Chosen(order)
+def run(top: Path, chosen: Chosen, order: list[str]) -> dict[str, object]:
+    """Collect these tests and run them."""
     files = list(dict.fromkeys(str(top / name.partition("::")[0]) for name in order))
-    stop = ["-x"] if stop_at_first else []
-    code = pytest.main([*_options(top), *stop, *files], plugins=[chosen])
-    answer.write_text(json.dumps(
-        {"code": int(code), "failed": chosen.failed, "ran": chosen.ran}
-    ))
-    return int(code)
+    return chosen.answer(pytest.main([*options(top), "-x", *files], plugins=[chosen]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from .campaign import NO_TEST, Outcome
+from .campaign import BAD, NO_TEST, Outcome
 from .coverage_map import CoverageMap
 from .faults import OPERATORS, Fault
 
@@ -28,13 +28,15 @@ class Report:
 
     @property
     def figures(self) -> dict[str, float]:
-        """What the last line says."""
+        """What the last line says; `seconds` is the processor time of a fault on average."""
         found = sum(outcome.found for outcome in self.outcomes.values())
         missed = len(self.outcomes) - found
         return {
             "sampled": len(self.equivalent) + len(self.outcomes), "found": found,
-            "missed": missed, "equivalent": len(self.equivalent),
+            "missed": missed, "equivalent": len(self.equivalent), "bad": len(self._bad()),
             "score": round(found / max(found + missed, 1), 4),
+            "seconds": round(
+                sum(o.seconds for o in self.outcomes.values()) / max(len(self.outcomes), 1), 2),
         }
 
     def reached(self, goal: float) -> bool:
@@ -46,7 +48,7 @@ class Report:
 
     def text(self, area: str) -> str:
         figures = self.figures
-        lines = [*self._survivors(), *self._table(), ""]
+        lines = [*self._survivors(), *self._table(), *self._bad(), ""]
         left = len(self.open) - len(self.outcomes)
         if left:
             lines.append(f"{left} of {len(self._faults)} not planted yet; go on with --resume")
@@ -68,6 +70,16 @@ class Report:
                 shown = ", ".join(name.rpartition("/")[2] for name in tests[:_SHOWN_TESTS])
                 more = f" and {len(tests) - _SHOWN_TESTS} more" if tests[_SHOWN_TESTS:] else ""
                 lines.append(f"  ran: {shown}{more}")
+        return lines
+
+    def _bad(self) -> list[str]:
+        """The faults that were ended, each with what it did."""
+        lines = []
+        for fault in self.open:
+            outcome = self.outcomes.get(fault.key)
+            if outcome is not None and outcome.how in BAD:
+                by = f" {outcome.by}" if outcome.by else ""
+                lines.append(f"{outcome.how}{by}: {fault.file}:{fault.line} {fault.now}")
         return lines
 
     def _table(self) -> list[str]:

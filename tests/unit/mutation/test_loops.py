@@ -9,26 +9,27 @@ from pathlib import Path
 
 from mutation_tool import loops, planting
 
-SOURCE = """import numba
+SOURCE = """from aras_visual_servo_base.compiled import compiled
 
 FACTOR = 2.0
 
 
-@numba.njit("f8(f8)", cache=True)
+@compiled("f8")
 def scaled(a):
     return FACTOR * a
 
 
-@numba.njit("f8(f8)", cache=True)
+@compiled("f8")
 def twice(a):
     return scaled(scaled(a))
 
 
-@numba.njit("f8(f8)", cache=True)
+@compiled("f8")
 def other(a):
     return a + 1.0
 """
-SCRIPT = """import sys; sys.path.insert(0, "src"); import toy
+BASE = Path(__file__).parents[3] / "src" / "aras_visual_servo_base" / "src"
+SCRIPT = """import sys; sys.path[:0] = ["src", sys.argv[1]]; import toy
 for f in (toy.scaled, toy.twice, toy.other):
     print(f.__name__, f(3.0), sum(f.stats.cache_hits.values()))
 """
@@ -43,8 +44,8 @@ def test_what_a_name_touches() -> None:
 def ran(top: Path, cache: str) -> dict[str, tuple[float, int]]:
     """By function: its answer, and how often it was found compiled."""
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPT], cwd=top, check=True, capture_output=True, text=True,
-        env=os.environ | {"NUMBA_CACHE_DIR": str(top / cache)},
+        [sys.executable, "-c", SCRIPT, str(BASE)], cwd=top, check=True, capture_output=True,
+        text=True, env=os.environ | {"NUMBA_CACHE_DIR": str(top / cache)},
     )
     lines = [line.split() for line in done.stdout.splitlines()]
     return {name: (float(answer), int(hits)) for name, answer, hits in lines}

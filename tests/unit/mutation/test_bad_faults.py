@@ -1,0 +1,178 @@
+"""Faults that hang, take all memory, write outside or break the set-up: ended, named, and nothing
+is left of them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from mutation_tool import guard
+from mutation_tool.areas import Area
+from mutation_tool.campaign import Campaign, Outcome
+from mutation_tool.faults import Fault
+
+TOY = '''import os
+import subprocess
+import tempfile
+from pathlib import Path
+
+HOME = Path.home()
+TOP = 1
+
+
+def turn(a):
+    return a
+
+
+def helper():
+    return "sleep 0"
+
+
+def note(folder):
+    (folder / "note.txt").write_text("noted")
+    return folder
+
+
+def use(kind):
+    if kind == "note":
+        return note(Path(tempfile.mkdtemp()))
+    if kind == "process":
+        return subprocess.run(helper(), shell=True).returncode
+    return turn(kind)
+'''
+TESTS = """import toy
+
+
+def test_turn():
+    assert toy.use(1) == 1
+
+
+def test_note():
+    assert (toy.use("note") / "note.txt").is_file()
+
+
+def test_process():
+    assert toy.use("process") == 0
+"""
+CONFTEST = "import toy\n\nassert toy.TOP == 1\n"
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str, str], Outcome]]:
+    """Plants `now` for `was` in a toy workspace and says what became of it."""
+    folder = tmp_path_factory.mktemp("bad")
+    top = folder / "work"
+    for name, text in (("src/toy.py", TOY), ("tests/test_toy.py", TESTS),
+                       ("tests/conftest.py", CONFTEST),
+                       ("pyproject.toml", '[tool.pytest.ini_options]\npythonpath = ["src"]\n')):
+        (top / name).parent.mkdir(parents=True, exist_ok=True)
+        (top / name).write_text(text)
+    subprocess.run(["git", "init", "-q", str(top)], check=True)
+    run = Campaign(Area("toy", ("src/toy.py",), ("tests",)), top, folder / "out", 1,
+                   time.monotonic() + 300.0, print, patience=1.0,
+                   libraries=("pytest", "coverage"))
+    cover = run.record()
+    copy = folder / "out" / "copies" / "0"
+    before = files_of(copy)
+
+    def plant(was: str, now: str) -> Outcome:
+        start = TOY.index(was)
+        line = TOY.count("\n", 0, start) + 1
+        top_level = was == was.lstrip() and was.startswith("TOP")
+        fault = Fault("src/toy.py", "", "constant", (line, line), ("TOP",) if top_level else (),
+                      False, start, start + len(was), now, line, was, now, now[:12])
+        ((_, outcome),) = run.run([fault], cover)
+        assert files_of(copy) == before and left_of(copy) == []
+        assert (copy / "src" / "toy.py").read_text() == TOY
+        return outcome
+
+    yield plant
+    run.close()
+
+
+def files_of(copy: Path) -> set[str]:
+    """All files of a copy but what Python compiles and what the last task answered."""
+    return {
+        str(path.relative_to(copy)) for path in copy.rglob("*")
+        if "__pycache__" not in path.parts and not path.name.startswith(".")
+    }
+
+
+def left_of(copy: Path) -> list[str]:
+    """Command lines of processes that work in the copy, its server's own apart."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            if entry.name.isdigit() and os.readlink(entry / "cwd") == str(copy):
+                text = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+                if "mutation_tool.worker" not in text:
+                    found.append(text)
+        except OSError:
+            continue
+    return found
+
+
+@pytest.mark.parametrize("now", ["while True: pass", "__import__('time').sleep(1e6)"])
+def test_one_that_hangs_is_ended(plant: Callable, now: str, monkeypatch: pytest.MonkeyPatch,
+                                 ) -> None:
+    monkeypatch.setattr("mutation_tool.campaign._SLOWNESS", 2.0)
+    monkeypatch.setattr("mutation_tool.campaign._IDLE", 1.0)
+    outcome = plant("return a", now)
+    assert (outcome.how, outcome.found) == ("time-out", True)
+
+
+def test_one_that_takes_all_memory_is_ended(plant: Callable) -> None:
+    outcome = plant("return a", "return bytearray(1 << 36)")
+    assert (outcome.how, outcome.by) == ("memory", "tests/test_toy.py::test_turn")
+
+
+def test_one_that_writes_outside_its_folder_is_refused(plant: Callable, tmp_path: Path) -> None:
+    outcome = plant('(folder / "note.txt")', f'Path("{tmp_path}/note.txt")')
+    assert (outcome.how, outcome.by) == ("write", f"{tmp_path}/note.txt")
+    assert not (tmp_path / "note.txt").exists()
+
+
+def test_one_that_removes_what_stands_outside_is_refused(plant: Callable, tmp_path: Path) -> None:
+    kept = tmp_path / "kept.txt"
+    kept.write_text("kept")
+    outcome = plant('(folder / "note.txt").write_text("noted")', f'os.remove("{kept}")')
+    assert (outcome.how, outcome.by) == ("write", str(kept))
+    assert kept.read_text() == "kept"
+
+
+def test_home_and_temporary_folder_are_its_own(plant: Callable, tmp_path: Path) -> None:
+    before = set(Path.home().iterdir())
+    outcome = plant('(folder / "note.txt")', '(Path.home() / "note.txt")')
+    assert outcome.how == "test"
+    assert set(Path.home().iterdir()) == before
+
+
+def test_one_that_writes_into_the_sources_leaves_them_as_they_were(plant: Callable) -> None:
+    outcome = plant('(folder / "note.txt").write_text("noted")',
+                    'Path("src/toy.py").write_text("oh"); Path("src/new.py").touch()')
+    assert outcome.how == "test"  # `plant` looks at the files
+
+
+def test_one_that_breaks_the_set_up_is_named(plant: Callable) -> None:
+    assert plant("TOP = 1", "TOP = 2").how == "import"
+    assert plant("TOP = 1", "TOP = 1 / 0").how == "import"
+
+
+def test_processes_that_leave_their_group_are_ended(plant: Callable) -> None:
+    outcome = plant('return "sleep 0"', 'return "setsid sleep 1000 & exit 3"')
+    assert outcome.how == "test"  # `plant` looks for processes
+
+
+def test_a_limit_of_time_is_of_each_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    deadline = guard.Deadline()
+    now = 100.0
+    monkeypatch.setattr(guard.time, "monotonic", lambda: now)
+    deadline.set(5.0)
+    assert not deadline.over
+    now = 105.1
+    assert deadline.over

@@ -17,12 +17,16 @@ _CLASSES_S = (0.05, 0.3, 1.5)  # tests are run by classes of so many processor s
 
 @dataclass(frozen=True)
 class _Scope:
-    """A function, or a statement outside all functions, and the names that it makes."""
+    """A function, or a statement outside all functions, and the names that it makes.
+
+    `of_class`: a statement within a class.
+    """
 
     first: int
     last: int
     names: tuple[str, ...]
     runs: bool  # a function that a tracer sees
+    of_class: bool = False
 
 
 class CoverageMap:
@@ -133,54 +137,79 @@ class CoverageMap:
 
     def _users(self, names: tuple[str, ...], file: str) -> set[str]:
         found: set[str] = set()
-        pending, done = [(name, file) for name in names], set(names)
+        pending = [(name, file) for name in names]
+        done, seen = set(pending), set()
         while pending:
             name, home = pending.pop()
-            files = (home,) if name.startswith("_") else self._sources
-            for user in files:
-                for scope in self._scopes_with(user, name):
+            for user in self._takers(name, home):
+                for scope in self._files[user].using.get(name, ()):
+                    if (user, scope) in seen:
+                        continue
+                    seen.add((user, scope))
                     if scope.runs:
                         found |= self._tests(user, scope.first, scope.last)
                     else:
-                        pending += [(n, user) for n in scope.names if n not in done]
-                        done |= set(scope.names)
+                        new = {(n, user) for n in scope.names} - done
+                        pending += new
+                        done |= new
         return found
 
-    def _scopes_with(self, file: str, name: str) -> list[_Scope]:
-        lines = self._words[file].get(name, ())
-        return [s for s in self._scopes[file] if any(s.first <= k <= s.last for k in lines)]
+    def _takers(self, name: str, home: str) -> list[str]:
+        """The files in which a name of one file means what it means there: those that import it,
+        or have attributes of its name where it is one of a module or class."""
+        stem = home.rpartition("/")[2].removesuffix(".py")
+        of_class = name in self._files[home].of_classes
+        return [
+            user for user, words in self._files.items()
+            if user == home or name in words.imported
+            or name in words.attributes and (of_class or stem in words.imported)
+        ]
 
     @cached_property
-    def _words(self) -> dict[str, dict[str, list[int]]]:
-        words: dict[str, dict[str, list[int]]] = {}
-        for file, source in self._sources.items():
-            of_file = words.setdefault(file, {})
-            for number, line in enumerate(source.decode().splitlines(), 1):
-                for word in re.findall(r"[A-Za-z_]\w*", line.partition("#")[0]):
-                    of_file.setdefault(word, []).append(number)
-        return words
-
-    @cached_property
-    def _scopes(self) -> dict[str, list[_Scope]]:
-        return {
-            file: list(_scopes(ast.parse(source).body, source.decode()))
-            for file, source in self._sources.items()
-        }
+    def _files(self) -> dict[str, _Words]:
+        return {file: _words(source.decode()) for file, source in self._sources.items()}
 
 
-def _scopes(body: list[ast.stmt], text: str, outer: str = "") -> list[_Scope]:
+@dataclass(frozen=True)
+class _Words:
+    """The names in a file: those it imports, uses as attributes, gives to attributes of classes;
+    and by each the scopes that use it."""
+
+    imported: set[str]
+    attributes: set[str]
+    of_classes: set[str]
+    using: dict[str, list[_Scope]]
+
+
+def _words(text: str) -> _Words:
+    tree = ast.parse(text)
+    imported = {
+        part for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)
+        for alias in node.names for part in alias.name.split(".")
+    }
+    attributes = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    lines = [re.findall(r"[A-Za-z_]\w*", line.partition("#")[0]) for line in text.splitlines()]
+    using: dict[str, list[_Scope]] = {}
+    scopes = list(_scopes(tree.body))
+    for scope in scopes:
+        for word in {word for line in lines[scope.first - 1 : scope.last] for word in line}:
+            using.setdefault(word, []).append(scope)
+    of_classes = {name for scope in scopes if scope.of_class for name in scope.names}
+    return _Words(imported, attributes, of_classes, using)
+
+
+def _scopes(body: list[ast.stmt], outer: str = "") -> list[_Scope]:
     scopes = []
     for node in body:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            decorators = [ast.get_source_segment(text, d) or "" for d in node.decorator_list]
-            runs = not any(COMPILED.search(d) for d in decorators)
+            runs = not any(COMPILED.search(ast.unparse(d)) for d in node.decorator_list)
             scopes.append(_Scope(node.body[0].lineno, node.end_lineno, (node.name,), runs))
         elif isinstance(node, ast.ClassDef):
-            scopes += _scopes(node.body, text, node.name)
+            scopes += _scopes(node.body, node.name)
         else:
             targets = getattr(node, "targets", None) or [getattr(node, "target", None)]
             names = tuple(n.id for t in targets if t for n in ast.walk(t)
                           if isinstance(n, ast.Name))
             names = (*names, outer) if outer else names
-            scopes.append(_Scope(node.lineno, node.end_lineno, names, False))
+            scopes.append(_Scope(node.lineno, node.end_lineno, names, False, bool(outer)))
     return scopes

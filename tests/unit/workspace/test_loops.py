@@ -14,7 +14,7 @@ from aras_visual_servo_base.compiled import compiled
 def twice(x):
     return 2 * x
 """
-ASK = "from looping.part.twice import twice as t; s = t.stats; print(len(s.cache_hits), t(2.0))"
+ASK = "from looping.part.twice import twice as t; v = t(2.0); print(len(t.stats.cache_hits), v)"
 
 
 @pytest.fixture

@@ -1,14 +1,16 @@
 """Numba for small loops and matrices of a few rows, where NumPy's calls cost more than their work.
 
-Signatures are explicit, so everything is compiled when its module is imported and nothing in the
-middle of a run. What was compiled is kept in __pycache__ beside the source, or where
-NUMBA_CACHE_DIR says, until the source changes, or that of a compiled function of another module
-that it calls, or a number that it takes from one: Numba itself watches each file alone.
+Signatures are explicit, so set-up compiles everything, and nothing is compiled in the middle of a
+run. What was compiled is kept in __pycache__ beside the source, or where NUMBA_CACHE_DIR says, until
+the source changes, or that of a compiled function of another module that it calls, or a number that
+it takes from one: Numba itself watches each file alone. It is read when the function is first
+called: of all of them, which would take most of a program's start, no program calls more than half.
 """
 
 from __future__ import annotations
 
 import logging
+import threading
 import zlib
 from collections.abc import Callable
 from functools import cache
@@ -16,10 +18,13 @@ from pathlib import Path
 
 import numba
 from numba.core.cgutils import true_bit
+from numba.core.dispatcher import Dispatcher
 from numba.core.sigutils import normalize_signature
 from numba.extending import intrinsic
 
 _log = logging.getLogger(__name__)
+_one_at_a_time = threading.RLock()
+_prepared: list[tuple[str, Callable[[], None]]] = []  # modules of compiled functions
 
 
 def compiled(signature: str, allocates: bool = True) -> Callable[[Callable], Callable]:
@@ -46,11 +51,40 @@ def compiled(signature: str, allocates: bool = True) -> Callable[[Callable], Cal
             if "cannot cache" not in str(error):
                 raise
             _tell_once()
-        made.compile(arguments)
-        made.disable_compile()
+        _compile_when_used(made, arguments)
         return made
 
     return compile_function
+
+
+def _compile_when_used(made: Dispatcher, arguments: tuple) -> None:
+    """Compile it for these arguments, or read what was kept, when it is first called from Python or
+    from a function that is compiled; from then on it takes no others."""
+    types_of = made.get_call_template
+
+    def ready() -> None:
+        with _one_at_a_time:
+            if made._can_compile:
+                made.compile(arguments)
+                made.disable_compile()
+
+    def before_a_call(*_given: object, **_named: object) -> Dispatcher:
+        ready()
+        return made  # Numba calls what it gets from here
+
+    def before_a_caller(given: tuple, named: dict) -> tuple:
+        ready()
+        return types_of(given, named)
+
+    made._compile_for_args, made.get_call_template = before_a_call, before_a_caller
+    _prepared.append((made.__module__, ready))
+
+
+def compile_all(package: str) -> None:
+    """All compiled functions of the package's modules that were imported, now."""
+    for module, ready in _prepared:
+        if module.partition(".")[0] == package:
+            ready()
 
 
 def _made_of(function: Callable) -> list[tuple]:

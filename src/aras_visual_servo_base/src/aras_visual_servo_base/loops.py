@@ -19,6 +19,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from .compiled import compile_all
+
 HAS_LOOPS = re.compile(r"^from .*compiled import .*\bcompiled\b", re.MULTILINE)
 
 
@@ -77,7 +79,7 @@ def missing(packages: Sequence[str]) -> list[str]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Import every module with loops, several packages side by side; returns the exit status."""
+    """Compile the packages' loops, several packages side by side; returns the exit status."""
     parser = argparse.ArgumentParser(
         prog="loops", description=__doc__.splitlines()[0],
         epilog=f"example: python -m {__name__} aras_visual_servo_camera",
@@ -95,6 +97,7 @@ def main(argv: list[str] | None = None) -> int:
             take_over(package, given.folder)
         for path in sources(package):
             importlib.import_module(".".join(path.with_suffix("").parts))
+        compile_all(package)
     return 0
 
 

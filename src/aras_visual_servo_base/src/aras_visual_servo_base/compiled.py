@@ -1,10 +1,10 @@
 """Numba for small loops and matrices of a few rows, where NumPy's calls cost more than their work.
 
 Signatures are explicit, so set-up compiles everything, and nothing is compiled in the middle of a
-run. What was compiled is kept in __pycache__ beside the source, or where NUMBA_CACHE_DIR says, until
-the source changes, or that of a compiled function of another module that it calls, or a number that
-it takes from one: Numba itself watches each file alone. It is read when the function is first
-called: of all of them, which would take most of a program's start, no program calls more than half.
+run. What was compiled is kept in __pycache__ beside the source, or where NUMBA_CACHE_DIR says,
+until the source changes, or that of a compiled function of another module that it calls, or a
+number that it takes from one: Numba itself watches each file alone. It is read when the function
+is first called: no program calls more than half of them, and to read all took most of its start.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 import importlib
 import logging
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numba
 import numpy as np
@@ -47,7 +48,7 @@ def test_arrays_in_any_order_are_only_read() -> None:
         x[0] = 1.0
 
     with pytest.raises(numba.TypingError, match="Cannot modify readonly array"):
-        compiled.compiled("f8[:]")(written)
+        compiled.compiled("f8[:]")(written)(kept)
     compiled.compiled("f8[::1]")(written)(copy := kept.copy())
     assert copy[0] == 1.0
 
@@ -62,7 +63,31 @@ def test_what_makes_no_arrays_looks_at_rows_and_is_refused_when_it_does() -> Non
     compiled.compiled("f8[:,::1], f8[::1]", allocates=False)(sums)(rows, out)
     assert out.tolist() == [2.0, 8.0, 14.0]
     with pytest.raises(numba.core.errors.NumbaError):
-        compiled.compiled("f8[::1]", allocates=False)(lambda x: np.empty(len(x)))
+        compiled.compiled("f8[::1]", allocates=False)(lambda x: np.empty(len(x)))(rows[0])
+
+
+def test_it_is_compiled_at_its_first_use_once_and_for_its_types_alone() -> None:
+    inner = compiled.compiled("f8[:], i8")(lambda x, k: x[k])
+    outer = compiled.compiled("f8[::1]")(lambda x: inner(x, 1) + inner(x, 2))
+    assert not inner.signatures and not outer.signatures
+    with ThreadPoolExecutor(4) as threads:
+        assert list(threads.map(outer, [np.arange(k, k + 3.0) for k in range(8)])) == [
+            3.0 + 2 * k for k in range(8)
+        ]
+    assert len(outer.signatures) == 1
+    # the caller has rows in C order and another kind of whole number
+    ((row, number),) = inner.signatures
+    assert (row.layout, row.mutable, str(number)) == ("A", False, "int64")
+
+
+def test_all_of_a_package_are_compiled_when_that_is_asked_for(monkeypatch) -> None:
+    monkeypatch.setattr(compiled, "_prepared", [])
+    made = []
+    for module in ("mine.a", "mined.a", "mine"):
+        function = eval("lambda x: 2 * x", {"__name__": module})
+        made.append(compiled.compiled("f8")(function))
+    compiled.compile_all("mine")
+    assert [len(one.signatures) for one in made] == [1, 0, 1]
 
 
 @pytest.mark.parametrize("decorator", ["compiled('f8')", "inlined"])

@@ -161,6 +161,37 @@ def test_the_covariance_tells_the_spread_of_noisy_pictures(folder):
     assert 0.4 < ratio < 2.5
 
 
+def test_a_mesh_of_another_size_is_known_less_well_by_what_its_edges_miss(folder):
+    sequence, true = Sequence("box", "clean", folder), Sequence("box", "clean", folder).pose(60)
+    told = []
+    for wider in (1.0, 1.02):
+        tracker = ModelTracker(
+            Solid.of(corners_of("box") * (wider, 1.0, 1.0), "box"), Start({"pose": [0.0] * 6}))
+        tracker.tracking.start(true)
+        told.append(tracker.look(sequence.picture(60), CAMERA))
+    right, wrong = told
+    assert right.unshared < 0.25 * wrong.unshared
+    assert 0.9 * wrong.accuracy < wrong.unshared < wrong.accuracy
+    assert wrong.accuracy > 3.0 * right.accuracy
+
+
+def test_a_bar_whose_ends_are_not_seen_is_known_but_for_a_shift_along_it():
+    tracking = ModelTracking(Solid.of(block((0, 0), (1.4, 0.05), 0.0, 0.0, 0.04), "the bar"))
+    pose = transform((0.01, 0.02, 0.3), (2.6, 0.0, 0.0))
+    points = visible_samples(tracking.solid, CAMERA, pose, 3.0)
+    assert len(np.unique(points.edge)) > 2
+    grey = np.full((480, 640), 60, np.uint8)
+    v, u = np.mgrid[0:480, 0:640]
+    low, high = points.pixel[:, 1].min(), points.pixel[:, 1].max()
+    grey[(v > low) & (v < high)] = 160
+    tracking.start(pose)
+    found = tracking.track(grey, CAMERA)
+    along = found.camera_T_solid[:3, 0]
+    assert not found.lost
+    assert along @ found.covariance[:3, :3] @ along > 1.0
+    assert found.unshared == 1.0
+
+
 def test_a_depth_image_alone_tells_the_pose_of_three_faces(folder):
     sequence, solid = Sequence("box", "clean", folder), solid_of("box")
     true, depth = sequence.pose(200), sequence.depth(200)

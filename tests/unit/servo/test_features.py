@@ -244,6 +244,8 @@ def test_a_goal_that_this_camera_has_shown_has_the_errors_of_the_same_view():
         seen = replace(view, corners=moved, corner_accuracy=0.05 * pixel)
         shown = feature.accuracy(seen, goal)
         np.testing.assert_allclose(shown, common * pixel * np.eye(8), rtol=1e-6)
+    own = replace(view, corner_accuracy=pixel, corner_unshared=0.3 * pixel)
+    np.testing.assert_allclose(feature.accuracy(own, goal), 0.3 * pixel * np.eye(8), rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["moments", "moments_six"])

@@ -89,6 +89,22 @@ def test_a_lens_is_taken_off(meshes):
     assert found.residual < 0.1
 
 
+@pytest.mark.parametrize("off", [(5.5e-4, 0, 0), (-5.5e-4, 2e-4, 0), (0, 5e-4, 0)])
+def test_a_wrong_pose_with_which_most_edges_agree_is_left(meshes, off):
+    """Square from above all but the edges along x agree with a shift along x."""
+    small = CameraModel(320, 240, (102.7, 0, 159.5, 0, 102.7, 119.5, 0, 0, 1))
+    target_T_camera = transform((0.0, 0.0, 0.25), (np.pi, 0.0, 0.0))
+    target, true = solid_target(Path(meshes["box"])), inverse(target_T_camera)
+    picture = np.ascontiguousarray(seen(target, small, target_T_camera))
+    tracking = ModelTracking(target.solid)
+    tracking.start(true)
+    tracking.track(picture, small)
+    found = tracking.track(picture, small, transform(off, (0.0, 0.0, 0.0)) @ true)
+    assert not found.lost
+    assert np.linalg.norm((found.camera_T_solid - true)[:3, 3]) < 5e-5
+    assert np.sqrt(np.linalg.eigvalsh(found.covariance[:3, :3])[-1]) < 2e-4
+
+
 @pytest.mark.parametrize(("name", "why"), [
     ("millimetres", "80 m long: is it in millimetres"),
     ("open", "open or folded"),

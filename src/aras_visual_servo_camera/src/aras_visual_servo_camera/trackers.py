@@ -43,12 +43,14 @@ class TrackedPoints(NamedTuple):
     """What a tracker finds in a picture.
 
     points: (n, 2) normalised. plane: of the target, where it tells that. accuracy: normalised
-    length to which the points are found.
+    length to which the points are found. unshared: the part of it in which another picture from the
+    same place, as the goal's, may differ.
     """
 
     points: np.ndarray
     plane: Plane | None
     accuracy: float
+    unshared: float = 0.0
 
 
 class Tracker(ABC):

@@ -32,7 +32,7 @@ def edge_equations(at, seen, gain, away, weight, T, least):
             where there is none; the nearest counts. weight: (n,). least: px, of the scale.
 
     Answers:
-        A (6, 6) and b (6,); residuals (n,), NaN where there are none; the robust scale, px.
+        A (6, 6) and b (6,); residuals (n,), NaN where there are none.
     """
     count = len(at)
     rows, residuals = np.empty((count, 6)), np.full(count, np.nan)
@@ -60,7 +60,7 @@ def edge_equations(at, seen, gain, away, weight, T, least):
         rows[n, 3], rows[n, 4], rows[n, 5] = y * c - z * b, z * a - x * c, x * b - y * a
     A, right = np.zeros((6, 6)), np.zeros(6)
     if used == 0:
-        return A, right, residuals, least
+        return A, right, residuals
     scale = max(NORMAL * np.median(sizes[:used]), least)
     for n in range(count):
         if residuals[n] != residuals[n]:
@@ -76,7 +76,7 @@ def edge_equations(at, seen, gain, away, weight, T, least):
     for i in range(6):
         for j in range(i):
             A[j, i] = A[i, j]
-    return A, right, residuals, scale
+    return A, right, residuals
 
 
 @inlined

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -58,9 +60,12 @@ class ModelTracker(Tracker):
         if world_T_camera is not None:
             self._world_T_solid = world_T_camera @ pose
         places = tracking.solid.points() @ pose[:3, :3].T + pose[:3, 3]
-        variance = np.trace(found.covariance[:3, :3]) / 3.0
-        accuracy = np.hypot(AT_BEST / camera.K[0], np.sqrt(variance) / pose[2, 3])
-        return TrackedPoints(places[:, :2] / places[:, 2:], _plane(pose, places), float(accuracy))
+        deviation = math.sqrt(np.trace(found.covariance[:3, :3]) / 3.0) / pose[2, 3]
+        return TrackedPoints(
+            places[:, :2] / places[:, 2:], _plane(pose, places),
+            math.hypot(AT_BEST / camera.K[0], deviation),
+            deviation * found.unshared,
+        )  # fmt: skip
 
 
 def _plane(pose: np.ndarray, places: np.ndarray) -> Plane | None:

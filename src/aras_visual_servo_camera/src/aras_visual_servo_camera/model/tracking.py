@@ -22,11 +22,14 @@ SPARSE, DENSE = 6.0, 3.0
 ENOUGH = 60  # points; of a solid that is small in the picture they are nearer together
 REACH = 10.0  # px to either side of where edges are expected
 STARTING = (20.0, 10.0, 40.0)  # px likewise, one after the other, where it is rough
-LOOKS, FITS, MEASUREMENTS = 4, 4, 3  # at most: searches, Gauss-Newton steps of each, measurements
+LOOKS, FITS, MEASUREMENTS = 4, 6, 3  # at most: searches, Gauss-Newton steps of each, measurements
 NEAR = 0.7  # px from which on edges are measured, not looked for
 STILL = 0.01  # px: a change of the pose by less is none
 LEAST, NOISY = 10.0, 3.5  # grey levels of a change; times the noise
-LEAST_SCALE = (0.5, 0.02)  # px, of residuals: where edges are looked for, and measured
+# px, scale of residuals at least: where edges are looked for, and measured. A fit begins with the
+# first of its two and ends with the second, each step with NARROWER of the last one's: begun with
+# the second, edges that agree with a wrong pose would give those that do not no weight.
+LOOSE, EXACT, NARROWER = (0.5, 0.5), (0.3, 0.02), 0.3
 FLOOR = 0.03  # px to which an edge is measured without noise
 TOLERANCE, LEARNED = 25.0, 0.2  # grey levels of a remembered level; its part that is renewed
 STEP = 5e-3  # m that a motion goes at once of which the edges tell nothing
@@ -46,6 +49,9 @@ class Found:
         camera_T_solid: (4, 4).
         covariance: (6, 6) of a change (m, rad) about the middle of the solid, in the camera's axes;
             beyond all measure along what the edges do not tell.
+        unshared: part of the deviations by which another picture from the same pose may differ:
+            what the points' distances exceed those by noise and measurement by, and all of it where
+            the edges leave a motion open.
         share: part of the visible edge points that were found where the pose has them.
         count: of those points. residual: their distances, px, rms.
         lost: why the pose is not to be trusted, in words; empty where it is.
@@ -53,6 +59,7 @@ class Found:
 
     camera_T_solid: np.ndarray
     covariance: np.ndarray
+    unshared: float
     share: float
     count: int
     residual: float
@@ -140,7 +147,7 @@ class ModelTracking:
             away = candidates(grey, samples.pixel, samples.normal, self._expected(samples),
                               reach / (1.0 + look), least, tolerance)  # fmt: skip
             pose, moved, _ = self._fitted(
-                samples, away, np.ones(len(away)), pose, LEAST_SCALE[0])
+                samples, away, np.ones(len(away)), pose, LOOSE)
             if moved < NEAR and look:
                 break
         for _ in range(MEASUREMENTS):
@@ -149,11 +156,11 @@ class ModelTracking:
                               self._expected(samples), least, tolerance, noise)  # fmt: skip
             weight = 1.0 / (FLOOR**2 + np.nan_to_num(values[:, 3], nan=1.0))
             pose, moved, rest = self._fitted(
-                samples, np.ascontiguousarray(values[:, :1]), weight, pose, LEAST_SCALE[1])
+                samples, np.ascontiguousarray(values[:, :1]), weight, pose, EXACT)
             if moved < 10.0 * STILL:
                 break
         self._last = samples, values, rest[0]
-        return self._judged(samples, pose, *rest)
+        return self._judged(samples, weight, pose, *rest)
 
     def _points(self, camera: CameraModel, pose: np.ndarray, spacing: float) -> EdgePoints:
         """Those that are seen from a pose, every `spacing` px, or nearer where they are few."""
@@ -169,14 +176,14 @@ class ModelTracking:
 
     def _fitted(
         self, samples: EdgePoints, away: np.ndarray, weight: np.ndarray, pose: np.ndarray,
-        least: float,
-    ) -> tuple[np.ndarray, float, tuple[np.ndarray, np.ndarray, float]]:  # fmt: skip
+        scales: tuple[float, float],
+    ) -> tuple[np.ndarray, float, tuple[np.ndarray, np.ndarray]]:  # fmt: skip
         """The pose that fits, how far that moved the solid (px), and what is left."""
         start, residuals = pose, np.full(len(away), np.nan)
         focal = _scale(samples)
-        A, scale = np.zeros((6, 6)), least
+        A, (least, last) = np.zeros((6, 6)), scales
         for step in range(FITS + 1):
-            A, b, residuals, scale = edge_equations(
+            A, b, residuals = edge_equations(
                 samples.at, samples.seen, samples.gain, away, weight, np.ascontiguousarray(pose),
                 least)  # fmt: skip
             if step == FITS:
@@ -187,10 +194,11 @@ class ModelTracking:
                 A, b = A + more[0], b + more[1]
             change = self._solved(A, b, pose)
             pose = exponential(change) @ pose
-            if focal * self._moved(change, pose) < STILL:
+            if least == last and focal * self._moved(change, pose) < STILL:
                 break
+            least = max(NARROWER * least, last)
         moved = focal * self._moved(logarithm(pose @ inverse(start)), start)
-        return pose, moved, (residuals, A, scale)
+        return pose, moved, (residuals, A)
 
     def _moved(self, change: np.ndarray, pose: np.ndarray) -> float:
         """How far a change (v, w) moves the solid in the picture, normalised, about."""
@@ -241,26 +249,34 @@ class ModelTracking:
         return kept @ M.T @ A @ M @ kept
 
     def _judged(
-        self, samples: EdgePoints, pose: np.ndarray, residuals: np.ndarray, A: np.ndarray,
-        scale: float,
+        self, samples: EdgePoints, weight: np.ndarray, pose: np.ndarray, residuals: np.ndarray,
+        A: np.ndarray,
     ) -> Found:  # fmt: skip
         asked = int((samples.room.min(axis=1) > ROOM).sum())
         good = np.abs(residuals) < EXPLAINED
         count = int(good.sum())
         share = min(count / max(asked, 1), 1.0)
-        rms = float(np.sqrt(np.mean(residuals[good] ** 2))) if count else np.inf
+        squares = residuals[good] ** 2
+        rms = float(np.sqrt(np.mean(squares))) if count else np.inf
+        excess = max(float(weight[good] @ squares) / max(count - 6, 1), 1.0)
+        covariance, vaguest = self._covariance(A / excess, pose)
+        unshared = math.sqrt(1.0 - 1.0 / excess) if vaguest < STEP else 1.0
         lost = ""
         if count < FEWEST or share < LEAST_SHARE:
             lost = (f"{self.solid.name} is lost: {count} of {asked} points of its edges are seen "
                     "where it should be")  # fmt: skip
-        return Found(pose, self._covariance(A, pose), share, count, rms, lost)
+        return Found(pose, covariance, unshared, share, count, rms, lost)
 
-    def _covariance(self, A: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        values, vectors = np.linalg.eigh(
-            self._told(A, self._about_middle(pose), self._slipping(pose)))
+    def _covariance(self, A: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, float]:
+        """As of Found, by the information A (6, 6), and the largest standard deviation of what a
+        picture can tell, m on the solid."""
+        slips = self._slipping(pose)
+        values, vectors = np.linalg.eigh(self._told(A, self._about_middle(pose), slips))
         inverse_values = 1.0 / np.maximum(values, 1.0 / UNSEEN)
         scaled = np.concatenate([np.ones(3), np.full(3, 1.0 / self._radius)])
-        return scaled[:, None] * ((vectors * inverse_values) @ vectors.T) * scaled
+        covariance = scaled[:, None] * ((vectors * inverse_values) @ vectors.T) * scaled
+        told = inverse_values[slips.shape[1] :]
+        return covariance, math.sqrt(told[0]) if len(told) else 0.0
 
     def _learn(self) -> None:
         """Remember the grey levels beside the edges that were found."""

@@ -227,7 +227,7 @@ def accuracy_beside(observation: Observation, goal: Goal, off: np.ndarray) -> fl
     if goal.camera != observation.camera:
         return accuracy
     common = NEARLY / observation.camera.K[0] + CHANGING * np.sqrt(np.mean(off**2))
-    return min(accuracy, common)
+    return max(min(accuracy, common), observation.corner_unshared)
 
 
 def places(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:

@@ -69,6 +69,7 @@ class Observation:
         contour: (n, 2) outline of the target, normalised, below a pixel exact.
         corners: (n, 2) of that outline, in its order, normalised.
         corner_accuracy: normalised length to which they are found, noise apart, rms; 0: exactly.
+        corner_unshared: the part of it that a goal shown by the same camera does not share.
         pixel_count: pixels of the target, 0 where not known.
         touches: borders of the image that the target touches: left, right, top, bottom.
         image: (rows, columns) or (rows, columns, 3) RGB, uint8.
@@ -100,6 +101,7 @@ class Observation:
     contour: np.ndarray | None = None
     corners: np.ndarray | None = None
     corner_accuracy: float = 0.0
+    corner_unshared: float = 0.0
     pixel_count: int = 0
     touches: tuple[str, ...] = ()
     image: np.ndarray | None = None
@@ -210,6 +212,7 @@ class Observer:
                 )
                 seen["corners"] = _frozen(found.points)
                 seen["corner_accuracy"] = found.accuracy
+                seen["corner_unshared"] = found.unshared
                 seen["pixel_count"] = 0 if self.tracker.numbered else len(found.points)
                 plane = found.plane if plane is None else plane
             except VisionError as error:

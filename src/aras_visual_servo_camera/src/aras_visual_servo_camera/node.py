@@ -32,6 +32,7 @@ class CameraNode:
         self._said: dict[str, float] = {}
         self._last_image = time.monotonic()
         self._lock = Lock()
+        self._stamp = rospy.Time()
         self._outputs = Outputs(parameters, self.pipeline, self._say)
         # queue_size=1 with a buffer that holds several images: always the newest, never a backlog
         options = {"queue_size": 1, "tcp_nodelay": True}
@@ -59,6 +60,9 @@ class CameraNode:
         try:
             image = decode(message)
             with self._lock:
+                if message.header.stamp < self._stamp:
+                    self.pipeline.reset()  # the clock went back
+                self._stamp = message.header.stamp
                 measurement = self.pipeline.measure(image)
         except VisionError as error:
             self._say("image unusable", f"image skipped: {error}")

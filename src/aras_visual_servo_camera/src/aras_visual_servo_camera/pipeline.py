@@ -67,6 +67,10 @@ class Pipeline:
         self.region = region
         self.camera: CameraModel | None = None
         self.camera_fault = "no camera_info has arrived yet"
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget where the target was, as after the clock went back."""
         self._previous: tuple[float, float] | None = None
 
     def set_camera(self, camera: CameraModel) -> None:

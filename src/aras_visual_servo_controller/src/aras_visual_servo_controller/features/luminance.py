@@ -98,9 +98,13 @@ class Luminance(Feature):
 
     def __init__(self) -> None:
         self._goal: Goal | None = None
-        self._rest: tuple[np.ndarray, np.ndarray] | None = None
         self._up_to = ""
         self._rays: _Rays | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """See Feature.reset."""
+        self._rest: tuple[np.ndarray, np.ndarray] | None = None
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
         """See Feature.teach: the picture itself."""

@@ -171,6 +171,7 @@ class Observer:
         """Forget the last observation, as after the clock went back."""
         self._stamp: float | None = None
         self._pose: np.ndarray | None = None
+        self.pipeline.reset()
         if self.tracker is not None:
             self.tracker.reset()
 

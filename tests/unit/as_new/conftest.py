@@ -1,0 +1,7 @@
+"""Lets the tests of this folder share object_state.py, and use the examples of the docs."""
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE), str(HERE.parents[2] / "docs" / "examples")]

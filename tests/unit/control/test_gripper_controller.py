@@ -159,6 +159,7 @@ def test_a_goal_of_no_number_is_refused(make, goal):
     present = controller.submit_goal(GripperGoal(0.9, 5.0))
     handle = controller.submit_goal(goal)
     assert handle.status == "rejected" and "not finite" in handle.result.text
+    assert not handle.result.stalled and not handle.result.reached_goal
     assert present.status == "active"
 
 

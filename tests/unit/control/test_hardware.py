@@ -149,6 +149,11 @@ class TestWriting:
     def test_a_number_that_is_not_finite_never_reaches_the_motor(
         self, make_rig, make_joint, interface, command, kind, bad
     ):
+        first = make_rig([make_joint("J", interface=interface)], q=[0.003])
+        first.hardware.start()
+        setattr(first.hardware.handles["J"], command, bad)
+        first.hardware.write(0, 0.001)
+        assert only(first)[0][:2] == (kind, 0.003 if kind == "position" else 0.0)
         rig = make_rig([make_joint("J", interface=interface)])
         handle = rig.hardware.handles["J"]
         setattr(handle, command, 0.004)
@@ -203,6 +208,11 @@ class TestReporting:
         command(1.0, 3_000_000_000, 2000)
         command(9.0, 5_000_000_000, 3)
         assert len(rig.log) == 2
+        free = make_rig([make_joint("J", "continuous", POSITION)])
+        for k in range(3000):
+            free.hardware.handles["J"].position_command = -9.0
+            free.hardware.write(k * 1_000_000, 0.001)
+        assert free.log == []  # it has no range
 
     def test_a_short_saturation_of_effort_is_not_worth_a_line_a_lasting_one_is(
         self, make_rig, make_joint

@@ -97,6 +97,7 @@ def test_starting_forgets_the_stream_and_rests():
     it = interpolation()
     follow(it, {k: 0.001 * k for k in range(1, 200, 10)}, 200)
     it.start(-1.0)
+    assert not it.moves
     assert follow(it, {}, 50) == [-1.0] * 50
     fresh = interpolation()
     fresh.start(-1.0)

@@ -60,6 +60,23 @@ def test_a_rate_of_zero_or_less_never_publishes(make, rate):
     assert not states
 
 
+@pytest.mark.parametrize("rate", [300, 70, 1000])
+def test_the_cycles_to_come_are_those_in_which_it_will_sample(make, rate):
+    rig = make(publish_rate=rate)
+    controller = rig.run("jsc")
+    states = []
+    controller.on_state = states.append
+    rig.step(7)
+    due = controller.due_in(rig.time_ns + rig.step_ns, rig.time_ns + 60 * rig.step_ns, rig.step_ns)
+    states.clear()
+    rig.step(60)
+    assert [s.stamp_ns for s in states] == due and len(due) >= 4
+    before = controller.due_in(rig.time_ns, rig.time_ns + 100_000_000, rig.step_ns)
+    controller.sampled(3)
+    after = controller.due_in(rig.time_ns, rig.time_ns + 100_000_000, rig.step_ns)
+    assert after == before[3:]
+
+
 def test_restart_keeps_the_rhythm(make):
     rig = make()
     states = states_of(rig)
@@ -87,6 +104,7 @@ def test_joints_gives_subset_and_order_extra_joints_follow(make):
         joints=["gantry", "J1"],
         extra_joints=[
             {"name": "tip", "position": 1.5},
+            {"name": "tip", "position": 8.0},
             {"name": "J1", "position": 9.0},
             {"name": "base", "velocity": 2.5, "effort": 3.5},
         ],

@@ -36,6 +36,7 @@ TABLE = [
         (0, 2, 0, 1, -1, True),
         [(10, 1, 1.0), (-0.1, 1, 0.8), (-10, 1, -1.0), (0.25, 1, -0.5)],
     ),
+    ("antiwindup with a gain of one", (0, 1, 0, 1, -1, True), [(5, 1, 1.0), (-0.5, 1, 0.5)]),
     (
         "a negative i gain turns the bounds round but bounds the term alike",
         (0, -2, 0, 1, -1, True),

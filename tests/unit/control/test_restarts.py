@@ -31,6 +31,25 @@ def test_a_restarted_pid_knows_nothing_of_its_first_life(make_rig, make_joint, k
     assert rig.model.tau[0] == 0.0
 
 
+def test_a_restarted_trajectory_controller_tells_its_state_at_the_same_pace(make_rig, make_joint):
+    rig = make_rig([make_joint("a", interface="PositionJointInterface")], {"c": {
+        "type": "position_controllers/JointTrajectoryController", "joints": ["a"],
+        "state_publish_rate": 100}})
+    controller = rig.run("c")
+    lives = []
+    for _ in range(2):
+        stamps = []
+        controller.on_state = lambda state, stamps=stamps: stamps.append(state.stamp_ns)
+        began = rig.time_ns
+        rig.step(55)
+        lives.append([stamp - began for stamp in stamps])
+        rig.manager.switch([], ["c"])
+        rig.step(2)
+        rig.manager.switch(["c"], [])
+        rig.step()
+    assert lives[0] == lives[1] and len(lives[0]) == 5
+
+
 def test_each_emergency_stop_holds_where_it_found_the_joint(make_rig, make_joint, make_limits):
     """The first position measured after the stop is held, whatever happens to the joint then."""
     rig = make_rig(

@@ -20,6 +20,7 @@ S = 1_000_000_000
         ("a quintic that is t³", (0, 0, 0), (8, 12, 12), 2.0, (0, 0, 0, 1, 0, 0)),
         ("the lower specification counts: line", (0, 7, 7), (1,), 1.0, (0, 1, 0, 0, 0, 0)),
         ("the lower specification counts: cubic", (0, 0, 9), (1, 0), 1.0, (0, 0, 3, -2, 0, 0)),
+        ("one end's velocity does not count: line", (0,), (1, 7), 1.0, (0, 1, 0, 0, 0, 0)),
         ("accelerations without velocities: line", (0, None, 3), (1, None, 3), 1.0,
          (0, 1, 0, 0, 0, 0)),
         ("no time: the end state", (0, 1, 2), (3, 4, 6), 0.0, (3, 4, 3, 0, 0, 0)),
@@ -81,4 +82,5 @@ def test_monotonic_where_the_line_is():
     ],
 )
 def test_tolerances_of_zero_are_not_checked(tolerance, position, velocity, holds):
+    assert Tolerance() == (0.0, 0.0, 0.0)
     assert Tolerance(*tolerance).holds(position, velocity) is holds

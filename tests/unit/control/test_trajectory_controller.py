@@ -314,6 +314,8 @@ class TestGoals:
         b.rig.step(51)
         second = b.controller.submit_goal(TrajectoryGoal(line(0.0, 0.5)))
         assert (first.status, second.status) == ("preempted", "active")
+        assert (first.result.error_code, first.result.error_string) == (
+            ErrorCode.SUCCESSFUL, "preempted by a new goal")
         assert b.after(0.26) == pytest.approx(0.51 / 2, abs=0.01)
         b.controller.set_command(line(2.0, 1.0))
         assert second.status == "preempted"

@@ -71,7 +71,7 @@ class Campaign:
 
     def __init__(
         self, area: Area, top: Path, folder: Path, jobs: int, deadline: float,
-        say: Callable[[str], None], patience: float = 5.0, budget: float = 20.0,
+        say: Callable[[str], None], patience: float = 5.0, budget: float = 10.0,
         libraries: tuple[str, ...] = LIBRARIES, graph: bool = False, skip: str = "",
     ) -> None:
         self._area, self._top, self._folder = area, top, folder / area.name

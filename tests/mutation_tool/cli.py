@@ -55,8 +55,8 @@ def _parser() -> argparse.ArgumentParser:
                         help="also run the integration tests that the area names (yes)")
     parser.add_argument("--skip", default="", metavar="REGEX",
                         help="leave test files out whose path has a match")
-    parser.add_argument("--budget", type=float, default=20.0, metavar="S",
-                        help="processor seconds that a fault's tests take at most (20)")
+    parser.add_argument("--budget", type=float, default=10.0, metavar="S",
+                        help="processor seconds that a fault's tests take at most (10)")
     parser.add_argument("--goal", type=float, default=0.85, help="share to be found (0.85)")
     parser.add_argument("--folder", type=Path, default=TOP / "out" / "mutation",
                         help="for copies and results (out/mutation)")

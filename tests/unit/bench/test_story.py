@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from page_host import told
 
-from aras_visual_servo_bench.live import units
+from aras_visual_servo_base.meshes.mesh import Mesh
+from aras_visual_servo_bench.live import outlines, units
 from aras_visual_servo_bench.live.outlines import drawing_of
 from aras_visual_servo_bench.live.shapes import (
     ARROW,
@@ -17,7 +18,6 @@ from aras_visual_servo_bench.live.shapes import (
     WIDEST,
     on_picture,
     picture_border,
-    picture_depth,
 )
 from aras_visual_servo_bench.live.story import FRUSTUM, LETTERS, LINE, LONGEST, SECONDS, Story
 from aras_visual_servo_bench.live.track import MOST, Pace, Track
@@ -114,7 +114,9 @@ def test_the_desired_outline_lies_on_the_picture_where_it_is_to_be_seen(story, a
     np.testing.assert_allclose(camera[:3, :2] / camera[:3, 2:], story.outline, atol=1e-12)
     np.testing.assert_allclose(camera[3], camera[0])
     assert np.ptp(camera[:, 2]) < 1e-12
-    assert camera[0, 2] == pytest.approx(picture_depth(picture_border(story.camera), FRUSTUM))
+    border = np.c_[picture_border(story.camera), np.ones(len(picture_border(story.camera)))]
+    farthest = np.linalg.norm(camera[0, 2] * border, axis=1).max()
+    assert farthest == pytest.approx(FRUSTUM)
 
 
 def test_frames_stand_where_the_camera_is_and_where_it_is_to_be(story, arm):
@@ -232,7 +234,15 @@ def drawn(name):
     return drawing_of(urdf, lambda package: str(GAZEBO))
 
 
-def test_a_target_is_drawn_by_its_edges_and_faces():
+def test_corners_that_are_as_good_as_one_are_one():
+    """A bent square of two triangles, each with corners of its own a third of a µm away."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0.05], [0, 1, 0]], float)
+    mesh = Mesh(corners + np.linspace(0, 3e-7, 6)[:, None], np.zeros((6, 3)),
+                np.array([[0, 1, 2], [3, 4, 5]]))
+    assert outlines.mesh_edges(mesh).shape == (2 * 4, 3)
+
+
+def test_a_target_is_drawn_by_its_edges_and_faces(monkeypatch):
     plates = drawn("aras")
     edges = plates.edges
     assert edges.shape == (2 * 2 * 12, 3)  # two boxes of twelve edges: no diagonal of a face
@@ -243,6 +253,10 @@ def test_a_target_is_drawn_by_its_edges_and_faces():
     ((colour, corners),) = plates.faces.items()
     assert colour == (0.0, 0.0, 0.0, 1.0) and corners.shape == (3 * 2 * 12, 3)
     assert len(drawn("l_shape").edges) == 2 * 6
+    monkeypatch.setattr(outlines, "MOST", 5)
+    few = drawn("aras")
+    np.testing.assert_array_equal(few.edges, edges[:10])
+    np.testing.assert_array_equal(next(iter(few.faces.values())), corners[:15])
     ((colour, corners),) = drawn("marker").faces.items()  # a picture, its mean
     assert 0.2 < colour[0] < 0.8 and colour[0] == pytest.approx(colour[2], abs=0.02)
     assert corners.shape == (6, 3)

@@ -16,6 +16,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.judging.outcomes import ADVICE
 from aras_visual_servo_controller.loop.driver import Driver
+from aras_visual_servo_controller.loop.motion import JUMP, jumped
 from aras_visual_servo_controller.seeing.joint_history import FARTHEST, JointHistory
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.seeing.stamp_pairing import ByStamp
@@ -163,7 +164,8 @@ def test_the_watchdog_says_what_it_waits_for_and_whom_to_ask():
     words = bench.servo.reason.split(" for ")
     assert words[0] == "no features on /aras_visual_servo/camera/moments"
     assert words[1][4:] == " s (is the camera node running?)" and float(words[1][:4]) < 0.25
-    assert any(state.reason == bench.servo.reason for state in bench.states)
+    told = [state for state in bench.states if state.reason == bench.servo.reason]
+    assert told[-1].mend == bench.servo.outcome.mend != bench.servo.reason
 
 
 @pytest.mark.parametrize("standing", [True, False])
@@ -316,8 +318,8 @@ def servoing(**given):
     return bench
 
 
-@pytest.mark.parametrize("silence", [0, 60])
-@pytest.mark.parametrize("off", [0.053, -0.4])
+@pytest.mark.parametrize(("silence", "off"), [
+    (0, 0.053), (0, -0.4), (60, 0.053), (60, -0.4), (60, 0.04)])
 def test_a_robot_that_was_made_anew_is_taken_up_where_it_stands(silence, off):
     """Its new controllers hold it where it was put, and the old command was never sent again: the
     loop waited for a joint that was 0.053 behind for ever."""
@@ -496,3 +498,16 @@ def test_a_message_that_never_comes_or_comes_late_changes_no_other_pair():
     assert pairs.add("kernel", 2, "k2") is None  # overtaken
     assert pairs.add("kernel", 4, "k4") is None
     assert pairs.add("moments", 4, "m4") == {"moments": "m4", "kernel": "k4"}
+
+
+@pytest.mark.parametrize("joint", range(3))
+def test_a_jump_is_told_by_the_lead_of_its_own_joint(joint):
+    """And only where the joint did not go so far by its own speed."""
+    lead, q, still = np.array([0.02, 0.3, 0.07]), np.array([0.1, -0.2, 0.3]), np.zeros(3)
+    for part, expected in ((0.99, False), (1.01, True)):
+        then = q.copy()
+        then[joint] -= part * JUMP * lead[joint]
+        assert jumped(then, q, still, still, lead, 0.01) is expected
+        assert not jumped(then, q, np.full(3, 9.0), still, lead, 10.0)
+        one = jumped(then, q, still, still, lead[:1], 0.01)
+        assert one == (part * lead[joint] > lead[0])

@@ -216,11 +216,16 @@ def test_targets_geometry():
     assert np.abs(outline).max(axis=0) == pytest.approx([0.1, 0.05], rel=1e-9)
     with pytest.raises(ServoError, match="behind the camera"):
         box.outline(transform((0.0, 0.0, -1.0), (np.pi, 0.0, 0.0)))
+    with pytest.raises(ServoError, match="behind the camera"):  # half of it
+        box.outline(transform((0.0, 0.0, 0.2), (0.5 * np.pi, 0.0, 0.0)))
     with pytest.raises(ServoError, match="does not look"):
         box.depth(transform((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)))
     apart = {"boxes": [[[0, 0, 0], [0.1, 0.1, 0.01]], [[0.5, 0.5, 0], [0.6, 0.6, 0.01]]]}
     with pytest.raises(ServoError, match="do not overlap"):
         TargetGeometry.from_mapping(apart).outline(above)
+    for shape in ((1, 3, 3), (2, 3), (3, 2, 3)):
+        with pytest.raises(ConfigurationError, match="one or two pairs of corners"):
+            TargetGeometry.checked(np.zeros(shape), 0.0, 0.0)
 
 
 @pytest.mark.parametrize("data", [

@@ -65,7 +65,20 @@ def test_it_ends_when_nobody_asks_any_more():
     assert 0.0 < rest[0] - q[0] < 0.5 * (LASTS + RISE + DT)
     assert not jog.moving
     assert len(commands) < (LASTS + RISE + DT) / DT  # then the joints are left alone
+    jolt = np.abs(np.diff(commands[:, 0], 2)).max()
+    assert jolt <= jog._fastest[0] * DT * DT / RISE + 1e-9, "it slows down as it got up to speed"
     assert jog.tick(3.0, rest) is None
+
+
+def test_the_next_drive_is_as_the_first():
+    used, fresh = (Jog(the_arm(), the_limits(acceleration=0.5)) for _ in range(2))
+    twist = [0.05, -0.02, 0.01, 0.1, 0.0, -0.2]
+    drive(used, lambda t: used.twist([-0.05, 0.05, 0.0, 0.0, 0.3, 0.0], t), 0.5)
+    drive(used, lambda t: None, 1.0, t=0.5)
+    again, first = (drive(jog, lambda t, jog=jog: jog.twist(twist, t), 0.5, t=2.0)[1]
+                    for jog in (used, fresh))
+    np.testing.assert_array_equal(again, first)
+    assert np.abs(np.diff(first[:2], axis=0)).max() <= 2 * 0.5 * DT * DT + 1e-9, "it starts at rest"
 
 
 def test_the_next_drive_begins_where_the_joints_are():

@@ -44,7 +44,8 @@ def test_a_picture_and_exact_geometry_say_the_same():
     assert seen.kernel.shape == (20,)
     assert seen.pixel_count > 100
     np.testing.assert_array_equal(seen.world_T_camera, the_arm().pose(seen.joints.positions))
-    for array in (seen.image, seen.contour, seen.corners, seen.kernel, seen.world_T_camera):
+    for array in (seen.image, seen.contour, seen.corners, seen.kernel, seen.world_T_camera,
+                  seen.joints.positions, seen.joints.velocities):
         assert not array.flags.writeable
 
 
@@ -99,6 +100,7 @@ def test_time_and_motion_since_the_last_one(begin):
     np.testing.assert_allclose(
         first.world_T_camera @ second.previous_T_camera, second.world_T_camera, atol=1e-12
     )
+    assert not second.previous_T_camera.flags.writeable
     late = observer.of_exact(begin + 0.02, CAMERA, joints(begin, q), contour=outline(q))
     assert late.dt == 0.0
     third = observer.of_exact(begin + 0.08, CAMERA, joints(begin, moved), contour=outline(q))

@@ -18,6 +18,7 @@ from loop_rig import (
 )
 
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Adaptive, ContinuousStart, Proportional
 from aras_visual_servo_controller.loop.motion import CommandMotion
@@ -29,6 +30,7 @@ from aras_visual_servo_controller.loop.state import (
     STOPPED,
     WAITING,
     ServoSettings,
+    ServoState,
 )
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.seeing.observation import Observer
@@ -245,6 +247,20 @@ def test_the_watchdog_stops_the_arm_when_no_images_come():
     assert rig.servo.outcome.kind == "too_few_images"
     rig.run(9.0)
     assert rig.states[-1].phase == CONVERGED
+
+
+def test_joints_that_cannot_be_measured_stop_the_arm_and_the_command_says_why():
+    rig = Rig(the_servo("2016"), STARTS["2016"])
+    rig.run(0.3)
+    assert rig.states[-1].achieved.any() and not ServoState(0.0, WAITING).achieved.any()
+    command = rig.servo.tick(rig.now + TICK, unmeasured="no word of J2")
+    assert (command.reason, command.phase) == ("no word of J2", HOLDING)
+    assert command.positions.shape == (6,)
+
+
+def test_settings_of_the_loop_are_checked():
+    with pytest.raises(ConfigurationError, match="resolve_period"):
+        ServoSettings(resolve_period=0.0)
 
 
 def test_the_watchdog_waits_for_three_periods_of_a_slow_camera():

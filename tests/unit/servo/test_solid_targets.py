@@ -128,6 +128,8 @@ def test_what_a_solid_cannot_be_is_said(meshes):
             {"tracker": "model", "model_start": {"pose": [0] * 6}}).make_tracker()
     with pytest.raises(ConfigurationError, match="says where the model is"):
         Settings.from_mapping({"tracker": "model", "model": meshes["box"]}).make_tracker()
+    with pytest.raises(ConfigurationError, match="says where the model is"):
+        Settings.from_mapping({"model": meshes["box"]}).make_tracker()  # it names the tracker
 
 
 def test_a_target_that_is_gone_is_said_to_be_lost(meshes):

@@ -150,6 +150,9 @@ def test_the_kernels_events_are_a_pads_state(tmp_path):
     pad.take(EVENT.pack(1, -32767, AXIS | INITIAL, 0))  # the kernel's left is negative
     pad.take(EVENT.pack(2, 1, BUTTON, SLOW))
     pad.take(EVENT.pack(3, 1, BUTTON, 200))
+    pad.take(EVENT.pack(3, 1, AXIS, 200))
+    pad.take(EVENT.pack(3, 1, 0x40, 3))  # an event of a kind to come
+    assert not any(pad.axes[1:])
     assert pad.axes[0] == 1.0
     assert pad.buttons[SLOW] == 1
     pad.take(EVENT.pack(4, 0, BUTTON, SLOW))

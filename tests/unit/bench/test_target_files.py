@@ -277,6 +277,9 @@ def test_a_picture_too_large_is_told_before_anything_is_written(tmp_path, monkey
 def test_a_motion_by_words():
     words = ["circle=0.02", "frequency=0.2", "velocity=[0.1, 0, 0, 0, 0, 0]"]
     assert motion_of(words) == Motion((0.1, 0, 0, 0, 0, 0), frequency=0.2, circle=0.02)
+    assert motion_of(["path=[[2, 0.05, 0, 0], [4, 0, 0.03, 0]]"]) == Motion(
+        path=((2.0, 0.05, 0.0, 0.0), (4.0, 0.0, 0.03, 0.0))
+    )
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from aras_visual_servo_base.poses import rotation_vector, transform
 from aras_visual_servo_bench.asked import cameras
 from aras_visual_servo_bench.errors import ExperimentError, ViewError
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
@@ -95,3 +96,40 @@ def test_in_view_is_about_the_whole_outline():
     assert not cameras.in_view(square + (0.0, 1.15), camera, 0.0)
     assert not cameras.in_view(square - (0.0, 1.15), camera, 0.0)
     assert cameras.draw(square + (9.0, 0.0), camera).min() == cameras.WHITE
+
+
+PATH = ((1.0, 0.1, 0.0, 0.02), (3.0, 0.1, -0.06, 0.02, 0.0, 0.4, 1.2), (3.5, 0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("time", "place", "rpy"), [
+    (0.4, (0, 0, 0), (0, 0, 0)), (1.0, (0.05, 0, 0.01), (0, 0, 0)),
+    (1.5, (0.1, 0, 0.02), (0, 0, 0)), (3.5, (0.1, -0.06, 0.02), (0, 0.4, 1.2)),
+    (3.75, (0.05, -0.03, 0.01), None), (4.0, (0, 0, 0), (0, 0, 0)), (9.0, (0, 0, 0), (0, 0, 0)),
+])  # fmt: skip
+def test_it_goes_along_a_path_of_waypoints(time, place, rpy):
+    pose = transform((0.3, 0.2, 0.1), (0.1, 0.2, 0.3))
+    target = PlacedTarget(SQUARE, pose, Motion(path=PATH, begin=0.5))
+    assert not target.motion.still
+    found = target.world_T_target(time)
+    np.testing.assert_allclose(found[:3, 3] - pose[:3, 3], place, atol=1e-12)
+    if rpy is not None:
+        turned = transform((0, 0, 0), rpy)[:3, :3] @ pose[:3, :3]
+        np.testing.assert_allclose(found[:3, :3], turned, atol=1e-12)
+
+
+def test_a_path_turns_evenly():
+    target = PlacedTarget(SQUARE, np.eye(4), Motion(path=PATH))
+    rotations = [target.world_T_target(t)[:3, :3] for t in np.linspace(1.0, 3.0, 9)]
+    steps = [rotation_vector(a.T @ b) for a, b in zip(rotations, rotations[1:], strict=False)]
+    np.testing.assert_allclose(steps, [steps[0]] * 8, atol=1e-12)
+    assert np.linalg.norm(steps[0]) > 0.1
+
+
+@pytest.mark.parametrize(("path", "complaint"), [
+    (((0.0, 0.1, 0.0, 0.0),), "times are 0 s, must rise from above 0"),
+    (((2.0, 0.1, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), "times are 2, 1 s, must rise"),
+    (((1.0, 0.1, 0.0),), r"\[1.0, 0.1, 0.0\] is no waypoint: give t, x, y, z"),
+])  # fmt: skip
+def test_a_path_that_is_none_is_refused(path, complaint):
+    with pytest.raises(ExperimentError, match=complaint):
+        Motion(path=path)

@@ -1,7 +1,8 @@
-"""Moves a target of the running simulation: a line, a sine, a circle, steps.
+"""Moves a target of the running simulation: a line, a sine, a circle, steps, a path.
 
     rosrun aras_visual_servo_bench move_target circle=0.02 frequency=0.2
     rosrun aras_visual_servo_bench move_target velocity='[0.01, 0, 0, 0, 0, 0.1]' begin=2
+    rosrun aras_visual_servo_bench move_target path='[[2, 0.05, 0, 0], [4, 0.05, 0.03, 0]]'
 
 The keys are those of an experiment's `target.motion`; it begins where the target lies, and when
 this is started. The simulation is asked by Gazebo's own service, `set_model_state`.
@@ -32,7 +33,8 @@ def motion_of(words: list[str]) -> Motion:
         raise ExperimentError(str(error)) from None
     if motion.still:
         raise ExperimentError(
-            "nothing moves: say velocity, amplitude and frequency, circle and frequency, or step"
+            "nothing moves: say velocity, amplitude and frequency, circle and frequency, step, or "
+            "path"
         )
     return motion
 

@@ -6,6 +6,7 @@ coordinates are x right, y down, on the plane one metre before the camera.
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from aras_visual_servo_base.poses import exponential, inverse
+from aras_visual_servo_base.poses import exponential, inverse, rotation_vector, transform
 from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_controller.errors import ServoError
@@ -136,13 +137,18 @@ ARAS = BoxesTarget(
 
 @dataclass(frozen=True)
 class Motion:
-    """How a target moves: a steady twist, a sine or a circle, and steps, one on top of the other.
+    """How a target moves: a steady twist, a sine or a circle, steps, and a path, one on top of the
+    other.
 
     velocity: (vx, vy, vz, wx, wy, wz) in world axes about its own origin, m/s and rad/s.
     amplitude: (x, y, z) m in world axes. frequency: Hz, of that and of the circle.
     circle: radius, m, of one in the world's level; it begins and ends at the target's place.
     step: (x, y, z) m in world axes that it jumps away at `begin`, and back and away again after
-        every `hold` s; 0: once. begin: s; still until then.
+        every `hold` s; 0: once.
+    path: waypoints (t, x, y, z) or (t, x, y, z, roll, pitch, yaw): t s after `begin`, the target is
+        moved by so many m along, and turned by so many rad about, world axes. It goes evenly from
+        its place to the first, and from each to the next, and rests at the last.
+    begin: s; still until then.
     """
 
     velocity: tuple[float, float, float, float, float, float] = (0.0,) * 6
@@ -151,6 +157,7 @@ class Motion:
     circle: float = parameter(0.0, "m", least=0.0)
     step: tuple[float, float, float] = (0.0,) * 3
     hold: float = parameter(0.0, "s", least=0.0)
+    path: tuple[tuple[float, ...], ...] = ()
     begin: float = parameter(0.0, "s", least=0.0)
 
     def __post_init__(self) -> None:
@@ -159,12 +166,25 @@ class Motion:
             self.frequency > 0.0 or not (any(self.amplitude) or self.circle),
             "target motion: an amplitude, or a circle, needs a frequency above 0 Hz",
         )
+        for waypoint in self.path:
+            require(
+                len(waypoint) in (4, 7),
+                f"motion.path: {list(waypoint)} is no waypoint: give t, x, y, z, and roll, pitch, "
+                "yaw where it turns",
+            )
+        times = [0.0, *(waypoint[0] for waypoint in self.path)]
+        require(
+            all(b > a for a, b in itertools.pairwise(times)),
+            f"motion.path: its times are {', '.join(f'{t:g}' for t in times[1:])} s, must rise "
+            "from above 0",
+        )
 
     @property
     def still(self) -> bool:
         """Whether it never moves."""
         return not (
             any(self.velocity) or any(self.amplitude) or self.circle or any(self.step)
+            or self.path
         )
 
     def displacement(self, time: float) -> np.ndarray:
@@ -180,7 +200,28 @@ class Motion:
         moved[:2, 3] += self.circle * np.array([np.sin(phase), 1.0 - np.cos(phase)])
         if not self.hold or int(since / self.hold) % 2 == 0:
             moved[:3, 3] += self.step
+        if self.path:
+            place, rotation = self._on_path(since)
+            moved[:3, 3] += place
+            moved[:3, :3] = moved[:3, :3] @ rotation
         return moved
+
+    def _on_path(self, since: float) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement (3,), m, and rotation (3, 3) by the path, s after `begin`."""
+        times, poses = self._waypoints
+        after = min(int(np.searchsorted(times, since)), len(times) - 1)
+        before = max(after - 1, 0)
+        share = np.clip((since - times[before]) / (times[after] - times[before]), 0.0, 1.0)
+        first, last = poses[before], poses[after]
+        place = (1.0 - share) * first[:3, 3] + share * last[:3, 3]
+        turn = share * rotation_vector(first[:3, :3].T @ last[:3, :3])
+        return place, first[:3, :3] @ exponential((0.0, 0.0, 0.0, *turn))[:3, :3]
+
+    @cached_property
+    def _waypoints(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Times, s after `begin`, and displacements (4, 4), from the target's own place on."""
+        poses = [transform(p[1:4], p[4:] or (0.0,) * 3) for p in self.path]
+        return np.array([0.0, *(p[0] for p in self.path)]), [np.eye(4), *poses]
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """The same experiment of the Bullet arm in the runner, on a graph in lockstep and from its bag.
 
-They are compared by `tests/one_run`; six in test_runner_equals_graph.py.
+They are compared by `tests/one_run`; seven in test_runner_equals_graph.py.
 """
 
 from __future__ import annotations
@@ -143,6 +143,7 @@ def _cases() -> Iterable[Case]:
             yield Case(f"{scheme}/delay {delay:g} s", scheme, **_delayed(delay))
     for camera in ("fisheye", "noisy", "rolling"):
         yield Case(f"moments/{camera}", camera=camera)
+    yield Case("moments/shaking", camera=str(Path(__file__).with_name("shaking.yaml")))
     yield Case("moments/near", start=NEAR, frames=150, ends="converged")
     for shape in ("square", "triangle", "l_shape"):
         yield Case(f"moments/{shape}", **_target(shape))

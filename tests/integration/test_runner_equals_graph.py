@@ -6,15 +6,15 @@ import pytest
 from one_run import CASES, differences
 
 
-def test_there_are_forty_experiments_and_one_more():
-    assert len(CASES) == 41
+def test_there_are_forty_experiments_and_two_more():
+    assert len(CASES) == 42
 
 
 # `tests/one_run` compares all.
 @pytest.mark.parametrize(
     "name",
     ["kernel/original", "moments_2016/wide", "moments/near", "moments/delay 0.02 s",
-     "points/original", "moments/rolling"],
+     "points/original", "moments/rolling", "moments/shaking"],
 )  # fmt: skip
 def test_runner_graph_and_bag_are_one(launch, ros_node, ros_master, tmp_path, name):
     assert differences(CASES[name], launch, ros_master, tmp_path) == []

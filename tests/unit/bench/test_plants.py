@@ -313,7 +313,7 @@ def test_an_exposure_between_two_steps_is_seen_from_between_their_poses():
     def pose(time):
         return parts.goal_pose @ transform((0.02, 0.2 * time, -0.1 * time), (0.0, 0.0, 2.0 * time))
 
-    plant.pose = lambda: pose(plant.time_ns * 1e-9)
+    plant.at_rest = lambda: pose(plant.time_ns * 1e-9)
     with contextlib.closing(plant):
         while len(found) < 4:
             found += [r for r in plant.advance(10**9) if isinstance(r, CameraReading)]

@@ -19,6 +19,7 @@ from .formats import encoding_of
 from .intrinsics import CameraIntrinsics, CameraProjection, camera_matrix, projection_matrix
 from .lens import COEFFICIENTS, RADIUS, REACH, BrownLens, FisheyeLens, check_fisheye
 from .lens import fisheye_coefficients as ideal_coefficients
+from .shaking import Shake
 from .shutter import duration
 
 LARGEST_SIDE = 16384  # px
@@ -54,7 +55,8 @@ class CameraConfig:
     hack_baseline: m, only for CameraInfo's P. legacy_camera_info: publish Gazebo's formulas,
         and with them `declared`, the plugin's focalLength, Cx, Cy, distortionK1, K2, T1, T2, K3,
         of which the first three are computed where they are 0.
-    effects: see effects.Effects. latency: s between stamp and publication.
+    effects: see effects.Effects. shake: see shaking.Shake; None: it sits still.
+    latency: s between stamp and publication.
     depth, segmentation: deliver these pictures beside the colour one; depth_topics: how depth.
     trigger_topic: the camera exposes once for each message there; '' for one that streams.
     shutter: cameras of one model with the same one expose together; '' for a camera by itself.
@@ -83,6 +85,7 @@ class CameraConfig:
     segmentation: bool = False
     depth_topics: DepthTopics = field(default_factory=DepthTopics)
     effects: Effects = field(default_factory=Effects)
+    shake: Shake | None = None
     latency: float = parameter(0.0, "s", least=0.0)
     seed: int = parameter(0, least=0)
     # Names for the ROS side, not used here.

@@ -19,6 +19,7 @@ from . import formats
 from .config import CameraConfig
 from .effects import EffectChain
 from .intrinsics import CameraIntrinsics
+from .shaking import Vibration
 from .shutter import duration, parts
 
 if TYPE_CHECKING:
@@ -59,6 +60,8 @@ class CameraSensor:
 
     Without the first two lines pictures are taken at the tick itself. A camera with a trigger
     exposes once for each call of `trigger` instead, at the first tick after it.
+
+    vibration: of a camera that shakes, from which its pictures are drawn; None: it sits still.
     """
 
     def __init__(self, config: CameraConfig, renderer: Renderer) -> None:
@@ -75,12 +78,13 @@ class CameraSensor:
             self._whole = self._pixels(0, config.height)
             self._bands = {part.first: self._pixels(part.first, part.last)
                            for part in self._parts}  # fmt: skip
-            renderer.prepare(self._view(np.eye(4)))
+            renderer.prepare(self._view(self._link_T_optical))
         except (RenderingError, MemoryError) as error:
             reason = str(error) or "not enough memory; make width and height smaller"
             raise CameraError(f"camera '{config.name}': {reason}") from None
         shape = formats.shape_of(config.encoding, config.height, config.width)
         self._effects = EffectChain(config.effects, shape, config.seed)
+        self.vibration = None if config.shake is None else Vibration(config.shake, config.seed)
         self._rate = config.update_rate
         self._latency_ns = round(config.latency * 1e9)
         self._first, self._told_black, self._told_missed = True, False, False
@@ -231,6 +235,9 @@ class CameraSensor:
 
     def _draw(self, pose: np.ndarray, time_ns: int) -> None:
         blend, pose = self._blend(self._next_ns, pose, time_ns)
+        pose = pose @ self._link_T_optical
+        if self.vibration is not None:
+            pose = pose @ self.vibration.at(self._next_ns)
         part = self._parts[self._part]
         image = self.renderer.render(self._view(pose, self._bands[part.first]), blend)
         if self._part == self._middle and (self.depth or self.segmentation):
@@ -271,11 +278,12 @@ class CameraSensor:
         return last - first, K, lens
 
     def _view(
-        self, world_T_link: np.ndarray, pixels: tuple[int, np.ndarray, Tiles | None] | None = None
+        self, world_T_optical: np.ndarray,
+        pixels: tuple[int, np.ndarray, Tiles | None] | None = None,
     ) -> View:
         """Through these pixels, or through all."""
         c, (rows, K, lens) = self.config, pixels or self._whole
-        return View(c.width, rows, world_T_link @ self._link_T_optical, K, c.near, c.far, lens)
+        return View(c.width, rows, world_T_optical, K, c.near, c.far, lens)
 
     def _blend(self, instant: int, pose: np.ndarray, time_ns: int) -> tuple[float, np.ndarray]:
         if self._before is None or not self._before[0] <= instant < time_ns:

@@ -11,6 +11,7 @@ import numpy as np
 
 from aras_sim_bridge.camera.effects import EffectChain, Effects
 from aras_sim_bridge.camera.mounting import seed_of
+from aras_sim_bridge.camera.shaking import Vibration
 from aras_sim_bridge.camera.shutter import parts
 from aras_sim_bridge.description import Light, world_file
 from aras_sim_bridge.description.lights import SUN
@@ -119,12 +120,14 @@ class PlantMaker:
                 f"camera '{eye.name}' has a row_time of {effects.row_time:g} s, and plant ideal "
                 "exposes all rows at once: take plant free, or leave row_time out"
             )
-        rows, sensor = (), None
+        rows, sensor, vibration = (), None, None
+        seed = eye.settings.get("seed", seed_of(experiment.seed, eye.name))
+        if config.shake is not None and not exactly:
+            vibration = Vibration(config.shake, seed)
         if effects.row_time and not exactly:
             rows = parts(replace(effects, exposure_time=0.0), config.height)
         if effects.sensor is not None and not exactly:
             alone = Effects(sensor=effects.sensor, exposure_time=effects.exposure_time)
-            seed = eye.settings.get("seed", seed_of(experiment.seed, eye.name))
             sensor = EffectChain(alone, (config.height, config.width), seed)
         return Sight(
             eye.true,
@@ -142,6 +145,7 @@ class PlantMaker:
             place=self.places.get(eye.name),
             parts=rows,
             sensor=sensor,
+            vibration=vibration,
         )  # fmt: skip
 
     def _spawned(self, exactly: bool) -> tuple[ShownTarget, ...]:
@@ -211,6 +215,7 @@ class PlantMaker:
         settings, needs = dict(eye.settings), self.needs.get(eye.name, WATCHES)
         effects = dict(settings.get("effects", {}))
         if exactly:  # one picture teaches the goal, and its noise would stay in it
+            settings.pop("shake", None)
             settings["effects"] = {k: v for k, v in effects.items() if k not in CHANCE}
         elif self.experiment.noise:
             settings["effects"] = {**effects, "noise_stddev": self.experiment.noise}

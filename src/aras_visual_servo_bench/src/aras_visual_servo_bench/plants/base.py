@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from aras_sim_bridge.camera.shaking import Vibration
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.seeing.observation import CAMERA
@@ -125,11 +127,14 @@ class Plant(ABC):
         camera: the true camera; of several the control camera.
         joint_names: those that can be commanded.
         outputs: kinds of command that it takes, of position, velocity and effort.
+        control: name of the control camera. vibrations: of the cameras that shake, by name.
     """
 
     camera: CameraModel
     joint_names: tuple[str, ...]
     outputs: frozenset[str]
+    control: str = CAMERA
+    vibrations: Mapping[str, Vibration] = MappingProxyType({})
 
     @property
     @abstractmethod
@@ -150,13 +155,22 @@ class Plant(ABC):
         kind: 'position' (rad, m), 'velocity' (rad/s, m/s) or 'effort' (N m, N).
         """
 
-    @abstractmethod
     def pose(self) -> np.ndarray:
         """The truth: world_T_camera (4, 4) of the optical frame now."""
+        return self.shaken(self.at_rest(), self.time_ns)
+
+    @abstractmethod
+    def at_rest(self) -> np.ndarray:
+        """`pose` of a camera that does not shake, and about which this one does."""
 
     @abstractmethod
     def poses(self, positions: np.ndarray) -> np.ndarray:
-        """The truth: world_T_camera (m, 4, 4) where the joints stood at positions (m, n)."""
+        """As `at_rest`, (m, 4, 4), where the joints stood at positions (m, n)."""
+
+    def shaken(self, pose: np.ndarray, time_ns: int, camera: str = "") -> np.ndarray:
+        """Where a camera with that pose (4, 4) at rest is at a time, ns; '': the control camera."""
+        vibration = self.vibrations.get(camera or self.control)
+        return pose if vibration is None else pose @ vibration.at(time_ns)
 
     def places(self, positions: np.ndarray) -> np.ndarray:
         """Places (m, l, 3) in the world of the arm's joints where these stood at positions (m, n);

@@ -38,7 +38,7 @@ from ..asked.robots import Robot
 from ..errors import ExperimentError
 from ..targets.geometry import PlacedTarget
 from .base import CAMERA, CameraReading, JointListener, JointReading, Plant, Reading
-from .kinematic import exposures
+from .kinematic import exposures, vibrations
 from .sight import Sight
 
 if TYPE_CHECKING:
@@ -119,6 +119,7 @@ class BulletArm(Plant):
             known = ", ".join(map(_name, description.cameras)) or "none"
             raise ExperimentError(f"the robot has no camera '{robot.spec.camera}'; it has: {known}")
         self._name, self._others = name or CAMERA, others
+        self.control = self._name
         first, self._link = mounted[0], mounted[0].link
         own: dict[str, Any] = {}
         for part in reversed(_name(first).split("/")):
@@ -142,6 +143,7 @@ class BulletArm(Plant):
         self._exposures = [] if not sights else exposures(
             sights[0], sights[1:], np.random.default_rng(seed), seed
         )
+        self.vibrations = vibrations(*sights)
         self._simulation = Simulation(
             SimulationConfig(
                 renderer=renderer, seed=seed, lights=around.lights, scene=around.scene,
@@ -186,6 +188,8 @@ class BulletArm(Plant):
             name: simulation.camera(f"/{name}") for name in self._others
         }}.items():
             one.on_frame, one.enabled = partial(self._on_frame, name), not self._exposures
+            if one.sensor.vibration is not None and not self._exposures:
+                self.vibrations = {**self.vibrations, name: one.sensor.vibration}
         self._link_T_camera = np.array(mounted.parent_T_optical)
         self._carrier = spec.target_frame
         self.camera = cameras.model_of_info(mounted.sensor.info)
@@ -244,7 +248,7 @@ class BulletArm(Plant):
             partial(self.command, kind), last_ns,
         )  # fmt: skip
 
-    def pose(self) -> np.ndarray:
+    def at_rest(self) -> np.ndarray:
         """world_T_camera (4, 4) from the physics; in the target's link where the arm moves that."""
         pose = self._model.link_pose(self._link).matrix() @ self._link_T_camera
         if not self._carrier:
@@ -295,9 +299,9 @@ class BulletArm(Plant):
         if ended < due:
             step(min(until_ns, due - simulation.step_ns))
             return
-        before = self.pose()
+        before = self.at_rest()
         step(ended)
-        moved = logarithm(relative(before, self.pose()))
+        moved = logarithm(relative(before, self.at_rest()))
         for one in self._exposures:
             while one.due_ns <= ended:
                 pose = before @ exponential((one.due_ns - began) / simulation.step_ns * moved)

@@ -51,7 +51,7 @@ class IdealCamera(FreeCamera):
         q, speed = self.joints()
         return [
             JointReading(time_ns, self.joint_names, q.tolist(), speed.tolist()),
-            self.sight.look(self.pose(), time_ns, self._random),
+            self.sight.look(self.at_rest(), time_ns, self._random),
         ]
 
     def joints(self) -> tuple[np.ndarray, np.ndarray]:

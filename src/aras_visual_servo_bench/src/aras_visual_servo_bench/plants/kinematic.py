@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from aras_sim_bridge.camera.shaking import Vibration
 from aras_visual_servo_base.poses import exponential
 from aras_visual_servo_controller.arm import Arm
 
@@ -23,6 +24,8 @@ JOINT_PHASE_NS = 1_000_000  # joint states come a millisecond after the hundredt
 
 class Exposures:
     """When a camera exposes, from its first period on, and what it sees then.
+
+    Poses are those of the control camera at rest: a `Sight` knows how its camera shakes.
 
     Attributes:
         due_ns: simulated time at which it has to be asked next: of an exposure, or of its part.
@@ -63,6 +66,11 @@ def exposures(
     ]
 
 
+def vibrations(*sights: Sight) -> dict[str, Vibration]:
+    """Of those that shake, by the names of their cameras."""
+    return {sight.name: sight.vibration for sight in sights if sight.vibration is not None}
+
+
 class KinematicPlant(Plant):
     """Coordinates that follow their commands; what chain and free camera share."""
 
@@ -88,6 +96,7 @@ class KinematicPlant(Plant):
         self.joint_names = tuple(arm.names)
         self._random = np.random.default_rng(seed)
         self._exposures = exposures(sight, others, self._random, seed)
+        self.control, self.vibrations = sight.name, vibrations(sight, *others)
         self._image_ns = min(one.due_ns for one in self._exposures)
         self._lag = lag
         self._time_ns = 0
@@ -115,7 +124,7 @@ class KinematicPlant(Plant):
             readings.append(JointReading(time_ns, self.joint_names, q.tolist(), speed.tolist()))
         if self._image_ns == time_ns:
             for one in self._exposures:
-                if one.due_ns == time_ns and (seen := one.expose(self.pose())) is not None:
+                if one.due_ns == time_ns and (seen := one.expose(self.at_rest())) is not None:
                     readings.append(seen)
             self._image_ns = min(one.due_ns for one in self._exposures)
         return readings
@@ -133,8 +142,8 @@ class KinematicPlant(Plant):
             )
         self._taken(kind, values)
 
-    def pose(self) -> np.ndarray:
-        """world_T_camera (4, 4)."""
+    def at_rest(self) -> np.ndarray:
+        """See Plant.at_rest."""
         return self.arm.pose(self._q)
 
     def poses(self, positions: np.ndarray) -> np.ndarray:
@@ -208,8 +217,8 @@ class FreeCamera(KinematicPlant):
         super().__init__(arm, q, sight, **further)
         self._pose = arm.pose(self._q)
 
-    def pose(self) -> np.ndarray:
-        """world_T_camera (4, 4)."""
+    def at_rest(self) -> np.ndarray:
+        """See Plant.at_rest."""
         return self._pose.copy()
 
     def joints(self) -> tuple[np.ndarray, np.ndarray]:

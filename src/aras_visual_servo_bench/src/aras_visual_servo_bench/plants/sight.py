@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aras_sim_bridge.camera.effects import EffectChain
+from aras_sim_bridge.camera.shaking import Vibration
 from aras_sim_bridge.camera.shutter import RowBand
 from aras_sim_bridge.description.types import within
 from aras_visual_servo_camera.moments import find_crossing
@@ -40,6 +41,7 @@ class Sight:
     name: of the camera. place: of another camera than the control camera.
     parts: rows that are exposed one after the other; empty: all at once.
     sensor: adds a calibrated sensor's noise to drawn pictures; None: there is none.
+    vibration: how it shakes about its place; None: it does not.
     """
 
     camera: CameraModel
@@ -57,9 +59,10 @@ class Sight:
     place: Place | None = None
     parts: tuple[RowBand, ...] = ()
     sensor: EffectChain | None = None
+    vibration: Vibration | None = None
 
     def look(self, pose: np.ndarray, stamp_ns: int, random: np.random.Generator) -> CameraReading:
-        """What the camera sees where the control camera is at world_T_camera (4, 4)."""
+        """What the camera sees where the control camera, at rest, is at world_T_camera (4, 4)."""
         seen_from = self.seen_from(pose, stamp_ns)
         try:
             outline = self.target.shape.outline(seen_from)
@@ -107,8 +110,10 @@ class Sight:
         return found
 
     def seen_from(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray:
-        """target_T_camera (4, 4) where the control camera is at world_T_camera (4, 4)."""
+        """target_T_camera (4, 4) where the control camera, at rest, is at world_T_camera (4, 4)."""
         at = pose if self.place is None else self.place.at(pose)
+        if self.vibration is not None:
+            at = at @ self.vibration.at(stamp_ns)
         return self.target.seen_from(at, stamp_ns / NS)
 
     def pixels(self, points: np.ndarray | None) -> np.ndarray | None:

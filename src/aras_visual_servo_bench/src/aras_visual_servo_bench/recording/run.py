@@ -83,12 +83,13 @@ class Run:
         commanded: (m, j) the latest command at each joint state; NaN before the first.
         true_pose: (m, 4, 4) world_T_camera at each joint stamp: the true arm's where it stands at
             `measured`, so that a bag knows the same one; metrics of the camera's way are of these.
+            A camera that shakes does so about them; `pose` has it.
         arm_places: (m, l, 3) of the arm's joints in the world at each joint stamp; l = 0 where
             there is no such arm, or nobody asked.
         goal_pose: (4, 4) where the camera ought to be at the end.
         outcome, reason, mend: of the whole run, as the loop gives them.
-        verdict: what the physics knows, of its own pose at the end; of a bag, of the last of
-            `true_pose`.
+        verdict: what the physics knows, of its own pose at the end, at rest; of a bag, of the last
+            of `true_pose`.
         peak_speed: (j,) greatest speed at any step, or None where it was not traced.
         name: of the run, in legends. source: where it is from, in words.
         units, tolerances: (k,) of the features.

@@ -29,6 +29,7 @@ SEEN_THROUGH = (
     "at the end the arm, where it is drawn, hides {:.0f} % of the target: plant chain sees through "
     "it, plant bullet does not"
 )
+SHAKES = "camera '{}' shakes {}; the verdict and the camera's path are of its place at rest"
 log = logging.getLogger(__name__)
 
 
@@ -168,7 +169,9 @@ class Loop:
         if not control:
             place = self.parts.places[reading.camera]
             model = self.parts.eyes[reading.camera].true
-            self._recorder.saw(reading, place.at(self.plant.pose()), model)
+            pose = place.at(self.plant.at_rest())
+            pose = self.plant.shaken(pose, reading.stamp_ns, reading.camera)
+            self._recorder.saw(reading, pose, model)
         if reading.camera not in self.parts.rig.observers:
             return
         if delay_ns := self._delays_ns[reading.camera]:
@@ -192,8 +195,8 @@ class Loop:
         return moved @ self.parts.goal_pose
 
     def verdict(self) -> Verdict:
-        """What the physics says of the camera's place now."""
-        return Verdict.of(self.goal_pose(), self.plant.pose(), self.experiment.reached)
+        """What the physics says of the camera's place now, or of that about which it shakes."""
+        return Verdict.of(self.goal_pose(), self.plant.at_rest(), self.experiment.reached)
 
     def result(self) -> Run:
         """What the run has come to, up to now."""
@@ -213,7 +216,9 @@ class Loop:
             mend=outcome.mend,
             verdict=self.verdict(),
             peak_speed=getattr(self.plant, "peak_speed", None),
-            notes=[*self.parts.notes],
+            notes=[*self.parts.notes] + [
+                SHAKES.format(name, one.shake) for name, one in self.plant.vibrations.items()
+            ],
         )  # fmt: skip
         if self.experiment.plant == "chain" and run.converged:
             hidden = self.parts.postures.hidden(self.plant.joints()[0], self.plant.time_ns / NS)

@@ -155,7 +155,8 @@ class Keeper:
             positions, velocities = loop.plant.joints()
             since = loop.plant.time_ns / NS - reading.stamp
             at_exposure = (positions - since * velocities)[None]
-            self._poses[reading.stamp] = loop.plant.poses(at_exposure)[0]
+            at_rest = loop.plant.poses(at_exposure)[0]
+            self._poses[reading.stamp] = loop.plant.shaken(at_rest, reading.stamp_ns)
         if self._pictures:
             self._stamps.setdefault(reading.camera, []).append(reading.stamp)
             self._seen.setdefault(reading.camera, []).append((_picture(reading), _depth(reading)))

@@ -1,0 +1,127 @@
+"""A camera that shakes on its mounting: where it is, and what its pictures show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import link_pose, looking, table_and_target
+
+from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.camera.shaking import Shake, Vibration
+from aras_sim_bridge.errors import CameraError
+from aras_sim_bridge.rendering import View, create_renderer
+from aras_visual_servo_base.poses import rpy_from_rotation
+
+MS = 1_000_000
+XYZ, RPY = (1e-3, 2e-3, 3e-3), (0.01, 0.02, 0.03)
+LINK = link_pose(looking([0.02, 0.0, 0.782], [0.0, 0.0, 0.59], (1, 0, 0)))
+# The sensor's forward, left and up are the optical z, -x and -y.
+AXES = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]])
+
+
+def moved(vibration, seconds=8.0, rate=500.0):
+    """(n, 6) along and about the sensor's axes, m and rad."""
+    found = []
+    for k in range(round(seconds * rate)):
+        pose = vibration.at(round(k / rate * 1e9))
+        xyz, rpy = AXES.T @ pose[:3, 3], rpy_from_rotation(AXES.T @ pose[:3, :3] @ AXES)
+        found.append([*xyz, *rpy])
+    return np.array(found)
+
+
+def test_a_sine_in_each_direction():
+    found = moved(Vibration(Shake(frequency=12.5, xyz=XYZ, rpy=RPY), 3))
+    np.testing.assert_allclose(np.abs(found).max(axis=0), [*XYZ, *RPY], rtol=0.02)
+    power = np.abs(np.fft.rfft(found, axis=0)) ** 2
+    at = np.fft.rfftfreq(len(found), 1 / 500.0)
+    assert (at[power[:, :3].argmax(axis=0)] == 12.5).all()
+    phases = np.angle(np.fft.rfft(found[:, :3], axis=0)[round(12.5 * 8)])
+    assert np.abs(np.subtract.outer(phases, phases))[~np.eye(3, dtype=bool)].min() > 0.05
+
+
+def test_noise_within_a_band_has_a_sines_power():
+    found = moved(Vibration(Shake(frequency=30.0, xyz=XYZ, rpy=RPY, bandwidth=20.0), 3), 60.0)
+    np.testing.assert_allclose(
+        found.std(axis=0) * np.sqrt(2.0), [*XYZ, *RPY], rtol=0.05)
+    power = np.abs(np.fft.rfft(found[:, :3] * np.hanning(len(found))[:, None], axis=0)) ** 2
+    at = np.fft.rfftfreq(len(found), 1 / 500.0)
+    outside = (at < 19.9) | (at > 40.1)
+    assert (power[outside].sum(axis=0) < 1e-3 * power.sum(axis=0)).all()
+    for low in (20.0, 25.0, 30.0, 35.0):  # no part of the band is empty
+        part = power[(at >= low) & (at < low + 5.0)].sum(axis=0) / power.sum(axis=0)
+        assert (part > 0.1).all()
+
+
+def test_a_seed_is_a_shake():
+    shake = Shake(frequency=20.0, xyz=XYZ, bandwidth=5.0)
+    at = Vibration(shake, 7).at(123_456_789)
+    np.testing.assert_array_equal(at, Vibration(shake, 7).at(123_456_789))
+    assert np.abs(at - Vibration(shake, 8).at(123_456_789)).max() > 1e-5
+
+
+def camera(**keys):
+    return CameraConfig.from_mapping(
+        {"name": "eye", "width": 160, "height": 120, "near": 0.02, "update_rate": 30.0, **keys})
+
+
+def shown(renderer, config, pose):
+    """What a camera (4, 4) sees."""
+    return renderer.render(View(160, 120, pose, config.K, config.near, config.far))
+
+
+def test_pictures_are_of_where_it_is_at_their_instants(bench):
+    """Also between two ticks; what is known of its mounting stays."""
+    table_and_target(bench)
+    renderer = create_renderer("exact", bench.world)
+    shake = {"xyz": [2e-3, 1e-3, 3e-3], "rpy": [0.01, 0.02, 0.03], "frequency": 21.0}
+    config = camera(shake=shake, xyz=[0.01, 0.0, 0.02], seed=5)
+    one = CameraSensor(config, renderer)
+    still = CameraSensor(camera(xyz=[0.01, 0, 0.02]), renderer)
+    np.testing.assert_array_equal(one.link_T_optical, still.link_T_optical)
+    np.testing.assert_array_equal(one.info.K, still.info.K)
+    vibration, frames = Vibration(Shake(**shake), 5), []
+    for k in range(1, 110):
+        if one.needs_before(k * MS):
+            one.before_step(LINK, (k - 1) * MS)
+        if one.due(k * MS) and (frame := one.capture(LINK, k * MS)) is not None:
+            frames.append(frame)
+    assert [frame.stamp_ns for frame in frames] == [round(k * 1e9 / 30) for k in (1, 2, 3)]
+    mean = LINK @ still.link_T_optical
+    for frame in frames:
+        drawn = shown(renderer, config, mean @ vibration.at(frame.stamp_ns))
+        np.testing.assert_array_equal(frame.image, drawn)
+        assert (frame.image != shown(renderer, config, mean)).any()
+
+
+def test_rows_that_are_read_one_after_the_other_shake_by_themselves(bench):
+    table_and_target(bench)
+    renderer = create_renderer("exact", bench.world)
+    shake = {"rpy": [0.0, 0.0, 0.05], "frequency": 60.0}
+    rows = {"row_time": 1e-4, "rows_together": 8}
+    sensor = CameraSensor(camera(shake=shake, effects=rows), renderer)
+    while (frame := _stepped(sensor)) is None:
+        pass
+    vibration, mean = Vibration(Shake(**shake), 0), LINK @ sensor.link_T_optical
+    for first in (0, 56, 112):
+        at = frame.stamp_ns + round(1e5 * (first + 3.5 - 59.5))
+        whole = shown(renderer, sensor.config, mean @ vibration.at(at)).astype(int)
+        np.testing.assert_allclose(frame.image[first:first + 8], whole[first:first + 8], atol=3)
+
+
+def _stepped(sensor, clock=[0]):  # noqa: B006 (the clock of one test)
+    clock[0] += MS
+    if sensor.needs_before(clock[0]):
+        sensor.before_step(LINK, clock[0] - MS)
+    return sensor.capture(LINK, clock[0]) if sensor.due(clock[0]) else None
+
+
+@pytest.mark.parametrize(("shake", "complaint"), [
+    ({"xyz": [1e-3] * 3}, "frequency"), ({"frequency": 0.0}, "frequency is 0.0, must be > 0"),
+    ({"frequency": 10.0, "bandwidth": 25.0}, "bandwidth of 25 Hz about 10 Hz would begin below 0"),
+    ({"frequency": 10.0, "xyz": [-1e-3, 0, 0]}, "shake.xyz.*>= 0"),
+    ({"frequency": 10.0, "xyz": [1, 0, 0]}, "shake.xyz.*<= 0.1"),
+    ({"frequency": 10.0, "rpi": [0, 0, 0]}, "did you mean 'rpy'"),
+])  # fmt: skip
+def test_what_is_no_shake_is_refused(shake, complaint):
+    with pytest.raises(CameraError, match=complaint):
+        camera(shake=shake)

@@ -216,6 +216,16 @@ def test_light_is_told_set_and_seen(collect):
     sun = LAMP.replace("point", "directional").replace("<pose>0 0 3 0 0 0</pose>", "")
     spawn("sun", sun.replace("0.5 0.25 1 1", "0.3 0.3 0.3 1"), "sdf")
     assert brightness() == pytest.approx(255 * 0.7, abs=1)  # straight down, SDF's default
+    now = call("get_world_properties", GetWorldProperties).sim_time
+    sun = sun.replace("0.5 0.25 1 1", "0.3 0.3 0.3 1").replace("given", "later")
+    times = f"<aras:shines>{now + 0.05:.3f} {now + 0.1:.3f}</aras:shines></light>"
+    spawn("later", sun.replace("</light>", times), "sdf")
+    assert brightness() == pytest.approx(255 * 0.7, abs=1)
+    step(40)
+    assert brightness() == pytest.approx(255, abs=1)
+    step(60)
+    assert brightness() == pytest.approx(255 * 0.7, abs=1)
+    assert call("delete_light", DeleteLight, "later").success
     delete("eye", "plate")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import nan
 
-CALIBRATE = "calibrate the camera: K, D, and where it is mounted"
+CALIBRATE = "calibrate the camera: K, D, and where it is mounted; see that it does not shake there"
 
 # Advice by kind of outcome; empty: there is nothing to mend. {joints} are those it is about.
 ADVICE = {
@@ -26,7 +26,8 @@ ADVICE = {
     "(Measured.rate)",
     "wrong_camera_model": CALIBRATE,
     "ambiguous": "begin nearer to the goal, or use more features than directions",
-    "gain_too_high": "lower the gain, or the delay between image and command",
+    "gain_too_high": "lower the gain, or the delay between image and command; a camera that shakes "
+    "so is to be mounted firmly",
     "joint_limit": "begin from another posture, or choose a goal away from the limit",
     "singular": "other features or more of them, another posture, or a goal away from where a "
     "direction of the camera is lost",

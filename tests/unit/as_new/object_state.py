@@ -64,13 +64,14 @@ class Comparison:
             return self._differ(path, old, new)
         self.classes.add(type(old))
         if isinstance(old, np.ndarray):
-            same = old.dtype == new.dtype and old.shape == new.shape
-            if not same or (old.dtype != object and old.tobytes() != new.tobytes()):
+            if old.dtype != new.dtype or old.shape != new.shape:
                 return self._differ(path, old, new)
-            if old.dtype == object:
-                self._sequence(path, old.ravel().tolist(), new.ravel().tolist())
+            if old.dtype == object or old.tobytes() != new.tobytes():
+                for index in np.ndindex(old.shape):
+                    at = ", ".join(str(k) for k in index)
+                    self.compare(f"{path}[{at}]", old[index], new[index])
             return None
-        if isinstance(old, float):
+        if isinstance(old, float | np.floating):
             if struct.pack("d", old) != struct.pack("d", new):
                 self._differ(path, old, new)
             return None

@@ -1,6 +1,8 @@
 """A robot without physics engine: unit masses that efforts push and positions put."""
 
+import sys
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -8,6 +10,8 @@ import pytest
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.loop import ControlLoop
 from aras_sim_bridge.control.manager import ControllerManager
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "as_new"))  # object_state.py
 
 PREFIX = "hardware_interface/"
 

@@ -8,7 +8,7 @@ import pytest
 
 HERE = str(Path(__file__).resolve().parent)
 if HERE not in sys.path:
-    sys.path.insert(0, HERE)
+    sys.path[:0] = [HERE, str(Path(HERE).parent / "as_new")]  # its object_state.py
 
 # name: kind, parent, child, xyz, rpy, axis, lower, upper, effort, damping, friction
 ARAS_JOINTS = (

@@ -71,8 +71,6 @@ class GripperActionController(Controller):
         self._running = False
         self._goal: GoalHandle[GripperGoal, GripperResult] | None = None
         self._wanted = GripperGoal(0.0)
-        self._effort = 0.0
-        self._moved_ns: int | None = None
 
     def _init_output(self, parameters: Mapping) -> None:
         """Read what turning a position into a command needs."""
@@ -89,6 +87,8 @@ class GripperActionController(Controller):
         super().starting(time_ns)
         ended = self._end_goal(PREEMPTED, GripperResult())
         self._hold()
+        self._effort = 0.0
+        self._moved_ns: int | None = None
         self._start_output()
         self._running = True
         _announce(ended)

@@ -93,14 +93,17 @@ class JointTrajectoryController(Controller):
         )
         self._init_output(parameters, where)
         self._running = False
-        self._time_ns = self._uptime_ns = self._period_ns = 0
         self._segments: list[JointSegments] = []
         self._goal: GoalHandle | None = None
         self._arrived: set[int] = set()
-        zeros = [0.0] * len(joints)
-        self._desired = [list(zeros), list(zeros), list(zeros)]
-        self._actual = [list(zeros), list(zeros)]
-        self._errors = [list(zeros), list(zeros)]
+        self._begin(0)
+
+    def _begin(self, time_ns: int) -> None:
+        """Nothing was measured yet."""
+        self._time_ns, self._uptime_ns, self._period_ns = time_ns, 0, 0
+        self._desired, self._actual, self._errors = (
+            [[0.0] * len(self.joints) for _ in range(orders)] for orders in (3, 2, 2)
+        )
 
     def _init_output(self, parameters: Mapping, where: str) -> None:
         """Read what turning a desired state into a command needs."""
@@ -116,13 +119,10 @@ class JointTrajectoryController(Controller):
         super().starting(time_ns)
         self._running = False
         ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "controller restarted")
-        self._time_ns = time_ns
-        self._uptime_ns = 0
+        self._begin(time_ns)
         self._state_timer.start(0)
         self._hold(0)
-        for k, handle in enumerate(self._handles):
-            self._desired[0][k] = handle.position
-            self._desired[1][k] = self._desired[2][k] = 0.0
+        self._desired[0] = [handle.position for handle in self._handles]
         self._start_output()
         self._running = True
         _announce(ended)

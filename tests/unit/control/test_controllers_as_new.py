@@ -1,0 +1,142 @@
+"""A controller that was at work, stopped and is started again is one that has just been loaded.
+
+Of two unlike joints 'a' is not the controller's where it has one alone. The clock stands at the
+same, odd time when both are started.
+"""
+
+import math
+
+import pytest
+from object_state import differences, parts, with_method
+
+import aras_sim_bridge.control
+from aras_sim_bridge.control.controllers.gripper import GripperGoal
+from aras_sim_bridge.control.controllers.registry import Registry
+from aras_sim_bridge.control.controllers.trajectory_types import Trajectory, TrajectoryPoint
+
+PIDS = {"a": {"p": 20.0, "i": 7.0, "d": 1.5, "i_clamp": 3.0},
+        "b": {"p": 10.0, "i": 50.0, "d": 0.1, "i_clamp": 100.0, "antiwindup": True}}  # fmt: skip
+TYPES = Registry().types()
+KEEPS_ITS_RHYTHM = "joint_state_controller/JointStateController"  # over restarts, as in ros_control
+WHY_NOT = {
+    r"\.(hardware|_hardware|context).*": "not its own",
+    r".*rows?\[(\d, )?24\]": "every tenth update is published, over restarts",
+}
+
+
+def interface_of(kind):
+    made = Registry().find(kind).interface.rpartition("/")[2] or "EffortJointInterface"
+    return made.rpartition("::")[2]
+
+
+def settings_of(kind):
+    given = {"type": kind, "interpolate": kind.startswith("effort")}
+    if "JointState" in kind:
+        return {**given, "publish_rate": 125.0}
+    if "Group" in kind:
+        return {**given, "joints": ["b", "a"], **{n: {"pid": PIDS[n]} for n in "ab"}}
+    if "Trajectory" in kind:
+        return {**given, "joints": ["b", "a"], "gains": PIDS}
+    if "Gripper" in kind:
+        return {**given, "joint": "b", "gains": {"b": PIDS["b"]}, "stall_timeout": 0.01}
+    return {**given, "joint": "b", "pid": PIDS["b"]}
+
+
+def ask(controller, kind, far):
+    """Give it something to do; `far` for another thing."""
+    if "Gripper" in kind:
+        controller.submit_goal(GripperGoal(0.2 + far, 3.0 + far))
+    elif "Trajectory" in kind:
+        controller.set_command(Trajectory(["a", "b"], [
+            TrajectoryPoint(40_000_000, [0.1, 0.4 + far], [0.0, 0.2]),
+            TrajectoryPoint(90_000_000, [0.3, -0.2 - far], [0.0, 0.0]),
+        ]))  # fmt: skip
+    elif "Group" in kind:
+        controller.set_command([0.4 + far, -0.25])
+    else:
+        controller.set_command(0.4 + far)
+
+
+@pytest.fixture
+def make(make_rig, make_joint, make_limits):
+    def _make(kind):
+        limits = {"a": make_limits(-2.0, 2.5, 3.0, 40.0), "b": make_limits(-1.5, 1.0, 6.0, 90.0)}
+        joints = [make_joint(n, "revolute", interface_of(kind), limits[n]) for n in "ab"]
+        return make_rig(joints, {"c": settings_of(kind)})
+
+    return _make
+
+
+class Bench:
+    """Joints that go their own way, and what a controller makes of it; no hardware behind it."""
+
+    def __init__(self, rig):
+        self.rig, self.k, self.trace = rig, 0, []
+
+    def go_on(self, count, push=0.0):
+        """As many cycles of 1 ms; `push`: how far from their way the joints are."""
+        rig = self.rig
+        for _ in range(count):
+            self.k += 1
+            t = 1e-3 * self.k
+            rig.model.q[:] = 0.3 * math.sin(31.0 * t), -0.45 * math.cos(23.0 * t) + push
+            rig.model.v[:] = 9.3 * math.cos(31.0 * t), 10.35 * math.sin(23.0 * t) - 3.0 * push
+            rig.hardware.read(1_000_000 * self.k, 1e-3)
+            rig.manager.update(1_000_000 * self.k, 1e-3)
+            self.trace.append([h.row.tolist() for h in rig.hardware.handles.values()])
+
+    def switch(self, starts, stops):
+        request = self.rig.manager.switch(starts, stops)
+        self.go_on(1)
+        assert request.ok, request.reason
+
+
+def live(bench, kind):
+    """Stopped in the middle of what it does, pushed about, published, with a command waiting."""
+    controller = bench.rig.manager.load("c")
+    if controller.state_kind:
+        controller.on_state = bench.trace.append
+    bench.switch(["c"], [])
+    ask(controller, kind, 0.3)
+    bench.go_on(37)
+    bench.go_on(11, push=0.4)
+    ask(controller, kind, 0.1)
+    bench.go_on(12)
+    ask(controller, kind, -0.2)
+    bench.switch([], ["c"])
+    bench.go_on(5)
+    if "Trajectory" not in kind:
+        ask(controller, kind, 0.6)  # what a stopped one is told is nothing to the next start
+
+
+@pytest.mark.parametrize("kind", [kind for kind in TYPES if kind != KEEPS_ITS_RHYTHM])
+def test_it_is_started_again_as_new(make, kind):
+    old, new = Bench(make(kind)), Bench(make(kind))
+    live(old, kind)
+    new.rig.manager.load("c")
+    new.go_on(old.k)
+    # what is left of the commands is the hardware's affair
+    old.rig.hardware.handle_rows[:] = new.rig.hardware.handle_rows
+    both = [bench.rig.manager.get("c") for bench in (old, new)]
+    for bench, controller in zip((old, new), both, strict=True):
+        controller.on_state = None  # every tenth update, counted over restarts
+        bench.trace.clear()
+        bench.switch(["c"], [])
+    assert differences(*both, WHY_NOT) == []
+    for bench, controller in zip((old, new), both, strict=True):
+        bench.go_on(7)
+        ask(controller, kind, 0.05)
+        bench.go_on(150)
+    assert old.trace == new.trace and len(new.trace) >= 158
+    assert differences(*both, WHY_NOT) == []
+
+
+def test_all_that_begins_anew_was_among_them(make):
+    """Of a class with `reset` or `start` that no case above holds nobody would know."""
+    held = set()
+    for kind in TYPES:
+        rig = make(kind)
+        rig.run("c")
+        held |= {base for cls in parts(rig) for base in cls.__mro__}
+    stateful = with_method(aras_sim_bridge.control, ("reset", "start", "starting", "clear"))
+    assert {name for name, cls in stateful.items() if cls not in held} == set()

@@ -1,0 +1,98 @@
+"""A world after a busy life and reset_simulation goes on as one after a quiet life, to the bit.
+
+The demo's arm under its controllers with its camera, and a loose block with every sensor.
+"""
+
+from aras_robot import ArasRobot
+from object_state import differences
+
+from aras_sim_bridge.description import parse_urdf
+from aras_visual_servo_base.poses import Pose, Twist
+
+BLOCK = """<robot name="block"><link name="link"><inertial><origin xyz="0.01 0 0.02"/>
+  <mass value="0.7"/>
+  <inertia ixx=".002" iyy=".003" izz=".001" ixy="0" ixz="0.0002" iyz="0"/></inertial>
+  <collision name="c"><geometry><box size="0.1 0.07 0.05"/></geometry></collision>
+  <visual><geometry><box size="0.1 0.07 0.05"/></geometry></visual></link>
+  <link name="lid"><inertial><mass value="0.2"/>
+    <inertia ixx=".001" iyy=".001" izz=".001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="hinge" type="revolute"><parent link="link"/><child link="lid"/>
+    <origin xyz="0.05 0 0.03"/><axis xyz="0 1 0"/><dynamics damping="0.02" friction="0.01"/>
+    <limit lower="-1" upper="1.2" effort="3" velocity="5"/></joint>
+  <gazebo reference="link"><sensor name="imu" type="imu"><update_rate>90</update_rate>
+    <plugin name="i" filename="libgazebo_ros_imu_sensor.so"><topicName>imu</topicName>
+    <bodyName>link</bodyName></plugin></sensor>
+    <sensor name="bump" type="contact"><update_rate>70</update_rate><contact>
+    <collision>c</collision></contact><plugin name="b" filename="libgazebo_ros_bumper.so">
+    <bumperTopicName>bump</bumperTopicName></plugin></sensor></gazebo>
+  <gazebo><plugin name="p" filename="libgazebo_ros_p3d.so"><bodyName>lid</bodyName>
+    <topicName>p3d</topicName><updateRate>80</updateRate><gaussianNoise>0.01</gaussianNoise></plugin>
+  </gazebo>
+  <gazebo><plugin name="f" filename="libgazebo_ros_ft_sensor.so"><jointName>hinge</jointName>
+    <topicName>ft</topicName><updateRate>60</updateRate></plugin></gazebo></robot>"""
+LAID = Pose.from_rpy((0.35, -0.2, 0.64), (0.1, -0.2, 0.6))
+GOAL = (0.05, -0.1, 0.2, -0.15, 0.1, 0.4)
+
+
+def made():
+    robot = ArasRobot()
+    robot.block = robot.simulation.spawn(parse_urdf(BLOCK), "block", LAID)
+    robot.told = []
+    listen(robot)
+    return robot
+
+
+def listen(robot):
+    for sensor in robot.simulation.sensors:
+        sensor.on_state = robot.told.append
+    for camera in robot.simulation.cameras:
+        camera.on_frame, camera.enabled = robot.told.append, True
+
+
+def follow(robot, count=400):
+    """What is told, and where all is, on the way to a goal."""
+    robot.told.clear()
+    robot.command(GOAL)
+    way = []
+    for _ in range(count):
+        robot.steps(1)
+        way.append((robot.model.read_joints(), robot.block.read_joints(),
+                    robot.block.link_pose("lid"), robot.simulation.time_ns))  # fmt: skip
+    return way, list(robot.told)
+
+
+def busy(robot):
+    """Driven, pushed, stopped in an emergency, put elsewhere, thrown, switched."""
+    simulation = robot.simulation
+    robot.command([-2.0 * q for q in GOAL])
+    robot.steps(150)
+    for _ in range(90):
+        robot.block.apply_force("link", (3.0, -2.0, 6.0), (0.01, 0.02, 0.0), (0.1, 0.2, -0.3))
+        robot.steps(1)
+    robot.hardware.e_stop = True
+    robot.steps(20)
+    robot.hardware.e_stop = False
+    simulation.set_joint_positions("aras_visual_servo", {"J1": 0.3, "gantry": -0.2})
+    robot.block.set_pose(Pose.from_rpy((0.4, 0.1, 0.8), (1.0, 0.2, 0.3)))
+    robot.block.set_twist(Twist((1.0, 0.0, 0.0), (0.0, 2.0, 3.0)))
+    robot.steps(55)
+    robot.manager.switch([], ["joint6_position_controller"])
+    robot.steps(5)
+    robot.manager.switch(["joint6_position_controller"], [])
+    robot.command([1.5 * q for q in GOAL])
+    robot.steps(123)
+
+
+def test_what_comes_after_reset_simulation_knows_nothing_of_what_was_before():
+    old, new = made(), made()
+    for robot in (old, new):
+        robot.steps(30)  # controllers run, and a picture is drawn
+    busy(old)
+    for robot in (old, new):
+        robot.simulation.reset_simulation()
+        robot.told.clear()
+        robot.command(GOAL)  # set points outlive a reset
+    mine, other = follow(old), follow(new)
+    assert len(other[1]) > 60
+    assert differences(mine, other) == []
+    old.close(), new.close()

@@ -201,7 +201,8 @@ def test_a_depth_image_alone_tells_the_pose_of_three_faces(folder):
     pose = exponential((0.001, -0.0005, 0.002, 0.004, -0.005, 0.003)) @ true
     for _ in range(12):
         A, b, count = surface_equations(
-            solid.vertices, solid.faces, solid.normals, seen, np.ascontiguousarray(pose), 1e-3)
+            solid.vertices, solid.faces, solid.normals, seen, np.ascontiguousarray(pose),
+            np.zeros(3), 1.0, 1e-3)
         pose = exponential(np.linalg.solve(A, b)) @ pose
     away, turned = error_of("box", pose, true)
     assert count > 100

@@ -1,9 +1,9 @@
 """Gauss-Newton on a pose, by how far edges and surfaces are from where it has them.
 
-    p = R P + t,  dp = v + w x p,   residual of an edge: d - g . (p_xy / p_z - seen),
-                                    residual of a surface: n . (X - p),
+    p = R P + t,  dp = v + w x (p - o) / u,   residual of an edge: d - g . (p_xy / p_z - seen),
+                                              residual of a surface: n . (X - p),
 
-with d px along its normal as measured from `seen`, and g px for normalised coordinates; X is a
+about a point o of the camera's frame and with a length u, so that v and w are both m, with d px along its normal as measured from `seen`, and g px for normalised coordinates; X is a
 point of the depth image, p and n the point and the normal of the face that it should lie in.
 Residuals are weighted by Tukey's function, so what lies far beyond the usual has no weight.
 
@@ -19,17 +19,23 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled, inlined
 
+FITS = 6  # Gauss-Newton steps, at most
+STILL = 0.01  # px: a change of the pose by less is none
+NARROWER = 0.3  # part of the last step's least scale
+STEP = 5e-3  # m that a motion goes at once of which the edges tell nothing
+FLATNESS = 3e-4  # m to which the points of a depth image are exact at best
 TUKEY = 4.685  # times the standard deviation, beyond which a residual has no weight
 NORMAL = 1.4826  # standard deviation over median of absolute values
 
 
-@compiled("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8")
-def edge_equations(at, seen, gain, away, weight, T, least):
+@compiled("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8, f8")
+def edge_equations(at, seen, gain, away, weight, T, about, unit, least):
     """Normal equations of edge points for a change (v, w) of the pose T, in the camera's axes.
 
     Args:
         at, seen, gain: as of EdgePoints. away: (n, c) px along the normal of each candidate, NaN
-            where there is none; the nearest counts. weight: (n,). least: px, of the scale.
+            where there is none; the nearest counts. weight: (n,). about, unit: o (3,) and u.
+            least: px, of the scale.
 
     Answers:
         A (6, 6) and b (6,); residuals (n,), NaN where there are none.
@@ -57,6 +63,7 @@ def edge_equations(at, seen, gain, away, weight, T, least):
         a, b = gain[n, 0] / z, gain[n, 1] / z
         c = -(a * x + b * y) / z
         rows[n, 0], rows[n, 1], rows[n, 2] = a, b, c
+        x, y, z = (x - about[0]) / unit, (y - about[1]) / unit, (z - about[2]) / unit
         rows[n, 3], rows[n, 4], rows[n, 5] = y * c - z * b, z * a - x * c, x * b - y * a
     A, right = np.zeros((6, 6)), np.zeros(6)
     if used == 0:
@@ -92,13 +99,13 @@ def _around(x, y, z, a, b, c, n):
     return True
 
 
-@compiled("f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8")
-def surface_equations(vertices, faces, normals, measured, T, least):
+@compiled("f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8, f8")
+def surface_equations(vertices, faces, normals, measured, T, about, unit, least):
     """Normal equations of a depth image, for a change as of `edge_equations`; weighted by 1/m^2.
 
     Args:
         vertices, faces, normals: of the solid. measured: (n, 3) normalised x, y of pixels, and
-            their depth, m. least: m, of the scale.
+            their depth, m. about, unit, least: as there, but least in m.
 
     Answers A (6, 6), b (6,), and how many points lie on the solid.
     """
@@ -146,12 +153,112 @@ def surface_equations(vertices, faces, normals, measured, T, least):
         x, y, d = measured[i]
         n = turned[on[i]]
         row[:3] = n
-        row[3] = y * d * n[2] - d * n[1]
-        row[4] = d * n[0] - x * d * n[2]
-        row[5] = x * d * n[1] - y * d * n[0]
+        x, y, z = (x * d - about[0]) / unit, (y * d - about[1]) / unit, (d - about[2]) / unit
+        row[3], row[4], row[5] = y * n[2] - z * n[1], z * n[0] - x * n[2], x * n[1] - y * n[0]
         count += 1
         for j in range(6):
             right[j] += w * row[j] * residuals[i]
             for k in range(6):
                 A[j, k] += w * row[j] * row[k]
     return A, right, count
+
+
+@compiled("f8[:,::1], f8[::1], f8[::1]", allocates=False)
+def _without(A, b, slip):
+    """Takes a motion (6,) of length 1 out of normal equations."""
+    told = 0.0
+    for i in range(6):
+        told += slip[i] * b[i]
+    for i in range(6):
+        b[i] -= slip[i] * told
+        along = 0.0
+        for j in range(6):
+            along += A[i, j] * slip[j]
+        for j in range(6):
+            A[i, j] -= along * slip[j]
+    for j in range(6):
+        along = 0.0
+        for i in range(6):
+            along += slip[i] * A[i, j]
+        for i in range(6):
+            A[i, j] -= slip[i] * along
+
+
+@compiled("f8[:,::1], f8[::1], f8[::1], f8[::1]")
+def _changed(T, turn, place, middle):
+    """The pose T (4, 4) turned by a rotation vector (3,), with the solid's middle (3,) at place."""
+    angle = np.sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
+    first, second = 1.0, 0.5
+    if angle > 1e-8:
+        first, second = np.sin(angle) / angle, 2.0 * (np.sin(0.5 * angle) / angle) ** 2
+    found = np.zeros((4, 4))
+    found[3, 3] = 1.0
+    x, y, z = turn
+    for k in range(3):
+        a, b, c = T[0, k], T[1, k], T[2, k]
+        u, v, w = y * c - z * b, z * a - x * c, x * b - y * a
+        found[0, k] = a + first * u + second * (y * w - z * v)
+        found[1, k] = b + first * v + second * (z * u - x * w)
+        found[2, k] = c + first * w + second * (x * v - y * u)
+    for k in range(3):
+        found[k, 3] = place[k]
+        for m in range(3):
+            found[k, 3] -= found[k, m] * middle[m]
+    return found
+
+
+@compiled("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8, f8, f8[::1], f8, "
+          "f8[:,::1], f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1]")  # fmt: skip
+def fitted(at, seen, gain, away, weight, T, wide, exact, middle, radius, slips, vertices, faces,
+           normals, surface):  # fmt: skip
+    """The pose that edges, and points of a depth image, are explained by.
+
+    Args:
+        at, seen, gain, away, weight: as of `edge_equations`. T: (4, 4) to begin with.
+        wide, exact: px, least scales of the residuals in the first and in the last steps.
+        middle, radius: (3,) m, in the solid's frame, and m: o and u.
+        slips: (k, 6) as of Solid.slips, the rows: left out.
+        vertices, faces, normals: of the solid. surface: (n, 3) `measured` of `surface_equations`.
+
+    Answers:
+        the pose; how far it moved the solid in the picture, px, about; the residuals (n,) and the
+        information A (6, 6) about the middle, in the camera's axes.
+    """
+    focal = np.hypot(gain[0, 0], gain[0, 1]) if len(gain) else 0.0
+    about, first, slip = np.empty(3), np.empty(3), np.empty(6)
+    pose, least, turned = T.copy(), wide, np.zeros(3)
+    residuals, A = np.full(len(away), np.nan), np.zeros((6, 6))
+    for step in range(FITS + 1):
+        for k in range(3):
+            about[k] = pose[k, 3]
+            for m in range(3):
+                about[k] += pose[k, m] * middle[m]
+        if step == 0:
+            first[:] = about
+        A, b, residuals = edge_equations(at, seen, gain, away, weight, pose, about, radius, least)
+        if len(surface):
+            more, told, _ = surface_equations(
+                vertices, faces, normals, surface, pose, about, radius, FLATNESS)
+            A += more
+            b += told
+        for s in range(len(slips)):
+            for k in range(3):
+                slip[k] = slip[3 + k] = 0.0
+                for m in range(3):
+                    slip[k] += pose[k, m] * slips[s, m]
+                    slip[3 + k] += pose[k, m] * slips[s, 3 + m]
+            _without(A, b, slip)
+        if step == FITS:
+            break
+        damped = A.copy()
+        for i in range(6):
+            damped[i, i] += 1.0 / STEP**2
+        change = np.linalg.solve(damped, b)
+        turned += change[3:]
+        pose = _changed(pose, change[3:] / radius, about + change[:3], middle)
+        moved = np.sqrt((change[:3] ** 2).sum()) + np.sqrt((change[3:] ** 2).sum())
+        if least == exact and focal * moved < STILL * about[2]:
+            break
+        least = max(NARROWER * least, exact)
+    total = np.sqrt(((about - first) ** 2).sum()) + np.sqrt((turned**2).sum())
+    return pose, focal * total / about[2], residuals, A

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aras_visual_servo_base.poses import exponential, inverse, logarithm, skew
+from aras_visual_servo_base.poses import exponential, inverse, logarithm
 
 from ..errors import ModelError
 from ..undistortion import CameraModel
-from .fitting import edge_equations, surface_equations
+from .fitting import STEP, fitted
 from .search import UNKNOWN, candidates, measured
 from .solid import Solid
 from .visible import EdgePoints, visible_samples
@@ -22,23 +22,23 @@ SPARSE, DENSE = 6.0, 3.0
 ENOUGH = 60  # points; of a solid that is small in the picture they are nearer together
 REACH = 10.0  # px to either side of where edges are expected
 STARTING = (20.0, 10.0, 40.0)  # px likewise, one after the other, where it is rough
-LOOKS, FITS, MEASUREMENTS = 4, 6, 3  # at most: searches, Gauss-Newton steps of each, measurements
+LOOKS, MEASUREMENTS = 4, 3  # at most
 NEAR = 0.7  # px from which on edges are measured, not looked for
-STILL = 0.01  # px: a change of the pose by less is none
+AGAIN = 0.1  # px: after a change of the pose by more, edges are measured again
 LEAST, NOISY = 10.0, 3.5  # grey levels of a change; times the noise
 # px, scale of residuals at least: where edges are looked for, and measured. A fit begins with the
-# first of its two and ends with the second, each step with NARROWER of the last one's: begun with
-# the second, edges that agree with a wrong pose would give those that do not no weight.
-LOOSE, EXACT, NARROWER = (0.5, 0.5), (0.3, 0.02), 0.3
+# first of its two and ends with the second: begun with that, edges that agree with a wrong pose
+# would give those that do not no weight.
+LOOSE, EXACT = (0.5, 0.5), (0.3, 0.02)
 FLOOR = 0.03  # px to which an edge is measured without noise
 TOLERANCE, LEARNED = 25.0, 0.2  # grey levels of a remembered level; its part that is renewed
-STEP = 5e-3  # m that a motion goes at once of which the edges tell nothing
 UNSEEN = 1e12  # m^2, variance of what the edges cannot tell
 EXPLAINED = 1.0  # px from the solid within which an edge counts as its own
 FEWEST, LEAST_SHARE = 15, 0.45  # points, and their part of the visible ones: less is lost
-DEPTHS, FLATNESS = 8, 3e-4  # px between pixels of a depth image; m to which they are exact at best
+DEPTHS = 8  # px between pixels of a depth image
 SAME = 0.9  # of the last picture's share: with more there was no need to look for edges
 ROOM = 4.0  # px to other edges, with which a point can be measured
+NOWHERE = np.empty((0, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,8 @@ class ModelTracking:
 
     def __init__(self, solid: Solid) -> None:
         self.solid = solid
-        self._middle, self._radius, self._slips = solid.middle, solid.radius, solid.slips()
+        self._middle, self._radius = solid.middle, solid.radius
+        self._slips = np.ascontiguousarray(solid.slips().T)
         self.start(None)
 
     def start(self, camera_T_solid: np.ndarray | None) -> None:
@@ -111,7 +112,7 @@ class ModelTracking:
         if expected is None:
             expected = exponential(self._motion) @ before
         noise = noise_of(grey)
-        self._surface = None if depth is None else self._depths(depth, camera, expected)
+        self._surface = NOWHERE if depth is None else self._depths(depth, camera, expected)
         if self._fresh:
             tries = [(expected, reach) for reach in STARTING]
         else:  # where it is expected nothing need be looked for
@@ -146,8 +147,7 @@ class ModelTracking:
             samples = self._points(camera, pose, SPARSE)
             away = candidates(grey, samples.pixel, samples.normal, self._expected(samples),
                               reach / (1.0 + look), least, tolerance)  # fmt: skip
-            pose, moved, _ = self._fitted(
-                samples, away, np.ones(len(away)), pose, LOOSE)
+            pose, moved, _, _ = self._fitted(samples, away, np.ones(len(away)), pose, LOOSE)
             if moved < NEAR and look:
                 break
         for _ in range(MEASUREMENTS):
@@ -155,12 +155,12 @@ class ModelTracking:
             values = measured(grey, samples.pixel, samples.normal, samples.room,
                               self._expected(samples), least, tolerance, noise)  # fmt: skip
             weight = 1.0 / (FLOOR**2 + np.nan_to_num(values[:, 3], nan=1.0))
-            pose, moved, rest = self._fitted(
+            pose, moved, residuals, A = self._fitted(
                 samples, np.ascontiguousarray(values[:, :1]), weight, pose, EXACT)
-            if moved < 10.0 * STILL:
+            if moved < AGAIN:
                 break
-        self._last = samples, values, rest[0]
-        return self._judged(samples, weight, pose, *rest)
+        self._last = samples, values, residuals
+        return self._judged(samples, weight, pose, residuals, A)
 
     def _points(self, camera: CameraModel, pose: np.ndarray, spacing: float) -> EdgePoints:
         """Those that are seen from a pose, every `spacing` px, or nearer where they are few."""
@@ -177,42 +177,21 @@ class ModelTracking:
     def _fitted(
         self, samples: EdgePoints, away: np.ndarray, weight: np.ndarray, pose: np.ndarray,
         scales: tuple[float, float],
-    ) -> tuple[np.ndarray, float, tuple[np.ndarray, np.ndarray]]:  # fmt: skip
-        """The pose that fits, how far that moved the solid (px), and what is left."""
-        start, residuals = pose, np.full(len(away), np.nan)
-        focal = _scale(samples)
-        A, (least, last) = np.zeros((6, 6)), scales
-        for step in range(FITS + 1):
-            A, b, residuals = edge_equations(
-                samples.at, samples.seen, samples.gain, away, weight, np.ascontiguousarray(pose),
-                least)  # fmt: skip
-            if step == FITS:
-                break
-            if self._surface is not None:
-                more = surface_equations(self.solid.vertices, self.solid.faces, self.solid.normals,
-                                         self._surface, np.ascontiguousarray(pose), FLATNESS)
-                A, b = A + more[0], b + more[1]
-            change = self._solved(A, b, pose)
-            pose = exponential(change) @ pose
-            if least == last and focal * self._moved(change, pose) < STILL:
-                break
-            least = max(NARROWER * least, last)
-        moved = focal * self._moved(logarithm(pose @ inverse(start)), start)
-        return pose, moved, (residuals, A)
-
-    def _moved(self, change: np.ndarray, pose: np.ndarray) -> float:
-        """How far a change (v, w) moves the solid in the picture, normalised, about."""
-        middle = pose[:3, :3] @ self._middle + pose[:3, 3]
-        there = math.hypot(*(change[:3] + skew(change[3:]) @ middle))
-        return float((there + self._radius * math.hypot(*change[3:])) / middle[2])
+    ) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:  # fmt: skip
+        """See fitting.fitted."""
+        solid = self.solid
+        return fitted(
+            samples.at, samples.seen, samples.gain, away, weight, np.ascontiguousarray(pose),
+            *scales, self._middle, self._radius, self._slips, solid.vertices, solid.faces,
+            solid.normals, self._surface)  # fmt: skip
 
     def _depths(
         self, depth: np.ndarray, camera: CameraModel, pose: np.ndarray
-    ) -> np.ndarray | None:
-        """(n, 3) normalised x, y and depth, m, of pixels about the solid; None: there are none."""
+    ) -> np.ndarray:
+        """(n, 3) normalised x, y and depth, m, of pixels about the solid."""
         points = self.solid.vertices @ pose[:3, :3].T + pose[:3, 3]
         if not (points[:, 2] > 0.0).all():
-            return None
+            return NOWHERE
         u, v = camera.project(*(points[:, :2] / points[:, 2:]).T)
         columns = np.arange(max(int(u.min()), 0), min(int(u.max()), camera.width), DEPTHS)
         rows = np.arange(max(int(v.min()), 0), min(int(v.max()), camera.height), DEPTHS)
@@ -220,33 +199,7 @@ class ModelTracking:
         x, y, valid = camera.normalise(u, v)
         there = depth[v, u].astype(float)
         good = valid & np.isfinite(there) & (there > 0.0)
-        return np.column_stack([x, y, there])[good] if good.any() else None
-
-    def _about_middle(self, pose: np.ndarray) -> np.ndarray:
-        """(6, 6) from changes about the middle, in radii, to those about the camera."""
-        middle = pose[:3, :3] @ self._middle + pose[:3, 3]
-        M = np.eye(6)
-        M[:3, 3:] = skew(middle) / self._radius
-        M[3:, 3:] /= self._radius
-        return M
-
-    def _solved(self, A: np.ndarray, b: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """The change (v, w) (6,), nothing along what is not seen."""
-        M, slips = self._about_middle(pose), self._slipping(pose)
-        told = M.T @ b
-        told -= slips @ (slips.T @ told)
-        return M @ np.linalg.solve(self._told(A, M, slips) + np.eye(6) / STEP**2, told)
-
-    def _slipping(self, pose: np.ndarray) -> np.ndarray:
-        """(6, k) motions about the middle that change no picture, in the camera's axes."""
-        R = pose[:3, :3]
-        return np.concatenate([R @ self._slips[:3], R @ self._slips[3:]])
-
-    @staticmethod
-    def _told(A: np.ndarray, M: np.ndarray, slips: np.ndarray) -> np.ndarray:
-        """The information A (6, 6) about changes about the middle, none along `slips`."""
-        kept = np.eye(6) - slips @ slips.T
-        return kept @ M.T @ A @ M @ kept
+        return np.column_stack([x, y, there])[good]
 
     def _judged(
         self, samples: EdgePoints, weight: np.ndarray, pose: np.ndarray, residuals: np.ndarray,
@@ -259,24 +212,18 @@ class ModelTracking:
         squares = residuals[good] ** 2
         rms = float(np.sqrt(np.mean(squares))) if count else np.inf
         excess = max(float(weight[good] @ squares) / max(count - 6, 1), 1.0)
-        covariance, vaguest = self._covariance(A / excess, pose)
-        unshared = math.sqrt(1.0 - 1.0 / excess) if vaguest < STEP else 1.0
+        values, vectors = np.linalg.eigh(A / excess)
+        inverse_values = 1.0 / np.maximum(values, 1.0 / UNSEEN)
+        scaled = np.concatenate([np.ones(3), np.full(3, 1.0 / self._radius)])
+        covariance = scaled[:, None] * ((vectors * inverse_values) @ vectors.T) * scaled
+        told = inverse_values[len(self._slips) :]  # the greatest first
+        open_motion = len(told) > 0 and told[0] > STEP**2
+        unshared = 1.0 if open_motion else math.sqrt(1.0 - 1.0 / excess)
         lost = ""
         if count < FEWEST or share < LEAST_SHARE:
             lost = (f"{self.solid.name} is lost: {count} of {asked} points of its edges are seen "
                     "where it should be")  # fmt: skip
         return Found(pose, covariance, unshared, share, count, rms, lost)
-
-    def _covariance(self, A: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, float]:
-        """As of Found, by the information A (6, 6), and the largest standard deviation of what a
-        picture can tell, m on the solid."""
-        slips = self._slipping(pose)
-        values, vectors = np.linalg.eigh(self._told(A, self._about_middle(pose), slips))
-        inverse_values = 1.0 / np.maximum(values, 1.0 / UNSEEN)
-        scaled = np.concatenate([np.ones(3), np.full(3, 1.0 / self._radius)])
-        covariance = scaled[:, None] * ((vectors * inverse_values) @ vectors.T) * scaled
-        told = inverse_values[slips.shape[1] :]
-        return covariance, math.sqrt(told[0]) if len(told) else 0.0
 
     def _learn(self) -> None:
         """Remember the grey levels beside the edges that were found."""
@@ -290,11 +237,6 @@ class ModelTracking:
             known[some] = np.where(
                 known[some] < 0.0, mean, known[some] + LEARNED * (mean - known[some])
             )
-
-
-def _scale(samples: EdgePoints) -> float:
-    """px for a normalised length of 1, about; 0 where there are no points."""
-    return math.hypot(*samples.gain[0]) if len(samples.gain) else 0.0
 
 
 def noise_of(grey: NDArray[np.uint8]) -> float:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aras_visual_servo_base.compiled import compiled
+
 from ..errors import ModelError
 
 WELDED = 1e-6  # part of the size within which corners of triangles are one
@@ -26,6 +28,7 @@ class Solid:
         edges: (E, 2) vertices. beside: (E, 2) the two faces, that first which the
             edge bounds counter-clockwise. creased: (E,) whether it is a crease;
             the others are seen only as outline.
+        outermost: (F,) whether nothing of the solid lies before the face's plane.
         name: for messages.
     """
 
@@ -35,6 +38,7 @@ class Solid:
     edges: np.ndarray
     beside: np.ndarray
     creased: np.ndarray
+    outermost: np.ndarray
     name: str
 
     @property
@@ -74,7 +78,8 @@ class Solid:
         angle = np.arccos(cosine)
         kept = angle > FLAT
         return cls(vertices, faces, normals, np.ascontiguousarray(edges[kept]),
-                   np.ascontiguousarray(beside[kept]), angle[kept] > CREASE, name)  # fmt: skip
+                   np.ascontiguousarray(beside[kept]), angle[kept] > CREASE,
+                   _outermost(vertices, faces, normals, WELDED * size), name)  # fmt: skip
 
     def slips(self) -> np.ndarray:
         """(6, k) motions (m, rad times `radius`) about the middle of its box that leave the surface
@@ -141,6 +146,19 @@ def _edges(faces: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
             "its holes, unite its parts, and export it again"
         )
     return np.stack([low[one], high[one]], axis=1), np.stack([face[other], face[one]], axis=1)
+
+
+@compiled("f8[:,::1], i8[:,::1], f8[:,::1], f8")
+def _outermost(vertices, faces, normals, tolerance):
+    """See Solid.outermost."""
+    found = np.ones(len(faces), np.bool_)
+    for f in range(len(faces)):
+        n, p = normals[f], vertices[faces[f, 0]]
+        for q in vertices:
+            if n[0] * (q[0] - p[0]) + n[1] * (q[1] - p[1]) + n[2] * (q[2] - p[2]) > tolerance:
+                found[f] = False
+                break
+    return found
 
 
 def triangles_of(meshes: Sequence) -> np.ndarray:

@@ -50,6 +50,7 @@ def visible_samples(
     hole = camera.pinhole
     values, numbers = _sampled(
         solid.vertices, solid.faces, solid.normals, solid.edges, solid.beside, solid.creased,
+        solid.outermost,
         np.ascontiguousarray(camera_T_solid), np.array([hole.fx, hole.fy, hole.cx, hole.cy]),
         camera.width, camera.height, spacing,
     )  # fmt: skip
@@ -136,9 +137,10 @@ def _room(u, v, across, own, flat, edges, shown):
     return before, behind
 
 
-@compiled("f8[:,::1], i8[:,::1], f8[:,::1], i8[:,::1], i8[:,::1], b1[::1], f8[:,::1], f8[::1], "
-          "i8, i8, f8")  # fmt: skip
-def _sampled(vertices, faces, normals, edges, beside, creased, T, lens, width, height, spacing):
+@compiled("f8[:,::1], i8[:,::1], f8[:,::1], i8[:,::1], i8[:,::1], b1[::1], b1[::1], f8[:,::1], "
+          "f8[::1], i8, i8, f8")  # fmt: skip
+def _sampled(vertices, faces, normals, edges, beside, creased, outermost, T, lens, width, height,
+             spacing):  # fmt: skip
     """EdgePoints without the lens: (n, 11) at, seen, pixel, normal, room; (n, 3) edge, facing."""
     fx, fy, cx, cy = lens
     points = np.empty((len(vertices), 3))
@@ -197,7 +199,11 @@ def _sampled(vertices, faces, normals, edges, beside, creased, T, lens, width, h
             if not (BORDER < u < width - BORDER and BORDER < v < height - BORDER):
                 continue
             w = flat[i, 2] + s * (flat[j, 2] - flat[i, 2])
-            if _hidden(u, v, w, flat, faces, ahead, beside[e, 0], beside[e, 1]):
+            a, b = beside[e]
+            # Before what bounds a face that is seen and outermost there is nothing.
+            if not ((front[a] and outermost[a]) or (front[b] and outermost[b])) and _hidden(
+                u, v, w, flat, faces, ahead, a, b
+            ):
                 continue
             part = s * flat[j, 2] / w  # along the edge itself: perspective shortens its far end
             row = values[found]

@@ -20,6 +20,7 @@ BORDER = 5.0  # px from the picture's border
 GRAZING = (-0.01, 0.03)
 DEEPER = 2e-3  # part of the depth by which a face has to lie before a point to hide it
 FAR = 1e6  # px: no other edge
+BAND = 16  # px: edges are sorted by rows and columns into bands as high and as wide
 STEP = 1e-4  # of normalised coordinates, for the lens's derivatives
 
 
@@ -113,14 +114,38 @@ def _hidden(u, v, w, flat, faces, ahead, own, other):
     return False
 
 
+@compiled("f8[:,::1], i8[:,::1], i8[::1], i8, i8")
+def _bands(flat, edges, shown, axis, size):
+    """Of each band of BAND rows (axis 1) or columns (0) the edges `shown` that reach into it: those
+    of band i are members[first[i] : first[i + 1]]."""
+    count = size // BAND + 1
+    first = np.zeros(count + 1, np.int64)
+    reach = np.empty((len(shown), 2), np.int64)
+    for s in range(len(shown)):
+        a, b = flat[edges[shown[s], 0], axis], flat[edges[shown[s], 1], axis]
+        reach[s, 0] = max(int(min(a, b) / BAND), 0)
+        reach[s, 1] = min(int(max(a, b) / BAND), count - 1)
+        for i in range(reach[s, 0], reach[s, 1] + 1):
+            first[i + 1] += 1
+    for i in range(count):
+        first[i + 1] += first[i]
+    due, members = first.copy(), np.empty(first[count], np.int64)
+    for s in range(len(shown)):
+        for i in range(reach[s, 0], reach[s, 1] + 1):
+            members[due[i]] = shown[s]
+            due[i] += 1
+    return first, members
+
+
 @compiled("f8, f8, b1, i8, f8[:,::1], i8[:,::1], i8[::1]", allocates=False)
-def _room(u, v, across, own, flat, edges, shown):
-    """px from u, v to other edges along the row (`across`) or the column, before and behind."""
+def _room(u, v, across, own, flat, edges, near):
+    """px from u, v to other edges along the row (`across`) or the column, before and behind; `near`
+    are those of its band."""
     before = behind = FAR
     k = 0 if across else 1
     here, level = (u, v) if across else (v, u)
     first, last = edges[own]
-    for e in shown:
+    for e in near:
         if e == own:
             continue
         i, j = edges[e]
@@ -182,6 +207,8 @@ def _sampled(vertices, faces, normals, edges, beside, creased, outermost, T, len
             count += 1
     shown = shown[:count]
     values, numbers = np.empty((MOST, 11)), np.empty((MOST, 3), np.int64)
+    row_first, row_members = _bands(flat, edges, shown, 1, height)
+    column_first, column_members = _bands(flat, edges, shown, 0, width)
     found, due = 0, 0.5 * spacing
     for e in shown:
         i, j = edges[e]
@@ -212,7 +239,14 @@ def _sampled(vertices, faces, normals, edges, beside, creased, outermost, T, len
             row[3], row[4] = (u - cx) / fx, (v - cy) / fy
             row[5], row[6] = u, v
             row[7], row[8] = dv / length, -du / length
-            row[9], row[10] = _room(u, v, abs(dv) >= abs(du), e, flat, edges, shown)
+            across = abs(dv) >= abs(du)
+            if across:
+                k = int(v / BAND)
+                near = row_members[row_first[k] : row_first[k + 1]]
+            else:
+                k = int(u / BAND)
+                near = column_members[column_first[k] : column_first[k + 1]]
+            row[9], row[10] = _room(u, v, across, e, flat, edges, near)
             numbers[found, 0] = e
             numbers[found, 1], numbers[found, 2] = front[beside[e, 0]], front[beside[e, 1]]
             found += 1

@@ -18,6 +18,8 @@ SLACK = 0.35  # px by which an edge may be off where it is measured, without los
 FARTHEST = 1.5  # px from where it was expected at which an edge is measured, at most
 UNEVEN = 0.35  # part of the contrast by which the pixels of one level may differ
 UNKNOWN = -1.0  # a grey level that is not
+LEARNED = 0.2  # part of a remembered level that a picture renews
+ROWS = 16  # of a picture, in which its noise is measured
 
 
 @compiled("u1[:,:], f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, f8")
@@ -179,3 +181,56 @@ def measured(grey, pixel, normal, room, expected, least, tolerance, noise):
         around = inside + 0.5 * inside * inside / counted
         found[n, 3] = around * ((noise + slope_of) / contrast) ** 2 * along * along
     return found
+
+
+@compiled("u1[:,:]")
+def noise_of(grey):
+    """Standard deviation of a pixel's noise, grey levels, of a picture that is smooth mostly."""
+    rows, columns = grey.shape
+    counts, total = np.zeros(1021, np.int64), 0
+    for v in range(0, rows, max(rows // ROWS, 1)):
+        for u in range(1, columns - 1):
+            bend = 2 * np.int64(grey[v, u]) - np.int64(grey[v, u - 1]) - np.int64(grey[v, u + 1])
+            counts[abs(bend)] += 1
+            total += 1
+    low, high, passed = -1, -1, 0
+    for bend in range(len(counts)):  # the median
+        passed += counts[bend]
+        if low < 0 and 2 * passed >= total:
+            low = bend
+        if high < 0 and 2 * passed > total:
+            high = bend
+            break
+    return 1.4826 * 0.5 * (low + high) / np.sqrt(6.0) if total else 0.0
+
+
+@compiled("i8[::1], b1[:,::1], f8[:,::1]")
+def expected_levels(edge, facing, levels):
+    """Grey levels (n, 2) on both sides of points, as remembered of their edges.
+
+    Args:
+        edge, facing: as of EdgePoints. levels: (E, 2) of the edges; UNKNOWN: not known.
+    """
+    found = np.full((len(edge), 2), UNKNOWN)
+    for n in range(len(edge)):
+        for side in range(2):
+            if facing[n, side]:
+                found[n, side] = levels[edge[n], side]
+    return found
+
+
+@compiled("f8[:,::1], i8[::1], b1[:,::1], f8[:,::1], f8[::1], f8")
+def learn(levels, edge, facing, values, residuals, explained):
+    """Renew the levels of edges by those of their points whose residuals (n,) are less than
+    `explained` px; arguments as of `expected_levels`, and what `measured` answers."""
+    total, count = np.zeros(levels.shape), np.zeros(levels.shape)
+    for n in range(len(edge)):
+        for side in range(2):
+            if facing[n, side] and abs(residuals[n]) < explained:
+                total[edge[n], side] += values[n, 1 + side]
+                count[edge[n], side] += 1.0
+    for e in range(len(levels)):
+        for side in range(2):
+            if count[e, side] > 0.0:
+                mean, known = total[e, side] / count[e, side], levels[e, side]
+                levels[e, side] = mean if known < 0.0 else known + LEARNED * (mean - known)

@@ -13,7 +13,7 @@ from aras_visual_servo_base.poses import exponential, inverse, logarithm
 from ..errors import ModelError
 from ..undistortion import CameraModel
 from .fitting import STEP, fitted
-from .search import UNKNOWN, candidates, measured
+from .search import UNKNOWN, candidates, expected_levels, learn, measured, noise_of
 from .solid import Solid
 from .visible import EdgePoints, visible_samples
 
@@ -31,7 +31,7 @@ LEAST, NOISY = 10.0, 3.5  # grey levels of a change; times the noise
 # would give those that do not no weight.
 LOOSE, EXACT = (0.5, 0.5), (0.3, 0.02)
 FLOOR = 0.03  # px to which an edge is measured without noise
-TOLERANCE, LEARNED = 25.0, 0.2  # grey levels of a remembered level; its part that is renewed
+TOLERANCE = 25.0  # grey levels of a remembered level
 UNSEEN = 1e12  # m^2, variance of what the edges cannot tell
 EXPLAINED = 1.0  # px from the solid within which an edge counts as its own
 FEWEST, LEAST_SHARE = 15, 0.45  # points, and their part of the visible ones: less is lost
@@ -154,7 +154,7 @@ class ModelTracking:
             samples = self._points(camera, pose, DENSE)
             values = measured(grey, samples.pixel, samples.normal, samples.room,
                               self._expected(samples), least, tolerance, noise)  # fmt: skip
-            weight = 1.0 / (FLOOR**2 + np.nan_to_num(values[:, 3], nan=1.0))
+            weight = 1.0 / (FLOOR**2 + values[:, 3])  # NaN as they are
             pose, moved, residuals, A = self._fitted(
                 samples, np.ascontiguousarray(values[:, :1]), weight, pose, EXACT)
             if moved < AGAIN:
@@ -172,7 +172,7 @@ class ModelTracking:
 
     def _expected(self, samples: EdgePoints) -> np.ndarray:
         """Grey levels (n, 2) on both sides of the points, where they are known."""
-        return np.where(samples.facing, self._levels[samples.edge], UNKNOWN)
+        return expected_levels(samples.edge, samples.facing, self._levels)
 
     def _fitted(
         self, samples: EdgePoints, away: np.ndarray, weight: np.ndarray, pose: np.ndarray,
@@ -228,19 +228,4 @@ class ModelTracking:
     def _learn(self) -> None:
         """Remember the grey levels beside the edges that were found."""
         samples, values, residuals = self._measured
-        for side in range(2):
-            good = (np.abs(residuals) < EXPLAINED) & samples.facing[:, side]
-            count = np.bincount(samples.edge[good], minlength=len(self._levels))
-            total = np.bincount(samples.edge[good], values[good, 1 + side], len(self._levels))
-            known, some = self._levels[:, side], count > 0
-            mean = total[some] / count[some]
-            known[some] = np.where(
-                known[some] < 0.0, mean, known[some] + LEARNED * (mean - known[some])
-            )
-
-
-def noise_of(grey: NDArray[np.uint8]) -> float:
-    """Standard deviation of a pixel's noise, grey levels, of a picture that is smooth mostly."""
-    rows = grey[:: max(len(grey) // 16, 1)].astype(np.int16)
-    bend = np.abs(2 * rows[:, 1:-1] - rows[:, :-2] - rows[:, 2:])
-    return 1.4826 * float(np.median(bend)) / np.sqrt(6.0)
+        learn(self._levels, samples.edge, samples.facing, values, residuals, EXPLAINED)

@@ -49,27 +49,21 @@ def visible_samples(
 ) -> EdgePoints:
     """Points every `spacing` px along the edges that a camera sees, hidden ones left out."""
     hole = camera.pinhole
-    values, numbers = _sampled(
+    points = EdgePoints(*_sampled(
         solid.vertices, solid.faces, solid.normals, solid.edges, solid.beside, solid.creased,
         solid.outermost,
         np.ascontiguousarray(camera_T_solid), np.array([hole.fx, hole.fy, hole.cx, hole.cy]),
         camera.width, camera.height, spacing,
-    )  # fmt: skip
+    ))  # fmt: skip
+    if not camera.distorted:
+        return points
     focal = np.array([hole.fx, hole.fy])
-    at, seen, pixel, normal, room = np.split(values, (3, 5, 7, 9), axis=1)
-    gain = normal * focal
-    if camera.distorted:
-        pixel, normal, gain = _through_lens(camera, seen, normal, focal)
-        inside = ((pixel > BORDER) & (pixel < (camera.width - BORDER, camera.height - BORDER))).all(
-            axis=1
-        )
-        at, seen, pixel, normal, gain, room, numbers = (
-            a[inside] for a in (at, seen, pixel, normal, gain, room, numbers)
-        )
-    return EdgePoints(
-        *map(np.ascontiguousarray, (at, seen, pixel, normal, gain, room)),
-        np.ascontiguousarray(numbers[:, 0]), np.ascontiguousarray(numbers[:, 1:]) > 0,
-    )  # fmt: skip
+    pixel, normal, gain = _through_lens(camera, points.seen, points.normal, focal)
+    inside = ((pixel > BORDER) & (pixel < (camera.width - BORDER, camera.height - BORDER))).all(
+        axis=1
+    )
+    bent = points._replace(pixel=pixel, normal=normal, gain=gain)
+    return EdgePoints(*(np.ascontiguousarray(a[inside]) for a in bent))
 
 
 def _through_lens(
@@ -166,7 +160,7 @@ def _room(u, v, across, own, flat, edges, near):
           "f8[::1], i8, i8, f8")  # fmt: skip
 def _sampled(vertices, faces, normals, edges, beside, creased, outermost, T, lens, width, height,
              spacing):  # fmt: skip
-    """EdgePoints without the lens: (n, 11) at, seen, pixel, normal, room; (n, 3) edge, facing."""
+    """EdgePoints without the lens."""
     fx, fy, cx, cy = lens
     points = np.empty((len(vertices), 3))
     flat = np.empty((len(vertices), 3))  # u, v, 1/Z; 1/Z = 0: too near
@@ -206,7 +200,9 @@ def _sampled(vertices, faces, normals, edges, beside, creased, outermost, T, len
             shown[count] = e
             count += 1
     shown = shown[:count]
-    values, numbers = np.empty((MOST, 11)), np.empty((MOST, 3), np.int64)
+    at, seen, pixel = np.empty((MOST, 3)), np.empty((MOST, 2)), np.empty((MOST, 2))
+    normal, gain, room = np.empty((MOST, 2)), np.empty((MOST, 2)), np.empty((MOST, 2))
+    edge, facing = np.empty(MOST, np.int64), np.empty((MOST, 2), np.bool_)
     row_first, row_members = _bands(flat, edges, shown, 1, height)
     column_first, column_members = _bands(flat, edges, shown, 0, width)
     found, due = 0, 0.5 * spacing
@@ -233,12 +229,12 @@ def _sampled(vertices, faces, normals, edges, beside, creased, outermost, T, len
             ):
                 continue
             part = s * flat[j, 2] / w  # along the edge itself: perspective shortens its far end
-            row = values[found]
             for k in range(3):
-                row[k] = vertices[i, k] + part * (vertices[j, k] - vertices[i, k])
-            row[3], row[4] = (u - cx) / fx, (v - cy) / fy
-            row[5], row[6] = u, v
-            row[7], row[8] = dv / length, -du / length
+                at[found, k] = vertices[i, k] + part * (vertices[j, k] - vertices[i, k])
+            seen[found, 0], seen[found, 1] = (u - cx) / fx, (v - cy) / fy
+            pixel[found, 0], pixel[found, 1] = u, v
+            normal[found, 0], normal[found, 1] = dv / length, -du / length
+            gain[found, 0], gain[found, 1] = fx * normal[found, 0], fy * normal[found, 1]
             across = abs(dv) >= abs(du)
             if across:
                 k = int(v / BAND)
@@ -246,9 +242,10 @@ def _sampled(vertices, faces, normals, edges, beside, creased, outermost, T, len
             else:
                 k = int(u / BAND)
                 near = column_members[column_first[k] : column_first[k + 1]]
-            row[9], row[10] = _room(u, v, across, e, flat, edges, near)
-            numbers[found, 0] = e
-            numbers[found, 1], numbers[found, 2] = front[beside[e, 0]], front[beside[e, 1]]
+            room[found, 0], room[found, 1] = _room(u, v, across, e, flat, edges, near)
+            edge[found], facing[found, 0], facing[found, 1] = e, front[a], front[b]
             found += 1
         due = 0.5 * spacing if length > SHORT else due - length
-    return values[:found].copy(), numbers[:found].copy()
+    return (at[:found].copy(), seen[:found].copy(), pixel[:found].copy(), normal[:found].copy(),
+            gain[:found].copy(), room[:found].copy(), edge[:found].copy(),
+            facing[:found].copy())  # fmt: skip

@@ -3,9 +3,10 @@
     p = R P + t,  dp = v + w x (p - o) / u,   residual of an edge: d - g . (p_xy / p_z - seen),
                                               residual of a surface: n . (X - p),
 
-about a point o of the camera's frame and with a length u, so that v and w are both m, with d px along its normal as measured from `seen`, and g px for normalised coordinates; X is a
-point of the depth image, p and n the point and the normal of the face that it should lie in.
-Residuals are weighted by Tukey's function, so what lies far beyond the usual has no weight.
+about a point o of the camera's frame; w is m too, radians times a length u. d is px along the
+edge's normal as measured from `seen`, and g px for normalised coordinates; X is a point of the
+depth image, p and n the point and the normal of the face that it should lie in. Residuals are
+weighted by Tukey's function, so what lies far beyond the usual has no weight.
 
 References: T. Drummond and R. Cipolla, Real-time visual tracking of complex structures, IEEE PAMI
 24(7), 2002; A. I. Comport, E. Marchand, M. Pressigout and F. Chaumette, Real-time markerless
@@ -25,6 +26,8 @@ NARROWER = 0.3  # part of the last step's least scale
 STEP = 5e-3  # m that a motion goes at once of which the edges tell nothing
 FLATNESS = 3e-4  # m to which the points of a depth image are exact at best
 TUKEY = 4.685  # times the standard deviation, beyond which a residual has no weight
+EXPLAINED = 1.0  # px from the solid within which an edge counts as its own
+UNSEEN = 1e4  # m^2, variance of what the edges cannot tell
 NORMAL = 1.4826  # standard deviation over median of absolute values
 
 
@@ -262,3 +265,38 @@ def fitted(at, seen, gain, away, weight, T, wide, exact, middle, radius, slips, 
         least = max(NARROWER * least, exact)
     total = np.sqrt(((about - first) ** 2).sum()) + np.sqrt((turned**2).sum())
     return pose, focal * total / about[2], residuals, A
+
+
+@compiled("f8[::1], f8[::1], f8[:,::1], i8, f8")
+def judged(residuals, weight, A, slips, radius):
+    """How well a pose is known.
+
+    Args:
+        residuals, A: as `fitted` answers them. weight: (n,) 1 / px^2. slips: number of motions that
+            no picture tells. radius: m.
+
+    Answers:
+        how many points are explained; their distances, px, rms; how many times as large, squared,
+        these are as the weights let expect, at least 1; the covariance (6, 6) of a change (m, rad)
+        about the middle; whether a motion is open that a picture can tell.
+    """
+    count, squares, weighted = 0, 0.0, 0.0
+    for n in range(len(residuals)):
+        if abs(residuals[n]) < EXPLAINED:
+            count += 1
+            squares += residuals[n] ** 2
+            weighted += weight[n] * residuals[n] ** 2
+    rms = np.sqrt(squares / count) if count else np.inf
+    excess = max(weighted / max(count - 6, 1), 1.0)
+    values, vectors = np.linalg.eigh(A)
+    covariance = np.zeros((6, 6))
+    for k in range(6):
+        variance = min(excess / values[k], UNSEEN) if values[k] > 0.0 else UNSEEN
+        for i in range(6):
+            for j in range(6):
+                covariance[i, j] += variance * vectors[i, k] * vectors[j, k]
+    for i in range(6):
+        for j in range(6):
+            covariance[i, j] /= (radius if i > 2 else 1.0) * (radius if j > 2 else 1.0)
+    is_open = slips < 6 and not values[min(slips, 5)] > excess / STEP**2
+    return count, rms, excess, covariance, is_open

@@ -19,7 +19,7 @@ FARTHEST = 1.5  # px from where it was expected at which an edge is measured, at
 UNEVEN = 0.35  # part of the contrast by which the pixels of one level may differ
 UNKNOWN = -1.0  # a grey level that is not
 LEARNED = 0.2  # part of a remembered level that a picture renews
-ROWS = 16  # of a picture, in which its noise is measured
+ROWS = 8  # of a picture, in which its noise is measured
 
 
 @compiled("u1[:,:], f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, f8")

@@ -12,13 +12,13 @@ from aras_visual_servo_base.poses import exponential, inverse, logarithm
 
 from ..errors import ModelError
 from ..undistortion import CameraModel
-from .fitting import STEP, fitted
+from .fitting import EXPLAINED, fitted, judged
 from .search import UNKNOWN, candidates, expected_levels, learn, measured, noise_of
 from .solid import Solid
 from .visible import EdgePoints, visible_samples
 
 # px between points: where edges are looked for, and where they are measured.
-SPARSE, DENSE = 6.0, 3.0
+SPARSE, DENSE = 6.0, 4.0
 ENOUGH = 60  # points; of a solid that is small in the picture they are nearer together
 REACH = 10.0  # px to either side of where edges are expected
 STARTING = (20.0, 10.0, 40.0)  # px likewise, one after the other, where it is rough
@@ -32,8 +32,6 @@ LEAST, NOISY = 10.0, 3.5  # grey levels of a change; times the noise
 LOOSE, EXACT = (0.5, 0.5), (0.3, 0.02)
 FLOOR = 0.03  # px to which an edge is measured without noise
 TOLERANCE = 25.0  # grey levels of a remembered level
-UNSEEN = 1e12  # m^2, variance of what the edges cannot tell
-EXPLAINED = 1.0  # px from the solid within which an edge counts as its own
 FEWEST, LEAST_SHARE = 15, 0.45  # points, and their part of the visible ones: less is lost
 DEPTHS = 8  # px between pixels of a depth image
 SAME = 0.9  # of the last picture's share: with more there was no need to look for edges
@@ -206,19 +204,10 @@ class ModelTracking:
         A: np.ndarray,
     ) -> Found:  # fmt: skip
         asked = int((samples.room.min(axis=1) > ROOM).sum())
-        good = np.abs(residuals) < EXPLAINED
-        count = int(good.sum())
+        count, rms, excess, covariance, is_open = judged(
+            residuals, weight, A, len(self._slips), self._radius)
         share = min(count / max(asked, 1), 1.0)
-        squares = residuals[good] ** 2
-        rms = float(np.sqrt(np.mean(squares))) if count else np.inf
-        excess = max(float(weight[good] @ squares) / max(count - 6, 1), 1.0)
-        values, vectors = np.linalg.eigh(A / excess)
-        inverse_values = 1.0 / np.maximum(values, 1.0 / UNSEEN)
-        scaled = np.concatenate([np.ones(3), np.full(3, 1.0 / self._radius)])
-        covariance = scaled[:, None] * ((vectors * inverse_values) @ vectors.T) * scaled
-        told = inverse_values[len(self._slips) :]  # the greatest first
-        open_motion = len(told) > 0 and told[0] > STEP**2
-        unshared = 1.0 if open_motion else math.sqrt(1.0 - 1.0 / excess)
+        unshared = 1.0 if is_open else math.sqrt(1.0 - 1.0 / excess)
         lost = ""
         if count < FEWEST or share < LEAST_SHARE:
             lost = (f"{self.solid.name} is lost: {count} of {asked} points of its edges are seen "

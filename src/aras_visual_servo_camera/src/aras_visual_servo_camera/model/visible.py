@@ -162,30 +162,28 @@ def _sampled(vertices, faces, normals, edges, beside, creased, outermost, T, len
              spacing):  # fmt: skip
     """EdgePoints without the lens."""
     fx, fy, cx, cy = lens
-    points = np.empty((len(vertices), 3))
-    flat = np.empty((len(vertices), 3))  # u, v, 1/Z; 1/Z = 0: too near
+    flat = np.zeros((len(vertices), 3))  # u, v, 1/Z; 1/Z = 0: too near
     for i in range(len(vertices)):
-        for k in range(3):
-            points[i, k] = T[k, 3]
-            for m in range(3):
-                points[i, k] += T[k, m] * vertices[i, m]
-        flat[i] = 0.0
-        if points[i, 2] > NEAREST:
-            flat[i, 2] = 1.0 / points[i, 2]
-            flat[i, 0] = fx * points[i, 0] * flat[i, 2] + cx
-            flat[i, 1] = fy * points[i, 1] * flat[i, 2] + cy
+        x, y, z = vertices[i]
+        depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        if depth > NEAREST:
+            flat[i, 2] = 1.0 / depth
+            u = (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / depth
+            v = (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth
+            flat[i, 0], flat[i, 1] = fx * u + cx, fy * v + cy
     front, grazing = np.zeros(len(faces), np.bool_), np.zeros(len(faces), np.bool_)
     ahead = np.empty(len(faces), np.int64)  # faces that can hide something
     count = 0
+    eye = np.empty(3)  # the camera, in the solid's frame
+    for k in range(3):
+        eye[k] = -T[0, k] * T[0, 3] - T[1, k] * T[1, 3] - T[2, k] * T[2, 3]
     for f in range(len(faces)):
-        p = points[faces[f, 0]]
-        towards = 0.0
-        for k in range(3):
-            turned = T[k, 0] * normals[f, 0] + T[k, 1] * normals[f, 1] + T[k, 2] * normals[f, 2]
-            towards += turned * p[k]
-        front[f] = towards < 0.0
-        away = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
-        grazing[f] = GRAZING[0] * away < -towards < GRAZING[1] * away
+        p = vertices[faces[f, 0]]
+        x, y, z = eye[0] - p[0], eye[1] - p[1], eye[2] - p[2]
+        towards = normals[f, 0] * x + normals[f, 1] * y + normals[f, 2] * z
+        front[f] = towards > 0.0
+        away = np.sqrt(x * x + y * y + z * z)
+        grazing[f] = GRAZING[0] * away < towards < GRAZING[1] * away
         if front[f]:
             ahead[count] = f
             count += 1

@@ -16,8 +16,8 @@ from aras_visual_servo_base.poses import exponential, inverse, rotation_vector, 
 from aras_visual_servo_camera.errors import ModelError, VisionError
 from aras_visual_servo_camera.model import ModelTracker, ModelTracking, Solid, Start
 from aras_visual_servo_camera.model.fitting import surface_equations
-from aras_visual_servo_camera.model.search import UNKNOWN, measured
-from aras_visual_servo_camera.model.visible import visible_samples
+from aras_visual_servo_camera.model.search import UNKNOWN, measured, noise_of
+from aras_visual_servo_camera.model.visible import GRAZING, visible_samples
 
 OFF = (0.002, -0.0015, 0.004, 0.012, -0.015, 0.02)  # m and rad that a start is off
 PICTURES = (3, 170, 410)
@@ -78,6 +78,40 @@ def test_edge_points_are_those_that_a_depth_image_shows(folder, name):
         assert (np.abs(around - places[:, 2]).min(axis=0) < near).all()
         assert (around.max(axis=0) > places[:, 2] - 3e-3).all()
         assert len(points.at) > 100
+
+
+def test_the_room_beside_a_point_is_that_to_the_nearest_edge_in_its_row_or_column(folder):
+    sequence, solid = Sequence("cylinder", "clean", folder), solid_of("cylinder")
+    pose = sequence.pose(120)
+    points = visible_samples(solid, CAMERA, pose, 3.0)
+    ends = solid.vertices @ pose[:3, :3].T + pose[:3, 3]
+    pixels = np.column_stack(CAMERA.project(*(ends[:, :2] / ends[:, 2:]).T))
+    eye = inverse(pose)[:3, 3]
+    away = eye - solid.vertices[solid.faces[:, 0]]
+    cosine = (away * solid.normals).sum(axis=1) / np.linalg.norm(away, axis=1)
+    one, other = (cosine > 0.0)[solid.beside].T
+    edge_on = ((cosine > GRAZING[0]) & (cosine < GRAZING[1]))[solid.beside].any(axis=1)
+    shown = np.flatnonzero(((one != other) | (solid.creased & one)) & ~(solid.creased & edge_on))
+    a, b = pixels[solid.edges[shown]].transpose(1, 0, 2)
+    for n in range(0, len(points.at), 3):
+        k = 0 if abs(points.normal[n, 0]) >= abs(points.normal[n, 1]) else 1
+        here, level = points.pixel[n, k], points.pixel[n, 1 - k]
+        beside = np.isin(solid.edges[shown], solid.edges[points.edge[n]]).any(axis=1)
+        crossed = ((a[:, 1 - k] - level) * (b[:, 1 - k] - level) < 0.0) & ~beside
+        part = (level - a[crossed, 1 - k]) / (b - a)[crossed, 1 - k]
+        away = a[crossed, k] + part * (b - a)[crossed, k] - here
+        assert points.room[n, 0] == pytest.approx(min(-away[away < 0.0], default=1e6))
+        assert points.room[n, 1] == pytest.approx(min(away[away >= 0.0], default=1e6))
+
+
+def test_the_noise_of_a_picture_is_the_median_of_its_bends():
+    random = np.random.default_rng(5)
+    smooth = np.linspace(40.0, 200.0, 640) * np.ones((480, 1))
+    for sigma in (2.0, 5.0, 12.0):
+        grey = np.round(smooth + random.normal(0.0, sigma, smooth.shape))
+        found = noise_of(np.clip(grey, 0, 255).astype(np.uint8))
+        assert found == pytest.approx(sigma, rel=0.1)
+    assert noise_of(np.full((480, 640), 7, np.uint8)) == 0.0
 
 
 def test_of_a_cylinder_only_rims_and_outline_are_edges(folder):

@@ -189,10 +189,12 @@ def test_the_covariance_tells_the_spread_of_noisy_pictures(folder):
         noisy = np.clip(np.round(plain + random.normal(0.0, 5.0, plain.shape)), 0, 255)
         tracking.start(true)
         found = tracking.track(noisy.astype(np.uint8), CAMERA)
-        away.append(((found.camera_T_solid - true) @ middle)[:3])
-        told.append(np.diag(found.covariance)[:3])
-    ratio = np.sqrt((np.square(away) / told).mean())
-    assert 0.4 < ratio < 2.5
+        turned = rotation_vector(found.camera_T_solid[:3, :3] @ true[:3, :3].T)
+        away.append(np.append(((found.camera_T_solid - true) @ middle)[:3], turned))
+        told.append(np.diag(found.covariance))
+    ratios = np.square(away) / told
+    assert 0.4 < np.sqrt(ratios[:, :3].mean()) < 2.5
+    assert 0.4 < np.sqrt(ratios[:, 3:].mean()) < 2.5
 
 
 def test_a_mesh_of_another_size_is_known_less_well_by_what_its_edges_miss(folder):

@@ -223,7 +223,7 @@ def test_a_run_is_told_with_reason_and_mend_and_its_whole_seed(ask, rows):
 def test_two_studies_are_compared(ask):
     told = ask("compare", first="first", second="second")
     assert {d["metric"] for d in told["differences"]} >= {"success", "settled"}
-    assert all(d["better"] is None for d in told["differences"])  # the same numbers by luck
+    assert all(d["verdict"] == "chance" for d in told["differences"])  # the same numbers by luck
     same = ask("compare", first="first", second="first", by=["gain"])["differences"]
     assert all(d["paired"] and d["before"] == d["after"] for d in same if d["before"] is not None)
 

@@ -9,7 +9,6 @@ import json
 import numpy as np
 import pyarrow as pa
 import pytest
-from scipy import stats
 
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import StudyError
@@ -44,29 +43,6 @@ def made(success, settled, name="one", seeds=None, gains=(1.0, 2.0)):
     return Results(name, study, table)
 
 
-def test_rates_have_wilsons_interval():
-    found = statistics.proportion(8, 10)
-    # Wilson's formula, by hand.
-    z, n, p = 1.959963984540054, 10, 0.8
-    middle, half = p + z**2 / 20, z * np.sqrt(p * 0.2 / n + z**2 / 400)
-    assert found.low == pytest.approx((middle - half) / (1 + z**2 / n))
-    assert found.high == pytest.approx((middle + half) / (1 + z**2 / n))
-    assert statistics.proportion(0, 5).low == 0.0 < statistics.proportion(0, 5).high
-
-
-def test_medians_have_an_interval_that_holds_what_it_says():
-    rng = np.random.default_rng(3)
-    hit = 0
-    for _ in range(40):
-        found = statistics.median(rng.exponential(1.0, 40))
-        hit += found.low <= np.log(2.0) <= found.high
-    assert 34 <= hit <= 40
-    assert statistics.median([1.0, np.nan, 3.0]).count == 2
-    assert statistics.median([1.0, np.nan, 3.0]) == statistics.median([1.0, np.nan, 3.0])
-    assert np.isnan(statistics.median([np.nan]).value)
-    assert statistics.median([2.0]).low == 2.0
-
-
 def test_pairs_see_what_the_samples_alone_do_not():
     rng = np.random.default_rng(0)
     before = rng.normal(0.0, 1.0, 30)
@@ -74,18 +50,6 @@ def test_pairs_see_what_the_samples_alone_do_not():
     assert statistics.compare_values(before, after, True).p < 1e-4
     assert statistics.compare_values(before, after, False).p > 0.1
     assert statistics.compare_values(before, before, True).p == 1.0
-
-
-def test_rates_are_compared_by_who_changed():
-    before, after = [1.0] * 12 + [0.0] * 12, [1.0] * 24
-    assert statistics.compare_rates(before, after, True).p == pytest.approx(2 * 0.5**12)
-    fisher = stats.fisher_exact([[12, 12], [24, 0]]).pvalue
-    assert statistics.compare_rates(before, after, False).p == pytest.approx(fisher)
-
-
-def test_holm_corrects_for_how_many_were_asked():
-    assert statistics.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
-    assert statistics.holm([0.9, 0.9]) == [1.0, 1.0]
 
 
 def test_a_table_has_a_row_for_each_setting():
@@ -208,9 +172,9 @@ def test_differences_that_are_more_than_chance_are_told_with_their_direction():
     faster = [*(times[:20] * 0.9), *(times[20:] * 1.1)]
     two = made([1] * 40, faster, "two")
     found = {(d.group, d.metric): d for d in compare.differences(one, two)}
-    assert found["gain=1.0", "settled"].better is True
-    assert found["gain=2.0", "settled"].better is False
-    assert found["gain=1.0", "success"].better is None
+    assert found["gain=1.0", "settled"].verdict == compare.BETTER
+    assert found["gain=2.0", "settled"].verdict == compare.WORSE
+    assert found["gain=1.0", "success"].verdict == compare.CHANCE
     assert found["gain=1.0", "settled"].found.paired
     told = compare.told(list(found.values()))
     assert "better" in told and "WORSE" in told and "2 of 4 comparisons" in told
@@ -219,18 +183,6 @@ def test_differences_that_are_more_than_chance_are_told_with_their_direction():
     assert not any(d.found.paired for d in found)
     with pytest.raises(StudyError, match="no settings .* in common"):
         compare.differences(one, made([1, 1], [1, 1], gains=(7.0, 8.0)))
-
-
-def test_equal_studies_differ_by_nothing_however_often_it_is_asked():
-    rng = np.random.default_rng(5)
-    wrong = 0
-    for _ in range(20):
-        one, two = (
-            made(rng.integers(0, 2, 60), rng.exponential(1.0, 60), name, range(k, k + 60))
-            for k, name in ((0, "one"), (100, "two"))
-        )
-        wrong += any(d.better is not None for d in compare.differences(one, two))
-    assert wrong <= 3
 
 
 def test_pictures_are_drawn_in_every_format(tmp_path):
@@ -275,21 +227,6 @@ def test_nothing_of_a_picture_is_cut_off_or_lies_on_something_else():
     # Curves that are too many are of fewer keys, not of the first settings alone.
     names = [text.get_text() for text in legend.get_texts()]
     assert names == [f"start.height [{k}, 0.4] m" for k in range(3)]
-
-
-def test_a_success_map_shows_the_counts():
-    study = Study.from_mapping({"experiment": {"plant": "free"}, "vary": {
-        "law": ["a", "b"], "gain": [1.0, 2.0]}, "repeats": 2, "metrics": ["success"]})  # fmt: skip
-    table = pa.table({
-        "run": list(range(8)), "law": ["a"] * 4 + ["b"] * 4, "gain": [1.0, 1.0, 2.0, 2.0] * 2,
-        "success": [1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0], "outcome": ["x"] * 8,
-    })  # fmt: skip
-    figure = figures.success([Results("one", study, table)])
-    axis = figure.axes[0]
-    told = {(round(t.get_position()[1]), round(t.get_position()[0])): t.get_text()
-            for t in axis.texts}  # fmt: skip
-    assert told == {(0, 0): "2/2", (0, 1): "1/2", (1, 0): "0/2", (1, 1): "2/2"}
-    np.testing.assert_array_equal(axis.images[0].get_array(), [[100.0, 50.0], [0.0, 100.0]])
 
 
 def test_sensitivity_is_the_rank_correlation():
@@ -467,16 +404,6 @@ def test_the_command_line_from_file_to_table(tmp_path, capsys):
         assert complaint in told.err and told.err.count("\n") == 1, told.err
     with pytest.raises(SystemExit):
         main(["table", str(out), "--fast"])
-
-
-def test_the_multiple_of_real_time_is_of_the_runs_own_wall_time(tiny, tmp_path):
-    in_process(tiny(), tmp_path)
-    results = Results.read(tmp_path)
-    wall = np.array(Folder.open(tmp_path).results("times")["wall"])
-    np.testing.assert_allclose(
-        results.numbers("real_time_multiple"), results.numbers("simulated") / wall
-    )
-    assert results.parameters == ("gain",)
 
 
 @pytest.mark.parametrize(("metric", "cheapest"), [("settled", 1.0), ("decay_rate", 2.0)])

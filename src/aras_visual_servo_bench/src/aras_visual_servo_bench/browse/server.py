@@ -122,10 +122,10 @@ def _compared(look: Snapshot, asked: CompareAsked) -> dict[str, Any]:
     return {
         "level": compare.LEVEL,
         "differences": [
-            {"group": d.group, "metric": d.metric, "better": d.better, "p": queries.plain(d.p),
+            {"group": d.group, "metric": d.metric, "verdict": d.verdict, "p": queries.plain(d.p),
              "before": queries.plain(d.found.before), "after": queries.plain(d.found.after),
              "count": d.found.count, "paired": d.found.paired}
-            for d in sorted(found, key=lambda d: (d.better is None, d.p))
+            for d in sorted(found, key=lambda d: (d.verdict == compare.CHANCE, d.p))
         ],
     }  # fmt: skip
 

@@ -2,33 +2,34 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import StudyError
-from ..numbers.metrics import GREATER
+from ..numbers.metrics import GREATER, SMALLER
 from ..numbers.printing import notation
 from ..numbers.statistics import Comparison, compare_rates, compare_values, holm
 from .results import REAL_TIME, Results
 
 LEVEL = 0.05
+# What the second is. DIFFERS: of a metric that is neither good nor bad, or by more than the median.
+BETTER, WORSE, DIFFERS, CHANCE = "better", "WORSE", "differs", "chance"
 
 
 @dataclass(frozen=True)
 class Difference:
     """One question. group: settings it was asked for. metric: of what. p: corrected by Holm.
 
-    better: whether the second is better, None where p leaves that open.
+    verdict: BETTER, WORSE or DIFFERS, CHANCE where p leaves that open.
     """
 
     group: str
     metric: str
     found: Comparison
     p: float
-    better: bool | None
+    verdict: str
 
 
 def differences(
@@ -60,22 +61,21 @@ def differences(
             questions.append((told, m.name, m.better, found))
     corrected = holm([found.p for *_, found in questions])
     return [
-        Difference(group, name, found, p, _better(better, found) if p < LEVEL else None)
+        Difference(group, name, found, p, _verdict(better, found) if p < LEVEL else CHANCE)
         for (group, name, better, found), p in zip(questions, corrected, strict=True)
     ]
 
 
 def told(found: Sequence[Difference], all_of_them: bool = False) -> str:
     """The differences in lines, the surest first; those that chance explains are only counted."""
-    sure = [d for d in found if d.better is not None]
+    sure = [d for d in found if d.verdict != CHANCE]
     shown = list(found) if all_of_them else sorted(sure, key=lambda d: d.p)
     lines = []
     for d in shown:
-        verdict = {True: "better", False: "WORSE", None: "chance"}[d.better]
         number = notation((d.found.before, d.found.after))
         pairs = f"{d.found.count} {'pairs' if d.found.paired else 'runs'}"
         lines.append(
-            f"{verdict:<7} {d.metric:<18} {number(d.found.before)} -> {number(d.found.after)}  "
+            f"{d.verdict:<7} {d.metric:<18} {number(d.found.before)} -> {number(d.found.after)}  "
             f"p {d.p:.2g}  {pairs}  {d.group}"
         )
     lines.append(
@@ -86,10 +86,13 @@ def told(found: Sequence[Difference], all_of_them: bool = False) -> str:
 
 def _indexed(results: Results, keys: Sequence[str]) -> dict[tuple, dict[tuple, int]]:
     """By settings, then by what tells a run among those of the same settings: its row."""
-    drawn = [draw.key for draw in results.study.draws if draw.key not in keys]
-    columns = [results.column(name) for name in ("seed", *drawn)]
+    drawn = {draw.key for draw in results.study.draws}
+    others = sorted(key for key in results.study.keys if key not in (*keys, "seed"))
+    columns = {key: results.column(key) for key in ("seed", *others)}
+    varied = [found for key, found in columns.items()
+              if key == "seed" or key in drawn or len(set(found)) > 1]  # fmt: skip
     return {
-        values: {tuple(column[row] for column in columns): int(row) for row in rows}
+        values: {tuple(column[row] for column in varied): int(row) for row in rows}
         for values, rows in results.groups(keys).items()
     }
 
@@ -104,7 +107,7 @@ def _pairs(
     return np.array(list(one.values())), np.array(list(two.values())), False
 
 
-def _better(better: str, found: Comparison) -> bool:
-    if math.isnan(found.before) or math.isnan(found.after):
-        return False
-    return (found.after > found.before) == (better == GREATER)
+def _verdict(better: str, found: Comparison) -> str:
+    if better not in (GREATER, SMALLER) or found.after == found.before:
+        return DIFFERS
+    return BETTER if (found.after > found.before) == (better == GREATER) else WORSE

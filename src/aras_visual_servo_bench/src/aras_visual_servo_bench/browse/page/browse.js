@@ -364,7 +364,7 @@ async function compare() {
   const first = $("first").value, second = $("second").value;
   let answer;
   try { answer = await ask({ do: "compare", first, second }); } catch (error) { $("compared").textContent = error.message; return; }
-  const sure = answer.differences.filter((d) => d.better !== null), shown = $("chance").checked ? answer.differences : sure;
+  const sure = answer.differences.filter((d) => d.verdict !== "chance"), shown = $("chance").checked ? answer.differences : sure;
   $("compared").textContent = `${sure.length} of ${answer.differences.length} comparisons are more than chance (${answer.level} over all).`;
   if (!shown.length) return;
   const table = $("differences"), head = table.createTHead().insertRow(), body = table.createTBody();
@@ -376,7 +376,7 @@ async function compare() {
   for (const d of shown.slice(0, 300)) {
     const row = body.insertRow();
     for (const [text, name] of [[d.group], [label(d.metric)], [word(d.before), "number"], [word(d.after), "number"],
-      [d.better === null ? "as good, up to chance" : d.better ? "better" : "worse", d.better === null ? "" : d.better ? "better" : "worse"],
+      [d.verdict === "chance" ? "as good, up to chance" : d.verdict.toLowerCase(), d.verdict === "chance" ? "" : d.verdict.toLowerCase()],
       [d.p === null ? "–" : d.p.toPrecision(2), "number"], [`${d.count} ${d.paired ? "pairs" : "runs"}`, "number"]]) {
       const cell = row.insertCell();
       cell.textContent = text;

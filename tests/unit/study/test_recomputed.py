@@ -1,0 +1,455 @@
+"""Every number that is told of a study, recomputed by pandas from the rows' Parquet files.
+
+The fixture tells apart: groups of unlike sizes, as parts are missing; NaN in one study's row and
+not in its partner's; ties; runs that were refused; seeds that the points share.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import itertools
+import json
+import math
+import os
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from scipy import stats
+
+from aras_visual_servo_bench.browse import queries
+from aras_visual_servo_bench.browse.server import serve
+from aras_visual_servo_bench.browse.studies import Studies
+from aras_visual_servo_bench.commands import main
+from aras_visual_servo_bench.numbers.statistics import holm
+from aras_visual_servo_bench.pictures import figures
+from aras_visual_servo_bench.study import compare, rows
+from aras_visual_servo_bench.study.folder import Folder
+from aras_visual_servo_bench.study.results import Results
+from aras_visual_servo_bench.study.study import Study
+
+KEYS = ["gain", "delay"]
+UNITS = {"gain": "1/s", "delay": "s", "success": "", "settled": "s", "final_distance": "m",
+         "final_angle": "rad", "path_ratio": "", "iterations": "",
+         "real_time_multiple": ""}  # fmt: skip
+METRICS = list(UNITS)[2:-1]
+BETTER = {"success": 1, "settled": -1, "final_distance": -1, "final_angle": -1, "path_ratio": -1}
+MAPPING = {"experiment": {"plant": "free"},
+           "vary": {"gain": [0.75, 2.0, 6.5], "delay": [0.03, 0.11]},
+           "repeats": 8, "chunk": 3, "seeds": "repeats", "metrics": METRICS}  # fmt: skip
+MISSING = {"one": (2, 7, 8), "two": (9,)}  # parts
+Z = 1.959963984540054  # of 95 %, both sides
+
+
+def made_rows(study: Study, run: int, second: bool) -> tuple[dict, dict]:
+    """A row and its times. The second study settles sooner, and ends nearer at small gains."""
+    own = np.random.default_rng(1000 * second + run)
+    common = np.random.default_rng(run)
+    values = rows.blank(study, run)
+    gain, delay = values["gain"], values["delay"]
+    good = gain * delay * math.exp(0.8 * common.normal() + 0.3 * own.normal()) < 0.3
+    ends = ["converged", "target_lost", "oscillating", "refused"]
+    end = "converged" if good else own.choice(ends, p=[0.2, 0.4, 0.2, 0.2])
+    reason = {"target_lost": f"over the left border at {own.random():.2f} s",
+              "oscillating": "it swings", "refused": "gain | delay"}.get(end, "")  # fmt: skip
+    values |= {
+        "outcome": end, "verdict": "" if end == "refused" else "goal_reached" if good else
+        "goal_missed", "reason": "" if good else reason, "images": 60 + run,
+        "simulated": 2.0 + own.random(),
+    }  # fmt: skip
+    if end != "refused":
+        nearer = (0.2 if second and gain < 1.0 else 1.0) * math.exp(0.2 * own.normal())
+        values |= {
+            "success": float(good),
+            "settled": (3.0 + common.random()) / gain * (0.8 + 0.02 * own.random() if second else 1)
+            if good and own.random() < 0.9 else math.nan,
+            "final_distance": (2e-4 if good else 0.08) * math.exp(common.normal()) * nearer,
+            "final_angle": 0.02 + 0.03 * common.random() + 0.01 * own.random(),
+            "path_ratio": round(1.0 + 0.4 * common.random(), 1),  # ties
+            "iterations": own.uniform(40, 60) - (30 if second else 0),
+        }  # fmt: skip
+    times = {"run": run, "wall": 0.3 + own.random(), "processor": 0.1, "worker": "w"}
+    return values, times
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    """The folders `one` and `two`."""
+    path = tmp_path_factory.mktemp("recomputed")
+    study = Study.from_mapping(MAPPING)
+    for name, missing in MISSING.items():
+        folder = Folder.create(path / name, study, yaml.safe_dump(study.to_mapping()))
+        for chunk in set(range(study.chunks)) - set(missing):
+            pairs = [made_rows(study, run, name == "two") for run in study.chunk_runs(chunk)]
+            folder.write(chunk, rows.Rows([v for v, _ in pairs], [t for _, t in pairs]))
+    return path
+
+
+def read(path) -> pd.DataFrame:
+    """The rows as their files have them, and what follows from them."""
+    table = pd.read_parquet(path / "parts").sort_values("run", ignore_index=True)
+    wall = pd.read_parquet(path / "times").set_index("run").wall
+    table["real_time_multiple"] = table.simulated / table.run.map(wall)
+    table["hit"] = (table.success == 1.0).astype(float)
+    arrived = table.outcome == "converged"
+    table["end"] = table.outcome.where(~arrived, table.outcome + ", " + table.verdict)
+    return table
+
+
+@pytest.fixture(scope="module")
+def one(path):
+    return read(path / "one")
+
+
+@pytest.fixture(scope="module")
+def two(path):
+    return read(path / "two")
+
+
+def test_the_fixture_tells_apart(one, two):
+    sizes = one.groupby(KEYS).size()
+    assert len(one) == 39 and sizes.nunique() > 2 and len(two) == 45
+    assert one.settled.isna().sum() > one.success.isna().sum() > 0
+    assert one.path_ratio.duplicated().any() and one.seed.nunique() == 8
+    assert (one[one.outcome == "converged"].success == 0).any()  # goal_missed
+
+
+# -- tables ---------------------------------------------------------------------------------------
+
+
+def wilson(hits, n):
+    middle, half = hits / n + Z**2 / (2 * n), Z * math.sqrt(hits * (n - hits) / n**3
+                                                           + Z**2 / (4 * n * n))  # fmt: skip
+    return hits / n, (middle - half) / (1 + Z**2 / n), (middle + half) / (1 + Z**2 / n), n
+
+
+def bootstrapped(values):
+    """Median, and percentiles of those of 2000 resamples, drawn 200 at a time from seed 0."""
+    known = values.dropna().to_numpy()
+    if not len(known):
+        return math.nan, math.nan, math.nan, 0
+    rng = np.random.default_rng(0)
+    resampled = [known[rng.integers(0, len(known), (200, len(known)))] for _ in range(10)]
+    found = pd.DataFrame(np.vstack(resampled)).median(axis=1)
+    return (values.median(), *found.quantile([0.025, 0.975]), len(known))
+
+
+def commonest(group):
+    """How most of the failures ended, and the first reason of those that differ by numbers."""
+    failed = group[group.hit == 0]
+    if failed.empty:
+        return ""
+    end = failed.end.value_counts(sort=False).idxmax()
+    kinds = failed[failed.end == end].reason
+    kind = kinds.str.replace(r"[-+]?\d+(\.\d+)?", "", regex=True)
+    why = kinds[kind == kind.value_counts(sort=False).idxmax()].iloc[0]
+    return f"{(failed.end == end).sum()} of {len(failed)} {end}" + (f": {why}" if why else "")
+
+
+@pytest.fixture(scope="module")
+def expected(one):
+    """Of each gain and delay: (value, low, high, count) of each quantity, and what failed."""
+    return [(values, {"success": wilson(group.hit.sum(), len(group)), **{
+                name: bootstrapped(group[name]) for name in list(UNITS)[3:]}}, commonest(group))
+            for values, group in one.groupby(KEYS, sort=False)]  # fmt: skip
+
+
+def shows(text, value, digits=3):
+    """Whether a printed number is this value to its digits."""
+    if not math.isfinite(value):
+        return text == ("∞" if value > 0 else "–")
+    if value == 0:
+        return text == "0"
+    if text == "≈0":
+        return abs(value) < 1e-5
+    step = 10.0 ** (math.floor(math.log10(abs(value))) - digits + 1)
+    return abs(float(text) - value) <= 0.50001 * step
+
+
+def printed(words, capsys):
+    assert main(list(map(str, words))) == 0
+    return capsys.readouterr().out
+
+
+def test_every_cell_of_a_table_is_recomputed(path, expected, capsys):
+    headings = [f"{name} ({unit})" if unit else name for name, unit in UNITS.items()]
+    headings = [*headings[:2], "runs", *headings[2:], "commonest failure"]
+
+    text = printed(["table", path / "one", "--format", "csv"], capsys)
+    table = pd.read_csv(io.StringIO(text), keep_default_na=False, na_values=["nan"])
+    assert len(table) == len(expected)
+    for (_, row), (values, numbers, failure) in zip(table.iterrows(), expected, strict=True):
+        assert (row.gain, row.delay) == values and row["commonest failure"] == failure
+        for name, (value, low, high, count) in numbers.items():
+            found = [row[name], row[f"{name}_low"], row[f"{name}_high"]]
+            assert found == pytest.approx([value, low, high], rel=1e-9, nan_ok=True), name
+            assert row[f"{name}_n"] == count, name
+
+    text = printed(["table", path / "one"], capsys)
+    lines = [re.split(r" (?<!\\)\| ", line.strip("| "))
+             for line in text.splitlines() if "|" in line]  # fmt: skip
+    assert lines[0] == headings
+    check_printed([[cell.replace("\\|", "|") for cell in line] for line in lines[2:]], expected,
+                  r"(\S+) \[(\S+), (\S+)\]$")  # fmt: skip
+    assert text.endswith("Rates with Wilson's 95 % interval, medians with the bootstrap's.\n")
+
+    text = printed(["table", path / "one", "--format", "tex"], capsys)
+    body = text.partition("\\midrule\n")[2].partition("\\bottomrule")[0]
+    lines = [line.removesuffix(" \\\\").split(" & ") for line in body.splitlines()]
+    plain = [[re.sub(r" \\cdot 10\^\{(-?\d+)\}", r"e\1", cell).replace("\\_", "_") for cell in line]
+             for line in lines]  # fmt: skip
+    check_printed(plain, expected, r"\$(\S+)\$ \{\\small \$\[(\S+), (\S+)\]\$\}$", none="--")
+
+
+def check_printed(lines, expected, pattern, none="–"):
+    assert len(lines) == len(expected)
+    for cells, (values, numbers, failure) in zip(lines, expected, strict=True):
+        assert tuple(map(float, cells[:2])) == values
+        assert int(cells[2]) == numbers["success"][3] and cells[-1] == (failure or none)
+        for cell, (name, told) in zip(cells[3:-1], numbers.items(), strict=True):
+            if not told[3]:
+                assert cell == none, name
+                continue
+            found = re.match(pattern, cell)
+            assert all(map(shows, found.groups(), told[:3])), (name, cell, told)
+
+
+def test_a_row_a_run_is_exported_as_it_was_written(path, one, tmp_path):
+    Results.read(path / "one").write_csv(tmp_path / "all.csv")
+    found = pd.read_csv(tmp_path / "all.csv", keep_default_na=False, na_values=["nan", "NaN"])
+    assert "code" not in found
+    for name in ["run", "point", "repeat", "seed", *UNITS, "images", "simulated", "reason"]:
+        pd.testing.assert_series_equal(found[name], one[name], check_dtype=False)
+
+
+# -- differences ----------------------------------------------------------------------------------
+
+
+def differences(one, two, by, metrics=METRICS):
+    """Group, quantity, before, after, p before Holm's correction, pairs or None, runs."""
+    found = []
+    rest = [key for key in KEYS if key not in by]
+    for values, a in one.groupby(by, sort=False):
+        b = two[(two[by] == list(values)).all(axis=1)]
+        both = a.merge(b, on=[*rest, "seed"], suffixes=("_a", "_b"))
+        paired = len(both) >= 0.9 * max(len(a), len(b))
+        for name in metrics:
+            column = "hit" if name == "success" else name
+            if paired:
+                pairs = both[[f"{column}_a", f"{column}_b"]].dropna()
+                x, y = pairs.to_numpy().T
+            else:
+                x, y = a[column].dropna().to_numpy(), b[column].dropna().to_numpy()
+            middle = np.mean if name == "success" else np.median
+            known = [middle(v) if len(v) else math.nan for v in (x, y)]
+            found.append([", ".join(map(str, values)), name, *known, chance(name, x, y, paired),
+                          paired, min(len(x), len(y))])  # fmt: skip
+    names = ["group", "metric", "before", "after", "raw", "paired", "count"]
+    table = pd.DataFrame(found, columns=names)
+    order = table.raw.sort_values(kind="stable")
+    stepped = (order * np.arange(len(order), 0, -1)).clip(upper=1.0).cummax()
+    table["p"] = stepped.reindex(table.index)
+    return table
+
+
+def chance(name, x, y, paired):
+    """McNemar's and Fisher's tests by their distributions; Wilcoxon's, Mann and Whitney's."""
+    if name == "success" and paired:
+        more, fewer = (y > x).sum(), (y < x).sum()
+        return min(2 * stats.binom.cdf(min(more, fewer), more + fewer, 0.5), 1.0)
+    if name == "success":
+        table = stats.hypergeom(len(x) + len(y), int(x.sum() + y.sum()), len(x))
+        each = table.pmf(np.arange(len(x) + 1))
+        return min(each[each <= each[int(x.sum())] * (1 + 1e-9)].sum(), 1.0)
+    if paired:
+        return stats.wilcoxon(x - y).pvalue if (x != y).any() else 1.0
+    return stats.mannwhitneyu(x, y).pvalue if len(x) and len(y) else 1.0
+
+
+UNTIED = [name for name in METRICS if name != "path_ratio"]  # SciPy takes long for many that tie
+
+
+@pytest.fixture(scope="module", params=[(KEYS, METRICS), (["gain"], UNTIED)],
+                ids=["each setting", "by gain"])  # fmt: skip
+def asked(request, one, two):
+    """Keys, quantities and the table of differences."""
+    return *request.param, differences(one, two, *request.param)
+
+
+def test_every_difference_is_recomputed(path, asked, capsys):
+    by, metrics, wanted = asked
+    text = printed(["diff", path / "one", path / "two", "--all", "--by", ",".join(by), "--metrics",
+                    ",".join(metrics[1:])], capsys)  # fmt: skip
+    *lines, last = text.splitlines()
+    assert len(lines) == len(wanted)
+    sure = wanted[wanted.p < 0.05]
+    assert last.startswith(f"{len(sure)} of {len(wanted)} comparisons are more than chance (Holm")
+    pattern = r"(\w+) +(\S+) +(\S+) -> (\S+)  p (\S+)  (\d+) (\w+)  (.*)$"
+    for line, row in zip(lines, wanted.itertuples(), strict=True):
+        verdict, name, before, after, p, count, what, group = re.match(pattern, line).groups()
+        told = (row.metric, labelled(by, row.group), row.count)
+        assert (name, group, int(count)) == told, line
+        assert what == ("pairs" if row.paired else "runs"), line
+        assert shows(before, row.before) and shows(after, row.after), (line, row)
+        assert shows(p, row.p, 2), (line, row)
+        assert verdict == verdict_of(row), line
+
+
+def labelled(by, group):
+    return ", ".join(f"{k}={v}" for k, v in zip(by, group.split(", "), strict=True))
+
+
+def verdict_of(row):
+    if row.p >= 0.05:
+        return "chance"
+    direction = BETTER.get(row.metric, 0) * np.sign(row.after - row.before)
+    return {1: "better", -1: "WORSE", 0: "differs"}[int(direction)]
+
+
+def test_differences_of_every_kind_are_among_them(asked):
+    by, _, wanted = asked
+    assert set(wanted.paired) == {True, False}
+    if by == ["gain"]:
+        assert {verdict_of(row) for row in wanted.itertuples()} == {"better", "chance", "differs"}
+    assert (wanted.p > wanted.raw).sum() > 3
+
+
+def test_holm_steps_down():
+    assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+    assert holm([0.9, 0.9]) == [1.0, 1.0]
+
+
+def test_settings_that_vary_within_a_group_are_of_the_pair(path, one):
+    """Runs of one seed and other delays were taken for one run, and all but the last left out."""
+    both = Results.read(path / "one"), Results.read(path / "two")
+    found = compare.differences(*both, ["gain"], ["final_angle"])
+    assert max(d.found.count for d in found) > one.seed.nunique()
+
+
+# -- pictures -------------------------------------------------------------------------------------
+
+
+def test_pictures_show_the_rows_numbers(path, one):
+    results = Results.read(path / "one")
+    chosen = results.chosen(["settled", "final_distance", "path_ratio"])
+    names = [m.name for m in chosen]
+    groups = [group for _, group in one.groupby(KEYS, sort=False)]
+
+    axis = figures.success([results]).axes[0]
+    gains, delays = (list(dict.fromkeys(one[key])) for key in KEYS)
+    told = {tuple(map(round, text.get_position())): text.get_text() for text in axis.texts}
+    shown = axis.images[0].get_array()
+    for (gain, delay), group in one.groupby(KEYS):
+        i, j = gains.index(gain), delays.index(delay)
+        assert told[j, i] == f"{int(group.hit.sum())}/{len(group)}"
+        assert shown[i, j] == pytest.approx(100 * group.hit.mean())
+
+    single = Study.from_mapping({**MAPPING, "vary": {"gain": MAPPING["vary"]["gain"]}})
+    axis = figures.success([Results("bars", single, results.table)]).axes[0]
+    bars = {bar.get_y() + bar.get_height() / 2: bar.get_width() for bar in axis.patches}
+    spread = axis.collections[0].get_segments()
+    for place, (_, group) in enumerate(one.groupby("gain", sort=False)):
+        rate, low, high, _ = np.multiply(100, wilson(group.hit.sum(), len(group)))
+        assert bars[2 - place] == pytest.approx(rate)
+        assert spread[place][:, 0] == pytest.approx([low, high])
+
+    drawn = figures.distributions([results], chosen)
+    for axis, name in zip(drawn.axes, names, strict=False):
+        assert axis.get_xlabel() == (
+            name.replace("_", " ") + (f" ({UNITS[name]})" if UNITS[name] else ""))  # fmt: skip
+        lines = [line for line in axis.lines if len(line.get_xdata())]
+        for line, group in zip(lines, [g for g in groups if g[name].notna().any()], strict=True):
+            known = group[name].dropna().sort_values()
+            np.testing.assert_array_equal(line.get_xdata()[1:], known)
+            below = 100 * np.arange(len(known) + 1) / len(group)  # of all, the unknown too
+            np.testing.assert_allclose(line.get_ydata(), below)
+
+    drawn = figures.boxes([results], chosen)
+    for axis, name in zip(drawn.axes, names, strict=False):
+        quarters = [group[name].quantile([0.25, 0.5, 0.75]) for group in groups[::-1]]
+        for place, wanted in enumerate(quarters, 1):
+            middle = [line.get_xdata()[0] for line in axis.lines
+                      if line.get_color() == figures.VERMILION and round(line.get_ydata().mean()) ==
+                      place and len(line.get_xdata())]  # fmt: skip
+            box = axis.patches[place - 1].get_path().vertices
+            if wanted.notna().all():
+                assert middle == [pytest.approx(wanted[0.5])]
+                ends = [np.nanmin(box[:, 0]), np.nanmax(box[:, 0])]
+                assert ends == pytest.approx([wanted[0.25], wanted[0.75]])
+
+    drawn = figures.sensitivity(results, chosen)  # of delays there are two: no correlation
+    for text in drawn.axes[0].texts:
+        name = names[round(text.get_position()[1])]
+        known = one[["gain", name]].dropna().rank()
+        assert text.get_text() == f"{known.corr().iloc[0, 1]:+.2f}"
+    assert len(drawn.axes[0].texts) == len(names)
+    figures.plt.close("all")
+
+
+# -- the browser ----------------------------------------------------------------------------------
+
+
+def test_the_browser_s_groups_cells_and_points_are_recomputed(path, one):
+    look = Studies([path]).look(now=True)
+    mine = {"studies": ("one",), "filters": (queries.Filter("delay", "<", 0.1),)}
+    chosen, asked = one[one.delay < 0.1], ("settled", "final_angle")
+    groups = queries.groups(look, queries.GroupsAsked(**mine, by=("gain",), values=asked))
+    assert groups["count"] == 3
+    for told, (gain, group) in zip(groups["groups"], chosen.groupby("gain"), strict=True):
+        assert told["values"] == [gain] and told["runs"] == len(group)
+        assert told["rate"] == pytest.approx(wilson(group.hit.sum(), len(group))[:3])
+        for found, name in zip(told["medians"], asked, strict=True):
+            wanted = group[name].median()
+            assert found == (None if math.isnan(wanted) else pytest.approx(wanted)), name
+        counts = group[group.hit == 0].end.value_counts()
+        allowed = [f"{n} × {end}" for end, n in counts.items() if n == counts.max()] or [""]
+        assert told["failure"] in allowed
+
+    for value in ("success", "settled"):
+        found = queries.success_map(
+            look, queries.MapAsked(("one",), x="delay", y="gain", value=value))
+        places = (enumerate(found[axis]["labels"]) for axis in "yx")
+        for (i, gain), (j, delay) in itertools.product(*places):
+            cell = one[(one.gain == gain) & (one.delay == delay)]
+            wanted = cell.hit.mean() if value == "success" else cell[value].median()
+            assert found["runs"][i][j] == len(cell)
+            assert found["values"][i][j] == (
+                None if math.isnan(wanted) else pytest.approx(wanted))  # fmt: skip
+        assert found["left"] == 0
+
+    found = queries.points(look, queries.PointsAsked(("one",), x="settled", y="final_angle"))
+    known = one.dropna(subset=["settled", "final_angle"])
+    for axis, name in (("x", "settled"), ("y", "final_angle")):
+        values = np.frombuffer(base64.b64decode(found[axis]["values"]), "<f4")
+        np.testing.assert_allclose(values, known[name], rtol=1e-6)
+    assert (found["count"], found["left"]) == (len(known), len(one) - len(known))
+    told = queries.some_rows(look, queries.RowsAsked(("one",), sort="settled", count=200))
+    assert (told["total"], told["succeeded"]) == (len(one), one.hit.sum())
+    at = look.table.column_names.index("run")
+    order = one.sort_values("settled", kind="stable", na_position="last").run
+    known = slice(one.settled.count())
+    assert [row[at] for row in told["rows"]][known] == list(order)[known]
+    units = {c["name"]: c["unit"] for c in queries.columns(look)}
+    assert {name: units[name] for name in UNITS} == UNITS
+
+
+def test_the_browser_compares_with_the_same_numbers(path, one, two):
+    real_time = "real_time_multiple"  # of the machine, not of the study
+    found = serve([path], "127.0.0.1", 21300 + os.getpid() % 1000, say=lambda _: None)
+    try:
+        told = found.answer(json.dumps(
+            {"do": "compare", "first": "one", "second": "two"}))  # fmt: skip
+    finally:
+        found.close()
+    known = {(d["group"], d["metric"]): d for d in told["differences"]}
+    wanted = differences(one, two, KEYS)
+    assert len(known) == len(wanted) and not any(name == real_time for _, name in known)
+    for row in wanted.itertuples():
+        d = known[labelled(KEYS, row.group), row.metric]
+        for name in ("before", "after", "p", "count"):
+            value = getattr(row, name)
+            assert d[name] == (None if value != value else pytest.approx(value)), (row, d)
+        assert (d["paired"], d["verdict"]) == (row.paired, verdict_of(row))

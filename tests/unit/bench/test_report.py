@@ -26,7 +26,7 @@ from aras_visual_servo_bench.recording.from_loop import settings_of
 from aras_visual_servo_bench.recording.run import CameraRecord, settling
 from aras_visual_servo_bench.recording.tracks import milestones, nearest, tracks
 from aras_visual_servo_bench.report import page, write
-from aras_visual_servo_bench.report.write import NAMES, PARTS, tables, write_report
+from aras_visual_servo_bench.report.write import NAMES, PARTS, write_report
 from aras_visual_servo_bench.study.replay import carried_out, with_all_pictures
 
 SECONDS = 3.0
@@ -98,15 +98,6 @@ def test_settling_time_wants_the_error_to_stay_small():
     assert settling(stamp, size) == 3.0
     assert settling(stamp, size[[0, 1, 1, 1, 1, 0]]) == np.inf
     assert settling(stamp, np.zeros(6)) == 0.0
-
-
-def test_late_and_missing_images_are_counted(moments):
-    stamp = np.delete(np.arange(30) / 30.0, [7, 8])
-    arrival = stamp + 0.004
-    arrival[12] += 0.06
-    found = values(replace(moments, cameras={"camera": CameraRecord(None, stamp, arrival)}))
-    assert found["images_late"] == 3  # two missing, one late
-    assert found["image_rate"] == pytest.approx(27 / (29 / 30.0))
 
 
 def test_condition_is_the_largest_over_the_smallest_singular_value_of_each_image():
@@ -552,19 +543,6 @@ def test_a_delay_below_zero_is_shown_and_explained(moments, tmp_path):
     told = (tmp_path / "report.html").read_text()
     assert "A delay below 0: the picture came before the clock message" in told
     assert "below 0 where" in metrics.delay.source
-
-
-def test_tables_hold_the_arrays_with_units(moments):
-    rows = list(csv.DictReader(tables(moments)["images"].splitlines()))
-    assert len(rows) == len(moments.stamp)
-    assert float(rows[7]["alpha error [rad]"]) == pytest.approx(moments.error[7, 3], rel=1e-8)
-    assert float(rows[7]["wy achieved [rad/s]"]) == pytest.approx(moments.achieved[7, 4], rel=1e-8)
-    assert rows[-1]["phase"] == "converged"
-    joints = list(csv.DictReader(tables(moments)["joints"].splitlines()))
-    assert float(joints[50]["J2 speed [rad/s]"]) == pytest.approx(
-        moments.measured_speed[50, 2], rel=1e-8
-    )
-    assert "gantry [m]" in joints[0]
 
 
 def test_several_runs_are_compared_with_the_best_marked(moments, points, tmp_path):

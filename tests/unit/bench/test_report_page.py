@@ -13,7 +13,6 @@ import pytest
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.pictures import panels
-from aras_visual_servo_bench.pictures.panels import unit_groups
 from aras_visual_servo_bench.recording.film import BYTES, FRAMES, chosen, film
 from aras_visual_servo_bench.report import library
 from aras_visual_servo_bench.report.contents import contents
@@ -49,40 +48,6 @@ def of_page(runs):
     told = json.loads(in_script(contents(runs, groups)))
     told["arrays"] = [np.frombuffer(base64.b64decode(text), "<f4") for text in told["arrays"]]
     return told
-
-
-def curves_of(told, group, title):
-    (found,) = [p for g in told["groups"] if g["key"] == group
-                for p in g["panels"] if p["title"] == title]  # fmt: skip
-    return {c["name"]: (told["arrays"][c["x"]], told["arrays"][c["y"]]) for c in found["curves"]}
-
-
-def test_the_curves_are_the_runs_arrays(moments):
-    told = of_page([moments])
-    for unit, members in unit_groups(moments):
-        found = curves_of(told, "feature_errors", f"error ({unit})" if unit else "error")
-        for i in members:
-            time, values = found[moments.names[i]]
-            np.testing.assert_allclose(time, moments.time, atol=1e-6)
-            np.testing.assert_allclose(values, moments.error[:, i], rtol=1e-5, atol=1e-7)
-    distance, angle = moments.way()
-    after = moments.servoing
-    time, values = curves_of(told, "pose_errors", "distance to the goal (mm)")["distance"]
-    np.testing.assert_allclose(time, moments.joint_time[after], atol=1e-6)
-    np.testing.assert_allclose(values, 1e3 * distance[after], rtol=1e-4, atol=2e-4)
-    _, values = curves_of(told, "pose_errors", "angle to the goal (degrees)")["angle"]
-    np.testing.assert_allclose(values, np.degrees(angle[after]), rtol=1e-4, atol=2e-4)
-    twist = curves_of(told, "camera_twist", "turning of the camera (rad/s)")
-    np.testing.assert_allclose(twist["ωy"][1], moments.achieved[:, 4], rtol=1e-5, atol=1e-7)
-    np.testing.assert_allclose(twist["ωz asked"][1], moments.asked[:, 5], rtol=1e-5, atol=1e-7)
-    name, unit = moments.joint_names[2], moments.joint_units[2]
-    joint = curves_of(told, "joint_positions", f"{name} ({unit})")
-    shown = moments.joint_time >= -0.1
-    np.testing.assert_allclose(
-        joint["measured"][1], moments.measured[shown, 2], rtol=1e-5, atol=1e-7
-    )
-    speed = curves_of(told, "joint_positions", f"{name}, speed ({unit}/s)")["measured"][1]
-    np.testing.assert_allclose(speed, moments.measured_speed[shown, 2], rtol=1e-5, atol=1e-7)
 
 
 def test_curves_of_several_runs_know_their_run_and_what_one_lacks_is_left_out(moments, flying):

@@ -326,7 +326,9 @@ class Run:
         return distance, angle
 
     def settled(self, floor: tuple[float, float] = (1e-4, 1.745e-3)) -> float:
-        """From the first image until the camera stays within 2 % of its first way, s; inf: never.
+        """Time until the camera stays within 2 % of its first way, s; inf: never.
+
+        It counts from the first joint state since the first image, whose way is the first.
 
         floor: m and rad (0.1 mm, 0.1 degrees) that count as there however short the way was.
         """

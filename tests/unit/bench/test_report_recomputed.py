@@ -1,0 +1,440 @@
+"""Every number that a report tells of a run, recomputed from the run's arrays by other code.
+
+The run is made so that numbers differ: images at odd times, some lost and some late, one not seen;
+joint states that began before; unlike joints; tilted poses; fx other than fy; a target that moves.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import integrate
+from scipy.spatial.transform import Rotation
+
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.commands.analyzing import report
+from aras_visual_servo_bench.numbers import metrics, summary
+from aras_visual_servo_bench.recording.run import CameraRecord, Run, Verdict
+from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.arm.resolution import Resolution
+from aras_visual_servo_controller.judging.arrival import Arrived
+from aras_visual_servo_controller.judging.left_open import LeftOpen
+from aras_visual_servo_controller.loop.state import ServoState
+from aras_visual_servo_controller.schemes.base import Decision
+
+NAMES, UNITS = ("area", "height", "turn"), ("", "m", "rad")
+JOINTS, JOINT_UNITS = ("slide", "elbow", "wrist"), ("m", "rad", "rad")
+LOWER, UPPER = np.array([-0.1, -2.0, -3.1]), np.array([0.4, 1.5, 2.9])
+K = (510.0, 0.0, 297.0, 0.0, 433.0, 222.0, 0.0, 0.0, 1.0)
+TWIST = (0.011, -0.006, 0.003, 0.02, -0.01, 0.05)  # of the target
+CORNERS = ((-0.031, -0.02), (0.04, -0.022), (0.037, 0.025), (-0.02, 0.03))
+
+
+def posed(vectors, places):
+    found = np.tile(np.eye(4), (len(places), 1, 1))
+    found[:, :3, :3] = Rotation.from_rotvec(vectors).as_matrix()
+    found[:, :3, 3] = places
+    return found
+
+
+GOAL = posed([[2.9, 0.4, 0.3]], [[0.21, -0.13, 0.34]])[0]
+
+
+def made_run(seed: int, decay: float) -> Run:
+    """A run that converges, `decay` (1/s) of its errors."""
+    rng = np.random.default_rng(seed)
+    exposed = 1.537 + np.delete(np.arange(150), [60, 61, 95]) * 0.0341
+    exposed = exposed + 1e-4 * rng.random(len(exposed))
+    stamp = exposed[11:]
+    arrival = exposed + 0.004 + 0.003 * rng.random(len(exposed))
+    arrival[[31, 77]] += 0.08
+    t = stamp - stamp[0]
+    error = np.column_stack([
+        0.9 * np.exp(-decay * t), -0.06 * np.exp(-1.3 * decay * t) * np.cos(2.3 * t),
+        1.1 * np.exp(-0.8 * decay * t)]) * (1 + 0.01 * rng.normal(size=(len(t), 3)))  # fmt: skip
+    desired = np.array([1.3, 0.34, -0.2])
+    states = []
+    for i, (at, e) in enumerate(zip(stamp, error, strict=True)):
+        decision = None if i in (33, 34) else Decision(
+            NAMES, desired + e, np.array(desired), e, filtered_error=0.9 * e)  # fmt: skip
+        asked, given = rng.normal(size=(2, 6)) * 0.1 * np.exp(-t[i])
+        singular = np.sort(rng.uniform(0.2, 4.0, (2, 3)))[:, ::-1]
+        states.append(ServoState(
+            float(at), "servoing" if t[i] < 3.0 else "converged", scheme="made", decision=decision,
+            computing=0.002 + 0.001 * rng.random(), arrived=Arrived(open=LeftOpen(3.1e-4, 0.0123)),
+            resolution=Resolution.read_back(np.zeros(3), asked, given, tuple(singular),
+                                            scale=float(rng.uniform(0.4, 1.0))),
+        ))  # fmt: skip
+    joint_stamp = np.arange(0.9, stamp[-1] + 0.02, 0.0113) + 2e-4 * rng.random()
+    u = np.maximum(joint_stamp - stamp[0], -0.3)
+    left = np.exp(-0.9 * decay * u)[:, None]
+    places = GOAL[:3, 3] + left * [0.08, -0.05, 0.11] + left * 0.01 * np.column_stack(
+        [np.sin(7 * u), np.cos(5 * u), 0 * u])  # fmt: skip
+    places += [2.1e-4, 3e-4, -1e-4]
+    turned = Rotation.from_matrix(GOAL[:3, :3]) * Rotation.from_rotvec(
+        np.exp(-0.7 * decay * u)[:, None] * [0.3, -0.2, 0.5] + [0.004, 0.0, 0.003])  # fmt: skip
+    true_pose = posed(turned.as_rotvec(), places)
+    measured = np.column_stack([0.3 * np.exp(-u), -1.0 + 0.4 * np.sin(u), 0.2 * u])
+    measured[(u > 1.0) & (u < 1.4), 1] = 1.5 - 1e-3  # at its limit, within a thousandth of 3.5
+    measured[(u > 1.3) & (u < 1.7 + 0.1 * decay), 0] = -0.1
+    nearest = np.searchsorted(joint_stamp, stamp)
+    pace = np.column_stack([np.linspace(stamp[0] - 2.0, stamp[-1], 9), rng.uniform(0.5, 1.5, 9)])
+    pace[5, 1] = np.nan
+    return Run(
+        states=tuple(states), pose=true_pose[nearest], joint_names=JOINTS, joint_stamp=joint_stamp,
+        measured=measured, measured_speed=rng.normal(size=measured.shape) * [0.1, 0.7, 1.3],
+        commanded=measured + 0.01, true_pose=true_pose, goal_pose=GOAL, outcome="converged",
+        reason="", mend="", verdict=Verdict("goal_reached", 4.17e-4, 0.00521), name=f"run {seed}",
+        units=UNITS, limits=(LOWER, UPPER), speed=np.array([0.3, 1.9, 2.7]),
+        joint_units=JOINT_UNITS, pace=pace,
+        cameras={"camera": CameraRecord(CameraModel(640, 400, K), exposed, arrival)},
+        target=PlacedTarget(
+            PolygonTarget(CORNERS), posed([[0.2, -0.3, 0.4]], [[0.2, -0.1, 0.02]])[0],
+            Motion(velocity=TWIST),
+        ),
+        experiment=Experiment(plant="chain", gain=1.7, delay=0.043),
+        settings={"gain": "1.7", "delay": "0.043"},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return [made_run(3, 1.6), made_run(4, 2.3)]
+
+
+@pytest.fixture(scope="module")
+def written(runs, tmp_path_factory):
+    """Folders of the first run's report, and of both."""
+    path = tmp_path_factory.mktemp("recomputed")
+    report(runs[:1], path / "one", ())
+    report(runs, path / "both", ())
+    return path
+
+
+# -- the numbers, of raw records ------------------------------------------------------------------
+
+
+def ways(run):
+    """Of the joint states since the first image: s since then, m and rad from the goal."""
+    after = run.joint_stamp >= run.states[0].stamp
+    poses = run.true_pose[after]
+    distance = np.sqrt(((poses[:, :3, 3] - GOAL[:3, 3]) ** 2).sum(axis=1))
+    cosine = (np.einsum("nij,ij->n", poses[:, :3, :3], GOAL[:3, :3]) - 1) / 2
+    return pd.DataFrame({"t": run.joint_stamp[after] - run.states[0].stamp, "distance": distance,
+                         "angle": np.arccos(np.clip(cosine, -1, 1))})  # fmt: skip
+
+
+def errors(run):
+    """A row an image that was measured, by time since the first."""
+    table = {s.stamp - run.states[0].stamp: s.decision.error for s in run.states if s.decision}
+    return pd.DataFrame.from_dict(table, orient="index", columns=list(NAMES))
+
+
+def stays(series, bound):
+    """The first time after the last that is above the bound."""
+    last = series[series > bound].index.max()
+    return series.index[series.index > last].min()
+
+
+def corners_seen(run):
+    """(n, c, 3) of the target's corners in the camera at each image; (n,) its middle's depth."""
+    base = run.target.pose
+    seen, depth = [], []
+    for stamp, pose in zip(run.stamp, run.pose, strict=True):
+        turn = Rotation.from_rotvec(np.multiply(TWIST[3:], stamp))
+        points = np.array([(x, y, 0.0) for x, y in CORNERS] + [(0.0, 0.0, 0.0)]) @ base[:3, :3].T
+        points = turn.apply(points) + base[:3, 3] + np.multiply(TWIST[:3], stamp)
+        local = (points - pose[:3, 3]) @ pose[:3, :3]
+        seen.append(local[:-1])
+        depth.append(local[-1, 2])
+    return np.array(seen), np.array(depth)
+
+
+def decays(gain, tau, period):
+    """Decay of the loop, stepped: each exposure's velocity holds from tau after it on."""
+    n = int(tau // period)
+    rest = tau - n * period
+    s = [1.0] * (n + 2)
+    for _ in range(600):
+        s.append(s[-1] - gain * ((period - rest) * s[-1 - n] + rest * s[-2 - n]))
+    return -math.log(s[-1] / s[-201]) / (200 * period)
+
+
+def recomputed(run):
+    """Every metric by name."""
+    way, error = ways(run), errors(run)
+    after = run.joint_stamp >= run.states[0].stamp
+    path = np.sqrt((np.diff(run.true_pose[after][:, :3, 3], axis=0) ** 2).sum(axis=1)).sum()
+    since = way.set_index(way.t - way.t[0])  # the first joint state of the run
+    settled = max(stays(since[name], 0.02 * since[name].iloc[0]) for name in ("distance", "angle"))
+    seen, depth = corners_seen(run)
+    pixel = np.stack([K[0] * seen[..., 0] / seen[..., 2] + K[2] + 0.5,
+                      K[4] * seen[..., 1] / seen[..., 2] + K[5] + 0.5])  # fmt: skip
+    half = np.array([320.0, 200.0])[:, None, None]
+    parts = error / error.abs().max()
+    norm = (parts**2).sum(axis=1) ** 0.5
+    of_first = ((error / error.iloc[0].abs()) ** 2).sum(axis=1) ** 0.5
+    of_first /= of_first.iloc[0]
+    begin, end = (of_first[of_first < part].index[0] for part in (0.8, 0.15))
+    line = of_first[begin:end].iloc[:-1]
+    speed = run.measured_speed[after]
+    q, lasting = run.measured[after], np.append(np.diff(run.joint_stamp[after]), 0.0)
+    margin = 1e-3 * (UPPER - LOWER)
+    at_limit = ((q <= LOWER + margin) | (q >= UPPER - margin)).any(axis=1)
+    L, LJ = (np.array([getattr(s.resolution, name) for s in run.states])
+             for name in ("singular_values_L", "singular_values"))  # fmt: skip
+    record = run.cameras["camera"]
+    gaps = pd.Series(record.stamp).diff().dropna()
+    waited = record.arrival - record.stamp
+    pace = pd.DataFrame(run.pace, columns=["stamp", "factor"])
+    pace = pace[pace.stamp >= run.states[0].stamp]
+    stamp = np.array([s.stamp for s in run.states])
+    return {
+        "success": 1.0, "reached": 1.0, "contradicts": 0.0,
+        "reduced": float(way.distance[0] >= 10 * 4.17e-4 and way.angle[0] >= 10 * 0.00521),
+        "iterations": len(run.states) - 1, "settled": settled,
+        "overshoot": max((-np.sign(error.iloc[0]) * error / error.iloc[0].abs()).max().max(), 0),
+        "final_distance": 4.17e-4, "final_angle": 0.00521,
+        "open_distance": 3.1e-4, "open_angle": 0.0123,
+        "start_distance": way.distance[0], "start_angle": way.angle[0],
+        "path_length": path, "path_ratio": path / way.distance[0], "largest_depth": depth.max(),
+        "image_excursion": np.abs(pixel / half - 1).max(),
+        "energy": integrate.trapezoid((speed**2).sum(axis=1), run.joint_stamp[after]),
+        "limit_time": lasting[at_limit].sum(),
+        "decay_rate": -np.polynomial.Polynomial.fit(line.index, np.log(line), 1).convert().coef[1],
+        "decay_predicted": decays(1.7, 0.043 + 0.005 + run.experiment.lag,
+                                  pd.Series(stamp).diff().median()),
+        "error_settled": stays(norm, 0.02 * norm.iloc[0]),
+        "servoing_time": stamp[-1] - stamp[0],
+        "top_speed": max(math.hypot(*s.resolution.twist[:3]) for s in run.states),
+        "smallest_singular_value": LJ.min(), "condition_L": (L.max(axis=1) / L.min(axis=1)).max(),
+        "manipulability": LJ.prod(axis=1).min(),
+        "scale": min(s.resolution.scale for s in run.states),
+        "images": len(record.stamp), "image_rate": 1 / gaps.mean(),
+        "images_late": 3 + (waited > 1.5 * gaps.median()).sum(),
+        "delay": 1e3 * waited.mean(), "computing": 1e3 * np.mean([s.computing for s in run.states]),
+        "real_time_factor": pace.factor.mean(),
+        **{f"final_error_{n}": error[n][error.index >= error.index[-1] - 1.0].mean()
+           for n in NAMES},
+        **{f"worst_error_{n}": error[n][error.index >= error.index[-1] - 2.0].abs().max()
+           for n in NAMES},
+    }  # fmt: skip
+
+
+def shows(text, value, digits):
+    """Whether a printed number is this value to its digits."""
+    if value == 0:
+        return text == "0"
+    step = 10.0 ** (math.floor(math.log10(abs(value))) - digits + 1)
+    return abs(float(text) - value) <= 0.50001 * max(step, 1e-12)
+
+
+def test_the_run_tells_apart(runs):
+    one, two = map(recomputed, runs)
+    assert set(metrics.TABLE) <= set(one)
+    differ = [v for name, v in one.items() if name not in ("success", "reached", "reduced")]
+    assert len(set(np.round(differ, 9))) == len(differ)
+    fixed = {"success", "reached", "contradicts", "reduced", "iterations", "final_distance",
+             "final_angle", "open_distance", "open_angle", "images", "images_late"}  # fmt: skip
+    assert {name for name in set(one) - fixed if one[name] == two[name]} == set()
+    assert 0 < one["limit_time"] < 1.0 and one["overshoot"] > 0.02
+
+
+def test_every_number_of_the_files_is_recomputed(runs, written):
+    wanted = recomputed(runs[0])
+    told = json.loads((written / "one/summary.json").read_text())
+    rows = pd.read_csv(written / "one/summary.csv").set_index("quantity")
+    assert set(wanted) == set(rows.index) - {"outcome", "verdict", "reason", "mend"}
+    for name, value in wanted.items():
+        assert told[name] == pytest.approx(value, rel=1e-6, abs=1e-9), name
+        assert float(rows.value[name]) == told[name], name
+    units = {name: "s" for name in ("settled", "error_settled", "limit_time", "servoing_time")}
+    units |= {f"{at}_{what}": unit for at in ("start", "final", "open")
+              for what, unit in (("distance", "m"), ("angle", "rad"))}  # fmt: skip
+    units |= {"path_length": "m", "largest_depth": "m", "energy": "rad²/s", "decay_rate": "1/s",
+              "decay_predicted": "1/s", "top_speed": "m/s", "image_rate": "Hz", "delay": "ms",
+              "computing": "ms"}  # fmt: skip
+    units |= {f"{at}_error_{name}": unit for at in ("final", "worst")
+              for name, unit in zip(NAMES, UNITS, strict=True) if unit}  # fmt: skip
+    assert told["units"] == units and rows.unit.dropna().to_dict() == units
+
+
+def test_every_number_of_the_page_is_recomputed(runs, written):
+    wanted = recomputed(runs[0])
+    page = (written / "one/report.html").read_text()
+    cells = r"<tr><td><code>(\w+)</code></td>\n<td class=\"(?:number)?\">(.*?)</td><td>(.*?)</td>"
+    numbers = {name: text for name, text, _ in re.findall(cells, page)}
+    for name, value in wanted.items():
+        assert shows(numbers[name], value, 4), (name, numbers[name], value)
+    tiles = dict((text, value) for value, text in re.findall(
+        r'class="tile"><b>(.*?)</b><span>(.*?)</span>', page))  # fmt: skip
+    assert len(tiles) == 8
+    for text, key, factor, unit in (
+        ("until it stays within 2 % of its first distance", "settled", 1, " s"),
+        ("camera off its goal", "final_distance", 1e3, " mm"),
+        ("camera turned from its goal", "final_angle", 180 / math.pi, " °"),
+        ("camera&#39;s path over a straight line", "path_ratio", 1, ""),
+        ("decay of the error", "decay_rate", 1, " 1/s"),
+        ("greatest condition number of L", "condition_L", 1, ""),
+        ("images in simulated time", "image_rate", 1, " Hz"),
+        ("real time", "real_time_factor", 1, " ×"),
+    ):  # fmt: skip
+        value = tiles[text]
+        assert value.endswith(unit), text
+        assert shows(value.removesuffix(unit), factor * wanted[key], 3), text
+
+
+def test_a_comparison_s_cells_and_stars_are_recomputed(runs, written):
+    both = [recomputed(run) for run in runs]
+    page = (written / "both/report.html").read_text()
+    page = page.partition('id="comparison"')[2].partition("</section>")[0]
+    rows = {name: re.findall(r'class="number( best)?" data-run="\d">(.*?)</td>', cells)
+            for name, cells in re.findall(r'<td title=".*?">(\w+)</td>\n(.*?)</tr>', page, re.S)}
+    for name in both[0]:
+        (star, text), (other_star, other) = rows[name]
+        values = [one[name] for one in both]
+        assert shows(text, values[0], 4) and shows(other, values[1], 4), (name, text, other)
+        if text != other and name in metrics.TABLE and metrics.TABLE[name].better:
+            first = (values[0] < values[1]) == (metrics.TABLE[name].better == "smaller")
+            assert (bool(star), bool(other_star)) == (first, not first), name
+        else:
+            assert not star and not other_star
+
+
+def test_the_words_on_the_screen_are_recomputed(runs):
+    wanted = recomputed(runs[0])
+    lines = [line.strip().split("  ", 1) for line in
+             summary.told(runs[0], summary.summarise(runs[0])).splitlines()]  # fmt: skip
+    told = {name: value.strip() for name, value in lines}
+    degrees = math.degrees
+    assert told == {
+        "Target reached": "yes, and held",
+        "Error under 2 % after": f"{wanted['error_settled']:.2f} s",
+        "Camera within 2 % after": f"{wanted['settled']:.2f} s",
+        "Camera off its goal by": f"0.42 mm, {degrees(0.00521):.2f} degrees",
+        "Error of area": f"{wanted['final_error_area']:+.2g}",
+        "Error of height": f"{1e3 * wanted['final_error_height']:+.2f} mm",
+        "Error of turn": f"{degrees(wanted['final_error_turn']):+.2f} degrees",
+        "Simulation speed": f"{wanted['real_time_factor']:.2f} x real time",
+        "Camera images": f"147 at {wanted['image_rate']:.1f} Hz, 5 late",
+    }
+    assert told["Error under 2 % after"] != told["Camera within 2 % after"]
+
+
+# -- curves and tables of all instants ------------------------------------------------------------
+
+
+def test_every_column_of_the_tables_is_of_the_records(runs, written):
+    run, began = runs[0], runs[0].states[0].stamp
+    images = pd.read_csv(written / "one/data/images.csv")
+    axes = ["vx", "vy", "vz", "wx", "wy", "wz"]
+    wanted = {"time [s]": [s.stamp - began for s in run.states],
+              "stamp [s]": [s.stamp for s in run.states]}  # fmt: skip
+    for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True)):
+        unit = f" [{unit}]" if unit else ""
+        for field, word in (("features", ""), ("desired", " desired"), ("error", " error"),
+                            ("filtered_error", " filtered error")):  # fmt: skip
+            wanted[f"{name}{word}{unit}"] = [
+                getattr(s.decision, field)[i] if s.decision else math.nan for s in run.states]
+    for i, axis in enumerate(axes):
+        unit = "m/s" if i < 3 else "rad/s"
+        wanted[f"{axis} asked [{unit}]"] = [s.resolution.asked[i] for s in run.states]
+        wanted[f"{axis} achieved [{unit}]"] = [s.resolution.twist[i] for s in run.states]
+    told = [s.resolution.told for s in run.states]
+    wanted |= {"condition of L": [max(L) / min(L) for L, _ in told],
+               "condition of L J": [max(LJ) / min(LJ) for _, LJ in told],
+               "manipulability": [math.prod(LJ) for _, LJ in told],
+               "scale": [s.resolution.scale for s in run.states],
+               "computing [s]": [s.computing for s in run.states]}  # fmt: skip
+    wanted |= {f"camera {axis} [m]": run.pose[:, i, 3] for i, axis in enumerate("xyz")}
+    same(images, wanted, {"phase", "outcome", "reason"})
+    joints = pd.read_csv(written / "one/data/joints.csv")
+    wanted = {"time [s]": run.joint_stamp - began, "stamp [s]": run.joint_stamp}
+    for i, (name, unit) in enumerate(zip(JOINTS, JOINT_UNITS, strict=True)):
+        wanted |= {f"{name} [{unit}]": run.measured[:, i],
+                   f"{name} speed [{unit}/s]": run.measured_speed[:, i],
+                   f"{name} command [{unit}]": run.commanded[:, i]}  # fmt: skip
+    wanted |= {f"camera {axis} [m]": run.true_pose[:, i, 3] for i, axis in enumerate("xyz")}
+    same(joints, wanted, set())
+
+
+def same(table, wanted, words):
+    assert set(table) == {*wanted, *words}
+    for name, values in wanted.items():
+        np.testing.assert_allclose(table[name], values, rtol=1e-8, atol=1e-12, err_msg=name)
+
+
+def test_every_curve_of_the_page_is_of_the_records(runs, written):
+    run, began = runs[0], runs[0].states[0].stamp
+    page = (written / "one/report.html").read_text()
+    told = json.loads(re.search(r'id="contents">(.*?)</script>', page, re.S)[1])
+    arrays = [np.frombuffer(base64.b64decode(text), "<f4") for text in told["arrays"]]
+    panels = {p["title"]: p for group in told["groups"] for p in group["panels"]}
+    curves = {(title, c["name"]): pd.Series(arrays[c["y"]], arrays[c["x"]]).dropna()
+              for title, p in panels.items() for c in p["curves"]}  # fmt: skip
+    seen = set()
+
+    def check(title, name, time, values):
+        known = np.isfinite(values)
+        found = curves[title, name]
+        np.testing.assert_allclose(found.index, np.asarray(time)[known], atol=1e-6, err_msg=title)
+        np.testing.assert_allclose(found, np.asarray(values)[known], rtol=1e-5, atol=1e-6)
+        seen.add((title, name))
+
+    time = np.array([s.stamp - began for s in run.states])
+    error = errors(run)
+    for name, unit in zip(NAMES, UNITS, strict=True):
+        tail = f" ({unit})" if unit else ""
+        check(f"error{tail}", f"{name} as measured", error.index, error[name])
+        check(f"error{tail}", name, error.index, 0.9 * error[name])
+        wanted = error[name] + dict(zip(NAMES, (1.3, 0.34, -0.2), strict=True))[name]
+        check(f"feature{tail}", name, error.index, wanted)
+        check(f"feature{tail}", f"{name}*", error.index, wanted - error[name])
+    norm = ((error / error.abs().max()) ** 2).sum(axis=1) ** 0.5
+    check("norm of the errors, relative", "norm, relative", error.index, norm / norm.iloc[0])
+    way = ways(run)
+    check("distance to the goal (mm)", "distance", way.t, 1e3 * way.distance)
+    check("angle to the goal (degrees)", "angle", way.t, np.degrees(way.angle))
+    numbers = recomputed(run)
+    for title, key in (("norm of the errors, relative", "error_settled"),
+                       ("distance to the goal (mm)", "settled")):  # fmt: skip
+        assert panels[title]["marks"] == [[pytest.approx(numbers[key]), "settled"]], title
+    for k, (title, letter) in enumerate((("velocity of the camera (m/s)", "v"),
+                                         ("turning of the camera (rad/s)", "ω"))):  # fmt: skip
+        for i, axis in enumerate("xyz"):
+            check(title, letter + axis, time, [s.resolution.twist[3 * k + i] for s in run.states])
+            check(title, f"{letter}{axis} asked", time,
+                  [s.resolution.asked[3 * k + i] for s in run.states])  # fmt: skip
+    shown = run.joint_stamp >= began - 0.1
+    at = run.joint_stamp[shown] - began
+    for i, (name, unit) in enumerate(zip(JOINTS, JOINT_UNITS, strict=True)):
+        check(f"{name} ({unit})", "measured", at, run.measured[shown, i])
+        check(f"{name} ({unit})", "command", at, run.commanded[shown, i])
+        check(f"{name}, speed ({unit}/s)", "measured", at, run.measured_speed[shown, i])
+        assert panels[f"{name} ({unit})"]["limits"] == [[LOWER[i], "least"], [UPPER[i], "greatest"]]
+        top = (0.3, 1.9, 2.7)[i]
+        assert panels[f"{name}, speed ({unit}/s)"]["limits"] == [[-top, "limit"], [top, "limit"]]
+    told = [s.resolution.told for s in run.states]
+    check("condition number", "L", time, [max(L) / min(L) for L, _ in told])
+    check("condition number", "L J", time, [max(LJ) / min(LJ) for _, LJ in told])
+    check("manipulability", "manipulability", time, [math.prod(LJ) for _, LJ in told])
+    title = "factor by which limits slowed the task"
+    check(title, "scale", time, [s.resolution.scale for s in run.states])
+    record = run.cameras["camera"]
+    after = record.stamp >= began
+    gaps = pd.Series(record.stamp).diff().to_numpy()
+    at = record.stamp[after] - began
+    check("interval between images (ms)", "interval", at, 1e3 * gaps[after])
+    waited = 1e3 * (record.arrival - record.stamp)
+    check("delay (ms)", "exposure to recorder", at, waited[after])
+    check("delay (ms)", "scheme computing", time, [1e3 * s.computing for s in run.states])
+    pace = run.pace[(run.pace[:, 0] >= began) & np.isfinite(run.pace[:, 1])]
+    check("real-time factor", "real-time factor", pace[:, 0] - began, pace[:, 1])
+    assert seen == set(curves)

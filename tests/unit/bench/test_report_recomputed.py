@@ -72,14 +72,17 @@ def made_run(seed: int, decay: float) -> Run:
             resolution=Resolution.read_back(np.zeros(3), asked, given, tuple(singular),
                                             scale=float(rng.uniform(0.4, 1.0))),
         ))  # fmt: skip
-    joint_stamp = np.arange(0.9, stamp[-1] + 0.02, 0.0113) + 2e-4 * rng.random()
+    joint_stamp = np.arange(0.9, stamp[-1] + 0.02, 0.0113)
+    joint_stamp += 6e-3 * rng.random(len(joint_stamp))
     u = np.maximum(joint_stamp - stamp[0], -0.3)
-    left = np.exp(-0.9 * decay * u)[:, None]
+    farther = (1 + 3 * np.maximum(u, 0.0) * np.exp(-u))[:, None]  # at first
+    left = farther * np.exp(-0.9 * decay * u)[:, None]
     places = GOAL[:3, 3] + left * [0.08, -0.05, 0.11] + left * 0.01 * np.column_stack(
         [np.sin(7 * u), np.cos(5 * u), 0 * u])  # fmt: skip
     places += [2.1e-4, 3e-4, -1e-4]
     turned = Rotation.from_matrix(GOAL[:3, :3]) * Rotation.from_rotvec(
-        np.exp(-0.7 * decay * u)[:, None] * [0.3, -0.2, 0.5] + [0.004, 0.0, 0.003])  # fmt: skip
+        farther * np.exp(-0.7 * decay * u)[:, None] * [0.3, -0.2, 0.5] + [0.004, 0.0, 0.003]
+    )
     true_pose = posed(turned.as_rotvec(), places)
     measured = np.column_stack([0.3 * np.exp(-u), -1.0 + 0.4 * np.sin(u), 0.2 * u])
     measured[(u > 1.0) & (u < 1.4), 1] = 1.5 - 1e-3  # at its limit, within a thousandth of 3.5

@@ -24,7 +24,7 @@ from aras_visual_servo_bench.browse import queries
 from aras_visual_servo_bench.browse.server import serve
 from aras_visual_servo_bench.browse.studies import Studies
 from aras_visual_servo_bench.commands import main
-from aras_visual_servo_bench.numbers.statistics import holm
+from aras_visual_servo_bench.numbers import statistics
 from aras_visual_servo_bench.pictures import figures
 from aras_visual_servo_bench.study import compare, rows
 from aras_visual_servo_bench.study.folder import Folder
@@ -135,6 +135,12 @@ def bootstrapped(values):
     resampled = [known[rng.integers(0, len(known), (200, len(known)))] for _ in range(10)]
     found = pd.DataFrame(np.vstack(resampled)).median(axis=1)
     return (values.median(), *found.quantile([0.025, 0.975]), len(known))
+
+
+def test_an_interval_is_of_two_thousand_resamples():
+    values = pd.Series([*np.random.default_rng(3).exponential(size=41), math.nan])
+    found = statistics.median(values)
+    assert (found.value, found.low, found.high, found.count) == pytest.approx(bootstrapped(values))
 
 
 def commonest(group):
@@ -318,8 +324,8 @@ def test_differences_of_every_kind_are_among_them(asked):
 
 
 def test_holm_steps_down():
-    assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
-    assert holm([0.9, 0.9]) == [1.0, 1.0]
+    assert statistics.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+    assert statistics.holm([0.9, 0.9]) == [1.0, 1.0]
 
 
 def test_settings_that_vary_within_a_group_are_of_the_pair(path, one):

@@ -32,7 +32,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="tests/mutation",
         description="Plant single faults in an area, one at a time, and see whether its tests "
         "find them. Works on copies under out/mutation.",
-        epilog="examples: tests/mutation vision --limit 50; tests/mutation changed --since main; "
+        epilog="example: tests/mutation vision --limit 50; tests/mutation changed --since main; "
         f"areas: {', '.join(AREAS)}",
     )
     parser.add_argument("area", help=f"see below, or {changed.NAME}: the lines that are new")

@@ -1,0 +1,91 @@
+"""Intervals and tests: what must hold whatever the numbers are."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from aras_visual_servo_bench.numbers import statistics
+
+NUMBERS = st.floats(-1e6, 1e6) | st.just(math.nan) | st.integers(-3, 3).map(float)
+SAMPLES = st.lists(NUMBERS, max_size=25)
+PAIRS = st.lists(st.tuples(NUMBERS, NUMBERS), max_size=25)
+RATES = st.lists(st.tuples(*[st.sampled_from([0.0, 1.0, math.nan])] * 2), max_size=40)
+
+
+@given(st.integers(0, 400), st.integers(0, 400))
+def test_a_rate_lies_in_its_interval_and_that_from_0_to_1(hits, misses):
+    count = hits + misses
+    found = statistics.proportion(hits, count)
+    if not count:
+        assert math.isnan(found.value) and found.count == 0
+        return
+    assert 0.0 <= found.low <= found.value <= found.high <= 1.0
+    assert found.value == hits / count and found.count == count
+    mirrored = statistics.proportion(misses, count)
+    assert (1.0 - mirrored.high, 1.0 - mirrored.low) == pytest.approx((found.low, found.high))
+    surer = statistics.proportion(hits, count, 0.5)
+    assert found.low <= surer.low and surer.high <= found.high
+    # Wilson's, by its own formula
+    z = 1.959963984540054
+    centre = (hits + z * z / 2) / (count + z * z)
+    half = z / (count + z * z) * math.sqrt(hits * misses / count + z * z / 4)
+    assert (found.low, found.high) == pytest.approx((centre - half, centre + half), abs=1e-12)
+
+
+@settings(max_examples=25)
+@given(SAMPLES)
+def test_a_median_is_that_of_what_is_known_and_the_same_each_time(values):
+    found, known = statistics.median(values), [v for v in values if math.isfinite(v)]
+    assert found.count == len(known)
+    if not known:
+        assert math.isnan(found.value)
+        return
+    assert found.value == np.median(known)
+    assert min(known) <= found.low <= found.value <= found.high <= max(known)
+    assert statistics.median(values) == found
+
+
+@given(RATES)
+def test_rates_of_pairs_are_compared_by_the_pairs_that_differ(pairs):
+    before, after = [a for a, _ in pairs], [b for _, b in pairs]
+    found = statistics.compare_rates(before, after, True)
+    whole = [(a, b) for a, b in pairs if not math.isnan(a + b)]
+    assert found.count == len(whole) and found.paired
+    back = statistics.compare_rates(after, before, True)
+    assert back.p == pytest.approx(found.p)
+    assert (back.before, back.after) == pytest.approx((found.after, found.before), nan_ok=True)
+    better, worse = sum(b > a for a, b in whole), sum(b < a for a, b in whole)
+    n = better + worse
+    tail = sum(math.comb(n, k) for k in range(min(better, worse) + 1)) / 2**n
+    assert found.p == pytest.approx(min(1.0, 2.0 * tail))
+    if whole:
+        assert found.before == pytest.approx(np.mean([a for a, _ in whole]))
+
+
+@given(PAIRS, st.permutations(range(25)))
+def test_the_order_of_runs_and_what_is_unknown_tell_nothing(pairs, order):
+    order = [k for k in order if k < len(pairs)]
+    mixed = [pairs[k] for k in order]
+    whole = [(a, b) for a, b in pairs if math.isfinite(a + b)]
+    for paired, kept in ((True, whole), (False, pairs)):
+        found, other = (
+            statistics.compare_values([a for a, _ in some], [b for _, b in some], paired)
+            for some in (mixed, kept)
+        )
+        assert 0.0 <= found.p <= 1.0
+        assert found.count == other.count
+        assert (found.before, found.after, found.p) == pytest.approx(
+            (other.before, other.after, other.p), nan_ok=True)
+
+
+@given(st.lists(st.floats(0.0, 1.0), max_size=12))
+def test_holm_is_the_step_down_of_its_definition(p):
+    found = statistics.holm(p)
+    ranked = sorted(range(len(p)), key=lambda k: p[k])
+    for rank, k in enumerate(ranked):
+        steps = [(len(p) - j) * p[i] for j, i in enumerate(ranked[: rank + 1])]
+        assert found[k] == pytest.approx(min(1.0, max(steps)))
+        assert p[k] <= found[k] <= 1.0

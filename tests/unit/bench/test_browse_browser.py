@@ -4,6 +4,8 @@ import os
 import shutil
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from made_study import made_study, write_chunk
@@ -143,7 +145,32 @@ def test_points_are_pressed_and_boxed(page):
     page.wait(f"{COUNTED}.startsWith('80 of 160 runs')")  # delays of 0.2 and 0.3
 
 
-def test_columns_sort_group_and_hide(page):
+def check_groups(page, folder):
+    """The table of groups by gain, recomputed from the rows."""
+    table = pd.read_parquet(folder / "made" / "parts")
+    head, *rows = page.js("[...document.querySelectorAll('#grouped tr')].map((r) => "
+                          "[...r.cells].map((c) => c.innerText))")  # fmt: skip
+    assert head[:4] == ["gain (1/s)", "runs", "success (%)", "95 % interval"]
+    units = {"settled": "s", "final_distance": "m"}
+    shown = {text.partition(" ")[0]: i for i, text in enumerate(head) if i > 3}
+    assert len(set(shown) & set(units)) > 0
+    for cells, (gain, group) in zip(rows, table.groupby("gain"), strict=True):
+        rate, count = group.success.mean(), len(group)
+        z = 1.959963984540054
+        middle = rate + z * z / (2 * count)
+        half = z * np.sqrt(rate * (1 - rate) / count + z * z / (4 * count * count))
+        ends = [100 * (middle + side * half) / (1 + z * z / count) for side in (-1, 1)]
+        assert [float(cells[0]), int(cells[1])] == [gain, count]
+        assert abs(float(cells[2]) - 100 * rate) <= 0.5
+        told = [float(text) for text in cells[3].split(" – ")]
+        assert all(abs(a - b) <= 0.501 for a, b in zip(told, ends, strict=True)), cells
+        for name in set(shown) & set(units):
+            assert head[shown[name]] == f"{name} ({units[name]})"
+            wanted = group[name].median()
+            assert float(cells[shown[name]]) == pytest.approx(wanted, rel=6e-3), name
+
+
+def test_columns_sort_group_and_hide(page, folder):
     only(page, "made")
     header = "[...document.querySelectorAll('#rows th')].find((h) => h.innerText.startsWith('{}'))"
     for order, worse in (("ascending", "<="), ("descending", ">=")):
@@ -158,6 +185,7 @@ def test_columns_sort_group_and_hide(page):
         t.value = ""; t.dispatchEvent(new Event("change")); })()""")
     settle(page)
     page.wait("document.querySelectorAll('#grouped tbody tr').length === 4")
+    check_groups(page, folder)
     page.js("document.querySelectorAll('#grouped tbody tr')[3].click()")
     page.wait(f"{COUNTED}.startsWith('40 of 160 runs')")
     page.js("""[...document.querySelectorAll("#columns label")]

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import time
 from pathlib import Path
 
@@ -68,11 +69,18 @@ def test_links_stand_where_the_arm_has_them(page, host):
 def test_words_and_joints_are_shown(page, host):
     page.wait("document.getElementById('phase').textContent === 'servoing'")
     assert page.js("document.getElementById('factor').textContent") == "1.00"
-    rows = page.js("[...document.querySelectorAll('.joint')].map((r) => r.innerText)")
-    assert len(rows) == len(host.arm.names)
-    value = f"{np.degrees(host.q[2]):.1f}°"
-    page.wait(f"document.querySelectorAll('.joint output')[2].textContent === '{value}'")
-    assert page.js("document.querySelectorAll('.joint output')[0].textContent.endsWith(' m')")
+    last = f"{np.degrees(host.q[-1]):.1f}°"
+    page.wait(f"[...document.querySelectorAll('.joint output')].at(-1).textContent === '{last}'")
+    arm, shown = host.arm, page.js("[...document.querySelectorAll('.joint')].map((r) => "
+                                   "[r.querySelector('output').textContent, r.title])")  # fmt: skip
+    assert {*arm.prismatic} == {True, False}
+    for q, low, high, slides, (value, title) in zip(
+        host.q, arm.lower, arm.upper, arm.prismatic, shown, strict=True
+    ):
+        assert value == (f"{q:.3f} m" if slides else f"{q * 180 / np.pi:.1f}°")
+        found = re.match(r"(\S+) (m|rad), 0.000/s, limits (\S+) to (\S+)$", title).groups()
+        assert found[1] == ("m" if slides else "rad")
+        assert [float(found[k]) for k in (0, 2, 3)] == pytest.approx([q, low, high], abs=6e-4)
 
 
 def test_what_is_pressed_is_asked_for_and_answered(page, host):

@@ -98,7 +98,7 @@ AREAS = {
               f"{_UNIT}/bench/test_report.py", f"{_UNIT}/bench/test_browse")),
         Area("live", (f"{BENCH}/live/*.py",),
              (f"{_UNIT}/bench/test_page", f"{_UNIT}/bench/test_story",
-              f"{_UNIT}/bench/test_keeping")),
+              f"{_UNIT}/bench/test_keeping", f"{_UNIT}/bench/test_browse.py")),
         Area("report", tuple(f"{BENCH}/{room}/*.py" for room in (
                  "report", "pictures", "browse", "recording")),
              (f"{_UNIT}/bench/test_report", f"{_UNIT}/bench/test_browse",

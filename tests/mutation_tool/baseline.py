@@ -34,6 +34,7 @@ class Baseline:
         self._sources = sources
         self._digests = {name: digest_of(source) for name, source in sources.items()}
 
+    @cache  # noqa: B019  one baseline a run, in which tests may be written on
     def file(self, test: str) -> Path:
         """Where the recording of a test file is, named after it and its helpers."""
         folder = f"{Path(test).parent}/"

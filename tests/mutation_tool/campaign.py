@@ -119,6 +119,7 @@ class Campaign:
         used = {name for recording in recordings.values() for name in recording["lines"]}
         parts = [f"{name} {digest_of(self.sources[name])}" for name in sorted(used)]
         parts += sorted(self._baseline.file(test).name for test in tests)
+        parts.append(f"budget {self._budget}")
         self.digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
         texts = {test: (self._top / test).read_bytes() for test in tests}
         for worker in self._workers:

@@ -285,8 +285,12 @@ def test_entities_of_a_description_are_refused(robot):
         next(parts(parse_urdf(robot.urdf, robot.packages.find), laughs))
 
 
-def test_the_robots_model_is_the_descriptions(robot, host):
+def test_the_robots_model_is_the_descriptions(robot, host, monkeypatch):
     model = robot_model(robot.urdf, robot.packages.find)
+    with monkeypatch.context() as small:
+        small.setattr("aras_visual_servo_bench.live.robot_model.LARGEST", 10)
+        with pytest.raises(DescriptionError, match="triangles; a page draws 10"):
+            robot_model(robot.urdf, robot.packages.find)
     assert model["name"] == "aras_visual_servo"
     assert {j["name"] for j in model["joints"]} >= set(host.arm.names)
     assert model["links"]["slider"][0]["colour"] == [0.792, 0.82, 0.933, 1.0]

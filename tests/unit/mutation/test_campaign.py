@@ -137,6 +137,10 @@ def test_lines_of_a_source_that_has_changed_are_found_again(top: Path) -> None:
     same = Baseline(top, folder, {name: was.encode()})
     assert same.read(test)["lines"][name] == lines and not same.old(test)
     later = Baseline(top, folder, {name: now.encode()})
+    file = later.file(test)
+    (top / test).write_text(TESTS + "\n")  # somebody writes on while the campaign runs
+    assert later.file(test) == file
+    (top / test).write_text(TESTS)
     assert later.holds(test) and later.old(test)
     assert later.read(test)["lines"][name] == {
         "1": ["t1"], "2": ["t1"], "3": ["t2"], "4": ["t2"], "5": ["t3"]

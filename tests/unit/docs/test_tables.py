@@ -51,6 +51,7 @@ MEASURED = {
     ("docs/differences.md", "run"): "tests/benchmarks/original_controllers.py",
     (CAMERA_KEYS, "preset"): "tests/benchmarks/calibrate_live.py",
     ("tests/README.md", "faults"): "tests/faults",
+    ("tests/README.md", "area"): "tests/mutation",
 }
 NUMBER = re.compile(r"[-+−]?\d[\d .,e\[\]%()/+−-]*(?: ?(?:s|ms|mm|m|rad|°|Hz|%|MB|min|h))?$")
 
@@ -90,7 +91,8 @@ def test_every_table_of_numbers_is_recomputed_or_says_who_measures_it():
         for heading, *rows in tables(page):
             if any(NUMBER.match(cell.strip("`*")) for row in rows for cell in row[1:]):
                 found.add((str(page.relative_to(ROOT)), heading[0]))
-    assert found == set(CHECKED) | set(MEASURED)
+    told = set(CHECKED) | set(MEASURED)
+    assert found == told, f"name in CHECKED or MEASURED, or take out: {sorted(found ^ told)}"
     for who in MEASURED.values():
         assert (ROOT / who).exists(), who
     for who in CHECKED.values():

@@ -46,10 +46,11 @@ for argument in "$@"; do
 done
 
 # Unit tests share nothing and run on all cores. So do graphs, each with a master of its own: a file of tests
-# has one process at a time, and more than four files at once would only wait for each other.
+# has one process at a time, and more than four files at once would only wait for each other. They wait for
+# time to go by as long as they compute: one more than there are cores.
 # What a graph does hangs on how the machine shares its time among a dozen processes: a graph test that
 # fails has a second try, and the summary names it (R).
-graphs=$(nproc)
+graphs=$(($(nproc) + 1))
 ((graphs <= 4)) || graphs=4
 no_test=5 unit=0 graph=0
 .venv/bin/python -m pytest -n auto --dist worksteal tests/unit "$@" || unit=$?

@@ -47,9 +47,9 @@ def served(folder):
     found.close()
 
 
-@pytest.fixture(params=SIZES)
+@pytest.fixture
 def page(request, watched, served):
-    tab = watched(served.access.address, request.param, READY)
+    tab = watched(served.access.address, getattr(request, "param", SIZES[0]), READY)
     tab.js("document.getElementById('studies')")
     yield tab
     assert tab.js("[wrong, window.hit]") == [[], None]
@@ -77,6 +77,7 @@ def add_filter(tab, column, operator, value):
     settle(tab)
 
 
+@pytest.mark.parametrize("page", SIZES, indirect=True)
 def test_a_filter_a_cell_and_a_run(page, browser, served):
     only(page, "made")
     page.wait(f"{COUNTED}.startsWith('160 runs of 1 study')")
@@ -101,6 +102,7 @@ def test_a_filter_a_cell_and_a_run(page, browser, served):
     page.wait(f"{COUNTED}.startsWith('160 runs')")
 
 
+@pytest.mark.parametrize("page", SIZES, indirect=True)
 def test_the_report_of_a_run_is_computed_and_shown(page, browser, served, folder):
     only(page, "run")
     page.wait("document.querySelectorAll('#rows tbody tr').length === 2")

@@ -1,18 +1,20 @@
 """Numba for small loops and matrices of a few rows, where NumPy's calls cost more than their work.
 
-Signatures are explicit, so set-up compiles everything, and nothing is compiled in the middle of a
-run. What was compiled is kept in __pycache__ beside the source, or where NUMBA_CACHE_DIR says,
-until the source changes, or that of a compiled function of another module that it calls, or a
-number that it takes from one: Numba itself watches each file alone. It is read when the function
-is first called: no program calls more than half of them, and to read all took most of its start.
+Signatures are explicit, so set-up compiles everything. What was compiled is kept in __pycache__
+beside the source, or where NUMBA_CACHE_DIR says, until the source changes, or that of a compiled
+function of another module that it calls, or a number that it takes from one: Numba itself watches
+each file alone. What is kept is read when the function is first called: no program calls more than
+half of them, and to read all took most of its start. What is not is compiled when its module is
+imported, and nothing in the middle of a run.
 """
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -25,6 +27,7 @@ from numba.extending import intrinsic
 _log = logging.getLogger(__name__)
 _one_at_a_time = threading.RLock()
 _prepared: list[tuple[str, Callable[[], None]]] = []  # modules of compiled functions
+_put_off: list[bool] = []
 
 
 def compiled(signature: str, allocates: bool = True) -> Callable[[Callable], Callable]:
@@ -45,21 +48,26 @@ def compiled(signature: str, allocates: bool = True) -> Callable[[Callable], Cal
         made = numba.njit(nogil=True, error_model="numpy", _nrt=allocates)(function)
         try:
             made.enable_caching()
-            kept = made._cache._cache_file  # Numba knows of no other way to say it
+            kept = made._cache._cache_file  # Numba knows of no other way to ask
             kept._source_stamp = (kept._source_stamp, *_made_of(function))
+            due = not kept._load_index()
         except RuntimeError as error:  # neither its folder nor the user's cache can be written
             if "cannot cache" not in str(error):
                 raise
             _tell_once()
-        _compile_when_used(made, arguments)
+            due = True
+        ready = _compile_when_used(made, arguments)
+        if due and not _put_off:
+            ready()
         return made
 
     return compile_function
 
 
-def _compile_when_used(made: Dispatcher, arguments: tuple) -> None:
+def _compile_when_used(made: Dispatcher, arguments: tuple) -> Callable[[], None]:
     """Compile it for these arguments, or read what was kept, when it is first called from Python or
-    from a function that is compiled; from then on it takes no others."""
+    from a function that is compiled; from then on it takes no others. Returns what does that now.
+    """
     types_of = made.get_call_template
 
     def ready() -> None:
@@ -78,6 +86,17 @@ def _compile_when_used(made: Dispatcher, arguments: tuple) -> None:
 
     made._compile_for_args, made.get_call_template = before_a_call, before_a_caller
     _prepared.append((made.__module__, ready))
+    return ready
+
+
+@contextlib.contextmanager
+def put_off() -> Iterator[None]:
+    """While modules are imported whose functions are not to be compiled before `compile_all`."""
+    _put_off.append(True)
+    try:
+        yield
+    finally:
+        _put_off.pop()
 
 
 def compile_all(package: str) -> None:

@@ -19,7 +19,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from .compiled import compile_all
+from .compiled import compile_all, put_off
 
 HAS_LOOPS = re.compile(r"^from .*compiled import .*\bcompiled\b", re.MULTILINE)
 
@@ -95,8 +95,9 @@ def main(argv: list[str] | None = None) -> int:
     for package in given.packages:
         if given.folder:
             take_over(package, given.folder)
-        for path in sources(package):
-            importlib.import_module(".".join(path.with_suffix("").parts))
+        with put_off():  # other packages' are another process's
+            for path in sources(package):
+                importlib.import_module(".".join(path.with_suffix("").parts))
         compile_all(package)
     return 0
 

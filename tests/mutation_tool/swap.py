@@ -53,7 +53,8 @@ class _Loops:
     def __init__(self) -> None:
         numba = sys.modules.get("numba.core.dispatcher")
         kinds = (numba.Dispatcher,) if numba else ()
-        self._alive = [one for one in gc.get_objects() if isinstance(one, kinds)]
+        # by its type: a weak proxy of what is gone cannot say what it is
+        self._alive = [one for one in gc.get_objects() if issubclass(type(one), kinds)]
 
     def compile_again(self, functions: set[FunctionType]) -> None:
         """Those of these functions and all that call them, the called ones first."""

@@ -86,6 +86,16 @@ def test_a_light_that_casts_shadows_only_where_they_are_asked_for(bench):
     assert (shown(bench, Sun(lights=(open_,), shadows="hard")) == bright).all()
 
 
+def test_shadows_do_not_hang_on_what_memory_held_before(bench):
+    things(bench)
+    pictures = []
+    for left in (0.0, np.nan):
+        litter = [np.full(size, left) for size in range(1, 60) for _ in range(40)]
+        del litter
+        pictures.append(shown(bench, Sun(lights=(ASLANT,), shadows="hard")))
+    assert (pictures[0] == pictures[1]).all()
+
+
 def test_a_shadow_is_where_the_light_goes(bench):
     """Of a plate 0.5 m above the floor, by a sun whose light goes to +x and +y."""
     bench.box([2.0, 2.0, 0.05], [0, 0, -0.05])

@@ -253,7 +253,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
     light = np.empty((room, 3))
     candidates = np.empty(len(order) + 1, np.int64)
     corner_of, corner_says = np.empty((9, 9), np.int64), np.empty((9, 9), np.int64)
-    p, g, d, ray, e = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3))
+    p, g, d, ray = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    e = np.zeros((2, 3))  # of no use to hard shadows, but multiplied by 0
     middle, low, high = np.empty(3), np.empty(3), np.empty(3)
     for n in range(tiles):
         if tile[n] == -2 or tile[n] == -1:

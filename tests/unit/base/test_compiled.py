@@ -90,6 +90,8 @@ def test_all_of_a_package_are_compiled_when_that_is_asked_for(monkeypatch) -> No
             made.append(compiled.compiled("f8")(function))
     compiled.compile_all("mine")
     assert [len(one.signatures) for one in made] == [1, 0, 1]
+    compiled.compile_all()
+    assert [len(one.signatures) for one in made] == [1, 1, 1]
 
 
 @pytest.mark.parametrize("decorator", ["compiled('f8')", "inlined"])

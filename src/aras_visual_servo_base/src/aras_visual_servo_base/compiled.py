@@ -99,10 +99,11 @@ def put_off() -> Iterator[None]:
         _put_off.pop()
 
 
-def compile_all(package: str) -> None:
-    """All compiled functions of the package's modules that were imported, now."""
+def compile_all(package: str = "") -> None:
+    """All compiled functions of the modules that were imported, or of those of a package, now: for
+    nodes, whose first image must not wait for them."""
     for module, ready in _prepared:
-        if module.partition(".")[0] == package:
+        if package in ("", module.partition(".")[0]):
             ready()
 
 

@@ -9,6 +9,7 @@ import rospy
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import Image as ImageMessage
 
+from aras_visual_servo_base.compiled import compile_all
 from aras_visual_servo_ros.shutdown import beats, node_main
 
 from .errors import CalibrationError, VisionError
@@ -83,6 +84,8 @@ def main() -> int:
 
 def _run() -> None:
     given = rospy.get_param("~", {})
-    node = CameraNode(VisionParameters.from_mapping(given if isinstance(given, dict) else {}))
+    parameters = VisionParameters.from_mapping(given if isinstance(given, dict) else {})
+    compile_all()
+    node = CameraNode(parameters)
     rospy.loginfo("camera node ready, layout '%s'", node.parameters.settings.layout)
     node.watch()

@@ -7,6 +7,7 @@ import time
 import numpy as np
 import rospy
 
+from aras_visual_servo_base.compiled import compile_all
 from aras_visual_servo_base.urdf import robot_name
 from aras_visual_servo_ros.shutdown import beats, node_main
 
@@ -88,6 +89,8 @@ def main() -> int:
 
 
 def _run() -> None:
-    node = ControllerNode(*given_settings())
+    settings = given_settings()
+    compile_all()
+    node = ControllerNode(*settings)
     rospy.on_shutdown(node.close)
     node.spin()

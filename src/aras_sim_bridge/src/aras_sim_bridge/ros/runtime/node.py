@@ -27,6 +27,7 @@ from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.record import Record
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_visual_servo_base.compiled import compile_all
 from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.master_watch import MasterWatch
 from aras_visual_servo_ros.parameters import InvalidParameterError, namespace_of
@@ -212,6 +213,7 @@ def main(given: Mapping[str, object] = MappingProxyType({})) -> int:
         _set_up_log(parameters.log_level)
         if not rospy.has_param("/use_sim_time"):
             rospy.set_param("/use_sim_time", True)
+        compile_all()
         node = GazeboNode(parameters)
     except (SimError, InvalidParameterError, OSError, rospy.ROSException) as error:
         if not ending.begun.is_set():

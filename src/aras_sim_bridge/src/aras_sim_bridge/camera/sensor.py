@@ -78,7 +78,7 @@ class CameraSensor:
             self._whole = self._pixels(0, config.height)
             self._bands = {part.first: self._pixels(part.first, part.last)
                            for part in self._parts}  # fmt: skip
-            renderer.prepare(self._view(self._link_T_optical))
+            renderer.prepare(self._view(np.eye(4)))
         except (RenderingError, MemoryError) as error:
             reason = str(error) or "not enough memory; make width and height smaller"
             raise CameraError(f"camera '{config.name}': {reason}") from None
@@ -235,13 +235,11 @@ class CameraSensor:
 
     def _draw(self, pose: np.ndarray, time_ns: int) -> None:
         blend, pose = self._blend(self._next_ns, pose, time_ns)
-        pose = pose @ self._link_T_optical
-        if self.vibration is not None:
-            pose = pose @ self.vibration.at(self._next_ns)
+        shaken = None if self.vibration is None else self.vibration.at(self._next_ns)
         part = self._parts[self._part]
-        image = self.renderer.render(self._view(pose, self._bands[part.first]), blend)
+        image = self.renderer.render(self._view(pose, self._bands[part.first], shaken), blend)
         if self._part == self._middle and (self.depth or self.segmentation):
-            self._measured = self.renderer.measure(self._view(pose), blend)
+            self._measured = self.renderer.measure(self._view(pose, shaken=shaken), blend)
         if len(self._parts) == 1:
             self._sum = image
             return
@@ -278,11 +276,14 @@ class CameraSensor:
         return last - first, K, lens
 
     def _view(
-        self, world_T_optical: np.ndarray,
-        pixels: tuple[int, np.ndarray, Tiles | None] | None = None,
+        self, world_T_link: np.ndarray, pixels: tuple[int, np.ndarray, Tiles | None] | None = None,
+        shaken: np.ndarray | None = None,
     ) -> View:
-        """Through these pixels, or through all."""
+        """Through these pixels, or through all; shaken: (4, 4), of the optical frame."""
         c, (rows, K, lens) = self.config, pixels or self._whole
+        world_T_optical = world_T_link @ self._link_T_optical
+        if shaken is not None:
+            world_T_optical = world_T_optical @ shaken
         return View(c.width, rows, world_T_optical, K, c.near, c.far, lens)
 
     def _blend(self, instant: int, pose: np.ndarray, time_ns: int) -> tuple[float, np.ndarray]:

@@ -62,6 +62,8 @@ def confine(top: Path, outside: Path) -> None:
         folder = top / SCRATCH / name
         folder.mkdir(parents=True, exist_ok=True)
         os.environ[variable] = str(folder)
+    # What is imported for the first time would be kept beside its source, maybe outside.
+    os.environ["PYTHONDONTWRITEBYTECODE"], sys.dont_write_bytecode = "1", True
     os.environ.setdefault("MPLCONFIGDIR", str(top / ".matplotlib"))
     tempfile.tempdir = None
     sys.addaudithook(_refusing(f"{top}/", outside))

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
+from aras_visual_servo_camera.coverage import coverage
 from aras_visual_servo_camera.errors import SegmentationError
 from aras_visual_servo_camera.segmentation import (
     Segmentation,
-    coverage,
     segment,
     threshold_image,
 )
@@ -225,9 +225,76 @@ def test_one_grey_level_is_contrast_enough() -> None:
     assert (bg, fg) == (90.0, 89.0) and weights.sum() == pytest.approx(300)
 
 
+SHADED = np.linspace(40, 160, 60)[:, None] * np.ones((1, 80))  # from dark above to light below
+
+
+def shaded(box: tuple[int, int, int, int], times: float, ground: np.ndarray | float) -> np.ndarray:
+    """A picture (60, 80) with a shaded target of (column, row, width, height)."""
+    column, row, width, height = box
+    grey = np.array(ground * np.ones((60, 80)))
+    grey[row : row + height, column : column + width] = (
+        times * SHADED[row : row + height, column : column + width])
+    return grey
+
+
+def test_a_label_is_the_target_whatever_its_grey_and_however_many_its_pieces() -> None:
+    grey = shaded(BIG, 1.0, 105.0).astype(np.uint8)  # in its middle as light as the ground
+    labelled = np.zeros((60, 80), np.uint8)
+    labelled[20:35, 40:60] = labelled[5:9, 3:9] = 255
+    target = segment(grey, Segmentation("label"), labelled=labelled)
+    assert (target.pixel_count, target.component, target.uneven) == (300 + 24, "all", True)
+    assert target.box == (3, 5, 57, 30)
+    with pytest.raises(SegmentationError, match="needs the simulator's label image"):
+        segment(grey, Segmentation("label"))
+    lost = segment(grey, Segmentation("label", label="box"), labelled=0 * labelled)
+    assert lost.reason == "no pixel of label 'box'"
+
+
+def test_a_shaded_targets_edge_pixels_are_divided_by_the_levels_around_them() -> None:
+    grey = shaded((20, 20, 20, 25), 1.0, 230.0)
+    for row in range(20, 45):
+        inner = SHADED[row, 0]
+        grey[row, 40] = 230.0 + 0.75 * (inner - 230.0)  # three quarters covered
+        grey[row, 19] = 230.0 + 0.25 * (inner - 230.0)  # one quarter
+    grey = np.round(grey).astype(np.uint8)
+    labelled = np.zeros((60, 80), np.uint8)
+    labelled[20:45, 20:41] = 255
+    target = segment(grey, Segmentation("label"), labelled=labelled)
+    weights, (left, top), bg, fg = coverage(grey, target)
+    assert weights[32 - top, 40 - left] == pytest.approx(0.75, abs=0.02)
+    assert weights[32 - top, 19 - left] == pytest.approx(0.25, abs=0.02)
+    assert weights.sum() == pytest.approx(25 * 21, rel=2e-3)
+    assert (bg, fg) == pytest.approx((230.0, 105.0), abs=8.0)
+
+
+def test_without_contrast_the_edge_is_the_masks() -> None:
+    grey = np.full((60, 80), 90, np.uint8)
+    labelled = np.zeros((60, 80), np.uint8)
+    labelled[20:35, 40:60] = 255
+    weights, *_ = coverage(grey, segment(grey, Segmentation("label"), labelled=labelled))
+    assert weights.sum() == 300.0 and set(np.unique(weights)) == {0.0, 1.0}
+
+
+def test_what_is_near_a_colour_is_the_target_in_light_and_in_shade() -> None:
+    rgb = np.full((60, 80, 3), 200, np.uint8)
+    rgb[20:35, 40:50], rgb[20:35, 50:60] = (200, 40, 30), (120, 24, 18)  # lit, and in shade
+    rgb[40:46, 5:13] = (40, 60, 200)
+    grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+    red = Segmentation("nearest_colour", near_colour=(180, 36, 27))
+    assert segment(grey, red, rgb).box == BIG
+    blue = Segmentation("nearest_colour", near_colour=(40, 60, 200))
+    assert segment(grey, blue, rgb).box == SMALL
+    narrow = Segmentation("nearest_colour", near_colour=(200, 40, 30), colour_distance=5)
+    assert segment(grey, narrow, rgb).box == (40, 20, 10, 15)
+    with pytest.raises(SegmentationError, match="needs a colour image"):
+        segment(grey, red)
+
+
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
+        ({"method": "nearest_colour"}, "near_colour is .., must be red, green, blue"),
+        ({"near_colour": (1, 2, 256)}, "near_colour is .1, 2, 256., must be red"),
         ({"method": "watershed"}, "method is .watershed.: known are fixed"),
         ({"component": "red"}, "component is .red.: known are all"),
         ({"threshold": 300}, "threshold is 300, must be <= 255"),

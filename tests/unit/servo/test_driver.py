@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import pose_difference
+from aras_visual_servo_base.stamp_pairing import ByStamp
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
@@ -19,7 +20,6 @@ from aras_visual_servo_controller.loop.driver import Driver
 from aras_visual_servo_controller.loop.motion import JUMP, jumped
 from aras_visual_servo_controller.seeing.joint_history import FARTHEST, JointHistory
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
-from aras_visual_servo_controller.seeing.stamp_pairing import ByStamp
 from aras_visual_servo_controller.settings import Settings
 
 SOURCES = Path(__file__).parents[3] / "src"

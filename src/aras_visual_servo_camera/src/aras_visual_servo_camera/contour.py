@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .coverage import coverage
 from .errors import SegmentationError
 from .moments import Array
-from .segmentation import SegmentedTarget, coverage
+from .segmentation import SegmentedTarget
 from .undistortion import CameraModel
 
 # How far a side may bend before it counts as two: a part of the outline's length, and pixels; and

@@ -41,10 +41,13 @@ class Image:
     Attributes:
         pixels: (rows, columns) or (rows, columns, channels) uint8, as encoded, 16 bit reduced.
         encoding: one of ENCODINGS.
+        labelled: (rows, columns) 255 where a label image has the target, 0 elsewhere; None: there
+            is none.
     """
 
     pixels: NDArray[np.uint8]
     encoding: str
+    labelled: NDArray[np.uint8] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:

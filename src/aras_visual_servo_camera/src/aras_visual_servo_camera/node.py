@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
+from functools import partial
 from threading import Lock
 
 import rospy
@@ -10,17 +12,19 @@ from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import Image as ImageMessage
 
 from aras_visual_servo_base.compiled import compile_all
+from aras_visual_servo_base.stamp_pairing import ByStamp
 from aras_visual_servo_ros.shutdown import beats, node_main
 
 from .errors import CalibrationError, VisionError
 from .images import decode
+from .label_topics import BUFFER, LabelTopics
 from .outputs import Outputs
 from .parameters import VisionParameters
 from .pipeline import Pipeline
 from .undistortion import CameraModel
 
-IMAGE_TOPIC = "/labrob/camera/image_raw"
-INFO_TOPIC = "/labrob/camera/camera_info"
+CAMERA = "/labrob/camera"
+IMAGE_TOPIC, INFO_TOPIC = f"{CAMERA}/image_raw", f"{CAMERA}/camera_info"
 
 
 class CameraNode:
@@ -35,16 +39,21 @@ class CameraNode:
         self._lock = Lock()
         self._stamp = rospy.Time()
         self._outputs = Outputs(parameters, self.pipeline, self._say)
-        # queue_size=1 with a buffer that holds several images: always the newest, never a backlog
+        segmentation, self._labels = parameters.settings.segmentation, None
+        if segmentation.method == "label":
+            self._labels = LabelTopics(CAMERA, segmentation.label, partial(self._seen, "labels"))
+        self._together = ByStamp(("image",) if self._labels is None else ("image", "labels"))
         options = {"queue_size": 1, "tcp_nodelay": True}
         rospy.Subscriber(INFO_TOPIC, CameraInfo, self._on_info, **options)
-        rospy.Subscriber(IMAGE_TOPIC, ImageMessage, self._on_image, buff_size=2**24, **options)
+        rospy.Subscriber(IMAGE_TOPIC, ImageMessage, partial(self._seen, "image"),
+                         buff_size=BUFFER, **options)  # fmt: skip
 
     def watch(self) -> None:
         """Until shutdown: say now and then what the node waits for; end when the master is gone."""
         for _ in beats(0.2):
             if time.monotonic() - self._last_image > self.parameters.log_period:
-                self._say("image", f"waiting for images on {rospy.resolve_name(IMAGE_TOPIC)}")
+                topics = [IMAGE_TOPIC, *([self._labels.topic] if self._labels else ())]
+                self._say("image", f"waiting for {' and '.join(map(rospy.resolve_name, topics))}")
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
@@ -56,19 +65,25 @@ class CameraNode:
         with self._lock:
             self.pipeline.set_camera(camera)
 
-    def _on_image(self, message: ImageMessage) -> None:
+    def _seen(self, kind: str, message: ImageMessage) -> None:
+        with self._lock:
+            together = self._together.add(kind, message.header.stamp, message)
+        if together is None:
+            return
         self._last_image = time.monotonic()
         try:
-            image = decode(message)
+            image = decode(together["image"])
             with self._lock:
                 if message.header.stamp < self._stamp:
                     self.pipeline.reset()  # the clock went back
                 self._stamp = message.header.stamp
+                if self._labels is not None:
+                    image = replace(image, labelled=self._labels.mask(together["labels"]))
                 measurement = self.pipeline.measure(image)
         except VisionError as error:
             self._say("image unusable", f"image skipped: {error}")
             return
-        self._outputs.publish(image, measurement, message)
+        self._outputs.publish(image, measurement, together["image"])
 
     def _say(self, key: str, text: str) -> None:
         now = time.monotonic()

@@ -46,6 +46,9 @@ class VisionParameters:
     adaptive_offset: float = of(Segmentation, "adaptive_offset")
     colour_low: tuple[float, ...] = of(Segmentation, "colour_low")
     colour_high: tuple[float, ...] = of(Segmentation, "colour_high")
+    near_colour: tuple[float, ...] = of(Segmentation, "near_colour")
+    colour_distance: float = of(Segmentation, "colour_distance")
+    label: str = of(Segmentation, "label")
     weighting: str = of(PipelineSettings, "weighting")
     edge_band: int = of(PipelineSettings, "edge_band")
     order: int = of(PipelineSettings, "order")
@@ -61,7 +64,16 @@ class VisionParameters:
 
     @classmethod
     def from_mapping(cls, given: Mapping[str, Any]) -> VisionParameters:
-        """Check a mapping of parameters. Raises ParameterError naming the one at fault."""
+        """Check a mapping of parameters. Raises ParameterError naming the one at fault.
+
+        `segmentation` may be a mapping of its settings, as the controller node has it.
+        """
+        whole = given.get("segmentation")
+        if isinstance(whole, Mapping):
+            chosen = build(Segmentation, whole, "parameter ~segmentation", ParameterError)
+            parts = {name: getattr(chosen, name) for name in whole}
+            given = {**given, **parts, "segmentation": chosen.method}
+            given.pop("method", None)
         return build(cls, given, "parameter ~", ParameterError)
 
     @cached_property

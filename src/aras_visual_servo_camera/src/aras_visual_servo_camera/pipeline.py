@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.settings import parameter
 
+from .coverage import coverage
 from .degeneracy import gyration_radius
 from .edges import placed
 from .errors import CalibrationError, SegmentationError, VisionError
 from .images import Image
 from .kernel import kernel_features, moment_layout
 from .moments import MAX_ORDER, Moments
-from .segmentation import Segmentation, SegmentedTarget, coverage, segment
+from .segmentation import BY_COLOUR, Segmentation, SegmentedTarget, segment
 from .undistortion import CameraModel
 
 LAYOUTS = ("moments", "kernel")
@@ -88,10 +89,11 @@ class Pipeline:
         """Segment the image and take the target's moments. Raises SegmentationError."""
         camera = self.camera
         colour = None
-        if self.settings.segmentation.method == "colour":
+        if self.settings.segmentation.method in BY_COLOUR:
             colour = image.rgb if image.has_colour else None
         seen = self._seen(image.grey)
-        options = (self.settings.segmentation, colour, self._previous, self.region)
+        options = (self.settings.segmentation, colour, self._previous, self.region,
+                   image.labelled)  # fmt: skip
         target = segment(seen, *options)
         if target.reason and seen is not image.grey:
             target = segment(image.grey, *options)  # to say what is wrong with what is there
@@ -159,7 +161,7 @@ class Pipeline:
     ) -> Moments:
         settings = self.settings
         weights, corner, full_scale = _binary(target)
-        smooth = settings.weighting == "coverage" and settings.segmentation.method != "colour"
+        smooth = settings.weighting == "coverage"
         if smooth:
             weights, corner, _, _ = coverage(grey, target, settings.edge_band)
             full_scale = 1.0

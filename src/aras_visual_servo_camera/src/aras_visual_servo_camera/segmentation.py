@@ -1,19 +1,16 @@
-"""From a grey or colour image to the pixels of the target.
+"""From an image to the pixels of the target: by grey, by colour, or by a label. Holes stay holes.
 
-segment() returns a mask, coverage() the same target as fractions of a pixel. Holes stay holes.
 Columns and rows count from the first pixel's centre (0, 0); boxes are (column, row, width, height).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.settings import check, parameter
 
 from .errors import SegmentationError
@@ -21,9 +18,12 @@ from .errors import SegmentationError
 Mask = NDArray[np.uint8]
 Box = tuple[int, int, int, int]
 
-METHODS = ("fixed", "otsu", "adaptive", "colour")
+METHODS = ("fixed", "otsu", "adaptive", "colour", "nearest_colour", "label")
+BY_COLOUR = ("colour", "nearest_colour")
+UNEVEN = (*BY_COLOUR, "label")  # methods whose target need not have one grey level
 COMPONENTS = ("all", "largest", "nearest", "mask")
 LARGEST = (179, 255, 255)  # hue, saturation and value, as OpenCV has them
+LIGHTNESS = 0.25  # weight of a difference of lightness: shade changes that, and little of the hue
 TAKEN = {
     "largest": "the largest is taken",
     "nearest": "the one nearest to where the target was is taken",
@@ -36,13 +36,18 @@ class Segmentation:
     """Settings: what is target and which connected piece of it.
 
     Attributes:
-        method: 'fixed' threshold, 'otsu', 'adaptive' (local mean) or 'colour' (range in HSV).
+        method: 'fixed' threshold, 'otsu', 'adaptive' (local mean), 'colour' (range in HSV),
+            'nearest_colour' (all that is near one colour), or 'label' (a label image's).
         threshold: grey level of 'fixed', 0 to 255: darker or equal is target (inverse binary).
         dark_target: False turns the comparison round, for a bright target on a dark ground.
         adaptive_block: side of the neighbourhood of 'adaptive', odd, pixels.
         adaptive_offset: how much darker than its neighbourhood the target is, grey levels.
         colour_low, colour_high: range of hue (0-179), saturation, value (0-255). A hue whose
             low is above its high runs through red.
+        near_colour: red, green, blue (0-255) of 'nearest_colour'.
+        colour_distance: from it, in CIELAB with lightness weighted by LIGHTNESS, up to which a
+            pixel is target.
+        label: of 'label', the model, or 'model::link', that is the target.
         component: 'all' pixels as one target, the 'largest' connected piece, the one 'nearest'
             to where the target was last, or the one with most pixels inside a 'mask' image.
         min_pixels: fewer pixels than this are no target.
@@ -56,6 +61,9 @@ class Segmentation:
     adaptive_offset: float = parameter(20.0, least=0.0, most=255.0)
     colour_low: tuple[float, ...] = (0.0, 0.0, 0.0)
     colour_high: tuple[float, ...] = (179.0, 255.0, 60.0)
+    near_colour: tuple[float, ...] = ()
+    colour_distance: float = parameter(25.0, above=0.0, most=255.0)
+    label: str = "target"
     component: str = parameter("largest", choices=COMPONENTS)
     min_pixels: int = parameter(16, least=1, most=10**9)
     min_contrast: float = parameter(40.0, least=0.0, most=255.0)
@@ -70,6 +78,12 @@ class Segmentation:
                 raise SegmentationError(
                     f"{name} {tuple(colour)} must be hue 0-179, saturation 0-255, value 0-255"
                 )
+        given = len(self.near_colour) == 3 and all(0 <= level <= 255 for level in self.near_colour)
+        if not given and (self.near_colour or self.method == "nearest_colour"):
+            raise SegmentationError(
+                f"near_colour is {list(self.near_colour)}, must be red, green, blue, 0-255, for "
+                "method 'nearest_colour'"
+            )
 
 
 def _within(level: float, largest: float) -> bool:
@@ -89,6 +103,7 @@ class SegmentedTarget:
         reason: why there is no usable target; empty if there is one (a border may touch it).
         pieces: connected ones of target colour in the image, of which this is one, or all.
         component: by which it was taken; see Segmentation.
+        uneven: its grey level, and the ground's, may differ from place to place.
     """
 
     mask: Mask
@@ -99,6 +114,7 @@ class SegmentedTarget:
     reason: str = ""
     pieces: int = 1
     component: str = "all"
+    uneven: bool = False
 
     def taken(self) -> str:
         """Which object of the image it is and why that one, in words."""
@@ -115,15 +131,24 @@ class SegmentedTarget:
 
 
 def threshold_image(
-    grey: Mask, settings: Segmentation, colour: NDArray[np.uint8] | None = None
+    grey: Mask, settings: Segmentation, colour: NDArray[np.uint8] | None = None,
+    labelled: Mask | None = None,
 ) -> tuple[Mask, float, str]:
     """Every pixel of target colour: (mask, level, reason why there can be none).
 
     Args:
         grey: (rows, columns) uint8.
         settings: method and its numbers.
-        colour: (rows, columns, 3) RGB, for the method 'colour' only.
+        colour: (rows, columns, 3) RGB, for the methods BY_COLOUR only.
+        labelled: 255 on the target, 0 elsewhere, for the method 'label' only.
     """
+    if settings.method == "label":
+        if labelled is None:
+            raise SegmentationError(
+                "segmentation 'label' needs the simulator's label image, and none comes with this "
+                "picture"
+            )
+        return labelled, -1.0, "" if labelled.any() else f"no pixel of label '{settings.label}'"
     kind = cv2.THRESH_BINARY_INV if settings.dark_target else cv2.THRESH_BINARY
     if settings.method == "fixed":
         return cv2.threshold(grey, settings.threshold, 255, kind)[1], settings.threshold, ""
@@ -145,13 +170,27 @@ def threshold_image(
         )
         return mask, -1.0, ""
     if colour is None:
-        raise SegmentationError("segmentation 'colour' needs a colour image, this one is grey")
+        raise SegmentationError(
+            f"segmentation '{settings.method}' needs a colour image, this one is grey"
+        )
+    if settings.method == "nearest_colour":
+        return _near(colour, settings), -1.0, ""
     hsv = cv2.cvtColor(colour, cv2.COLOR_RGB2HSV)
     low, high = settings.colour_low, settings.colour_high
     if low[0] <= high[0]:
         return cv2.inRange(hsv, low, high), -1.0, ""
     upper = cv2.inRange(hsv, low, (179, *high[1:]))
     return upper | cv2.inRange(hsv, (0, *low[1:]), high), -1.0, ""
+
+
+def _near(colour: NDArray[np.uint8], settings: Segmentation) -> Mask:
+    """255 where a pixel (rows, columns, 3) RGB is within `colour_distance` of `near_colour`."""
+    wanted = np.array(settings.near_colour, np.uint8).reshape(1, 1, 3)
+    away = cv2.cvtColor(colour, cv2.COLOR_RGB2LAB).astype(np.float32)
+    away -= cv2.cvtColor(wanted, cv2.COLOR_RGB2LAB).astype(np.float32)
+    # OpenCV's lightness goes to 255 in place of 100.
+    away[..., 0] *= LIGHTNESS * 100.0 / 255.0
+    return ((away**2).sum(axis=2) <= settings.colour_distance**2).view(np.uint8) * 255
 
 
 def _contrast(grey: Mask, mask: Mask, dark_target: bool) -> float:
@@ -169,29 +208,34 @@ def segment(
     colour: NDArray[np.uint8] | None = None,
     previous: tuple[float, float] | None = None,
     region: Mask | None = None,
+    labelled: Mask | None = None,
 ) -> SegmentedTarget:
-    """Threshold and choose the target component.
+    """Threshold and choose the target component; of a label all pieces are the target.
 
     Args:
         grey: (rows, columns) uint8.
         settings: method, component and their numbers.
-        colour: RGB image, for 'colour'.
+        colour: RGB image, for 'colour' and 'nearest_colour'.
         previous: (column, row) of the target in the frame before, for 'nearest'.
         region: mask in which most of the target lies, for 'mask'.
+        labelled: 255 on the target, for 'label'.
     """
-    mask, level, reason = threshold_image(grey, settings, colour)
+    mask, level, reason = threshold_image(grey, settings, colour, labelled)
     box = cv2.boundingRect(mask)
     if box[2] == 0:
         return SegmentedTarget(mask, (0, 0, 0, 0), 0, level, (), reason or "no target in view")
-    pieces = 1
-    if settings.component != "all":
+    pieces, component = 1, settings.component
+    if settings.method == "label":
+        component = "all"
+    if component != "all":
         mask, box, pieces = _choose(mask, box, settings, previous, region)
         if box[2] == 0:
             return SegmentedTarget(mask, box, 0, level, (), "no target inside the mask image")
     count = cv2.countNonZero(mask[_slices(box)])
     unusable = _unusable(count, box, mask, settings)
     return SegmentedTarget(
-        mask, box, count, level, borders(box, mask.shape), unusable, pieces, settings.component,
+        mask, box, count, level, borders(box, mask.shape), unusable, pieces, component,
+        settings.method in UNEVEN,
     )  # fmt: skip
 
 
@@ -262,76 +306,3 @@ def _choose(
     piece = labels[top : top + height, left : left + width] == chosen
     alone[_slices(new_box)] = piece.view(np.uint8) * 255
     return alone, new_box, count - 1
-
-
-def coverage(
-    grey: Mask, target: SegmentedTarget, band: int = 2
-) -> tuple[NDArray[np.float64], tuple[int, int], float, float]:
-    """How much of each pixel the target covers.
-
-    Inside the target (more than `band` pixels from its edge) a pixel counts as one, outside as
-    zero, and in the band along the edge as (bg - I) / (bg - fg), with bg and fg the mean levels
-    just outside and inside. So noise away from the edge has no say. The fraction is not cut off
-    at 0 and 1: noise has zero mean only as long as both its signs count.
-
-    Returns:
-        weights (rows, columns) of a crop, (column, row) of the crop's first pixel, bg and fg.
-
-    Raises:
-        SegmentationError: no contrast between inside and outside.
-    """
-    margin = 2 * band + 1
-    column, row, width, height = target.box
-    left, top = max(column - margin, 0), max(row - margin, 0)
-    right = min(column + width + margin, grey.shape[1])
-    bottom = min(row + height + margin, grey.shape[0])
-    inside = target.mask[top:bottom, left:right] & 1
-    image = grey[top:bottom, left:right]
-    element = _square(band)
-    around = cv2.dilate(inside, element)
-    core = cv2.erode(inside, element, borderType=cv2.BORDER_REPLICATE)
-    bg, fg = _levels(image, around, core)
-    if abs(bg - fg) < 1.0:
-        raise SegmentationError("the target has no contrast to its surroundings")
-    return _weights(image, around, core, bg, fg), (left, top), bg, fg
-
-
-@cache
-def _square(band: int) -> Mask:
-    """All within `band` pixels, diagonally too."""
-    return cv2.getStructuringElement(cv2.MORPH_RECT, (2 * band + 1, 2 * band + 1))
-
-
-@compiled("u1[:,:], u1[:,:], u1[:,:]")
-def _levels(image, around, core):
-    """Mean levels of the pixels (rows, columns) that are not around the target, and of its core; of
-    none: the greatest and the least level there is."""
-    counts, sums = np.zeros(2, np.int64), np.zeros(2, np.int64)
-    highest, lowest = 0, 255
-    for row in range(image.shape[0]):
-        for column in range(image.shape[1]):
-            level = np.int64(image[row, column])
-            highest, lowest = max(highest, level), min(lowest, level)
-            if not around[row, column]:
-                counts[0] += 1
-                sums[0] += level
-            elif core[row, column]:
-                counts[1] += 1
-                sums[1] += level
-    bg = sums[0] / counts[0] if counts[0] else float(highest)
-    fg = sums[1] / counts[1] if counts[1] else float(lowest)
-    return bg, fg
-
-
-@compiled("u1[:,:], u1[:,:], u1[:,:], f8, f8")
-def _weights(image, around, core, bg, fg):
-    """(rows, columns) 1 in the core, 0 where not around it, between the levels in between."""
-    of_level = (bg - np.arange(256.0)) / (bg - fg)
-    weights = np.zeros(image.shape)
-    for row in range(image.shape[0]):
-        for column in range(image.shape[1]):
-            if core[row, column]:
-                weights[row, column] = 1.0
-            elif around[row, column]:
-                weights[row, column] = of_level[image[row, column]]
-    return weights

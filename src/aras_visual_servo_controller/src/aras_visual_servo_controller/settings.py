@@ -15,11 +15,13 @@ import numpy as np
 
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.settings import converted, default_of, defaults, parameter
+from aras_visual_servo_base.settings import build, converted, default_of, defaults, parameter
 from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
-from aras_visual_servo_camera.errors import VisionError
+from aras_visual_servo_camera.errors import SegmentationError, VisionError
 from aras_visual_servo_camera.model import Start, model_tracker
+from aras_visual_servo_camera.pipeline import PipelineSettings
+from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.trackers import TRACKERS, Tracker
 
 from .arm import (
@@ -100,6 +102,8 @@ class Settings:
     model: mesh of the target (STL, OBJ, DAE), m, whose pose is followed: the tracker is 'model'.
     model_start: where the model is at first: {pose: x y z roll pitch yaw in the base}, {marker:
         {size, pose}} or {clicks: rows x y z u v}.
+    segmentation: how the target's pixels are told, {method, threshold, near_colour, label, ...},
+        as the camera node has them.
     depth_image: the target's plane is taken from the camera's depth image, in place of goal and
         kinematics.
     weights: of stacked features, one each; empty: all alike.
@@ -150,6 +154,7 @@ class Settings:
     tracker: str = parameter(OUTLINE)
     model: str = parameter("")
     model_start: Mapping[str, Any] = parameter({})
+    segmentation: Mapping[str, Any] = parameter({})
     depth_image: bool = parameter(False)
     weights: tuple[float, ...] = parameter(())
     smoothing: float = parameter(0.0, "s", least=0.0, most=10.0)
@@ -231,6 +236,7 @@ class Settings:
                     "digits, _ and / are"
                 )
         settings = cls(**values, package=package)
+        settings.make_segmentation(where)
         settings._check_cameras(where)
         return settings
 
@@ -508,13 +514,27 @@ class Settings:
         control = next(iter(arms))
         return Rig(
             Observer(
-                arm, scheme.needs_of(*(("", name) if name == control else (name,))) | depth, None,
-                self.make_tracker(),
+                arm, scheme.needs_of(*(("", name) if name == control else (name,))) | depth,
+                PipelineSettings(self.make_segmentation()), self.make_tracker(),
                 None if goal is None or name not in goal.cameras else goal.cameras[name].plane_from,
                 name,
             )
             for name, arm in arms.items()
         )  # fmt: skip
+
+    def make_segmentation(self, where: str = "parameter ~") -> Segmentation:
+        """How the target's pixels are told; ConfigurationError for what is wrong with it."""
+        where = f"{where}segmentation"
+        try:
+            found = build(Segmentation, self.segmentation, where, ConfigurationError)
+        except SegmentationError as error:
+            raise ConfigurationError(f"{where}: {error}") from error
+        if found.component == "mask":
+            raise ConfigurationError(
+                f"{where}.component 'mask' is for the camera node, which has the mask image: give "
+                "all, largest or nearest"
+            )
+        return found
 
     def make_tracker(self) -> Tracker | None:
         """What finds the points of the target; None: the outline's corners."""

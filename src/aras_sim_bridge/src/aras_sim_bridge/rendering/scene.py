@@ -13,6 +13,7 @@ from aras_sim_bridge.description.gazebo_materials import WHITE
 from aras_sim_bridge.description.types import Link, Rgba
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.world import Model, World
+from aras_sim_bridge.world.labels import label
 from aras_visual_servo_base.meshes.mesh import Mesh
 
 _log = logging.getLogger(__name__)
@@ -133,7 +134,7 @@ class Scene:
             for index, link in links:
                 names.append(f"{model.name}::{link.name}")
                 parts += self._parts(len(names) - 1, link, model.description.colours.get(link.name))
-                labels.append(model.body_id + ((index + 1) << 24))
+                labels.append(label(model.body_id, index))
         self.parts, self._models = parts, models
         self._labels = np.array(labels, np.int32)
         self._previous = None

@@ -11,6 +11,7 @@ import numpy as np
 
 from aras_visual_servo_base.poses import inverse, relative, transform
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.segmentation import BY_COLOUR
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.limits import check_inside
@@ -127,9 +128,11 @@ class _Builder:
         seeing = [*read, *(name for name in eyes if watched and name not in read)]
         self.eyes = {name: eyes[name] for name in seeing}
         self.control = self.eyes[read[0]]
+        segmentation = self.loop_settings.make_segmentation()
         self.plants = PlantMaker(
             experiment, self.robot, self.control,
             {name: self.eyes[name] for name in seeing[1:]}, self.target, self.needs, depth,
+            segmentation.label if segmentation.method == "label" else "",
         )  # fmt: skip
         self.views = GoalViews(self.plants, self.loop_settings, self.scheme)
 
@@ -217,6 +220,13 @@ class _Builder:
                 f"scheme '{experiment.scheme}' looks at pictures, and there are none with exact "
                 "features: give features: pictures"
             )
+        method = self.loop_settings.make_segmentation().method
+        if method in BY_COLOUR and experiment.plant != "bullet":
+            raise ExperimentError(
+                f"segmentation '{method}' needs colours, and the pictures of plant "
+                f"'{experiment.plant}' are grey: take plant bullet, or tell the target by grey or "
+                "label"
+            )
 
     # -- goal ------------------------------------------------------------------------------
 
@@ -282,8 +292,10 @@ class _Builder:
         self, goal: Goal, arms: Mapping[str, Arm | FreeBody | StandingCamera]
     ) -> Goal | None:
         """A named goal as the believed cameras see it; None where it lacks what the scheme
-        needs."""
+        needs, or was shown another target."""
         goal = goal.for_cameras(arms)
+        if goal.target is not None and not self.plants.of_robot:
+            return None
         try:
             self.scheme.check(goal)
         except ConfigurationError:

@@ -20,7 +20,7 @@ from aras_visual_servo_controller.seeing.observation import CAMERA
 from ..errors import ExperimentError, require
 from ..targets.geometry import Motion, PlacedTarget
 from ..targets.outlines import NAMES, shape_of
-from ..targets.solids import is_mesh
+from ..targets.solids import is_solid
 from .cameras import Belief, CameraSpec
 from .relative_start import RelativeStart
 from .robots import RobotSpec
@@ -125,9 +125,10 @@ class TargetSpec:
     """The target: what it is, where, and how it moves.
 
     shape: 'aras', the demo's two plates; corners (x, y), m, of a flat polygon; square, triangle,
-        l_shape, heptagon, circle; four_dots, marker, line_grid, poster; the path of a picture, of
-        an SVG with an outline, or of a mesh (STL, OBJ, DAE; m), which is a solid.
-    size: of a named shape, a picture or an SVG, along x and y, m.
+        l_shape, heptagon, circle; four_dots, marker, line_grid, poster; the solids box, cylinder,
+        sphere, about their frame's origin; the path of a picture, of an SVG with an outline, or of
+        a mesh (STL, OBJ, DAE, glTF; m), which is a solid.
+    size: of a named shape, a picture or an SVG, along x and y, of a named solid also along z, m.
     pose: x, y, z (m), roll, pitch, yaw (rad) of its frame in the world; its z axis is its normal.
         The plates of 'aras' lie at (0, 0, 0.59) in that frame. motion: see Motion.
     occluder: low and high corner (x, y), m, of an opaque rectangle that lies on the target.
@@ -140,7 +141,9 @@ class TargetSpec:
     """
 
     shape: str | tuple[Pair, ...] = "aras"
-    size: Pair = parameter((0.2, 0.2), "m, the table's", above=0.0, most=LARGEST_TARGET)
+    size: tuple[float, ...] = parameter(
+        (0.2, 0.2), "m, the table's", above=0.0, most=LARGEST_TARGET
+    )
     pose: Six = (0.0,) * 6
     motion: Motion = Motion()
     occluder: tuple[Pair, Pair] | None = None
@@ -171,9 +174,9 @@ class TargetSpec:
                 "target.occluded says when an occluder lies there: give target.occluder")
         _check_times(self.occluded, "target.occluded")
         require(
-            not is_mesh(self.shape) or self.box is None and self.occluder is None
+            not is_solid(self.shape) or self.box is None and self.occluder is None
             and not self.perturbed,
-            "target.box, occluder and perturbed are for flat targets, and a mesh is a solid of its "
+            "target.box, occluder and perturbed are for flat targets, and this is a solid of its "
             "own: leave them out",
         )
         given = self.shape == "aras" or self.described

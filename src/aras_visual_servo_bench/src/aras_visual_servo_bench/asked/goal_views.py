@@ -11,7 +11,7 @@ import numpy as np
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import JointController, Scheme
-from aras_visual_servo_controller.seeing.observation import Need, Observation, Observer
+from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need, Observation, Observer
 from aras_visual_servo_controller.seeing.rig import StandingCamera
 from aras_visual_servo_controller.settings import Settings
 
@@ -134,7 +134,10 @@ class GoalViews:
         plants, target = self.plants, self.plants.target
         rig = self.settings.rig({**dict.fromkeys(mountings), **others}, self.scheme)
         readings: dict[str, CameraReading] = {}
-        pictured = frozenset().union(*plants.needs.values()) & PICTURED
+        needs = frozenset().union(*plants.needs.values())
+        pictured = needs & PICTURED
+        if isinstance(target.shape, SolidTarget) or plants.label:
+            pictured = needs & SEGMENTED | pictured
         if plants.experiment.plant == "bullet" and plants.experiment.pictures and pictured:
             readings = plants.pictures(pose, joints)
         views: dict[str, Observation] = {}
@@ -144,13 +147,18 @@ class GoalViews:
                 sight = plants.sight(self._eye(camera), exactly=True)
                 reading = sight.look(pose, 0, np.random.default_rng(0))
             believed = (pose if place is None else place.at(pose)) @ mountings[camera]
+            plane = target.shape.plane
+            if Need.MOMENTS in observer.needs and Need.CORNERS not in observer.needs:
+                plane = target.shape.outline_plane
             views[camera] = observed(
                 observer, reading, self._eye(camera), world_T_camera=believed,
-                plane=target.shape.plane(target.seen_from(believed)),
+                plane=plane(target.seen_from(believed)),
             )  # fmt: skip
             if camera in readings:
                 self._is_target(views[camera], pose if place is None else place.at(pose))
         control = views.pop(rig.control.name)
         depth = target.shape.depth(target.seen_from(control.world_T_camera))
+        if isinstance(target.shape, SolidTarget):
+            depth = None  # its plane's
         observation = rig.together(control, views) if views else control
         return replace(Goal.teach(self.scheme, observation, name, depth), joints=dict(joints))

@@ -12,8 +12,8 @@ from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.settings import Settings
 
 from ..errors import ExperimentError
-from ..targets.outlines import tracker_of
-from ..targets.solids import is_mesh
+from ..targets.outlines import shape_of, tracker_of
+from ..targets.solids import is_solid
 from .experiment import FLYING, Experiment, TargetSpec
 from .packages import PackagePath
 from .robots import Robot
@@ -64,10 +64,10 @@ def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
 
 def _model(target: TargetSpec) -> dict[str, Any]:
     """What the tracker of a solid target is told: its mesh, and where it is about."""
-    if not is_mesh(target.shape):
+    if not is_solid(target.shape):
         return {}
     # It is looked for where it is, or where the options say.
-    mesh = str(Path(target.shape).expanduser().resolve())
+    mesh = str(shape_of(target.shape, target.size).path)
     return {"model": mesh, "model_start": {"pose": list(target.pose)}}
 
 

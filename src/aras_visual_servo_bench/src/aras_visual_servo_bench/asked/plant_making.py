@@ -20,7 +20,7 @@ from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError
 from aras_visual_servo_base.poses import relative, transform
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.seeing.observation import Need
+from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need
 
 from ..errors import ExperimentError
 from ..plants import CameraReading, Plant
@@ -54,6 +54,7 @@ class PlantMaker:
         control: the control camera. others: the other cameras that are there, by name.
         target: in the world. needs: of the loop, by the name of the camera; none of one that only
             watches. depth: every camera gives depth images, whatever is needed.
+        label: model, or 'model::link', that label images are to tell; '': none are wanted.
     """
 
     experiment: Experiment
@@ -63,6 +64,7 @@ class PlantMaker:
     target: PlacedTarget
     needs: Mapping[str, frozenset[Need]]
     depth: bool = False
+    label: str = ""
 
     @cached_property
     def places(self) -> dict[str, Place]:
@@ -89,6 +91,11 @@ class PlantMaker:
         experiment = self.experiment
         drawn = experiment.plant == "bullet" and experiment.pictures
         return Postures.of(self.robot, self.control, experiment.target, drawn)
+
+    @property
+    def of_robot(self) -> bool:
+        """Whether the target is the robot's: its own plates, or what its description has."""
+        return self.experiment.target.described or self.experiment.target.shape == "aras"
 
     @property
     def unbounded(self) -> bool:
@@ -137,6 +144,7 @@ class PlantMaker:
             grey_noise=0.0 if exactly else experiment.noise,
             jitter=0.0 if exactly else experiment.jitter,
             depth=self.depth or Need.DEPTH in needs,
+            labelled=bool(self.label and needs & SEGMENTED),
             occluder=experiment.target.occluder,
             occluded=() if exactly and experiment.target.occluded else experiment.target.occluded,
             unbounded=self.unbounded,
@@ -174,7 +182,7 @@ class PlantMaker:
                 () if experiment.pictures else self.sights(), self._around(exactly),
                 self.control.name if experiment.cameras else "",
                 {name: self._drawn(eye, exactly) for name, eye in self.others.items()},
-                experiment.sun.exposure,
+                experiment.sun.exposure, self.label,
             )  # fmt: skip
         if experiment.plant == "ideal":
             believed = experiment.believed
@@ -221,6 +229,8 @@ class PlantMaker:
             settings["effects"] = {**effects, "noise_stddev": self.experiment.noise}
         if self.depth or Need.DEPTH in needs:
             settings["depth"] = True
+        if self.label and needs & SEGMENTED:
+            settings["segmentation"] = True
         return settings
 
     def pictures(self, pose: np.ndarray, joints: Mapping[str, float]) -> dict[str, CameraReading]:

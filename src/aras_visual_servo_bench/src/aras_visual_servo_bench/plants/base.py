@@ -63,7 +63,8 @@ class CameraReading:
     """What the camera delivers: a picture, or exact features where there are no pictures.
 
     stamp_ns: of the exposure. image: (rows, columns[, 3]) uint8 and its encoding, or None.
-    depth: (rows, columns) m or None. outline: (n, 2), points: (m, 2), px; None: not in view.
+    depth: (rows, columns) m or None. labelled: (rows, columns) 255 where a label image has the
+    target, or None. outline: (n, 2), points: (m, 2), px; None: not in view.
     camera: its name.
     """
 
@@ -74,6 +75,7 @@ class CameraReading:
     outline: np.ndarray | None = None
     points: np.ndarray | None = None
     camera: str = CAMERA
+    labelled: np.ndarray | None = None
 
     @property
     def stamp(self) -> float:
@@ -88,7 +90,7 @@ class CameraReading:
     @property
     def picture(self) -> Image:
         """The picture as the camera package reads it."""
-        return Image(self.image, self.encoding)
+        return Image(self.image, self.encoding, self.labelled)
 
 
 Reading = JointReading | CameraReading

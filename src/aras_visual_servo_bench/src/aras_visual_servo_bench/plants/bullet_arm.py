@@ -21,6 +21,7 @@ from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.rendering import EXPOSURES
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.world.labels import links_by_label
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.poses import (
     Pose,
@@ -32,6 +33,8 @@ from aras_visual_servo_base.poses import (
     to_xyz_rpy,
     transform,
 )
+from aras_visual_servo_camera.errors import SegmentationError
+from aras_visual_servo_camera.labels import TargetLabels
 
 from ..asked import cameras
 from ..asked.robots import Robot
@@ -94,6 +97,7 @@ class BulletArm(Plant):
         name: str = "",
         others: Mapping[str, Mapping[str, Any]] = NO_OTHERS,
         exposure: str = EXPOSURES[0],
+        label: str = "",
     ) -> None:
         """Spawn the robot at these joints, controllers and camera running.
 
@@ -109,6 +113,7 @@ class BulletArm(Plant):
             name: of the control camera; '': the robot's own, the only one.
             others: settings of the other cameras, by name; `robot` says where they sit.
             exposure: how the light becomes grey levels, one of EXPOSURES.
+            label: model, or 'model::link', of which the label images tell the pixels; '': none do.
 
         Raises:
             ExperimentError: what of it is impossible.
@@ -155,7 +160,12 @@ class BulletArm(Plant):
             self._spawn(robot, description, name, own, joints)
             for name, one in zip((TARGET, OCCLUDER), shown, strict=False):
                 self._place(name, one)
-        except SimError as error:
+            self._labels = None
+            if label:
+                self._labels = TargetLabels(label)
+                self._labels.name(links_by_label(self._simulation.world.models))
+                self._labels.numbers()
+        except (SimError, SegmentationError) as error:
             self.close()
             raise ExperimentError(str(error)) from error
 
@@ -314,8 +324,12 @@ class BulletArm(Plant):
         )
 
     def _on_frame(self, camera: str, frame: Any) -> None:
+        labelled = None
+        if self._labels is not None and frame.segmentation is not None:
+            labelled = self._labels.mask(frame.segmentation)
         self._readings.append(CameraReading(
-            frame.stamp_ns, frame.image, frame.encoding, frame.depth, camera=camera
+            frame.stamp_ns, frame.image, frame.encoding, frame.depth, camera=camera,
+            labelled=labelled,
         ))  # fmt: skip
 
 

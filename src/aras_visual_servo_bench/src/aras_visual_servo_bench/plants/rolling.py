@@ -25,14 +25,19 @@ def rolling(
     if sight.pictures:
         still = replace(sight, grey_noise=0.0, sensor=None, parts=(), depth=False)
         bands = [
-            replace(still, camera=_rows(sight.camera, part)).look(pose, ns, random).image
+            replace(still, camera=_rows(sight.camera, part)).look(pose, ns, random)
             for part, pose, ns in zip(sight.parts, poses, at, strict=True)
         ]
         depth = None
         if sight.depth:
             depth = replace(still, depth=True).look(poses[middle], stamp_ns, random).depth
-        image = sight.noisy(np.vstack(bands), stamp_ns, random)
-        return CameraReading(stamp_ns, image, "mono8", depth, camera=sight.name)
+        image = sight.noisy(np.vstack([band.image for band in bands]), stamp_ns, random)
+        labelled = None
+        if sight.labelled:
+            labelled = np.vstack([band.labelled for band in bands])
+        return CameraReading(
+            stamp_ns, image, "mono8", depth, camera=sight.name, labelled=labelled
+        )
     looks = [sight.seen_from(pose, ns) for pose, ns in zip(poses, at, strict=True)]
     try:
         outlines = _outlines(sight.target.shape, looks, middle)

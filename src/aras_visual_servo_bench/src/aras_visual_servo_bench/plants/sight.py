@@ -17,7 +17,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from ..asked import cameras
 from ..errors import ViewError
 from ..targets.geometry import PlacedTarget, project
-from ..targets.pictures import seen
+from ..targets.pictures import seen, shows
 from ..targets.solids import SolidTarget
 from ..targets.textures import TexturedTarget
 from .base import CAMERA, CameraReading, Place
@@ -34,7 +34,8 @@ class Sight:
     camera: the true one. target: in the world. rate: pictures a second.
     pictures: draw them; otherwise outlines and corners are exact.
     grey_noise: standard deviation of drawn pixels, grey levels. jitter: of exact points, px.
-    depth: deliver a depth image too. drop: probability that an image is lost.
+    depth: deliver a depth image too. labelled: and which pixels are the target's.
+    drop: probability that an image is lost.
     occluder: corners (x, y), m, of a white rectangle on the target. occluded: from when and until
         when it lies there, s; None: always.
     unbounded: exact features have no picture's border, and are lost behind the camera alone.
@@ -51,6 +52,7 @@ class Sight:
     grey_noise: float = 0.0
     jitter: float = 0.0
     depth: bool = False
+    labelled: bool = False
     drop: float = 0.0
     occluder: tuple[tuple[float, float], tuple[float, float]] | None = None
     occluded: tuple[tuple[float, float], ...] | None = None
@@ -83,7 +85,12 @@ class Sight:
         drawn = self._drawn(outline, seen_from, within(self.occluded, stamp_ns / NS))
         image = self.noisy(drawn, stamp_ns, random)
         depth = self._depth(seen_from) if self.depth else None
-        return CameraReading(stamp_ns, image, "mono8", depth, camera=self.name)
+        labelled = None
+        if self.labelled:
+            labelled = self._labelled(drawn, seen_from)
+        return CameraReading(
+            stamp_ns, image, "mono8", depth, camera=self.name, labelled=labelled
+        )
 
     def noisy(
         self, image: np.ndarray, stamp_ns: int, random: np.random.Generator
@@ -136,6 +143,14 @@ class Sight:
                 covered = cameras.draw(project(corners, seen_from), self.camera)
                 image = np.where(covered < OCCLUDED, np.uint8(cameras.WHITE), image)
         return image
+
+    def _labelled(self, drawn: np.ndarray, seen_from: np.ndarray) -> np.ndarray:
+        """(rows, columns) 255 where the target is; of a flat black one, where the picture
+        without noise is dark."""
+        shape = self.target.shape
+        if isinstance(shape, SolidTarget):
+            return shows(shape, self.camera, seen_from)
+        return (drawn < OCCLUDED).view(np.uint8) * 255
 
     def _depth(self, target_T_camera: np.ndarray) -> np.ndarray:
         """(rows, columns) m of the plane that the target lies in; inf where it is not before."""

@@ -12,7 +12,6 @@ import argparse
 import sys
 from functools import lru_cache
 from pathlib import Path
-from tempfile import mkdtemp
 
 import cv2
 import numpy as np
@@ -21,6 +20,7 @@ from ..asked.experiment import BoxSpec, Pair, TargetSpec
 from ..errors import ExperimentError, require, writing
 from .geometry import Target
 from .outlines import shape_of
+from .scratch import scratch
 from .solids import SolidTarget
 from .textures import TexturedTarget
 
@@ -102,10 +102,13 @@ def _solid(target: SolidTarget, folder: Path, name: str) -> Path:
     """The URDF of a solid that stands still, by its own mesh file."""
     with writing(f"the target into {folder}", ExperimentError):
         folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{name}.urdf"
+        path, mesh = folder / f"{name}.urdf", target.path
         grey = "" if target.coloured else GREY.format(name=name)
+        if target.made:
+            mesh = folder.resolve() / f"{name}.obj"
+            mesh.write_text(target.path.read_text())
         path.write_text(URDF.format(
-            name=name, mesh=f"file://{target.path}", more="", physics=STANDS + grey
+            name=name, mesh=f"file://{mesh}", more="", physics=STANDS + grey
         ))  # fmt: skip
     return path
 
@@ -150,21 +153,6 @@ def occluder_file(rectangle: tuple[Pair, Pair]) -> Path:
         name=name, mesh=f"file://{folder.resolve()}/{name}.obj", more="", physics=STANDS
     ))  # fmt: skip
     return path
-
-
-def scratch() -> Path:
-    """A new folder, which goes with the process."""
-    return Path(mkdtemp(dir=_scratch()))
-
-
-@lru_cache(maxsize=1)
-def _scratch() -> Path:
-    import atexit
-    import shutil
-
-    folder = Path(mkdtemp(prefix="aras_targets_"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return folder
 
 
 def triangles(corners: np.ndarray) -> list[tuple[int, int, int]]:
@@ -233,7 +221,8 @@ def main(argv: list[str] | None = None) -> int:
         epilog="example: rosrun aras_visual_servo_bench target_files l_shape --size 0.1 0.08",
     )  # fmt: skip
     parser.add_argument("shape", help="a target's name, a picture, or an SVG with an outline")
-    parser.add_argument("--size", type=float, nargs=2, default=(0.1, 0.1), help="x and y, m")
+    parser.add_argument("--size", type=float, nargs="+", default=(0.1, 0.1),
+                        help="x and y, m; of a box, cylinder or sphere x, y and z")  # fmt: skip
     parser.add_argument("--occluder", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"),
                         help="corners of a white rectangle that lies on it, m")  # fmt: skip
     parser.add_argument("--name", help="of the files")
@@ -241,8 +230,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder")
     options = parser.parse_args(argv)
     try:
-        size: Pair = tuple(options.size)
-        spec = TargetSpec(options.shape, size)
+        spec = TargetSpec(options.shape, tuple(options.size))
         covered = options.occluder and (tuple(options.occluder[:2]), tuple(options.occluder[2:]))
         path = write(
             shape_of(spec.shape, spec.size), options.out, options.name or Path(options.shape).stem,

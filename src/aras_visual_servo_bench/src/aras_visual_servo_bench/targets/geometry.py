@@ -55,6 +55,10 @@ class Target(ABC):
         distance = self.height - target_T_camera[2, 3]
         return Plane(*(target_T_camera[2, :3] / distance).tolist())
 
+    def outline_plane(self, target_T_camera: np.ndarray) -> Plane:
+        """The plane of what bounds its view, as moments need it; ViewError: none fits."""
+        return self.plane(target_T_camera)
+
 
 @dataclass(frozen=True, eq=False)
 class BoxesTarget(Target):

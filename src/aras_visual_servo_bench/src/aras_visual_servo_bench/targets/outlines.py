@@ -20,7 +20,7 @@ from aras_visual_servo_controller.settings import MODEL, OUTLINE
 
 from ..errors import ExperimentError, require
 from .geometry import ARAS, PolygonTarget, RoundTarget, Target
-from .solids import is_mesh, solid_target
+from .solids import PRIMITIVES, is_solid, primitive, solid_target
 from .textures import MADE, from_picture
 
 if TYPE_CHECKING:
@@ -44,28 +44,29 @@ OUTLINES: dict[str, tuple[tuple[float, float], ...]] = {
     "l_shape": ((-0.5, -0.5), (0.5, -0.5), (0.5, -0.1), (-0.1, -0.1), (-0.1, 0.5), (-0.5, 0.5)),
     "heptagon": _ring(7),
 }
-NAMES = ("aras", "circle", *OUTLINES, *MADE)
+NAMES = ("aras", "circle", *OUTLINES, *MADE, *PRIMITIVES)
 # What finds the points of those that are more than an outline.
 TRACKERS = {"four_dots": "dots", "marker": "marker", "line_grid": "lines"}
 
 
 def tracker_of(shape: str | tuple[tuple[float, float], ...]) -> str:
     """Name of the tracker of a target's points, by its shape as in TargetSpec or by its file."""
-    if is_mesh(shape):
+    if is_solid(shape):
         return MODEL
     return TRACKERS.get(Path(shape).stem, OUTLINE) if isinstance(shape, str) else OUTLINE
 
 
 @lru_cache(maxsize=32)
 def shape_of(
-    shape: str | tuple[tuple[float, float], ...], size: tuple[float, float]
+    shape: str | tuple[tuple[float, float], ...], size: tuple[float, ...]
 ) -> Target:
     """The target of a name, of a picture's, an SVG's or a mesh's path, or of a flat polygon's
     corners.
 
     Args:
         shape: as in TargetSpec.
-        size: of what has a name, or a picture's or an SVG's path, along x and y, m.
+        size: of what has a name, or a picture's or an SVG's path, along x and y, of a box, a
+            cylinder or a sphere also along z, m.
 
     Raises:
         ExperimentError: there is none of that name, or its file cannot be used.
@@ -74,6 +75,10 @@ def shape_of(
         return PolygonTarget(shape)
     if shape == "aras":
         return ARAS
+    if shape in PRIMITIVES:
+        return primitive(shape, size)
+    require(len(size) == 2, f"target.size of {shape} is {list(size)}, must be two lengths, along "
+            "x and y, m")  # fmt: skip
     if shape == "circle":
         return RoundTarget(_scaled(_ring(CIRCLE_EDGES), size))
     if shape in OUTLINES:
@@ -82,7 +87,7 @@ def shape_of(
         return MADE[shape](size)
     path = Path(shape).expanduser()
     require(bool(path.suffix), f"target.shape is '{shape}': {nearest(shape, NAMES)}")
-    if is_mesh(shape):
+    if is_solid(shape):
         return solid_target(path)
     require(path.is_file(), f"target.shape: there is no file {path}")
     if path.suffix.lower() == ".svg":

@@ -15,8 +15,9 @@ from aras_visual_servo_base.poses import IDENTITY, Pose
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..asked.experiment import Pair
-from .files import scratch, write
+from .files import write
 from .geometry import NEAREST, Target
+from .scratch import scratch
 from .solids import SolidTarget
 
 FARTHEST = 1e3  # m
@@ -49,13 +50,22 @@ def seen(
 ) -> np.ndarray:
     """(rows, columns) uint8 as a camera at target_T_camera (4, 4) sees a flat target and the white
     rectangle on it, whose low and high corner (x, y), m, are `occluder`."""
+    return _renderer(target, occluder).render(_view(camera, target_T_camera))[..., 0]
+
+
+def shows(target: Target, camera: CameraModel, target_T_camera: np.ndarray) -> np.ndarray:
+    """(rows, columns) uint8, 255 where a camera at target_T_camera (4, 4) sees the target."""
+    label = _renderer(target, None).measure(_view(camera, target_T_camera))[1]
+    return (label >= 0).view(np.uint8) * 255
+
+
+def _view(camera: CameraModel, target_T_camera: np.ndarray) -> View:
     size, K = (camera.width, camera.height), np.reshape(camera.K, (3, 3))
     lens = None
     if camera.distorted:
         lens = shared(*size, camera, lambda: Tiles.of_lens(*size, lambda pixels: _rays(
             camera, pixels)))
-    view = View(*size, target_T_camera, K, NEAREST, FARTHEST, lens)
-    return _renderer(target, occluder).render(view)[..., 0]
+    return View(*size, target_T_camera, K, NEAREST, FARTHEST, lens)
 
 
 def _rays(camera: CameraModel, pixels: np.ndarray) -> np.ndarray:

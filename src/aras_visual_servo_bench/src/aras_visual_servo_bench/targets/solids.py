@@ -1,22 +1,32 @@
-"""Solid targets: a mesh file, in metres, whose pose a camera tracks."""
+"""Solid targets: a mesh file, in metres, or a box, a cylinder, an ellipsoid of a given size."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 
-import cv2
 import numpy as np
 
+from aras_sim_bridge.description.shapes import triangles
+from aras_sim_bridge.description.types import Geometry
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.meshes import files
 from aras_visual_servo_camera.errors import ModelError
+from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.model import Solid, read_solid
+from aras_visual_servo_camera.silhouette import fitting_plane, outline_points
 
-from ..errors import ExperimentError, require
+from ..errors import ExperimentError, ViewError, require
 from .geometry import Target, project
+from .scratch import scratch
 
+# Of unit size; the target's size scales them along x, y and z.
+PRIMITIVES = {
+    "box": Geometry("box", size=(1.0, 1.0, 1.0)),
+    "cylinder": Geometry("cylinder", radius=0.5, length=1.0),
+    "sphere": Geometry("sphere", radius=0.5),
+}
 MESHES = (".stl", ".obj", ".dae", ".glb", ".gltf")
 
 
@@ -24,11 +34,12 @@ MESHES = (".stl", ".obj", ".dae", ".glb", ".gltf")
 class SolidTarget(Target):
     """A solid; as plane and points it has those halfway up its z axis (Solid.points).
 
-    path: of its mesh file.
+    path: of its mesh file. made: whether that file was made for this process.
     """
 
     solid: Solid
     path: Path
+    made: bool = False
 
     @property
     def coloured(self) -> bool:
@@ -41,8 +52,20 @@ class SolidTarget(Target):
 
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
         """The convex hull of all its vertices in the view."""
-        seen = project(self._extreme, target_T_camera)
-        return cv2.convexHull(seen.astype(np.float32))[:, 0].astype(float)
+        rim = outline_points(self._before(target_T_camera))
+        return rim[:, :2] / rim[:, 2:]
+
+    def outline_plane(self, target_T_camera: np.ndarray) -> Plane:
+        """The plane that fits where its outline touches it."""
+        try:
+            return fitting_plane(self._before(target_T_camera), self.path.name)
+        except ModelError as error:
+            raise ViewError(str(error)) from error
+
+    def _before(self, target_T_camera: np.ndarray) -> np.ndarray:
+        """(n, 3) vertices on its convex hull, in the camera's frame, m."""
+        project(self._extreme, target_T_camera)
+        return (self._extreme - target_T_camera[:3, 3]) @ target_T_camera[:3, :3]
 
     @cached_property
     def _extreme(self) -> np.ndarray:
@@ -52,9 +75,33 @@ class SolidTarget(Target):
         return self.solid.vertices[ConvexHull(self.solid.vertices).vertices]
 
 
-def is_mesh(shape: str | tuple) -> bool:
-    """Whether a target's shape is the path of a mesh file."""
-    return isinstance(shape, str) and Path(shape).suffix.lower() in MESHES
+def is_solid(shape: str | tuple) -> bool:
+    """Whether a target's shape is the path of a mesh file, or a primitive's name."""
+    if not isinstance(shape, str):
+        return False
+    return shape in PRIMITIVES or Path(shape).suffix.lower() in MESHES
+
+
+@lru_cache(maxsize=32)
+def primitive(name: str, size: tuple[float, ...]) -> SolidTarget:
+    """A box, cylinder or sphere about its frame's origin, of that size along x, y and z, m.
+
+    Raises:
+        ExperimentError: the size is not three lengths, or no camera could see it.
+    """
+    require(len(size) == 3,
+            f"target.size of a {name} is {list(size)}, must be three lengths, along x, y and z, m")
+    (mesh,) = triangles(PRIMITIVES[name])
+    return made_solid(mesh.positions[mesh.triangles] * size, name)
+
+
+def made_solid(corners: np.ndarray, name: str) -> SolidTarget:
+    """The target of triangles (n, 3, 3), m; ExperimentError as `solid_target`."""
+    path = scratch() / f"{name}.obj"
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.reshape(corners, (-1, 3))]
+    lines += [f"f {k} {k + 1} {k + 2}" for k in range(1, len(lines), 3)]
+    path.write_text("\n".join(lines) + "\n")
+    return replace(solid_target(path), made=True)
 
 
 @lru_cache(maxsize=32)

@@ -7,10 +7,11 @@ import threading
 import rospy
 from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
 
+from aras_visual_servo_base.stamp_pairing import ByStamp
+
 from ..loop.driver import Driver
 from ..loop.state import Source
 from ..seeing.observation import Need, Observer
-from ..seeing.stamp_pairing import ByStamp
 from ..settings import CameraEntry
 from .messages import camera_of, moments_of
 

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 
 import rospy
 from sensor_msgs.msg import CameraInfo, Image
 
+from aras_visual_servo_base.stamp_pairing import ByStamp
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import decode
+from aras_visual_servo_camera.label_topics import BUFFER, LabelTopics
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..loop.driver import Driver
 from ..loop.state import Source
-from ..seeing.observation import Need, Observer
+from ..seeing.observation import SEGMENTED, Need, Observer
 from ..seeing.rig import Look
-from ..seeing.stamp_pairing import ByStamp
 from ..settings import CameraEntry
 from .depth import depth_of
 
 PICTURED = {Need.IMAGE, Need.CONTOUR, Need.CORNERS, Need.DEPTH}
-BUFFER = 2**24  # bytes, holds several images: always the newest, never a backlog
 
 
 class PictureInput:
@@ -32,7 +33,12 @@ class PictureInput:
         self._early: dict[str, Image] = {}  # the newest of each kind that came before camera_info
         self._lock = threading.Lock()
         depth = Need.DEPTH in observer.needs
-        self._images = ByStamp(("image", "depth") if depth else ("image",))
+        segmentation = observer.pipeline.settings.segmentation
+        self._labels = None
+        if segmentation.method == "label" and observer.needs & SEGMENTED:
+            self._labels = LabelTopics(topics.namespace, segmentation.label, self._on_labels)
+        parts = {"image": True, "depth": depth, "labels": self._labels is not None}
+        self._images = ByStamp([kind for kind, wanted in parts.items() if wanted])
         options = {"queue_size": 1, "tcp_nodelay": True}
         large, camera = {**options, "buff_size": BUFFER}, topics.namespace
         driver.comes_from(
@@ -46,6 +52,8 @@ class PictureInput:
         if depth:
             topic = f"{camera}/depth/image_raw"
             self.subscribers.append(rospy.Subscriber(topic, Image, self._on_depth, **large))
+        if self._labels is not None:
+            self.subscribers += self._labels.subscribers
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
@@ -67,6 +75,9 @@ class PictureInput:
     def _on_depth(self, message: Image) -> None:
         self._seen("depth", message)
 
+    def _on_labels(self, message: Image) -> None:
+        self._seen("labels", message)
+
     def _seen(self, kind: str, message: Image) -> None:
         with self._lock:
             camera = self._camera
@@ -83,6 +94,8 @@ class PictureInput:
         try:
             image = decode(together["image"])
             depth = depth_of(together["depth"]) if "depth" in together else None
+            if "labels" in together:
+                image = replace(image, labelled=self._labels.mask(together["labels"]))
         except VisionError as error:
             rospy.logwarn_throttle(5.0, f"image skipped: {error}")
             return

@@ -9,6 +9,7 @@ from std_msgs.msg import String
 
 from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
 from aras_sim_bridge.simulation import Simulation
+from aras_sim_bridge.world.labels import links_by_label
 
 
 class LabelTopic(QuickPublisher):
@@ -26,9 +27,4 @@ class LabelTopic(QuickPublisher):
         if known == self._known:
             return
         self._known = known
-        labels = {
-            model.body_id + ((index + 1) << 24): f"{name}::{link}"
-            for name, model in models.items()
-            for link, index in model.link_indices.items()
-        }
-        self.publish(String(yaml.safe_dump(labels, sort_keys=True)))
+        self.publish(String(yaml.safe_dump(links_by_label(models), sort_keys=True)))

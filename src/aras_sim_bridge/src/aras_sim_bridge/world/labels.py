@@ -1,0 +1,23 @@
+"""Numbers of links in label images, as Bullet has them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .model import Model
+
+
+def label(body: int, index: int) -> int:
+    """Of a link of a body by its index, -1 the root."""
+    return body + ((index + 1) << 24)
+
+
+def links_by_label(models: Mapping[str, Model]) -> dict[int, str]:
+    """'model::link' by number, of models by name."""
+    return {
+        label(model.body_id, index): f"{name}::{link}"
+        for name, model in models.items()
+        for link, index in model.link_indices.items()
+    }

@@ -1,0 +1,119 @@
+"""How much of each pixel the segmented target covers, by the grey levels at its edge."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from aras_visual_servo_base.compiled import compiled
+
+from .errors import SegmentationError
+from .segmentation import Mask, SegmentedTarget
+
+AROUND = 3  # pixels to each side of one, whose mean is its level of ground, or of an uneven target
+CONTRAST = 8.0  # grey levels between target and ground below which an edge pixel is not divided
+
+
+def coverage(
+    grey: Mask, target: SegmentedTarget, band: int = 2
+) -> tuple[NDArray[np.float64], tuple[int, int], float, float]:
+    """How much of each pixel the target covers.
+
+    Inside the target (more than `band` pixels from its edge) a pixel counts as one, outside as
+    zero, and in the band along the edge as (bg - I) / (bg - fg), with bg and fg the mean levels
+    just outside and inside. So noise away from the edge has no say. The fraction is not cut off
+    at 0 and 1: noise has zero mean only as long as both its signs count.
+
+    Where levels differ from place to place (`target.uneven`) they are the means around each pixel,
+    the band is the pixels next to the edge, and those without contrast are target or not as the
+    mask has them.
+
+    Returns:
+        weights (rows, columns) of a crop, (column, row) of the crop's first pixel, bg and fg
+        (of uneven ones the means over the crop).
+
+    Raises:
+        SegmentationError: no contrast between inside and outside.
+    """
+    margin = 2 * band + 1
+    column, row, width, height = target.box
+    left, top = max(column - margin, 0), max(row - margin, 0)
+    right = min(column + width + margin, grey.shape[1])
+    bottom = min(row + height + margin, grey.shape[0])
+    inside = target.mask[top:bottom, left:right] & 1
+    image = grey[top:bottom, left:right]
+    if target.uneven:
+        return _uneven(image, inside, (left, top))
+    element = _square(band)
+    around = cv2.dilate(inside, element)
+    core = cv2.erode(inside, element, borderType=cv2.BORDER_REPLICATE)
+    bg, fg = _levels(image, around, core)
+    if abs(bg - fg) < 1.0:
+        raise SegmentationError("the target has no contrast to its surroundings")
+    return _weights(image, around, core, bg, fg), (left, top), bg, fg
+
+
+def _uneven(
+    image: Mask, inside: Mask, corner: tuple[int, int]
+) -> tuple[NDArray[np.float64], tuple[int, int], float, float]:
+    """As `coverage`, of a crop whose levels differ from place to place."""
+    around = cv2.dilate(inside, _square(1))
+    core = cv2.erode(inside, _square(1), borderType=cv2.BORDER_REPLICATE)
+    levels = []
+    for there in (1 - around, core):
+        total, count = (
+            cv2.boxFilter(part, -1, (2 * AROUND + 1,) * 2, normalize=False,
+                          borderType=cv2.BORDER_CONSTANT)
+            for part in (there * image.astype(np.float64), there.astype(np.float64))
+        )  # fmt: skip
+        levels.append(np.where(count > 0.5, total / np.maximum(count, 1.0), np.nan))
+    bg, fg = levels
+    weights = inside.astype(float)
+    edge = (around > core) & (np.abs(bg - fg) > CONTRAST)
+    weights[edge] = np.clip((bg[edge] - image[edge]) / (bg[edge] - fg[edge]), 0.0, 1.0)
+    means = (cv2.mean(image, there)[0] for there in (1 - inside, inside))
+    return weights, corner, *means
+
+
+@cache
+def _square(band: int) -> Mask:
+    """All within `band` pixels, diagonally too."""
+    return cv2.getStructuringElement(cv2.MORPH_RECT, (2 * band + 1, 2 * band + 1))
+
+
+@compiled("u1[:,:], u1[:,:], u1[:,:]")
+def _levels(image, around, core):
+    """Mean levels of the pixels (rows, columns) that are not around the target, and of its core; of
+    none: the greatest and the least level there is."""
+    counts, sums = np.zeros(2, np.int64), np.zeros(2, np.int64)
+    highest, lowest = 0, 255
+    for row in range(image.shape[0]):
+        for column in range(image.shape[1]):
+            level = np.int64(image[row, column])
+            highest, lowest = max(highest, level), min(lowest, level)
+            if not around[row, column]:
+                counts[0] += 1
+                sums[0] += level
+            elif core[row, column]:
+                counts[1] += 1
+                sums[1] += level
+    bg = sums[0] / counts[0] if counts[0] else float(highest)
+    fg = sums[1] / counts[1] if counts[1] else float(lowest)
+    return bg, fg
+
+
+@compiled("u1[:,:], u1[:,:], u1[:,:], f8, f8")
+def _weights(image, around, core, bg, fg):
+    """(rows, columns) 1 in the core, 0 where not around it, between the levels in between."""
+    of_level = (bg - np.arange(256.0)) / (bg - fg)
+    weights = np.zeros(image.shape)
+    for row in range(image.shape[0]):
+        for column in range(image.shape[1]):
+            if core[row, column]:
+                weights[row, column] = 1.0
+            elif around[row, column]:
+                weights[row, column] = of_level[image[row, column]]
+    return weights

@@ -1,0 +1,106 @@
+"""Solids servoed by the moments of their silhouettes, told by label, colour and grey."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "camera"))
+
+from tracking_scenes import corners_of, write_obj
+
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.running.loop import run
+
+ROUND = "gravity_centre_normalised+area_normalised"  # of what has no main axis
+LABEL = {"method": "label"}
+LEVEL = 0.59  # m, of the table's top
+SIZES = {"box": [0.08, 0.05, 0.06], "cylinder": [0.06, 0.06, 0.08], "sphere": [0.06, 0.06, 0.06]}
+
+
+def on_the_table(shape, segmentation, seed=4, **more):
+    """The arm above a solid, aside from its middle, at most 0.2 m nearer or farther."""
+    size = SIZES.get(shape)
+    at = LEVEL + 5e-4 + (size[2] / 2 if size else 0.0)
+    target = {"shape": shape, "pose": [0.0, 0.0, at, 0.0, 0.0, 0.3]}
+    if size:
+        target["size"] = size
+    return Experiment(**{
+        "target": target, "options": {"segmentation": segmentation}, "gain": 2.0, "duration": 12.0,
+        "goal": {"pose": [0.03, -0.02, LEVEL + 0.3, np.pi, 0.0, 0.0]}, "seed": seed,
+        "start": {"height": [0.28, 0.4], "side": 0.05, "turn": 0.6, "margin": 4}, **more,
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize(("shape", "scheme"), [
+    ("box", "moments"), ("cylinder", ROUND), ("sphere", ROUND),
+])  # fmt: skip
+def test_a_primitive_is_reached_by_its_labels_silhouette(shape, scheme):
+    result = run(on_the_table(shape, LABEL, scheme=scheme))
+    assert result.outcome.startswith("converged")
+    assert result.verdict.distance < 1.5e-4
+    assert result.verdict.angle < np.radians(0.3)
+
+
+@pytest.fixture(scope="module")
+def red(tmp_path_factory):
+    """The path of a red box's mesh, 0.08 x 0.05 x 0.06 m, which stands on z = 0."""
+    path = write_obj(tmp_path_factory.mktemp("meshes") / "red.obj", [(corners_of("box"), 0.6)])
+    path.with_suffix(".mtl").write_text("newmtl m0\nKd 0.7 0.1 0.1\n")
+    return str(path)
+
+
+@pytest.mark.parametrize("segmentation", [
+    {"method": "colour", "colour_low": [170, 100, 30], "colour_high": [10, 255, 255]},
+    {"method": "nearest_colour", "near_colour": [180, 26, 26], "colour_distance": 40},
+    {"method": "fixed", "threshold": 120},
+    {"method": "otsu"},
+])  # fmt: skip
+def test_a_red_box_is_reached_by_its_colour_and_by_its_grey(red, segmentation):
+    result = run(on_the_table(red, segmentation, scheme="moments"))
+    assert result.outcome.startswith("converged")
+    assert result.verdict.distance < 3e-4
+    assert result.verdict.angle < np.radians(0.3)
+
+
+def test_a_flying_camera_with_a_lens_tells_by_label():
+    asked = on_the_table(
+        "box", LABEL, plant="free", features="pictures", scheme="moments", gain=2.0,
+        camera="calibrated", start={"pose": [0.06, -0.05, LEVEL + 0.37, 3.1, 0.04, 0.4]})
+    result = run(asked)
+    assert result.outcome.startswith("converged")
+    assert result.verdict.distance < 1.5e-4
+
+
+def test_where_no_plane_fits_it_is_said_before_the_run():
+    tall = on_the_table("box", LABEL, plant="free", features="pictures").with_(
+        target={"shape": "box", "size": [0.08, 0.05, 0.24]},
+        goal={"pose": [0.03, 0.03, 0.34, np.pi - 0.3, 0.1, 0.0]})
+    with pytest.raises(ExperimentError, match=r"no plane fits the outline of box.*22 %.*'model'"):
+        assemble(tall)
+    assemble(tall.with_(scheme="pose")).plant.close()
+
+
+def told(**segmentation):
+    """Changes of an experiment whose target is told so."""
+    return {"options": {"segmentation": segmentation}}
+
+
+@pytest.mark.parametrize(("changes", "why"), [
+    (told(method="labels"), "segmentation.method is 'labels': did you mean 'label'"),
+    (told(metod="label"), "unknown parameter ~segmentation.metod: did you mean 'method'"),
+    (told(component="mask"), "is for the camera node"),
+    (told(method="label", label="targt"), "no link has the label 'targt': did you mean 'target'"),
+    ({"plant": "free", "features": "pictures", **told(method="colour")},
+     "pictures of plant 'free' are grey"),
+    ({"target": {"shape": "box", "size": [0.1, 0.1], "pose": [0, 0, 0.6, 0, 0, 0]}},
+     "must be three lengths, along x, y and z"),
+    ({"target": {"shape": "square", "size": [0.1] * 3, "pose": [0, 0, 0.6, 0, 0, 0]}},
+     "must be two lengths"),
+])  # fmt: skip
+def test_what_cannot_be_is_said_in_one_line(changes, why):
+    with pytest.raises(ExperimentError, match=why):
+        assemble(on_the_table("box", LABEL, scheme="moments").with_(**changes))

@@ -4,6 +4,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
+import yaml
 from aras_visual_servo_controller.msg import ServoState
 from ros_graph import wait_for
 from sensor_msgs.msg import JointState
@@ -15,8 +17,10 @@ from tracking_scenes import corners_of, write_obj
 from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_controller.goals.goal import Goal
 
 SPACE = "/aras_visual_servo"
+NODE = "/aras_visual_servo_camera"
 PLACE = [0.0, 0.0, 0.5905, 0.0, 0.0, 0.3]
 
 
@@ -46,6 +50,107 @@ def test_a_mesh_on_the_launch_line_is_servoed_to_by_its_pose(launch, collect, tm
         distance, angle = pose_difference(arm.pose(at), arm.pose(q))
         assert distance < 5e-4
         assert angle < np.radians(0.3)
+    finally:
+        print([(m.phase, m.reason) for m in states.messages[-1:]], nodes.output()[-1500:])
+        nodes.stop()
+        robot.stop()
+
+
+def reached(states, joints, arm, goal_joints):
+    """Wait until the loop has converged; how far off the camera then is, mm and degrees."""
+    states.wait(timeout=90.0, where=lambda state: state.phase == "converged")
+    q = arm.sample(joints.messages[-1].name, joints.messages[-1].position).positions
+    distance, angle = pose_difference(arm.pose(goal_joints), arm.pose(q))
+    return 1e3 * distance, np.degrees(angle)
+
+
+@pytest.mark.parametrize("scheme", ["model", "moments"])
+def test_a_solids_goal_is_taught_where_the_arm_stands(
+    launch, collect, ros_master, tmp_path, scheme
+):
+    """By `model` from its pose, and by moments from the plane of its outline."""
+    mesh = write_obj(tmp_path / "bracket.obj", [(corners_of("bracket"), 0.1)])
+    shown = Experiment(target={"shape": str(mesh), "pose": PLACE}, scheme=scheme,
+                       goal=[0.02, 0.06, -0.05, 0.04, -0.05, 0.1])  # fmt: skip
+    made = assemble(shown)
+    made.plant.close()
+    (tmp_path / "there.yaml").write_text(made.goal.to_yaml("for a test"))
+    taught = tmp_path / "taught.yaml"
+    states = collect(f"{SPACE}/controller/state", ServoState)
+    joints = collect(f"{SPACE}/joint_states", JointState)
+    robot = launch(
+        "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
+        target=str(mesh), target_place="-x 0 -y 0 -z 0.5905 -Y 0.3",
+    )  # fmt: skip
+    wait_for(lambda: joints.messages, 60.0, "joint states")
+    launch(
+        "aras_visual_servo_gazebo", "one_camera.launch", nodes=[f"{NODE}_own"], name="own",
+        images="/labrob/camera", features=f"{SPACE}/camera",
+    )  # fmt: skip
+    start = f"{{pose: {PLACE}}}"
+    command = [
+        "rosrun", "aras_visual_servo_controller", "teach", "--go", str(tmp_path / "there.yaml"),
+        "--scheme", scheme, "--images", "10", str(taught), f"_model:={mesh}",
+        f"_model_start:={start}",
+    ]  # fmt: skip
+    ros_master.run(command, 90.0)
+    ros_master.run(["rosnode", "kill", f"{NODE}_own"])  # its launch goes on: it clears parameters
+    goal = Goal.load(taught)
+    assert pose_difference(goal.world_T_camera, made.goal.world_T_camera) < (1e-3, 5e-3)
+    assert goal.plane == pytest.approx(made.goal.plane, rel=0.02, abs=0.02)
+    assert goal.target is None and goal.depth == pytest.approx(made.goal.depth, rel=5e-3)
+    arm = made.servo.arm
+    at = goal.joint_values(arm.names)
+    begin = (at + np.array([0.02, 0.03, -0.03, 0.02, -0.02, 0.1])).round(5).tolist()
+    nodes = launch(
+        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
+        nodes=["/aras_visual_servo_controller"], scheme=scheme, goal=taught, start=str(begin),
+        model=str(mesh), model_start=start, gain=2.0,
+    )  # fmt: skip
+    try:
+        distance, angle = reached(states, joints, arm, at)
+        assert distance < 0.5 and angle < 0.3
+    finally:
+        print([(m.phase, m.reason) for m in states.messages[-1:]], nodes.output()[-1500:])
+        nodes.stop()
+        robot.stop()
+
+
+@pytest.mark.parametrize(("shape", "size", "scheme"), [
+    ("box", [0.08, 0.05, 0.03], "moments"), ("l_shape", [0.08, 0.06], "points"),
+])  # fmt: skip
+def test_a_target_is_told_by_its_label_on_a_graph_in_lockstep(
+    launch, collect, tmp_path, shape, size, scheme
+):
+    """By the camera node's moments, and by corners that the controller looks for itself."""
+    place = [0.0, 0.0, 0.6055 if shape == "box" else 0.591, 0.0, 0.0, 0.3]
+    settings = {"width": 320, "height": 240, "horizontal_fov": 2.0, "update_rate": 30.0}
+    (tmp_path / "camera.yaml").write_text(yaml.safe_dump({**settings, "segmentation": True}))
+    told = {"segmentation": {"method": "label"}}
+    shown = Experiment(target={"shape": shape, "size": size, "pose": place}, scheme=scheme,
+                       options=told, camera=settings)  # fmt: skip
+    made = assemble(shown)
+    made.plant.close()
+    (tmp_path / "goal.yaml").write_text(made.goal.to_yaml("for a test"))
+    states = collect(f"{SPACE}/controller/state", ServoState)
+    joints = collect(f"{SPACE}/joint_states", JointState)
+    robot = launch(
+        "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
+        target=shape, target_size=" ".join(map(str, size)),
+        target_place=f"-x 0 -y 0 -z {place[2]} -Y 0.3",
+        camera=str(tmp_path / "camera.yaml"), speed_mode="lockstep",
+    )  # fmt: skip
+    arm = made.servo.arm
+    at = made.goal.joint_values(arm.names)
+    begin = (at + np.array([0.02, 0.03, -0.03, 0.02, -0.02, 0.1])).round(5).tolist()
+    nodes = launch(
+        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
+        nodes=["/aras_visual_servo_controller"], scheme=scheme, goal=tmp_path / "goal.yaml",
+        start=str(begin), segmentation="{method: label, label: target}", gain=2.0,
+    )  # fmt: skip
+    try:
+        distance, angle = reached(states, joints, arm, at)
+        assert distance < 0.3 and angle < 0.3
     finally:
         print([(m.phase, m.reason) for m in states.messages[-1:]], nodes.output()[-1500:])
         nodes.stop()

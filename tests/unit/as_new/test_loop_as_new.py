@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from aras_visual_servo_controller.seeing.stamp_pairing import ByStamp
 from object_state import differences, parts, with_method
 
 import aras_visual_servo_camera
@@ -22,7 +23,6 @@ from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.running.loop import Loop
 from aras_visual_servo_controller.loop.driver import Driver
-from aras_visual_servo_controller.seeing.stamp_pairing import ByStamp
 
 SHAPE = [[-0.025, -0.03], [0.03, -0.025], [0.025, 0.02], [-0.015, 0.025]]
 LEFT = {"width": 160, "height": 120, "update_rate": 30.0,

@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -17,6 +18,7 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.targets.pictures import seen
 from aras_visual_servo_bench.targets.solids import solid_target
+from aras_visual_servo_bench.targets.textures import marker
 from aras_visual_servo_camera.model import ModelTracking
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError
@@ -138,3 +140,44 @@ def test_a_target_that_is_gone_is_said_to_be_lost(meshes):
     result = run(asked)
     assert not result.converged
     assert any("is lost:" in reason for reason in result.reasons)
+
+
+TAG = (0.012, 0.0, 0.0603), (0.0, 0.0, 0.0)  # box_T_tag: m; roll, pitch, yaw
+MARKED = 0.045  # m, of the picture on the box; eight of its ten cells are the black square
+
+
+@pytest.fixture(scope="module")
+def marked(tmp_path_factory):
+    """A box 0.08 x 0.05 x 0.06 m on z = 0, with a marker on its top beside the middle."""
+    folder = tmp_path_factory.mktemp("marked")
+    path = write_obj(folder / "marked.obj", [(corners_of("box"), 0.6)])
+    cv2.imwrite(str(folder / "tag.png"), marker((MARKED, MARKED)).pixels)
+    with path.with_suffix(".mtl").open("a") as file:
+        file.write("\nnewmtl tag\nKd 1 1 1\nmap_Kd tag.png\n")
+    turn, flat = transform(*TAG), 0.5 * MARKED * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    corners = np.column_stack([flat, np.zeros(4)]) @ turn[:3, :3].T + turn[:3, 3]
+    # A closed slab of 0.2 mm, so that the solid is two closed parts.
+    ring = [*corners, *(corners - (0.0, 0.0, 2e-4))]
+    lines = [f"v {x} {y} {z}" for x, y, z in ring]
+    lines += ["vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1"]
+    lines += ["usemtl tag", "f -8/1 -7/2 -6/3", "f -8/1 -6/3 -5/4", "usemtl m0"]
+    sides = [(-4, -2, -3), (-4, -1, -2)]
+    for a, b in ((-8, -7), (-7, -6), (-6, -5), (-5, -8)):
+        sides += [(a, a + 4, b + 4), (a, b + 4, b)]
+    lines += ["f " + " ".join(map(str, side)) for side in sides]
+    with path.open("a") as file:
+        file.write("\n".join(lines) + "\n")
+    return str(path)
+
+
+def test_a_marker_on_it_tells_where_it_is_at_first(marked):
+    start = {"marker": {"size": 0.8 * MARKED, "pose": [*TAG[0], *TAG[1]]}}
+    asked = flying(marked, options={"model_start": start})
+    result = run(asked)
+    assert result.converged
+    assert result.verdict.distance < 3e-4
+    assert result.verdict.angle < 1e-3
+    gone = asked.with_(target={"shape": str(Path(marked).with_name("plain.obj"))})
+    write_obj(Path(gone.target.shape), [(corners_of("box"), 0.6)])
+    with pytest.raises(ExperimentError, match="no marker of .* is in view"):
+        assemble(gone)

@@ -56,14 +56,11 @@ class CameraNode:
                 self._say("image", f"waiting for {' and '.join(map(rospy.resolve_name, topics))}")
 
     def _on_info(self, message: CameraInfo) -> None:
-        try:
-            camera = CameraModel.from_message(message)
-        except CalibrationError as error:
-            with self._lock:
-                self.pipeline.drop_camera(str(error))
-            return
         with self._lock:
-            self.pipeline.set_camera(camera)
+            try:
+                self.pipeline.set_camera(CameraModel.from_message(message))
+            except CalibrationError as error:
+                self.pipeline.drop_camera(str(error))
 
     def _seen(self, kind: str, message: ImageMessage) -> None:
         with self._lock:

@@ -80,3 +80,17 @@ def fitting_plane(points: np.ndarray, name: str) -> Plane:
             "or along another of its sides, or take scheme 'model'"
         )
     return plane
+
+
+class OutlinePlane:
+    """The plane of a solid's outline, from wherever it is seen."""
+
+    def __init__(self, vertices: np.ndarray, world_T_solid: np.ndarray, name: str) -> None:
+        """`vertices`: (n, 3) m, in its frame. `world_T_solid`: (4, 4). `name`: for messages."""
+        self._points = vertices @ world_T_solid[:3, :3].T + world_T_solid[:3, 3]
+        self._name = name
+
+    def seen_from(self, world_T_camera: np.ndarray) -> Plane:
+        """In the frame of a camera there (4, 4); ModelError as `fitting_plane`."""
+        ahead = self._points - world_T_camera[:3, 3]
+        return fitting_plane(ahead @ world_T_camera[:3, :3], self._name)

@@ -15,13 +15,16 @@ import numpy as np
 
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.poses import transform
 from aras_visual_servo_base.settings import build, converted, default_of, defaults, parameter
 from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import SegmentationError, VisionError
+from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.model import Start, model_tracker
 from aras_visual_servo_camera.pipeline import PipelineSettings
 from aras_visual_servo_camera.segmentation import Segmentation
+from aras_visual_servo_camera.silhouette import OutlinePlane
 from aras_visual_servo_camera.trackers import TRACKERS, Tracker
 
 from .arm import (
@@ -512,15 +515,25 @@ class Settings:
         """
         depth = frozenset((Need.DEPTH,)) if self.depth_image else frozenset()
         control = next(iter(arms))
+        plane, held = (self._outline_plane(), {}) if goal is None else (None, goal.cameras)
         return Rig(
             Observer(
                 arm, scheme.needs_of(*(("", name) if name == control else (name,))) | depth,
                 PipelineSettings(self.make_segmentation()), self.make_tracker(),
-                None if goal is None or name not in goal.cameras else goal.cameras[name].plane_from,
-                name,
+                held[name].plane_from if name in held else plane, name,
             )
             for name, arm in arms.items()
         )  # fmt: skip
+
+    def _outline_plane(self) -> Callable[[np.ndarray], Plane] | None:
+        """Tells the plane of the model's outline as seen from world_T_camera (4, 4), by the pose
+        that it starts from; None where that is not known, and no goal is taught by it."""
+        if not self.model or "pose" not in self.model_start:
+            return None
+        solid, place = self.make_tracker().tracking.solid, self.model_start["pose"]
+        return OutlinePlane(
+            solid.vertices, transform(place[:3], place[3:]), Path(self.model).name
+        ).seen_from
 
     def make_segmentation(self, where: str = "parameter ~") -> Segmentation:
         """How the target's pixels are told; ConfigurationError for what is wrong with it."""

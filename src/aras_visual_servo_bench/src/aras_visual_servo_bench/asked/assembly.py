@@ -35,10 +35,12 @@ from .cameras import Eye
 from .experiment import FLYING, CameraPose, Experiment, Sampler
 from .goal_views import GoalViews, observed
 from .loop_settings import named_goal, settings_of
+from .packages import PackagePath
 from .plant_making import PlantMaker
 from .postures import Postures, warn
 from .robots import Robot
 from .sampling import draw_start
+from .worlds import with_link
 
 OF_PICTURES = {Need.IMAGE, Need.KERNEL}  # exact features have none
 
@@ -103,6 +105,7 @@ class _Builder:
         self, experiment: Experiment, wrap: Wrap | None = None, watched: bool = True,
         depth: bool = False,
     ) -> None:
+        experiment = with_link(experiment, PackagePath(experiment.robot.search))
         self.experiment = experiment = experiment.placed
         self.robot = Robot(
             experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction,

@@ -18,7 +18,7 @@ from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..errors import ExperimentError, require
-from ..targets.geometry import Motion, PlacedTarget
+from ..targets.geometry import Course, Motion, PlacedTarget
 from ..targets.outlines import NAMES, shape_of
 from ..targets.solids import is_solid
 from .cameras import Belief, CameraSpec
@@ -138,6 +138,8 @@ class TargetSpec:
     perturbed: a target with a picture has another one in the run than when the goal was taught:
         brighter or darker, of other contrast, grained, with a patch erased, by the seed.
     box: a white box under it that is loose; None: it stands and touches nothing (bullet).
+    model: of the world file, one of whose links is the target, in place of a shape; it is where the
+        simulation has it. link: of it; '': the only one that is seen.
     """
 
     shape: str | tuple[Pair, ...] = "aras"
@@ -150,12 +152,16 @@ class TargetSpec:
     occluded: tuple[Pair, ...] | None = None
     perturbed: bool = False
     box: BoxSpec | None = None
+    model: str = ""
+    link: str = ""
 
     @property
     def placed(self) -> PlacedTarget:
         """The target in the world; ExperimentError where its shape cannot be read."""
         shape = shape_of(self.shape, self.size)
-        return PlacedTarget(shape, transform(self.pose[:3], self.pose[3:]), self.motion)
+        course = Course() if self.model else None
+        pose = transform(self.pose[:3], self.pose[3:])
+        return PlacedTarget(shape, pose, self.motion, course)
 
     @property
     def described(self) -> bool:
@@ -178,6 +184,14 @@ class TargetSpec:
             and not self.perturbed,
             "target.box, occluder and perturbed are for flat targets, and this is a solid of its "
             "own: leave them out",
+        )
+        require(bool(self.model) or not self.link,
+                "target.link is of a model of the world: give target.model")
+        require(
+            not self.model or (self.shape == "aras" or is_solid(self.shape)) and self.motion.still
+            and self.box is None and self.occluder is None,
+            "target.model brings its shape, and moves as the simulation has it: leave out "
+            "target.shape, motion, box and occluder",
         )
         given = self.shape == "aras" or self.described
         require(
@@ -289,6 +303,8 @@ class Experiment:
                 not self.world or replace(self.sun, exposure=EXPOSURES[0]) == SunSpec(),
                 "the lights are those of the world file: give sun.exposure alone, or no world",
             )
+            require(bool(self.world) or not self.target.model,
+                    "target.model stands in a world file: give its path or name as world")
             own = not (self.target.motion.still and not any(self.target.pose))
             require(
                 not (self.target.described and own),
@@ -313,6 +329,8 @@ class Experiment:
                 "target.shape or robot.target_frame",
             )
         else:
+            require(not self.target.model,
+                    "target.model is of a world, for the Bullet arm: other plants have none")
             require(not self.traced, "traced is for the Bullet arm: other plants have no steps")
             require(not self.world, "world is for the Bullet arm: other plants have none")
             require(self.sun == SunSpec(), "sun is for the Bullet arm: other plants have no light")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,9 @@ def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
     }
     if experiment.gain is not None:
         given["gain"] = experiment.gain
+    if experiment.target.model and isinstance(given.get("segmentation"), Mapping):
+        name = f"{experiment.target.model}::{experiment.target.link}".removesuffix("::")
+        given["segmentation"] = {"label": name, **given["segmentation"]}
     try:
         settings = Settings.from_mapping(given, package)
         if experiment.plant in FLYING or robot is None:

@@ -13,11 +13,6 @@ from aras_sim_bridge.camera.effects import EffectChain, Effects
 from aras_sim_bridge.camera.mounting import seed_of
 from aras_sim_bridge.camera.shaking import Vibration
 from aras_sim_bridge.camera.shutter import parts
-from aras_sim_bridge.description import Light, world_file
-from aras_sim_bridge.description.lights import SUN
-from aras_sim_bridge.description.types import within
-from aras_sim_bridge.description.world_file import WorldFile
-from aras_sim_bridge.errors import SimError
 from aras_visual_servo_base.poses import relative, transform
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need
@@ -25,7 +20,7 @@ from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need
 from ..errors import ExperimentError
 from ..plants import CameraReading, Plant
 from ..plants.base import Place
-from ..plants.bullet_arm import BulletArm, ShownTarget
+from ..plants.bullet_arm import BulletArm, Followed, ShownTarget
 from ..plants.free_body import FreeBody
 from ..plants.ideal import IdealCamera
 from ..plants.kinematic import FreeCamera, KinematicChain
@@ -34,17 +29,16 @@ from ..targets.files import ABOVE, description_file, occluder_file
 from ..targets.geometry import PlacedTarget
 from ..targets.textures import TexturedTarget
 from .cameras import Eye, config_of
-from .experiment import FLYING, Experiment, SunSpec
+from .experiment import FLYING, Experiment
 from .postures import Postures
 from .robots import Robot
+from .worlds import around
 
-BEGINNING = 1e-3  # s: the first step of the physics
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
 CHANCE = {"noise_stddev", "shot_noise", "sensor", "drop_probability"}  # of a camera's effects
 WATCHES: frozenset[Need] = frozenset()  # what a camera that steers nothing is asked for
 # The demo's target as the launch files put it into the world: a model whose origin lies there.
 PLATES = "package://aras_visual_servo_gazebo/targets/aras.urdf"
-WORLDS = "package://aras_visual_servo_gazebo/world/{}.world"
 PLATES_AT = (0.0, 0.0, 0.591)
 
 
@@ -160,7 +154,7 @@ class PlantMaker:
         """What is put into the simulated world: the target, unless the robot brings its own, and
         what comes and goes on it."""
         spec = self.experiment.target
-        if spec.described or self.experiment.robot.target_frame:
+        if spec.described or spec.model or self.experiment.robot.target_frame:
             return ()
         if spec.shape == "aras":
             return (ShownTarget(self.target, self.robot.packages.file(PLATES), PLATES_AT),)
@@ -173,16 +167,20 @@ class PlantMaker:
 
     def plant(self, arm: Arm | FreeBody, start: np.ndarray, exactly: bool = False) -> Plant:
         """The plant at joints (n,); `exactly`: as for teaching, without noise."""
-        experiment = self.experiment
+        experiment, spec = self.experiment, self.experiment.target
         if experiment.plant == "bullet":
             joints = dict(zip(arm.names, start.tolist(), strict=True))
             return BulletArm(
                 self.robot, self._drawn(self.control, exactly), joints, experiment.seed,
                 experiment.renderer, experiment.traced, self._spawned(exactly),
-                () if experiment.pictures else self.sights(), self._around(exactly),
+                () if experiment.pictures else self.sights(),
+                around(experiment, self.robot.packages, exactly),
                 self.control.name if experiment.cameras else "",
                 {name: self._drawn(eye, exactly) for name, eye in self.others.items()},
                 experiment.sun.exposure, self.label,
+                None if exactly or not spec.model else Followed(
+                    spec.model, spec.link, self.target.course
+                ),
             )  # fmt: skip
         if experiment.plant == "ideal":
             believed = experiment.believed
@@ -193,30 +191,6 @@ class PlantMaker:
         return kind(
             arm, start, sight, lag=experiment.lag, seed=experiment.seed, others=others
         )  # fmt: skip
-
-    def _around(self, exactly: bool) -> WorldFile:
-        """What is around the arm: a world file's, or the sun over Gazebo's ground.
-
-        exactly: lights that come and go stay as they are at the beginning.
-        """
-        around = self._surroundings()
-        if not exactly:
-            return around
-        return replace(around, lights=tuple(
-            replace(light, shines=None if within(light.shines, BEGINNING) else ())
-            for light in around.lights
-        ))  # fmt: skip
-
-    def _surroundings(self) -> WorldFile:
-        named = self.experiment.world
-        if not named:
-            return WorldFile(lights=(_sun(self.experiment.sun),))
-        if "/" not in named and not named.endswith(".world"):
-            named = WORLDS.format(named)
-        try:
-            return world_file.read(str(self.robot.packages.file(named)), self.robot.packages.find)
-        except SimError as error:
-            raise ExperimentError(str(error)) from error
 
     def _drawn(self, eye: Eye, exactly: bool) -> dict[str, Any]:
         """Settings of a camera whose pictures are rendered; `exactly`: without noise."""
@@ -259,9 +233,3 @@ class PlantMaker:
         finally:
             plant.close()
         raise ExperimentError("the camera delivers no picture within 1 s to teach the goal by")
-
-
-def _sun(spec: SunSpec) -> Light:
-    """The world's sun, of that direction and strength."""
-    strength = (spec.diffuse,) * 3
-    return replace(SUN, direction=spec.direction, diffuse=(*strength, 1.0), shines=spec.shines)

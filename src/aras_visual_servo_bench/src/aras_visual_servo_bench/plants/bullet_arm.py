@@ -39,7 +39,7 @@ from aras_visual_servo_camera.labels import TargetLabels
 from ..asked import cameras
 from ..asked.robots import Robot
 from ..errors import ExperimentError
-from ..targets.geometry import PlacedTarget
+from ..targets.geometry import Course, PlacedTarget
 from .base import CAMERA, CameraReading, JointListener, JointReading, Plant, Reading
 from .kinematic import exposures, vibrations
 from .sight import Sight
@@ -80,6 +80,15 @@ class ShownTarget:
         return Pose.from_matrix(world_T_target @ transform(self.lies_at, (0.0,) * 3))
 
 
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """A link of a model of the world that is the target; its poses are noted in `course`."""
+
+    model: str
+    link: str
+    course: Course
+
+
 class BulletArm(Plant):
     """The robot in the bridge's Simulation, spawned at its start; one thousand steps a second."""
 
@@ -98,6 +107,7 @@ class BulletArm(Plant):
         others: Mapping[str, Mapping[str, Any]] = NO_OTHERS,
         exposure: str = EXPOSURES[0],
         label: str = "",
+        followed: Followed | None = None,
     ) -> None:
         """Spawn the robot at these joints, controllers and camera running.
 
@@ -114,6 +124,7 @@ class BulletArm(Plant):
             others: settings of the other cameras, by name; `robot` says where they sit.
             exposure: how the light becomes grey levels, one of EXPOSURES.
             label: model, or 'model::link', of which the label images tell the pixels; '': none do.
+            followed: the target, where it is a link of the world's.
 
         Raises:
             ExperimentError: what of it is impossible.
@@ -160,6 +171,8 @@ class BulletArm(Plant):
             self._spawn(robot, description, name, own, joints)
             for name, one in zip((TARGET, OCCLUDER), shown, strict=False):
                 self._place(name, one)
+            self._followed = followed
+            self._follow()
             self._labels = None
             if label:
                 self._labels = TargetLabels(label)
@@ -234,6 +247,7 @@ class BulletArm(Plant):
             step = partial(self._exposing_step, step)
         while not readings and simulation.time_ns < until_ns:
             step(until_ns)
+            self._follow()
         self._readings = []
         return readings
 
@@ -288,6 +302,13 @@ class BulletArm(Plant):
     def close(self) -> None:
         """End the simulation."""
         self._simulation.close()
+
+    def _follow(self) -> None:
+        """Note where the target is that the simulation moves."""
+        if self._followed is None:
+            return
+        pose = self._simulation.world.models[self._followed.model].link_pose(self._followed.link)
+        self._followed.course.add(self.time_ns / NS, pose.matrix())
 
     def _traced_step(self, until_ns: int) -> None:
         self._simulation.step()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
+from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,6 +24,8 @@ from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry, 
 from ..errors import ExperimentError, ViewError, require
 
 ROUNDING = 1e-12  # m by which a point of a box's rim may lie beside it
+STILL = 1e-9  # m, and of unit axes: a change of a pose by less is none
+SAME_TIME = 1e-7  # s
 NEAREST = 1e-3  # m before the camera; what is nearer has no view worth the name
 
 
@@ -228,16 +231,39 @@ class Motion:
         return np.array([0.0, *(p[0] for p in self.path)]), [np.eye(4), *poses]
 
 
+class Course:
+    """Where a body of the simulated world was, as far as it is known."""
+
+    def __init__(self) -> None:
+        self._times: list[float] = []
+        self._poses: list[np.ndarray] = []
+
+    def add(self, time: float, pose: np.ndarray) -> None:
+        """It is at world_T_body (4, 4) from `time` (s) on."""
+        if not self._poses or np.abs(pose - self._poses[-1]).max() > STILL:
+            self._times.append(time)
+            self._poses.append(pose)
+
+    def at(self, time: float) -> np.ndarray | None:
+        """Its pose (4, 4) at a time (s); None: before what is known."""
+        count = bisect_right(self._times, time + SAME_TIME)
+        return self._poses[count - 1] if count else None
+
+
 @dataclass(frozen=True)
 class PlacedTarget:
-    """A target in the world, moving. pose: world_T_target (4, 4) at time 0."""
+    """A target in the world, moving. pose: world_T_target (4, 4) at time 0. course: where it was
+    since, of what the simulation moves; None: `motion` says it."""
 
     shape: Target
     pose: np.ndarray
     motion: Motion = Motion()
+    course: Course | None = None
 
     def world_T_target(self, time: float) -> np.ndarray:
         """(4, 4) at `time` (s)."""
+        if self.course is not None and (known := self.course.at(time)) is not None:
+            return known
         if self.motion.still:
             return self.pose
         moved = self.motion.displacement(time)

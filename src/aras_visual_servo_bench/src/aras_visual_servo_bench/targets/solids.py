@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -96,12 +96,16 @@ def primitive(name: str, size: tuple[float, ...]) -> SolidTarget:
 
 
 def made_solid(corners: np.ndarray, name: str) -> SolidTarget:
-    """The target of triangles (n, 3, 3), m; ExperimentError as `solid_target`."""
-    path = scratch() / f"{name}.obj"
+    """The target of triangles (n, 3, 3), m; ExperimentError: they are no closed solid in metres."""
+    try:
+        solid = Solid.of(corners, name)
+    except ModelError as error:
+        raise ExperimentError(f"target: {error}") from error
+    path = scratch() / f"{name.replace(':', '_')}.obj"
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.reshape(corners, (-1, 3))]
     lines += [f"f {k} {k + 1} {k + 2}" for k in range(1, len(lines), 3)]
     path.write_text("\n".join(lines) + "\n")
-    return replace(solid_target(path), made=True)
+    return SolidTarget(solid, path, made=True)
 
 
 @lru_cache(maxsize=32)

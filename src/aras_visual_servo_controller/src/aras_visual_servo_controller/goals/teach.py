@@ -3,7 +3,11 @@
     rosrun aras_visual_servo_controller teach my_pose.yaml                 # the pose it stands in
     rosrun aras_visual_servo_controller teach --go 2016 my_pose.yaml       # drive there first
     rosrun aras_visual_servo_controller teach --scheme points my_pose.yaml # what `points` needs
+    rosrun aras_visual_servo_controller teach --scheme model my_pose.yaml \\
+        _model:=part.obj _model_start:='{pose: [0, 0, 0.59, 0, 0, 0]}'     # of a solid
     rosrun aras_visual_servo_controller teach --geometry goal_2016.yaml --urdf robot.urdf mine.yaml
+
+Parameters of the controller node are given as _NAME:=VALUE.
 """
 
 from __future__ import annotations

@@ -89,7 +89,11 @@ class Teacher:
         if together is None:
             self.reason = f"no image of camera {self.rig.waits_for} of the same time arrives"
             return
-        view = together[1](self._sample, ())
+        try:
+            view = together[1](self._sample, ())
+        except VisionError as error:
+            self.refused, self.reason = self.refused + 1, str(error)
+            return
         blind = next((one for one in view.cameras.values() if not one.valid), None)
         if blind is None:
             self.views.append(view)

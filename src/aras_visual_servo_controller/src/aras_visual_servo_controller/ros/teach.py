@@ -28,7 +28,8 @@ def live(arguments: argparse.Namespace) -> Goal:
             come in time; with the reason.
     """
     begin_node("teach", anonymous=True)
-    settings, arm = robots_settings({"scheme": arguments.scheme})
+    given = {**rospy.get_param("~", {}), "scheme": arguments.scheme}
+    settings, arm = robots_settings(given)
     scheme, package = settings.make_scheme(), settings.package
     urdf = str(rospy.get_param(settings.description))
     arms = {settings.read_by(scheme)[0]: arm, **settings.others(urdf, arm)}
@@ -63,6 +64,8 @@ def live(arguments: argparse.Namespace) -> Goal:
             )
         time.sleep(0.02)
     inputs.close()
-    like = Goal.load(package / "config" / "goal_2016.yaml") if arguments.depth is None else None
+    like = None
+    if arguments.depth is None and not settings.model:  # of a model the plane is known
+        like = Goal.load(package / "config" / "goal_2016.yaml")
     views = teacher.views[: arguments.images]
     return goal_of(views, scheme, arm, arguments.file.name, arguments.depth, like)

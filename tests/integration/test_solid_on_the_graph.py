@@ -57,8 +57,8 @@ def test_a_mesh_on_the_launch_line_is_servoed_to_by_its_pose(launch, collect, tm
 
 
 def reached(states, joints, arm, goal_joints):
-    """Wait until the loop has converged; how far off the camera then is, mm and degrees."""
-    states.wait(timeout=90.0, where=lambda state: state.phase == "converged")
+    """Wait for 3 s after the loop has converged; how far off the camera then is, mm, degrees."""
+    states.wait(90, timeout=90.0, where=lambda state: state.phase == "converged")
     q = arm.sample(joints.messages[-1].name, joints.messages[-1].position).positions
     distance, angle = pose_difference(arm.pose(goal_joints), arm.pose(q))
     return 1e3 * distance, np.degrees(angle)

@@ -268,7 +268,17 @@ def test_the_judge_finds_nothing_in_cameras_as_believed():
     [
         ({"scheme": "points@rihgt"}, "reads the camera 'rihgt': did you mean 'right'"),
         ({"cameras": two(right={"rpy": [0.0, 0.0, -0.9]})},
-         "the target is not in view of camera 'right'"),
+         "camera 'left' sees the target and it is not in view of camera 'right': their views do "
+         "not overlap there: turn or move camera 'right'"),
+        ({"goal": posed(GOAL @ exponential((0.5, 0.0, 0.0, 0.0, 0.0, 0.0)))},
+         "the target is not in view of camera 'left'"),
+        ({"cameras": two(right={"delay": 0.3})},
+         "pictures of cameras 'left' and 'right' never meet: those of 'right' come 0.3 s after"),
+        ({"cameras": two(left={"delay": 0.5, "rate": 20}, right={"delay": 0.2})},
+         "never meet: those of 'left' come 0.3 s after .*, and the last 8 of 'right' are kept, "
+         "which are 0.267 s"),
+        ({"cameras": two(right={"rate": 0.12})},
+         "camera 'right' delivers its first picture after 8.33 s, and the run lasts 8 s"),
         ({"cameras": two(right={"rpy": [0.0, 3.1, 0.0]})},
          r"behind the camera.*\(camera 'right'\)"),
         ({"camera": "wide"}, "camera and believed are of an experiment with one camera"),
@@ -365,3 +375,9 @@ def test_an_environment_s_agent_moves_the_control_camera_before_two():
     env.close()
     assert not np.allclose(moved[:8], seen[:8]) and not np.allclose(moved[8:16], seen[8:16])
     assert info["outcome"] == "running"
+
+
+@pytest.mark.parametrize("delay", [0.23, 0.25])
+def test_pictures_that_come_just_in_time_are_seen_together(delay):
+    result = run(flying(cameras=two(right={"delay": delay}), gain=0.8, duration=12.0))
+    assert result.verdict.distance < 5e-4

@@ -19,7 +19,7 @@ class LabelTopics:
     """Subscribers to the label images of one camera and to their names.
 
     Attributes:
-        topic: of the images.
+        topic: of the images, as it is on the graph.
         subscribers: to both.
     """
 
@@ -30,7 +30,7 @@ class LabelTopics:
             take: is given each label image.
         """
         self._labels = TargetLabels(label)
-        self.topic = f"{camera}/segmentation/image_raw"
+        self.topic = rospy.resolve_name(f"{camera}/segmentation/image_raw")
         options = {"queue_size": 1, "tcp_nodelay": True}
         self.subscribers = [
             rospy.Subscriber(f"{camera}/segmentation/labels", String, self._on_names, **options),

@@ -23,8 +23,7 @@ from .parameters import VisionParameters
 from .pipeline import Pipeline
 from .undistortion import CameraModel
 
-CAMERA = "/labrob/camera"
-IMAGE_TOPIC, INFO_TOPIC = f"{CAMERA}/image_raw", f"{CAMERA}/camera_info"
+IMAGE_TOPIC, INFO_TOPIC = "/labrob/camera/image_raw", "/labrob/camera/camera_info"
 
 
 class CameraNode:
@@ -36,24 +35,24 @@ class CameraNode:
         self.pipeline.drop_camera(f"no camera_info on {rospy.resolve_name(INFO_TOPIC)} yet")
         self._said: dict[str, float] = {}
         self._last_image = time.monotonic()
-        self._lock = Lock()
-        self._stamp = rospy.Time()
+        self._lock, self._stamp = Lock(), rospy.Time()
         self._outputs = Outputs(parameters, self.pipeline, self._say)
-        segmentation, self._labels = parameters.settings.segmentation, None
+        self._labels, segmentation = None, parameters.settings.segmentation
+        self._waits_for = [rospy.resolve_name(IMAGE_TOPIC)]
         if segmentation.method == "label":
-            self._labels = LabelTopics(CAMERA, segmentation.label, partial(self._seen, "labels"))
+            space, look = "/labrob/camera", partial(self._seen, "labels")
+            self._labels = LabelTopics(space, segmentation.label, look)
+            self._waits_for.append(self._labels.topic)
         self._together = ByStamp(("image",) if self._labels is None else ("image", "labels"))
-        options = {"queue_size": 1, "tcp_nodelay": True}
+        options = {"queue_size": 1, "tcp_nodelay": True, "buff_size": BUFFER}
         rospy.Subscriber(INFO_TOPIC, CameraInfo, self._on_info, **options)
-        rospy.Subscriber(IMAGE_TOPIC, ImageMessage, partial(self._seen, "image"),
-                         buff_size=BUFFER, **options)  # fmt: skip
+        rospy.Subscriber(IMAGE_TOPIC, ImageMessage, partial(self._seen, "image"), **options)
 
     def watch(self) -> None:
         """Until shutdown: say now and then what the node waits for; end when the master is gone."""
         for _ in beats(0.2):
             if time.monotonic() - self._last_image > self.parameters.log_period:
-                topics = [IMAGE_TOPIC, *([self._labels.topic] if self._labels else ())]
-                self._say("image", f"waiting for {' and '.join(map(rospy.resolve_name, topics))}")
+                self._say("image", f"waiting for images on {' and '.join(self._waits_for)}")
 
     def _on_info(self, message: CameraInfo) -> None:
         with self._lock:

@@ -31,7 +31,7 @@ from ..plants.base import Place
 from ..plants.free_body import FreeBody
 from ..plants.ideal import ExactResolver, IdealCamera
 from ..targets.geometry import PlacedTarget, RoundTarget
-from .cameras import Eye
+from .cameras import Eye, check_meeting
 from .experiment import FLYING, CameraPose, Experiment, Sampler
 from .goal_views import GoalViews, observed
 from .loop_settings import named_goal, settings_of
@@ -207,6 +207,7 @@ class _Builder:
             place = self.plants.places.get(name)
             if place is not None and place.stands:
                 check_steering(getattr(self.scheme, "features", ()), name)
+        check_meeting([self.eyes[name] for name in self.needs], experiment.duration)
         needs = frozenset().union(*self.needs.values())
         if Need.CORNERS in needs and isinstance(self.target.shape, RoundTarget):
             raise ExperimentError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.seeing.rig import KEPT
 
 from ..errors import ExperimentError, require
 from .packages import PackagePath
@@ -142,6 +143,35 @@ class Eye:
     def rate(self) -> float:
         """Pictures a second."""
         return float(self.settings.get("update_rate", 30.0))
+
+
+def check_meeting(eyes: Sequence[Eye], duration: float) -> None:
+    """ExperimentError where pictures of one instant are never there together.
+
+    Args:
+        eyes: those that the scheme reads, the control camera first.
+        duration: of the run, s.
+    """
+    control, *others = eyes
+    for other in others:
+        first = 1.0 / other.rate + other.spec.delay
+        require(
+            first < duration,
+            f"camera '{other.name}' delivers its first picture after {first:.3g} s, and the run "
+            f"lasts {duration:g} s: give it a higher rate, a shorter delay, or the run more time",
+        )
+        late, early = other, control
+        if late.spec.delay < early.spec.delay:
+            late, early = early, late
+        behind = late.spec.delay - early.spec.delay
+        kept = KEPT / early.rate
+        require(
+            behind < kept,
+            f"pictures of cameras '{early.name}' and '{late.name}' never meet: those of "
+            f"'{late.name}' come {behind:.3g} s after those of the same time, and the last {KEPT} "
+            f"of '{early.name}' are kept, which are {kept:.3g} s: give the two delays that differ "
+            f"by less, or '{early.name}' a lower rate",
+        )
 
 
 def preset(camera: str | Mapping[str, Any], packages: PackagePath, robot: str) -> dict[str, Any]:

@@ -88,11 +88,19 @@ class GoalViews:
                 seen = (cameras.draw(outline, eye.true) < cameras.WHITE).any()
             else:
                 seen = plants.unbounded or cameras.in_view(outline, eye.true, 0.0)
-            if not seen:
+            if seen:
+                continue
+            first = next(iter(plants.needs))
+            if name == first:
                 by = f"view of camera '{name}'" if several else "the camera's view"
                 raise ExperimentError(
                     f"the goal is shown where the target is not in {by}: {ELSEWHERE}"
                 )
+            raise ExperimentError(
+                f"the goal is shown where camera '{first}' sees the target and it is not in view "
+                f"of camera '{name}': their views do not overlap there: turn or move camera "
+                f"'{name}', or {ELSEWHERE}"
+            )
 
     def _is_target(self, seen: Observation, pose: np.ndarray) -> None:
         """ExperimentError where a picture's target is not where the true one is.

@@ -77,8 +77,10 @@ def shape_of(
         return ARAS
     if shape in PRIMITIVES:
         return primitive(shape, size)
-    require(len(size) == 2, f"target.size of {shape} is {list(size)}, must be two lengths, along "
-            "x and y, m")  # fmt: skip
+    require(
+        len(size) == 2 or is_solid(shape),
+        f"target.size of {shape} is {list(size)}, must be two lengths, along x and y, m",
+    )
     if shape == "circle":
         return RoundTarget(_scaled(_ring(CIRCLE_EDGES), size))
     if shape in OUTLINES:

@@ -1,0 +1,75 @@
+"""Where the arm ends before solids that it servoes by the moments of their silhouettes.
+
+    python3 tests/benchmarks/silhouettes.py [STARTS]
+
+in a sourced workspace prints the table of docs/solid_targets.md: distance and angle from the goal,
+by the truth.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.targets.solids import primitive
+
+LABEL = {"method": "label"}
+NEAR = {"method": "nearest_colour", "near_colour": [180, 26, 26], "colour_distance": 40}
+ROUND = "gravity_centre_normalised+area_normalised"
+ASIDE = [0.03, -0.02, 0.89, np.pi, 0.0, 0.0]
+ASKEW = [0.05, -0.04, 0.87, np.pi - 0.2, -0.15, 0.0]
+TABLE = 0.5905  # m
+CASES = [
+    ("box", [0.08, 0.05, 0.06], "moments", LABEL, ASIDE, 0.0),
+    ("box", [0.08, 0.05, 0.06], "moments", LABEL, ASKEW, 0.0),
+    ("cylinder", [0.06, 0.06, 0.08], ROUND, LABEL, ASIDE, 0.0),
+    ("sphere", [0.06, 0.06, 0.06], ROUND, LABEL, ASIDE, 0.0),
+    ("red box", [0.08, 0.05, 0.06], "moments", NEAR, ASIDE, 0.0),
+    ("red box", [0.08, 0.05, 0.06], "moments", {"threshold": 120}, ASIDE, 0.0),
+    ("box", [0.08, 0.05, 0.06], "moments", LABEL, ASIDE, 2.0),
+    ("red box", [0.08, 0.05, 0.06], "moments", NEAR, ASIDE, 2.0),
+]
+
+
+def red(size: tuple[float, ...], folder: str) -> str:
+    """The path of a red box's mesh."""
+    path = Path(folder) / "red.obj"
+    text = primitive("box", size).path.read_text()
+    path.write_text("mtllib red.mtl\nusemtl red\n" + text)
+    path.with_suffix(".mtl").write_text("newmtl red\nKd 0.7 0.1 0.1\n")
+    return str(path)
+
+
+def main() -> None:
+    """Run all, and print a line each."""
+    starts = int(sys.argv[1]) if len(sys.argv) > 1 else 12
+    with TemporaryDirectory() as folder:
+        for name, size, scheme, told, goal, noise in CASES:
+            shape = red(tuple(size), folder) if name.startswith("red") else name
+            target = {"shape": shape, "size": size,
+                      "pose": [0.0, 0.0, TABLE + size[2] / 2.0, 0.0, 0.0, 0.3]}  # fmt: skip
+            ends, words = [], []
+            for seed in range(starts):
+                result = run(Experiment(
+                    target=target, scheme=scheme, options={"segmentation": told}, gain=2.0,
+                    duration=15.0, goal={"pose": goal}, seed=seed, noise=noise,
+                    start={"height": [0.28, 0.4], "side": 0.05, "turn": 0.6, "margin": 4},
+                ))  # fmt: skip
+                ends.append((1e3 * result.verdict.distance, np.degrees(result.verdict.angle)))
+                words.append(result.outcome)
+            middle, worst = np.median(ends, axis=0), np.max(ends, axis=0)
+            good = sum(word.startswith("converged") for word in words)
+            askew = ", askew" if goal is ASKEW else ""
+            noisy = f", noise {noise:g}" if noise else ""
+            print(f"| {name}, {told.get('method', 'fixed')}{askew}{noisy} | {good} of {starts} "
+                  f"| {middle[0]:.3f} mm, {middle[1]:.3f}° | {worst[0]:.3f} mm, {worst[1]:.3f}° |",
+                  flush=True)
+
+
+if __name__ == "__main__":
+    main()

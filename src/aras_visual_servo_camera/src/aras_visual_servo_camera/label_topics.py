@@ -10,7 +10,7 @@ from std_msgs.msg import String
 
 from .errors import VisionError
 from .labels import TargetLabels, labels_of
-from .segmentation import Mask
+from .segmentation import Mask, Segmentation
 
 BUFFER = 2**24  # bytes, holds several images: always the newest, never a backlog
 
@@ -36,6 +36,13 @@ class LabelTopics:
             rospy.Subscriber(f"{camera}/segmentation/labels", String, self._on_names, **options),
             rospy.Subscriber(self.topic, ImageMessage, take, buff_size=BUFFER, **options),
         ]
+
+    @classmethod
+    def asked(
+        cls, segmentation: Segmentation, camera: str, take: Callable[[ImageMessage], None]
+    ) -> LabelTopics | None:
+        """Those that a segmentation needs; None: it goes without."""
+        return cls(camera, segmentation.label, take) if segmentation.method == "label" else None
 
     def mask(self, message: ImageMessage) -> Mask:
         """(rows, columns) 255 where a label image has the target; VisionError: nobody knows."""

@@ -23,7 +23,8 @@ from .parameters import VisionParameters
 from .pipeline import Pipeline
 from .undistortion import CameraModel
 
-IMAGE_TOPIC, INFO_TOPIC = "/labrob/camera/image_raw", "/labrob/camera/camera_info"
+CAMERA = "/labrob/camera"
+IMAGE_TOPIC, INFO_TOPIC = f"{CAMERA}/image_raw", f"{CAMERA}/camera_info"
 
 
 class CameraNode:
@@ -37,13 +38,10 @@ class CameraNode:
         self._last_image = time.monotonic()
         self._lock, self._stamp = Lock(), rospy.Time()
         self._outputs = Outputs(parameters, self.pipeline, self._say)
-        self._labels, segmentation = None, parameters.settings.segmentation
-        self._waits_for = [rospy.resolve_name(IMAGE_TOPIC)]
-        if segmentation.method == "label":
-            space, look = "/labrob/camera", partial(self._seen, "labels")
-            self._labels = LabelTopics(space, segmentation.label, look)
-            self._waits_for.append(self._labels.topic)
-        self._together = ByStamp(("image",) if self._labels is None else ("image", "labels"))
+        self._labels = LabelTopics.asked(
+            parameters.settings.segmentation, CAMERA, partial(self._seen, "labels")
+        )
+        self._together = ByStamp(("image", "labels") if self._labels else ("image",))
         options = {"queue_size": 1, "tcp_nodelay": True, "buff_size": BUFFER}
         rospy.Subscriber(INFO_TOPIC, CameraInfo, self._on_info, **options)
         rospy.Subscriber(IMAGE_TOPIC, ImageMessage, partial(self._seen, "image"), **options)
@@ -52,7 +50,8 @@ class CameraNode:
         """Until shutdown: say now and then what the node waits for; end when the master is gone."""
         for _ in beats(0.2):
             if time.monotonic() - self._last_image > self.parameters.log_period:
-                self._say("image", f"waiting for images on {' and '.join(self._waits_for)}")
+                also = f" and {self._labels.topic}" if self._labels else ""
+                self._say("image", f"waiting for images on {rospy.resolve_name(IMAGE_TOPIC)}{also}")
 
     def _on_info(self, message: CameraInfo) -> None:
         with self._lock:

@@ -33,10 +33,9 @@ class PictureInput:
         self._early: dict[str, Image] = {}  # the newest of each kind that came before camera_info
         self._lock = threading.Lock()
         depth = Need.DEPTH in observer.needs
-        segmentation = observer.pipeline.settings.segmentation
-        self._labels = None
-        if segmentation.method == "label" and observer.needs & SEGMENTED:
-            self._labels = LabelTopics(topics.namespace, segmentation.label, self._on_labels)
+        segmentation, self._labels = observer.pipeline.settings.segmentation, None
+        if observer.needs & SEGMENTED:
+            self._labels = LabelTopics.asked(segmentation, topics.namespace, self._on_labels)
         parts = {"image": True, "depth": depth, "labels": self._labels is not None}
         self._images = ByStamp([kind for kind, wanted in parts.items() if wanted])
         options = {"queue_size": 1, "tcp_nodelay": True}

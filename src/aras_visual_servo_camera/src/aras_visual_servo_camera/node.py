@@ -38,10 +38,8 @@ class CameraNode:
         self._last_image = time.monotonic()
         self._lock, self._stamp = Lock(), rospy.Time()
         self._outputs = Outputs(parameters, self.pipeline, self._say)
-        self._labels = LabelTopics.asked(
-            parameters.settings.segmentation, CAMERA, partial(self._seen, "labels")
-        )
-        self._together = ByStamp(("image", "labels") if self._labels else ("image",))
+        self._together = ByStamp(parameters.settings.segmentation.kinds)
+        self._labels = LabelTopics.asked(parameters.settings.segmentation, CAMERA, self._seen)
         options = {"queue_size": 1, "tcp_nodelay": True, "buff_size": BUFFER}
         rospy.Subscriber(INFO_TOPIC, CameraInfo, self._on_info, **options)
         rospy.Subscriber(IMAGE_TOPIC, ImageMessage, partial(self._seen, "image"), **options)

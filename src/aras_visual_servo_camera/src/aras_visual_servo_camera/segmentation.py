@@ -85,6 +85,11 @@ class Segmentation:
                 "method 'nearest_colour'"
             )
 
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Of the images of one exposure that it takes."""
+        return ("image", "labels") if self.method == "label" else ("image",)
+
 
 def _within(level: float, largest: float) -> bool:
     return 0 <= level <= largest

@@ -34,10 +34,11 @@ class PictureInput:
         self._lock = threading.Lock()
         depth = Need.DEPTH in observer.needs
         segmentation, self._labels = observer.pipeline.settings.segmentation, None
-        if observer.needs & SEGMENTED:
-            self._labels = LabelTopics.asked(segmentation, topics.namespace, self._on_labels)
-        parts = {"image": True, "depth": depth, "labels": self._labels is not None}
-        self._images = ByStamp([kind for kind, wanted in parts.items() if wanted])
+        looked_at = bool(observer.needs & SEGMENTED)
+        kinds = segmentation.kinds if looked_at else ("image",)
+        self._images = ByStamp((*kinds, "depth") if depth else kinds)
+        if looked_at:
+            self._labels = LabelTopics.asked(segmentation, topics.namespace, self._seen)
         options = {"queue_size": 1, "tcp_nodelay": True}
         large, camera = {**options, "buff_size": BUFFER}, topics.namespace
         driver.comes_from(
@@ -73,9 +74,6 @@ class PictureInput:
 
     def _on_depth(self, message: Image) -> None:
         self._seen("depth", message)
-
-    def _on_labels(self, message: Image) -> None:
-        self._seen("labels", message)
 
     def _seen(self, kind: str, message: Image) -> None:
         with self._lock:

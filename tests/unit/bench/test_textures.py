@@ -24,6 +24,7 @@ from aras_visual_servo_bench.targets.outlines import (
     tracker_of,
 )
 from aras_visual_servo_bench.targets.pictures import seen as picture_of
+from aras_visual_servo_bench.targets.solids import PRIMITIVES
 from aras_visual_servo_bench.targets.textures import MADE, TexturedTarget
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.trackers import TRACKERS as KNOWN
@@ -58,7 +59,8 @@ def seen(name, camera=CAMERA, view=VIEW, occluder=None):
 
 def test_every_name_is_a_target():
     for name in NAMES:
-        assert shape_of(name, SIZE).vertices().shape[1] == 3
+        size = (*SIZE, 0.1) if name in PRIMITIVES else SIZE
+        assert shape_of(name, size).vertices().shape[1] == 3
 
 
 @pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "lens"])

@@ -31,6 +31,7 @@ from ..plants.base import Place
 from ..plants.free_body import FreeBody
 from ..plants.ideal import ExactResolver, IdealCamera
 from ..targets.geometry import PlacedTarget, RoundTarget
+from ..targets.solids import SolidTarget
 from .cameras import Eye, check_meeting
 from .experiment import FLYING, CameraPose, Experiment, Sampler
 from .goal_views import GoalViews, observed
@@ -296,9 +297,9 @@ class _Builder:
         self, goal: Goal, arms: Mapping[str, Arm | FreeBody | StandingCamera]
     ) -> Goal | None:
         """A named goal as the believed cameras see it; None where it lacks what the scheme
-        needs, or was shown another target."""
+        needs, or was shown the demo's plates where the target is a solid."""
         goal = goal.for_cameras(arms)
-        if goal.target is not None and not self.plants.of_robot:
+        if goal.target is not None and isinstance(self.target.shape, SolidTarget):
             return None
         try:
             self.scheme.check(goal)

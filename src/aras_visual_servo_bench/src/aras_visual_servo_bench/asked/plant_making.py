@@ -87,11 +87,6 @@ class PlantMaker:
         return Postures.of(self.robot, self.control, experiment.target, drawn)
 
     @property
-    def of_robot(self) -> bool:
-        """Whether the target is the robot's: its own plates, or what its description has."""
-        return self.experiment.target.described or self.experiment.target.shape == "aras"
-
-    @property
     def unbounded(self) -> bool:
         """Whether what leaves the picture is seen all the same."""
         return self.experiment.plant == "ideal" and self.experiment.ideal.unbounded

@@ -87,13 +87,12 @@ class CameraNode:
 
 def main() -> int:
     """Run the node; exit status 1 if its parameters are wrong."""
+    compile_all()
     return node_main("aras_visual_servo_camera", __doc__, _run, VisionError)
 
 
 def _run() -> None:
     given = rospy.get_param("~", {})
-    parameters = VisionParameters.from_mapping(given if isinstance(given, dict) else {})
-    compile_all()
-    node = CameraNode(parameters)
+    node = CameraNode(VisionParameters.from_mapping(given if isinstance(given, dict) else {}))
     rospy.loginfo("camera node ready, layout '%s'", node.parameters.settings.layout)
     node.watch()

@@ -85,12 +85,11 @@ class ControllerNode:
 
 def main() -> int:
     """Run the node; returns its exit status."""
+    compile_all()
     return node_main("aras_visual_servo_controller", __doc__, _run, ConfigurationError)
 
 
 def _run() -> None:
-    settings = given_settings()
-    compile_all()
-    node = ControllerNode(*settings)
+    node = ControllerNode(*given_settings())
     rospy.on_shutdown(node.close)
     node.spin()

@@ -203,6 +203,7 @@ def main(given: Mapping[str, object] = MappingProxyType({})) -> int:
         given: parameters that hold where the parameter server has none of their names.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
+    compile_all()
     # Without rospy's own subscription to /clock: this node makes the time that others wait for.
     begin_node("gazebo", __doc__, disable_rostime=True)
     open_wide()
@@ -213,7 +214,6 @@ def main(given: Mapping[str, object] = MappingProxyType({})) -> int:
         _set_up_log(parameters.log_level)
         if not rospy.has_param("/use_sim_time"):
             rospy.set_param("/use_sim_time", True)
-        compile_all()
         node = GazeboNode(parameters)
     except (SimError, InvalidParameterError, OSError, rospy.ROSException) as error:
         if not ending.begun.is_set():

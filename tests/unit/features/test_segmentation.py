@@ -282,6 +282,9 @@ def test_what_is_near_a_colour_is_the_target_in_light_and_in_shade() -> None:
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     red = Segmentation("nearest_colour", near_colour=(180, 36, 27))
     assert segment(grey, red, rgb).box == BIG
+    # Chroma differs by 26.4, and lightness by 18.0, which counts a quarter: by 26.8 together.
+    lit = Segmentation("nearest_colour", near_colour=(200, 40, 30), colour_distance=28)
+    assert segment(grey, lit, rgb).box == BIG
     blue = Segmentation("nearest_colour", near_colour=(40, 60, 200))
     assert segment(grey, blue, rgb).box == SMALL
     narrow = Segmentation("nearest_colour", near_colour=(200, 40, 30), colour_distance=5)

@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 from loop_rig import CAMERA, CONFIG, URDF, lost, the_arm, the_goal
 
+from aras_visual_servo_base.poses import inverse, transform
+from aras_visual_servo_bench.targets.outlines import shape_of
+from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.goals.teach import main
@@ -13,6 +16,7 @@ from aras_visual_servo_controller.goals.teaching import Teacher, goal_of, mean_o
 from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.seeing.observation import Observer
 from aras_visual_servo_controller.seeing.rig import Rig
+from aras_visual_servo_controller.settings import Settings
 
 
 def view_at(observer, stamp, joints):
@@ -128,3 +132,40 @@ def test_what_cannot_be_taught_is_one_line(arguments, words, tmp_path, capsys):
     assert words in said
     assert said.count("\n") == 1
     assert not (tmp_path / "x.yaml").exists()
+
+
+def test_a_view_that_cannot_be_taught_is_refused_with_its_reason():
+    arm = the_arm()
+    teacher = Teacher(arm, Rig([Observer(arm)]))
+    teacher.joints(arm.names, np.zeros(6), np.zeros(6), 0.0)
+
+    def look(joints, commands):
+        raise ModelError("no plane fits the outline of it")
+
+    teacher.image(0.0, look)
+    teacher.image(0.1, look)
+    assert (teacher.views, teacher.refused) == ([], 2)
+    assert teacher.reason == "no plane fits the outline of it"
+
+
+def test_moments_of_a_model_are_taught_with_the_plane_of_its_outline():
+    box = shape_of("box", (0.08, 0.05, 0.06))
+    arm, q = the_arm(), the_goal("2016").joint_values(the_arm().names)
+    pose = arm.pose(q)
+    place = [pose[0, 3], pose[1, 3], pose[2, 3] - 0.3, 0.0, 0.0, 0.2]  # below the camera
+    given = {"scheme": "moments", "model": str(box.path), "model_start": {"pose": place}}
+    settings = Settings.from_mapping(given)
+    scheme = settings.make_scheme()
+    rig = settings.rig({"camera": arm}, scheme)
+    outline = box.outline(inverse(transform(place[:3], place[3:])) @ pose)
+    joints = arm.sample(arm.names, q)
+    view = rig.control.of_exact(0.0, CAMERA, joints, contour=outline)
+    goal = goal_of([view], scheme, arm, "mine")
+    upper = pose[2, 3] - 0.3 + 0.03
+    assert goal.plane == pytest.approx(goal_plane(pose, upper), abs=1e-6)
+    assert goal.depth == pytest.approx(1.0 / goal.plane.C)
+
+
+def goal_plane(pose, height):
+    """Of the level z = height in a camera there, 1/Z = A x + B y + C."""
+    return pose[2, :3] / (height - pose[2, 3])

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from aras_visual_servo_controller.seeing.stamp_pairing import ByStamp
 from object_state import differences, parts, with_method
 
 import aras_visual_servo_camera
 import aras_visual_servo_controller
 from aras_visual_servo_base.poses import exponential, to_xyz_rpy, transform
+from aras_visual_servo_base.stamp_pairing import ByStamp
 from aras_visual_servo_bench.asked.assembly import Assembly, assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.plants import CameraReading

@@ -3,9 +3,9 @@
 Signatures are explicit, so set-up compiles everything. What was compiled is kept in __pycache__
 beside the source, or where NUMBA_CACHE_DIR says, until the source changes, or that of a compiled
 function of another module that it calls, or a number that it takes from one: Numba itself watches
-each file alone. What is kept is read when the function is first called: no program calls more than
-half of them, and to read all took most of its start. What is not is compiled when its module is
-imported, and nothing in the middle of a run.
+each file alone. What is kept is read when the function is first called, for no program calls more
+than half of them; what is not kept is compiled when its module is imported. So nothing is compiled
+in the middle of a run.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from numba.extending import intrinsic
 
 _log = logging.getLogger(__name__)
 _one_at_a_time = threading.RLock()
-_prepared: list[tuple[str, Callable[[], None]]] = []  # modules of compiled functions
-_put_off: list[bool] = []
+_prepared: list[tuple[str, Callable[[], None]]] = []  # a function's module, and what compiles it
+_put_off: list[bool] = []  # an entry for each `put_off` that is under way
 
 
 def compiled(signature: str, allocates: bool = True) -> Callable[[Callable], Callable]:

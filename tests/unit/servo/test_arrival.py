@@ -149,7 +149,7 @@ def test_noise_that_hides_where_the_camera_is_is_averaged_for_a_while():
 
 def test_noise_ends_nothing_that_has_converged():
     """Of 25 converged runs with noise one or two were by chance not there at their last image."""
-    for seed in range(8):
+    for seed in range(4):
         L = np.diag([1e3, 1e3, 1e3, 25.0, 25.0, 25.0] if seed % 2 else [1e3] * 3 + [573.0] * 3)
         arrival = of_camera(noisy(120, seed=seed), L)
         while not arrival.reached:

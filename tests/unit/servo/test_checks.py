@@ -6,10 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from free_camera import exponential
 from loop_rig import scaled
 
-from aras_visual_servo_base.poses import logarithm
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.judging.camera_check import DIRECTIONS, CameraCheck
 from aras_visual_servo_controller.judging.oscillation import Oscillation
@@ -117,12 +115,11 @@ def judged(seed, jacobian=None):
     noise = random.choice([0.0, 0.3, 1.0, 4.0, 20.0], p=[0.1, 0.3, 0.3, 0.2, 0.1])
     size = random.choice([1e-3, 1e-2, 3e-2])
     drift = random.choice([0.0, 40.0], p=[0.7, 0.3]) * tolerances * random.normal(size=4)
-    error, pose, before, joints = random.normal(size=4), np.eye(4), None, None
+    error, before, joints = random.normal(size=4), None, None
     for k in range(int(random.integers(2, 30))):
         L = random.normal(size=(4, 6))
         twist = size * random.normal(size=6) * (random.random(6) < 0.8)
         if before is not None:
-            pose = exponential(twist)
             error = before[0] + 0.5 * (before[1] + L) * scale @ twist
             error = error + noise * tolerances * random.normal(size=4) + drift
             if random.random() < 0.1:
@@ -139,7 +136,7 @@ def judged(seed, jacobian=None):
             shaken = ways.max()
         evidence.add(
             SimpleNamespace(rate=0.0, L=L, error=error),
-            SimpleNamespace(motion=logarithm(pose), dt=1 / 30, joints=joints), tolerances,
+            SimpleNamespace(motion=twist, dt=1 / 30, joints=joints), tolerances,
         )  # fmt: skip
         if before is not None:
             rows.add(before, (error, L), twist, tolerances, shaken)
@@ -151,12 +148,12 @@ def judged(seed, jacobian=None):
 def test_the_camera_is_judged_as_least_squares_over_all_rows_say(shaken):
     jacobian = np.random.default_rng(5).normal(size=(6, 3)) if shaken else None
     kinds = Counter()
-    for seed in range(300):
+    for seed in range(150):
         said, wanted = judged(seed, jacobian)
         assert said == wanted, seed
         kinds[wanted.partition(" ")[0] + ("%" if "%" in wanted else "")] += 1
     # or this shows nothing: innocent, one direction, against the translation, unexplained
-    assert set(kinds) == {"", "along", "the", "the%"} and min(kinds.values()) >= 5, kinds
+    assert set(kinds) == {"", "along", "the", "the%"} and min(kinds.values()) >= 4, kinds
 
 
 def test_only_an_image_that_follows_another_counts():

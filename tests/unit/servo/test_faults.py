@@ -20,7 +20,7 @@ from aras_visual_servo_controller.schemes import (
 )
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
-GOOD_FROM, GOOD_TO = 0.3, 0.6  # s between which the scheme goes wrong
+GOOD_FROM, GOOD_TO = 0.1, 0.4  # s between which the scheme goes wrong
 
 
 class Spoiled(Scheme):
@@ -104,7 +104,7 @@ def test_a_fault_holds_the_arm_within_the_image(name):
     fault, words = FAULTS[name]
     servo = the_servo("2016", Spoiled(fault))
     rig = Rig(servo, STARTS["2016"])
-    states = rig.run(1.0)
+    states = rig.run(0.5)
     bad = [s for s in states if GOOD_FROM <= s.stamp < GOOD_TO]
     assert {s.phase for s in bad} == {HOLDING}
     assert all(s.reason.startswith("scheme Spoiled ") and words in s.reason for s in bad)
@@ -128,7 +128,7 @@ def in_whole_numbers(scheme, decision):
 
 def test_whole_numbers_and_lists_are_numbers_too_and_a_record_may_have_any_shape():
     for odd in (in_whole_numbers, answering(L=np.zeros((4, 5))), answering(L=[[0] * 6] * 4)):
-        states = Rig(the_servo("2016", Spoiled(odd)), STARTS["2016"]).run(0.7)
+        states = Rig(the_servo("2016", Spoiled(odd)), STARTS["2016"]).run(0.3)
         assert {s.phase for s in states if s.stamp > GOOD_FROM} == {SERVOING}
 
 
@@ -147,7 +147,7 @@ def test_nothing_counts_before_all_is_checked():
     sound = Rig(the_servo("2016", Spoiled(lambda s, d: d)), STARTS["2016"])
     wrong = Rig(the_servo("2016", Spoiled(answering(error=np.zeros(5)))), STARTS["2016"])
     for rig in (sound, wrong):
-        rig.run(1.0)
+        rig.run(0.5)
     n = int(GOOD_FROM / TICK) + 1
     one, two = (np.array([c.positions for c in rig.commands]) for rig in (sound, wrong))
     np.testing.assert_array_equal(one[:n], two[:n])
@@ -159,7 +159,7 @@ def test_nothing_counts_before_all_is_checked():
 
 def test_measurement_errors_are_the_images_and_not_the_schemes():
     fault = raising(MeasurementError("a hand before the camera"))
-    states = Rig(the_servo("2016", Spoiled(fault)), STARTS["2016"]).run(0.5)
+    states = Rig(the_servo("2016", Spoiled(fault)), STARTS["2016"]).run(0.3)
     assert states[-1].reason == "a hand before the camera"
     assert states[-1].fault == ""
     assert states[-1].outcome != "scheme_fault"

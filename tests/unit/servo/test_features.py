@@ -492,8 +492,8 @@ def kernel_view(camera, camera_T_object, stamp=0.0):
 
 @pytest.mark.parametrize("axis", [0, 1, 2, 5])
 def test_the_kernels_interaction_matrix_is_the_derivative(axis):
-    """On a picture of 1600 x 1200, over several pixels of motion."""
-    camera = CameraModel(1600, 1200, (800.0, 0, 799.5, 0, 800.0, 599.5, 0, 0, 1))
+    """On a picture of 800 x 600, over several pixels of motion."""
+    camera = CameraModel(800, 600, (400.0, 0, 399.5, 0, 410.0, 299.5, 0, 0, 1))
     feature = create_feature("kernel")
     goal = Goal.teach(None, kernel_view(camera, pose((0.01, 0.02, 0.2), (0, 0, 0.3))), depth=0.2)
     feature.check(goal)

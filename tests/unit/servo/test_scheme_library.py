@@ -38,7 +38,7 @@ def distance(place, goal_pose=GOAL):
 
 @pytest.mark.parametrize("name", ALL)
 def test_it_comes_to_its_goal(name):
-    way, _ = fly(name, images=400 if name == "partitioned" else 200)
+    way, _ = fly(name, images=400 if name == "partitioned" else 120)
     assert distance(way[-1]) < 5e-3 * distance(way[0])
 
 
@@ -94,19 +94,19 @@ def images(way):
 
 
 def test_the_pose_scheme_flies_straight_in_space():
-    way, _ = fly("pose", dt=0.01, images=500)
+    way, _ = fly("pose", dt=0.01, images=300)
     assert bend(centres(way)) < 0.01
-    way, _ = fly("numbered_points", dt=0.01, images=500)
+    way, _ = fly("numbered_points", dt=0.01, images=300)
     assert bend(centres(way)) > 0.02
 
 
 def test_two_and_half_d_goes_straight_in_the_image():
-    way, _ = fly("two_and_half_d", dt=0.01, images=500)
+    way, _ = fly("two_and_half_d", dt=0.01, images=300)
     assert bend(images(way)) < 0.01
 
 
 def test_pose_camera_keeps_the_target_on_a_line_of_the_camera():
-    way, _ = fly("pose_camera", dt=0.01, images=500)
+    way, _ = fly("pose_camera", dt=0.01, images=300)
     middle = (way @ (*CORNERS.mean(axis=0), 1.0))[:, :3]
     assert bend(middle) < 0.01
 

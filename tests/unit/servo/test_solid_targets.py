@@ -52,7 +52,7 @@ def flying(mesh, **more):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("scheme", ["model", "two_and_half_d", "numbered_points"])
+@pytest.mark.parametrize("scheme", ["model", "numbered_points"])
 def test_schemes_of_poses_and_points_go_to_a_solid(meshes, scheme):
     result = run(flying(meshes["bracket"], believed={"centre": [0.4, -0.3]}).with_(scheme=scheme))
     assert result.converged
@@ -60,9 +60,8 @@ def test_schemes_of_poses_and_points_go_to_a_solid(meshes, scheme):
     assert result.verdict.angle < 1e-3
 
 
-@pytest.mark.parametrize("name", ["box", "bracket"])
-def test_the_arm_goes_to_a_solid_on_its_table(meshes, name):
-    target = {"shape": meshes[name], "pose": [0.0, 0.0, 0.5905, 0.0, 0.0, 0.3]}
+def test_the_arm_goes_to_a_solid_on_its_table(meshes):
+    target = {"shape": meshes["bracket"], "pose": [0.0, 0.0, 0.5905, 0.0, 0.0, 0.3]}
     starts = {"height": [0.2, 0.3], "side": 0.04, "turn": 0.7, "tilt": 0.15, "margin": 4}
     result = run(Experiment(target=target, scheme="pose", start=starts, seed=3, duration=12.0))
     assert result.outcome.startswith("converged")

@@ -80,11 +80,11 @@ def late(bench):
 
 
 CASES = {
-    "a whole run": (lambda bench: bench.step(300), {}),
+    "a whole run": (lambda bench: bench.step(180), {}),
     "delayed": (lambda bench: bench.step(200), {"delay": 0.05}),
     "slowed": (lambda bench: bench.step(200), {"gain": 15.0, "max_velocity": 0.2}),
     "at a limit": (lambda bench: bench.step(200), {"lower": {"J3": -0.27}}),
-    "a slow approach": (lambda bench: bench.step(400), {"start": "2015", "max_acceleration": 2.0}),
+    "a slow approach": (lambda bench: bench.step(250), {"start": "2015", "max_acceleration": 2.0}),
     "short lead": (lambda bench: bench.step(200), {"lead": 0.003, "lag": 0.01}),
     "jump": (jump, {}), "implausible": (implausible, {}), "gap": (gap, {}),
     "starved": (starved, {}), "stuck": (stuck, {}), "late": (late, {}),

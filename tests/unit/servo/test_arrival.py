@@ -44,7 +44,7 @@ def feed(arrival, errors, begin=0.0, dt=0.1):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_arrival_needs_the_whole_hold(begin, sign):
     assert feed(Arrival(0.5), [sign * 0.9] * 7, begin) == [False] * 5 + [True] * 2
-    assert feed(Arrival(0.5), [sign * 1.1] * 9, begin) == [False] * 9
+    assert feed(Arrival(0.5), [sign * 1.0] * 9, begin) == [False] * 9  # not within: at them
 
 
 def test_arrival_judges_the_mean_and_refuses_a_swing():
@@ -304,6 +304,20 @@ def test_an_exact_view_leaves_open_what_L_sees():
     assert (left.up_to, left.reason, left.mend) == ("", "", "")
 
 
+@pytest.mark.parametrize(("aside", "words"), [(1.697e-4, ""), (1.709e-4, "0.4 mm")])
+def test_no_more_is_said_of_less_than_three_tenths_of_a_millimetre(aside, words):
+    left = left_by([1e3 * aside * np.eye(6)[1]] * 6, STRONG)
+    assert left.distance == pytest.approx(3e-4, abs=2e-6) and left.up_to == words
+
+
+@pytest.mark.parametrize(("tenths", "words"), [(2.98, ""), (3.02, "0.4 degrees")])
+def test_nor_of_less_than_three_tenths_of_a_degree(tenths, words):
+    accuracy = np.eye(6)[:, [4]]
+    one = left_by([np.zeros(6)] * 6, STRONG, accuracy=accuracy).angle - TURNS
+    size = (np.radians(0.1 * tenths) - TURNS) / one
+    assert left_by([np.zeros(6)] * 6, STRONG, accuracy=size * accuracy).up_to == words
+
+
 def test_a_camera_that_moves_may_go_on_for_some_hundredths_of_a_second():
     """Images in 0.1 s, the last steps 0.02 mm along y and 0.1 mrad about x."""
     y = 1e-5 * np.array([19.0, 13.0, 8.0, 4.0, 1.0, -1.0])
@@ -406,6 +420,12 @@ def test_directions_that_are_held_count_as_kinematics_has_them():
         left = left_by([np.zeros(4)] * 6, L, modelled=modelled, goal=goal, poses=[here] * 6)
         assert left.angle - TURNS == pytest.approx(max(np.abs(tilt)), rel=1e-3)
         assert left.distance - MOVES == pytest.approx(wanted, rel=1e-3)
+    # What the features see besides adds to it: 0.1 mm aside of the same sign, or of the other.
+    here = goal.world_T_camera @ transform((0, 0, 0), (0.002, 0.0, 0.0))
+    for aside in (1e-4, -1e-4):
+        left = left_by([-1e4 * np.array([0.0, aside, 0.0, 0.0])] * 6, L, modelled=modelled,
+                       goal=goal, poses=[here] * 6, tolerance=2.0)  # fmt: skip
+        assert left.distance - MOVES == pytest.approx(1e-3 + 1.7 * aside, rel=1e-3)
     there = left_by(
         [np.zeros(4)] * 6, L, modelled=modelled, goal=goal, poses=[goal.world_T_camera] * 6
     )

@@ -1,0 +1,320 @@
+"""Whether the camera's motion explains how the features moved: verdicts against least squares
+written row by row, and bounds from both sides."""
+
+from collections import Counter
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_controller.judging.camera_check import DIRECTIONS, CameraCheck
+from aras_visual_servo_controller.seeing.joint_sample import JointSample
+
+
+class Rows:
+    """The same judgement from the rows themselves instead of sums of their products."""
+
+    def __init__(self):
+        self.rows, self.values, self.path = [np.empty((0, 6))], [np.empty(0)], 0.0
+        self.begin()
+
+    def begin(self):
+        """A row is what happened from here on."""
+        self.parts, self.moved, self.shaken, self.images = 0.0, 0.0, 0.0, 0
+
+    def smooth(self, off):
+        """Whether what is off in each row goes on in the next."""
+        off = np.split(off, np.cumsum([len(value) for value in self.values[1:]])[:-1])
+        together = sum(one @ other for one, other in zip(off, off[1:], strict=False))
+        return together > CameraCheck.SMOOTH * sum(each @ each for each in off)
+
+    def add(self, before, now, twist, tolerances, shaken):
+        (error_before, L_before), (error, L) = before, now
+        moved = (error - error_before) / tolerances
+        if np.abs(moved).max() > 1.0 / tolerances.max():
+            self.begin()
+            return
+        self.parts = self.parts + 0.5 * (L_before + L) * twist / tolerances[:, None]
+        self.moved, self.shaken = self.moved + moved, max(self.shaken, shaken)
+        self.images += 1
+        predicted = np.abs(self.parts.sum(axis=1)).max()
+        if predicted >= CameraCheck.LEAST:
+            weight = 1.0 / (1.0 + CameraCheck.TYPICAL * self.shaken)
+            self.rows.append(weight * self.parts)
+            self.values.append(weight * self.moved)
+            self.path += weight * predicted
+            self.begin()
+        elif self.images == CameraCheck.TOGETHER:
+            self.begin()
+
+    def fault(self):
+        A, b = np.vstack(self.rows), np.concatenate(self.values)
+        if self.path <= CameraCheck.PATH:
+            return ""
+        along, turning = A[:, :3].sum(axis=1), A[:, 3:].sum(axis=1)
+        depth = 1.0
+        if along @ along > CameraCheck.KNOWN**2:
+            depth = along @ (b - turning) / (along @ along)
+        if depth <= 0.0:
+            return ("the features move otherwise than L and the arm's motion say: against the "
+                    "camera's translation")
+        expected = np.array([depth] * 3 + [1.0] * 3)
+        off = b - A @ expected
+        misfit = off @ off / (b @ b)
+        loud = np.sqrt(off @ off / len(b)) > CameraCheck.LOUD
+        if misfit > CameraCheck.MISFIT and loud and self.smooth(off):
+            return ("the features move otherwise than L and the arm's motion say: "
+                    f"{100.0 * misfit:.0f} % of the motion is not explained")
+        # One row more a direction, of little weight: where nothing was seen, it is as expected.
+        weak = np.sqrt(0.1) * np.eye(6)
+        known = np.vstack([A, weak])
+        scale = np.linalg.lstsq(known, np.concatenate([b, weak @ expected]), rcond=None)[0]
+        left = b - A @ scale
+        noise = max(np.sqrt(left @ left / max(len(b) - 6, 1)), CameraCheck.QUIET)
+        spread = np.linalg.inv(known.T @ known)
+        found = []
+        for one, other in [(1, 0), (2, 0), (2, 1), (3, 3), (4, 4), (5, 5)]:
+            compared = np.zeros(6)
+            compared[one], unit, least = 1.0, 1.0, CameraCheck.TURNED
+            away = scale[one] - 1.0
+            if one != other:
+                compared[other], unit, least = -1.0, depth, CameraCheck.KNOWN
+                away = scale[one] - scale[other]
+            unknown = np.sqrt(compared @ spread @ compared)
+            doubt = CameraCheck.DEVIATIONS * noise * unknown / unit
+            if unknown <= 1.0 / least:
+                lowered = left @ left * unknown**2
+                found.append((abs(away) / unit - CameraCheck.OFF - lowered - doubt, one, other))
+        over, one, other = max(found, default=(0.0, 0, 0))
+        if over <= 0.0:
+            return ""
+        if one != other and abs(scale[one] - 1.0) < abs(scale[other] - 1.0):
+            one, other = other, one
+        beside = f"along {DIRECTIONS[other]} {scale[other]:.2f}"
+        if one == other:
+            beside = "elsewhere 1.00"
+        return (f"along {DIRECTIONS[one]} the features move {scale[one]:.2f} times as far as L "
+                f"and the arm's motion say, {beside} times")
+
+
+def judged(seed, jacobian=None):
+    """(what the evidence says, what the rows say) of a run drawn by the seed."""
+    random = np.random.default_rng(seed)
+    evidence, rows = CameraCheck(None if jacobian is None else lambda q: jacobian), Rows()
+    tolerances = 1e-3 * random.uniform(0.5, 2.0, 4)
+    scale = np.ones(6)
+    scale[:3] *= random.choice([-0.3, 0.6, 1.0, 1.5], p=[0.1, 0.3, 0.3, 0.3])
+    scale[random.integers(6)] *= random.choice([1.0, 0.93, 1.1, 1.4])
+    noise = random.choice([0.0, 0.3, 1.0, 4.0, 20.0], p=[0.1, 0.3, 0.3, 0.2, 0.1])
+    size = random.choice([1e-3, 1e-2, 3e-2])
+    drift = random.choice([0.0, 40.0], p=[0.7, 0.3]) * tolerances * random.normal(size=4)
+    error, before, joints = random.normal(size=4), None, None
+    for k in range(int(random.integers(2, 30))):
+        L = random.normal(size=(4, 6))
+        twist = size * random.normal(size=6) * (random.random(6) < 0.8)
+        if before is not None:
+            error = before[0] + 0.5 * (before[1] + L) * scale @ twist
+            error = error + noise * tolerances * random.normal(size=4) + drift
+            if random.random() < 0.1:
+                error = error + 2.0  # an angle that wrapped round
+        last, shaken = joints, 0.0
+        joints = JointSample.of(k / 30.0, "xyz", 1e-3 * random.normal(size=3),
+                                0.03 * random.normal(size=3))  # fmt: skip
+        if before is not None and jacobian is not None:
+            dt, change = joints.stamp - last.stamp, joints.velocities - last.velocities
+            told = 0.5 * (last.velocities + joints.velocities) * dt
+            doubt = np.abs(joints.positions - last.positions - told)
+            doubt = doubt + CameraCheck.LATE * dt * np.abs(change)
+            ways = np.abs(L @ jacobian * doubt) / tolerances[:, None]
+            shaken = ways.max()
+        evidence.add(
+            SimpleNamespace(rate=0.0, L=L, error=error),
+            SimpleNamespace(motion=twist, dt=1 / 30, joints=joints), tolerances,
+        )  # fmt: skip
+        if before is not None:
+            rows.add(before, (error, L), twist, tolerances, shaken)
+        before = error, L
+    return evidence.fault(), rows.fault()
+
+
+@pytest.mark.parametrize("shaken", [False, True])
+def test_the_camera_is_judged_as_least_squares_over_all_rows_say(shaken):
+    jacobian = np.random.default_rng(5).normal(size=(6, 3)) if shaken else None
+    kinds = Counter()
+    for seed in range(150):
+        said, wanted = judged(seed, jacobian)
+        assert said == wanted, seed
+        kinds[wanted.partition(" ")[0] + ("%" if "%" in wanted else "")] += 1
+    # or this shows nothing: innocent, one direction, against the translation, unexplained
+    assert set(kinds) == {"", "along", "the", "the%"} and min(kinds.values()) >= 4, kinds
+
+
+def test_only_an_image_that_follows_another_counts():
+    """Of a pair one of which has no L, no motion or other features, nothing can be said."""
+    L, twist = np.ones((2, 6)), 0.01 * np.ones(6)
+    tolerances = np.full(2, 1e-3)
+    wrong = [-0.2 * k * np.ones(2) for k in range(8)]  # against the motion: found at once
+
+    def said(change):
+        evidence = CameraCheck()
+        for k, error in enumerate(wrong):
+            decision = {"L": L, "error": error, "rate": 0.0}
+            seen = {"motion": twist, "dt": 1 / 30, "joints": None}
+            if k % 2:
+                change(decision, seen)
+            evidence.add(SimpleNamespace(**decision), SimpleNamespace(**seen),
+                         np.full(len(decision["error"]), 1e-3))
+        return evidence.fault()
+
+    assert said(lambda decision, seen: None)
+    assert not said(lambda decision, seen: decision.update(L=None))
+    assert not said(lambda decision, seen: decision.update(L=np.ones((3, 6))))
+    assert not said(lambda decision, seen: decision.update(L=np.ones((3, 6)), error=np.ones(3)))
+    evidence = CameraCheck()
+    for error in wrong:
+        evidence.add(SimpleNamespace(rate=0.0, L=L, error=error),
+                     SimpleNamespace(motion=None, dt=1 / 30, joints=None), tolerances)
+    assert not evidence.fault()
+
+
+def shown(evidence, error, L, motion, tolerances, rate=0.0, joints=None):
+    """Gives a CameraCheck one image, seen after a motion (6,) of the camera."""
+    evidence.add(SimpleNamespace(rate=rate, L=L, error=error),
+                 SimpleNamespace(motion=motion, dt=1 / 30, joints=joints), tolerances)
+
+
+def seen_by(scale, images=12, noise=0.0, seed=0, count=4, tolerance=1e-3, drift=0.0, rate=0.0):
+    """Evidence of features that move `scale` (6,) times as far as L says, by direction, and by
+    `drift` tolerances an image besides; the scheme says that they do so by `rate` a second."""
+    random = np.random.default_rng(seed)
+    evidence, tolerances = CameraCheck(), np.full(count, tolerance)
+    L = random.normal(size=(count, 6))
+    error, twist = random.normal(size=count), np.zeros(6)
+    for _ in range(images):
+        measured = error + noise * tolerance * random.normal(size=count)
+        shown(evidence, measured, L, twist, tolerances, rate)
+        twist = 2e-2 * random.normal(size=6)
+        error = error + (L * scale) @ twist + drift * tolerance
+    return evidence
+
+
+ONE = np.ones(6)
+
+
+def test_no_evidence_is_no_fault():
+    assert CameraCheck().fault() == ""
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+@pytest.mark.parametrize("depth", [0.5, 1.0, 2.0])
+def test_one_depth_for_all_translations_is_no_fault(noise, depth):
+    for seed in range(8):
+        scale = np.array([depth] * 3 + [1.0] * 3)
+        assert seen_by(scale, 30, noise, seed).fault() == ""
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.3])
+@pytest.mark.parametrize("direction", range(6))
+def test_the_direction_that_is_off_is_named(direction, factor):
+    scale = ONE.copy()
+    scale[direction] = factor
+    for seed in range(3):
+        words = seen_by(scale, 30, 0.5, seed).fault()
+        if direction < 3:  # which of the three is off can only be told from the other two
+            assert words.split()[1] in DIRECTIONS[:3]
+        else:
+            assert words.startswith(f"along {DIRECTIONS[direction]} ")
+            found = float(words.split(" move ")[1].split(" times")[0])
+            assert found == pytest.approx(factor, abs=0.03)
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_two_translations_are_compared_however_little_one_of_them_is(factor):
+    """The camera came down by a centimetre and went far aside: one depth for all lay by the
+    sideways way, and a focal length of 0.9 times the true one passed."""
+    evidence, way = CameraCheck(), 1e-3 * np.array([8.0, 5.0, 1.0, 0.0, 0.0, 0.0])
+    for k in range(30):
+        shown(evidence, k * way[:3] * [1.0, 1.0, factor], np.eye(6)[:3], way, np.full(3, 1e-3))
+    assert evidence.fault().startswith(f"along vz the features move {factor:.2f} times")
+    assert evidence.fault().endswith("along vx 1.00 times")
+
+
+def slowly(step, images, factor=0.8):
+    """Evidence of a camera that goes by `step` tolerances an image, along x and z in turn."""
+    evidence, position, way = CameraCheck(), np.zeros(3), np.zeros(6)
+    for k in range(images):
+        position = position + way[:3]
+        shown(evidence, position * [1.0, 1.0, factor], np.eye(6)[:3], way, np.full(3, 1e-3))
+        way = 1e-3 * step * np.eye(6)[2 * (k // 8 % 2)]
+    return evidence.fault()
+
+
+def test_slow_motion_is_added_up_over_four_images_and_no_more():
+    assert slowly(4.0, 60) and slowly(1.6, 160) and slowly(0.8, 320)
+    assert not slowly(0.7, 320)
+
+
+def test_a_little_off_is_within_what_can_be_measured():
+    assert seen_by(np.array([1.0, 1.0, 0.96, 1.0, 1.0, 1.04]), 30, 0.5).fault() == ""
+
+
+def test_motion_the_other_way_and_motion_of_its_own_are_faults():
+    assert "against the camera's translation" in seen_by(np.array([-1.0] * 3 + [1.0] * 3)).fault()
+    evidence = seen_by(ONE, 40, drift=20.0)
+    assert "of the motion is not explained" in evidence.fault()
+    assert not seen_by(ONE, 40, noise=20.0).fault()  # which is as loud, and goes on in no row
+    assert not seen_by(ONE, 40, drift=20.0, rate=20.0 * 30.0 * 1e-3).fault()  # as the scheme knows
+    assert seen_by(ONE, 40, rate=20.0 * 30.0 * 1e-3).fault()
+
+
+def test_noise_hides_what_it_hides_and_is_no_fault():
+    """A scale is judged by how well it is known."""
+    scale = np.array([1.0, 1.0, 1.0, 1.0, 0.8, 1.0])
+    assert seen_by(scale, 30, noise=0.2).fault()
+    assert not seen_by(scale, 6, noise=4.0).fault()
+
+
+def test_little_motion_and_broken_sequences_are_no_evidence():
+    wrong = np.array([0.5, 1.0, 0.5, 1.0, 0.5, 1.0])
+    assert seen_by(wrong, 30).fault()
+    assert not seen_by(wrong, 30, tolerance=0.5).fault()  # slower than 3 tolerances an image
+    assert not seen_by(wrong, 1).fault()
+    evidence = CameraCheck()
+    for k in range(40):
+        evidence.interrupt()
+        shown(evidence, np.full(2, 0.01 * k), np.ones((2, 6)), 0.01 * ONE, np.full(2, 1e-3))
+    assert not evidence.fault()
+
+
+def believed_by_shaken_joints(shake, scale, jacobian, images=40, seed=0):
+    """Evidence by joints, here the camera's own directions, that go on at their last speeds from
+    the last sample to the exposure: speeds that shake put them beside where they truly are."""
+    random, names = np.random.default_rng(seed), tuple("xyzabc")
+    evidence, tolerances, gap = CameraCheck(jacobian), np.full(4, 1e-3), 0.008
+    L, true, before = random.normal(size=(4, 6)), np.zeros(6), None
+    steady = np.zeros(6)
+    for k in range(images):
+        wanted = 0.5 * random.normal(size=6)
+        true, steady = true + 0.5 * (steady + wanted) / 30.0, wanted
+        off = shake * random.normal(size=6)
+        believed = true + off * gap
+        joints = JointSample.of(k / 30.0, names, believed, steady + off)
+        moved = np.zeros(6) if before is None else believed - before
+        shown(evidence, (L * scale) @ true, L, moved, tolerances, joints=joints)
+        before = believed
+    return evidence
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_shaken_arm_is_no_evidence_against_its_camera(seed):
+    """A loaded machine's demo was told to calibrate its camera: late commands shook J5, and between
+    two joint states nobody knew where it was."""
+    assert not believed_by_shaken_joints(1.0, ONE, lambda q: np.eye(6), seed=seed).fault()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_arm_that_moves_steadily_is_evidence(seed):
+    wrong = np.array([1.0, 1.0, 1.0, 0.6, 0.6, 0.6])
+    for shake in (0.0, 0.01):
+        assert believed_by_shaken_joints(shake, wrong, lambda q: np.eye(6), seed=seed).fault()
+    assert not believed_by_shaken_joints(0.01, ONE, lambda q: np.eye(6), seed=seed).fault()

@@ -1,0 +1,124 @@
+"""Whether the target moves by itself: exact features of one that does, before a moving camera."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_base.poses import transform
+from aras_visual_servo_controller.judging.target_check import TargetCheck
+
+DT, ROW = 1 / 30, 4 / 30  # s: four images are more than the 0.12 s of a row
+POSE = transform((0.3, -0.2, 0.5), (2.9, 0.2, -0.4))
+
+
+def twist(*six):
+    """Of the target, the same at all times, in the world."""
+    return lambda t: np.array(six)
+
+
+STEADY, STILL = twist(0.02, -0.01, 0.005, 0.0, 0.0, 0.0), twist(*[0.0] * 6)
+
+
+def swaying(t):
+    """The camera's motion (6,) in one image."""
+    return 2e-3 * np.sin([9.0 * t, 6.0 * t, 3.0 * t, 0.0, 0.0, 0.0])
+
+
+def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=None, begin=0.0):
+    """What is said after each of so many images of a target that moves by a twist (6,)."""
+    check = check or TargetCheck()
+    draw = np.random.default_rng(4)
+    L = draw.normal(size=(count, 6)) if L is None else L
+    tolerances = np.resize([1e-3, 2e-3, 1e-3, 3e-3], count)
+    error, said = np.zeros(count), []
+    camera_R_world = POSE[:3, :3].T
+    for k in range(images):
+        t = begin + k * DT
+        own = -np.hstack([L[:, :3] @ camera_R_world, L[:, 3:] @ camera_R_world]) @ moves(t)
+        motion = camera(t)
+        if k:
+            error = error + L @ motion + own * DT
+        said.append(check.add(
+            SimpleNamespace(error=error, L=L, rate=known * own),
+            SimpleNamespace(stamp=t, dt=DT, motion=motion, world_T_camera=POSE),
+            None, tolerances, True,
+        ))  # fmt: skip
+    return said
+
+
+def test_a_steady_target_s_speed_is_told():
+    assert watched(60, STEADY)[-1] == "it moves at 22.9 mm/s"
+    assert not any(watched(120, STILL))
+
+
+def test_a_turn_is_told_by_more_than_two_numbers_an_image():
+    turn = twist(0.0, 0.0, 0.0, 0.1, -0.15, 0.2)
+    assert watched(60, turn)[-1] == "it turns"
+    assert "it turns" not in watched(200, turn, count=2)
+
+
+def test_a_swing_is_told_with_its_frequency_once_it_was_seen_for_two_and_a_half_seconds():
+    def swing(t):
+        return np.cos(2.0 * np.pi * 0.6 * t) * np.array([0.05, -0.03, 0.02, 0.0, 0.0, 0.0])
+
+    said = watched(160, swing)
+    told = float(said[-1].removeprefix("it swings at ").removesuffix(" Hz"))
+    assert told == pytest.approx(0.6, abs=0.05)
+    assert not any("swings" in words for words in said[:77])
+
+
+def test_a_target_that_the_camera_follows_moves():
+    """Nothing moves in the picture, and no depth of 0 is to explain that."""
+    def follow(t):
+        return DT * np.concatenate([POSE[:3, :3].T @ [0.02, 0.0, 0.0], np.zeros(3)])
+
+    assert watched(60, twist(0.02, 0, 0, 0, 0, 0), follow)[-1] == "it moves at 20.0 mm/s"
+
+
+@pytest.mark.parametrize(("count", "rows"), [(6, 10), (5, 15), (12, 10)])
+def test_how_much_has_to_be_seen(count, rows):
+    """Ten rows that hold sixty numbers; every fifth row is looked at."""
+    said = watched(4 * rows + 1, STEADY, count=count)
+    assert not any(said[:-1]) and said[-1]
+
+
+@pytest.mark.parametrize(("loud", "told"), [(0.29, False), (0.31, True)])
+def test_how_far_the_features_have_to_move(loud, told):
+    """Tolerances in a row, rms, before a camera at rest."""
+    draw = np.random.default_rng(4)
+    L = draw.normal(size=(6, 6)) / np.resize([1.0, 0.5, 1.0, 1.0 / 3.0], 6)[:, None]
+    velocity = np.array([0.02, -0.01, 0.005])
+    moved = 1e3 * L[:, :3] @ POSE[:3, :3].T @ velocity / np.resize([1.0, 2.0, 1.0, 3.0], 6) * ROW
+    velocity *= loud / np.sqrt(np.mean(moved**2))
+    assert any(watched(60, twist(*velocity, 0, 0, 0), STILL, L=L)) is told
+
+
+def test_one_direction_alone_has_no_place_of_a_target():
+    L = np.zeros((6, 6))
+    L[:, 0] = [5.0, 4.0, -3.0, 2.0, 1.0, -6.0]
+    assert not any(watched(120, twist(0.05, 0.02, 0.0, 0, 0, 0), L=L))
+
+
+def test_other_features_and_images_without_any_begin_anew():
+    check = TargetCheck()
+    assert not any(watched(37, STEADY, check=check))  # nine rows
+    said = watched(41, STEADY, count=8, check=check, begin=2.0)  # and ten of others
+    assert not any(said[:-1]) and said[-1]
+    check = TargetCheck()
+    for part in range(20):  # no row is whole between interruptions
+        assert not any(watched(4, STEADY, check=check, begin=0.2 * part))
+        check.interrupt()
+
+
+def test_what_is_long_ago_is_forgotten():
+    """It stood still, and has moved for the last six seconds."""
+    check = TargetCheck()
+    assert not any(watched(120, STILL, check=check))
+    check.interrupt()
+    assert watched(190, STEADY, check=check, begin=4.0)[-1]
+
+
+@pytest.mark.parametrize(("known", "said"), [(1.0, False), (0.5, True), (0.0, True), (-1.0, True)])
+def test_a_target_s_motion_that_the_scheme_knows_is_taken_off(known, said):
+    assert any(watched(120, STEADY, known=known)) is said

@@ -290,8 +290,9 @@ def test_a_moved_camera_is_moved_in_the_description(monkeypatch, moved):
         assert [float(v) for v in origin.get(key).split()] == [float(v) for v in value.split()]
 
 
-@pytest.mark.parametrize("given", ["false", "False", "0", "true"])
-@pytest.mark.parametrize("moved", [[], ["camera_xyz:=0 -0.03 0"]])
+@pytest.mark.parametrize(("given", "moved"), [
+    ("false", []), ("False", ["camera_xyz:=0 -0.03 0"]), ("0", []), ("true", ["camera_rpy:=0 0 1"]),
+])
 def test_joint_friction_can_be_left_out(monkeypatch, given, moved):
     roslaunch = pytest.importorskip("roslaunch")
     monkeypatch.setenv("ROS_PACKAGE_PATH", f"{PACKAGE.parent}:/usr/share")
@@ -334,28 +335,31 @@ LAUNCH_FILES = sorted(
 )
 
 
-@pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: f"{path.parts[-3]}-{path.stem}")
-@pytest.mark.parametrize(
-    ("environment", "arguments", "expected"),
-    [
-        ({}, [], "127.0.0.1"),
-        ({"ROS_MASTER_URI": "http://localhost:11311"}, [], "127.0.0.1"),
-        ({"ROS_MASTER_URI": "http://127.0.0.1:11312"}, [], "127.0.0.1"),
-        ({"ROS_MASTER_URI": "http://robot:11311"}, [], None),
-        ({"ROS_IP": "10.0.0.3"}, [], None),
-        ({"ROS_HOSTNAME": "lab"}, [], None),
-        ({}, ["open_network:=true"], None),
-    ],
-)
-def test_nodes_listen_to_this_machine_alone(monkeypatch, path, environment, arguments, expected):
+def addresses(monkeypatch, path, environment, arguments):
+    """The ROS_IP that a launch file gives to its nodes."""
     roslaunch = pytest.importorskip("roslaunch")
-    if arguments and path.parts[-3] == "gazebo_ros":
-        pytest.skip("takes Gazebo's own arguments and no others")
     for name in ("ROS_IP", "ROS_HOSTNAME", "ROS_MASTER_URI"):
         monkeypatch.delenv(name, raising=False)
     for name, value in {"ROS_PACKAGE_PATH": f"{PACKAGE.parent}:/usr/share", **environment}.items():
         monkeypatch.setenv(name, value)
     given = [*arguments, "bag:=/tmp/run.bag"] if "record" in path.stem else arguments
     config = roslaunch.config.load_config_default([(str(path), given)], None, assign_machines=False)
-    addresses = {node.name: dict(node.env_args).get("ROS_IP") for node in config.nodes}
-    assert set(addresses.values()) == {expected}, addresses
+    return {dict(node.env_args).get("ROS_IP") for node in config.nodes}
+
+
+@pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: f"{path.parts[-3]}-{path.stem}")
+def test_nodes_listen_to_this_machine_alone(monkeypatch, path):
+    assert addresses(monkeypatch, path, {}, []) == {"127.0.0.1"}
+    assert addresses(monkeypatch, path, {"ROS_IP": "10.0.0.3"}, []) == {None}
+
+
+@pytest.mark.parametrize(("environment", "arguments", "expected"), [
+    ({"ROS_MASTER_URI": "http://localhost:11311"}, [], "127.0.0.1"),
+    ({"ROS_MASTER_URI": "http://127.0.0.1:11312"}, [], "127.0.0.1"),
+    ({"ROS_MASTER_URI": "http://robot:11311"}, [], None),
+    ({"ROS_HOSTNAME": "lab"}, [], None),
+    ({}, ["open_network:=true"], None),
+])
+def test_who_opens_the_network_is_heard(monkeypatch, environment, arguments, expected):
+    path = PACKAGE / "launch" / "aras_visual_servo_nodes.launch"
+    assert addresses(monkeypatch, path, environment, arguments) == {expected}

@@ -4,6 +4,7 @@ import math
 import sys
 from pathlib import Path
 
+import pybullet
 import pytest
 
 HERE = str(Path(__file__).resolve().parent)
@@ -133,6 +134,14 @@ def aras_xml(tags: str = "") -> str:
         in ARAS_JOINTS
     ]
     return robot_xml(*parts, tags, name="aras_visual_servo")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def another_world():
+    """Bullet's first client is somebody else's: what forgets to say which one it means fails."""
+    first = pybullet.connect(pybullet.DIRECT)
+    yield
+    pybullet.disconnect(first)
 
 
 class Mechanisms:

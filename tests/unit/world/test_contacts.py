@@ -118,7 +118,7 @@ def test_of_two_coefficients_the_smaller_counts(world, make, floor_mu, mu):
 
 def test_a_rough_body_on_a_usual_floor_slides_as_the_floor_has_it(world, make):
     world.spawn(floor(make, 1.0), "floor")
-    model = world.spawn(cube(make, 2.0, "0.4 0.4 0.1"), "m", Pose((-1.0, 0.0, 1.05)))
+    model = world.spawn(cube(make, 1.2, "0.4 0.4 0.1"), "m", Pose((-1.0, 0.0, 1.05)))
     assert deceleration(world, model, 3.0, 100) == pytest.approx(1.0, rel=0.01)
 
 

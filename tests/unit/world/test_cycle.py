@@ -171,13 +171,13 @@ def commands(seed, names, spread):
     def stop(simulation):
         robot_of(simulation).manager.switch([], names[:1])
 
-    for k in range(90):
+    for k in range(45):
         at += (200 if k % 12 == 0 else draw.randrange(1, 45)) * MS
         far = 4.0 if k % 9 == 0 and spread > 1e-3 else spread
         values = {name: draw.uniform(-far, far) if name != "group" else
                   [draw.uniform(-far, far), draw.uniform(-far, 2.5 * far)]
                   for name in (names[:1] if k % 5 == 3 else names)}
-        changes = {40: softer(5.0), 60: softer(-4.0), 80: stop}
+        changes = {20: softer(5.0), 30: softer(-4.0), 40: stop}
         script.append((at, changes.get(k) or command(values)))
     return script
 

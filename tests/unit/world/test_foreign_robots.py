@@ -83,7 +83,7 @@ def scene():
         for controller in controllers:
             manager.load(controller)
         manager.switch(list(controllers), [], 2)
-    aras.steps(500)
+    aras.steps(200)
     yield aras
     aras.close()
 
@@ -98,17 +98,17 @@ def test_all_three_move_as_commanded_at_the_same_time(scene):
     simulation.robots["panda"].manager.get("gripper_controller").set_command([0.03, 0.03])
     goal = (0.4, 0.3, -0.5, -1.8, 0.2, 1.8, -0.3)
     simulation.robots["panda"].manager.get("arm_controller").set_command(
-        Trajectory(ARM, [TrajectoryPoint(1_500_000_000, goal, (0.0,) * 7)]))
+        Trajectory(ARM, [TrajectoryPoint(1_000_000_000, goal, (0.0,) * 7)]))
     pose = (0.1, 0.0, math.radians(10), math.radians(-5), math.radians(-5), 0.0)
     scene.command(pose)
-    scene.steps(2000)
+    scene.steps(1300)
     position = dict(zip(panda.joint_names, panda.read_joints()[0], strict=True))
     assert position["panda_finger_joint1"] == pytest.approx(0.03, abs=1e-4)
     assert position["panda_finger_joint2"] == pytest.approx(0.03, abs=1e-4)  # mimics the other
     for joint, target in zip(ARM, goal, strict=True):
         assert position[joint] == pytest.approx(target, abs=5e-3), joint
     travelled = np.subtract(husky.pose().xyz, began.xyz)
-    assert travelled[0] == pytest.approx(wheel_speed * WHEEL_RADIUS * 2.0, rel=0.05)
+    assert travelled[0] == pytest.approx(wheel_speed * WHEEL_RADIUS * 1.3, rel=0.05)
     assert abs(travelled[1]) < 0.05
     for joint, target in zip(CONTROLLERS, pose, strict=True):
         assert scene.positions()[joint] == pytest.approx(target, abs=4e-3)

@@ -66,7 +66,7 @@ def test_what_falls_stays_where_it_fell(make, ground, what, speed):
     size = (0.3, 0.2, 0.02) if what == "plate" else (0.05, 0.03, 0.04)
     described = ball(make) if what == "ball" else block(make, size)
     height = 0.02 if what == "ball" else size[2] / 2
-    for share in np.linspace(0.0, 0.9, 7):
+    for share in (0.0, 0.35, 0.6, 0.9):
         with World() as world:
             world.spawn_ground_plane() if ground == "plane" else world.spawn(floor(make), "floor")
             model = world.spawn(described, "m", Pose((0, 0, height + 0.01 + share * speed * 1e-3),

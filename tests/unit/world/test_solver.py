@@ -159,7 +159,7 @@ def test_more_models_than_bullet_has_groups_stand_on_the_ground(make):
             assert model.pose().xyz[2] == pytest.approx(0.05 + k % 2 * 0.12, abs=2e-3)
 
 
-def trace(cube, steps=700):
+def trace(cube, steps=300):
     """With the arm left to Bullet."""
     robot = ArasRobot(Simulation())
     robot.simulation.spawn(parse_urdf(cube), "cube", Pose((7.0, 0.0, 0.05)))  # Bullet makes steps

@@ -426,6 +426,7 @@ def test_what_touches_a_base_adds_up_to_a_torque_and_a_force_in_its_axes():
 def test_what_no_longer_lies_on_a_held_base_is_no_longer_felt(world, make):
     world.spawn(cart(make, 200.0), "cart")
     box = loose_box(make, world, "on", 1.0, (0.2, 0.1, 0.251))
+    loose_box(make, world, "far", 1.0, (5.0, 0.0, 0.05))
     steps(world, 500)
     (one,) = world._bases.held
     assert one._touch[5] == pytest.approx(-9.81, rel=0.05)
@@ -523,7 +524,7 @@ def test_a_base_is_held_up_to_what_the_ground_can_bear_and_no_further():
     """The judgement against a linear programme of forces at the corners, along random loads."""
     rng = np.random.default_rng(5)
     shares = []
-    for _ in range(120):
+    for _ in range(40):
         normal = rng.normal(size=3)
         normal /= np.linalg.norm(normal)
         gravity = -G * (normal + 0.15 * rng.normal(size=3))
@@ -540,7 +541,7 @@ def test_a_base_is_held_up_to_what_the_ground_can_bear_and_no_further():
         frames = np.zeros((1, 46))  # of one joint, at rest, whose body asks for the load
 
         low, high = 0.0, 1000.0  # how much of the load is just borne, by bisection
-        for _ in range(30):
+        for _ in range(14):
             # Half of it by what touches the model.
             frames[0, 40:46] = (low + high) / 4 * load
             touch = -(low + high) / 4 * load

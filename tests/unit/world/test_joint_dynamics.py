@@ -225,7 +225,7 @@ def test_friction_stops_and_damping_fulfil_their_conditions(make, dt):
     space, described = space_of(text)
     for slot, name in enumerate(described.moving_joints()):
         space.set_motor(slot, 0.0, described.joints[name].friction)
-    total = np.zeros(3, dtype=int)
+    total, push = np.zeros(3, dtype=int), np.zeros(8)
     for k in range(400):
         before = space.state[:2].copy()
         if k % 25 == 0:

@@ -217,6 +217,9 @@ def test_another_object(seed):
     )
     rig.run(3.0)
     assert rig.servo.outcome.kind == "wrong_object"
+    # it is longer than the goal's
+    spread = rig.servo.outcome.reason.split("target: ")[1].split(" times as spread out")[0]
+    assert float(spread) > 1.25
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -137,6 +137,27 @@ def test_every_number_has_its_bound_and_takes_what_lies_at_it():
             of(**{name: 1.01 * bound})
 
 
+def test_settings_of_the_loop_alone_have_bounds_too():
+    """A program that makes a Servo itself gives them."""
+    loop, other = ServoSettings(), {"arrived": 0.005, "push": 3.0, "settle": 0.3, "lag": 0.15,
+                                    "longest_step": 0.1, "watchdog_images": 3.0,
+                                    "resolve_period": 0.01, "duration": np.inf}  # fmt: skip
+    assert {name: getattr(loop, name) for name in other} == other
+    least = ("arrived", "push", "settle", "lag", "delay", "watchdog_images", "lead", "stiffness",
+             "damping")  # fmt: skip
+    above = ("hold", "approach_speed", "longest_step", "watchdog", "stop_time", "resolve_period",
+             "duration")  # fmt: skip
+    for names, edge, beyond in ((least, 0.0, -1e-6), (above, 1e-6, 0.0)):
+        for name in names:
+            assert getattr(ServoSettings(**{name: edge}), name) == edge
+            with pytest.raises(ConfigurationError, match=name):
+                ServoSettings(**{name: beyond})
+    for name, most in (("approach_speed", 1.0), ("stop_time", 10.0)):
+        assert getattr(ServoSettings(**{name: most}), name) == most
+        with pytest.raises(ConfigurationError, match=name):
+            ServoSettings(**{name: 1.01 * most})
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [

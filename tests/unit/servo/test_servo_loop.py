@@ -18,7 +18,6 @@ from loop_rig import (
 )
 
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Adaptive, ContinuousStart, Proportional
 from aras_visual_servo_controller.loop.motion import CommandMotion
@@ -254,11 +253,6 @@ def test_joints_that_cannot_be_measured_stop_the_arm_and_the_command_says_why():
     command = rig.servo.tick(rig.now + TICK, unmeasured="no word of J2")
     assert (command.reason, command.phase) == ("no word of J2", HOLDING)
     assert command.positions.shape == (6,)
-
-
-def test_settings_of_the_loop_are_checked():
-    with pytest.raises(ConfigurationError, match="resolve_period"):
-        ServoSettings(resolve_period=0.0)
 
 
 def test_the_watchdog_waits_for_three_periods_of_a_slow_camera():

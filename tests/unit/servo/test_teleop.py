@@ -97,17 +97,15 @@ def test_a_chosen_joint_is_moved_and_no_other():
     keys.press("-", jog, 0.0)
     assert jog.heard == [("J2", SPEEDS[2]), ("J2", -SPEEDS[2])]
     assert keys.press("7", jog, 0.0)[1].startswith("there are 6 joints: gantry")
-    assert keys.chosen == 2
+    assert keys.press("0", jog, 0.0) == (False, "") and keys.chosen == 2
+    assert keys.press("6", jog, 0.0) == (False, "+ and - move J6")
 
 
 def test_speed_stays_between_the_least_and_the_greatest():
     keys, jog = Keys(the_arm().names), Asked()
-    for _ in range(10):
-        told = keys.press(">", jog, 0.0)[1]
-    assert told == "speed 100 %"
-    for _ in range(10):
-        told = keys.press("<", jog, 0.0)[1]
-    assert told == "speed 5 %"
+    assert [keys.press("<", jog, 0.0) for _ in range(6)][-1] == (False, "speed 5 %")
+    told = [keys.press(">", jog, 0.0)[1] for _ in range(6)]
+    assert told == [f"speed {part} %" for part in (10, 20, 40, 70, 100, 100)]
     assert not jog.heard
 
 
@@ -124,15 +122,17 @@ def test_a_held_key_and_arrows_are_told_apart():
 
 
 def test_a_pad_moves_nothing_until_a_shoulder_button_is_held():
-    axes, none = [1.0] * 8, [0] * 8
+    axes, none = DEAD + (1.0 - DEAD) * 0.1 * np.arange(1.0, 9.0), [0] * 8
     assert twist_of(axes, none) is None
     assert twist_of(axes, []) is None
     slow, fast = list(none), list(none)
     slow[SLOW], fast[FAST] = 1, 1
     # left and up: the picture's left and up; nearer; turned to the left
     np.testing.assert_allclose(
-        twist_of(axes, fast), np.array(TWIST) * [-1.0, -1.0, 1.0, 1.0, -1.0, -1.0])
+        twist_of(axes, fast), np.array(TWIST) * [-0.1, -0.2, 0.5, 0.8, -0.7, -0.4])
     np.testing.assert_allclose(twist_of(axes, slow), 0.3 * twist_of(axes, fast))
+    slow[FAST] = 1  # of both the faster
+    np.testing.assert_allclose(twist_of(-axes, slow), -twist_of(axes, fast))
 
 
 def test_a_stick_near_its_middle_counts_as_none():
@@ -149,8 +149,8 @@ def test_the_kernels_events_are_a_pads_state(tmp_path):
     pad.axes, pad.buttons = [0.0] * 8, [0] * 16
     pad.take(EVENT.pack(1, -32767, AXIS | INITIAL, 0))  # the kernel's left is negative
     pad.take(EVENT.pack(2, 1, BUTTON, SLOW))
-    pad.take(EVENT.pack(3, 1, BUTTON, 200))
-    pad.take(EVENT.pack(3, 1, AXIS, 200))
+    pad.take(EVENT.pack(3, 1, BUTTON, len(pad.buttons)))
+    pad.take(EVENT.pack(3, 1, AXIS, len(pad.axes)))
     pad.take(EVENT.pack(3, 1, 0x40, 3))  # an event of a kind to come
     assert not any(pad.axes[1:])
     assert pad.axes[0] == 1.0

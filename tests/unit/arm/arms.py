@@ -37,11 +37,6 @@ def make(name: str) -> Arm:
     return Arm.from_urdf(urdf(name), FOREIGN_ARMS.get(name, ("", "camera_optical_frame"))[1])
 
 
-def exact_urdf() -> str:
-    """The laboratory's description with right angles, where it says 1.5708 and 3.1416."""
-    return urdf("aras").replace("1.5708", repr(np.pi / 2)).replace("3.1416", repr(np.pi))
-
-
 def within(arm: Arm, random: np.random.Generator, part: float = 0.9) -> np.ndarray:
     """Random joints (n,), within that part of their limits and of one radian either way."""
     low, high = np.maximum(arm.lower, -1.5), np.minimum(arm.upper, 1.5)

@@ -43,9 +43,9 @@ def gap(L: np.ndarray, expected: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("make", [polygon_moments, point_moments], ids=["region", "points"])
 def test_every_row_equals_a_really_moved_camera(make) -> None:
-    """200 random shapes, poses and tilts; every feature there is."""
+    """Random shapes, poses and tilts; every feature there is."""
     worst = dict.fromkeys(ALL, 0.0)
-    for seed in range(200 if make is polygon_moments else 40):
+    for seed in range(40 if make is polygon_moments else 10):
         view = random_view(seed)
         result = compute(make(view), ALL, view.plane, REFERENCE)
         assert result.ok, (seed, result.degenerate)
@@ -63,7 +63,7 @@ def test_every_row_equals_a_really_moved_camera(make) -> None:
     assert max(worst.values()) <= 1e-5, sorted(worst.items(), key=lambda item: -item[1])[:5]
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(4))
 def test_invariants_do_not_feel_translation_rotation_and_scale(seed: int) -> None:
     random = np.random.default_rng(seed)
     outline = random_view(seed).image
@@ -126,7 +126,7 @@ def test_xn_row_of_a_tilted_region_has_half_the_tilt() -> None:
     assert result.row("xn")[0] == pytest.approx(-an * C - A * xn / 2 - B * yn, rel=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(16))
 @pytest.mark.parametrize("make", [polygon_moments, point_moments], ids=["region", "points"])
 def test_full_turn_orientation_under_tilt(seed: int, make) -> None:
     """The branch is the one nearest to the true turn, whatever the tilt (ViSP: 20 of 96 wrong)."""

@@ -6,14 +6,12 @@ from math import pi
 
 import numpy as np
 import pytest
-from feature_cases import TARGET, View, finite_differences, grey_image, rotation
+from feature_cases import TARGET, View, grey_image, rotation
 
 from aras_visual_servo_camera.errors import CalibrationError, DegenerateFeatureError
-from aras_visual_servo_camera.features import PAPER, Reference, compute
+from aras_visual_servo_camera.features import compute
 from aras_visual_servo_camera.images import Image
-from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.overlay import draw
 from aras_visual_servo_camera.pipeline import Measurement, Pipeline, PipelineSettings, _unfit
 from aras_visual_servo_camera.segmentation import Segmentation, SegmentedTarget
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -43,7 +41,7 @@ def centroid_error(view: View, grey: np.ndarray, **settings) -> float:
 def test_grey_moments_see_below_a_pixel() -> None:
     """Centroid RMS error at least three times smaller than that of binary moments."""
     errors = {"coverage": [], "binary": []}
-    for seed in range(30):
+    for seed in range(12):
         at = view(seed)
         grey = grey_image(at.image, CAMERA.pinhole)
         for weighting, found in errors.items():
@@ -56,7 +54,7 @@ def test_grey_moments_see_below_a_pixel() -> None:
 def test_grey_moments_see_the_angle() -> None:
     """Orientation of a nearly square target: RMS error ten times smaller, under 0.02 degrees."""
     errors = {"coverage": [], "binary": []}
-    for seed in range(30):
+    for seed in range(12):
         at = view(seed)
         exact = compute(Moments.from_polygon(at.image), ("alpha",), at.plane)["alpha"]
         grey = grey_image(at.image, CAMERA.pinhole)
@@ -81,28 +79,6 @@ def test_noise_of_the_sensor(levels) -> None:
         exact = Moments.from_polygon(at.image)
         assert measured.moments.m00 == pytest.approx(exact.m00, rel=3e-3)
         assert centroid_error(at, noisy) < 0.03
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_rows_hold_on_rendered_images(seed: int) -> None:
-    """L against images of a moved camera: within 2 % of the row's norm for the paper's features."""
-    at = view(seed)
-    reference = Reference.from_moments(Moments.from_polygon(TARGET / 0.2), 0.2)
-    exact = compute(Moments.from_polygon(at.image), PAPER, at.plane, reference)
-
-    def values(moved: View) -> np.ndarray:
-        moments = measure(grey_image(moved.image, CAMERA.pinhole)).moments
-        s = compute(moments, PAPER, moved.plane, reference).values.copy()
-        s[3] = exact["alpha"] + (s[3] - exact["alpha"] + pi / 2) % pi - pi / 2
-        return s
-
-    measured = compute(
-        measure(grey_image(at.image, CAMERA.pinhole)).moments, PAPER, at.plane, reference
-    )
-    # steps large enough that what sampling leaves of alpha's error, 1e-4 rad, does not show
-    numeric = finite_differences(values, at, step=1.5e-2)
-    norm = np.linalg.norm(numeric, axis=1)
-    assert (np.linalg.norm(measured.L - numeric, axis=1) <= 0.02 * norm).all()
 
 
 def white() -> np.ndarray:
@@ -283,26 +259,3 @@ def test_original_mask_is_the_same_on_a_table_that_is_not_quite_white() -> None:
     for level in (233, 200):
         dim = np.rint(grey * (level / 255.0)).astype(np.uint8)
         assert (pipeline.original_mask(Image(dim, "mono8")) == white).mean() > 0.9999
-
-
-def test_overlay_shows_target_desired_and_reason() -> None:
-    grey = with_box(100, 100, 30, 40)
-    picture = draw(np.repeat(grey[..., None], 3, axis=2), measure(grey))
-    assert picture.shape == (240, 320, 3) and (picture[100, 110] == (0, 220, 0)).all()
-    blank = np.repeat(white()[..., None], 3, axis=2)
-    desired = draw(blank, measure(white()), [(-0.1, -0.1), (0.1, -0.1), (0.1, 0.1)])
-    blue = (desired[..., 2] > 200) & (desired[..., 0] < 120)
-    assert blue.sum() > 20
-    assert (desired[225:] != 255).any()  # the reason, along the bottom
-
-
-def test_parallel_views_measure_the_true_features() -> None:
-    """End to end: picture to xn, yn, an, alpha within a hundredth of a pixel's worth."""
-    at = View(TARGET, rotation([0, 0, 0.4]), np.array([0.01, -0.02, 0.22]))
-    reference = Reference.from_moments(Moments.from_polygon(TARGET / 0.2), 0.2)
-    moments = measure(grey_image(at.image, CAMERA.pinhole)).moments
-    ours = compute(moments, PAPER, Plane.fronto_parallel(0.22), reference).values
-    exact = compute(
-        Moments.from_polygon(at.image), PAPER, Plane.fronto_parallel(0.22), reference
-    ).values
-    assert (np.abs(ours - exact) < [2e-5, 2e-5, 1e-4, 1e-3]).all(), ours - exact

@@ -20,8 +20,10 @@ def commanded_speed(run):
     return np.abs(known).max(axis=0, initial=0.0)
 
 
-@pytest.mark.parametrize("start", ["2015", "2016"])
-@pytest.mark.parametrize("camera", ["original", "calibrated", "wide", "fisheye", "noisy"])
+@pytest.mark.parametrize(("camera", "start"), [
+    ("original", "2015"), ("calibrated", "2016"), ("wide", "2015"), ("fisheye", "2016"),
+    ("noisy", "2015"),
+])  # fmt: skip
 def test_settles_at_the_goal(camera, start):
     result = run(Experiment(camera=camera, start=start, reached=NEAR, traced=True))
     # Noise of 233 levels' contrast leaves a little more open than the word alone would say.
@@ -35,9 +37,8 @@ def test_settles_at_the_goal(camera, start):
     assert (result.peak_speed <= 1.5 * commanded)[moved].all(), result.peak_speed / commanded
 
 
-@pytest.mark.parametrize("start", ["2015", "2016"])
-def test_settles_at_the_goal_with_a_camera_moved_and_tilted(start):
-    result = run(Experiment(start=start, **MOVED))
+def test_settles_at_the_goal_with_a_camera_moved_and_tilted():
+    result = run(Experiment(start="2016", **MOVED))
     assert result.outcome == "converged"
     assert result.verdict.reached, result.verdict
     assert result.settled(floor=(3e-4, np.radians(0.2))) <= 1.3

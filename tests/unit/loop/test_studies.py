@@ -52,7 +52,7 @@ def test_the_prediction_is_that_of_a_simulated_delay():
     assert decay.predicted(gain, 0.0) == pytest.approx(-np.log(1 - gain * period) / period)
 
 
-@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize("number", range(2))
 def test_loop_and_physics_agree_from_any_start(number):
     result = run(shipped("starts").experiment_of(number).with_(plant="chain"))
     assert metrics.find("contradicts").measure(result) == 0.0, (result.outcome, result.verdict)
@@ -69,9 +69,8 @@ def test_every_failure_of_the_study_is_provoked_by_itself():
 
 @pytest.mark.parametrize(
     "failure",
-    ["target_lost", "singular", "out_of_reach", "saturation", "gain_too_high", "wrong_object",
-     "scheme_fault", "timed_out", "local_minimum"],
-)  # fmt: skip
+    ["target_lost", "out_of_reach", "gain_too_high", "wrong_object", "local_minimum"],
+)
 def test_a_provoked_failure_is_named(failure):
     study = shipped("failures")
     names = [case.names["failure"] for case in study.combinations]

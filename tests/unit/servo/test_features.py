@@ -69,13 +69,9 @@ def test_corners_that_become_more_or_fewer_are_looked_for_where_the_goals_are(na
         feature.measure(replace(seen, corners=some, contour=None), goal)
 
 
-EXACT = ("moments", "points")  # all others: test_feature_registry.py, test_luminance.py
-
-
-@pytest.mark.parametrize("view", VIEWS)
-@pytest.mark.parametrize("name", EXACT)
-def test_the_interaction_matrix_is_the_derivative(name, view):
-    feature = create_feature(name)
+@pytest.mark.parametrize("view", VIEWS)  # all others: test_feature_registry.py, test_luminance.py
+def test_the_interaction_matrix_of_moments_is_the_derivative(view):
+    feature = create_feature("moments")
     goal = taught(feature)
     feature.check(goal)
     measured = feature.measure(look(feature.needs, VIEWS[view]), goal)
@@ -94,9 +90,8 @@ def test_the_interaction_matrix_is_the_derivative(name, view):
     assert len(feature.tolerances) == len(feature.names) == len(feature.units)
 
 
-@pytest.mark.parametrize("name", EXACT)
-def test_at_the_goal_the_error_is_none_and_L_the_desired_one(name):
-    feature = create_feature(name)
+def test_at_the_goal_the_error_is_none_and_L_the_desired_one():
+    feature = create_feature("moments")
     goal = taught(feature)
     feature.check(goal)
     measured = feature.measure(look(feature.needs, GOAL), goal)

@@ -180,13 +180,6 @@ def test_every_law_is_made_by_name_and_answers_its_shape(name):
     assert isinstance(create_law(name, **gains), LAWS[name])
 
 
-@pytest.mark.parametrize("gain", [0.0, -1.0, np.nan, np.inf, 1e9, "5", True, None])
-@pytest.mark.parametrize("law", ["proportional", "pi", "sliding_mode"])
-def test_gains_that_are_none(law, gain):
-    with pytest.raises(ConfigurationError, match="gain is"):
-        create_law(law, gain=gain)
-
-
 NUMBERS = [
     (law, argument)
     for law in (Proportional, Adaptive, ProportionalIntegral, SlidingMode, ContinuousStart, Ramp)
@@ -194,7 +187,7 @@ NUMBERS = [
 ]
 
 
-@pytest.mark.parametrize("value", [0.0, -2.0, np.nan, np.inf, True, "5"])
+@pytest.mark.parametrize("value", [0.0, -2.0, np.nan, np.inf, True, "5", None])
 @pytest.mark.parametrize(("law", "argument"), NUMBERS)
 def test_every_number_of_a_law_has_to_be_one_above_0(law, argument, value):
     inside = (Proportional(),) if law in (ContinuousStart, Ramp) else ()
@@ -223,13 +216,9 @@ def test_gains_up_to_a_thousand_are_taken(law):
     [
         (lambda: Adaptive(1.0, 2.0), "must exceed"),
         (lambda: Adaptive(2.0, 2.0), "must exceed"),
-        (lambda: Adaptive(slope=0.0), "slope"),
         (lambda: Diagonal([]), "list of gains"),
         (lambda: Diagonal([1.0, 0.0]), "gain 1"),
-        (lambda: SlidingMode(width=0.0), "width"),
         (lambda: SlidingMode(reach=10.0, width=1e-3), "widen"),
-        (lambda: ContinuousStart(Proportional(), 0.0), "mu"),
-        (lambda: Ramp(Proportional(), -1.0), "time"),
         (lambda: create_law("proportionl"), "did you mean 'proportional'"),
         (lambda: create_law("proportional", gian=3.0), "takes no 'gian': did you mean 'gain'"),
         (lambda: create_law("diagonal"), "missing a required argument: 'values'"),

@@ -1,5 +1,7 @@
 """The <gazebo> tags of a URDF: plugins, cameras, flags of links; what is not known warns."""
 
+import math
+
 import pytest
 
 from aras_sim_bridge.description import (
@@ -51,6 +53,21 @@ def test_what_a_camera_leaves_open():
         assert (camera(image).width, camera(image).height) == (size, size)
     assert camera("<noise/>").noise == Noise("gaussian", 0.0, 0.0)
     assert camera("<distortion/>").distortion == (0, 0, 0, 0, 0)
+
+
+@pytest.mark.parametrize(("kind", "widest"), [
+    ("camera", 3.14159), ("wideanglecamera", 6.283185307179587)])
+def test_a_camera_s_numbers_at_their_bounds(kind, widest):
+    """As wide as can be, with nothing between near and far, at no rate; and placed twice."""
+    made = camera(f"<horizontal_fov>{widest}</horizontal_fov><clip><near>1e-9</near><far>2e-9</far>"
+                  "</clip><noise><stddev>0</stddev></noise><pose>1 0 0 0 0 0.5</pose>",
+                  "<update_rate>0</update_rate><pose>0 2 0 0 0 1.5707963267948966</pose>", kind)
+    assert (made.horizontal_fov, made.near, made.far) == (widest, 1e-9, 2e-9)
+    assert made.pose == (pytest.approx((0, 3, 0)), pytest.approx((0, 0, math.pi / 2 + 0.5)))
+    with pytest.raises(DescriptionError, match="horizontal_fov is"):
+        camera(f"<horizontal_fov>{widest + 1e-5}</horizontal_fov>", kind=kind)
+    with pytest.raises(DescriptionError, match="need 0 < near < far"):
+        camera("<clip><near>2</near><far>2</far></clip>", kind=kind)
 
 
 def test_a_camera_s_plugin():

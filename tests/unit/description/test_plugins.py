@@ -84,6 +84,9 @@ def test_depth_cameras_as_upstream_names_and_bounds_them():
         "<useDepth16UC1Format>true</useDepth16UC1Format>", kind="depth")
     assert full.depth_topics == DepthTopics("d/i", "d/c", "d/p", 0.1, 3.0, True)
     assert (full.image_topic, full.info_topic) == ("rgb/i", "rgb/c")
+    near = config("libgazebo_ros_openni_kinect.so", "<pointCloudCutoff>0</pointCloudCutoff>"
+                  "<pointCloudCutoffMax>.5</pointCloudCutoffMax>", kind="depth").depth_topics
+    assert (near.nearest, near.farthest) == (0.0, 0.5)
     with pytest.raises(CameraError, match="depth_topics/points 'a b' is no name"):
         config("libgazebo_ros_depth_camera.so", "<pointCloudTopicName>a b</pointCloudTopicName>")
 

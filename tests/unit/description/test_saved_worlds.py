@@ -251,6 +251,8 @@ def places(found):
     ("<distribution><type>grid</type><rows>2</rows><cols>3</cols><step>0.4 0.5 0</step>"
      "</distribution>", [(0.6, 1.75 + 0.4 * j, 3) for j in range(3)]
      + [(0.1, 1.75 + 0.4 * j, 3) for j in range(3)]),
+    ("<distribution><type>grid</type><rows>3</rows><cols>2</cols></distribution>",
+     [(0.75 - 0.5 * i, 1.5 + 0.5 * j, 3) for i in range(3) for j in range(2)]),
     ("<model_count>4</model_count><box><size>2 1 0.8</size></box><distribution><type>linear-x"
      "</type></distribution>", [(-0.5, 1.5 + 0.5 * i, 3) for i in range(4)]),
 ])

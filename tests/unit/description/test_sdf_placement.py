@@ -84,19 +84,38 @@ def test_a_joint_s_numbers_and_what_it_leaves_open():
     assert free.limits.effort >= 1e15, "SDF's -1 is no limit"
 
 
+@pytest.mark.parametrize(("lower", "upper", "kind"), [
+    (-1e15, 1e15, "continuous"), (-9e14, 1e15, "revolute"), (-1e15, 9e14, "revolute"),
+    (0.5, 0.5, "revolute"),
+])
+def test_a_joint_s_numbers_at_their_bounds(lower, upper, kind):
+    """Of 1e15 a limit is none; an effort or a speed of 0 is one."""
+    links = link("a", "0 0 0 0 0 0") + link("b", "0 0 1 0 0 0")
+    found = model(links + joint(
+        f"<axis><limit><lower>{lower}</lower><upper>{upper}</upper><effort>0</effort><velocity>0"
+        "</velocity></limit><dynamics><damping>0.2</damping><friction>0</friction></dynamics>"
+        "</axis>")).joints["j"]
+    assert found.kind == kind
+    assert (found.limits.lower, found.limits.upper) == (
+        (None, None) if kind == "continuous" else (lower, upper))
+    assert (found.limits.effort, found.limits.velocity) == (0.0, 0.0)
+    assert (found.damping, found.friction) == (0.2, 0.0)
+
+
 def test_what_a_link_leaves_open():
     bare = model("<link name='a'/>").links["a"]
     assert bare.inertial == Inertial(1.0, (0, 0, 0), (0, 0, 0), (1, 0, 0, 1, 0, 1))
     full = model(
         "<link name='a'><gravity>0</gravity><kinematic>1</kinematic><inertial><mass>2</mass>"
         "<inertia><ixx>3</ixx><ixy>.1</ixy><ixz>.2</ixz><iyy>4</iyy><iyz>.3</iyz><izz>5</izz>"
-        "</inertia></inertial><collision name='c'><geometry><plane><size>3 4</size></plane>"
-        "</geometry><surface><friction><ode><mu>.5</mu></ode></friction></surface></collision>"
+        "</inertia></inertial><collision name='c'><geometry><plane><size>3 4</size>"
+        "<normal>0 3 4</normal></plane></geometry><surface><friction><ode><mu>.5</mu></ode>"
+        "</friction></surface></collision>"
         "</link>").links["a"]
     assert full.inertial.inertia == (3, 0.1, 0.2, 4, 0.3, 5)
     assert (full.gravity, full.kinematic, full.mu) == (False, True, 0.5)
     plane = full.collisions[0].geometry
-    assert (plane.size, plane.normal) == ((3, 4, 0), (0, 0, 1))
+    assert (plane.size, plane.normal) == ((3, 4, 0), pytest.approx((0, 0.6, 0.8)))
 
 
 @pytest.mark.parametrize("inside, reason", [

@@ -1,6 +1,7 @@
 """The picture agrees with CameraInfo and with geometry to a fraction of a pixel."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -44,6 +45,7 @@ def opencv_projection(info, points):
     return cv2.projectPoints(points, zero, zero, K, D)[0][:, 0]
 
 
+@cache
 def camera(lens):
     """CameraConfig of one of LENSES."""
     return CameraConfig.from_mapping({"width": SIZE[0], "height": SIZE[1], **LENSES[lens]})

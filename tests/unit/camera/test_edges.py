@@ -16,6 +16,7 @@ from aras_sim_bridge.rendering.sky import NO_SKY
 from aras_sim_bridge.rendering.tiles import MISFIT, TILE, Tiles
 
 K = np.array([[150.0, 0, 80.3], [0, 155.0, 55.8], [0, 0, 1]])
+UNLIKE = ("plumb_bob", "rational", "kannala_brandt", "equidistant_220", "orthographic")
 
 
 def finely_sampled(renderer, view, fine=16):
@@ -50,14 +51,14 @@ def test_pixels_are_as_bright_as_256_samples_say(bench):
     clutter(bench, rng)
     renderer = create_renderer("exact", bench.world)
     off, edges = [], 0
-    for _ in range(12):
+    for _ in range(5):
         eye = rng.uniform(-2.5, 2.5, 3)
         view = View(160, 120, looking(eye, rng.uniform(-0.5, 0.5, 3)), K, 0.02)
         fine = finely_sampled(renderer, view)
         off.append(np.abs(renderer.render(view) - fine).max(axis=2))
         edges += ((fine % 1.0) > 0.0).any(axis=2).sum()
     off = np.array(off)
-    assert edges > 10_000
+    assert edges > 4_000
     # 16 x 16 samples know an edge along the pixels to 1/32 of 255.
     assert np.sqrt((off**2).mean()) < 0.9
     assert (off > 12.0).mean() < 5e-4, "besides what pokes into a pixel unnoticed by its neighbours"
@@ -101,8 +102,8 @@ def test_glass_dims_what_is_behind_it_by_its_opacity(bench):
     assert image[60, 50].tolist() == [255, 255, 255]
 
 
-@pytest.mark.parametrize("size", [(1024, 768), (1280, 960)])
-def test_a_chessboard_is_drawn_in_hd(bench, size):
+def test_a_chessboard_is_drawn_in_hd(bench):
+    size = (1280, 960)
     chessboard(bench)
     config = CameraConfig(width=size[0], height=size[1], near=0.01)
     view = View(*size, looking([0, 0, 0.4], [0, 0, 0], (0, 1, 0)), config.K, 0.01)
@@ -111,7 +112,7 @@ def test_a_chessboard_is_drawn_in_hd(bench, size):
     assert 0.1 < (image == 0).all(axis=2).mean() < 0.5
 
 
-@pytest.mark.parametrize("size", [(5462, 8), (16384, 16), (16, 16384)])
+@pytest.mark.parametrize("size", [(16384, 8), (8, 16384)])
 def test_what_a_config_accepts_is_drawn(bench, size):
     table_and_target(bench)
     config = CameraConfig.from_mapping({"width": size[0], "height": size[1], "horizontal_fov": 1.0})
@@ -123,11 +124,11 @@ def test_what_a_config_accepts_is_drawn(bench, size):
 def test_edges_are_as_good_among_many_triangles(bench):
     """40 balls of 1024 triangles in the corners of the view: the target's edges do not know."""
     table_and_target(bench)
-    alone, alone_area = target_errors(create_renderer("exact", bench.world), 30)
+    alone, alone_area = target_errors(create_renderer("exact", bench.world), 12)
     for n in range(40):
         bench.body(Geometry("sphere", radius=0.02), [0.25 * np.cos(n), 0.25 * np.sin(n), 0.61],
                    "Gazebo/White")
-    crowded, area = target_errors(create_renderer("exact", bench.world), 30)
+    crowded, area = target_errors(create_renderer("exact", bench.world), 12)
     assert np.sqrt((alone**2).sum(axis=1).mean()) < 0.005
     assert np.abs(crowded - alone).max() < 1e-3
     assert np.abs(area - alone_area).max() < 1e-4
@@ -154,7 +155,7 @@ def test_views_that_differ_in_their_intrinsics_alone_are_told_apart(bench):
     assert higher == pytest.approx((m, w, 2 * h), rel=0.01)
 
 
-@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("lens", UNLIKE)
 def test_tiles_follow_the_rays(bench, lens):
     config = camera(lens)
     tiles = Tiles.of_lens(config.width, config.height, config.model.unproject)
@@ -277,7 +278,7 @@ def test_what_covers_a_view_hides_only_what_is_behind_it(bench):
     assert 3 < seen < 20
 
 
-@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("lens", ["off_centre", *UNLIKE])
 def test_depth_through_a_lens_is_where_the_ray_of_the_pixel_meets_the_plane(bench, lens):
     """A slanted wall 0.5 m ahead, below 0.2 mm RMS."""
     half = np.radians(15.0)

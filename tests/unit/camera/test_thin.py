@@ -14,7 +14,7 @@ K = np.array([[FOCAL, 0, 23.5], [0, FOCAL, 19.5], [0, 0, 1.0]])
 SIZE = 48, 40
 LONG = 24.0  # px
 ANGLES = np.arange(12) * np.pi / 12 + 0.011 * np.arange(12)
-PLACES = np.random.default_rng(5).uniform(-0.5, 0.5, (50, 2))
+PLACES = np.random.default_rng(5).uniform(-0.5, 0.5, (15, 2))
 
 
 def view_at(place, angle) -> View:
@@ -73,7 +73,7 @@ def wire(bench, wide, kind="box", height=0.0):
                       "Gazebo/Black", along_x)
 
 
-@pytest.mark.parametrize("wide", [0.1, 0.3, 0.5, 1.0, 2.0])
+@pytest.mark.parametrize("wide", [0.1, 0.5, 2.0])
 def test_a_wire_covers_its_area_wherever_it_lies(bench, wide):
     bench.box([1.5, 1.5, 0.05], [0, 0, -0.06])
     body = wire(bench, wide)
@@ -87,19 +87,19 @@ def test_a_wire_covers_its_area_wherever_it_lies(bench, wide):
             assert np.nanmax(np.abs(off)) <= 0.55, (angle, place)
 
 
-@pytest.mark.parametrize("wide", [0.1, 0.5, 2.0])
+@pytest.mark.parametrize("wide", [0.1, 2.0])
 def test_a_round_wire_covers_its_area_although_it_has_many_triangles(bench, wide):
     bench.box([1.5, 1.5, 0.05], [0, 0, -0.06])
     body = wire(bench, wide, "cylinder")
     renderer = create_renderer("exact", bench.world, BRIGHT)
     for angle in ANGLES:
-        for place in PLACES[:10]:
+        for place in PLACES[:4]:
             area = covered(renderer, view_at(place, angle), body)
             # 32 flat sides are narrower than the round, and the ends' upper rims are nearer.
             assert area == pytest.approx(LONG * wide, rel=0.02)
 
 
-@pytest.mark.parametrize("wide", [0.1, 0.3, 0.5])
+@pytest.mark.parametrize("wide", [0.1, 0.5])
 def test_a_wire_before_many_things_covers_its_area(bench, wide):
     """Behind it a grid of wires crosses under many angles."""
     bench.box([1.5, 1.5, 0.05], [0, 0, -0.16])
@@ -110,12 +110,12 @@ def test_a_wire_before_many_things_covers_its_area(bench, wide):
     body = wire(bench, wide)
     renderer = create_renderer("exact", bench.world, BRIGHT)
     for angle in ANGLES:
-        for place in PLACES[:10]:
+        for place in PLACES[:4]:
             area = covered(renderer, view_at(place, angle), body)
             assert area == pytest.approx(LONG * wide, rel=0.02)
 
 
-@pytest.mark.parametrize("wide", [0.1, 0.3, 0.5])
+@pytest.mark.parametrize("wide", [0.1, 0.5])
 def test_through_a_slit_one_sees_what_is_behind(bench, wide):
     """Between two white plates, a black floor or the sky."""
     half = 0.5 * wide / FOCAL
@@ -127,7 +127,7 @@ def test_through_a_slit_one_sees_what_is_behind(bench, wide):
         if not sky:
             bench.box([1.5, 1.5, 0.05], [0, 0, -0.06], "Gazebo/Black")
         for angle in ANGLES:
-            for place in PLACES[:10]:
+            for place in PLACES[:4]:
                 view = view_at(place, angle)
                 dark = 255.0 - renderer.render(view)[..., 0]
                 depth = 255.0 * (1 - 0.7) if sky else 255.0

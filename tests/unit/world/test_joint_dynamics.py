@@ -253,6 +253,8 @@ def test_a_joint_outside_its_limits_comes_back_without_a_blow(make, joint, outsi
     assert over[1] == pytest.approx(over[0] - 0.1)
     assert all(b <= a + 1e-12 for a, b in zip(over, over[1:], strict=False))
     assert abs(over[-1]) < 1e-6
+    back = [b / a for a, b in zip(over, over[1:], strict=False) if 1e-3 < a < 0.4]
+    assert back == pytest.approx([0.8] * len(back)) and len(back) > 20
 
 
 def test_a_bound_on_speed_holds_and_can_be_taken_away(make):

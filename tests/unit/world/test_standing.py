@@ -558,10 +558,11 @@ def test_a_base_is_held_up_to_what_the_ground_can_bear_and_no_further():
 
 
 def test_a_push_along_the_ground_is_borne_up_to_nine_tenths_of_its_friction():
-    """Through the centre of pressure, on ground of any slant, where all is known exactly."""
+    """Through the centre of pressure, on ground of any slant, along axes and diagonals of the root
+    too, where all is known exactly."""
     rng = np.random.default_rng(8)
-    for _ in range(40):
-        normal = rng.normal(size=3)
+    grid = [one for one in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(one)]
+    for normal in (*grid, *rng.normal(size=(14, 3))):
         normal /= np.linalg.norm(normal)
         aside = np.cross(normal, rng.normal(size=3))
         aside /= np.linalg.norm(aside)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import inspect
-import shutil
 import sys
 from pathlib import Path
 
 from aras_visual_servo_bench.experiment import Experiment
 
+from aras_visual_servo_bench.pictures import style
 from aras_visual_servo_bench.recording.run import Run
-from aras_visual_servo_bench.report.write import write_report
+from aras_visual_servo_bench.report.write import PARTS, write_report
 from aras_visual_servo_bench.study.replay import carried_out
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
@@ -28,8 +28,10 @@ def keep_runs(experiments: dict[str, Experiment], figure: str) -> list[Run]:
     """Carry experiments out, by name; leave their report, and one of its figures as picture.png."""
     out = folder()
     runs = [carried_out(name, experiment) for name, experiment in experiments.items()]
-    page = write_report(runs, out, ("png",))[0]
-    shutil.copy(out / "figures" / f"{figure}.png", out / "picture.png")
+    page = write_report(runs, out, ())[0]
+    (chapter,) = (part for row in PARTS for part in row if part.name == figure)
+    with style.look():
+        chapter.figure(runs).savefig(out / "picture.png")
     for run in runs:
         off = f"{1e3 * run.verdict.distance:.2f} mm from its goal"
         print(f"{run.name}: {run.outcome}, {run.verdict.word}, {off}")

@@ -315,17 +315,12 @@ def test_limits_that_are_near_are_lines_and_others_words(moments):
 
 
 @pytest.mark.parametrize("draw", FIGURES.values(), ids=NAMES)
-def test_every_figure_is_drawn_of_one_run_of_two_and_for_paper(draw, moments, points):
-    for paper in (False, True):
-        with style.look(paper):
-            for records in ([moments], [points], [moments, points], [moments, moments]):
-                figure = draw(records)
-                if figure is not None:
-                    alone = any(len(row) == 1 and row[0].figure == draw for row in PARTS)
-                    width = 3.5 if paper else style.WIDE if alone else 7.2
-                    assert figure.get_size_inches()[0] == width
-                    assert all(axis.has_data() for axis in figure.axes if axis.get_visible())
-            plt.close("all")
+def test_every_figure_is_drawn_of_runs_of_unlike_schemes(draw, moments, points):
+    with style.look():
+        for records in ([points], [moments, points]):
+            figure = draw(records)
+            assert figure is None or all(a.has_data() for a in figure.axes if a.get_visible())
+        plt.close("all")
 
 
 @pytest.mark.parametrize("draw", FIGURES.values(), ids=NAMES)
@@ -341,10 +336,9 @@ def test_a_name_with_dollars_is_drawn_as_it_stands(draw, moments, tmp_path):
         moments, name=name, states=states, joint_names=joints, units=("$x$", *moments.units[1:])
     )
     with style.look():
-        for records in ([hostile], [hostile, replace(hostile, name="$^$")]):
-            figure = draw(records)
-            if figure is not None:
-                figure.savefig(tmp_path / "a.svg")
+        figure = draw([hostile, replace(hostile, name="$^$")])
+        if figure is not None:
+            figure.savefig(tmp_path / "a.svg")
         plt.close("all")
 
 
@@ -470,8 +464,7 @@ def test_runs_are_told_apart_without_colour_and_none_hides_another():
     assert len({(one["color"], one["marker"]) for one in many}) == 30
 
 
-@pytest.mark.parametrize("paper", [False, True])
-@pytest.mark.parametrize("count", [1, 2, 5])
+@pytest.mark.parametrize(("count", "paper"), [(1, False), (5, False), (2, True), (5, True)])
 @pytest.mark.parametrize("draw", FIGURES.values(), ids=NAMES)
 def test_nothing_of_a_figure_is_cut_off_or_lies_on_a_legend(draw, count, paper, moments):
     """Names of runs are as long as a user's; a paper's column is 3.5 inches wide."""
@@ -480,10 +473,13 @@ def test_nothing_of_a_figure_is_cut_off_or_lies_on_a_legend(draw, count, paper, 
         figure = draw(runs)
         if figure is None:
             return
+        alone = any(len(row) == 1 and row[0].figure == draw for row in PARTS)
+        assert figure.get_figwidth() == (3.5 if paper else style.WIDE if alone else 7.2)
         figure.canvas.draw()
         width, height = figure.get_size_inches() * figure.dpi
         spatial = any(axis.name == "3d" for axis in figure.axes)
         for axis in [] if spatial else [a for a in figure.axes if a.get_visible()]:
+            assert axis.has_data()
             box = axis.get_tightbbox()
             assert box.x0 >= -1.0 and box.x1 <= width + 1.0
             assert box.y0 >= -1.0 and box.y1 <= height + 1.0

@@ -30,6 +30,9 @@ def test_an_example_of_the_gallery(name, tmp_path, monkeypatch):
                 del sys.modules[new]
     with Image.open(tmp_path / "out" / "picture.png") as picture:
         assert min(picture.size) > 200
+    if name == "study":
+        table = (tmp_path / "out" / "study" / "table.md").read_text()
+        assert table.startswith("| delay (s) | gain (1/s) | runs | success |"), table
 
 
 def test_the_page_shows_each_with_picture_time_and_one_command():

@@ -13,7 +13,7 @@ TINY = {
 }
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def tiny():
     """Makes the tiny study with keys changed."""
     return lambda **changes: Study.from_mapping({**TINY, **changes})

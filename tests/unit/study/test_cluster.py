@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import threading
+from types import SimpleNamespace
 
 import dask
 import distributed
@@ -15,7 +16,7 @@ import pytest
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.study import engine, pools, versions, work
 from aras_visual_servo_bench.study.folder import Folder
-from aras_visual_servo_bench.study.pools import DaskPool, ThisProcess
+from aras_visual_servo_bench.study.pools import DaskPool
 from aras_visual_servo_bench.study.progress import Progress
 from aras_visual_servo_bench.study.work import ONE_THREAD
 
@@ -29,65 +30,73 @@ def _looks(server):
     return min(server.periodic_callbacks[name].callback_time for name in ("tick", "monitor"))
 
 
-class Killing(Progress):
-    """Kills a worker when the first chunk is there."""
-
-    def more(self, *told):
-        super().more(*told)
-        if self.victims:
-            os.kill(self.victims.pop(), signal.SIGKILL)
-
-
-def test_two_workers_one_killed_and_all_made_anew_end_with_the_bytes_of_one_process(tiny, tmp_path):
-    study = tiny(chunk=1)
-    here, there = tmp_path / "here", tmp_path / "there"
-    engine.carry_out(
-        Folder.create(here, study, ""), ThisProcess(), Progress(study.runs, out=io.StringIO())
-    )
-    with DaskPool(2, renew=2) as pool:
-        before = pool._client.run(os.getpid)
-        environment = pool._client.run(lambda: dict(os.environ))
-        assert len(before) == 2 == pool.workers
-        assert all(env[key] == "1" for env in environment.values() for key in ONE_THREAD)
-        looks = pool._client.run(lambda dask_worker: _looks(dask_worker))
-        assert min([*looks.values(), _looks(pool._cluster.scheduler)]) >= 1000.0
-        progress = Killing(study.runs, out=io.StringIO())
-        progress.victims = [next(iter(before.values()))]
-        done = engine.carry_out(Folder.create(there, study, ""), pool, progress)
-        assert not set(before.values()) & set(pool._client.run(os.getpid).values())
-    assert done.runs == study.runs
-    assert parts(here) == parts(there)
-
-
-def test_a_worker_that_stands_still_for_a_while_is_slow_and_not_dead(tiny, tmp_path, monkeypatch):
-    """As on a machine that bears twenty times its load; the scheduler gave workers 2 s here."""
-    dask.config.set({"distributed.scheduler.worker-ttl": "2s"})
-    monkeypatch.setattr(pools, "APPEAR", 1.0)
-    monkeypatch.setattr(pools, "LOOK", 0.2)
-    study = tiny(chunk=1)
-    with DaskPool(1) as pool:
-        (worker,) = pool._client.run(os.getpid).values()
-        os.kill(worker, signal.SIGSTOP)
-        threading.Timer(8.0, os.kill, (worker, signal.SIGCONT)).start()
-        progress = Progress(study.runs, out=io.StringIO())
-        done = engine.carry_out(Folder.create(tmp_path / "out", study, ""), pool, progress)
-        assert done.runs == study.runs
-        assert set(pool._client.run(os.getpid).values()) == {worker}
-
-
-def test_a_run_that_hangs_in_a_worker_ends_as_a_row(tiny, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "my_hanging.py").write_text(
-        "from aras_visual_servo_bench.numbers.metrics import metric\n"
+@pytest.fixture(scope="module")
+def hanging(tiny, tmp_path_factory):
+    """A study of three runs, the second of which never ends; `PYTHONPATH` leads to its metric."""
+    folder = tmp_path_factory.mktemp("hanging")
+    (folder / "my_hanging.py").write_text(
+        "import time\nfrom aras_visual_servo_bench.numbers.metrics import metric\n"
         "@metric('', 'smaller', 'me')\ndef hanging(run):\n    'Never ends at a gain of 2.'\n"
-        "    while run.experiment.gain == 2.0:\n        pass\n    return 0.0\n"
+        "    time.sleep(1e6 if run.experiment.gain == 2.0 else 0.0)\n    return 0.0\n"
     )
-    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
-    study = tiny(metrics=["my_hanging:hanging"], repeats=1, chunk=1, limit=8.0)
-    made = Folder.create(tmp_path / "out", study, "")
-    with DaskPool(1) as pool:
-        engine.carry_out(made, pool, Progress(study.runs, out=io.StringIO()))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        path = f"{folder}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+        patch.setenv("PYTHONPATH", path)
+        yield tiny(metrics=["my_hanging:hanging"], repeats=1, chunk=1, limit=15.0)
+
+
+@pytest.fixture(scope="module")
+def history(hanging, tmp_path_factory):
+    """What became of one worker: it stands still for a while, as on a machine that bears twenty
+    times its load (the scheduler gave workers 2 s here), then one of its runs hangs, and after two
+    chunks it is made anew."""
+    path = tmp_path_factory.mktemp("history")
+    made = Folder.create(path / "there", hanging, "")
+    found = SimpleNamespace(path=path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pools, "APPEAR", 1.0)
+        patch.setattr(pools, "LOOK", 0.2)
+        dask.config.set({"distributed.scheduler.worker-ttl": "2s"})
+        with DaskPool(1, renew=2) as pool:
+            def worker():
+                (number,) = pool._client.run(os.getpid).values()
+                return number
+
+            found.begun = worker()
+            (found.environment,) = pool._client.run(lambda: dict(os.environ)).values()
+            (looks,) = pool._client.run(lambda dask_worker: _looks(dask_worker)).values()
+            found.looks = (looks, _looks(pool._cluster.scheduler))
+            os.kill(found.begun, signal.SIGSTOP)
+            threading.Timer(8.0, os.kill, (found.begun, signal.SIGCONT)).start()
+            pool.submit(work.StudyTask(json.dumps(hanging.to_mapping()), 0))
+            task, done = pool.next()
+            made.write(task.chunk, done)
+            found.stood_still = worker()
+            patch.undo()
+            engine.carry_out(made, pool, Progress(hanging.runs, out=io.StringIO()))
+            found.ended = worker()
+    return found
+
+
+def test_a_worker_that_stands_still_for_a_while_is_slow_and_not_dead(history):
+    assert history.stood_still == history.begun
+
+
+def test_a_run_that_hangs_and_a_worker_made_anew_leave_the_bytes_of_one_process(history, hanging):
+    made = Folder.open(history.path / "there")
     assert made.results()["outcome"].to_pylist() == ["timed_out", "time_limit", "timed_out"]
+    assert history.ended != history.begun
+    here = Folder.create(history.path / "here", hanging, "")
+    for chunk in (0, 2):
+        here.write(chunk, work.carry_out(work.StudyTask(json.dumps(hanging.to_mapping()), chunk)))
+    there = parts(made.path)
+    assert parts(here.path) == {name: there[name] for name in parts(here.path)} and len(there) == 3
+
+
+def test_workers_have_one_thread_for_each_library_and_seldom_look_at_themselves(history):
+    assert all(history.environment[key] == "1" for key in ONE_THREAD)
+    assert min(history.looks) >= 1000.0
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "http://127.0.0.1:9"])
@@ -121,7 +130,8 @@ def test_a_named_clusters_workers_are_used_when_they_come(tiny, tmp_path, monkey
     file = tmp_path / "cluster.yaml"
     file.write_text(
         "class: distributed.LocalCluster\nworkers: [1, 2]\n"
-        "arguments: {n_workers: 0, threads_per_worker: 1, dashboard_address: ':0'}\n"
+        "arguments: {n_workers: 0, threads_per_worker: 1, processes: false,"
+        " dashboard_address: null}\n"
     )
     study = tiny(chunk=1, repeats=8)
     made = Folder.create(tmp_path / "out", study, "")

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.commands.running import study_file
 from aras_visual_servo_bench.numbers import metrics
 from aras_visual_servo_bench.study.engine import check_study
@@ -17,19 +16,12 @@ DOCS = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
 SHIPPED = ROOT / "src/aras_visual_servo_bench/config/studies"
 
 
-def test_the_first_study_is_five_lines_and_ends_in_a_table_and_a_picture(tmp_path, capsys):
-    """As written, but for how often and how long."""
+def test_the_first_study_is_five_lines():
+    """The gallery's example carries it out."""
     text = re.search(r"```yaml\n(.*?)```", DOCS, re.DOTALL)[1]
     assert text.count("\n") == 5
     assert text == (SHIPPED / "first.yaml").read_text(encoding="utf-8")
-    (tmp_path / "first.yaml").write_text(text)
-    words = re.search(r"bench (run first.yaml --out first)\n", DOCS)[1].split()
-    words = [str(tmp_path / word) if word.startswith("first") else word for word in words]
-    assert main([*words, "--in-process", "repeats=1", "duration=0.1", "delay=0.0"]) == 0
-    told = capsys.readouterr().out
-    assert "| gain (1/s) | runs | success |" in told and "4 of 4 runs" in told
-    assert (tmp_path / "first" / "plots" / "success.png").stat().st_size > 5000
-    assert "| 8 | 1 |" in (tmp_path / "first" / "table.md").read_text()
+    assert "bench run first.yaml --out first\n" in DOCS
 
 
 @pytest.mark.parametrize("path", sorted(SHIPPED.glob("*.yaml")), ids=lambda path: path.stem)

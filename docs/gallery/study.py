@@ -1,6 +1,7 @@
 """A study: 64 runs over gain and delay, a table with intervals, and a map of success."""
 
 import shutil
+import sys
 
 from keeping import folder
 
@@ -8,6 +9,7 @@ from aras_visual_servo_bench.commands import main as bench
 
 out = folder() / "study"
 shutil.rmtree(out, ignore_errors=True)
-assert bench(["run", "first", "repeats=4", "--out", str(out), "--in-process"]) == 0
+words = ["run", "first", "repeats=4", *sys.argv[2:]]  # more of them, as in gain=[1,2]
+assert bench([*words, "--out", str(out), "--in-process"]) == 0
 shutil.copy(out / "plots" / "success.png", out.parent / "picture.png")
 print(f"{out}: bench browse shows its runs")

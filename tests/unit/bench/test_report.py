@@ -413,13 +413,13 @@ def test_two_processes_draw_the_figures_that_one_draws(fault, points, tmp_path, 
     words = {"full": "No space left on device", "killed": "is there memory enough"}
     if fault:
         with pytest.raises(BenchError, match=words[fault]):
-            write_report([points], tmp_path / "two", ("png", "svg", "pdf"))
+            write_report([points], tmp_path / "two", ("png", "svg"))
         return
-    written = write_report([points], tmp_path / "two", ("png", "svg", "pdf"))
+    written = write_report([points], tmp_path / "two", ("png", "svg"))
     processes = {path.name for path in tmp_path.iterdir() if path.name.isdecimal()}
     monkeypatch.setattr(write, "_drawn", drawn)
     monkeypatch.setattr(threading, "active_count", lambda: 2)
-    alone = write_report([points], tmp_path / "one", ("png", "svg", "pdf"))
+    alone = write_report([points], tmp_path / "one", ("png", "svg"))
     assert len(processes) == 2
     assert {p.name for p in written} == {p.name for p in alone} and len(written) == len(alone)
     for path in alone:

@@ -20,7 +20,8 @@ def test_an_example_of_the_gallery(name, tmp_path, monkeypatch):
     scripts = ROOT / "docs" / "gallery"
     monkeypatch.syspath_prepend(str(scripts))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", [f"{name}.py", str(tmp_path / "out")])
+    quick = ["repeats=1", "duration=0.2"] if name == "study" else []
+    monkeypatch.setattr(sys, "argv", [f"{name}.py", str(tmp_path / "out"), *quick])
     modules = set(sys.modules)
     try:
         runpy.run_path(str(scripts / f"{name}.py"), run_name="__main__")

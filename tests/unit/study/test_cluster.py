@@ -26,8 +26,9 @@ def parts(path):
 
 
 def _looks(server):
-    """ms between the looks of a scheduler or worker at its own load."""
-    return min(server.periodic_callbacks[name].callback_time for name in ("tick", "monitor"))
+    """ms between the looks of a scheduler or worker at its own load, by name."""
+    return {name: look.callback_time for name, look in server.periodic_callbacks.items()
+            if name in ("tick", "monitor") or "profile" in name}
 
 
 @pytest.fixture(scope="module")
@@ -66,12 +67,13 @@ def history(hanging, tmp_path_factory):
             found.begun = worker()
             (found.environment,) = pool._client.run(lambda: dict(os.environ)).values()
             (looks,) = pool._client.run(lambda dask_worker: _looks(dask_worker)).values()
-            found.looks = (looks, _looks(pool._cluster.scheduler))
+            found.looks = [looks, _looks(pool._cluster.scheduler)]
             os.kill(found.begun, signal.SIGSTOP)
             threading.Timer(8.0, os.kill, (found.begun, signal.SIGCONT)).start()
             pool.submit(work.StudyTask(json.dumps(hanging.to_mapping()), 0))
             task, done = pool.next()
             made.write(task.chunk, done)
+            assert pool.room  # and it need not be made anew for that
             found.stood_still = worker()
             patch.undo()
             engine.carry_out(made, pool, Progress(hanging.runs, out=io.StringIO()))
@@ -96,7 +98,24 @@ def test_a_run_that_hangs_and_a_worker_made_anew_leave_the_bytes_of_one_process(
 
 def test_workers_have_one_thread_for_each_library_and_seldom_look_at_themselves(history):
     assert all(history.environment[key] == "1" for key in ONE_THREAD)
-    assert min(history.looks) >= 1000.0
+    for looks in history.looks:
+        assert set(looks) == {"tick", "monitor"} and min(looks.values()) >= 1000.0
+
+
+def test_without_a_number_there_is_a_worker_a_core(monkeypatch):
+    asked = {}
+
+    def cluster(**keys):
+        asked.update(keys)
+        raise StudyError("that is all")
+
+    monkeypatch.setattr(distributed, "LocalCluster", cluster)
+    monkeypatch.setattr(os, "cpu_count", lambda: 7)
+    for given, wanted in (((), 7), ((3,), 3)):
+        with pytest.raises(StudyError, match="that is all"):
+            DaskPool(*given)
+        assert (asked["n_workers"], asked["threads_per_worker"]) == (wanted, 1)
+        assert asked["processes"] and not asked["memory_limit"]
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "http://127.0.0.1:9"])
@@ -163,6 +182,8 @@ def test_a_scheduler_of_somebody_else_is_used_and_left_as_it_was(tiny, tmp_path,
     made = Folder.create(tmp_path, study, "")
     with DaskPool(scheduler=other.scheduler_address, renew=2) as pool:
         engine.carry_out(made, pool, Progress(study.runs, out=io.StringIO()))
+        with pytest.raises(ValueError, match="No client"):  # that others would use unasked
+            distributed.default_client()
     assert made.missing() == [] and len(other.scheduler.workers) == 1
 
 

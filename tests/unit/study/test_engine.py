@@ -22,7 +22,7 @@ from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.study import engine, folder, rows, versions, work
 from aras_visual_servo_bench.study.folder import Folder
 from aras_visual_servo_bench.study.pools import ThisProcess
-from aras_visual_servo_bench.study.progress import Progress
+from aras_visual_servo_bench.study.progress import Progress, duration
 from aras_visual_servo_bench.study.study import Study
 
 
@@ -228,6 +228,20 @@ def test_folders_that_are_none(tiny, tmp_path):
     (tmp_path / "manifest.json").write_text("{}")
     with pytest.raises(StudyError, match="damaged"):
         Folder.open(tmp_path)
+    whole = Folder.create(tmp_path / "whole", tiny(), "")
+    for key, told in (("chunk", "was cut into other chunks"), ("format", "in format 3, not")):
+        changed = json.dumps({**whole.manifest, key: 3})
+        (whole.path / "manifest.json").write_text(changed)
+        with pytest.raises(StudyError, match=told):
+            Folder.open(whole.path)
+
+
+def test_runs_that_a_folder_keeps_are_counted(tiny, tmp_path):
+    assert folder.kept_runs(tmp_path) == 0
+    made = Folder.create(tmp_path, tiny(), "")
+    assert folder.kept_runs(tmp_path) == 0
+    made.write(2, work.carry_out(work.StudyTask(json.dumps(tiny().to_mapping()), 2)))
+    assert folder.kept_runs(tmp_path) == 2
 
 
 def test_other_code_does_not_go_on_with_a_study(tiny, tmp_path, monkeypatch):
@@ -347,6 +361,7 @@ def test_what_goes_wrong_in_a_run_is_its_outcome_and_the_others_go_on(tiny, tmp_
     refused = tiny(experiment={"plant": "free", "start": starts})
     table = carried(refused, tmp_path / "refused").results()
     assert set(table["outcome"].to_pylist()) == {rows.REFUSED}
+    assert set(table["images"].to_pylist()) == set(table["simulated"].to_pylist()) == {0}
     assert "no start found" in table["reason"][0].as_py()
 
 
@@ -399,6 +414,15 @@ def test_the_line_of_progress():
     now[0] = 21.0
     progress.more(59, 0)
     assert "100/100" in out.getvalue() and "0 s left" in out.getvalue()
+
+
+@pytest.mark.parametrize(("seconds", "told"), [
+    (0.0, "0 s"), (89.4, "89 s"), (90.0, "2 min"), (5399.0, "90 min"), (5400.0, "1.5 h"),
+    (172799.0, "48.0 h"), (172800.0, "2.0 days"), (1e6, "11.6 days"),
+    (float("inf"), "unknown time"),
+])  # fmt: skip
+def test_times_are_told_in_a_unit_that_fits(seconds, told):
+    assert duration(seconds) == told
 
 
 def test_the_first_line_does_not_take_compiling_for_the_rate():

@@ -95,6 +95,20 @@ def test_time_at_limits_counts_both_ends_of_the_range(value, expected):
     assert measured("limit_time", run(joints=joints)) == pytest.approx(expected, abs=0.011)
 
 
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_what_is_summed_over_time_needs_two_joint_states(count):
+    """And is known from the second on."""
+    began = int(np.searchsorted(TIME, 0.0))
+    found = run(joints=np.full(len(TIME), 2.0), speed=np.full(len(TIME), 3.0))
+    cut = slice(0, began + count)
+    found = replace(found, joint_stamp=TIME[cut], measured=found.measured[cut],
+                    measured_speed=found.measured_speed[cut], commanded=found.commanded[cut],
+                    true_pose=found.true_pose[cut])  # fmt: skip
+    lasted = 0.01 * (count - 1) if count > 1 else np.nan
+    assert measured("limit_time", found) == pytest.approx(lasted, nan_ok=True)
+    assert measured("energy", found) == pytest.approx(9.0 * lasted, nan_ok=True)
+
+
 def test_decay_is_what_the_error_has():
     assert measured("decay_rate", run(decay(1.7))) == pytest.approx(1.7, rel=1e-6)
     apart = np.column_stack([decay(1.7)[:, 0], np.full(90, 1e-3)])

@@ -254,6 +254,7 @@ def test_the_tuner_finds_the_gain_and_goes_on_where_it_was(tiny, tmp_path):
     tuner = Tuner(study, ranges, "final_distance", tmp_path, carry, needed=0.0)
     best = tuner.search(24)
     assert best.values[0] > 3.5 and best.violation == 0.0
+    assert len(folders) <= 4  # the first and two generations, and what their last steps ask again
     assert best.cost == min(c.cost for c in tuner.tried)
     lines = (tuner.write().parent / "candidates.csv").read_text().splitlines()
     assert lines[0].startswith("gain,final_distance") and len(lines) == len(tuner.tried) + 1
@@ -299,6 +300,21 @@ def test_what_leaves_the_image_is_never_the_best():
 def test_searches_that_are_none(tiny, words, complaint):
     with pytest.raises(StudyError, match=complaint):
         Tuner(tiny(vary={"delay": [0.0]}), list(map(Range.parsed, words)), "settled", None, None)
+
+
+def test_a_search_of_too_few_candidates_or_over_cases_is_none(tiny):
+    def searched(evaluations=24, needed=1.0, **changes):
+        study = tiny(**{"vary": {}, **changes})
+        tuner = Tuner(study, [Range("gain", 0.5, 4.0)], "settled", None, None, needed)
+        return tuner.search(evaluations)
+
+    with pytest.raises(StudyError, match="15 evaluations are too few: 16 are two rounds"):
+        searched(15)
+    with pytest.raises(StudyError, match="a study with cases cannot be tuned"):
+        searched(cases=[{"delay": 0.0}, {"delay": 0.1}])
+    for needed in (-0.1, 1.1):
+        with pytest.raises(StudyError, match=f"must succeed is {needed:g}, must be from 0 to 1"):
+            searched(needed=needed)
 
 
 def test_a_run_is_shown_again_as_it_was(tiny, tmp_path):

@@ -84,6 +84,16 @@ def test_sobol_fills_more_evenly_than_chance_and_goes_on_over_its_blocks():
     assert discrepancy("sobol") < 0.1 * discrepancy("random")
 
 
+def test_values_are_drawn_as_numpy_says_so_that_anyone_can_work_them_out():
+    """From a stream of their own, `poin` in ASCII, for each sample by its number."""
+    found = drawn(3, seed={"integers": [0, 10**6]}, delay={"uniform": [0.01, 0.03]})
+    for k in range(3):
+        state = np.random.SeedSequence(0, spawn_key=(int.from_bytes(b"poin", "big"), k))
+        first, second = np.random.default_rng(state).random(2)
+        assert found["seed"][k] == int(first * (10**6 + 1))
+        assert found["delay"][k] == pytest.approx(0.01 + 0.02 * second, rel=1e-12)
+
+
 def test_seeds_are_of_the_runs_number_and_the_studys_seed():
     def of(**changes):
         study = Study.from_mapping({"experiment": FREE, "repeats": 1000, **changes})
@@ -136,6 +146,9 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     (tmp_path / "base.yaml").write_text("plant: free\ngain: 3.0\n")
     (tmp_path / "study.yaml").write_text("experiment: base.yaml\nrepeats: 2\n")
     assert Study.from_yaml(tmp_path / "study.yaml").experiment_of(1).gain == 3.0
+    (tmp_path / "base.yaml").write_text("- 3.0\n")
+    with pytest.raises(StudyError, match="experiment must be keys with values, or the path"):
+        Study.from_mapping({"experiment": str(tmp_path / "base.yaml")})
 
 
 @pytest.mark.parametrize(("changes", "complaint"), [
@@ -160,7 +173,7 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     ({"vary": {"gain": {"integers": [1.5, 3]}}}, "whole numbers"),
     ({"vary": {"gain": {"choice": []}}}, "must be a list of values"),
     ({"vary": {"gain": 2.0}}, "what does not vary belongs under experiment"),
-    ({"samples": 4}, "samples is 4, but nothing is drawn"),
+    ({"samples": 2}, "samples is 2, but nothing is drawn"),
     ({"sampling": "sobel"}, "sampling is 'sobel': did you mean 'sobol'"),
     ({"seeds": "run"}, "seeds is 'run': did you mean 'runs'"),
     ({"metrics": ["settle"]}, "unknown metric 'settle': did you mean 'settled'"),
@@ -169,7 +182,7 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     ({"chunk": 0}, "chunk is 0"),
     ({"seed": -1}, "seed is -1"),
     ({"experiment": {**FREE, "seed": 3}}, "seed belongs to the study"),
-    ({"experiment": [1]}, "experiment"),
+    ({"experiment": [1]}, "experiment is .1., must be keys with values or a text"),
     ({"repetas": 2}, "unknown key 'repetas': did you mean 'repeats'"),
     ({"repeats": "many"}, "repeats is 'many', must be a whole number"),
 ])  # fmt: skip

@@ -24,36 +24,6 @@ def robot(simulation):
     return simulation.robots["arm"]
 
 
-def test_a_robot_starts_where_it_is_told_and_stays(simulation, robot):
-    robot.start(CONTROLLERS.values())
-    for _ in range(200):
-        simulation.step()
-    positions = dict(zip(robot.model.joint_names, robot.model.read_joints()[0], strict=True))
-    assert positions == pytest.approx(START, abs=4e-3)
-
-
-def test_a_command_moves_its_joint_alone(simulation, robot):
-    robot.start(CONTROLLERS.values())
-    simulation.step()
-    robot.command("joint6_position_controller", 0.5)
-    for _ in range(1000):
-        simulation.step()
-    positions = dict(zip(robot.model.joint_names, robot.model.read_joints()[0], strict=True))
-    assert positions == pytest.approx({**START, "J6": 0.5}, abs=2e-2)
-    assert positions["J6"] - START["J6"] > 0.18
-
-
-def test_joint_states_come_as_ros_gets_them(simulation, robot):
-    robot.start(["joint_state_controller"])
-    seen = []
-    robot.manager.get("joint_state_controller").on_state = seen.append
-    for _ in range(101):
-        simulation.step()
-    assert [state.stamp_ns for state in seen[:3]] == [2_000_000, 11_000_000, 21_000_000]
-    assert seen[0].names == ("J1", "J2", "J3", "J5", "J6", "gantry")
-    assert seen[0].positions == pytest.approx([START[n] for n in seen[0].names], abs=1e-5)
-
-
 def test_a_camera_is_found_by_name_and_delivers_at_its_instants(simulation):
     camera = simulation.camera("/labrob/camera")
     frames = []

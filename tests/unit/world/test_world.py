@@ -1,4 +1,4 @@
-"""The world as a whole: spawning, resets, determinism, the ARAS robot under its PIDs."""
+"""The world as a whole: spawning, resets, determinism."""
 
 import math
 import os
@@ -13,111 +13,20 @@ from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world import Pose, Twist, World
 
 
-class Pids:
-    """Six effort PIDs with the original gains; no limits, as small as a test can have it."""
-
-    def __init__(self, model, gains):
-        self.model, self.gains = model, gains
-        self.target = dict.fromkeys(gains, 0.0)
-        self.integral = dict.fromkeys(gains, 0.0)
-        self.last = {}
-
-    def update(self):
-        """One control cycle of 1 ms."""
-        for joint, position in zip(self.model.joint_names, self.model.read_joints()[0],
-                                   strict=True):
-            p, i, d, clamp = self.gains[joint]
-            error = self.target[joint] - position
-            rate = (error - self.last.get(joint, error)) / 1e-3
-            self.last[joint] = error
-            self.integral[joint] += error * 1e-3
-            push = max(-clamp, min(clamp, i * self.integral[joint]))
-            self.model.apply_effort(joint, p * error + push + d * rate)
-
-
-def run(world, pids, count):
-    """Positions after `count` controlled steps."""
-    for _ in range(count):
-        pids.update()
-        world.step()
-    return tuple(pids.model.read_joints()[0])
-
-
-FRICTION = 0.9  # N m, every rotary joint's
-KINEMATIC = '<gazebo reference="base_link"><kinematic>true</kinematic></gazebo>'
-
-
-@pytest.mark.parametrize("tags", [KINEMATIC, ""], ids=["fixed base", "free base on the ground"])
-def test_aras_robot_settles_where_it_is_told(make, tags):
-    """Friction holds a joint up to f/p off its command; the integral has 2 s of some 7 s to take
-    up J2's change of gravity load, 3 N m. See test_step_response.py for the exact statement."""
-    with World() as world:
-        world.spawn_ground_plane()
-        model = world.spawn(parse_urdf(make.aras(tags)), "aras", joint_positions=make.start)
-        assert model.fixed_base is bool(tags)
-        pids = Pids(model, make.gains)
-        pids.target.update(gantry=0.05, J2=-0.09, J3=0.045, J5=0.045)
-        run(world, pids, 2000)
-        for joint, position in zip(model.joint_names, model.read_joints()[0], strict=True):
-            bound = FRICTION / make.gains[joint][0] + (3.0 / 7000 if joint == "J2" else 1e-4)
-            assert abs(position - pids.target[joint]) < bound, joint
-        assert all(abs(v) < 1e-3 for v in model.read_joints()[1])
-        pose = model.pose()
-        # Contacts of 1.8 t creep by millimetres when the arm is jerked; a bolted base doesn't.
-        assert math.dist(pose.xyz, (0, 0, 0)) < (1e-12 if tags else 5e-3)
-        assert abs(pose.quat[3]) == pytest.approx(1.0, abs=1e-5)
-
-
-def test_reset_simulation_makes_runs_bit_identical(make):
-    def scene(world):
-        world.spawn_ground_plane()
-        ball = '<visual><geometry><sphere radius="0.1"/></geometry></visual>'
-        touch = ball.replace("visual", "collision")
-        world.spawn(parse_urdf(make.robot(make.link("ball", 1.0, shapes=ball + touch))), "ball",
-                    Pose((0.3, 0.0, 0.4)))
-        return world.spawn(parse_urdf(make.aras()), "aras", joint_positions=make.start)
-
-    def play(world, model):
-        pids = Pids(model, make.gains)
-        joints = run(world, pids, 300)
-        return joints, world.model("ball").pose(), model.link_states()["camera_link"]
-
-    with World() as first, World() as second:
-        model = scene(first)
-        fresh = play(first, model)
-        first.reset_simulation()
-        again = play(first, model)
-        other = play(second, scene(second))
-    assert fresh == again == other
-
-
-def test_reading_states_does_not_change_the_future(make):
-    results = []
-    for look in (False, True):
-        with World() as world:
-            model = world.spawn(parse_urdf(make.aras()), "aras", joint_positions=make.start)
-            pids = Pids(model, make.gains)
-            for _ in range(200):
-                run(world, pids, 1)
-                if look:
-                    model.link_states()
-                    model.pose()
-            results.append(tuple(model.read_joints()[0]))
-    assert results[0] == results[1]
-
-
 def test_reset_simulation_restores_spawns_and_their_configurations(make):
     with World() as world:
-        model = world.spawn(parse_urdf(make.aras(KINEMATIC)), "aras", joint_positions=make.start)
+        model = world.spawn(parse_urdf(make.pendulum()), "m", joint_positions={"swing": 0.7})
         late = world.spawn(parse_urdf(make.robot(make.link("late"))), "late", Pose((5, 0, 1)))
-        pids = Pids(model, make.gains)
-        run(world, pids, 100)
+        for _ in range(100):
+            model.apply_effort("swing", 3.0)
+            world.step()
         late.set_pose(Pose((0, 9, 9)))
+        revision = world.revision
         world.reset_simulation()
-        assert dict(zip(model.joint_names, model.read_joints()[0], strict=True)) == make.start
-        assert [list(values) for values in model.read_joints()[1:]] == [[0.0] * 6] * 2
+        assert [list(values) for values in model.read_joints()] == [[0.7], [0.0], [0.0]]
         assert late.pose().xyz == (5, 0, 1)
-        assert list(world.models) == ["aras", "late"]
+        assert list(world.models) == ["m", "late"]
+        assert world.revision == revision + 1
 
 
 def test_reset_world_keeps_joint_angles_and_stops_everything(make):

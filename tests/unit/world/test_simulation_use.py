@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from aras_robot import CONTROLLERS, description, parameters
+from aras_robot import description, parameters
 
 from aras_sim_bridge.errors import ControllerError, WorldError
 from aras_sim_bridge.simulation import Simulation

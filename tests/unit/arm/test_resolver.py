@@ -390,6 +390,14 @@ def test_limits_that_cannot_be(options, words):
         Limits.of(make("aras"), **options)
 
 
+def test_a_slow_robot_s_speed_is_its_limit_too():
+    slow = urdf("aras").replace('velocity="5"', 'velocity="0.5"')
+    arm = Arm.from_urdf(slow)
+    assert Limits.of(arm, velocity=0.5).velocity.tolist() == [0.5] * 6
+    with pytest.raises(ConfigurationError, match="velocity 0.6 is beyond the robot's own, 0.5"):
+        Limits.of(arm, velocity=0.6)
+
+
 def test_limits_are_the_robot_s_unless_narrowed():
     limits = Limits.of(make("aras"), lower={"J3": -1.0}, velocity=[1, 2, 2, 2, 2, 2])
     assert limits.lower.tolist() == [-1.5, -2.0943, -2.0943, -1.0, -2.0943, -3000.0]

@@ -421,8 +421,9 @@ def test_joints_between_and_after_their_samples():
     history = JointHistory(3)
     assert history.at(1.0) is None and history.newest is None
     assert not history.complete_to(1.0)
-    for stamp, position in ((1.0, 0.0), (1.1, 1.0), (1.2, 3.0)):
-        assert history.add(sample(stamp, position, 10.0))
+    assert history.add(sample(1.0, 0.0, 10.0)) and history.add(sample(1.1, 1.0, 10.0))
+    assert history.complete_to(1.19) and not history.complete_to(1.21)  # by their period
+    assert history.add(sample(1.2, 3.0, 10.0))
     assert not history.add(sample(1.2, 9.0)) and not history.add(sample(1.15, 9.0))
     assert history.at(1.05).positions[0] == pytest.approx(0.5)
     assert history.at(1.1).positions[0] == 1.0

@@ -34,6 +34,7 @@ def test_how_fast_a_joint_has_to_be_on_its_own(size, asked, told):
     """By half a rad/s or m/s, rms, and by three times what was commanded."""
     check = watched(15, lambda k: (asked, 0.0), lambda k: (asked + size * (-1) ** k, 0.0))
     assert check.joints == ("J1" if told else "")
+    assert (f"at up to {asked + abs(size):.1f} rad/s" in check.reason) is told
 
 
 @pytest.mark.parametrize(("of_ten", "gone", "told"), [

@@ -112,9 +112,13 @@ def test_moments_are_moments():
     row, column = shape[0] // 2, shape[1] // 2
     along, down = even[row, column : column + 40], even[row : row + 40, column]
     assert along == pytest.approx(down, abs=1e-6)  # as far to the right as below
-    for k in (1, 2):  # x and y: odd, and one the other's
-        odd = B[k].reshape(shape)
-        assert odd == pytest.approx(-odd[::-1, ::-1], abs=1e-6)
+    # Beside the weight alone each is a monomial, y first: y, x, y^2, x y, x^2 ...
+    places = slice(row - 25, row + 26), slice(column - 25, column + 26)
+    down, right = (np.mgrid[-25:26, -25:26] + 0.5) / 25.5  # from between the middle pixels
+    powers = [(n - p, p) for n in range(4) for p in range(n + 1)]
+    for moment, (q, p) in zip(B, powers, strict=True):
+        ratio = moment.reshape(shape)[places] / even[places]
+        assert ratio == pytest.approx(ratio[-1, -1] * down**q * right**p, abs=1e-4)
 
 
 def test_principal_components_hold_what_a_motion_changes():

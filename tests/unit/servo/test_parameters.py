@@ -225,6 +225,7 @@ def test_laws_and_schemes_get_their_numbers(arm):
     loop = of(law="adaptive", gain_zero=6.0, continuous_start=3.0, start="none").build(arm)
     law = loop.scheme.law
     assert law.mu == 3.0 and law.law.zero == 6.0 and law.law.slope == 30.0
+    assert of(hold_gain=2.5, start="none").build(arm).resolver.settings.hold_gain == 2.5
     diagonal = of(law="diagonal", law_options={"values": [1, 2, 3, 4]}).make_law()
     assert diagonal.values.tolist() == [1, 2, 3, 4]
     assert of(pitch_gain=2.0).hold_gain == 2.0  # the name of former versions

@@ -1,5 +1,6 @@
 """The loop closed over an exact camera and lagging joints: arrives, judges, begins anew."""
 
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from loop_rig import (
 )
 
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Adaptive, ContinuousStart, Proportional
 from aras_visual_servo_controller.loop.motion import CommandMotion
@@ -31,6 +33,7 @@ from aras_visual_servo_controller.loop.state import (
     ServoSettings,
     ServoState,
 )
+from aras_visual_servo_controller.loop.task_follower import Pursuit
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.seeing.observation import Observer
 
@@ -357,7 +360,9 @@ def test_impossible_joints_are_refused_and_never_sent(value):
     states = rig.run(0.8)
     bad = [s for s in states if 0.31 <= s.stamp < 0.6]
     assert set(phases(bad)) == {HOLDING}
-    assert all("J2" in s.reason for s in bad)
+    held = [c for c in rig.commands if 0.31 <= c.stamp < 0.6]
+    assert all(each.reason.startswith("J2 measured at ") for each in (*bad, *held))
+    assert not any("speed" in each.reason for each in (*bad, *held))
     commands = np.array([c.positions for c in rig.commands if c.positions is not None])
     assert np.isfinite(commands).all()
     assert np.abs(commands[:, :5]).max() < 1.0
@@ -465,6 +470,37 @@ def test_reset_forgets_that_it_had_converged():
     states = [s for s in rig.run(0.5) if s.stamp >= 2.0]
     assert phases(states)[0] == SERVOING
     assert phases(states)[-1] == CONVERGED
+
+
+def test_what_sags_before_the_first_image_is_held_where_it_was():
+    """The command stays where the joints stood first, and servoing goes on from there."""
+    rig = Rig(the_servo("2016", law=Proportional(0.2)), STARTS["2016"])
+    names = rig.servo.arm.names
+    first = rig.servo.tick(0.0, JointSample.of(0.0, names, rig.q))
+    sagged = JointSample.of(0.1, names, rig.q - 0.02 * np.eye(6)[0])
+    rig.servo.tick(0.1, sagged)
+    rig.servo.see(rig.exact(rig.observer, 0.1, sagged))
+    command = rig.servo.tick(0.11, sagged)
+    assert 0.0 < np.abs(command.positions - first.positions)[0] < 0.01
+
+
+@pytest.mark.parametrize(("lasts", "times"), [(0.0, [0, 10, 20, 30, 40]), (0.025, [0, 25])])
+def test_velocities_are_worked_out_anew_when_their_period_is_over(lasts, times):
+    """Ticks of 1 ms, a period of 10 ms."""
+    worked_out = []
+
+    def resolve(q, task, dt, velocity):
+        worked_out.append(round(1e3 * now))
+        return SimpleNamespace(velocities=np.zeros(2), lasts=lasts, reasons=())
+
+    motion, resolver = SimpleNamespace(velocity=np.zeros(2)), SimpleNamespace(resolve=resolve)
+    settings = ServoSettings(resolve_period=0.01)
+    pursuit = Pursuit("any", None, resolver, motion, settings)
+    pursuit.ask(Task.of_twist(np.zeros(6)), None, 0.0, None)
+    for tick in range(45):
+        now = 1e-3 * tick
+        pursuit.velocities(now, 1e-3, JointSample.of(now, ("a", "b"), np.zeros(2)), 0.0)
+    assert worked_out == times
 
 
 def test_a_first_step_longer_than_the_lead_is_taken():

@@ -25,7 +25,8 @@ def swaying(t):
     return 2e-3 * np.sin([9.0 * t, 6.0 * t, 3.0 * t, 0.0, 0.0, 0.0])
 
 
-def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=None, begin=0.0):
+def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=None, begin=0.0,
+            **seen):  # fmt: skip
     """What is said after each of so many images of a target that moves by a twist (6,)."""
     check = check or TargetCheck()
     draw = np.random.default_rng(4)
@@ -41,8 +42,8 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
             error = error + L @ motion + own * DT
         said.append(check.add(
             SimpleNamespace(error=error, L=L, rate=known * own),
-            SimpleNamespace(stamp=t, dt=DT, motion=motion, world_T_camera=POSE),
-            None, tolerances, True,
+            SimpleNamespace(**{"stamp": t, "dt": DT, "motion": motion, "world_T_camera": POSE,
+                               **seen}), None, tolerances, True,
         ))  # fmt: skip
     return said
 
@@ -109,6 +110,11 @@ def test_other_features_and_images_without_any_begin_anew():
     for part in range(20):  # no row is whole between interruptions
         assert not any(watched(4, STEADY, check=check, begin=0.2 * part))
         check.interrupt()
+
+
+@pytest.mark.parametrize("unknown", ["motion", "world_T_camera"])
+def test_where_the_camera_s_motion_is_not_known_nothing_is(unknown):
+    assert not any(watched(60, STEADY, **{unknown: None}))
 
 
 def test_what_is_long_ago_is_forgotten():

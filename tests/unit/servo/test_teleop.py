@@ -1,5 +1,7 @@
 """Keys of the teleoperation, and a gamepad."""
 
+import os
+import sys
 import time
 
 import numpy as np
@@ -26,6 +28,7 @@ from aras_visual_servo_controller.hands.teleop import (
     Keys,
     command_for,
     keys_of,
+    pressed,
     stepped,
 )
 
@@ -119,6 +122,17 @@ def test_no_key_means_two_things_and_the_help_names_all():
 def test_a_held_key_and_arrows_are_told_apart():
     assert keys_of("dd\x1b[Cq") == ["d", "d", "\x1b[C", "q"]
     assert keys_of("") == []
+
+
+def test_keys_are_read_as_they_come_also_such_as_are_no_text(monkeypatch):
+    end, begin = os.pipe()
+    with os.fdopen(end) as terminal:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        assert pressed(0.0) == []
+        os.write(begin, b"d\xff\x1b[C")
+        assert pressed(5.0) == ["d", "\ufffd", "\x1b[C"]
+        os.close(begin)
+        assert pressed(5.0) == ["\x04"]  # the terminal is gone: as its end of input
 
 
 def test_a_pad_moves_nothing_until_a_shoulder_button_is_held():

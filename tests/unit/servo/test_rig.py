@@ -1,6 +1,7 @@
 """Several cameras of one scheme: pictures that belong together, and one observation of them."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -115,6 +116,24 @@ def test_a_slower_camera_s_newest_picture_counts():
     pictures += [("right", 0.25 * k) for k in range(1, 4)]
     answered = fed(rig(), *sorted(pictures, key=lambda one: one[1]))
     assert answered == [(0.5, 0.5), (0.6, 0.5), (0.7, 0.5), (0.8, 0.75)]
+
+
+def test_an_older_picture_gets_the_joints_of_its_own_exposure():
+    made, heard = rig(), []
+    made.joints_at = lambda stamp: JointSample.of(stamp, NAMES, np.zeros(6))
+
+    def look(joints, commands, name, stamp):
+        heard.append((name, round(stamp, 3), round(joints.stamp, 3)))
+        return view(made.observers[name], stamp, np.zeros(6))
+
+    pictures = [("left", 0.1 * k) for k in range(1, 9)] + [("right", 0.25 * k) for k in (1, 2, 3)]
+    for name, stamp in sorted(pictures, key=lambda one: one[1]):
+        found = made.add(name, stamp, partial(look, name=name, stamp=stamp))
+        if found is not None:
+            # of the control camera's they are said to be a little later here
+            found[1](JointSample.of(found[0] + 0.01, NAMES, np.zeros(6)), ())
+    of_right = [one[1:] for one in heard if one[0] == "right"]
+    assert of_right == [(0.5, 0.51), (0.75, 0.75)]
 
 
 def test_stamps_of_one_trigger_may_differ_a_little():

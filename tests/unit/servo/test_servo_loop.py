@@ -252,7 +252,8 @@ def test_the_watchdog_stops_the_arm_when_no_images_come():
 def test_joints_that_cannot_be_measured_stop_the_arm_and_the_command_says_why():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.3)
-    assert rig.states[-1].achieved.any() and not ServoState(0.0, WAITING).achieved.any()
+    assert rig.states[-1].achieved.any()
+    assert ServoState(0.0, WAITING).achieved.tolist() == [0.0] * 6
     command = rig.servo.tick(rig.now + TICK, unmeasured="no word of J2")
     assert (command.reason, command.phase) == ("no word of J2", HOLDING)
     assert command.positions.shape == (6,)
@@ -465,11 +466,25 @@ def test_reset_forgets_that_it_had_converged():
     rig = Rig(the_servo("2016", hold=0.3), STARTS["2016"])
     assert rig.run(2.0)[-1].phase == CONVERGED
     rig.servo.reset()
-    assert rig.servo.phase == WAITING
+    assert (rig.servo.phase, rig.servo.outcome.kind) == (WAITING, "running")
     rig.observer.reset()
     states = [s for s in rig.run(0.5) if s.stamp >= 2.0]
     assert phases(states)[0] == SERVOING
     assert phases(states)[-1] == CONVERGED
+
+
+def test_what_a_controller_of_joints_asks_is_slowed_as_a_whole_and_says_why():
+    limits = the_limits(velocity=[1.0, 2.0, 2.0, 2.0, 2.0, 2.0], acceleration=[20.0] + [2.0] * 5)
+    motion = CommandMotion(the_arm().names, limits, ServoSettings())
+    motion.begin(np.zeros(6))
+    asked = np.array([2.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    velocities, words = motion.limited(asked, 0.0)
+    assert words == "slowed to 50 % for the speed limit of gantry"
+    assert velocities == pytest.approx(0.5 * asked)
+    velocities, words = motion.limited(asked, 0.1)
+    assert words.endswith("; at the acceleration limit of J1")
+    assert velocities == pytest.approx(0.2 * asked)
+    assert motion.limited(0.05 * asked, 0.1) == (pytest.approx(0.05 * asked), "")
 
 
 def test_what_sags_before_the_first_image_is_held_where_it_was():

@@ -249,6 +249,17 @@ def test_the_watchdog_stops_the_arm_when_no_images_come():
     assert rig.states[-1].phase == SERVOING
 
 
+def test_after_the_first_image_the_watchdog_waits_for_its_own_time():
+    """Nobody knows yet how often images come."""
+    rig = Rig(the_servo("2016"), STARTS["2016"])
+    rig.run(0.02)
+    rig._next_image = 10.0
+    rig.run(0.16)
+    assert rig.servo.phase == SERVOING
+    rig.run(0.06)
+    assert rig.servo.phase == WAITING
+
+
 def test_joints_that_cannot_be_measured_stop_the_arm_and_the_command_says_why():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.3)

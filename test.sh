@@ -54,7 +54,7 @@ graphs=$(($(nproc) + 1))
 ((graphs <= 4)) || graphs=4
 no_test=5 unit=0 graph=0
 .venv/bin/python -m pytest -n auto --dist worksteal tests/unit "$@" || unit=$?
-.venv/bin/python -m pytest -n "$graphs" --dist loadfile --reruns 1 -r fER tests/integration "$@" || graph=$?
+.venv/bin/python -m pytest -n "$graphs" --dist loadfile --no-loadscope-reorder --reruns 1 -r fER tests/integration "$@" || graph=$?
 # -k may choose tests of one suite alone.
 [[ $unit == "$no_test" ]] && exit "$graph"
 [[ $graph == "$no_test" || $graph == 0 ]] && exit "$unit"

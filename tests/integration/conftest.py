@@ -18,13 +18,19 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))  # tests write `from ros_graph import wait_for`
 # Helpers that assert: their failures are explained as those of tests are.
-pytest.register_assert_rewrite("controller_rig", "gazebo_calls")
+pytest.register_assert_rewrite("controller_rig", "gazebo_calls", "played_robot")
 
 if TYPE_CHECKING:
     from ros_graph import Collector, Launch, RosMaster
 
 ROOT = Path(__file__).parents[2]
 FAILED = pytest.StashKey[bool]()
+LONGEST = (  # files whose tests take longest, these first
+    "test_dashboard", "test_runner_equals_graph", "test_demo", "test_solid_on_the_graph",
+    "test_controller_node", "test_several_cameras_on_the_graph", "test_faults",
+    "test_bridge_lockstep", "test_install_space", "test_bridge_controller_manager",
+    "test_user_schemes_on_the_graph", "test_any_arm", "test_controller_disturbed", "test_docs",
+)  # fmt: skip
 
 
 def _sourced() -> bool:
@@ -47,6 +53,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if Path(__file__).parent in item.path.parents:
             item.add_marker(pytest.mark.graph)
+    # Side by side: what begins last must not be what takes longest.
+    items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST
+               else len(LONGEST))  # fmt: skip
 
 
 if not _sourced():

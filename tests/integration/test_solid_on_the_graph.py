@@ -44,34 +44,11 @@ def reached(states, joints, arm, goal_joints):
     return 1e3 * distance, np.degrees(angle)
 
 
-def test_a_mesh_on_the_launch_line_is_servoed_to_by_its_pose(launch, collect, tmp_path):
-    mesh = write_obj(tmp_path / "bracket.obj", [(corners_of("bracket"), 0.6)])
-    made = assemble(Experiment(target={"shape": str(mesh), "pose": PLACE}, scheme="model"))
-    made.plant.close()
-    (tmp_path / "goal.yaml").write_text(made.goal.to_yaml("for a test"))
-    states, joints, robot = simulated(launch, collect, mesh)
-    arm, goal = made.servo.arm, made.goal
-    at = goal.joint_values(arm.names)
-    start = at + np.array([0.02, 0.06, -0.05, 0.04, -0.05, 0.1])
-    nodes = launch(
-        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
-        nodes=["/aras_visual_servo_controller"], scheme="model", goal=tmp_path / "goal.yaml",
-        start=str(start.round(5).tolist()), model=str(mesh), model_start=f"{{pose: {PLACE}}}",
-    )  # fmt: skip
-    try:
-        distance, angle = reached(states, joints, arm, at)
-        assert distance < 0.5 and angle < 0.3
-    finally:
-        print([(m.phase, m.reason) for m in states.messages[-1:]], nodes.output()[-1500:])
-        nodes.stop()
-        robot.stop()
-
-
 @pytest.mark.parametrize("scheme", ["model", "moments"])
 def test_a_solids_goal_is_taught_where_the_arm_stands(
     launch, collect, ros_master, tmp_path, scheme
 ):
-    """By `model` from its pose, and by moments from the plane of its outline."""
+    """By `model` from its pose, and by moments from the plane of its outline; then servoed to."""
     mesh = write_obj(tmp_path / "bracket.obj", [(corners_of("bracket"), 0.1)])
     shown = Experiment(target={"shape": str(mesh), "pose": PLACE}, scheme=scheme,
                        goal=[0.02, 0.06, -0.05, 0.04, -0.05, 0.1])  # fmt: skip

@@ -1,6 +1,6 @@
-"""The four schemes of docs/examples on one graph: each by one launch argument, before rendered
-pictures, to the goal that the runner taught for it (`unit/bench/test_user_schemes_run.py` runs them
-there, unchanged)."""
+"""Schemes of docs/examples on one graph, of pictures and of joints: each by one launch argument, to
+the goal that the runner taught for it (`unit/bench/test_user_schemes_run.py` runs all four there,
+unchanged)."""
 
 from __future__ import annotations
 
@@ -27,10 +27,8 @@ ARM = Arm.from_urdf(
 )
 GOAL = Goal.load(ROOT / "src/aras_visual_servo_controller/config/goal_2016.yaml")
 AWAY = np.array([-0.1, 0.0, 0.349, -0.262, -0.0873, 0.1745])
-SCHEMES = {  # and from which part of the way: grey levels of a whole picture have a narrow valley
+SCHEMES = {  # and from which part of the way to AWAY
     "own_corners:OwnCorners": 1.0,
-    "photometric:Photometric": 0.1,
-    "second_order:SecondOrder": 0.4,
     "joint_mpc:JointMPC": 0.4,
 }
 

@@ -12,13 +12,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rospy
 import yaml
 from aras_visual_servo_controller.msg import ServoState
+from gazebo_msgs.srv import DeleteModel, SpawnModel
+from geometry_msgs.msg import Pose
 from ros_graph import wait_for
 from sensor_msgs.msg import Image, JointState
+from tf.transformations import quaternion_from_euler
 
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.targets.files import description_file
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
@@ -86,6 +91,38 @@ def test_two_cameras_servo_the_arm_by_launch_arguments(scheme, eyes, launch, col
     if "@" in scheme:
         servoed = next(m for m in states.messages if m.feature_names)
         assert {name.partition(".")[0] for name in servoed.feature_names} == {"left", "right"}
+
+
+def test_one_in_the_hand_and_one_that_stands_servo_together(portal, ros_node, launch, collect,
+                                                            tmp_path):  # fmt: skip
+    """docs/examples/both_eyes.yaml, with the runner's goal."""
+    asked = Experiment.from_yaml(EXAMPLES / "both_eyes.yaml")
+    (tmp_path / "goal.yaml").write_text(assemble(asked).goal.to_yaml("for a test"))
+    cameras = {"palm": {"namespace": "/palm"}, "left": {**NAMED["left"], "target_frame": "hand"}}
+    (tmp_path / "cameras.yaml").write_text(yaml.safe_dump({"cameras": cameras}))
+    place, urdf = Pose(), description_file(asked.target).read_text()
+    x, y, z, *turns = asked.target.pose
+    place.position.x, place.position.y, place.position.z = x, y, z
+    (place.orientation.x, place.orientation.y, place.orientation.z,
+     place.orientation.w) = quaternion_from_euler(*turns)  # fmt: skip
+    spawn = rospy.ServiceProxy("/gazebo/spawn_urdf_model", SpawnModel)
+    assert spawn("on_the_ground", urdf, "", place, "world").success
+    states = collect(f"{SPACE}/controller/state", ServoState)
+    joints = collect(f"{SPACE}/joint_states", JointState)
+    nodes = launch(
+        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch", scheme=asked.scheme,
+        nodes=[f"{SPACE}_controller"], start=str(list(asked.start)), goal=tmp_path / "goal.yaml",
+        cameras=tmp_path / "cameras.yaml",
+    )  # fmt: skip
+    try:
+        states.wait(timeout=60.0, where=lambda state: state.phase == "converged")
+    finally:
+        print([(m.phase, m.reason) for m in states.messages[-1:]], nodes.output()[-1500:])
+        nodes.interrupt()
+        rospy.ServiceProxy("/gazebo/delete_model", DeleteModel)("on_the_ground")
+    last = dict(zip(joints.messages[-1].name, joints.messages[-1].position, strict=True))
+    off = [last[joint] - q for joint, q in zip(JOINTS, asked.goal, strict=True)]
+    assert np.abs(off).max() < 1e-3
 
 
 def test_both_cameras_expose_together(portal, collect):

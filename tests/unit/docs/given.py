@@ -53,7 +53,7 @@ def my_package() -> dict[str, Any]:
 def portal() -> dict[str, Any]:
     """Copies of the examples of several cameras."""
     for name in ("portal.yaml", "portal.urdf", "portal_controllers.yaml", "stereo_ibvs.py",
-                 "eye_to_hand.py"):  # fmt: skip
+                 "eye_to_hand.py", "both_eyes.yaml"):  # fmt: skip
         Path(name).write_text((ROOT / "docs" / "examples" / name).read_text())
     return {}
 

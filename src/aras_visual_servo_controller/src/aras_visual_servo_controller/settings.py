@@ -49,7 +49,7 @@ from .loop.servo import Servo
 from .loop.state import ByJoint, ServoSettings, by_joint
 from .schemes import JointController, Scheme, create_scheme
 from .seeing.observation import CAMERA, Need, Observer
-from .seeing.rig import Rig, StandingCamera, beside
+from .seeing.rig import MovedBy, Rig, StandingCamera, beside
 
 # Parameters that laws take by these names.
 LAW_GAINS = {
@@ -85,11 +85,13 @@ class CameraEntry:
     namespace: of its image_raw, camera_info and depth/image_raw; empty: /NAME.
     features: namespace of what a camera node measures in its images, moments and kernel; empty:
         camera/NAME in that of the arm.
+    target_frame: link that carries what it looks at, where the arm moves that; empty: as for all.
     """
 
     frame: str = ""
     namespace: str = ""
     features: str = ""
+    target_frame: str = ""
 
 
 @dataclass(frozen=True)
@@ -289,10 +291,10 @@ class Settings:
     def arm(self, urdf: str) -> Arm:
         """The arm of a description; ConfigurationError as Arm.from_urdf, or for controllers of
         joints that it has not."""
-        frame = self.camera_frame
+        name = ""
         if self.cameras:  # of one camera the scheme need not be there, as where a bag is read
-            frame = self.camera_of(self.read_by(self.make_scheme())[0]).frame
-        arm = self._arm_of(urdf, frame)
+            name = self.read_by(self.make_scheme())[0]
+        arm = self._arm_of(urdf, name)
         for joint, controller in self.controllers.items():
             known = arm.names if joint in arm.names else parse_tree(urdf).joints
             if joint not in known:
@@ -306,20 +308,24 @@ class Settings:
                 )
         return arm
 
-    def _arm_of(self, urdf: str, frame: str) -> Arm:
+    def _arm_of(self, urdf: str, camera: str) -> Arm:
+        entry = self.camera_of(camera)
         return Arm.from_urdf(
-            urdf, frame, self.base_frame, self.joints or None, self.target_frame
+            urdf, entry.frame, self.base_frame, self.joints or None, entry.target_frame
         )
 
     def camera_of(self, name: str) -> CameraEntry:
         """Frame and topics of the camera of a name."""
         features = f"{self.namespace.rstrip('/')}/camera"
         if not self.cameras:
-            return CameraEntry(self.camera_frame, self.camera_namespace.rstrip("/"), features)
+            return CameraEntry(
+                self.camera_frame, self.camera_namespace.rstrip("/"), features, self.target_frame
+            )
         entry = self.cameras[name]
         return CameraEntry(
             entry.frame or f"{name}_optical_frame", (entry.namespace or f"/{name}").rstrip("/"),
             (entry.features or f"{features}/{name}").rstrip("/"),
+            entry.target_frame or self.target_frame,
         )  # fmt: skip
 
     def read_by(self, scheme: Scheme | JointController) -> tuple[str, ...]:
@@ -338,20 +344,21 @@ class Settings:
                 )
         return tuple(name for name in known if name in read)
 
-    def others(self, urdf: str, arm: Arm) -> dict[str, Arm | StandingCamera]:
+    def others(self, urdf: str, arm: Arm) -> dict[str, MovedBy]:
         """What moves the other cameras that the scheme reads, by their names.
 
         Raises:
             ConfigurationError: one of them sits elsewhere on the arm than the control camera, or
-                stands still where it is to steer.
+                stands still where it is to steer; see `beside`.
         """
-        others: dict[str, Arm | StandingCamera] = {}
+        others: dict[str, MovedBy] = {}
         scheme = self.make_scheme()
         for name in self.read_by(scheme)[1:]:
-            frame = self.camera_of(name).frame
-            place = None if self.target_frame else Arm.standing(urdf, frame, self.base_frame)
+            one, place = self.camera_of(name), None
+            if not one.target_frame:
+                place = Arm.standing(urdf, one.frame, self.base_frame)
             if place is None:
-                others[name] = beside(arm, self._arm_of(urdf, frame), name)
+                others[name] = beside(urdf, arm, self._arm_of(urdf, name), name)
             else:
                 check_steering(getattr(scheme, "features", ()), name)
                 others[name] = StandingCamera(place)
@@ -463,7 +470,7 @@ class Settings:
         clock: Callable[[], float] | None = None,
         scheme: Scheme | JointController | None = None,
         resolver: Resolver | None = None,
-        others: Mapping[str, Arm | StandingCamera] = NONE,
+        others: Mapping[str, MovedBy] = NONE,
     ) -> Servo:
         """The loop that these parameters describe.
 
@@ -503,7 +510,7 @@ class Settings:
 
     def rig(
         self,
-        arms: Mapping[str, Arm | StandingCamera | None],
+        arms: Mapping[str, MovedBy | None],
         scheme: Scheme | JointController,
         goal: Goal | None = None,
     ) -> Rig:

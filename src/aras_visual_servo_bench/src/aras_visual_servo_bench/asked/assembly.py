@@ -22,7 +22,7 @@ from aras_visual_servo_controller.goals.starts import start_joints
 from aras_visual_servo_controller.loop.servo import Servo
 from aras_visual_servo_controller.schemes import JointController, Scheme
 from aras_visual_servo_controller.seeing.observation import Need, Observation
-from aras_visual_servo_controller.seeing.rig import Rig, StandingCamera
+from aras_visual_servo_controller.seeing.rig import MovedBy, Rig, StandingCamera
 from aras_visual_servo_controller.settings import Settings
 
 from ..errors import ExperimentError, ViewError
@@ -37,7 +37,7 @@ from .experiment import FLYING, CameraPose, Experiment, Sampler
 from .goal_views import GoalViews, observed
 from .loop_settings import named_goal, settings_of
 from .packages import PackagePath
-from .plant_making import PlantMaker
+from .plant_making import PlantMaker, carried_by
 from .postures import Postures, warn
 from .robots import Robot
 from .sampling import draw_start
@@ -110,19 +110,19 @@ class _Builder:
         self.experiment = experiment = experiment.placed
         self.robot = Robot(
             experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction,
-            experiment.cameras,
+            experiment.cameras, carried_by(experiment),
         )  # fmt: skip
         eyes = {
             name: Eye.of(name, spec, self.robot.packages, experiment.robot.cameras)
             for name, spec in experiment.seen_by.items()
         }
-        self.target = experiment.target.placed
         self.loop_settings = settings_of(experiment, self.robot)
         try:
             self.scheme = self.loop_settings.make_scheme()
             if wrap is not None:
                 self.scheme = wrap(self.scheme)
             read = self.loop_settings.read_by(self.scheme)
+            self.target = (experiment.seen_by[read[0]].target or experiment.target).placed
             _check_standing(experiment, read[0], self.robot)
             self.true_arm = self.robot.arm(read[0])
             rig = self.loop_settings.rig(dict.fromkeys(read), self.scheme)
@@ -135,7 +135,8 @@ class _Builder:
         segmentation = self.loop_settings.make_segmentation()
         self.plants = PlantMaker(
             experiment, self.robot, self.control,
-            {name: self.eyes[name] for name in seeing[1:]}, self.target, self.needs, depth,
+            {name: self.eyes[name] for name in seeing[1:]}, experiment.target.placed, self.needs,
+            depth,
             segmentation.label if segmentation.method == "label" else "",
         )  # fmt: skip
         self.views = GoalViews(self.plants, self.loop_settings, self.scheme)
@@ -226,6 +227,11 @@ class _Builder:
                 "features: give features: pictures"
             )
         method = self.loop_settings.make_segmentation().method
+        if method == "label" and (apart := self.plants.seen_apart):
+            raise ExperimentError(
+                f"label images tell one target, and camera '{next(iter(apart))}' looks at one of "
+                "its own: tell both by grey or colour"
+            )
         if method in BY_COLOUR and experiment.plant != "bullet":
             raise ExperimentError(
                 f"segmentation '{method}' needs colours, and the pictures of plant "
@@ -249,13 +255,13 @@ class _Builder:
 
     def _others(
         self, pose: np.ndarray, control: Arm | FreeBody
-    ) -> dict[str, Arm | FreeBody | StandingCamera]:
+    ) -> dict[str, FreeBody | MovedBy]:
         """What is believed to move the other cameras that the scheme reads, by their names.
 
         Args:
             pose: world_T_camera (4, 4) of the true control camera at the goal.
         """
-        others: dict[str, Arm | FreeBody | StandingCamera] = {}
+        others: dict[str, FreeBody | MovedBy] = {}
         for name in list(self.needs)[1:]:
             if self.experiment.plant not in FLYING:
                 others[name] = self.robot.arm_of(name, control, believed=True)
@@ -294,11 +300,13 @@ class _Builder:
         return joints
 
     def _computed(
-        self, goal: Goal, arms: Mapping[str, Arm | FreeBody | StandingCamera]
+        self, named: Goal, arms: Mapping[str, FreeBody | MovedBy]
     ) -> Goal | None:
         """A named goal as the believed cameras see it; None where it lacks what the scheme
         needs, or was shown the demo's plates where the target is a solid."""
-        goal = goal.for_cameras(arms)
+        goal = named.for_cameras(arms)
+        if any(n in self.plants.seen_apart and n not in named.cameras for n in self.needs):
+            return None  # what it was shown is not what these look at
         if goal.target is not None and isinstance(self.target.shape, SolidTarget):
             return None
         try:
@@ -351,7 +359,8 @@ class _Builder:
             return draw_start(
                 start, arm, goal_pose, near, self.target, self.control.true,
                 self.experiment.seed,
-                [(self.plants.places[n], self.eyes[n].true) for n in list(self.needs)[1:]],
+                [(self.plants.places[n], self.eyes[n].true, self.plants.target_of(n))
+                 for n in list(self.needs)[1:]],
             )  # fmt: skip
         if isinstance(start, CameraPose):
             pose = transform(start.pose[:3], start.pose[3:])

@@ -20,9 +20,9 @@ from aras_visual_servo_controller.seeing.rig import KEPT
 
 from ..errors import ExperimentError, require
 from .packages import PackagePath
+from .target_spec import Six, TargetSpec
 
 PRESETS = "config/cameras"
-Six = tuple[float, float, float, float, float, float]
 WHITE, DARK = 255, 0  # grey levels of a drawn picture, as the renderer has table and target
 
 
@@ -77,6 +77,9 @@ class CameraSpec:
     frame: its optical frame, where the robot's description has it.
     delay: s from an exposure to when the loop has the picture.
     believed: how the controller's idea of it differs; see Belief.
+    target: what it looks at, where that is not the experiment's target: shape, size, pose, motion.
+    target_frame: link that carries what it looks at, where the arm moves that: the target's pose,
+        and the camera's, are in this link's frame; '': robot.target_frame.
     """
 
     model: str | Mapping[str, Any] = "original"
@@ -87,6 +90,8 @@ class CameraSpec:
     frame: str = ""
     delay: float = parameter(0.0, "s", least=0.0)
     believed: Belief = Belief()
+    target: TargetSpec | None = None
+    target_frame: str = ""
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "cameras")

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import JointController, Scheme
 from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need, Observation, Observer
-from aras_visual_servo_controller.seeing.rig import StandingCamera
+from aras_visual_servo_controller.seeing.rig import MovedBy
 from aras_visual_servo_controller.settings import Settings
 
 from ..errors import ExperimentError, ViewError
@@ -70,13 +69,14 @@ class GoalViews:
         several = len(plants.needs) > 1
         for name in plants.needs:
             eye, place = self._eye(name), plants.places.get(name)
-            seen_from = plants.target.seen_from(pose if place is None else place.at(pose))
+            target = plants.target_of(name)
+            seen_from = target.seen_from(pose if place is None else place.at(pose))
             try:
-                outline = plants.target.shape.outline(seen_from)
+                outline = target.shape.outline(seen_from)
             except ViewError as error:
                 where = f" (camera '{name}')" if several else ""
                 raise ExperimentError(f"goal: {error}{where}: {ELSEWHERE}") from error
-            if isinstance(plants.target.shape, SolidTarget):
+            if isinstance(target.shape, SolidTarget):
                 across, down = np.ptp(np.column_stack(eye.true.project(*outline.T)), axis=0)
                 if across > eye.true.width or down > eye.true.height:
                     raise ExperimentError(
@@ -109,7 +109,7 @@ class GoalViews:
         """
         if seen.moments is None:
             return
-        eye, target = self._eye(seen.name), self.plants.target
+        eye, target = self._eye(seen.name), self.plants.target_of(seen.name)
         outline = target.shape.outline(target.seen_from(pose))
         pixels = np.column_stack(eye.true.project(*outline.T))
         x, y = cameras.read(pixels, eye.true, eye.believed, closed=True).T
@@ -127,7 +127,7 @@ class GoalViews:
         mountings: Mapping[str, np.ndarray],
         joints: Mapping[str, float],
         name: str,
-        others: Mapping[str, Arm | FreeBody | StandingCamera],
+        others: Mapping[str, MovedBy | FreeBody],
     ) -> Goal:
         """What the controller makes of the true cameras' views at the goal.
 
@@ -139,18 +139,20 @@ class GoalViews:
             others: what is believed to move the other cameras.
         """
         self.check(pose)
-        plants, target = self.plants, self.plants.target
+        plants = self.plants
         rig = self.settings.rig({**dict.fromkeys(mountings), **others}, self.scheme)
         readings: dict[str, CameraReading] = {}
         needs = frozenset().union(*plants.needs.values())
         pictured = needs & PICTURED
-        if isinstance(target.shape, SolidTarget) or plants.label:
+        solid = any(isinstance(plants.target_of(n).shape, SolidTarget) for n in plants.needs)
+        if solid or plants.label:
             pictured = needs & SEGMENTED | pictured
         if plants.experiment.plant == "bullet" and plants.experiment.pictures and pictured:
             readings = plants.pictures(pose, joints)
         views: dict[str, Observation] = {}
         for camera, observer in rig.observers.items():
             place, reading = plants.places.get(camera), readings.get(camera)
+            target = plants.target_of(camera)
             if reading is None:
                 sight = plants.sight(self._eye(camera), exactly=True)
                 reading = sight.look(pose, 0, np.random.default_rng(0))
@@ -164,7 +166,7 @@ class GoalViews:
             )  # fmt: skip
             if camera in readings:
                 self._is_target(views[camera], pose if place is None else place.at(pose))
-        control = views.pop(rig.control.name)
+        control, target = views.pop(rig.control.name), plants.target_of(rig.control.name)
         depth = target.shape.depth(target.seen_from(control.world_T_camera))
         if isinstance(target.shape, SolidTarget):
             depth = None  # its plane's

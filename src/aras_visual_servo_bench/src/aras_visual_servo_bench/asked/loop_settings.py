@@ -12,12 +12,13 @@ from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.settings import Settings
 
-from ..errors import ExperimentError
+from ..errors import ExperimentError, require
 from ..targets.outlines import shape_of, tracker_of
 from ..targets.solids import is_solid
-from .experiment import FLYING, Experiment, TargetSpec
+from .experiment import FLYING, Experiment
 from .packages import PackagePath
 from .robots import Robot
+from .target_spec import TargetSpec
 
 # A camera without an arm has no limits to keep away from and no elbow.
 FREE: dict[str, Any] = {"limit_avoidance": False, "output": "velocity"}
@@ -47,7 +48,10 @@ def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
         "lockstep": experiment.commands == "images",
         "tracker": tracker_of(experiment.target.shape),
         **_model(experiment.target),
-        "cameras": {name: {"frame": name} for name in experiment.cameras},
+        "cameras": {
+            name: {"frame": name, "target_frame": camera.target_frame}
+            for name, camera in experiment.cameras.items()
+        },
         **(FREE if experiment.plant in FLYING else {}),
         **(IDEAL if experiment.plant == "ideal" else {}),
         **experiment.options,
@@ -57,6 +61,9 @@ def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
     if experiment.target.model and isinstance(given.get("segmentation"), Mapping):
         name = f"{experiment.target.model}::{experiment.target.link}".removesuffix("::")
         given["segmentation"] = {"label": name, **given["segmentation"]}
+    for name, camera in experiment.cameras.items():
+        if camera.target is not None and "tracker" not in experiment.options:
+            _check_tracker(name, experiment.target, camera.target)
     try:
         settings = Settings.from_mapping(given, package)
         if experiment.plant in FLYING or robot is None:
@@ -64,6 +71,17 @@ def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
         return settings.for_robot(robot_name(robot.urdf), given)
     except ConfigurationError as error:
         raise ExperimentError(str(error)) from error
+
+
+def _check_tracker(name: str, target: TargetSpec, other: TargetSpec) -> None:
+    """ExperimentError where a camera's own target is not followed as the experiment's is."""
+    own, one = tracker_of(other.shape), tracker_of(target.shape)
+    require(own == one, f"cameras.{name}.target is followed by the tracker '{own}' and the "
+            f"experiment's target by '{one}', and a loop has one: give both targets shapes of one "
+            "kind, or options.tracker")  # fmt: skip
+    require(not is_solid(other.shape) or other.shape == target.shape,
+            f"cameras.{name}.target is another solid than the experiment's target, and the tracker "
+            "'model' follows one: give both the same shape, or a flat one")
 
 
 def _model(target: TargetSpec) -> dict[str, Any]:

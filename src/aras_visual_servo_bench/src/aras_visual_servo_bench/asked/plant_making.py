@@ -13,14 +13,15 @@ from aras_sim_bridge.camera.effects import EffectChain, Effects
 from aras_sim_bridge.camera.mounting import seed_of
 from aras_sim_bridge.camera.shaking import Vibration
 from aras_sim_bridge.camera.shutter import parts
-from aras_visual_servo_base.poses import relative, transform
+from aras_visual_servo_base.poses import inverse, relative, transform
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need
+from aras_visual_servo_controller.seeing.rig import OppositeCamera
 
 from ..errors import ExperimentError
 from ..plants import CameraReading, Plant
 from ..plants.base import Place
-from ..plants.bullet_arm import BulletArm, Followed, ShownTarget
+from ..plants.bullet_arm import OCCLUDER, TARGET, BulletArm, Followed, ShownTarget
 from ..plants.free_body import FreeBody
 from ..plants.ideal import IdealCamera
 from ..plants.kinematic import FreeCamera, KinematicChain
@@ -31,7 +32,8 @@ from ..targets.textures import TexturedTarget
 from .cameras import Eye, config_of
 from .experiment import FLYING, Experiment
 from .postures import Postures
-from .robots import Robot
+from .robots import OF, Carried, Robot
+from .target_spec import TargetSpec
 from .worlds import around
 
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
@@ -42,12 +44,28 @@ PLATES = "package://aras_visual_servo_gazebo/targets/aras.urdf"
 PLATES_AT = (0.0, 0.0, 0.591)
 
 
+def carried_by(experiment: Experiment) -> dict[str, Carried]:
+    """The targets that are put onto links of the Bullet arm, by the names of their own links; those
+    that its description has itself are none of them."""
+    looked_at = {TARGET: (experiment.target, experiment.robot.target_frame)}
+    for name, camera in experiment.cameras.items():
+        if camera.target is not None:
+            looked_at[OF + name] = camera.target, (
+                camera.target_frame or experiment.robot.target_frame
+            )
+    return {
+        name: Carried(link, transform(spec.pose[:3], spec.pose[3:]), description_file(spec))
+        for name, (spec, link) in looked_at.items()
+        if experiment.plant == "bullet" and link and not spec.described and spec.shape != "aras"
+    }
+
+
 @dataclass(frozen=True, eq=False)
 class PlantMaker:
     """Attributes:
         control: the control camera. others: the other cameras that are there, by name.
-        target: in the world. needs: of the loop, by the name of the camera; none of one that only
-            watches. depth: every camera gives depth images, whatever is needed.
+        target: the experiment's, in the world. needs: of the loop, by the name of the camera; none
+            of one that only watches. depth: every camera gives depth images, whatever is needed.
         label: model, or 'model::link', that label images are to tell; '': none are wanted.
     """
 
@@ -76,15 +94,26 @@ class PlantMaker:
                 places[name] = Place(relative(own.spec.place(), eye.spec.place()))
             else:
                 other, rest = self.robot.arm_of(name, arm), np.zeros(len(arm.names))
-                places[name] = Place(relative(arm.pose(rest), other.pose(rest)))
+                if isinstance(other, OppositeCamera):
+                    # other_T = opposite @ inverse(control_T) @ place, whatever the joints
+                    apart = other.pose(rest) @ inverse(other.place) @ arm.pose(rest)
+                    places[name] = Place(other.place, opposite=apart)
+                else:
+                    places[name] = Place(relative(arm.pose(rest), other.pose(rest)))
         return places
+
+    def target_of(self, camera: str) -> PlacedTarget:
+        """What a camera looks at, in the world, or in the link that carries it."""
+        own = self.seen_apart.get(camera)
+        return self.target if own is None else own.spec.target.placed
 
     @cached_property
     def postures(self) -> Postures:
         """Of the arm, with the control camera before the target."""
         experiment = self.experiment
         drawn = experiment.plant == "bullet" and experiment.pictures
-        return Postures.of(self.robot, self.control, experiment.target, drawn)
+        target = self.control.spec.target or experiment.target
+        return Postures.of(self.robot, self.control, target, drawn)
 
     @property
     def unbounded(self) -> bool:
@@ -101,8 +130,9 @@ class PlantMaker:
         """How a camera sees without a world; `exactly`: as for teaching, without noise."""
         experiment, needs = self.experiment, self.needs.get(eye.name, WATCHES)
         pictures = experiment.pictures and not (exactly and experiment.plant == "bullet")
-        target = self.target
-        if experiment.target.perturbed and not exactly:
+        target, own = self.target_of(eye.name), eye.spec.target is not None
+        on_it = TargetSpec() if own else experiment.target
+        if on_it.perturbed and not exactly:
             if not isinstance(target.shape, TexturedTarget):
                 raise ExperimentError(
                     f"target '{experiment.target.shape}' has no picture that could be perturbed: "
@@ -134,8 +164,8 @@ class PlantMaker:
             jitter=0.0 if exactly else experiment.jitter,
             depth=self.depth or Need.DEPTH in needs,
             labelled=bool(self.label and needs & SEGMENTED),
-            occluder=experiment.target.occluder,
-            occluded=() if exactly and experiment.target.occluded else experiment.target.occluded,
+            occluder=on_it.occluder,
+            occluded=() if exactly and on_it.occluded else on_it.occluded,
             unbounded=self.unbounded,
             drop=0.0 if experiment.plant == "bullet" else effects.drop_probability,
             name=eye.name,
@@ -146,19 +176,33 @@ class PlantMaker:
         )  # fmt: skip
 
     def _spawned(self, exactly: bool) -> tuple[ShownTarget, ...]:
-        """What is put into the simulated world: the target, unless the robot brings its own, and
-        what comes and goes on it."""
-        spec = self.experiment.target
+        """What is put into the simulated world: the targets, unless the robot brings them, and
+        what comes and goes on the experiment's."""
+        spec, robot = self.experiment.target, self.robot
+        found = [
+            ShownTarget(eye.spec.target.placed, description_file(eye.spec.target), name=OF + name)
+            for name, eye in self.seen_apart.items()
+            if not robot.target_frame(name) and not eye.spec.target.described
+        ]
         if spec.described or spec.model or self.experiment.robot.target_frame:
-            return ()
+            return tuple(found)
         if spec.shape == "aras":
-            return (ShownTarget(self.target, self.robot.packages.file(PLATES), PLATES_AT),)
+            plates = robot.packages.file(PLATES)
+            return (ShownTarget(self.target, plates, PLATES_AT), *found)
         seed = self.experiment.seed if spec.perturbed and not exactly else None
-        found = [ShownTarget(self.target, description_file(spec, seed))]
+        found.append(ShownTarget(self.target, description_file(spec, seed)))
         if spec.occluded is not None and not exactly:
             cover = occluder_file(spec.occluder)
-            found.append(ShownTarget(self.target, cover, (0.0, 0.0, ABOVE), spec.occluded))
+            found.append(
+                ShownTarget(self.target, cover, (0.0, 0.0, ABOVE), spec.occluded, OCCLUDER)
+            )
         return tuple(found)
+
+    @property
+    def seen_apart(self) -> dict[str, Eye]:
+        """The cameras that look at a target of their own, by name."""
+        eyes = {self.control.name: self.control, **self.others}
+        return {name: eye for name, eye in eyes.items() if eye.spec.target is not None}
 
     def plant(self, arm: Arm | FreeBody, start: np.ndarray, exactly: bool = False) -> Plant:
         """The plant at joints (n,); `exactly`: as for teaching, without noise."""

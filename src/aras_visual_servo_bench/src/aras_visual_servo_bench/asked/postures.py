@@ -16,8 +16,8 @@ from aras_visual_servo_controller.errors import UnreachableError
 from ..errors import ExperimentError
 from ..plants.drawn_arm import DrawnArm
 from .cameras import Eye
-from .experiment import TargetSpec
 from .robots import Robot, arm_from, described
+from .target_spec import TargetSpec
 
 log = logging.getLogger(__name__)
 HIDDEN = 0.01  # part of a target from which on it counts as hidden: less is of the rim's pixels
@@ -44,9 +44,9 @@ class Postures:
     @classmethod
     def of(cls, robot: Robot, eye: Eye, target: TargetSpec, drawn: bool) -> Postures:
         """Those of a robot with this control camera."""
-        spec = robot.spec
         return cls(
-            robot.urdf, spec.search, robot.frame(eye.name), spec.target_frame, target,
+            robot.urdf, robot.spec.search, robot.frame(eye.name), robot.target_frame(eye.name),
+            target,
             eye.settings.get("near"), drawn,
         )  # fmt: skip
 

@@ -7,6 +7,7 @@ import runpy
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,14 +22,30 @@ from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.arm import LINK, OPTICAL
 from aras_visual_servo_controller.arm.joint_controllers import joint_controllers
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.seeing.rig import StandingCamera, beside
+from aras_visual_servo_controller.seeing.rig import MovedBy, StandingCamera, beside
 
 from ..errors import ExperimentError
 from .cameras import CameraSpec
 from .packages import PackagePath
 
 FRAME = "camera_frame_of_"  # of a camera that the robot's own description has not, by its name
+OF = "target_of_"  # of what a camera looks at, by its name
 NONE: Mapping[str, CameraSpec] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """A target on a link of a robot.
+
+    link: that carries it. pose: link_T_target (4, 4). urdf: what is seen of it.
+    """
+
+    link: str
+    pose: np.ndarray
+    urdf: Path
+
+
+NOTHING: Mapping[str, Carried] = {}
 
 
 @dataclass(frozen=True)
@@ -73,6 +90,7 @@ class Robot:
         rpy: Sequence[float] = (0.0,) * 3,
         friction: bool = True,
         cameras: Mapping[str, CameraSpec] = NONE,
+        carried: Mapping[str, Carried] = NOTHING,
     ) -> None:
         """Read the files.
 
@@ -80,6 +98,7 @@ class Robot:
             xyz, rpy: the camera moved in its link, m and rad.
             friction: False takes the joints' dry friction out of the description.
             cameras: that it has, by name: each that is not its own gets a frame in the description.
+            carried: targets on its links, by the names of the links that they become.
 
         Raises:
             ExperimentError: a file that is missing or cannot be used.
@@ -94,6 +113,8 @@ class Robot:
         for name, camera in cameras.items():
             if not camera.own:
                 self.urdf = self._with_frame(self.urdf, name, camera)
+        for name, one in carried.items():
+            self.urdf = self._with_target(self.urdf, name, one)
         tree = read_yaml(self.packages.file(spec.config), ExperimentError)
         if not isinstance(tree, Mapping):
             raise ExperimentError(f"{spec.config} holds no controllers")
@@ -115,46 +136,56 @@ class Robot:
             return self.spec.camera_frame if spec is None or not spec.frame else spec.frame
         return f"{FRAME}{camera}"
 
+    def target_frame(self, camera: str) -> str:
+        """The link that carries what a camera looks at; '': that stands in the world."""
+        spec = self._cameras.get(camera)
+        return self.spec.target_frame if spec is None else spec.target_frame or (
+            self.spec.target_frame
+        )
+
     def standing(self, camera: str) -> np.ndarray | None:
         """(4, 4) in the world of a camera that no joint moves, nor the target; None: one does."""
-        if self.spec.target_frame:
+        if self.target_frame(camera):
             return None
         return Arm.standing(self.urdf, self.frame(camera))
 
     def arm(self, camera: str = "") -> Arm:
         """Its true kinematics, of a camera; '': its own."""
-        return self._arm(self.urdf, self.frame(camera))
+        return self._arm(self.urdf, camera)
 
-    def arm_of(self, camera: str, control: Arm, believed: bool = False) -> Arm | StandingCamera:
+    def arm_of(self, camera: str, control: Arm, believed: bool = False) -> MovedBy:
         """What moves another camera than the control camera; `believed`: as the controller has it.
 
         Raises:
-            ConfigurationError: other joints than move that one.
+            ConfigurationError: see `beside`.
         """
         belief, place = self._cameras[camera].believed, self.standing(camera)
         if place is not None:
             link = optical(np.eye(4))
             off = inverse(link) @ transform(belief.xyz, belief.rpy) @ link
             return StandingCamera(place @ off if believed else place)
-        arm = self.arm(camera)
+        urdf = self.urdf
         if believed:
-            arm = self.believed_arm(belief.xyz, belief.rpy, camera)
-        return beside(control, arm, camera)
+            urdf = self._believed(belief.xyz, belief.rpy, camera)
+        return beside(urdf, control, self._arm(urdf, camera), camera)
 
     def believed_arm(self, xyz: Sequence[float], rpy: Sequence[float], camera: str = "") -> Arm:
         """Its kinematics with a camera believed elsewhere, off its place in its link, m, rad."""
+        return self._arm(self._believed(xyz, rpy, camera), camera)
+
+    def _believed(self, xyz: Sequence[float], rpy: Sequence[float], camera: str) -> str:
+        """The description with a camera where it is believed, off its place in its link, m, rad."""
         if not (any(xyz) or any(rpy)):
-            return self.arm(camera)
-        frame = self.frame(camera)
-        if frame == self.spec.camera_frame:
-            return self._arm(self._mounted(self._mount @ transform(xyz, rpy)), frame)
+            return self.urdf
+        if self.frame(camera) == self.spec.camera_frame:
+            return self._mounted(self._mount @ transform(xyz, rpy))
         if camera in self._cameras and self._cameras[camera].frame:
             raise ExperimentError(
                 f"camera '{camera}' has its place in the robot's description: believed.xyz and rpy "
                 "are for one that the experiment puts somewhere"
             )
         spec, plain = self._cameras[camera], self._mounted(self._mount)
-        return self._arm(self._with_frame(plain, camera, spec, believed=True), frame)
+        return self._with_frame(plain, camera, spec, believed=True)
 
     def controllers(self, joints: Sequence[str]) -> tuple[dict[str, str], str]:
         """Controller of each of these joints, and the kind of command they take.
@@ -188,9 +219,9 @@ class Robot:
             )
         return {joint: found[joint] for joint in joints}, kinds.pop()
 
-    def _arm(self, urdf: str, frame: str) -> Arm:
+    def _arm(self, urdf: str, camera: str) -> Arm:
         try:
-            return arm_from(urdf, frame, self.spec.target_frame)
+            return arm_from(urdf, self.frame(camera), self.target_frame(camera))
         except ConfigurationError as error:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
 
@@ -206,11 +237,22 @@ class Robot:
             parent, place = f"{parent.removesuffix(OPTICAL)}{LINK}", optical(np.eye(4)) @ place
         child = f"{FRAME}{name}"
         ElementTree.SubElement(robot, "link", name=child)
-        joint = ElementTree.SubElement(robot, "joint", name=f"{child}_joint", type="fixed")
-        ElementTree.SubElement(joint, "parent", link=parent)
-        ElementTree.SubElement(joint, "child", link=child)
-        xyz, rpy = (" ".join(map(repr, map(float, part))) for part in to_xyz_rpy(place))
-        ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
+        _fix(robot, parent, child, place)
+        return ElementTree.tostring(robot, encoding="unicode")
+
+    def _with_target(self, urdf: str, name: str, target: Carried) -> str:
+        """The description with what is seen of a target, fixed to a link."""
+        robot, drawn = ElementTree.fromstring(urdf), ElementTree.parse(target.urdf).getroot()
+        links = {link.get("name") for link in robot.iter("link")}
+        if target.link not in links:
+            raise ExperimentError(f"{self.spec.urdf} has no link '{target.link}' that could carry "
+                                  f"a target: {nearest(target.link, sorted(links))}")  # fmt: skip
+        link = ElementTree.SubElement(robot, "link", name=name)
+        link.extend(drawn.iter("visual"))
+        for one in drawn.findall("gazebo[@reference]"):
+            one.set("reference", name)
+            robot.append(one)
+        _fix(robot, target.link, name, target.pose)
         return ElementTree.tostring(robot, encoding="unicode")
 
     def _mounted(self, link_T_link: np.ndarray) -> str:
@@ -227,6 +269,15 @@ class Robot:
         """The description as a function of the launch files' own script makes it."""
         script = self.packages.file("package://aras_visual_servo_gazebo/scripts/adapt_description")
         return _functions(script)[how](*texts)
+
+
+def _fix(robot: ElementTree.Element, parent: str, child: str, place: np.ndarray) -> None:
+    """Fix a link to another, parent_T_child (4, 4)."""
+    joint = ElementTree.SubElement(robot, "joint", name=f"{child}_joint", type="fixed")
+    ElementTree.SubElement(joint, "parent", link=parent)
+    ElementTree.SubElement(joint, "child", link=child)
+    xyz, rpy = (" ".join(map(repr, map(float, part))) for part in to_xyz_rpy(place))
+    ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
 
 
 _functions = functools.cache(runpy.run_path)

@@ -37,14 +37,14 @@ def draw_start(
     target: PlacedTarget,
     camera: CameraModel,
     seed: int,
-    others: Sequence[tuple[Place, CameraModel]] = (),
+    others: Sequence[tuple[Place, CameraModel, PlacedTarget]] = (),
 ) -> np.ndarray:
     """Joints (n,) of a start: the camera above the target, turned, the target wholly in view.
 
     Args:
         goal_pose: world_T_camera (4, 4) of the goal, whose attitude is turned about the vertical.
         goal_joints: (n,) from which the joints of a pose are looked for.
-        others: further cameras that have to see the target.
+        others: further cameras, and what they have to see.
 
     Raises:
         ExperimentError: none was found in `sampler.attempts`.
@@ -59,8 +59,8 @@ def draw_start(
         try:
             if not in_view(target.shape.outline(target.seen_from(pose)), camera, sampler.margin):
                 raise ViewError("cut off")
-            for place, other in others:
-                outline = target.shape.outline(target.seen_from(place.at(pose)))
+            for place, other, own in others:
+                outline = own.shape.outline(own.seen_from(place.at(pose)))
                 if not in_view(outline, other, sampler.margin):
                     raise ViewError("cut off")
             near = goal_joints

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from aras_sim_bridge.camera.shaking import Vibration
+from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.seeing.observation import CAMERA
@@ -100,16 +101,23 @@ Reading = JointReading | CameraReading
 class Place:
     """Where another camera is beside the control camera.
 
-    pose: (4, 4) of its optical frame, in that of the control camera, with which it moves, or in the
-    world, where it stands.
+    Each camera's poses are in the frame in which its target stands: the world, or a link.
+
+    pose: (4, 4) of its optical frame: in that of the control camera, with which it moves; or in the
+        frame in which the control camera's target stands, where it stands too.
+    opposite: (4, 4) of the control camera in the frame in which this camera's target stands, where
+        that moves with the control camera; None: the targets of both stand in one frame.
     """
 
     pose: np.ndarray
     stands: bool = False
+    opposite: np.ndarray | None = None
 
-    def at(self, world_T_control: np.ndarray) -> np.ndarray:
-        """world_T_camera (4, 4) where the control camera is there."""
-        return self.pose if self.stands else world_T_control @ self.pose
+    def at(self, target_T_control: np.ndarray) -> np.ndarray:
+        """Its pose (4, 4) where the control camera has that one."""
+        if self.opposite is not None:
+            return self.opposite @ inverse(target_T_control) @ self.pose
+        return self.pose if self.stands else target_T_control @ self.pose
 
 
 class JointListener(Protocol):

@@ -59,13 +59,14 @@ class ShownTarget:
 
     placed: where it lies. urdf: what is drawn of it.
     lies_at: x, y, z (m) of the model's origin in the target's frame.
-    times: from when and until when it is there, s; None: always.
+    times: from when and until when it is there, s; None: always. name: of the model.
     """
 
     placed: PlacedTarget
     urdf: Path
     lies_at: tuple[float, float, float] = (0.0, 0.0, 0.0)
     times: tuple[tuple[float, float], ...] | None = None
+    name: str = TARGET
 
     @property
     def still(self) -> bool:
@@ -169,8 +170,8 @@ class BulletArm(Plant):
         try:
             world_file.populate(self._simulation.spawn, around)
             self._spawn(robot, description, name, own, joints)
-            for name, one in zip((TARGET, OCCLUDER), shown, strict=False):
-                self._place(name, one)
+            for one in shown:
+                self._place(one)
             self._followed = followed
             self._follow()
             self._labels = None
@@ -214,13 +215,13 @@ class BulletArm(Plant):
             if one.sensor.vibration is not None and not self._exposures:
                 self.vibrations = {**self.vibrations, name: one.sensor.vibration}
         self._link_T_camera = np.array(mounted.parent_T_optical)
-        self._carrier = spec.target_frame
+        self._carrier = robot.target_frame(self._name)
         self.camera = cameras.model_of_info(mounted.sensor.info)
 
-    def _place(self, name: str, target: ShownTarget) -> None:
+    def _place(self, target: ShownTarget) -> None:
         """Put a target into the world; one that moves is where it belongs at every step."""
         described = _target_description(target.urdf)
-        model = self._simulation.spawn(described, name, target.pose(0.0))
+        model = self._simulation.spawn(described, target.name, target.pose(0.0))
         if not target.still:
             self._carried.append((target, model))
 

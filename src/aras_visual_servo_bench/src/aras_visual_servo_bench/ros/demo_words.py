@@ -17,9 +17,10 @@ from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.settings import Settings
 
-from ..asked.experiment import CameraPose, Experiment, TargetSpec
+from ..asked.experiment import CameraPose, Experiment
 from ..asked.packages import PackagePath
 from ..asked.robots import Robot, RobotSpec
+from ..asked.target_spec import TargetSpec
 from ..errors import ExperimentError
 from ..targets.outlines import NAMES, tracker_of
 

@@ -87,7 +87,9 @@ def _cameras(folder: Folder) -> list[str]:
                          f"by row {numbers}, {model.model} with coefficients {lens}")  # fmt: skip
             if name in parts.places:
                 place = parts.places[name]
-                whose = "the world" if place.stands else "the first camera's frame"
+                whose = "the first camera's frame"
+                if place.stands or place.opposite is not None:
+                    whose = "the frame in which the first camera's target stands"
                 pose = ", ".join(f"{k:.9g}" for k in place.pose.ravel())
                 lines[-1] += f"; its pose in {whose} row by row {pose}"
         return lines

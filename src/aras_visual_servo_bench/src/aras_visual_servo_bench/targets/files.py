@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ..asked.experiment import BoxSpec, Pair, TargetSpec
+from ..asked.target_spec import BoxSpec, Pair, TargetSpec
 from ..errors import ExperimentError, require, writing
 from .geometry import Target
 from .outlines import shape_of

@@ -14,7 +14,7 @@ from aras_sim_bridge.rendering.tiles import Tiles, shared
 from aras_visual_servo_base.poses import IDENTITY, Pose
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..asked.experiment import Pair
+from ..asked.target_spec import Pair
 from .files import write
 from .geometry import NEAREST, Target
 from .scratch import scratch

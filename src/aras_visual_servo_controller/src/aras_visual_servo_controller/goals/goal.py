@@ -42,6 +42,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from ..arm.limits import check_inside
 from ..errors import ConfigurationError, ServoError, UnreachableError
 from ..seeing.observation import CAMERA, Observation
+from ..seeing.rig import MovedBy, OppositeCamera
 from ..seeing.target_geometry import TargetGeometry
 from .goal_file import EDGE_ON, GoalKernel, goal_fields
 
@@ -156,6 +157,12 @@ class Goal:
         seen = self if self.plane is not None else replace(self, plane=self.level_plane())
         others = {}
         for camera, view in observation.others.items():
+            if view.plane is None and view.apart:
+                raise ConfigurationError(
+                    f"{self.name}: camera {camera} looks at a target of its own, and nothing tells "
+                    "how far away that is: teach the goal with features that measure depth, or by "
+                    "an experiment, which knows the target"
+                )
             if view.plane is None and view.world_T_camera is not None:
                 view = replace(view, plane=seen.plane_from(view.world_T_camera))
             others[camera] = Goal.teach(None, view, self.name, None, self.target)
@@ -175,7 +182,7 @@ class Goal:
             goal = replace(goal, plane=goal.level_plane())
         return goal
 
-    def for_cameras(self, arms: Mapping[str, Arm]) -> Goal:
+    def for_cameras(self, arms: Mapping[str, MovedBy]) -> Goal:
         """The goal as several cameras see it, the control camera first.
 
         A camera that it holds no view of gets one by the target's geometry, where that is known.
@@ -199,7 +206,9 @@ class Goal:
                 others[camera] = replace(
                     held[camera], joints=joints, others={}, seen_by=camera
                 ).for_arm(other)
-            elif goal.target is not None and q is not None:
+            elif goal.target is not None and q is not None and not isinstance(
+                other, OppositeCamera
+            ):
                 view = goal.seen_from(np.array(other.pose(q)))
                 others[camera] = replace(view, joints={}, camera=None, seen_by=camera)
         return replace(goal, others=others) if others else goal

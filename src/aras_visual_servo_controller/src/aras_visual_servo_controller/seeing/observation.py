@@ -88,6 +88,8 @@ class Observation:
             its own frame. Zero where the arm moves neither; None: it is the control camera.
         moved: (6,) its motion from its own exposure to the control camera's, in its own frame, as
             the twist that makes it in one second; None where that is not known, or it is that one.
+        apart: whether what it looks at is carried where the control camera's target stands, or the
+            reverse: world_T_camera and plane are then those of another target.
     """
 
     stamp: float
@@ -115,6 +117,7 @@ class Observation:
     others: Mapping[str, Observation] = field(default_factory=dict)
     of_control: np.ndarray | None = None
     moved: np.ndarray | None = None
+    apart: bool = False
 
     @property
     def cameras(self) -> dict[str, Observation]:

@@ -12,18 +12,15 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_visual_servo_base.poses import adjoint, logarithm, relative
+from aras_visual_servo_base.poses import adjoint, inverse, logarithm, relative
 
+from ..arm import Arm
 from ..errors import ConfigurationError, MeasurementError
 from .joint_sample import JointSample
 from .observation import Observation, Observer
-
-if TYPE_CHECKING:
-    from ..arm import Arm
 
 KEPT = 8  # pictures of a camera that wait for those of others
 # Part of the shorter of two cameras' periods by which their stamps may differ and still be of one
@@ -47,18 +44,68 @@ class StandingCamera:
         return self._pose
 
 
-def beside(control: Arm, other: Arm, name: str) -> Arm:
+class OppositeCamera:
+    """In place of an arm, for a camera before which the arm moves opposite to the control camera.
+
+    One of the two sits in the hand and looks at what stands in the world; the other stands in the
+    world and looks at what the hand carries.
+
+    Attributes:
+        place: (4, 4) of the camera in the frame in which the control camera's target stands; there
+            it never moves.
+    """
+
+    def __init__(self, arm: Arm, place: np.ndarray) -> None:
+        """`arm`: the camera's motion relative to its own target."""
+        self._arm, self.place = arm, np.array(place, float)
+
+    def pose(self, q: np.ndarray) -> np.ndarray:
+        """target_T_camera (4, 4) in the frame in which its own target stands, for joints (n,)."""
+        return self._arm.pose(q)
+
+
+MovedBy = Arm | StandingCamera | OppositeCamera
+
+
+def beside(urdf: str, control: Arm, other: Arm, name: str) -> Arm | OppositeCamera:
     """What moves another camera than the control camera.
 
+    Args:
+        urdf: text of the description that has the other camera where `other` has it.
+        name: of the other camera.
+
     Raises:
-        ConfigurationError: other joints do than move that one.
+        ConfigurationError: other joints do than move that one, or what one of them looks at is
+            carried elsewhere, or by the arm on which it sits itself.
     """
     if tuple(other.names) != tuple(control.names):
         raise ConfigurationError(
             f"camera '{name}' is moved by {', '.join(other.names)} and the control camera by "
-            f"{', '.join(control.names)}: cameras of one scheme sit on one link"
+            f"{', '.join(control.names)}: cameras of one scheme sit on one link, or look at what "
+            "it carries"
         )
-    return other
+    if other.target_frame == control.target_frame:
+        return other
+    if other.target_frame and control.target_frame:
+        raise ConfigurationError(
+            f"camera '{name}' looks at what {other.target_frame} carries and the control camera at "
+            f"what {control.target_frame} carries: give both one target_frame"
+        )
+    before = other if other.target_frame else control
+    stands = Arm.standing(urdf, before.camera_frame, before.base_frame)
+    if stands is None:
+        raise ConfigurationError(
+            f"the arm moves {before.camera_frame}, and {before.target_frame} too, at which that "
+            "camera looks: beside a camera in the hand such a camera has to stand"
+        )
+    if before is other:
+        return OppositeCamera(other, stands)
+    standing = Arm.from_urdf(
+        urdf, before.camera_frame, before.base_frame, before.names, before.target_frame
+    )
+    rest = np.zeros(len(other))
+    world_T_target = stands @ inverse(standing.pose(rest))
+    return OppositeCamera(other, inverse(world_T_target) @ other.pose(rest))
 
 
 @dataclass(eq=False)
@@ -168,20 +215,26 @@ class Rig:
             if abs(view.stamp - control.stamp) > SAME and view.world_T_camera is not None:
                 moved = logarithm(relative(view.world_T_camera, here))
             of_control = self._of_control(name, control, here)
-            brought[name] = replace(view, of_control=of_control, moved=moved)
+            brought[name] = replace(
+                view, of_control=of_control, moved=moved,
+                apart=isinstance(self.observers[name].arm, OppositeCamera),
+            )  # fmt: skip
         return replace(control, others=brought)
 
     def _pose(self, name: str, control: Observation) -> np.ndarray | None:
         """Of another camera, (4, 4), when the control camera exposed."""
-        arm: Arm | StandingCamera | None = self.observers[name].arm
+        arm: MovedBy | None = self.observers[name].arm
         return None if arm is None else arm.pose(control.joints.positions)
 
     def _of_control(
         self, name: str, control: Observation, here: np.ndarray | None
     ) -> np.ndarray | None:
         """See Observation.of_control."""
-        if isinstance(self.observers[name].arm, StandingCamera):
+        arm = self.observers[name].arm
+        if isinstance(arm, StandingCamera):
             return np.zeros((6, 6))
+        if isinstance(arm, OppositeCamera) and control.world_T_camera is not None:
+            return -adjoint(relative(arm.place, control.world_T_camera))
         if here is None or control.world_T_camera is None:
             raise MeasurementError(f"nothing tells where camera {name} is beside {control.name}")
         return adjoint(relative(here, control.world_T_camera))

@@ -1,0 +1,158 @@
+"""A camera in the hand and one that stands before the hand: what the arm's motion is to each."""
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_base.poses import logarithm, relative
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.seeing.joint_sample import JointSample
+from aras_visual_servo_controller.seeing.observation import Need, Observer
+from aras_visual_servo_controller.seeing.rig import OppositeCamera, Rig, beside
+from aras_visual_servo_controller.settings import Settings
+
+# A slide, two unlike turns, and frames that lean: the wall camera stands, the palm's is in the
+# hand, and the plate is on the hand beside it.
+ROBOT = """<robot name="both"><link name="world"/>
+<link name="a"/><link name="b"/><link name="hand"/><link name="plate"/>
+<link name="palm_optical_frame"/><link name="wall_optical_frame"/>
+<link name="elbow_optical_frame"/>
+<joint name="slide" type="prismatic"><parent link="world"/><child link="a"/><axis xyz="0 1 0"/>
+  <origin xyz="0.1 0 0.3" rpy="0.2 0 0"/>
+  <limit lower="-1" upper="1" velocity="1" effort="9"/></joint>
+<joint name="turn" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+  <origin xyz="0 0.1 0.2"/><limit lower="-3" upper="3" velocity="1" effort="9"/></joint>
+<joint name="lean" type="revolute"><parent link="b"/><child link="hand"/><axis xyz="1 0 0"/>
+  <origin xyz="0.2 0 0" rpy="0 0.1 0"/><limit lower="-3" upper="3" velocity="1" effort="9"/></joint>
+<joint name="p" type="fixed"><parent link="hand"/><child link="plate"/>
+  <origin xyz="0.02 -0.03 0.05" rpy="0.3 -0.2 0.1"/></joint>
+<joint name="e" type="fixed"><parent link="hand"/><child link="palm_optical_frame"/>
+  <origin xyz="0 0.04 -0.02" rpy="3.0 0.1 0.4"/></joint>
+<joint name="w" type="fixed"><parent link="world"/><child link="wall_optical_frame"/>
+  <origin xyz="1.1 0.3 0.7" rpy="-1.4 0.1 1.3"/></joint>
+<joint name="o" type="fixed"><parent link="b"/><child link="elbow_optical_frame"/>
+  <origin xyz="0.1 0 0.1" rpy="0.1 0.2 0.3"/></joint>
+</robot>"""
+PALM, WALL = Arm.from_urdf(ROBOT, "palm_optical_frame"), Arm.from_urdf(
+    ROBOT, "wall_optical_frame", target_frame="plate"
+)  # fmt: skip
+Q = np.array([0.13, -0.4, 0.25])
+K = (300.0, 0.0, 150.0, 0.0, 280.0, 130.0, 0.0, 0.0, 1.0)
+CAMERA = CameraModel(320, 240, K, (), "plumb_bob")
+SQUARE = np.array([[-0.1, -0.05], [0.1, -0.06], [0.08, 0.07], [-0.1, 0.1]])
+FAR = Plane(0.1, -0.2, 2.0)
+
+
+def rig(control, other, moved_by):
+    return Rig([Observer(control, frozenset({Need.CORNERS}), name="first"),
+                Observer(moved_by, frozenset({Need.CORNERS}), name="second",
+                         plane_from=lambda pose: FAR)])  # fmt: skip
+
+
+def together(control, other, q, other_q=None):
+    moved_by = beside(ROBOT, control, other, "second")
+    made = rig(control, other, moved_by)
+
+    def look(name, q):
+        joints = JointSample.of(1.0, PALM.names, q)
+        return made.observers[name].of_exact(1.0, CAMERA, joints, contour=SQUARE)
+
+    seen = look("second", q if other_q is None else other_q)
+    return made.together(look("first", q), {"second": seen})
+
+
+@pytest.mark.parametrize(("control", "other"), [(PALM, WALL), (WALL, PALM)], ids=["palm", "wall"])
+def test_the_other_twist_is_of_control_times_the_controls(control, other):
+    seen = together(control, other, Q).others["second"]
+    twist, own = control.jacobian(Q), other.jacobian(Q)
+    np.testing.assert_allclose(seen.of_control @ twist, own, atol=1e-12)
+    assert np.abs(own).max() > 0.3  # there is a motion to speak of
+
+
+@pytest.mark.parametrize(("control", "other"), [(PALM, WALL), (WALL, PALM)], ids=["palm", "wall"])
+def test_its_pose_is_before_its_own_target_and_it_stands_before_the_controls(control, other):
+    moved_by = beside(ROBOT, control, other, "second")
+    assert isinstance(moved_by, OppositeCamera)
+    for q in (Q, -2.0 * Q):
+        np.testing.assert_allclose(moved_by.pose(q), other.pose(q), atol=1e-12)
+        world_T_plate = Arm.from_urdf(ROBOT, "plate").pose(q)
+        world_T_second = other.pose(q) if other is PALM else world_T_plate @ other.pose(q)
+        there = world_T_second if control is PALM else relative(world_T_plate, world_T_second)
+        np.testing.assert_allclose(moved_by.place, there, atol=1e-12)
+
+
+def test_what_it_has_moved_since_its_exposure_is_its_own_motion():
+    made = beside(ROBOT, PALM, WALL, "second")
+    then, now = Q - [0.01, 0.02, -0.03], Q
+    bound = rig(PALM, WALL, made)
+    joints = [JointSample.of(t, PALM.names, q) for t, q in ((0.98, then), (1.0, now))]
+    earlier = bound.observers["second"].of_exact(0.98, CAMERA, joints[0], contour=SQUARE)
+    first = bound.control.of_exact(1.0, CAMERA, joints[1], contour=SQUARE)
+    moved = bound.together(first, {"second": earlier}).others["second"].moved
+    np.testing.assert_allclose(moved, logarithm(relative(WALL.pose(then), WALL.pose(now))))
+
+
+def test_a_goal_keeps_each_cameras_own_plane():
+    observation = together(PALM, WALL, Q)
+    goal = Goal.teach(None, observation, depth=0.5)
+    assert goal.others["second"].plane == FAR
+    np.testing.assert_allclose(goal.others["second"].world_T_camera, WALL.pose(Q), atol=1e-12)
+
+
+def test_a_plane_of_its_own_that_nothing_tells_is_asked_for():
+    made = rig(PALM, WALL, beside(ROBOT, PALM, WALL, "second"))
+    made.observers["second"].plane_from = None
+    joints = JointSample.of(1.0, PALM.names, Q)
+    first, second = (
+        observer.of_exact(1.0, CAMERA, joints, contour=SQUARE)
+        for observer in made.observers.values()
+    )
+    observation = made.together(first, {"second": second})
+    with pytest.raises(ConfigurationError, match="camera second looks at a target of its own"):
+        Goal.teach(None, observation, depth=0.5)
+
+
+# -- as the node's parameters say it -----------------------------------------------------------
+
+
+def settings(first="palm", **second):
+    cameras = {"palm": {"namespace": "/palm"}, "wall": {"target_frame": "plate"}}
+    order = [first, *(name for name in cameras if name != first)]
+    cameras["wall"] |= second
+    return Settings.from_mapping({
+        "scheme": "points@palm+points@wall", "cameras": {name: cameras[name] for name in order},
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize("first", ["palm", "wall"])
+def test_a_nodes_cameras_say_which_link_carries_what_they_look_at(first):
+    asked = settings(first)
+    arm = asked.arm(ROBOT)
+    assert arm.target_frame == {"palm": "", "wall": "plate"}[first]
+    ((name, moved_by),) = asked.others(ROBOT, arm).items()
+    assert name == {"palm": "wall", "wall": "palm"}[first]
+    assert isinstance(moved_by, OppositeCamera)
+    np.testing.assert_allclose(moved_by.pose(Q), {"palm": PALM, "wall": WALL}[name].pose(Q))
+
+
+def test_a_camera_without_a_link_of_its_own_has_that_of_all():
+    assert settings().camera_of("palm").target_frame == ""
+    assert settings().camera_of("wall").target_frame == "plate"
+    one = Settings.from_mapping({"scheme": "points", "target_frame": "plate"})
+    assert one.camera_of("camera").target_frame == "plate"
+
+
+@pytest.mark.parametrize(
+    ("control", "frame", "link", "words"),
+    [
+        (PALM, "wall_optical_frame", "b", "is moved by slide, turn and the control camera by"),
+        (PALM, "elbow_optical_frame", "plate", "the arm moves elbow_optical_frame, and plate too"),
+        (WALL, "wall_optical_frame", "hand", "hand carries and the control camera at what plate"),
+    ],
+)
+def test_what_cannot_be_is_said(control, frame, link, words):
+    with pytest.raises(ConfigurationError, match=words):
+        beside(ROBOT, control, Arm.from_urdf(ROBOT, frame, target_frame=link), "second")

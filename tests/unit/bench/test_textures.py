@@ -517,3 +517,16 @@ def test_the_arm_s_camera_draws_a_marker_where_it_is():
         off -= (off * round_).sum() / (round_**2).sum() * round_
         left.append(camera.K[0] * off)
     assert np.sqrt(np.mean(np.square(left))) < 0.005  # px; 0.01 of one place in each pixel
+
+
+@pytest.mark.parametrize("scheme", ["points", "pose"])
+def test_a_marker_is_servoed_to_as_it_lies_however_it_was_turned(scheme):
+    """Its corners are known by themselves: nothing is matched, and nothing stays open."""
+    result = run(Experiment.from_mapping({
+        "plant": "free", "features": "pictures", "camera": "wide", "scheme": scheme, "gain": 2.0,
+        "target": {"shape": "marker", "size": [0.06, 0.06], "pose": [0, 0, 0, 0, 0, 0.2]},
+        "goal": {"pose": [0.0, 0.01, 0.25, np.pi, 0.05, 0.1]},
+        "start": {"pose": [0.01, 0.0, 0.35, np.pi, 0.0, 1.3]},
+    }))  # fmt: skip
+    assert result.converged and result.verdict.reached, result.verdict
+    assert "°" not in result.outcome

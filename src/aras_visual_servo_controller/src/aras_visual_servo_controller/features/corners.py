@@ -53,7 +53,7 @@ class NumberedPoints(PointFeature):
             MeasurementError: another number of points, or one that is not finite.
         """
         points = self._counted(observation, desired)
-        if observation.pixel_count and Need.CORNERS in self.needs:  # of a segmented outline
+        if observation.numbered is False and Need.CORNERS in self.needs:
             return self._matched(points, desired)
         return points, ""
 

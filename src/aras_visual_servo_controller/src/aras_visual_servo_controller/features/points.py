@@ -51,7 +51,7 @@ class PointFeature(Feature):
     """Base of features made of points: give `points`, and be servoed.
 
     The goal's points are what `teach` kept under this feature's name. Points are matched to the
-    goal's where `ordered` is False: as an outline, by turning round.
+    goal's where `ordered` is False and they are not a marker's: as an outline, by turning round.
 
     Attributes:
         ordered: `points` always gives the same point first.
@@ -150,7 +150,8 @@ class PointFeature(Feature):
             MeasurementError: another number of points, or one that is not finite.
         """
         points = self._counted(observation, desired)
-        return (points, "") if self.ordered else self._matched(points, desired)
+        known = self.ordered or observation.numbered
+        return (points, "") if known else self._matched(points, desired)
 
     def _counted(self, observation: Observation, desired: np.ndarray) -> np.ndarray:
         """The points (n, 2), as many as are desired.

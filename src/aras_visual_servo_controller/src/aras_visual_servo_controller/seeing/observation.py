@@ -70,6 +70,8 @@ class Observation:
         corners: (n, 2) of that outline, in its order, normalised.
         corner_accuracy: normalised length to which they are found, noise apart, rms; 0: exactly.
         corner_unshared: the part of it that a goal shown by the same camera does not share.
+        numbered: whether each corner is known by itself, as a marker's is; None: they are exact, and
+            a scheme takes them as it needs.
         pixel_count: pixels of the target, 0 where not known.
         touches: borders of the image that the target touches: left, right, top, bottom.
         image: (rows, columns) or (rows, columns, 3) RGB, uint8.
@@ -104,6 +106,7 @@ class Observation:
     corners: np.ndarray | None = None
     corner_accuracy: float = 0.0
     corner_unshared: float = 0.0
+    numbered: bool | None = None
     pixel_count: int = 0
     touches: tuple[str, ...] = ()
     image: np.ndarray | None = None
@@ -217,7 +220,7 @@ class Observer:
                 seen["corners"] = _frozen(found.points)
                 seen["corner_accuracy"] = found.accuracy
                 seen["corner_unshared"] = found.unshared
-                seen["pixel_count"] = 0 if self.tracker.numbered else len(found.points)
+                seen["numbered"] = self.tracker.numbered
                 plane = found.plane if plane is None else plane
             except VisionError as error:
                 valid, reason = False, str(error)
@@ -323,6 +326,7 @@ class Observer:
                 if Need.CORNERS in needs:
                     seen["corners"] = _frozen(corners_of(contour))
                     seen["corner_accuracy"] = CORNER_ACCURACY / camera.K[0]
+                    seen["numbered"] = False
             if Need.KERNEL in needs:
                 mask = self.pipeline.original_mask(image)
                 seen["kernel"] = _frozen(kernel_features(mask).layout())

@@ -122,7 +122,6 @@ class _Builder:
             if wrap is not None:
                 self.scheme = wrap(self.scheme)
             read = self.loop_settings.read_by(self.scheme)
-            self.target = (experiment.seen_by[read[0]].target or experiment.target).placed
             _check_standing(experiment, read[0], self.robot)
             self.true_arm = self.robot.arm(read[0])
             rig = self.loop_settings.rig(dict.fromkeys(read), self.scheme)
@@ -139,6 +138,7 @@ class _Builder:
             depth,
             segmentation.label if segmentation.method == "label" else "",
         )  # fmt: skip
+        self.target = self.plants.target_of(self.control.name)
         self.views = GoalViews(self.plants, self.loop_settings, self.scheme)
 
     def assemble(self) -> Assembly:

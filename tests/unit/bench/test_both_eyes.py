@@ -71,6 +71,17 @@ def test_poses_are_those_before_each_cameras_own_target():
     )
 
 
+def test_the_goal_has_the_plane_of_each_cameras_own_target():
+    parts = assemble(asked(plant="chain", features="exact"))
+    before = {"palm": parts.goal_pose, "left": parts.places["left"].at(parts.goal_pose)}
+    for name, goal in parts.goal.cameras.items():
+        target = (parts.eyes[name].spec.target or asked().target).placed
+        plane = target.shape.plane(target.seen_from(before[name]))
+        np.testing.assert_allclose([*goal.plane], [*plane], atol=1e-9)
+    depths = [goal.plane.C for goal in parts.goal.cameras.values()]
+    assert abs(depths[0] - depths[1]) > 0.1
+
+
 def first_pictures(experiment):
     parts, found = assemble(experiment), {}
     try:

@@ -70,8 +70,8 @@ class Observation:
         corners: (n, 2) of that outline, in its order, normalised.
         corner_accuracy: normalised length to which they are found, noise apart, rms; 0: exactly.
         corner_unshared: the part of it that a goal shown by the same camera does not share.
-        numbered: whether each corner is known by itself, as a marker's is; None: they are exact, and
-            a scheme takes them as it needs.
+        numbered: whether each corner is known by itself, as a marker's is; None: they are exact,
+            and a scheme takes them as it needs.
         pixel_count: pixels of the target, 0 where not known.
         touches: borders of the image that the target touches: left, right, top, bottom.
         image: (rows, columns) or (rows, columns, 3) RGB, uint8.

@@ -4,7 +4,9 @@ import asyncio
 import base64
 import contextlib
 import json
+import os
 import socket
+import threading
 import urllib.error
 import urllib.request
 from dataclasses import replace
@@ -63,9 +65,11 @@ def talk(server, *messages, token=None, headers=None, answers=0):
 
 
 @pytest.mark.parametrize("path", ["/", "/robot", "/report/x.html", "/live", "/nothing"])
-def test_nothing_is_told_without_the_token(server, path):
+def test_nothing_is_told_without_the_token(server, path, caplog):
     assert get(server, path)[:2] == (
         403, "Refused: the address has no token: open the one that the simulator printed.\n")
+    assert not [entry for entry in caplog.records if entry.name.startswith("tornado")]
+    assert get(server, path)[2]["Content-Type"] == "text/plain; charset=utf-8"
     assert get(server, f"{path}?token=x")[0] == 403
     status, text, headers = get(server, f"{path}?token={server.access.token}", Host="evil.example")
     assert status == 403 and "not served under" in text
@@ -81,6 +85,8 @@ def test_whoever_has_it_gets_the_page_and_nothing_that_lets_others_in(server):
     assert headers["Referrer-Policy"] == "no-referrer"
     assert "Access-Control-Allow-Origin" not in headers
     assert get(server, "/app.js")[0] == 200
+    style = get(server, "/style.css")[1]
+    assert "--goal: #3c78ff;" in style and ".uplot" in style and style.endswith("}\n")
     for path in ("/server.js", "/../page.py", "/%2e%2e/page.py", "/app.js/"):
         assert get(server, f"{path}?token={server.access.token}")[0] == 404
 
@@ -144,12 +150,59 @@ def test_what_takes_long_keeps_nobody_waiting(server, host):
     assert {answer["text"] for answer in heard} == {"done: report", "done: pause"}
 
 
-def test_a_flood_of_requests_is_refused(server, host):
+async def opened(server):
+    access = server.access
+    return await websocket_connect(f"ws://127.0.0.1:{access.port}/live?token={access.token}")
+
+
+def test_of_nine_requests_at_a_time_one_is_refused(server, host):
+    async def run():
+        viewer, heard = await opened(server), []
+        for _ in range(9):
+            await viewer.write_message('{"do": "report"}')
+        while len(heard) < 9:
+            message = await asyncio.wait_for(viewer.read_message(), 20)
+            if isinstance(message, str) and '"answer"' in message:
+                heard.append(json.loads(message)["text"])
+                host.waited.set()  # the others may end now
+        viewer.close()
+        return heard
+
     host.waited.clear()
-    heard, _ = talk(server, *['{"do": "report"}'] * 3, *['{"do": "start"}'] * 40,
-                    '{"do": "pause"}', answers=30)  # fmt: skip
-    assert any("8 requests are being carried out" in answer["text"] for answer in heard)
-    host.waited.set()
+    first, *others = asyncio.run(run())
+    assert first == "8 requests are being carried out: wait for them"
+    assert others == ["done: report"] * 8
+
+
+def test_one_viewer_goes_and_the_other_is_told_all_the_same(server, host):
+    async def run():
+        first, second = await opened(server), await opened(server)
+        first.close()
+        while host.viewers[-1:] != [1]:
+            await asyncio.sleep(0.02)
+        for _ in range(4 * AHEAD):
+            assert await asyncio.wait_for(second.read_message(), 20) is not None
+            await second.write_message("seen")
+        second.close()
+
+    host.viewers.clear()
+    asyncio.run(run())
+
+
+def test_an_end_is_told_to_the_viewers_and_leaves_no_thread(host):
+    own = serve(host, "127.0.0.1", 18700 + os.getpid() % 1000, say=lambda _: None)
+
+    async def run():
+        viewer = await opened(own)
+        await asyncio.wait_for(viewer.read_message(), 20)
+        before = {thread for thread in threading.enumerate() if thread.name == "page"}
+        own.close()
+        while await asyncio.wait_for(viewer.read_message(), 20) is not None:
+            pass
+        return viewer.close_code, before
+
+    code, before = asyncio.run(run())
+    assert code == 1001 and len(before & set(threading.enumerate())) == len(before) - 1
 
 
 def test_a_fault_of_ours_is_said_and_closes_nothing(server):
@@ -227,6 +280,10 @@ def test_a_taken_port_is_said_and_the_next_one_is_taken():
     assert word == "" and sockets[0].getsockname()[1] == port
     for found in sockets:
         found.close()
+    with socket.socket() as last:
+        last.bind(("127.0.0.1", 65535))
+        with pytest.raises(PortTakenError, match="no free port from 65535 to 65535 on"):
+            bound("127.0.0.1", 65535)
 
 
 def test_each_thing_is_told_once(host):
@@ -237,8 +294,14 @@ def test_each_thing_is_told_once(host):
     assert first["limits"]["lower"] == [None]
     assert first["samples"] == [[1.0, [0.1, -0.2], [0.0] * 6, [0.0] * 6, [0.5]]]
     assert first["told"]["phase"] == host.story.told.phase
+    assert (first["factor"], first["choices"], first["state"]) == (1.0, page.choices, page.state)
     again = page.news(host.story, [0.5], [0.0], 1.1)
     assert set(again) == {"kind", "stamp", "joints", "speeds", "factor"}
+    page.choices, page.state, host.story.factor = {"goals": ["auto"]}, {"robot": 1}, None
+    changed = page.news(host.story, [0.5], [0.0], 1.15)
+    host.story.factor = 1.0
+    assert (changed["choices"], changed["state"]) == ({"goals": ["auto"]}, {"robot": 1})
+    assert changed["factor"] is None
     host.move()
     moved = page.news(host.story, [0.5], [0.0], 1.2)
     assert "camera picture" in moved["shapes"] and "desired camera picture" not in moved["shapes"]

@@ -20,7 +20,7 @@ from aras_visual_servo_bench.live.shapes import (
     picture_border,
 )
 from aras_visual_servo_bench.live.story import FRUSTUM, LETTERS, LINE, LONGEST, SECONDS, Story
-from aras_visual_servo_bench.live.track import MOST, Pace, Track
+from aras_visual_servo_bench.live.track import MOST, Track
 from aras_visual_servo_bench.live.units import feature_units
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -144,13 +144,6 @@ def test_points_in_the_picture_leave_trajectories(story):
         (points - story.pose[:3, 3]) @ story.pose[:3, :3], expected, atol=1e-12)
 
 
-def test_border_of_a_pinhole_is_its_pictures(pinhole):
-    border = picture_border(pinhole)
-    u, v = pinhole.project(*border.T)
-    assert u.min() == pytest.approx(-0.5) and u.max() == pytest.approx(pinhole.width - 0.5)
-    assert v.min() == pytest.approx(-0.5) and v.max() == pytest.approx(pinhole.height - 0.5)
-
-
 def test_border_of_a_fisheye_stays_in_front():
     fisheye = CameraModel(320, 240, (106.6, 0, 159.5, 0, 106.6, 119.5, 0, 0, 1.0), (0.0,) * 4,
                           "equidistant")  # fmt: skip
@@ -180,15 +173,6 @@ def test_a_track_keeps_its_ends_and_its_size():
     assert points[0, 0] == 0.0
     assert points[-1, 0] > 4.9 * MOST
     assert np.ptp(np.diff(points[:, 0])) <= np.diff(points[:, 0]).max() / 2
-
-
-def test_pace_is_that_of_the_last_seconds():
-    pace = Pace()
-    for i in range(100):
-        pace.add(0.1 * i, 0.1 * i if i < 50 else 5.0 + 0.05 * (i - 50))
-    assert pace.factor == pytest.approx(0.5)
-    pace.add(10.0, 0.0)  # the clock went back
-    assert pace.factor is None
 
 
 def test_words_and_page_have_the_units_of_what_ships_and_load_nobodys_class(monkeypatch):

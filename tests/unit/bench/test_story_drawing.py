@@ -120,6 +120,8 @@ def test_pace_is_that_of_the_last_two_seconds():
         if i == 40:
             assert pace.factor == pytest.approx((1.0 + 0.4) / 2)
     assert pace.factor == pytest.approx(0.4)
+    pace.add(10.0, 0.0)  # the clock went back
+    assert pace.factor is None
 
 
 @pytest.mark.parametrize(("degrees", "edges"), [(0.0, 4), (25.0, 4), (35.0, 5), (120.0, 5)])

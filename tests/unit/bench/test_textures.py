@@ -129,22 +129,22 @@ def grainy(image, grain):
     return np.clip(np.round(image + noise), 0, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize(("grain", "exact"), [(0.0, 1.0), (5.0, 4.0)], ids=["clear", "grainy"])
-@pytest.mark.parametrize("size", [0.2, 0.08], ids=["large", "small"])
 @pytest.mark.parametrize(
-    ("name", "tracker", "far"),
-    [("marker", MarkerTracker(), 0.011), ("four_dots", DotTracker(), 0.02)],
-)
-@pytest.mark.parametrize("view", [VIEW, NEAR, ASKEW], ids=["view", "near", "askew"])
-def test_points_are_found_to_a_hundredth_of_a_pixel(name, tracker, far, size, grain, exact, view):
-    """In a picture whose every pixel is the mean of what it covers."""
+    ("name", "tracker", "far", "size", "view"),
+    [("marker", MarkerTracker(), 0.011, 0.08, VIEW), ("marker", MarkerTracker(), 0.011, 0.2, ASKEW),
+     ("four_dots", DotTracker(), 0.02, 0.2, VIEW), ("four_dots", DotTracker(), 0.02, 0.08, NEAR)],
+    ids=["small marker", "marker askew", "dots", "small dots"],
+)  # fmt: skip
+def test_points_are_found_to_a_hundredth_of_a_pixel(name, tracker, far, size, view):
+    """In a picture whose every pixel is the mean of what it covers. No disc is seen askew: its
+    middle is not that of its ellipse."""
     target = PlacedTarget(shape_of(name, (size, size)), FACING)
-    if view is ASKEW and name == "four_dots":
-        return  # the middle of a disc seen askew is not that of its ellipse
-    found = tracker.find(grainy(pictured(target, CAMERA, view), grain))
+    picture = pictured(target, CAMERA, view)
     points = np.column_stack(CAMERA.project(*target.shape.points(target.seen_from(view)).T))
-    nearest = np.linalg.norm(found[:, None] - points[None], axis=2).min(axis=1)
-    assert np.sqrt((nearest**2).mean()) < far * exact
+    for grain, exact in ((0.0, 1.0), (5.0, 4.0)):
+        found = tracker.find(grainy(picture, grain))
+        nearest = np.linalg.norm(found[:, None] - points[None], axis=2).min(axis=1)
+        assert np.sqrt((nearest**2).mean()) < far * exact
 
 
 @pytest.mark.parametrize("camera", [CAMERA, LENS, FISHEYE], ids=["pinhole", "lens", "fisheye"])
@@ -436,7 +436,7 @@ def test_a_picture_that_is_cut_off_is_one_line(tmp_path, capfd):
     assert capfd.readouterr().err == ""
 
 
-@pytest.mark.parametrize("side", [8001, 12_000, 20_000])
+@pytest.mark.parametrize("side", [8001, 20_000])
 def test_a_picture_too_large_is_refused_by_its_header(tmp_path, side):
     """Its first bytes are all that there is: who decoded it would say that it cannot be read."""
     header = b"IHDR" + struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)

@@ -177,11 +177,11 @@ def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, m
     monkeypatch.setattr(work.sys, "path", [*work.sys.path, os.path.dirname(__file__)])
     monkeypatch.setattr(work, "GRACE", 15.0)
     for name, pool in (("hanging", ThisProcess()), ("deaf", Dying())):
-        study = tiny(metrics=["success", f"test_engine:{name}"], chunk=3, repeats=1, limit=1.5)
+        study = tiny(metrics=["success", f"test_engine:{name}"], chunk=3, repeats=1, limit=4.0)
         made = carried(study, tmp_path / f"{name}-{type(pool).__name__}", pool)
         table = made.results()
         assert table["outcome"].to_pylist() == ["timed_out", rows.LATE, "timed_out"]
-        assert table["reason"][1].as_py() == "not done after 1.5 s of wall time"
+        assert table["reason"][1].as_py() == "not done after 4 s of wall time"
         assert "limit" in table["mend"][1].as_py()
 
 

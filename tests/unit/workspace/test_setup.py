@@ -262,7 +262,7 @@ case "$*" in *rviz*) cd '{asked.parent}'; {meets("two", "one")} ;; esac
            if " install -y" in line]  # fmt: skip
     assert apt[0] == "python3-venv" and {"rviz", "rosbash"} <= set(apt[1].split())
     lines = text.splitlines()
-    assert lines[2] == "  apt-get install python3-venv ... done (0 s)"
+    assert lines[2].startswith("  apt-get install python3-venv ... done (")
     assert lines[3].startswith("  apt-get install (this may take some minutes) ... done")
     assert lines[4].startswith("Making the virtual environment .venv, installing the Python pack")
 

@@ -174,6 +174,18 @@ def test_an_arm_stands_where_the_state_has_its_links(read):
     simulation.close()
 
 
+@pytest.mark.parametrize(("known", "joints"), [
+    ("upper", ["turn"]), ("slide", []), ("post", []), ("upper slide", ["turn", "push"])])
+def test_a_joint_is_where_its_two_links_are_both_known(read, known, joints):
+    """The state need not name every link; what is fixed to the root it need not name at all."""
+    links = "".join(f"<link name='{name}'><pose>1 0.3 0.2 0.1 0 0.2</pose></link>"
+                    for name in known.split())
+    found = read(ARM + "<state world_name='default'><model name='arm'><pose>1 0 0 0 0 0</pose>"
+                 f"{links}</model></state>")
+    assert found.warnings == ()
+    assert list(found.models[0].initial_joints) == joints
+
+
 def test_a_joint_s_own_pose_is_where_it_turns(read):
     """upper's frame keeps its place and goes round the axis of the joint's frame."""
     simulation = Simulation(SimulationConfig(ground_plane=False))

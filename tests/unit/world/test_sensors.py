@@ -11,6 +11,7 @@ from aras_sim_bridge.description import (
     parse_sdf,
     parse_urdf,
 )
+from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_base.poses import Pose, Twist
 
@@ -462,6 +463,12 @@ def test_a_sensor_that_measures_nothing_costs_one_line(tags, reason):
     (warning,) = read.warnings
     assert reason in warning and "left out" in warning
     assert [sensor.kind for sensor in read.sensors] == ["wrench"]
+
+
+@pytest.mark.parametrize("tags", [imu_on("base", rate=-1), bumper_on("base", "a", rate=-1)])
+def test_a_negative_rate_is_refused(tags):
+    with pytest.raises(DescriptionError, match="update_rate is -1.0 Hz; it must not be negative"):
+        parse_urdf(arm(tags=tags))
 
 
 def test_words_of_a_wrench_that_there_are_not():

@@ -114,7 +114,6 @@ def test_every_shipped_preset_is_valid(preset):
     ({"latency": -1e-3}, "latency is -0.001, must be >= 0 s"),
     ({"width": 16000, "height": 16000}, "make width and height smaller"),
     ({"width": 16385, "height": 1}, "width is 16385, must be <= 16384 px"),
-    ({"seed": -1}, "seed is -1, must be >= 0"),
     ({"hack_baseline": float("nan")}, "hack_baseline is nan, must be a finite number"),
     ({"cutoff_angle": 0.5}, "cutoff_angle is for wide-angle lenses"),
     ({"xyz": [0.0, float("nan"), 0.0]}, "xyz[1] is nan, must be a finite number"),
@@ -123,11 +122,73 @@ def test_every_shipped_preset_is_valid(preset):
     ({"image_topic": "camera_info"}, "two different names"),
     ({"effects": {"noise_stddev": True}}, "noise_stddev is True, must be a finite number"),
     ({"effects": {"exposure_samples": True}}, "exposure_samples is True, must be a whole number"),
-    ({"effects": {"exposure": 0.0}}, "effects.exposure is 0.0, must be > 0"),
-    ({"effects": {"gain": 0.0}}, "effects.gain is 0.0, must be > 0"),
     ({"effects": {"drop_probability": 1.0}}, "no frame would ever come"),
 ])
 def test_impossible_settings_are_refused_by_name(bad, says):
     with pytest.raises(CameraError, match="camera|effects") as caught:
         CameraConfig.from_description(description(), bad)
     assert says in str(caught.value)
+
+
+BESIDE = {  # what a group of settings cannot be without
+    "sensor": {"gain": 0.02, "full_well": 9000.0}, "shake": {"frequency": 8.0},
+}
+
+
+def given(path, value):
+    """CameraConfig of 10 Hz with one setting, by its path."""
+    *groups, name = path.split(".")
+    settings = {**BESIDE.get(groups[-1] if groups else "", {}), name: value}
+    for group in reversed(groups):
+        settings = {group: settings}
+    return CameraConfig.from_mapping({"update_rate": 10.0, **settings})
+
+
+@pytest.mark.parametrize(("path", "fits", "beyond"), [
+    ("width", 1, 0), ("width", 16384, 16385), ("height", 1, 0), ("height", 16384, 16385),
+    ("update_rate", 1e-6, 0.0), ("near", 1e-9, 0.0), ("far", 0.101, 0.1), ("latency", 0.0, -1e-9),
+    ("seed", 0, -1), ("effects.noise_mean", -255.0, -255.1), ("effects.noise_mean", 255.0, 255.1),
+    ("effects.noise_stddev", 0.0, -1e-9), ("effects.shot_noise", 0.0, -1e-9),
+    ("effects.exposure", 1e-9, 0.0), ("effects.gain", 1e-9, 0.0),
+    ("effects.vignetting", 0.0, -1e-9), ("effects.vignetting", 1.0, 1.001),
+    ("effects.exposure_time", 0.0, -1e-9), ("effects.exposure_time", 0.0999, 0.1),
+    ("effects.exposure_samples", 1, 0), ("effects.exposure_samples", 64, 65),
+    ("effects.drop_probability", 0.0, -1e-9), ("effects.drop_probability", 0.999, 1.0),
+    ("effects.row_time", 0.0, -1e-9), ("effects.rows_together", 1, 0),
+    ("effects.auto_exposure.target", 1e-3, 0.0), ("effects.auto_exposure.target", 254.9, 255.0),
+    ("effects.auto_exposure.speed", 1e-3, 0.0), ("effects.auto_exposure.speed", 1.0, 1.001),
+    ("effects.auto_exposure.least", 1e-6, 0.0), ("effects.auto_exposure.least", 1.0, 1.001),
+    ("effects.auto_exposure.most", 1.0, 0.999), ("effects.sensor.read_noise", 0.0, -1e-9),
+    ("effects.sensor.read_noise", 8999.0, 9000.0), ("effects.sensor.dark_current", 0.0, -1e-9),
+    ("effects.sensor.full_well", 50.0, 49.9), ("shake.frequency", 1e-3, 0.0),
+    ("shake.xyz", [0.1, 0.0, 0.05], [0.101, 0.0, 0.05]), ("shake.xyz", [0.0] * 3, [0, -1e-9, 0]),
+    ("shake.rpy", [0.5, 0.0, 0.2], [0.5, 0.501, 0.2]), ("shake.rpy", [0.0] * 3, [0, 0, -1e-9]),
+    ("shake.bandwidth", 0.0, -1e-9), ("shake.bandwidth", 16.0, 16.001),
+])
+def test_settings_hold_up_to_their_bounds_and_no_further(path, fits, beyond):
+    assert given(path, fits).name == "camera"
+    with pytest.raises(CameraError, match="camera|effects|shake"):
+        given(path, beyond)
+
+
+def test_what_is_not_set_is_gazebos_or_nothing():
+    plain = CameraConfig.from_mapping({})
+    assert (plain.width, plain.height, plain.horizontal_fov) == (320, 240, 1.047)
+    assert (plain.update_rate, plain.near, plain.far) == (30.0, 0.1, 100.0)
+    assert (plain.format, plain.lens, plain.distortion_coefficients) == ("R8G8B8", "pinhole", ())
+    assert (plain.latency, plain.seed, plain.hack_baseline, plain.shake) == (0.0, 0, 0.0, None)
+    assert (plain.depth, plain.segmentation, plain.legacy_camera_info) == (False,) * 3
+    assert (plain.xyz, plain.rpy) == ((0.0,) * 3, (0.0,) * 3)
+    assert (plain.trigger_topic, plain.shutter) == ("", "")
+    none = plain.effects
+    assert (none.noise_mean, none.noise_stddev, none.shot_noise, none.vignetting) == (0.0,) * 4
+    assert (none.exposure, none.gain, none.exposure_time, none.row_time) == (1.0, 1.0, 0.0, 0.0)
+    assert (none.exposure_samples, none.rows_together, none.drop_probability) == (5, 8, 0.0)
+    assert none.sensor is None and none.auto_exposure is None
+    auto = given("effects.auto_exposure.speed", 0.5).effects.auto_exposure
+    assert (auto.target, auto.least, auto.most) == (160.0, 0.1, 10.0)
+    assert given("effects.auto_exposure.target", 90.0).effects.auto_exposure.speed == 0.5
+    shake = given("shake.bandwidth", 0.0).shake
+    assert (shake.xyz, shake.rpy) == ((0.0,) * 3, (0.0,) * 3)
+    sensor = given("effects.sensor.read_noise", 0.0).effects.sensor
+    assert (sensor.read_noise, sensor.dark_current) == (0.0, 0.0)

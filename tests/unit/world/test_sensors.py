@@ -478,6 +478,8 @@ def test_words_of_a_wrench_that_there_are_not():
     assert read.warnings == (
         "sensor 's' on joint 'swing': frame 'hand' is unknown; child is taken",
         "sensor 's' on joint 'swing': measure_direction 'up' is unknown; child_to_parent is taken")
+    (wrench,) = read.sensors
+    assert (wrench.measured_in, wrench.on_child) == ("child", False)
 
 
 def test_sensors_of_sdf_stand_where_its_root_link_stands():

@@ -105,7 +105,7 @@ def test_a_force_off_the_centre_turns_the_body(make):
         for torque, spin in (((0.0, 0.0, 0.0), 0.5), ((0.3, 0.0, -0.2), 0.3)):
             model.set_twist(Twist())
             model.set_pose(Pose((1.0, 2.0, 3.0)))
-            model.apply_force("body", (0.0, 1.0, 0.0), (1.6, 2.0, 3.0), torque)
+            model.apply_force("body", (0.0, 1.0, 0.0), (1.6, 2.0, 3.0), *([torque] * any(torque)))
             for _ in range(3):
                 world.step()
             twist = model.twist()

@@ -465,6 +465,18 @@ def test_a_sensor_that_measures_nothing_costs_one_line(tags, reason):
     assert [sensor.kind for sensor in read.sensors] == ["wrench"]
 
 
+@pytest.mark.parametrize("tag", ["mean", "stddev", "bias_mean", "bias_stddev"])
+def test_a_deviation_is_not_negative_and_a_mean_may_be(tag):
+    tags = imu_on("base", inside=f"<angular_velocity><y><noise><{tag}>-0.5</{tag}></noise></y>"
+                  "</angular_velocity>")
+    if tag.endswith("stddev"):
+        with pytest.raises(DescriptionError, match="angular_velocity y: a standard deviation"):
+            parse_urdf(arm(tags=tags))
+    else:
+        (imu,) = parse_urdf(arm(tags=tags)).sensors
+        assert getattr(imu.channels[1], tag) == -0.5
+
+
 @pytest.mark.parametrize("tags", [imu_on("base", rate=-1), bumper_on("base", "a", rate=-1)])
 def test_a_negative_rate_is_refused(tags):
     with pytest.raises(DescriptionError, match="update_rate is -1.0 Hz; it must not be negative"):

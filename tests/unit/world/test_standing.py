@@ -334,13 +334,19 @@ def test_a_base_is_held_while_what_it_does_not_stand_on_is_moved_about(world, ma
         assert held.fixed_base
 
 
-@pytest.mark.parametrize("what", ["a cart on a table", "a cart on wheels"])
+@pytest.mark.parametrize("what", ["a cart on a table", "a cart on wheels", "a cart in a groove"])
 def test_what_stands_otherwise_is_left_to_bullet(world, make, what):
     if what == "a cart on a table":
         top = make.box("2 2 0.2", "0 0 0.1")
         table = parse_urdf(make.robot(make.link("table", 50.0, "0 0 0.1", (5, 5, 5, 0, 0, 0), top)))
         world.spawn(table, "table")
         model = world.spawn(cart(make), "cart", Pose((0, 0, 0.2)))
+    elif what == "a cart in a groove":
+        sides = "".join(f'<collision><origin xyz="{x} 0 0.2" rpy="0 {turn} 0"/><geometry>'
+                        '<box size="1 2 0.2"/></geometry></collision>'
+                        for x, turn in ((-0.5, 0.3), (0.5, -0.3)))
+        world.spawn(parse_urdf(make.robot(f'<link name="world">{sides}</link>')), "groove")
+        model = world.spawn(cart(make, mu=0.9), "cart", Pose((0, 0, 0.25)))
     else:
         wheel = make.link("{0}", 1.0, "0 0 0", (0.01,) * 3 + (0, 0, 0), make.box("0.2 0.1 0.2"))
         model = world.spawn(parse_urdf(make.robot(

@@ -298,6 +298,8 @@ def test_a_population_by_chance_fills_its_region_the_same_way_each_time(read, re
     ("<model_count>0</model_count>", "model_count is 0; 1 to 1000 are possible"),
     ("<distribution><type>grid</type><rows>40</rows><cols>40</cols></distribution>", "cols is 40"),
     ("<box><size>1 1 0</size></box>", "must be positive"),
+    ("<cylinder><radius>0</radius><length>1</length></cylinder>", "length must be positive"),
+    ("<cylinder><radius>1</radius><length>0</length></cylinder>", "length must be positive"),
     ("<box><size>1 1 1</size></box><distribution><type>uniform</type></distribution>",
      "distribution 'uniform' is served in no such region"),
     ("", "distribution 'random' is served in no such region"),
@@ -335,7 +337,8 @@ def materials(folders):
     folder = folders("crate", "")
     for part in ("scripts", "textures"):
         (folder / "materials" / part).mkdir(parents=True)
-    (folder / "materials/scripts/crate.material").write_text(SCRIPT)
+    script = b"// of a cr\xe8merie\n" + SCRIPT.encode()  # not every editor writes UTF-8
+    (folder / "materials/scripts/crate.material").write_bytes(script)
     picture = folder / "materials/textures/side.png"
     cv2.imwrite(str(picture), np.zeros((2, 3, 3), np.uint8))
     return picture

@@ -33,12 +33,16 @@ def test_another_mass_and_centre_change_the_load_and_nothing_else(make):
 
 
 def test_a_flying_body_flies_on(make):
+    """From where it has come to, not from where it was spawned."""
     with World() as world:
-        body = world.spawn(parse_urdf(make.robot(make.link("a"))), "m", Pose((1, 2, 30)))
+        body = world.spawn(parse_urdf(make.robot(make.link("a"))), "m", Pose((7, 8, 9)))
+        flown = Pose.from_rpy((1, 2, 30), (0.1, 0.2, 0.3))
+        body.set_pose(flown)
         body.set_twist(Twist((1, 0, 0), (0, 0, 2)))
         world.change("m", with_link(body.description, "a", 3.0, (0.1, 0, 0),
                                     (0.1, 0, 0, 0.1, 0, 0.1), False))
-        assert body.pose().xyz == pytest.approx((1, 2, 30))
+        assert body.pose().xyz == pytest.approx(flown.xyz)
+        assert body.pose().quat == pytest.approx(flown.quat)
         assert body.twist().linear == pytest.approx((1, 0, 0))
         assert body.twist().angular == pytest.approx((0, 0, 2))
         for _ in range(100):

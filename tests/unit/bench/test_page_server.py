@@ -85,6 +85,8 @@ def test_whoever_has_it_gets_the_page_and_nothing_that_lets_others_in(server):
     assert headers["Referrer-Policy"] == "no-referrer"
     assert "Access-Control-Allow-Origin" not in headers
     assert get(server, "/app.js")[0] == 200
+    for name, kind in (("app.js", "text/javascript"), ("style.css", "text/css")):
+        assert get(server, f"/{name}")[2]["Content-Type"] == f"{kind}; charset=utf-8"
     style = get(server, "/style.css")[1]
     assert "--goal: #3c78ff;" in style and ".uplot" in style and style.endswith("}\n")
     for path in ("/server.js", "/../page.py", "/%2e%2e/page.py", "/app.js/"):
@@ -127,6 +129,14 @@ def test_a_socket_of_a_stranger_is_refused(server, token, headers):
     with pytest.raises(HTTPClientError) as refused:
         talk(server, token=token, headers=headers)
     assert refused.value.code == 403
+
+
+def test_the_robot_is_told_once_there_is_one(server, host, monkeypatch):
+    path = f"/robot?token={server.access.token}"
+    status, text, _ = get(server, path)
+    assert status == 200 and json.loads(text)["name"] == "aras_visual_servo"
+    monkeypatch.setattr(host, "robot", lambda: None)
+    assert get(server, path)[:2] == (404, "There is no robot yet.\n")
 
 
 def test_requests_are_answered_and_wrong_ones_refused_with_the_reason(server, host):
@@ -207,8 +217,8 @@ def test_an_end_is_told_to_the_viewers_and_leaves_no_thread(host):
 
 def test_a_fault_of_ours_is_said_and_closes_nothing(server):
     heard, _ = talk(server, '{"do": "reset"}', '{"do": "start"}', answers=2)
-    assert {answer["text"] for answer in heard} == {
-        "reset failed: ZeroDivisionError: a fault", "done: start"}
+    assert {answer["text"]: answer["done"] for answer in heard} == {
+        "reset failed: ZeroDivisionError: a fault": False, "done: start": True}
 
 
 def test_a_message_too_long_ends_the_socket_and_nothing_else(server):
@@ -290,7 +300,8 @@ def test_each_thing_is_told_once(host):
     page = Page()
     page.robot(["J1"], [-np.inf], [1.0], [2.0], [False])
     page.sample(SAMPLE, [0.5])
-    first = page.news(host.story, [0.5], [0.0], 1.0)
+    first = page.news(host.story, [0.5], [0.0], 1.00049)
+    assert first["stamp"] == 1.0  # in milliseconds
     assert first["limits"]["lower"] == [None]
     assert first["samples"] == [[1.0, [0.1, -0.2], [0.0] * 6, [0.0] * 6, [0.5]]]
     assert first["told"]["phase"] == host.story.told.phase

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +81,10 @@ def read_solid(path: str) -> Solid:
     Raises:
         DescriptionError: the file cannot be read. ModelError: it is not a solid in metres.
     """
-    return Solid.of(triangles_of(files.read(path)), path)
+    try:
+        return Solid.of(triangles_of(files.read(path)), Path(path).name)
+    except ModelError as error:
+        raise ModelError(f"{path}: {error}") from None
 
 
 def model_tracker(path: str, start: Start) -> ModelTracker:

@@ -45,15 +45,15 @@ for argument in "$@"; do
     [[ -e ${argument%%::*} ]] && exec .venv/bin/python -m pytest "$@"
 done
 
-# Unit tests share nothing and run on all cores. So do graphs, each with a master of its own: a file of tests
-# has one process at a time, and more than four files at once would only wait for each other. They wait for
-# time to go by as long as they compute: one more than there are cores.
+# Unit tests share nothing. Nor do graphs, each with a master of its own: a file of them has one process at a
+# time. Both wait for time to go by too, so there is one process more than there are cores; more than four files
+# of graphs at once would only wait for each other.
 # What a graph does hangs on how the machine shares its time among a dozen processes: a graph test that
 # fails has a second try, and the summary names it (R).
-graphs=$(($(nproc) + 1))
+units=$(($(nproc) + 1)) graphs=$(($(nproc) + 1))
 ((graphs <= 4)) || graphs=4
 no_test=5 unit=0 graph=0
-.venv/bin/python -m pytest -n auto --dist worksteal tests/unit "$@" || unit=$?
+.venv/bin/python -m pytest -n "$units" --dist worksteal tests/unit "$@" || unit=$?
 .venv/bin/python -m pytest -n "$graphs" --dist loadfile --no-loadscope-reorder --reruns 1 -r fER tests/integration "$@" || graph=$?
 # -k may choose tests of one suite alone.
 [[ $unit == "$no_test" ]] && exit "$graph"

@@ -20,6 +20,7 @@ from loop_rig import (
 
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm.task import Task
+from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Adaptive, ContinuousStart, Proportional
 from aras_visual_servo_controller.loop.motion import CommandMotion
@@ -660,6 +661,13 @@ def test_velocity_and_effort_outputs():
                 expected = 100.0 * (two.positions - rig.q) + 2.0 * (velocity - 0.1)
                 np.testing.assert_allclose(one.values, expected, atol=1e-6)
         assert np.abs(velocity).max() > 0.01 or t > 0.2
+
+
+def test_efforts_that_could_push_nothing_are_refused():
+    with pytest.raises(ConfigurationError, match="stiffness is 0: give it, N/m or N m/rad"):
+        the_servo("2016", output="effort", damping=2.0)
+    one = [0.0, 0.0, 5.0, 0.0, 0.0, 0.0]
+    assert the_servo("2016", output="effort", stiffness=one).settings.output == "effort"
 
 
 # -- the way to the start ----------------------------------------------------------------------

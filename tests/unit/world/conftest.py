@@ -7,8 +7,9 @@ import pybullet
 import pytest
 
 HERE = str(Path(__file__).resolve().parent)
-if HERE not in sys.path:
-    sys.path[:0] = [HERE, str(Path(HERE).parent / "as_new")]  # its object_state.py
+for folder in (HERE, str(Path(HERE).parent / "as_new")):  # the latter for object_state.py
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
 
 
 def link_xml(name: str, mass: float = 1.0, com: str = "0 0 0",

@@ -98,6 +98,11 @@ class ServoSettings:
                     f"{key} is {value}: " + ("a" if key == "start" else "one number, or a")
                     + f" number for each of {', '.join(names)} is needed"
                 )
+        if self.output == "effort" and not np.any(self.stiffness):
+            raise ConfigurationError(
+                "output 'effort' pushes joints by stiffness times the way they are off, and "
+                "stiffness is 0: give it, N/m or N m/rad, and damping"
+            )
         if self.start is not None:
             check_inside(np.asarray(self.start, float), limits, "start")
 

@@ -71,6 +71,22 @@ def test_poses_are_those_before_each_cameras_own_target():
     )
 
 
+@pytest.mark.parametrize("order", [("wall", "hand"), ("hand", "wall")])
+def test_a_hand_camera_believed_elsewhere_beside_one_that_the_experiment_puts_somewhere(order):
+    plate = {"shape": L, "pose": [-0.03, -0.09, 0.0, 0.0, -np.pi / 2, np.pi / 2]}
+    cameras = {
+        "wall": {"model": "calibrated", "pose": [0.55, 0.03, 0.88, -np.pi / 2, 0, np.pi / 2],
+                 "target_frame": "camera_link", "target": plate},
+        "hand": {"model": "wide", "believed": {"rpy": [0.0, 0.02, 0.03]}},
+    }  # fmt: skip
+    result = run(Experiment.from_mapping({
+        "plant": "chain", "target": {"shape": L, "pose": [0, 0, 0.591, 0, 0, 0.2]}, "gain": 2.0,
+        "cameras": {name: cameras[name] for name in order}, "start": "2016",
+        "goal": [0.05, 0.1, 0.3, -0.35, 0.05, 0.1], "scheme": "points@hand+points@wall",
+    }))  # fmt: skip
+    assert result.verdict.reached, (result.outcome, result.reason)
+
+
 def test_the_goal_has_the_plane_of_each_cameras_own_target():
     parts = assemble(asked(plant="chain", features="exact"))
     before = {"palm": parts.goal_pose, "left": parts.places["left"].at(parts.goal_pose)}

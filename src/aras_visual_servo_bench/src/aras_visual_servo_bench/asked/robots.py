@@ -109,10 +109,7 @@ class Robot:
         if not friction:
             self._plain = self._adapted("without_friction", self._plain)
         self._mount = transform(xyz, rpy)
-        self.urdf = self._mounted(self._mount)
-        for name, camera in cameras.items():
-            if not camera.own:
-                self.urdf = self._with_frame(self.urdf, name, camera)
+        self.urdf = self._framed(self._mounted(self._mount))
         for name, one in carried.items():
             self.urdf = self._with_target(self.urdf, name, one)
         tree = read_yaml(self.packages.file(spec.config), ExperimentError)
@@ -178,14 +175,21 @@ class Robot:
         if not (any(xyz) or any(rpy)):
             return self.urdf
         if self.frame(camera) == self.spec.camera_frame:
-            return self._mounted(self._mount @ transform(xyz, rpy))
+            return self._framed(self._mounted(self._mount @ transform(xyz, rpy)))
         if camera in self._cameras and self._cameras[camera].frame:
             raise ExperimentError(
                 f"camera '{camera}' has its place in the robot's description: believed.xyz and rpy "
                 "are for one that the experiment puts somewhere"
             )
-        spec, plain = self._cameras[camera], self._mounted(self._mount)
-        return self._with_frame(plain, camera, spec, believed=True)
+        return self._framed(self._mounted(self._mount), believed=camera)
+
+    def _framed(self, urdf: str, believed: str = "") -> str:
+        """The description with the frames of all cameras that the experiment puts somewhere; one of
+        them as it is believed."""
+        for name, camera in self._cameras.items():
+            if not camera.own:
+                urdf = self._with_frame(urdf, name, camera, name == believed)
+        return urdf
 
     def controllers(self, joints: Sequence[str]) -> tuple[dict[str, str], str]:
         """Controller of each of these joints, and the kind of command they take.

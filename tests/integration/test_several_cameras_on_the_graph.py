@@ -65,18 +65,16 @@ def files(folder, scheme, cameras=None):
     (folder / "goal.yaml").write_text(goal.to_yaml("for a test"))
     named = {"cameras": NAMED if cameras is None else cameras}
     (folder / "cameras.yaml").write_text(yaml.safe_dump({**named, "target_frame": "hand"}))
-    return goal
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_two_cameras_servo_the_arm_by_launch_arguments(scheme, eyes, launch, collect, tmp_path):
-    goal = files(tmp_path, scheme)
+def servoed_to(goal, launch, collect, folder, scheme, start):
+    """The loop's states on the way to joints, by a scheme and the files of this folder."""
     states = collect(f"{SPACE}/controller/state", ServoState)
     joints = collect(f"{SPACE}/joint_states", JointState)
     nodes = launch(
         "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch", scheme=scheme,
-        nodes=[f"{SPACE}_controller"], start=str(PORTAL["start"]), goal=tmp_path / "goal.yaml",
-        cameras=tmp_path / "cameras.yaml",
+        nodes=[f"{SPACE}_controller"], start=str(start), goal=folder / "goal.yaml",
+        cameras=folder / "cameras.yaml",
     )  # fmt: skip
     try:
         states.wait(timeout=60.0, where=lambda state: state.phase == "converged")
@@ -85,11 +83,17 @@ def test_two_cameras_servo_the_arm_by_launch_arguments(scheme, eyes, launch, col
         nodes.interrupt()
     wait_for(lambda: joints.messages, 5.0, "joint states")
     last = dict(zip(joints.messages[-1].name, joints.messages[-1].position, strict=True))
-    off = [last[joint] - goal.joints[joint] for joint in JOINTS]
-    assert np.abs(off).max() < 1e-3
-    assert all(state.scheme == scheme for state in states.messages)
+    assert np.abs([last[joint] - q for joint, q in zip(JOINTS, goal, strict=True)]).max() < 1e-3
+    return states.messages
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_two_cameras_servo_the_arm_by_launch_arguments(scheme, eyes, launch, collect, tmp_path):
+    files(tmp_path, scheme)
+    states = servoed_to(PORTAL["goal"], launch, collect, tmp_path, scheme, PORTAL["start"])
+    assert all(state.scheme == scheme for state in states)
     if "@" in scheme:
-        servoed = next(m for m in states.messages if m.feature_names)
+        servoed = next(m for m in states if m.feature_names)
         assert {name.partition(".")[0] for name in servoed.feature_names} == {"left", "right"}
 
 
@@ -108,22 +112,10 @@ def test_one_in_the_hand_and_one_that_stands_servo_together(portal, ros_node, la
      place.orientation.w) = quaternion_from_euler(*turns)  # fmt: skip
     spawn = rospy.ServiceProxy("/gazebo/spawn_urdf_model", SpawnModel)
     assert spawn("on_the_ground", urdf, "", place, "world").success
-    states = collect(f"{SPACE}/controller/state", ServoState)
-    joints = collect(f"{SPACE}/joint_states", JointState)
-    nodes = launch(
-        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch", scheme=asked.scheme,
-        nodes=[f"{SPACE}_controller"], start=str(list(asked.start)), goal=tmp_path / "goal.yaml",
-        cameras=tmp_path / "cameras.yaml",
-    )  # fmt: skip
     try:
-        states.wait(timeout=60.0, where=lambda state: state.phase == "converged")
+        servoed_to(asked.goal, launch, collect, tmp_path, asked.scheme, list(asked.start))
     finally:
-        print([(m.phase, m.reason) for m in states.messages[-1:]], nodes.output()[-1500:])
-        nodes.interrupt()
         rospy.ServiceProxy("/gazebo/delete_model", DeleteModel)("on_the_ground")
-    last = dict(zip(joints.messages[-1].name, joints.messages[-1].position, strict=True))
-    off = [last[joint] - q for joint, q in zip(JOINTS, asked.goal, strict=True)]
-    assert np.abs(off).max() < 1e-3
 
 
 def test_both_cameras_expose_together(portal, collect):

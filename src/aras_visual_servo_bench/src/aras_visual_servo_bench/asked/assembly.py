@@ -303,7 +303,8 @@ class _Builder:
         self, named: Goal, arms: Mapping[str, FreeBody | MovedBy]
     ) -> Goal | None:
         """A named goal as the believed cameras see it; None where it lacks what the scheme
-        needs, or was shown the demo's plates where the target is a solid."""
+        needs, or was shown another target: the demo's plates in place of a solid, or the control
+        camera's in place of a camera's own."""
         goal = named.for_cameras(arms)
         if any(n in self.plants.seen_apart and n not in named.cameras for n in self.needs):
             return None  # what it was shown is not what these look at

@@ -50,9 +50,7 @@ def carried_by(experiment: Experiment) -> dict[str, Carried]:
     looked_at = {TARGET: (experiment.target, experiment.robot.target_frame)}
     for name, camera in experiment.cameras.items():
         if camera.target is not None:
-            looked_at[OF + name] = camera.target, (
-                camera.target_frame or experiment.robot.target_frame
-            )
+            looked_at[OF + name] = camera.target, experiment.robot.carrier_for(camera)
     return {
         name: Carried(link, transform(spec.pose[:3], spec.pose[3:]), description_file(spec))
         for name, (spec, link) in looked_at.items()

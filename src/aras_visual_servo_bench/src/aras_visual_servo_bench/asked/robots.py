@@ -74,6 +74,11 @@ class RobotSpec:
     cameras: str = "aras_visual_servo_gazebo"
     search: tuple[str, ...] = ()
 
+    def carrier_for(self, camera: CameraSpec | None) -> str:
+        """The link that carries what a camera looks at, None: the robot's own; '': the world."""
+        own = "" if camera is None else camera.target_frame
+        return own or self.target_frame
+
 
 class Robot:
     """A RobotSpec with its files read.
@@ -135,10 +140,7 @@ class Robot:
 
     def target_frame(self, camera: str) -> str:
         """The link that carries what a camera looks at; '': that stands in the world."""
-        spec = self._cameras.get(camera)
-        return self.spec.target_frame if spec is None else spec.target_frame or (
-            self.spec.target_frame
-        )
+        return self.spec.carrier_for(self._cameras.get(camera))
 
     def standing(self, camera: str) -> np.ndarray | None:
         """(4, 4) in the world of a camera that no joint moves, nor the target; None: one does."""

@@ -25,7 +25,9 @@ def line():
     theirs.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 32_768)
     theirs.settimeout(5.0)
     lost = []
-    yield Lane(ours, QUEUE, lambda: lost.append(ours)), theirs, lost
+    lane = Lane(ours, QUEUE, lambda: lost.append(ours))
+    yield lane, theirs, lost
+    lane.close()
     for end in (ours, theirs, server):
         end.close()
 

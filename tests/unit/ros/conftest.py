@@ -23,6 +23,7 @@ from genpy.generator import MsgGenerator, SrvGenerator
 from geometry_msgs.msg import Point, Pose, Quaternion
 
 import aras_sim_bridge
+from aras_sim_bridge.ros.runtime.lane import DRAIN
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
@@ -168,6 +169,8 @@ class Connection:
 @pytest.fixture
 def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     """rospy's doors, open to the test alone."""
+    for lane in DRAIN.sending():  # of listeners of tests before, who read no more
+        lane.close()
     it = Graph()
 
     def service(name: str, kind: type, handler: Callable) -> SimpleNamespace:

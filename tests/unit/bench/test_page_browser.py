@@ -68,7 +68,7 @@ def test_links_stand_where_the_arm_has_them(page, host):
 
 def test_words_and_joints_are_shown(page, host):
     page.wait("document.getElementById('phase').textContent === 'servoing'")
-    assert page.js("document.getElementById('factor').textContent") == "1.00"
+    page.wait("document.getElementById('factor').textContent === '1.00'")
     last = f"{np.degrees(host.q[-1]):.1f}°"
     page.wait(f"[...document.querySelectorAll('.joint output')].at(-1).textContent === '{last}'")
     arm, shown = host.arm, page.js("[...document.querySelectorAll('.joint')].map((r) => "

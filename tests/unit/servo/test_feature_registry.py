@@ -4,6 +4,8 @@ A sign, index or scale planted in a feature's s, L or e is found: s is compared 
 3-D, L with the finite differences of those values, e with their difference on the circle.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from feature_scenes import CORNERS, GOAL, PERIODS, TARGETS, VALUES, VIEWS, look, moved
@@ -154,6 +156,16 @@ def test_vanishing_points_refuse_a_triangle():
     goal = Goal.teach(Composed(feature), view)
     with pytest.raises(ConfigurationError, match="four corners"):
         feature.check(goal)
+
+
+@pytest.mark.parametrize("along", [(0.0, 0.9, 1.3, 0.4), (0.0, 1.0, 2.1, 0.7), (0.0, 0.0, 0.0, 0.0)])
+def test_vanishing_points_refuse_a_target_seen_edge_on(along):
+    """Its sides lie on one line of the image then, which meets itself anywhere."""
+    feature, goal = at_goal("vanishing_points")
+    seen = shown("vanishing_points", feature, VIEWS[0])
+    line = np.array([[-0.137, 0.051]]) + np.outer(along, [0.213, 0.067])
+    with pytest.raises(MeasurementError, match="no vanishing point"):
+        feature.measure(replace(seen, corners=line), goal)
 
 
 def test_a_feature_that_knows_no_desired_l_names_the_mend():

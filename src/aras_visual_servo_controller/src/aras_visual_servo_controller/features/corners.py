@@ -363,11 +363,13 @@ class VanishingPoints(CornerFeature):
         p = np.column_stack([points, np.ones(4)])
         found = []
         for a, b, c, d in ((0, 1, 3, 2), (1, 2, 0, 3)):
-            meet = np.cross(np.cross(p[a], p[b]), np.cross(p[c], p[d]))
+            one, other = np.cross(p[a], p[b]), np.cross(p[c], p[d])
+            meet = np.cross(one, other)
             # Which way the side runs: its image goes towards the vanishing point, or from it.
             way = (meet[:2] - p[a, :2] * meet[2]) @ (p[b, :2] - p[a, :2])
             size = np.linalg.norm(meet)
-            if size < SMALLEST**2 or np.hypot(meet[0], meet[1]) < SMALLEST * size:
+            same_line = size <= SMALLEST * np.linalg.norm(one) * np.linalg.norm(other)
+            if same_line or np.hypot(meet[0], meet[1]) < SMALLEST * size:
                 raise MeasurementError("the sides of the target have no vanishing point")
             found.append(meet * np.sign(way) / size)
         return np.array(found)

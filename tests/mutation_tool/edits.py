@@ -34,6 +34,7 @@ _NOT_SWAPPED = {
     "isinstance", "issubclass", "getattr", "hasattr", "setattr", "cast",  # nobody mistakes them
     "min", "max", "minimum", "maximum", "hypot", "logical_and", "logical_or", "gcd",  # the same
 }
+_GUARDS = {"strict", "daemon"}
 _TINY = 1e-5
 
 
@@ -238,6 +239,8 @@ class Walk:
                 yield from self._statement(child, place)
             elif isinstance(child, ast.expr):
                 yield from self._expression(child, place)
+            elif isinstance(child, ast.keyword) and child.arg in _GUARDS:
+                continue
             elif not isinstance(child, ast.expr_context | ast.operator | ast.pattern):
                 yield from self._children(child, place)
 
@@ -324,7 +327,7 @@ class Walk:
                         yield place, "arguments", *span, f"{second}, {first}"
         everything = sorted((*args, *(k.value for k in node.keywords)), key=self._start)
         for keyword in node.keywords:
-            if keyword.arg in (None, "strict", "daemon") or (
+            if keyword.arg in (None, *_GUARDS) or (
                 keyword.arg == "dtype" and self._text(keyword.value) == "float"
             ):
                 continue

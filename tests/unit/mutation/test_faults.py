@@ -69,7 +69,8 @@ def test_operators_inside_functions(body: str, operator: str, now: str) -> None:
 @pytest.mark.parametrize(
     "line",
     ['"""Moves by 2 + 3."""', "a: Array[1 + 2]", "_log.warning('%s', 1 + 2)", "assert a < 1",
-     "raised = f'{1 + 2} of 3'", "__all__ = ['a'] + [b]", "import a.b"],
+     "raised = f'{1 + 2} of 3'", "__all__ = ['a'] + [b]", "import a.b", "f(*a, strict=True)[b:]",
+     "a = Thread(daemon=True)"],
 )
 def test_what_no_test_could_notice_is_left_out(line: str) -> None:
     assert changes(line) == set()

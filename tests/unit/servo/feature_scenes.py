@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 
-CAMERA = CameraModel(640, 480, (800.0, 0, 320.0, 0, 800.0, 240.0, 0, 0, 1))
+CAMERA = CameraModel(640, 480, (800.0, 0, 317.3, 0, 760.0, 244.1, 0, 0, 1))
 CORNERS = np.array([[-0.11, -0.05, 0], [0.09, -0.08, 0], [0.13, 0.06, 0], [-0.07, 0.04, 0]])
 PARALLELOGRAM = np.array([[-0.11, -0.06, 0], [0.09, -0.08, 0], [0.12, 0.05, 0], [-0.08, 0.07, 0]])
 GOAL = pose((0.02, -0.03, 0.7), (0.15, -0.2, 0.1))
 VIEWS = [
     pose((0.05, 0.04, 0.9), (0.2, 0.3, 0.5)),
-    pose((-0.1, 0.06, 0.6), (-0.3, 0.1, -1.2)),
+    pose((-0.04, 0.06, 0.21), (-0.3, 0.1, -1.2)),
     pose((0.03, -0.08, 1.1), (0.1, -0.25, 2.6)),
 ]
 

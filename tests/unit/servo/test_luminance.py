@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from feature_scenes import moved
 from free_camera import pose
+from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
-from aras_visual_servo_controller.features.luminance import BORDER
+from aras_visual_servo_controller.features.luminance import BORDER, square_root
 from aras_visual_servo_controller.features.registry import FEATURES, create_feature
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
@@ -181,6 +182,29 @@ def test_a_picture_that_looks_the_same_when_turned_says_so(sides, told, monkeypa
     seen = look(PINHOLE, VIEW, feature.needs)
     goal = Goal.teach(Composed(feature), seen)
     assert feature.measure(seen, goal).up_to == told
+
+
+def test_another_lens_is_looked_through_at_once():
+    """Where the goal does not say with which one it was taught."""
+    feature, goal = at_goal("luminance")
+    anywhere = replace(goal, camera=None)
+    feature.measure(look(PINHOLE, VIEW, feature.needs), anywhere)
+    found = feature.measure(look(WIDE, VIEW, feature.needs), anywhere)
+    anew = create_feature("luminance").measure(look(WIDE, VIEW, feature.needs), anywhere)
+    np.testing.assert_array_equal(found.L, anew.L)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e6])
+def test_too_little_texture_is_a_matter_of_its_share_and_not_of_its_size(size):
+    turn = Rotation.from_euler("xyz", [0.3, -0.2, 0.5]).as_matrix()
+    mixed = np.kron(np.eye(2), turn)
+    H, g = (size * mixed @ np.diag([least, 1.0, 2.0, 3.0, 4.0, 5.0]) @ mixed.T
+            for least in (1e-11, 1e-13)), np.arange(6.0)  # fmt: skip
+    s, R = square_root(enough := next(H), g)
+    np.testing.assert_allclose(R.T @ R, enough, atol=1e-12 * size)
+    np.testing.assert_allclose(R.T @ s, g, atol=1e-3)
+    with pytest.raises(MeasurementError, match="too little texture"):
+        square_root(next(H), g)
 
 
 def test_each_that_needs_pictures_is_here():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from feature_scenes import CAMERA
+from loop_rig import the_arm, the_goal
 
 from aras_visual_servo_base.poses import exponential, inverse, logarithm, transform
 from aras_visual_servo_camera.interaction import Plane
@@ -358,6 +359,31 @@ def test_L_of_stereo_by_differences(name):
     np.testing.assert_allclose(measured(np.eye(4)).L, np.transpose(columns), rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["stereo_points@left,right", "stereo_pose@right,left"])
+def test_accuracy_of_stereo_goes_through_the_feature(name):
+    """Each column is what the feature makes of one coordinate in one camera that is off."""
+    scheme = create_scheme(name)
+    goal, feature = goal_of(scheme), scheme.feature
+    scheme.check(goal)
+    made, size = rig(), {"left": 1e-6, "right": 3e-6}
+
+    def seen(off, corner_accuracy):
+        views = {}
+        for camera, observer in made.observers.items():
+            shown = view(observer, 1.0, np.zeros(6))
+            corners = shown.corners + off.get(camera, 0.0)
+            views[camera] = replace(shown, corners=corners, corner_accuracy=corner_accuracy[camera])
+        return made.together(views["left"], {"right": views["right"]})
+
+    assert feature.accuracy(seen({}, dict.fromkeys(size, 0.0)), goal) is None  # exact
+    # What was taught through another lens shares nothing with what is seen now.
+    apart = replace(goal, camera=None, others={"right": replace(goal.others["right"], camera=None)})
+    found = feature.accuracy(seen({}, size), apart)
+    offs = [(camera, off) for camera in feature.cameras for off in np.eye(8).reshape(8, 4, 2)]
+    expected = [feature.measure(seen({c: size[c] * off}, size), goal).error for c, off in offs]
+    np.testing.assert_allclose(found, np.transpose(expected), atol=1e-4 * np.abs(found).max())
+
+
 def test_places_of_two_cameras_are_the_target_s():
     scheme = create_scheme("stereo_points@left,right")
     goal = goal_of(scheme)
@@ -370,6 +396,19 @@ def test_places_of_two_cameras_are_the_target_s():
     wanted = (np.column_stack([SHAPE, np.ones(4)]) @ inverse(LEFT.pose(np.zeros(6))).T)[:, :3]
     shown = scheme.feature.measure(together(rig(), q), goal).desired
     np.testing.assert_allclose(shown.reshape(-1, 3), wanted, atol=1e-9)
+
+
+def test_a_goal_of_one_camera_tells_the_others_views_by_the_target_s_geometry():
+    arm, wall = the_arm(), StandingCamera(transform((0.3, 0.1, 0.9), (3.0, 0.2, -0.1)))
+    alone = the_goal("2016")
+    goal = alone.for_cameras({"left": arm, "wall": wall})
+    assert list(goal.cameras) == ["left", "wall"] and goal.others["wall"].seen_by == "wall"
+    q = alone.joint_values(arm.names)
+    np.testing.assert_allclose(goal.world_T_camera, arm.pose(q), atol=1e-12)
+    there = goal.others["wall"]
+    np.testing.assert_allclose(there.world_T_camera, wall.pose(q), atol=1e-12)
+    np.testing.assert_allclose(there.outline(), alone.target.outline(wall.pose(q)))
+    assert (goal.joints, there.joints, there.camera) == (alone.joints, {}, None)
 
 
 def test_an_arm_of_one_camera_is_known_without_its_scheme():

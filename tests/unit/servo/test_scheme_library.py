@@ -1,5 +1,7 @@
 """The shipped compositions on an exact free camera: each comes to its goal as its theory says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from feature_scenes import CAMERA, CORNERS, GOAL, look, moved
@@ -147,6 +149,32 @@ def test_the_predictive_scheme_keeps_the_points_in_the_picture():
     assert farthest(free) > 0.0
     assert farthest(kept) <= 0.5
     assert distance(kept[-1], near) < 0.05 * distance(kept[0], near)
+
+
+@pytest.mark.parametrize("way", [(-1, 0), (1, 0), (0, -1), (0, 1)])
+def test_the_predictive_scheme_predicts_points_up_to_its_margin(way):
+    """On each side of the picture, with goals beyond it: 12 pixels within are left."""
+    scheme = create_scheme("predictive", Proportional(5.0))
+    across = np.array(way)
+    begun = pose((*(0.1 * across * (2.0, 1.5)), 0.9), (0.0, 0.0, 0.3))
+    beyond = pose((*(0.6 * across), 0.9), (0.0, 0.0, 0.3))
+    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), beyond))
+    decision = scheme.compute(look(Observer(None, scheme.needs), begun), goal, 0.0)
+    ahead = decision.features + scheme.horizon * decision.L @ decision.task.twist
+    pixels = np.transpose(CAMERA.project(*ahead.reshape(-1, 2).T))
+    last = np.array([CAMERA.width, CAMERA.height]) - 1
+    room = np.minimum(pixels, last - pixels).min(axis=0)
+    assert room @ np.abs(across) == pytest.approx(scheme.margin, abs=0.01)
+
+
+@pytest.mark.parametrize("name", ["numbered_points", "partitioned", "predictive"])
+def test_each_scheme_says_what_a_square_leaves_open(name):
+    scheme = create_scheme(name)
+    square = 0.1 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    observer = Observer(None, scheme.needs)
+    goal = Goal.teach(scheme, look(observer, GOAL, corners=square))
+    seen = replace(look(observer, START, corners=square), numbered=False)
+    assert scheme.compute(seen, goal, 0.0).up_to == "90°"
 
 
 def test_the_predictive_scheme_keeps_to_its_speeds():

@@ -1,5 +1,6 @@
 """Teaching: what was seen is stored, averaged, to order 6, with a command line that works."""
 
+import re
 import shlex
 
 import numpy as np
@@ -72,6 +73,7 @@ def test_views_are_averaged():
         views.append(view_at(observer, float(i), JointSample.of(i, arm.names, q + off)))
     goal = goal_of(views, scheme, arm, "mine", depth=0.2)
     np.testing.assert_allclose(goal.joint_values(arm.names), q + 0.002)
+    np.testing.assert_allclose(goal.world_T_camera, arm.pose(q + 0.002), atol=1e-12)
     expected = np.mean([v.moments.mu_array for v in views], axis=0)
     np.testing.assert_allclose(goal.moments.mu_array, expected)
     assert mean_of([{"a": [1.0, 2.0], "b": "x"}, {"a": [3.0, 2.0], "b": "y"}]) == {
@@ -112,6 +114,14 @@ def test_the_command_line_that_is_written_works(tmp_path):
     a, b = Goal.load(one), Goal.load(two)
     np.testing.assert_array_equal(a.moments.mu_array, b.moments.mu_array)
     np.testing.assert_allclose(a.moments.mu_array, the_goal("2016").moments.mu_array, atol=1e-15)
+
+
+def test_its_help_says_what_each_argument_is(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    said = capsys.readouterr().out
+    assert "  --geometry GEOMETRY" in said
+    assert re.findall(r"^  (\S+(?: \S+)?)\n(?! {10})", said, re.MULTILINE) == []
 
 
 @pytest.mark.parametrize(

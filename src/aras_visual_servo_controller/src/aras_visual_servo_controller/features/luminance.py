@@ -172,8 +172,9 @@ class Luminance(Feature):
                 np.asarray(part, np.float32).reshape(wanted.shape)
                 for part in camera.project(X / Z, Y / Z)
             )
-            inside = (u >= 0) & (u <= camera.width - 1) & (v >= 0) & (v <= camera.height - 1)
-            apart = np.square(cv2.remap(self._desired, u, v, cv2.INTER_LINEAR) - wanted)[inside]
+            turned = cv2.remap(self._desired, u, v, cv2.INTER_LINEAR, borderValue=np.nan)
+            inside = np.isfinite(turned)
+            apart = np.square(turned - wanted)[inside]
             if inside.mean() > OVERLAP and np.sqrt(apart.mean()) < self.tolerances[0]:
                 return f"{360 / folds:.0f}°"
         return ""

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import sys
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
 from coverage import Coverage
 
 COLLECTING = "collecting"
+COMPILING = 120.0  # processor seconds that compiling a function with what it calls may take
 
 
 class Recorder:
@@ -75,7 +79,8 @@ class Chosen:
     Args:
         order: the tests' ids.
         seconds: processor seconds that each takes without a fault.
-        limit: is told before each test how many processor seconds it may take.
+        limit: is told before each test how many processor seconds it may take; compiling is
+            not counted.
         patience: seconds that each may take besides four times what it takes without a fault.
 
     Attributes:
@@ -99,9 +104,12 @@ class Chosen:
         kept = [item for item in items if item.nodeid in self._place]
         items[:] = sorted(kept, key=lambda item: self._place[item.nodeid])
 
-    @pytest.hookimpl(tryfirst=True)
-    def pytest_runtest_protocol(self, item: pytest.Item) -> None:
-        self._limit(self._patience + 4.0 * self._seconds.get(item.nodeid, 0.0))
+    @pytest.hookimpl(wrapper=True, tryfirst=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        seconds = self._patience + 4.0 * self._seconds.get(item.nodeid, 0.0)
+        self._limit(seconds)
+        with _compiling_apart(self._limit, seconds):
+            return (yield)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         self.ran += report.when == "setup"
@@ -112,6 +120,29 @@ class Chosen:
 
     def answer(self, code: int) -> dict[str, object]:
         return {"code": code, "failed": self.failed, "ran": self.ran, "memory": self.memory}
+
+
+def _compiling_apart(limit: Callable[[float], None], seconds: float) -> AbstractContextManager:
+    """A context in which compiling does not count: where a compiled function is faulty, the first
+    test that calls it compiles it and what calls it, which takes longer than any test."""
+    numba = sys.modules.get("numba.core.event")
+    if numba is None:
+        return contextlib.nullcontext()
+
+    class Compiling(numba.Listener):
+        under_way = 0  # a function's compilation compiles those that it calls
+
+        def on_start(self, event: object) -> None:
+            if self.under_way == 0:
+                limit(COMPILING)
+            self.under_way += 1
+
+        def on_end(self, event: object) -> None:
+            self.under_way -= 1
+            if self.under_way == 0:
+                limit(seconds)
+
+    return numba.install_listener("numba:compile", Compiling())
 
 
 def options(top: Path) -> list[str]:

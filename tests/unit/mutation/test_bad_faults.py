@@ -8,10 +8,12 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
+import numba
 import pytest
 
-from mutation_tool import guard
+from mutation_tool import guard, recording
 from mutation_tool.areas import Area
 from mutation_tool.campaign import Campaign, Outcome
 from mutation_tool.faults import Fault
@@ -166,6 +168,22 @@ def test_one_that_breaks_the_set_up_is_named(plant: Callable) -> None:
 def test_processes_that_leave_their_group_are_ended(plant: Callable) -> None:
     outcome = plant('return "sleep 0"', 'return "setsid sleep 1000 & exit 3"')
     assert outcome.how == "test"  # `plant` looks for processes
+
+
+def test_compiling_does_not_count_for_the_test_that_calls_first() -> None:
+    """It took longer than the test might, so faults of compiled functions were never tried."""
+    inner = numba.njit(lambda a: a + 1)
+    outer = numba.njit(lambda a: inner(a) + inner(1.0 * a))
+    limits: list[float] = []
+    chosen = recording.Chosen(["test_f"], {"test_f": 0.5}, limits.append, patience=3.0)
+    running = chosen.pytest_runtest_protocol(SimpleNamespace(nodeid="test_f"))
+    next(running)
+    assert outer(2) == 6.0
+    assert outer(3) == 8.0  # compiled by now
+    assert limits == [5.0, recording.COMPILING, 5.0]
+    with pytest.raises(StopIteration):
+        running.send(None)
+    assert numba.njit(lambda a: a - 1)(2) == 1 and len(limits) == 3
 
 
 def test_a_limit_of_time_is_of_each_test(monkeypatch: pytest.MonkeyPatch) -> None:

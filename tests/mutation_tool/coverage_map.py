@@ -69,16 +69,19 @@ class CoverageMap:
         What stands outside functions, and what numba compiles, leaves no trace: there, the tests
         that run a function which uses it, through as many such steps as it takes. A function
         that runs while a test file is imported may concern all tests of that file, and a name in
-        its text does.
+        its text does. Of what is compiled those come first that call it through the fewest other
+        functions, for these are compiled again.
         """
+        steps: dict[str, int] = {}
         if fault.names:
-            found = self._users(fault.names, fault.file) | self._naming(fault.names)
+            steps = self._users(fault.names, fault.file)
+            found = set(steps) | self._naming(fault.names)
             found = found or self._tests(fault.file, 1, 10**9)
             found = found or self._importing(fault.file, 1, 10**9)
         else:
             found = self._tests(fault.file, *fault.lines)
             found |= self._importing(fault.file, *fault.lines)
-        return self._ordered(found - self.failed)
+        return self._ordered(found - self.failed, steps if fault.compiled else {})
 
     def total(self, tests: list[str]) -> float:
         """Processor seconds that these tests took when they were recorded."""
@@ -116,8 +119,9 @@ class CoverageMap:
         files = {file for file, source in self._test_sources.items() if words.search(source)}
         return {name for name in self.seconds if name.partition("::")[0] in files}
 
-    def _ordered(self, tests: set[str]) -> list[str]:
-        """Quick tests before slow ones, file by file so that shared fixtures are made once."""
+    def _ordered(self, tests: set[str], steps: dict[str, int]) -> list[str]:
+        """Those of few steps first, then quick tests before slow ones, file by file so that shared
+        fixtures are made once."""
         def file_of(name: str) -> str:
             return name.partition("::")[0]
 
@@ -127,30 +131,32 @@ class CoverageMap:
             group = classes[name], file_of(name)
             totals[group] = totals.get(group, 0.0) + self.seconds[name]
 
-        def rank(name: str) -> tuple[bool, int, float, str, float, str]:
-            slow, graph, file = classes[name], "::" not in name, file_of(name)
-            return graph, slow, totals[slow, file], file, self.seconds[name], name
+        def rank(name: str) -> tuple[bool, int, int, float, str, float, str]:
+            slow, file, seconds = classes[name], file_of(name), self.seconds[name]
+            return ("::" not in name, steps.get(name, 0), slow, totals[slow, file], file, seconds,
+                    name)  # fmt: skip
 
         return sorted(tests, key=rank)
 
     # -- who uses a name -------------------------------------------------------------------
 
-    def _users(self, names: tuple[str, ...], file: str) -> set[str]:
-        found: set[str] = set()
-        pending = [(name, file) for name in names]
-        done, seen = set(pending), set()
-        while pending:
-            name, home = pending.pop()
+    def _users(self, names: tuple[str, ...], file: str) -> dict[str, int]:
+        """The tests that run a function which uses a name, and through how many others."""
+        found: dict[str, int] = {}
+        pending = [(name, file, 0) for name in names]
+        done, seen = {(name, file) for name in names}, set()
+        for name, home, steps in pending:  # it grows
             for user in self._takers(name, home):
                 for scope in self._files[user].using.get(name, ()):
                     if (user, scope) in seen:
                         continue
                     seen.add((user, scope))
                     if scope.runs:
-                        found |= self._tests(user, scope.first, scope.last)
+                        for test in self._tests(user, scope.first, scope.last):
+                            found.setdefault(test, steps)
                     else:
                         new = {(n, user) for n in scope.names} - done
-                        pending += new
+                        pending += [(*one, steps + 1) for one in sorted(new)]
                         done |= new
         return found
 

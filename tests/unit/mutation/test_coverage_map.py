@@ -84,6 +84,32 @@ def test_a_compiled_function_is_seen_where_it_is_called_and_where_a_test_names_i
     assert found_at(16) == ["brief", "other"]
 
 
+def test_of_a_compiled_function_those_that_call_it_through_fewest_others_come_first() -> None:
+    source = b"""@compiled("f8(f8)")
+def least(a):
+    return a + 2
+
+
+@compiled("f8(f8)")
+def around(a):
+    return least(a)
+
+
+def far(a):
+    return around(a)
+
+
+def near(a):
+    return least(a)
+"""
+    lines = {"12": ["t.py::far"], "16": ["t.py::near"]}
+    recording = {"lines": {"a.py": lines}, "shared": {}, "failed": {},
+                 "seconds": {"t.py::far": 0.01, "t.py::near": 0.8}}  # fmt: skip
+    cover = CoverageMap({"t.py": recording}, {"a.py": source})
+    fault = next(f for f in faults_of(source, "a.py") if f.line == 3)
+    assert cover.tests_of(fault) == ["t.py::near", "t.py::far"]
+
+
 def test_a_constant_that_only_imports_see_gets_the_tests_that_import_it() -> None:
     assert set(found_at(1, "src/limits.py")) == {"quick", "long", "user", "other", "failing"}
 

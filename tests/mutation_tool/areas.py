@@ -79,7 +79,8 @@ AREAS = {
                  "gazebo_api", "resets", "lockstep", "controllers", "controller_manager"))
              + (f"{_INTEGRATION}/test_camera_topics.py",)),
         Area("vision", (f"{VISION}/**/*.py",),
-             (f"{_UNIT}/features", f"{_UNIT}/camera/test_model_tracking"),
+             (f"{_UNIT}/features", f"{_UNIT}/camera/test_model_tracking",
+              f"{_UNIT}/bench/test_textures", f"{_UNIT}/servo/test_silhouettes"),
              without=(f"{VISION}/node.py",)),
         Area("kinematics", (f"{CONTROLLER}/arm/*.py",), (f"{_UNIT}/servo", f"{_UNIT}/arm")),
         Area("laws", (f"{CONTROLLER}/laws/*.py",),

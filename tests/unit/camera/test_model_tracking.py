@@ -152,6 +152,21 @@ def test_an_edge_is_measured_exactly_whatever_its_slant(angle):
         assert np.isnan(other[:, 0]).all()
 
 
+@pytest.mark.parametrize("bright", [-1.0, 1.0])
+@pytest.mark.parametrize("angle", [0.2, 1.4])
+def test_an_edge_between_shaded_faces_is_measured_whichever_is_the_bright_one(angle, bright):
+    normal = np.array([np.cos(angle), np.sin(angle)])
+    fine = (np.arange(40 * 24) + 0.5) / 24.0 - 0.5
+    across = fine[None, :] * normal[0] + fine[:, None] * normal[1] - 20.0 * normal.sum()
+    shaded = 120.0 + 40.0 * bright * np.sign(across - 0.3) + 3.0 * across
+    grey = np.round(shaded.reshape(40, 24, 40, 24).mean(axis=(1, 3))).astype(np.uint8)
+    at = 20.0 + np.linspace(-6.0, 6.0, 13)[:, None] * (-normal[1], normal[0])
+    normals, free = np.tile(normal, (13, 1)), np.full((13, 2), 50.0)
+    values = measured(grey, at, normals, free, np.full((13, 2), UNKNOWN), 10.0, 25.0, 0.0)
+    assert np.abs(values[:, 0] - 0.3).max() < 0.15
+    assert np.allclose(values[:, 1] - values[:, 2], 80.0 * bright, atol=15.0)
+
+
 def test_a_solid_that_is_gone_is_lost_and_found_again(folder):
     sequence, tracking = Sequence("box", "clean", folder), ModelTracking(solid_of("box"))
     tracking.start(sequence.pose(0))
@@ -316,3 +331,20 @@ def test_meshes_that_are_no_solid_in_metres_are_refused():
     with pytest.raises(ModelError, match="open or folded"):
         Solid.of(flipped, "part.stl")
     assert len(Solid.of(block((0, 0), (0.1, 0.05), 0.3, 0.0, 0.04)).edges) == 12
+
+
+def test_triangles_are_welded_in_whatever_order_they_are_listed():
+    """Each begins where the one before ends, and three of them are none."""
+    left, chain = list(block((0.01, 0), (0.1, 0.05), 0.0, 0.03, 0.07)), []
+    chain.append(left.pop(0))
+    while left:
+        for n, turn in np.ndindex(len(left), 3):
+            if (np.roll(left[n], turn, axis=0)[0] == chain[-1][2]).all():
+                chain.append(np.roll(left.pop(n), turn, axis=0))
+                break
+        else:
+            chain.append(left.pop(0))
+    a, b, c = chain[0]
+    solid = Solid.of(np.array([*chain, (a, a, b), (a, b, a), (c, b, b)]))
+    assert (len(solid.faces), len(solid.edges)) == (12, 12)
+    assert np.allclose(solid.points()[[0, 2]], [(-0.04, -0.025, 0.05), (0.06, 0.025, 0.05)])

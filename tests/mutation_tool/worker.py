@@ -41,6 +41,8 @@ def main() -> None:
     os.chdir(top)
     tools = str(Path(__file__).parents[1])
     sys.path[:] = [entry for entry in sys.path if entry not in ("", tools)]
+    sys.modules["__main__"].__spec__ = None  # processes that tests spawn would import it by name,
+    del sys.modules["__main__"].__file__  # or from its file
     if path := os.environ.pop("MUTATION_PYTHONPATH", ""):
         os.environ["PYTHONPATH"] = path
     else:

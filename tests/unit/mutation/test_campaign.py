@@ -171,6 +171,16 @@ def test_failing_tests_are_refused(top: Path) -> None:
     run.close()
 
 
+def test_a_process_that_a_test_spawns_needs_nothing_of_the_tool(top: Path) -> None:
+    (top / "tests" / "test_toy.py").write_text(
+        "import multiprocessing\n\ndef test_spawned():\n"
+        "    process = multiprocessing.get_context('spawn').Process(target=print)\n"
+        "    process.start()\n    process.join()\n    assert process.exitcode == 0\n")
+    run = campaign(top)
+    run.record()
+    run.close()
+
+
 def test_nothing_is_begun_when_time_is_up(top: Path) -> None:
     run = campaign(top, minutes=0.0)
     assert run.record() is None

@@ -66,7 +66,10 @@ def test_only_what_is_asked_for_is_worked_out(need):
 
 def test_without_segmentation_asked_for_an_empty_picture_is_valid():
     white = np.full((240, 320), 250, np.uint8)
-    assert Observer(None, frozenset((Need.IMAGE,))).of_image(0.0, white, CAMERA).valid
+    for given in (white, np.dstack([white, white // 2, white // 3])):
+        seen = Observer(None, frozenset((Need.IMAGE,))).of_image(0.0, given, CAMERA)
+        assert seen.valid
+        np.testing.assert_array_equal(seen.image, given)
     seen = Observer(None, frozenset((Need.IMAGE, Need.MOMENTS))).of_image(0.0, white, CAMERA)
     assert not seen.valid
     assert seen.reason == "no target in view"

@@ -489,7 +489,7 @@ def test_what_a_controller_of_joints_asks_is_slowed_as_a_whole_and_says_why():
     limits = the_limits(velocity=[1.0, 2.0, 2.0, 2.0, 2.0, 2.0], acceleration=[20.0] + [2.0] * 5)
     motion = CommandMotion(the_arm().names, limits, ServoSettings())
     motion.begin(np.zeros(6))
-    asked = np.array([2.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    asked = np.array([2.0, 1.0, 0.1, 0.1, 0.1, 0.1])
     velocities, words = motion.limited(asked, 0.0)
     assert words == "slowed to 50 % for the speed limit of gantry"
     assert velocities == pytest.approx(0.5 * asked)
@@ -497,6 +497,15 @@ def test_what_a_controller_of_joints_asks_is_slowed_as_a_whole_and_says_why():
     assert words.endswith("; at the acceleration limit of J1")
     assert velocities == pytest.approx(0.2 * asked)
     assert motion.limited(0.05 * asked, 0.1) == (pytest.approx(0.05 * asked), "")
+
+
+def test_a_time_that_is_not_finite_moves_nothing_and_is_said():
+    servo = the_servo("2016")
+    told = servo.tick(np.nan)
+    assert (told.stamp, told.values, told.reason) == (0.0, None, "time is not finite")
+    servo.tick(1.5, JointSample.of(1.5, servo.arm.names, STARTS["2016"]))
+    told = servo.tick(np.inf)
+    assert (told.stamp, told.values, told.reason) == (1.5, None, "time is not finite")
 
 
 def test_what_sags_before_the_first_image_is_held_where_it_was():

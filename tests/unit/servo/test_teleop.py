@@ -175,11 +175,19 @@ def test_the_kernels_events_are_a_pads_state(tmp_path):
 
 def test_a_pad_that_is_unplugged_asks_for_nothing(tmp_path):
     path = tmp_path / "js0"
-    path.write_bytes(EVENT.pack(1, 1, BUTTON, FAST))
+    os.mkfifo(path)
+    cable = os.open(path, os.O_RDWR)
     pad = JoyDevice(path)
-    for _ in range(1000):
-        if pad.gone:
-            break
-        time.sleep(0.005)
-    assert pad.gone
+    os.write(cable, EVENT.pack(1, -32767, AXIS, 0) + EVENT.pack(2, 1, BUTTON, FAST))
+    _wait(lambda: twist_of(pad.axes, pad.buttons) is not None)
+    os.close(cable)
+    _wait(lambda: pad.gone)
     assert twist_of(pad.axes, pad.buttons) is None
+
+
+def _wait(until):
+    for _ in range(2000):
+        if until():
+            return
+        time.sleep(0.005)
+    pytest.fail("it never came")

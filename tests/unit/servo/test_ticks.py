@@ -85,6 +85,8 @@ CASES = {
     "slowed": (lambda bench: bench.step(200), {"gain": 15.0, "max_velocity": 0.2}),
     "at a limit": (lambda bench: bench.step(200), {"lower": {"J3": -0.27}}),
     "a slow approach": (lambda bench: bench.step(250), {"start": "2015", "max_acceleration": 2.0}),
+    "drawn aside": (lambda bench: bench.step(60), {
+        "scheme": "gravity_centre", "max_acceleration": 1.0, "posture": {"J2": 0.3, "J3": -0.1}}),
     "short lead": (lambda bench: bench.step(200), {"lead": 0.003, "lag": 0.01}),
     "jump": (jump, {}), "implausible": (implausible, {}), "gap": (gap, {}),
     "starved": (starved, {}), "stuck": (stuck, {}), "late": (late, {}),

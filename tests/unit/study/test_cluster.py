@@ -53,8 +53,9 @@ def history(hanging, tmp_path_factory):
     times its load (the scheduler gave workers 2 s here), then one of its runs hangs, and after two
     chunks it is made anew."""
     path = tmp_path_factory.mktemp("history")
-    made = Folder.create(path / "there", hanging, "")
-    found = SimpleNamespace(path=path)
+    # Both at once, for their rows say which code the checkout has, and somebody may edit it.
+    here, made = (Folder.create(path / name, hanging, "") for name in ("here", "there"))
+    found = SimpleNamespace(here=here, path=path)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pools, "APPEAR", 1.0)
         patch.setattr(pools, "LOOK", 0.2)
@@ -89,7 +90,7 @@ def test_a_run_that_hangs_and_a_worker_made_anew_leave_the_bytes_of_one_process(
     made = Folder.open(history.path / "there")
     assert made.results()["outcome"].to_pylist() == ["timed_out", "time_limit", "timed_out"]
     assert history.ended != history.begun
-    here = Folder.create(history.path / "here", hanging, "")
+    here = history.here
     for chunk in (0, 2):
         here.write(chunk, work.carry_out(work.StudyTask(json.dumps(hanging.to_mapping()), chunk)))
     there = parts(made.path)

@@ -450,7 +450,7 @@ class Servo:
             outcome = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty)
             state = replace(state, outcome=outcome.kind, mend=outcome.mend)
             if decision is not None and self.phase == SERVOING and (
-                0.0 < self.settings.duration <= observation.stamp - self._began
+                self.settings.duration <= observation.stamp - self._began
             ):
                 self.diagnosis.timed_out(self.settings.duration)
                 self.stop("the time for it is over")

@@ -18,6 +18,7 @@ from aras_visual_servo_controller.judging.outcomes import ADVICE, KINDS, outcome
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.loop.state import CONVERGED, ServoSettings
 from aras_visual_servo_controller.schemes import Composed
+from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
 
 SEEDS = (0, 2)
@@ -349,6 +350,7 @@ def test_features_without_rank():
     rig.run(5.0)
     assert rig.servo.outcome.kind == "singular"
     assert "rank 1 of 2" in rig.servo.outcome.reason
+    assert rig.states[-1].mend == rig.servo.outcome.mend == ADVICE["singular"]
 
 
 def test_a_local_minimum():
@@ -365,6 +367,16 @@ def test_the_time_is_over():
     assert rig.servo.phase == "stopped"
     over = next(s for s in states if s.phase == "stopped")
     assert over.stamp == pytest.approx(41.0, abs=0.1)
+
+
+def test_the_image_that_comes_when_the_time_is_over_is_the_last():
+    rig = Rig(the_servo("2016", law=Proportional(0.2), duration=1.0), STARTS["2016"])
+    for stamp in np.arange(2.0, 3.01, 0.125):
+        assert rig.servo.phase in ("waiting", "servoing")
+        joints = JointSample.of(stamp, rig.servo.arm.names, rig.q)
+        rig.servo.tick(stamp, joints)
+        rig.servo.see(rig.exact(rig.observer, stamp, joints))
+    assert (rig.servo.phase, rig.servo.reason) == ("stopped", "the time for it is over")
 
 
 def test_words_are_among_the_known():

@@ -118,6 +118,12 @@ def test_lockstep_sends_once_an_image_and_never_between():
     assert len(bench.sent) in (images - 1, images)
     assert bench.states[-1].phase == "servoing"
     assert all(joints is None or joints.stamp <= bench.t for joints, _ in bench.seen)
+    # For another camera's picture too, whose stamp lies between two samples.
+    before, between = bench.driver.history.newest, bench.t + 0.25 * DT
+    bench.step(1)
+    joints = bench.driver.rig.joints_at(between)
+    np.testing.assert_allclose(
+        joints.positions, before.positions + 0.25 * DT * before.velocities, rtol=1e-12)
 
 
 @pytest.mark.parametrize("silent", ["images", "joints"])
@@ -434,6 +440,9 @@ def test_joints_between_and_after_their_samples():
     assert history.at(0.95).positions[0] == pytest.approx(-0.5)
     assert history.at(1.05, earlier_only=True).positions[0] == pytest.approx(0.5)  # 0 + 10 x 0.05
     assert history.at(1.175, earlier_only=True).positions[0] == pytest.approx(1.75)
+    assert history.at(1.2, earlier_only=True).positions[0] == 3.0
+    assert history.at(1.29) is not None and history.at(1.31) is None  # a tenth of a second away
+    assert history.at(0.91) is not None and history.at(0.89) is None
     assert history.complete_to(1.29) and not history.complete_to(1.31)
     assert history.complete_to(1.2)
     history.add(sample(1.3, 4.0))

@@ -144,6 +144,18 @@ def test_joints_of_another_arm_hold_it():
     assert state.phase == HOLDING and "an arm of 6 joints" in state.reason
 
 
+def test_joint_velocities_that_are_not_finite_are_not_commanded():
+    rig = Rig(the_servo("2016"), STARTS["2016"])
+    rig.run(0.1)
+    resolve = rig.servo.resolver.resolve
+    rig.servo.resolver.resolve = lambda *given: replace(
+        resolve(*given), velocities=np.array([0.1, 0.0, np.nan, 0.0, 0.0, 0.0]))
+    rig.run(0.2)
+    assert rig.servo.phase == HOLDING
+    assert rig.servo.reason == "the joint velocities are not finite"
+    assert all(np.isfinite(command.positions).all() for command in rig.commands)
+
+
 def test_nothing_counts_before_all_is_checked():
     """Until the faulty image the commands are those of a sound run; from then on the arm brakes."""
     sound = Rig(the_servo("2016", Spoiled(lambda s, d: d)), STARTS["2016"])
@@ -239,6 +251,22 @@ def controlled(answer, output, **options):
     controller = OwnJoints()
     controller.answer, controller.output = answer, output
     return Rig(the_servo("2016", controller, **options), STARTS["2016"])
+
+
+def test_a_controllers_time_begins_with_servoing():
+    asked = []
+
+    def answer(controller, t, dt, joints):
+        asked.append((t, dt))
+        return np.zeros(6)
+
+    rig = controlled(answer, "velocity")
+    for t in (2.0, 2.125):
+        joints = JointSample.of(t, rig.servo.arm.names, rig.q)
+        rig.servo.tick(t, joints)
+        rig.servo.see(rig.exact(rig.observer, t, joints))
+    rig.servo.tick(2.1875, joints)
+    assert asked == [(0.125, 0.1), (0.1875, 0.0625)]  # no step is longer than 0.1 s
 
 
 CONTROLLER_FAULTS = {

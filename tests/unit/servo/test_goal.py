@@ -214,6 +214,8 @@ def test_targets_geometry():
     np.testing.assert_allclose(box.plane(above), (0.0, 0.0, 1.0), atol=1e-12)
     outline = box.outline(above)
     assert np.abs(outline).max(axis=0) == pytest.approx([0.1, 0.05], rel=1e-9)
+    again = TargetGeometry.from_mapping(yaml.safe_load(yaml.safe_dump(box.to_mapping())))
+    assert again.to_mapping() == box.to_mapping() and again.ground == -np.inf
     with pytest.raises(ServoError, match="behind the camera"):
         box.outline(transform((0.0, 0.0, -1.0), (np.pi, 0.0, 0.0)))
     with pytest.raises(ServoError, match="behind the camera"):  # half of it

@@ -148,6 +148,8 @@ def test_moments_that_no_camera_can_see(change):
     assert "implausible" in seen.reason
     assert seen.moments is None
     assert implausible(m) == ""
+    wide = 28.0 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    assert implausible(Moments.from_polygon(wide, 4)) == ""  # 88 degrees off the axis, nearly
 
 
 def test_exact_points_alone_and_nothing_in_view():
@@ -159,7 +161,8 @@ def test_exact_points_alone_and_nothing_in_view():
     assert not observer.of_exact(0.1, CAMERA).valid
     assert not observer.of_exact(0.2, CAMERA, points=[[np.nan, 0.0]]).valid
     crossed = [[0, 0], [0.1, 0.1], [0.1, 0], [0, 0.1]]
-    assert "cross" in observer.of_exact(0.3, CAMERA, contour=crossed).reason
+    seen = observer.of_exact(0.3, CAMERA, contour=crossed)
+    assert not seen.valid and "cross" in seen.reason
 
 
 def test_a_lens_is_undone():

@@ -718,10 +718,15 @@ def test_what_hangs_at_the_start_is_pushed_no_faster_than_it_was_driven():
 
 
 def test_the_joint_that_does_not_arrive_at_the_start_is_named():
-    servo = the_servo("2016", start=STARTS["2016"])
+    servo, start = the_servo("2016", start=STARTS["2016"]), np.array(STARTS["2016"])
+    off = np.array([0.1, -0.3, 0.006, 0.004, 0.002, 0.0])
     for t in np.arange(0.0, 4.0, 0.01):
-        command = servo.tick(t, JointSample.of(t, servo.arm.names, np.zeros(6)))
-    assert command.reason.startswith("waiting at the start pose for gantry (0.0000, to be -0.1000)")
-    lead = np.abs(command.positions - STARTS["2016"])
-    assert (lead <= 0.05 + 1e-9).all()
+        command = servo.tick(t, JointSample.of(t, servo.arm.names, start + off))
+    assert command.reason == (
+        "waiting at the start pose for gantry (0.0000, to be -0.1000), J1 (-0.3000, to be 0.0000), "
+        "J2 (0.3551, to be 0.3491)")
+    # Pushed by what it may be ahead at most, unless it is within half of what counts as there.
+    pushed = command.positions - start
+    assert pushed == pytest.approx([-0.05, 0.05, *pushed[2:4], 0.0, 0.0], abs=1e-12)
+    assert (pushed[2:4] < -0.01).all() and (pushed[2:4] >= -0.05).all()
     assert servo.approaching

@@ -220,6 +220,8 @@ def test_targets_geometry():
         box.outline(transform((0.0, 0.0, -1.0), (np.pi, 0.0, 0.0)))
     with pytest.raises(ServoError, match="behind the camera"):  # half of it
         box.outline(transform((0.0, 0.0, 0.2), (0.5 * np.pi, 0.0, 0.0)))
+    with pytest.raises(ServoError, match="behind the camera"):  # its bottom in the camera's centre
+        box.outline(np.eye(4))
     with pytest.raises(ServoError, match="does not look"):
         box.depth(transform((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)))
     apart = {"boxes": [[[0, 0, 0], [0.1, 0.1, 0.01]], [[0.5, 0.5, 0], [0.6, 0.6, 0.01]]]}

@@ -40,6 +40,7 @@ def test_a_picture_and_exact_geometry_say_the_same():
     assert seen.moments.m00 == pytest.approx(exact.moments.m00, rel=0.01)
     assert seen.moments.xg == pytest.approx(exact.moments.xg, abs=1e-3)
     assert seen.moments.order == exact.moments.order == 6
+    assert seen.cameras == {"camera": seen} and not seen.apart
     assert len(seen.contour) > 50
     assert seen.kernel.shape == (20,)
     assert seen.pixel_count > 100

@@ -11,7 +11,10 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from pathlib import Path
+from types import SimpleNamespace
 
 import pyarrow.parquet as pq
 import pytest
@@ -46,6 +49,7 @@ def deaf(finished):
     """Never comes back at a gain of 2, and hears no signal."""
     if finished.experiment.gain == 2.0:
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})
+        Path(os.environ["DEAF"]).touch()
         time.sleep(1e6)
     return 0.0
 
@@ -175,14 +179,36 @@ def test_a_part_of_other_runs_is_run_again_and_not_taken_for_its_own(tiny, tmp_p
 def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, monkeypatch):
     """Here, and in a process of its own that does not hear its alarm."""
     monkeypatch.setattr(work.sys, "path", [*work.sys.path, os.path.dirname(__file__)])
-    monkeypatch.setattr(work, "GRACE", 15.0)
-    for name, pool in (("hanging", ThisProcess()), ("deaf", Dying())):
-        study = tiny(metrics=["success", f"test_engine:{name}"], chunk=3, repeats=1, limit=4.0)
-        made = carried(study, tmp_path / f"{name}-{type(pool).__name__}", pool)
-        table = made.results()
+    hangs, asked = tmp_path / "hangs", []
+    monkeypatch.setenv("DEAF", str(hangs))
+
+    class Watch(threading.Thread):
+        """In place of a Timer: fires once a run hangs, so that nobody has to wait for it."""
+
+        def __init__(self, limit, end):
+            super().__init__(daemon=True)
+            self._end, self._cancelled = end, threading.Event()
+            asked.append(limit)
+
+        def run(self):
+            while not self._cancelled.wait(0.02):
+                if hangs.exists():
+                    hangs.unlink()
+                    self._end()
+                    break
+
+        def cancel(self):
+            self._cancelled.set()
+
+    monkeypatch.setattr(work, "threading", SimpleNamespace(Timer=Watch, Event=threading.Event))
+    rows.row_of(tiny(), 0)  # what the first run of a process loads counts for none
+    for name, pool, limit in (("hanging", ThisProcess(), 4.0), ("deaf", Dying(), 600.0)):
+        study = tiny(metrics=["success", f"test_engine:{name}"], chunk=3, repeats=1, limit=limit)
+        table = carried(study, tmp_path / name, pool).results()
         assert table["outcome"].to_pylist() == ["timed_out", rows.LATE, "timed_out"]
-        assert table["reason"][1].as_py() == "not done after 4 s of wall time"
+        assert table["reason"][1].as_py() == f"not done after {limit:g} s of wall time"
         assert "limit" in table["mend"][1].as_py()
+    assert asked and set(asked) == {600.0 + work.GRACE}
 
 
 def test_a_folder_of_another_study_is_refused_with_the_difference(tiny, tmp_path):

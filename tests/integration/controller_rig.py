@@ -23,7 +23,7 @@ from gazebo_msgs.srv import SpawnModel
 from geometry_msgs.msg import Pose
 from ros_graph import wait_for
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray
+from std_msgs.msg import Float64
 from std_srvs.srv import Empty
 
 STRICT, BEST_EFFORT = 2, 1
@@ -74,7 +74,6 @@ def robot_xml(namespace: str) -> str:
         + joint("slide", "prismatic", "PositionJointInterface", rail)
         + joint("wheel", "continuous", "VelocityJointInterface")
         + joint("servo", "revolute", "PositionJointInterface", 'lower="-2" upper="2"')
-        + joint("motor", "continuous", "VelocityJointInterface")
         + '<gazebo><plugin name="control" filename="libgazebo_ros_control.so">'
         f"<robotNamespace>{namespace}</robotNamespace><eStopTopic>e_stop</eStopTopic>"
         "</plugin></gazebo></robot>"
@@ -84,10 +83,7 @@ def robot_xml(namespace: str) -> str:
 PARAMETERS = {
     "joint_limits": {"slide": {"has_velocity_limits": True, "max_velocity": 2.0}},
     "gazebo_ros_control": {
-        "pid_gains": {
-            "servo": {"p": 40.0, "d": 8.0, "publish_state": True},
-            "motor": {"p": 6.0},
-        }
+        "pid_gains": {"servo": {"p": 40.0, "d": 8.0}},
     },
     "joint_state_controller": {
         "type": "joint_state_controller/JointStateController",
@@ -106,55 +102,15 @@ PARAMETERS = {
         "pid": {"p": 20.0, "d": 4.0, "publish_state": True},
     },
     "slide_to": {"type": "position_controllers/JointPositionController", "joint": "slide"},
-    "servo_to": {"type": "position_controllers/JointPositionController", "joint": "servo"},
     "roll": {"type": "velocity_controllers/JointVelocityController", "joint": "wheel"},
-    "roll_to": {
-        "type": "velocity_controllers/JointPositionController",
-        "joint": "wheel",
-        "pid": {"p": 5.0},
-    },
-    "motor_roll": {"type": "velocity_controllers/JointVelocityController", "joint": "motor"},
     "efforts": {
         "type": "effort_controllers/JointGroupEffortController",
         "joints": ["table", "cart"],
-    },
-    "positions": {
-        "type": "position_controllers/JointGroupPositionController",
-        "joints": ["slide", "servo"],
-    },
-    "velocities": {
-        "type": "velocity_controllers/JointGroupVelocityController",
-        "joints": ["wheel", "motor"],
-    },
-    "effort_positions": {
-        "type": "effort_controllers/JointGroupPositionController",
-        "joints": ["cart", "table"],
-        "cart": {"pid": {"p": 80.0, "d": 20.0}},
-        "table": {"pid": {"p": 20.0, "d": 5.0}},
     },
     "path": {
         "type": "position_controllers/JointTrajectoryController",
         "joints": ["slide", "servo"],
         "constraints": {"goal_time": 0.5, "servo": {"goal": 0.05}},
-    },
-    "effort_path": {
-        "type": "effort_controllers/JointTrajectoryController",
-        "joints": ["cart"],
-        "gains": {"cart": {"p": 800.0, "d": 80.0}},
-        "constraints": {"goal_time": 0.5, "cart": {"trajectory": 0.05}},
-    },
-    "velocity_path": {
-        "type": "velocity_controllers/JointTrajectoryController",
-        "joints": ["wheel"],
-        "gains": {"wheel": {"p": 20.0}},
-        "velocity_ff": {"wheel": 1.0},
-        "constraints": {"goal_time": 0.5},
-    },
-    "grip": {
-        "type": "effort_controllers/GripperActionController",
-        "joint": "cart",
-        "stall_timeout": 0.2,
-        "gains": {"cart": {"p": 300.0, "d": 40.0}},
     },
     "mine": {"type": "my_robot/Constant", "joint": "cart"},
     "mine_too": {"type": "my_controllers:Constant", "joint": "cart"},
@@ -217,10 +173,8 @@ class Rig:
             wait_for(self._publishers[name].get_num_connections, 5.0, f"subscriber of {name}")
         return self._publishers[name]
 
-    def send(self, controller: str, value: object) -> None:
-        message = Float64MultiArray if isinstance(value, list) else Float64
-        publisher = self.publisher(f"{controller}/command", message)
-        publisher.publish(message(data=value))
+    def send(self, controller: str, value: float) -> None:
+        self.publisher(f"{controller}/command", Float64).publish(Float64(value))
 
     def at(self, time_ns: int) -> JointState:
         """The joint states of that time."""

@@ -12,8 +12,6 @@ import rosgraph
 import rospy
 from aras_sim_bridge.srv import StepWorld
 from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
-from dynamic_reconfigure.msg import Config, DoubleParameter
-from dynamic_reconfigure.srv import Reconfigure
 from gazebo_calls import call
 from gazebo_msgs.msg import ModelState, ODEJointProperties
 from gazebo_msgs.srv import (
@@ -35,7 +33,6 @@ from gazebo_msgs.srv import (
     SetLinkState,
     SetModelConfiguration,
     SetModelState,
-    SetPhysicsProperties,
     SpawnModel,
 )
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3, Wrench
@@ -63,18 +60,11 @@ ARM = """<robot name="arm">
 </robot>"""
 BALL = """<robot name="ball"><link name="ball"><inertial><mass value="{mass}"/>
   <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>{more}</link></robot>"""
-SDF_JOINT = """<sdf version="1.6"><model name="m"><link name="a"/><link name="b"/>
-  <joint name="j" type="screw"><parent>a</parent><child>b</child></joint></model></sdf>"""
-MESH = '<visual><geometry><mesh filename="{}"/></geometry></visual>'
 CAMERA = """<robot name="c"><link name="world"/><gazebo reference="world">
   <sensor type="camera" name="c">
     <camera><image><width>32</width><height>24</height></image></camera>
     <plugin name="p" filename="libgazebo_ros_camera.so"><cameraName>{}</cameraName></plugin>
 </sensor></gazebo></robot>"""
-BOMB = """<!DOCTYPE robot [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">
-  <!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;">]><robot name="&c;"><link name="a"/></robot>"""
-FILE = """<!DOCTYPE robot [<!ENTITY f SYSTEM "file:///etc/passwd">]>
-  <robot name="r"><link name="&f;"/></robot>"""
 NAN, INF = math.nan, math.inf
 
 
@@ -214,78 +204,6 @@ def test_bad_requests_are_refused_by_name(unchanged):
         assert word in answer.status_message, (name, fields, answer.status_message)
 
 
-@pytest.mark.parametrize("bad", [0.0, -0.001, 1e-12, 1e9, NAN, INF])
-def test_impossible_steps_are_refused(unchanged, bad):
-    physics = call("get_physics_properties", GetPhysicsProperties)
-    answer = call("set_physics_properties", SetPhysicsProperties, bad, 1000.0, physics.gravity,
-                  physics.ode_config)  # fmt: skip
-    assert not answer.success
-    assert "step" in answer.status_message
-    doubles = [DoubleParameter("time_step", bad)]
-    call("set_parameters", Reconfigure, Config(doubles=doubles))
-    assert call("get_physics_properties", GetPhysicsProperties).time_step in (0.001, 10.0)
-
-
-def test_gravity_and_rate_that_cannot_be_are_refused(unchanged):
-    physics = call("get_physics_properties", GetPhysicsProperties)
-    for rate, gravity in ((1000.0, Vector3(0, 0, NAN)), (1000.0, Vector3(0, 0, -1e9)),
-                          (-1.0, physics.gravity), (INF, physics.gravity)):  # fmt: skip
-        assert not call("set_physics_properties", SetPhysicsProperties, 0.001, rate, gravity,
-                        physics.ode_config).success  # fmt: skip
-
-
-BAD_MODELS = [
-    # (name, text, kind, fields, a word that the reason holds)
-    ("", BALL.format(mass=1, more=""), "urdf", {}, "model_name"),
-    ("a::b", BALL.format(mass=1, more=""), "urdf", {}, "::"),
-    ("ball", BALL.format(mass=1, more=""), "urdf", {}, "exists"),
-    ("x", BALL.format(mass=-1, more=""), "urdf", {}, "mass"),
-    ("x", BALL.format(mass="nan", more=""), "urdf", {}, "mass"),
-    ("x", BALL.format(mass=1, more=""), "urdf", {"initial_pose": pose_of(NAN)}, "initial_pose"),
-    ("x", BALL.format(mass=1, more=""), "urdf", {"reference_frame": "ghost"}, "ghost"),
-    ("x", "<robot name='r'><link name='a'></robot>", "urdf", {}, "line"),
-    ("x", "<robot name='r'/>", "urdf", {}, "no link"),
-    ("x", BOMB, "urdf", {}, "DOCTYPE"),
-    ("x", FILE, "urdf", {}, "DOCTYPE"),
-    ("x", BOMB.replace("robot", "sdf"), "sdf", {}, "DOCTYPE"),
-    ("x", "", "sdf", {}, "no element"),
-    ("x", "hello", "sdf", {}, "no element"),
-    ("x", "<html/>", "sdf", {}, "html"),
-    ("x", "<sdf version='1.6'/>", "sdf", {}, "no <model>"),
-    ("x", SDF_JOINT, "sdf", {}, "screw"),
-    ("x", BALL.format(mass=1, more=MESH.format("package://aras_sim_bridge/../../../etc/passwd")),
-     "urdf", {}, "climbs out"),
-    ("x", BALL.format(mass=1, more=MESH.format("package://aras_sim_bridge/no.stl")), "urdf", {},
-     "no.stl"),
-    ("x", BALL.format(mass=1, more=MESH.format("http://a/b.stl")), "urdf", {}, "http"),
-    ("twin", ARM, "urdf", {}, "'arm'"),
-    ("x", "<robot name='r'>" + "<a>" * 500 + "</a>" * 500 + "</robot>", "urdf", {}, "deep"),
-    ("x", "<robot name='r'>" + " " * 50_000_000 + "</robot>", "urdf", {}, "limit"),
-]  # fmt: skip
-
-
-def test_hostile_models_are_refused(unchanged):
-    for name, text, kind, fields, word in BAD_MODELS:
-        answer = spawn(name, text, kind, **fields)
-        assert not answer.success, text[:200]
-        assert word in answer.status_message, (text[:200], answer.status_message)
-        assert len(answer.status_message) < 500
-
-
-@pytest.mark.parametrize("name, content, reason", [
-    ("a.dae", "<a/>", "not <COLLADA>"), ("a.obj", "v 0 0 0\nf 1 1 99999999\n", "99999999 of 1"),
-    ("a.stl", "not a mesh", "neither ASCII STL nor"),
-])  # fmt: skip
-def test_damaged_meshes_are_refused(unchanged, tmp_path, name, content, reason):
-    """The loaders of Bullet die of the first two."""
-    path = tmp_path / name
-    path.write_text(content)
-    answer = spawn("x", BALL.format(mass=1, more=MESH.format(f"file://{path}")))
-    assert not answer.success
-    for word in ("model 'x'", "link 'ball'", str(path), reason, "export it again"):
-        assert word in answer.status_message
-
-
 def test_names_that_are_taken_in_the_graph_cost_nobody_else_anything(bridge, collect):
     """A camera 'gazebo' has its settings where those of the physics are served."""
     assert spawn("greedy", CAMERA.format("gazebo")).success
@@ -323,32 +241,6 @@ def test_deleted_cameras_leave_no_thread(bridge, collect):
         visit()
     wait_for(lambda: len(list(tasks.iterdir())) <= threads, timeout=10.0, what="threads to end")
     call("pause_physics", Empty)
-
-
-def test_calls_that_fail_as_upstream_says(unchanged):
-    for text, word in (
-        ("<sdf/>", "robot"),
-        ("", "robot"),
-        (BALL.format(mass=1, more=MESH.format("package://no_such_package/a.stl")), "no_such"),
-    ):
-        with pytest.raises(rospy.ServiceException, match=word):
-            spawn("x", text)
-
-
-def test_topics_with_nonsense_change_nothing(unchanged):
-    topic = rospy.Publisher("/gazebo/set_model_state", ModelState, queue_size=4)
-    wait_for(topic.get_num_connections, timeout=5.0, what="the subscriber")
-    topic.publish(ModelState(model_name="ghost"))
-    topic.publish(ModelState(model_name="ball", pose=pose_of(NAN)))
-    call("get_world_properties", GetWorldProperties)
-
-
-def test_zero_quaternion_is_identity():
-    answer = spawn("flat", BALL.format(mass=1, more=""), initial_pose=pose_of(9.0, (0, 0, 0, 0)))
-    assert answer.success, answer.status_message
-    pose = call("get_model_state", GetModelState, "flat", "").pose
-    assert (pose.orientation.w, pose.position.x) == (1.0, 9.0)
-    assert call("delete_model", DeleteModel, "flat").success
 
 
 def test_delete_while_controllers_run_and_resets_between(collect):

@@ -74,6 +74,8 @@ def test_state_of_a_model(call, step, ball):
     assert state.header.frame_id == "world"
     assert call("get_model_state", "ball", "").header.seq == 2
     assert state.status_message == "GetModelState: got properties"
+    for world in ("", "map", "/map"):
+        assert call("get_model_state", "ball", world).pose == state.pose
 
 
 def test_states_are_relative_to_frames(call, another, ball):
@@ -267,14 +269,16 @@ def test_properties_of_a_model_and_its_links(call, slider):
 
 
 def test_a_link_gets_other_properties(call, step, ball):
-    call("set_link_properties", link_name="ball", mass=4.0, ixx=1.0, iyy=1.0, izz=2.0,
-         com=Pose(position=Point(0.0, 0.0, 0.0)), gravity_mode=False)
+    call("set_link_properties", link_name="ball", mass=4.0, ixx=1.0, iyy=1.5, izz=2.0,
+         com=Pose(position=Point(0.1, 0.0, 0.0)), gravity_mode=False)
     link = call("get_link_properties", "ball")
-    assert (link.mass, link.izz, link.gravity_mode) == (4.0, 2.0, False)
+    assert (link.mass, link.ixx, link.iyy, link.izz) == (4.0, 1.0, 1.5, 2.0)
+    assert (xyz(link.com.position), link.gravity_mode) == ((0.1, 0.0, 0.0), False)
     wrench = Wrench(force=Vector3(4.0, 0.0, 0.0), torque=Vector3(0.0, 0.0, 4.0))
     call("apply_body_wrench", body_name="ball", wrench=wrench, duration=FOR_EVER)
     step(10)
-    assert xyz(velocity(call).linear) == pytest.approx((0.01, 0.0, 0.0), abs=1e-9)
+    # The centre of mass goes at F t / m; the link's origin is 0.1 m beside it, along y.
+    assert xyz(velocity(call).linear) == pytest.approx((0.01 + 0.1 * 0.02, 0.0, 0.0), abs=1e-5)
     assert velocity(call).angular.z == pytest.approx(0.02, abs=1e-6)
     assert "mass" in call("set_link_properties", link_name="ball", refused=True).status_message
 

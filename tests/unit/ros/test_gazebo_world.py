@@ -23,7 +23,7 @@ def xyz(message) -> tuple[float, float, float]:
     return (message.x, message.y, message.z)
 
 
-def test_lights(call):
+def test_lights(api, call):
     sun = call("get_light_properties", "sun")
     assert sun.status_message == "GetLightProperties: got properties"
     pose = Pose(Point(1.0, 2.0, 3.0), QUARTER)
@@ -37,6 +37,8 @@ def test_lights(call):
     assert (sun.diffuse.r, sun.diffuse.g, sun.diffuse.b, sun.diffuse.a) == (0.1, 0.2, 0.3, 0.4)
     attenuation = sun.attenuation_constant, sun.attenuation_linear, sun.attenuation_quadratic
     assert attenuation == (0.5, 0.6, 0.7)
+    light = api.thread.simulation.lights["sun"]
+    assert (light.direction, light.origin_xyz) == ((0.0, 0.0, -1.0), (1.0, 2.0, 3.0))
     answer = call("set_light_properties", **{**given, "direction": Vector3()})
     assert "keeps the one it had" in answer.status_message
     assert "'sun'" in call("delete_light", "sun").status_message

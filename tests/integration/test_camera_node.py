@@ -193,15 +193,6 @@ def test_lost_target_is_logged_at_a_bounded_rate(ros_node, collect, start) -> No
     assert 1 <= node.output().count("no measurement: no target in view") <= 5
 
 
-def test_kernel_layout_has_the_originals_20_numbers(ros_node, collect, start) -> None:
-    start(layout="kernel")
-    rig = Rig(collect)
-    rig.frame(picture())
-    data = rig.data.wait().data
-    assert len(data) == 20 and data[15] == -1.0
-    assert data[18] == pytest.approx(4500 * 0.017 * 0.0185)
-
-
 def test_kernel_features_carry_their_images_stamp_or_a_reason(ros_node, collect, start) -> None:
     start()  # whatever the layout of camera/data
     rig = Rig(collect)

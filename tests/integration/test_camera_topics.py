@@ -1,24 +1,22 @@
-"""Cameras in the graph: formats, transports, settings, frames, and what is refused."""
+"""Cameras in the graph: formats, stamps, lenses, depth, frames.
+
+Transports, settings and what is refused: tests/unit/ros, tests/unit/camera.
+"""
 
 from __future__ import annotations
 
 import math
 import time
 from itertools import pairwise
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 import rospy
 import yaml
-from dynamic_reconfigure.msg import Config, ConfigDescription, DoubleParameter, StrParameter
-from dynamic_reconfigure.srv import Reconfigure
 from gazebo_msgs.msg import PerformanceMetrics
 from ros_graph import wait_for, wait_for_message
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
-from sensor_msgs.srv import SetCameraInfo
-from std_msgs.msg import Header, String
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 CAMERA = "/labrob/camera"
@@ -34,33 +32,13 @@ FORMATS = {
 WORLD = {
     **{f"as_{name}": {**SMALL, "format": name} for name in FORMATS},
     "lab": {"deep": {**SMALL, "depth": True, "segmentation": True}},
-    "named": {**SMALL, "segmentation": True},
     "late": {**SMALL, "latency": 0.1, "update_rate": 20.0},
-    "lossy": {**SMALL, "effects": {"drop_probability": 0.5}},
     "fish": {**SMALL, "lens": "equidistant", "horizontal_fov": 3.5},
     "legacy": {**SMALL, "legacy_camera_info": True},
-    "prefixed": {**SMALL, "tf_prefix_is_no_key": 1},
-    "misspelt": {**SMALL, "horizontal_fow": 1.0},
-    "wrong_type": {**SMALL, "width": "wide"},
-    "impossible": {**SMALL, "horizontal_fov": 3.3},
-    "folding": {**SMALL, "distortion_coefficients": [-2.0, 0.0, 0.0, 0.0, 0.0]},
-    "too_fast": {**SMALL, "update_rate": 2000.0},
-    "nowhere": {**SMALL, "parent": "the_moon"},
-    "unplaced": {**SMALL, "pose": [0.0, 1.0]},
-}
-REFUSED = {
-    "misspelt": ("horizontal_fow", "horizontal_fov"),
-    "wrong_type": ("width", "whole number"),
-    "impossible": ("horizontal_fov", "fisheye"),
-    "folding": ("distortion_coefficients", "smaller"),
-    "too_fast": ("update_rate", "physics rate"),
-    "nowhere": ("parent", "world"),
-    "unplaced": ("pose", "[x, y, z, roll, pitch, yaw]"),
-    "prefixed": ("unknown key 'tf_prefix_is_no_key'", "optical_frame_name"),
 }
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="module", autouse=True)
 def machine(launch, ros_node, tmp_path_factory):
     """The shipped robot with its calibrated camera, moved in its link, and cameras of the world."""
     path = tmp_path_factory.mktemp("cameras") / "world.yaml"
@@ -76,20 +54,9 @@ def machine(launch, ros_node, tmp_path_factory):
     return launched
 
 
-@pytest.fixture(autouse=True)
-def _running(machine):
-    return machine
-
-
 def pixels(message: Image, kind: type = np.uint8) -> np.ndarray:
     """(height, width[, channels]) of a message."""
     return np.frombuffer(message.data, kind).reshape(message.height, message.width, -1).squeeze()
-
-
-def reconfigure(namespace: str, **config: list) -> Config:
-    service = rospy.ServiceProxy(f"{namespace}/set_parameters", Reconfigure)
-    service.wait_for_service(10.0)
-    return service(Config(**config)).config
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -102,18 +69,6 @@ def test_formats(name):
     full = 65535 if size in (2, 6) else 255
     assert levels.max() == full * 233 // 255  # white that faces up
     assert levels.min() <= full // 25
-
-
-def test_image_is_latched_and_drawn_only_for_subscribers(machine):
-    def drawing() -> dict[str, float]:
-        return {s.name: s.fps for s in wait_for_message("/gazebo/performance_metrics",
-                                                        PerformanceMetrics).sensors}
-
-    first = wait_for_message("/lossy/image_raw", Image)
-    wait_for(lambda: drawing()["lossy"] == 0.0, 5.0, "the end of drawing", interval=0.1)
-    wait_for_message("/lossy/camera_info", CameraInfo)
-    again = wait_for_message("/lossy/image_raw", Image)
-    assert again.header.stamp >= first.header.stamp
 
 
 def test_stamps_stay_true_when_nobody_looked_for_a_while(collect):
@@ -148,15 +103,6 @@ def test_latency_shifts_arrival_and_not_the_stamp(collect):
     assert now - late.messages[-1].header.stamp.to_nsec() >= 90_000_000
 
 
-def test_lost_frames_leave_gaps(collect):
-    lossy = collect("/lossy/image_raw", Image)
-    lossy.wait(20)
-    indices = [round(m.header.stamp.to_sec() * 30) for m in lossy.messages][1:]
-    gaps = [b - a for a, b in pairwise(indices)]
-    assert min(gaps) == 1
-    assert max(gaps) > 1
-
-
 def test_depth_and_segmentation():
     depth = wait_for_message("/lab/deep/depth/image_raw", Image)
     assert (depth.encoding, depth.step) == ("32FC1", 256)
@@ -170,82 +116,6 @@ def test_depth_and_segmentation():
     names = {number: name for number, name in yaml.safe_load(text).items()}
     seen = {names[n] for n in np.unique(pixels(labelled, np.int32)) if n >= 0}
     assert {"aras_visual_servo::base_link", "target::planar_object"} <= seen
-
-
-def test_labels_come_without_the_picture():
-    text = wait_for_message("/named/segmentation/labels", String).data
-    assert "aras_visual_servo::camera_link" in yaml.safe_load(text).values()
-
-
-def test_compressed_transport(collect):
-    topic = f"{CAMERA}/image_raw"
-    sent = collect(f"{topic}/compressed", CompressedImage)
-    images = collect(topic, Image)
-
-    def latest_pair(image_format: str) -> tuple[CompressedImage, np.ndarray]:
-        """The last compressed image of a format that came, and the raw one of the same instant."""
-
-        def pair() -> tuple[CompressedImage, Image] | None:
-            raw = {image.header.stamp: image for image in list(images.messages)}
-            wanted = [m for m in list(sent.messages) if image_format in m.format]
-            same = [(m, raw[m.header.stamp]) for m in wanted if m.header.stamp in raw]
-            return same[-1] if same else None
-
-        message, image = wait_for(pair, 10.0, f"a raw image and its {image_format}")
-        return message, pixels(image)
-
-    def decoded(message: CompressedImage) -> np.ndarray:
-        data = np.frombuffer(message.data, np.uint8)
-        return cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1]
-
-    jpeg, image = latest_pair("jpeg")
-    assert jpeg.format == "rgb8; jpeg compressed bgr8"
-    assert jpeg.data[:2] == b"\xff\xd8"
-    assert np.abs(decoded(jpeg).astype(int) - image).mean() < 3.0
-    reply = reconfigure(f"{topic}/compressed", strs=[StrParameter("format", "png")])
-    assert [s.value for s in reply.strs] == ["png"]
-    png, image = latest_pair("png")
-    assert png.format == "rgb8; png compressed bgr8"
-    assert np.array_equal(decoded(png), image)
-    reply = reconfigure(f"{topic}/compressed", strs=[StrParameter("format", "gif")])
-    assert [s.value for s in reply.strs] == ["png"]
-
-
-def test_imager_rate(machine, collect):
-    described = wait_for_message(f"{CAMERA}/parameter_descriptions", ConfigDescription)
-    (parameter,) = described.groups[0].parameters
-    assert (parameter.name, parameter.type, parameter.level) == ("imager_rate", "double", 3)
-    assert (described.min.doubles[0].value, described.max.doubles[0].value) == (1.0, 50.0)
-    assert rospy.get_param(f"{CAMERA}/imager_rate") == 30.0
-    images = collect(f"{CAMERA}/image_raw", Image)
-    images.wait()
-    reconfigure(CAMERA, doubles=[DoubleParameter("imager_rate", 50.0)])
-    images.clear()
-    images.wait(8)
-    stamps = [m.header.stamp.to_nsec() for m in images.messages][2:]
-    assert {b - a for a, b in pairwise(stamps)} == {20_000_000}
-    assert rospy.get_param(f"{CAMERA}/imager_rate") == 50.0
-    for wrong in ({"strs": [StrParameter("imager_rate", "fast")]},
-                  {"doubles": [DoubleParameter("imager_rate", math.nan)]}):
-        assert reconfigure(CAMERA, **wrong).doubles[0].value == 50.0
-    assert "imager_rate is 'fast', must be a double; nothing was changed" in machine.output()
-    reconfigure(CAMERA, doubles=[DoubleParameter("imager_rate", 30.0)])
-
-
-def test_set_camera_info_writes_its_file(ros_master):
-    info = wait_for_message(f"{CAMERA}/camera_info", CameraInfo)
-    changed = CameraInfo(**{name: getattr(info, name) for name in info.__slots__})
-    changed.K = [100.0, 0, 160, 0, 100, 120, 0, 0, 1]
-    changed.header = Header()  # as camera_calibration sends it
-    service = rospy.ServiceProxy(f"{CAMERA}/set_camera_info", SetCameraInfo)
-    assert service(changed).success
-    taken = wait_for_message(f"{CAMERA}/camera_info", CameraInfo, where=lambda m: m.K[0] == 100.0)
-    assert taken.header.frame_id == info.header.frame_id != ""
-    path = Path(ros_master.environment["ROS_HOME"], "camera_info", "labrob", "camera.yaml")
-    written = yaml.safe_load(path.read_text())
-    assert written["camera_name"] == "labrob/camera"
-    assert written["camera_matrix"]["data"] == list(changed.K)
-    assert service(info).success
 
 
 def test_frames_of_cameras_without_urdf_are_on_tf_static():
@@ -265,17 +135,3 @@ def test_frames_of_cameras_without_urdf_are_on_tf_static():
     assert 1 - 2 * (q.x**2 + q.y**2) == pytest.approx(-1.0)
     image = wait_for_message(f"{CAMERA}/image_raw", Image)
     assert image.header.frame_id == "camera_mounted_optical_frame"
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_impossible_cameras_are_refused_in_one_line(machine, name):
-    lines = [li for li in machine.output().splitlines() if f"cameras/{name} is left out" in li]
-    assert len(lines) == 1
-    for word in REFUSED[name]:
-        assert word in lines[0]
-    assert "Traceback" not in machine.output()
-    assert not any(topic.startswith(f"/{name}/") for topic, _ in rospy.get_published_topics())
-
-
-def test_settings_of_no_camera_are_told(machine):
-    assert "/gazebo/cameras/typo/camera belong to no camera" in machine.output()

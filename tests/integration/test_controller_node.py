@@ -183,15 +183,6 @@ def test_services_and_an_action_start_stop_and_hold(plant, start, states):
     assert last.rank == 4 and len(last.margins) == 6 and len(last.error) == 4
 
 
-def test_a_dry_run_sends_nothing(plant, start, states):
-    start("_start:=none", "_dry:=true")
-    wait_for(phase_is(states, "servoing"), 20.0, "servoing")
-    time.sleep(0.5)
-    assert not plant.received
-    assert np.abs(states.messages[-1].camera_twist.linear.x) >= 0.0
-    assert any(np.abs(m.joint_velocities).max() > 0.0 for m in states.messages)
-
-
 def test_a_dry_run_over_a_recorded_bag_answers_its_images_and_sends_nothing(
     ros_node, ros_master, start, states, collect, tmp_path
 ):

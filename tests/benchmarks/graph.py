@@ -1,4 +1,4 @@
-"""What the benchmarks of the running node share: a graph of their own, and what a process uses."""
+"""A graph of a benchmark's own with the running robot, and what the node's process uses."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ COMMANDS = tuple(
     f"{ROBOT}/{name}_position_controller/command"
     for name in ("gantry", "joint1", "joint2", "joint3", "joint5", "joint6")
 )
-JOINTS = ("gantry", "J1", "J2", "J3", "J5", "J6")
 TICK = os.sysconf("SC_CLK_TCK")
 PAGE = os.sysconf("SC_PAGE_SIZE")
 

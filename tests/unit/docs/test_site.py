@@ -7,20 +7,20 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
 from blocks import PAGES, ROOT
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory) -> Path:
-    out = tmp_path_factory.mktemp("site")
-    words = [sys.executable, str(ROOT / "docs" / "make_site.py"), "--fresh", "--out", str(out)]
+def test_the_site_is_built_whole(tmp_path):
+    """One test, as each process of several would build it again."""
+    words = [sys.executable, str(ROOT / "docs" / "make_site.py"), "--fresh", "--out", str(tmp_path)]
     done = subprocess.run(words, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, f"a warning is an error:\n{done.stderr[-3000:]}"
-    return out
+    every_page_is_there_and_in_the_contents(tmp_path)
+    nothing_is_fetched_from_elsewhere(tmp_path)
+    docstrings_are_shown_as_they_are_written(tmp_path)
 
 
-def test_every_page_is_there_and_in_the_contents(site):
+def every_page_is_there_and_in_the_contents(site: Path) -> None:
     first = (site / "index.html").read_text(encoding="utf-8")
     for page in PAGES:
         name = page.relative_to(ROOT).with_suffix(".html")
@@ -30,14 +30,14 @@ def test_every_page_is_there_and_in_the_contents(site):
         assert name.name == "README.html" and len(name.parts) == 1 or f'href="{name}"' in first
 
 
-def test_nothing_is_fetched_from_elsewhere(site):
+def nothing_is_fetched_from_elsewhere(site: Path) -> None:
     """A page opened without a network looks as with one."""
     for page in site.rglob("*.html"):
         text = page.read_text(encoding="utf-8")
         assert not re.findall(r'<(?:script|link|img)\b[^>]*(?:src|href)="https?:[^"]*"', text), page
 
 
-def test_docstrings_are_shown_as_they_are_written(site):
+def docstrings_are_shown_as_they_are_written(site: Path) -> None:
     text = (site / "docs" / "api" / "bench.html").read_text(encoding="utf-8")
     shown = re.sub(r"<[^>]+>", "", text)
     # a field that goes on in the next line, and names that end in an underscore

@@ -125,17 +125,6 @@ def test_position_soft_slows_down_towards_the_soft_limit(make_soft):
     assert given == pytest.approx([1.1, 1.18, 1.244])
 
 
-def test_position_soft_slows_down_towards_the_lower_soft_limit(make_soft):
-    joint = handle(make_soft(k_position=2.0), position=-1.0, interface=POSITION)
-    rule = LimitRule(POSITION_SOFT, LIMITS, joint)
-    given = []
-    for _ in range(3):
-        joint.position_command = -9.0
-        rule.enforce(joint, DT)
-        given.append(joint.position_command)
-    assert given == pytest.approx([-1.1, -1.18, -1.244])
-
-
 RULES = {EFFORT_SATURATION: EFFORT, EFFORT_SOFT: EFFORT, POSITION_SATURATION: POSITION,
          POSITION_SOFT: POSITION, VELOCITY_SATURATION: VELOCITY, VELOCITY_SOFT: VELOCITY}
 COMMANDS = {EFFORT: "effort_command", POSITION: "position_command", VELOCITY: "velocity_command"}

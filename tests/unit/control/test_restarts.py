@@ -2,34 +2,6 @@
 
 import pytest
 
-PID = {"p": 10.0, "i": 50.0, "d": 0.1, "i_clamp": 100.0}
-KINDS = {
-    "effort_controllers/JointPositionController": {"joint": "a", "pid": PID},
-    "effort_controllers/JointVelocityController": {"joint": "a", "pid": PID},
-    "effort_controllers/JointGroupPositionController": {"joints": ["a"], "a": {"pid": PID}},
-    "effort_controllers/JointTrajectoryController": {"joints": ["a"], "gains": {"a": PID}},
-}
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_restarted_pid_knows_nothing_of_its_first_life(make_rig, make_joint, kind):
-    """The joint is pushed off while it runs; started again there, there is no error and no effort.
-
-    The integral and the last error of the first life would give 1 N m and more.
-    """
-    rig = make_rig([make_joint("a")], {"c": {"type": kind, **KINDS[kind]}}, physics=False)
-    rig.run("c")
-    rig.step(2)
-    rig.model.q[0], rig.model.v[0] = 0.5, 0.5
-    rig.step(100)
-    assert abs(rig.model.tau[0]) > 1.0
-    rig.manager.switch([], ["c"])
-    rig.step(2)
-    rig.model.v[0] = 0.0
-    rig.manager.switch(["c"], [])
-    rig.step(5)
-    assert rig.model.tau[0] == 0.0
-
 
 def test_a_restarted_trajectory_controller_tells_its_state_at_the_same_pace(make_rig, make_joint):
     rig = make_rig([make_joint("a", interface="PositionJointInterface")], {"c": {

@@ -79,22 +79,6 @@ def test_overshoot_is_of_the_worst_feature_in_parts_of_its_first():
     assert measured("overshoot", run(still)) == 0.0
 
 
-def test_paths_begin_with_the_first_image():
-    x = np.where(TIME < 0.0, 5.0, np.clip(0.1 - 0.1 * TIME, 0.0, 0.1))
-    assert measured("path_length", run(x=x)) == pytest.approx(0.1)
-    assert measured("path_ratio", run(x=x)) == pytest.approx(1.0)
-    away, home = np.clip(0.1 + 0.1 * TIME, 0.1, 0.2), np.clip(0.3 - 0.1 * TIME, 0.0, 1.0)
-    back = np.where(TIME < 1.0, away, home)
-    assert measured("path_ratio", run(x=back)) == pytest.approx(3.0, abs=0.02)
-
-
-@pytest.mark.parametrize(("value", "expected"), [(-1.0, 1.0), (2.0, 1.0), (1.9, 0.0), (-0.9, 0.0)])
-def test_time_at_limits_counts_both_ends_of_the_range(value, expected):
-    joints = np.where((TIME >= 1.0) & (TIME < 2.0), value, 0.5)
-    joints[TIME < 0.0] = 2.0
-    assert measured("limit_time", run(joints=joints)) == pytest.approx(expected, abs=0.011)
-
-
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_what_is_summed_over_time_needs_two_joint_states(count):
     """And is known from the second on."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 
@@ -43,30 +42,7 @@ def made(success, settled, name="one", seeds=None, gains=(1.0, 2.0)):
     return Results(name, study, table)
 
 
-def test_pairs_see_what_the_samples_alone_do_not():
-    rng = np.random.default_rng(0)
-    before = rng.normal(0.0, 1.0, 30)
-    after = before - 0.1 + rng.normal(0.0, 0.02, 30)
-    assert statistics.compare_values(before, after, True).p < 1e-4
-    assert statistics.compare_values(before, after, False).p > 0.1
-    assert statistics.compare_values(before, before, True).p == 1.0
-
-
-def test_a_table_has_a_row_for_each_setting():
-    found = tables.tabulated([made([1, 1, 0, 1], [1.0, 2.0, 8.0, 9.0])], metrics=["settled"])
-    assert found.keys == ("gain",)
-    (one, first), (two, second) = found.rows
-    assert (one, two) == ((1.0,), (2.0,))
-    assert (first[0].value, second[0].value) == (1.0, 0.5)
-    assert (first[1].value, second[1].value) == (1.5, 8.5)
-    lines = tables.written(found, "md").splitlines()
-    assert lines[0] == "| gain (1/s) | runs | success | settled (s) | commonest failure |"
-    assert lines[2].startswith("| 1 | 2 | 1 [0.342, 1] | 1.5 [")
-    rows = list(csv.DictReader(io.StringIO(tables.written(found, "csv"))))
-    assert float(rows[1]["success"]) == 0.5 and int(rows[1]["settled_n"]) == 2
-    assert rows[1]["gain"] == "2.0" and rows[1]["commonest failure"] == "1 of 1 x"
-    tex = tables.written(found, "tex")
-    assert tex.count(r"\\") == 3 and r"\begin{tabular}{lrrrl}" in tex
+def test_a_table_of_several_studies_names_them():
     several = tables.tabulated([made([1, 1], [1, 1]), made([0, 0], [1, 1], "two")])
     assert several.keys[0] == "study" and several.rows[3][0] == ("two", 2.0)
 

@@ -51,13 +51,6 @@ def test_cases_go_with_each_point_of_the_grid():
     assert study.points == 4
 
 
-def test_spacings():
-    study = Study.from_mapping({"experiment": FREE, "vary": {
-        "gain": {"log": [0.5, 8.0, 5]}, "delay": {"linear": [0.0, 0.04, 3]}}})  # fmt: skip
-    np.testing.assert_allclose(study.axes[0].values, [0.5, 1, 2, 4, 8])
-    np.testing.assert_allclose(study.axes[1].values, [0.0, 0.02, 0.04])
-
-
 @pytest.mark.parametrize("sampling", ["random", "sobol"])
 def test_what_is_drawn_has_its_distribution(sampling):
     values = drawn(
@@ -73,15 +66,6 @@ def test_what_is_drawn_has_its_distribution(sampling):
     assert 0.45 < values["law"].count("a") / 4096 < 0.55
     # Each key has numbers of its own.
     assert abs(np.corrcoef(values["delay"], values["gain"])[0, 1]) < 0.06
-
-
-def test_sobol_fills_more_evenly_than_chance_and_goes_on_over_its_blocks():
-    def discrepancy(sampling):
-        values = drawn(2048, sampling, gain={"uniform": [1.0, 2.0]}, delay={"uniform": [0.0, 1.0]})
-        return stats.qmc.discrepancy(np.column_stack([np.array(values["gain"]) - 1.0,
-                                                      values["delay"]]))
-
-    assert discrepancy("sobol") < 0.1 * discrepancy("random")
 
 
 def test_values_are_drawn_as_numpy_says_so_that_anyone_can_work_them_out():

@@ -76,7 +76,7 @@ AREAS = {
              (f"{_UNIT}/ros", f"{_UNIT}/control", f"{_UNIT}/camera",
               f"{_UNIT}/world/test_divergence"),
              graph=tuple(f"{_INTEGRATION}/test_bridge_{name}.py" for name in (
-                 "gazebo_api", "resets", "lockstep", "controllers", "controller_manager"))
+                 "scene", "resets", "lockstep", "controllers", "controller_manager"))
              + (f"{_INTEGRATION}/test_camera_topics.py",)),
         Area("vision", (f"{VISION}/**/*.py",),
              (f"{_UNIT}/features", f"{_UNIT}/camera/test_model_tracking",

@@ -364,11 +364,11 @@ def test_a_file_that_cannot_be_used_is_one_line(tmp_path, name, content, told):
 # -- in the loop -----------------------------------------------------------------------------------
 
 RUN = {
-    "plant": "ideal", "features": "pictures", "gain": 1.5, "duration": 8.0, "linger": 0.2,
+    "plant": "ideal", "features": "pictures", "gain": 4.0, "duration": 4.0, "linger": 0.2,
     "camera": {"width": 320, "height": 240, "horizontal_fov": 0.98, "update_rate": 25.0},
     "goal": {"pose": [0.0, 0.0, -0.35, 0.0, 0.0, 0.0]},
     "start": {"pose": [0.02, -0.015, -0.4, 0.05, -0.04, 0.2]},
-    "options": {"hold": 0.4}, "reached": [3e-3, 0.02],
+    "options": {"hold": 0.2}, "reached": [1e-3, 0.01],
 }  # fmt: skip
 TURNED = [0.0, 0.0, 0.0, 3.141592653589793, 0.0, 0.0]
 

@@ -336,8 +336,9 @@ LAUNCH_FILES = sorted(
 
 
 def addresses(monkeypatch, path, environment, arguments):
-    """The ROS_IP that a launch file gives to its nodes."""
+    """The ROS_IP that a launch file gives to its nodes; its commands are not run."""
     roslaunch = pytest.importorskip("roslaunch")
+    monkeypatch.setattr(roslaunch.xmlloader.XmlLoader, "param_value", lambda *_: "")
     for name in ("ROS_IP", "ROS_HOSTNAME", "ROS_MASTER_URI"):
         monkeypatch.delenv(name, raising=False)
     for name, value in {"ROS_PACKAGE_PATH": f"{PACKAGE.parent}:/usr/share", **environment}.items():

@@ -25,6 +25,7 @@ cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")"
 ./setup.sh --for developing
 # Whatever ROS the caller's shell has sourced stays out of it.
 unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH PYTHONPATH PYTHONHOME
+unset PYTHONDONTWRITEBYTECODE # or each of some hundred processes compiles what it imports anew
 set +u # catkin's file reads variables that may be unset
 ros() { . devel/setup.bash; } # in a function: catkin's file would take --help and others for its own
 ros
@@ -46,15 +47,24 @@ for argument in "$@"; do
 done
 
 # Unit tests share nothing. Nor do graphs, each with a master of its own: a file of them has one process at a
-# time. Both wait for time to go by too, so there is one process more than there are cores; more than four files
-# of graphs at once would only wait for each other.
+# time; more than four files of graphs at once would only wait for each other. Graph tests wait for time to go by
+# most of the while, so the unit tests run beside them, on what they leave.
 # What a graph does hangs on how the machine shares its time among a dozen processes: a graph test that
 # fails has a second try, and the summary names it (R).
-units=$(($(nproc) + 1)) graphs=$(($(nproc) + 1))
+units=$(nproc) graphs=$(($(nproc) + 1))
 ((graphs <= 4)) || graphs=4
 no_test=5 unit=0 graph=0
-.venv/bin/python -m pytest -n "$units" --dist worksteal tests/unit "$@" || unit=$?
+log=build/unit_tests.log
+: >"$log"
+set -m # a process group of its own, in which Ctrl-C is not ignored
+nice -n 10 .venv/bin/python -m pytest -n "$units" --dist worksteal tests/unit "$@" >"$log" 2>&1 </dev/null &
+beside=$!
+set +m
+trap 'kill -- "-$beside" 2>/dev/null || true' EXIT
 .venv/bin/python -m pytest -n "$graphs" --dist loadfile --no-loadscope-reorder --reruns 1 -r fER tests/integration "$@" || graph=$?
+tail -n +1 -f --pid="$beside" "$log"
+wait "$beside" || unit=$?
+trap - EXIT
 # -k may choose tests of one suite alone.
 [[ $unit == "$no_test" ]] && exit "$graph"
 [[ $graph == "$no_test" || $graph == 0 ]] && exit "$unit"

@@ -51,50 +51,32 @@ def demo(out, *arguments, timeout=90.0):
     )  # fmt: skip
 
 
-def converged(out, *arguments):
-    """The summary of a demo that has to converge."""
-    done = demo(out, *arguments)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "Target reached" in done.stdout
-    summary = json.loads((out / "summary.json").read_text())
-    assert summary["converged"] is True
-    return summary
-
-
-def test_converges_and_reports(tmp_path):
-    out = tmp_path / "out"
-    summary = converged(out, "--scheme", "moments", "--start", "2015")
-    # Of some 200 pictures a loaded machine may lose three.
-    assert summary["image_rate"] == pytest.approx(30.0, rel=0.015)
-    assert summary["final_distance"] < 0.002
-    assert summary["final_angle"] < 0.035
-    assert summary["notes"] == []  # the bag says all that a report wants to know
-    assert summary["settings"]["scheme"] == "moments"
-    assert summary["verdict"] == "goal_reached"
-    assert summary["settled"] < 3.0
-    bounds = {"xn": 0.001, "yn": 0.003, "an": 0.005, "alpha": 0.01}
-    for name, bound in bounds.items():
-        assert abs(summary[f"worst_error_{name}"]) < bound, name
-    for name in FILES:
-        assert (out / name).stat().st_size > 200, name
-    assert leftovers(out) == []
-
-
-def test_converges_with_another_camera_mounting_and_target(tmp_path):
+def test_converges_with_another_camera_mounting_and_target_and_reports(tmp_path):
     """With noise, another start, another mounting and another target, before which the goal has to
     be taught, at once. How fast and how near is held to in tests/unit/loop, for every preset."""
-    summary = converged(
-        tmp_path / "out", "--camera", "noisy", "--start", "2016",
+    out = tmp_path / "out"
+    done = demo(
+        out, "--camera", "noisy", "--start", "2016",
         "--camera-xyz", "0 0.03 0", "--camera-rpy", "0 0.1745 0",
         "--target", "l_shape", "--target-size", "0.06 0.06", "--urdf", str(URDF),
         "joint_friction:=false",
     )  # fmt: skip
-    assert summary["settings"]["camera"] == "noisy"
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "Target reached" in done.stdout
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["converged"] is True and summary["verdict"] == "goal_reached"
+    assert summary["notes"] == []  # the bag says all that a report wants to know
+    # Of some 200 pictures a loaded machine may lose three.
+    assert summary["image_rate"] == pytest.approx(30.0, rel=0.015)
+    settings = {"scheme": "moments", "camera": "noisy", "target": "l_shape"}
+    assert {name: summary["settings"][name] for name in settings} == settings
     # Pose of the optical frame by tf, which knows of a moved camera by its description.
-    assert summary["final_distance"] < 0.001
-    assert summary["final_angle"] < 0.0175
-    assert summary["settings"]["target"] == "l_shape"
-    assert leftovers(tmp_path / "out") == []
+    assert summary["final_distance"] < 0.001 and summary["final_angle"] < 0.0175
+    for name in ("xn", "yn", "an", "alpha"):
+        assert abs(summary[f"worst_error_{name}"]) < 0.01, name
+    for name in FILES:
+        assert (out / name).stat().st_size > 200, name
+    assert leftovers(out) == []
 
 
 def test_kernel_features_of_another_camera_end_the_demo_with_the_mend(tmp_path):

@@ -229,27 +229,24 @@ def test_a_study_that_appears_grows_and_goes_is_followed(page, folder):
     assert "of 164 runs" in page.js(COUNTED)
 
 
-@pytest.mark.parametrize(
-    ("width", "themes"), [(SIZES[0], ["Dark", "Light"]), (SIZES[1], ["Dark"])]
-)
-def test_nothing_hinders_readers_nor_sticks_out(watched, served, width, themes):
+@pytest.mark.parametrize(("width", "theme"), [(SIZES[0], "Light"), (SIZES[1], "Dark")])
+def test_nothing_hinders_readers_nor_sticks_out(watched, served, width, theme):
     tab = watched(served.access.address, width, READY)
-    for theme in themes:
-        tab.js(f"document.getElementById('theme').textContent === '{theme}' "
-               "&& document.getElementById('theme').click()")  # fmt: skip
+    tab.js(f"document.getElementById('theme').textContent === '{theme}' "
+           "&& document.getElementById('theme').click()")  # fmt: skip
+    settle(tab)
+    tab.js("document.querySelector('details').open = true")
+    tab.js("document.querySelector('#pair button').click()")
+    for run in (False, True):
+        pressed = "#rows tbody tr" if run else "#run button"
+        tab.js(f"document.querySelector('{pressed}')?.click()")
+        tab.wait(f"document.getElementById('run').hidden !== {str(run).lower()}")
         settle(tab)
-        tab.js("document.querySelector('details').open = true")
-        tab.js("document.querySelector('#pair button').click()")
-        for run in (False, True):
-            pressed = "#rows tbody tr" if run else "#run button"
-            tab.js(f"document.querySelector('{pressed}')?.click()")
-            tab.wait(f"document.getElementById('run').hidden !== {str(run).lower()}")
-            settle(tab)
-            assert tab.js("document.documentElement.scrollWidth") == width
-            assert tab.audit() == []
-            if keep := os.environ.get("ARAS_SCREENSHOTS"):
-                name = f"browse_{width}_{theme}_{'run' if run else 'all'}.png"
-                Path(keep, name).write_bytes(tab.screenshot())
+        assert tab.js("document.documentElement.scrollWidth") == width
+        assert tab.audit() == []
+        if keep := os.environ.get("ARAS_SCREENSHOTS"):
+            name = f"browse_{width}_{theme}_{'run' if run else 'all'}.png"
+            Path(keep, name).write_bytes(tab.screenshot())
     assert tab.js("[wrong, window.hit]") == [[], None]
     tab.close()
 

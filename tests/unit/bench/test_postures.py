@@ -10,7 +10,7 @@ from aras_visual_servo_bench.asked import postures
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.robots import Robot
-from aras_visual_servo_bench.plants.drawn_arm import DrawnArm
+from aras_visual_servo_bench.plants.posed_arm import PosedArm
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.targets.geometry import PolygonTarget
 
@@ -97,7 +97,7 @@ def test_the_first_posture_is_taken_where_it_hides_nothing(experiment):
         pose = transform(goal["pose"][:3], goal["pose"][3:])
         plain = found.arm.inverse(pose, np.zeros(5))
         np.testing.assert_array_equal(found.at(pose), plain)
-        np.testing.assert_array_equal(found.start(pose, pose), plain)
+        np.testing.assert_array_equal(found.start(pose, None), plain)
 
 
 def test_a_posture_that_hides_nothing_is_preferred(experiment):
@@ -108,7 +108,7 @@ def test_a_posture_that_hides_nothing_is_preferred(experiment):
     chosen = found.at(pose)
     assert found.hidden(chosen) == 0.0 and not parts.notes
     np.testing.assert_allclose(found.arm.pose(chosen), pose, atol=1e-8)
-    begun = found.start(transform(START["pose"][:3], START["pose"][3:]), pose)
+    begun = found.start(transform(START["pose"][:3], START["pose"][3:]), chosen)
     assert abs(begun[3] - chosen[3]) < 0.5  # it comes to the goal as it began
     np.testing.assert_array_equal(parts.plant.joint_names, JOINTS)
 
@@ -132,9 +132,9 @@ def test_where_every_posture_hides_it_one_line_says_so(experiment, caplog):
     )  # fmt: skip
     with caplog.at_level(logging.WARNING):
         parts = of(asked)
-    (note,) = parts.notes
+    note, at_start = parts.notes
     told = [r.getMessage() for r in caplog.records if "hides" in r.getMessage()]
-    assert told == [note]
+    assert told == [note, at_start] and "at the goal" in note and "at the start" in at_start
     part = float(note.split("hides ")[1].split(" %")[0]) / 100
     chosen = parts.postures.at(pose)
     assert part == pytest.approx(parts.postures.hidden(chosen), abs=0.006)
@@ -160,7 +160,7 @@ def test_what_the_chain_sees_through_is_said(experiment, caplog):
 ])  # fmt: skip
 def test_a_part_is_the_share_of_the_views_area(experiment, pose):
     """The plate's edge, along y through the axis, cuts the target where a ray over it meets it."""
-    drawn = DrawnArm(Robot(experiment().robot).description())
+    drawn = PosedArm(Robot(experiment().robot).description())
     square = PolygonTarget(((-0.03, -0.03), (0.05, -0.03), (0.05, 0.03), (-0.03, 0.03)))
     joints = dict(zip(JOINTS, (0.0, 0.0, 0.25, 0.0, 0.0), strict=True))
     x, _, z = pose[:3, 3]
@@ -184,8 +184,8 @@ def test_a_target_that_the_arm_carries_is_seen_in_its_frame(experiment):
     square = PolygonTarget(((-0.03, -0.03), (0.05, -0.03), (0.05, 0.03), (-0.03, 0.03)))
     world_T_link = transform((0.03, -0.02, 0.25), (0.0, 0.0, 0.4))
     carried = (relative(world_T_link, pose), square, relative(world_T_link, placed))
-    part = DrawnArm(robot, "fan_link").hidden(joints, *carried)
-    standing = DrawnArm(robot)
+    part = PosedArm(robot, "fan_link").hidden(joints, *carried)
+    standing = PosedArm(robot)
     assert 0.2 < part < 0.95
     assert part == pytest.approx(standing.hidden(joints, pose, square, placed), abs=0.01)
     assert standing.hidden(joints, pose, square, placed, near=0.15) == 0.0  # nothing so near

@@ -46,7 +46,7 @@ def test_points_are_seen_from_where_the_camera_is(plant):
         pose = still.shaken(at_rest, reading.stamp_ns)
         seen = parts.target.shape.points(parts.target.seen_from(pose, reading.stamp))
         exact = np.column_stack(still.camera.project(*seen.T))
-        assert np.abs(reading.points - exact).max() < 0.02  # the Bullet arm settles meanwhile
+        assert np.abs(reading.points - exact).max() < 0.03  # the Bullet arm settles meanwhile
         bare = parts.target.shape.points(parts.target.seen_from(at_rest))
         assert np.abs(reading.points - np.column_stack(still.camera.project(*bare.T))).max() > 0.04
 

@@ -97,7 +97,6 @@ def test_a_link_that_is_not_there_is_named(world, target, more, why):
 @pytest.mark.parametrize(("changes", "why"), [
     ({"world": ""}, "stands in a world file: give its path or name as world"),
     ({"plant": "free", "world": ""}, "other plants have none"),
-    ({"target": {"link": "body"}}, "give target.model"),
     ({"target": {"model": "crate", "shape": "square"}}, "brings its shape"),
 ])  # fmt: skip
 def test_what_a_link_cannot_be_is_said(world, changes, why):

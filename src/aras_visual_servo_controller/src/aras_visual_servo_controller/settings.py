@@ -121,7 +121,8 @@ class Settings:
     law_options: other arguments of the law, by name.
     continuous_start: 1/s, rate at which the first speed is let in; 0: at once.
     ramp: s, time constant with which the gain rises; 0: none.
-    start: initial pose: a name, none, joints, or {xyz, rpy} of the camera.
+    start: initial pose: a name, none, joints, or {xyz, rpy} of the camera, looked for from the
+        posture at the goal.
     desired: goal: auto (that of the start), a name, or a YAML file.
     duration: s, of servoing before it has timed out; 0: no end.
     max_velocity: m/s, rad/s, of each joint; the description's, and needed where that says none.
@@ -486,18 +487,19 @@ class Settings:
             ConfigurationError: what cannot be, and what would be right.
         """
         limits = self.limits(arm)
-        start = start_joints(self.start, arm, self.package)
         shared = (f.name for f in fields(ServoSettings) if hasattr(self, f.name))
         values = {name: getattr(self, name) for name in shared}
         for name in ("lead", "stiffness", "damping"):
             values[name] = per_joint(name, values[name], arm)
-        values["start"] = None if start is None else tuple(start.tolist())
         values["duration"] = self.duration or np.inf
         scheme = scheme if scheme is not None else self.make_scheme()
         if goal is None:
             goal = self.load_goal().for_cameras({self.read_by(scheme)[0]: arm, **others})
             if self.tracker == OUTLINE:  # other points than its corners are for trackers to teach
                 goal = by_geometry(goal, scheme)
+        near = goal.posture(arm) if isinstance(self.start, Mapping) else None
+        start = start_joints(self.start, arm, self.package, near)
+        values["start"] = None if start is None else tuple(start.tolist())
         return Servo(
             scheme,
             arm,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -153,7 +152,7 @@ class _Builder:
         pose, joints, named = self._wanted()
         arm, believed_arm = self._arms(pose)
         others = self._others(pose, believed_arm)
-        notes = self._hiding(pose, joints)
+        posture = self._posture(pose, joints)
         goal = None
         if named is not None:
             goal = self._computed(named, {self.control.name: believed_arm, **others})
@@ -166,13 +165,17 @@ class _Builder:
                 true = self.plants.places[name].at(arm.pose(rest))
                 mountings[name] = relative(true, other.pose(rest))
             name = "goal" if named is None else named.name
-            goal = self.views.taught(pose, mountings, joints, name, others)
+            there = {} if posture is None else dict(
+                zip(arm.names, posture.tolist(), strict=True)
+            )
+            goal = self.views.taught(pose, mountings, there, name, others)
         else:
             pose = goal.world_T_camera
             if others:
                 self.views.check(pose)
         goal = self._deeper(goal)
-        start = self._start(arm, pose)
+        start = self._start(arm, pose, posture)
+        notes = self._faults(posture, bool(joints), start)
         resolver = None
         if self.experiment.plant == "ideal":
             resolver = ExactResolver(
@@ -195,7 +198,7 @@ class _Builder:
         try:
             self._check_scheme()
             if not isinstance(experiment.start, Sampler | CameraPose):
-                self._start(self.true_arm, np.eye(4))
+                self._start(self.true_arm, np.eye(4), None)
             pose, _, named = self._wanted()
             if named is None:
                 self.views.check(pose)
@@ -316,27 +319,38 @@ class _Builder:
             return None
         return goal
 
-    def _hiding(self, pose: np.ndarray, joints: Mapping[str, float]) -> tuple[str, ...]:
-        """What to say of an arm that hides the target at the goal from those who see it.
+    def _posture(self, pose: np.ndarray, joints: Mapping[str, float]) -> np.ndarray | None:
+        """Joints (n,) of the arm at the goal; None of a camera that flies, or where the arm cannot
+        be there, which is an outcome.
 
         pose: world_T_camera (4, 4) there. joints: by name, where they are given.
         """
-        postures = self.plants.postures
-        if not postures.drawn:
-            return ()
+        if self.experiment.plant in FLYING:
+            return None
+        if joints:
+            return np.array([joints[name] for name in self.true_arm.names])
         try:
-            q = postures.at(pose) if not joints else [joints[n] for n in self.true_arm.names]
+            return self.plants.postures.at(pose)
         except UnreachableError:
+            return None
+
+    def _faults(
+        self, goal: np.ndarray | None, given: bool, start: np.ndarray
+    ) -> tuple[str, ...]:
+        """What speaks against the joints (n,) at the goal and at the start; None: not known.
+
+        given: whether the goal is given as joints.
+        """
+        if goal is None:
             return ()
-        part = postures.hidden(q)
-        if not part:
-            return ()
-        note = f"the arm hides {100.0 * part:.0f} % of the target at the goal" + (
-            ": give it other joints" if joints
-            else ", and less in no posture that was found: give another pose"
-        )
-        warn(note)
-        return (note,)
+        postures = self.plants.postures
+        notes = postures.faults(goal, "goal", given)
+        if not isinstance(self.experiment.start, Sampler):
+            by_joints = not isinstance(self.experiment.start, CameraPose)
+            notes += postures.faults(start, "start", by_joints)
+        for note in notes:
+            warn(note)
+        return tuple(notes)
 
     def _deeper(self, goal: Goal) -> Goal:
         """The goal with its depths as they are believed."""
@@ -349,25 +363,26 @@ class _Builder:
 
     # -- start -----------------------------------------------------------------------------
 
-    def _start(self, arm: Arm | FreeBody, goal_pose: np.ndarray) -> np.ndarray:
+    def _start(
+        self, arm: Arm | FreeBody, goal_pose: np.ndarray, posture: np.ndarray | None
+    ) -> np.ndarray:
+        """Joints (n,) at the start; `posture`: those at the goal, None: they are not known."""
         start = self.experiment.start
         if isinstance(start, Sampler):
-            near = np.zeros(len(arm.names))
-            if isinstance(arm, Arm):
-                # A goal out of reach is an outcome, and starts can be found all the same.
-                with contextlib.suppress(UnreachableError):
-                    near = self.plants.postures.at(goal_pose)
+            near = self._posture(goal_pose, {})
+            near = np.zeros(len(arm.names)) if near is None else near
             return draw_start(
                 start, arm, goal_pose, near, self.target, self.control.true,
                 self.experiment.seed,
                 [(self.plants.places[n], self.eyes[n].true, self.plants.target_of(n))
                  for n in list(self.needs)[1:]],
+                None if isinstance(arm, FreeBody) else self.plants.postures.touched,
             )  # fmt: skip
         if isinstance(start, CameraPose):
             pose = transform(start.pose[:3], start.pose[3:])
             if isinstance(arm, FreeBody):
                 return arm.coordinates(pose)
-            return self.plants.postures.start(pose, goal_pose)
+            return self.plants.postures.start(pose, posture)
         joints = start_joints(start, self.true_arm, self.loop_settings.package)
         if joints is None:
             raise ExperimentError("start is 'none', but a plant has to begin somewhere")

@@ -24,6 +24,7 @@ from .plant_making import PlantMaker
 
 # What is taught from a picture as the loop will see it: its own errors are then none of the goal.
 PICTURED = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
+SAME_SIZE = 0.1  # part of an area by which a described target may differ from its corners
 ELSEWHERE = "give a goal from where the camera sees it, or move the target"
 
 
@@ -107,18 +108,31 @@ class GoalViews:
 
         pose: world_T_camera (4, 4) of the true camera.
         """
-        if seen.moments is None:
+        area = None
+        if seen.moments is not None:
+            area = seen.moments.m00
+        elif seen.contour is not None:
+            area = _area(seen.contour)
+        if area is None:
             return
         eye, target = self._eye(seen.name), self.plants.target_of(seen.name)
         outline = target.shape.outline(target.seen_from(pose))
         pixels = np.column_stack(eye.true.project(*outline.T))
-        x, y = cameras.read(pixels, eye.true, eye.believed, closed=True).T
+        corners = cameras.read(pixels, eye.true, eye.believed, closed=True)
+        (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
         found = seen.moments
-        if not (x.min() <= found.xg <= x.max() and y.min() <= found.yg <= y.max()):
+        if found and not (left <= found.xg <= right and top <= found.yg <= bottom):
             raise ExperimentError(
                 "goal: what the camera takes for the target is not where the target is: something "
                 "else of its colour is in view, as the arm's hand may be; keep that out of the "
                 "picture, or give it another colour"
+            )
+        times = area / _area(corners)
+        if self.plants.spec_of(seen.name).described and abs(times - 1.0) > SAME_SIZE:
+            raise ExperimentError(
+                f"goal: the target is {times:.2f} times as large in the picture as its corners, "
+                "which are flat and at the height z = 0: where it is a link of the robot's "
+                "description, name that, target: {link: NAME}"
             )
 
     def taught(
@@ -145,7 +159,8 @@ class GoalViews:
         needs = frozenset().union(*plants.needs.values())
         pictured = needs & PICTURED
         solid = any(isinstance(plants.target_of(n).shape, SolidTarget) for n in plants.needs)
-        if solid or plants.label:
+        # A target of the robot's own description is drawn, not put where its corners say.
+        if solid or plants.label or any(plants.spec_of(n).described for n in plants.needs):
             pictured = needs & SEGMENTED | pictured
         if plants.experiment.plant == "bullet" and plants.experiment.pictures and pictured:
             readings = plants.pictures(pose, joints)
@@ -172,3 +187,9 @@ class GoalViews:
             depth = None  # its plane's
         observation = rig.together(control, views) if views else control
         return replace(Goal.teach(self.scheme, observation, name, depth), joints=dict(joints))
+
+
+def _area(outline: np.ndarray) -> float:
+    """Of a closed polygon (n, 2)."""
+    x, y = outline.T
+    return 0.5 * abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))))

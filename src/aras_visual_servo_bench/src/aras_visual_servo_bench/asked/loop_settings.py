@@ -17,7 +17,7 @@ from ..targets.outlines import shape_of, tracker_of
 from ..targets.solids import is_solid
 from .experiment import FLYING, Experiment
 from .packages import PackagePath
-from .robots import Robot
+from .robots import ROBOT, Robot
 from .target_spec import TargetSpec
 
 # A camera without an arm has no limits to keep away from and no elbow.
@@ -58,8 +58,9 @@ def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
     }
     if experiment.gain is not None:
         given["gain"] = experiment.gain
-    if experiment.target.model and isinstance(given.get("segmentation"), Mapping):
-        name = f"{experiment.target.model}::{experiment.target.link}".removesuffix("::")
+    if experiment.target.is_link and isinstance(given.get("segmentation"), Mapping):
+        model = experiment.target.model or ROBOT
+        name = f"{model}::{experiment.target.link}".removesuffix("::")
         given["segmentation"] = {"label": name, **given["segmentation"]}
     for name, camera in experiment.cameras.items():
         if camera.target is not None and "tracker" not in experiment.options:

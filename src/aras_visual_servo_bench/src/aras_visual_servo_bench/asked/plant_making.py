@@ -34,7 +34,7 @@ from .experiment import FLYING, Experiment
 from .postures import Postures
 from .robots import OF, Carried, Robot
 from .target_spec import TargetSpec
-from .worlds import around
+from .worlds import around, world_path
 
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
 CHANCE = {"noise_stddev", "shot_noise", "sensor", "drop_probability"}  # of a camera's effects
@@ -100,6 +100,11 @@ class PlantMaker:
                     places[name] = Place(relative(arm.pose(rest), other.pose(rest)))
         return places
 
+    def spec_of(self, camera: str) -> TargetSpec:
+        """What a camera looks at, as it was asked for."""
+        own = self.seen_apart.get(camera)
+        return self.experiment.target if own is None else own.spec.target
+
     def target_of(self, camera: str) -> PlacedTarget:
         """What a camera looks at, in the world, or in the link that carries it."""
         own = self.seen_apart.get(camera)
@@ -109,9 +114,12 @@ class PlantMaker:
     def postures(self) -> Postures:
         """Of the arm, with the control camera before the target."""
         experiment = self.experiment
-        drawn = experiment.plant == "bullet" and experiment.pictures
+        solid = experiment.plant == "bullet"
         target = self.control.spec.target or experiment.target
-        return Postures.of(self.robot, self.control, target, drawn)
+        return Postures.of(
+            self.robot, self.control, target, solid and experiment.pictures, solid,
+            world_path(experiment, self.robot.packages),
+        )  # fmt: skip
 
     @property
     def unbounded(self) -> bool:
@@ -182,7 +190,7 @@ class PlantMaker:
             for name, eye in self.seen_apart.items()
             if not robot.target_frame(name) and not eye.spec.target.described
         ]
-        if spec.described or spec.model or self.experiment.robot.target_frame:
+        if spec.brought or self.experiment.robot.target_frame:
             return tuple(found)
         if spec.shape == "aras":
             plates = robot.packages.file(PLATES)

@@ -1,4 +1,4 @@
-"""Postures of the arm at poses of its camera, such that the arm does not hide the target."""
+"""Postures of the arm for poses of its camera: it hides no target and runs into nothing."""
 
 from __future__ import annotations
 
@@ -14,13 +14,18 @@ from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import UnreachableError
 
 from ..errors import ExperimentError
-from ..plants.drawn_arm import DrawnArm
+from ..plants.posed_arm import PosedArm, without_visuals
 from .cameras import Eye
+from .packages import PackagePath
 from .robots import Robot, arm_from, described
 from .target_spec import TargetSpec
+from .worlds import read_world
 
 log = logging.getLogger(__name__)
 HIDDEN = 0.01  # part of a target from which on it counts as hidden: less is of the rim's pixels
+# What speaks against a posture that runs into something, beside the part of the target that one
+# hides: more than to hide all of it.
+TOUCHES = 2.0
 
 
 @dataclass(frozen=True)
@@ -31,6 +36,8 @@ class Postures:
     carrier: link that carries the target; '': it stands in the world, where it is at 0 s.
     near: m before the camera within which nothing is drawn; None: as the description has it.
     drawn: pictures show the arm, and postures in which it hides little are preferred.
+    solid: the arm can run into what is there, and postures in which it does are left out.
+    world: path of the world file; '': the arm stands on Gazebo's ground plane.
     """
 
     urdf: str
@@ -40,14 +47,17 @@ class Postures:
     target: TargetSpec
     near: float | None
     drawn: bool
+    solid: bool = False
+    world: str = ""
 
     @classmethod
-    def of(cls, robot: Robot, eye: Eye, target: TargetSpec, drawn: bool) -> Postures:
+    def of(
+        cls, robot: Robot, eye: Eye, target: TargetSpec, drawn: bool, solid: bool, world: str
+    ) -> Postures:
         """Those of a robot with this control camera."""
         return cls(
             robot.urdf, robot.spec.search, robot.frame(eye.name), robot.target_frame(eye.name),
-            target,
-            eye.settings.get("near"), drawn,
+            target, eye.settings.get("near"), drawn, solid, world,
         )  # fmt: skip
 
     @property
@@ -63,6 +73,18 @@ class Postures:
         """
         return _hidden(self, tuple(map(float, joints)), time)
 
+    def touched(self, joints: Sequence[float]) -> str:
+        """What the arm at joints (n,) runs into, in words; '': nothing, or nothing of it is solid.
+
+        The links of an arm pass through each other, and through what else its description has.
+        """
+        return _touched(self, tuple(map(float, joints))) if self.solid else ""
+
+    def against(self, joints: Sequence[float]) -> float:
+        """What speaks against a posture, from 0, nothing, on."""
+        touches = TOUCHES if self.touched(joints) else 0.0
+        return touches + (self.hidden(joints) if self.drawn else 0.0)
+
     def at(self, pose: np.ndarray) -> np.ndarray:
         """Joints (n,) with the camera at world_T_camera (4, 4), looked for from zero.
 
@@ -74,19 +96,36 @@ class Postures:
             raise UnreachableError(str(found), found.excess)
         return np.array(found)
 
-    def start(self, pose: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """As `at`, of a start: where the goal's posture was not the first found, it is looked for
-        from that, so that the arm comes to the goal in it.
+    def start(self, pose: np.ndarray, goal: np.ndarray | None) -> np.ndarray:
+        """As `at`, of a start: looked for from the posture at the goal, as the controller node
+        does it (goals.starts), so that the arm comes to the goal in that.
 
-        goal: world_T_camera (4, 4) there.
+        goal: joints (n,) there; None: they are not known.
         """
-        first = _first(self.urdf, self.frame, self.carrier, goal.tobytes())
-        if not self.drawn or isinstance(first, UnreachableError):
-            return self.at(pose)
-        there = self.at(goal)
-        if np.array_equal(there, first):
-            return self.at(pose)
-        return self.arm.inverse(pose, there, cost=self.hidden)
+        return self.at(pose) if goal is None else self.arm.inverse(pose, goal, cost=self.against)
+
+    def faults(self, joints: Sequence[float], where: str, given: bool) -> list[str]:
+        """What speaks against a posture, in a line each.
+
+        Args:
+            joints: (n,). where: 'goal' or 'start'. given: as joints, not as a pose.
+        """
+        remedy = "give it other joints" if given else (
+            "and {} in no posture that was found: give another pose"
+        )
+        found = []
+        if touched := self.touched(joints):
+            found.append(
+                f"the arm runs into something at the {where}, {touched}"
+                f"{':' if given else ','} {remedy.format('clear of all')}"
+            )
+        part = self.hidden(joints) if self.drawn else 0.0
+        if part:
+            found.append(
+                f"the arm hides {100.0 * part:.0f} % of the target at the {where}"
+                f"{':' if given else ','} {remedy.format('less')}"
+            )
+        return found
 
 
 @lru_cache
@@ -97,29 +136,21 @@ def warn(note: str) -> None:
 
 # All runs of a study share a goal.
 @lru_cache(maxsize=32)
-def _first(
-    urdf: str, frame: str, carrier: str, pose: bytes
-) -> tuple[float, ...] | UnreachableError:
-    arm = arm_from(urdf, frame, carrier)
+def _preferred(postures: Postures, pose: bytes) -> tuple[float, ...] | UnreachableError:
+    arm = postures.arm
+    weighs = postures.drawn or postures.solid
     try:
-        return tuple(arm.inverse(np.frombuffer(pose).reshape(4, 4), np.zeros(len(arm.names))))
+        return tuple(arm.inverse(
+            np.frombuffer(pose).reshape(4, 4), np.zeros(len(arm.names)),
+            cost=postures.against if weighs else None,
+        ))  # fmt: skip
     except UnreachableError as error:
         return error
 
 
 @lru_cache(maxsize=32)
-def _preferred(postures: Postures, pose: bytes) -> tuple[float, ...] | UnreachableError:
-    first = _first(postures.urdf, postures.frame, postures.carrier, pose)
-    unreachable = isinstance(first, UnreachableError)
-    if unreachable or not postures.drawn or not postures.hidden(first):
-        return first
-    arm, wanted = postures.arm, np.frombuffer(pose).reshape(4, 4)
-    return tuple(arm.inverse(wanted, np.zeros(len(arm.names)), cost=postures.hidden))
-
-
-@lru_cache(maxsize=32)
 def _hidden(postures: Postures, joints: tuple[float, ...], time: float) -> float:
-    drawn = _drawn(postures.urdf, postures.search, postures.carrier)
+    drawn = _posed(postures)
     if drawn is None:
         return 0.0
     arm, placed = postures.arm, postures.target.placed
@@ -130,9 +161,25 @@ def _hidden(postures: Postures, joints: tuple[float, ...], time: float) -> float
     return part if part >= HIDDEN else 0.0
 
 
+@lru_cache(maxsize=32)
+def _touched(postures: Postures, joints: tuple[float, ...]) -> str:
+    posed = _posed(postures)
+    if posed is None:
+        return ""
+    return posed.touched(dict(zip(postures.arm.names, joints, strict=True)))
+
+
 @lru_cache(maxsize=4)
-def _drawn(urdf: str, search: tuple[str, ...], carrier: str) -> DrawnArm | None:
+def _posed(postures: Postures) -> PosedArm | None:
+    """None: it cannot be put into a world; the plant says why."""
+    search, spec = postures.search, postures.target
+    own = postures.carrier or spec.brought
     try:
-        return DrawnArm(described(urdf, search), carrier)
+        robot = described(postures.urdf, search)
+        if spec.link and not spec.model:  # the target itself does not hide it
+            robot = without_visuals(robot, spec.link)
+        around = read_world(postures.world, PackagePath(search)) if postures.solid else None
+        target = spec.placed if postures.solid and not own else None
+        return PosedArm(robot, postures.carrier, around, target)
     except (SimError, ExperimentError):
         return None

@@ -28,6 +28,7 @@ from ..errors import ExperimentError
 from .cameras import CameraSpec
 from .packages import PackagePath
 
+ROBOT = "robot"  # its model in the simulated world
 FRAME = "camera_frame_of_"  # of a camera that the robot's own description has not, by its name
 OF = "target_of_"  # of what a camera looks at, by its name
 NONE: Mapping[str, CameraSpec] = {}

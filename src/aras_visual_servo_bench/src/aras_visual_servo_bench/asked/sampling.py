@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -38,6 +38,7 @@ def draw_start(
     camera: CameraModel,
     seed: int,
     others: Sequence[tuple[Place, CameraModel, PlacedTarget]] = (),
+    touched: Callable[[np.ndarray], str] | None = None,
 ) -> np.ndarray:
     """Joints (n,) of a start: the camera above the target, turned, the target wholly in view.
 
@@ -45,6 +46,7 @@ def draw_start(
         goal_pose: world_T_camera (4, 4) of the goal, whose attitude is turned about the vertical.
         goal_joints: (n,) from which the joints of a pose are looked for.
         others: further cameras, and what they have to see.
+        touched: what the arm at joints (n,) runs into; '': nothing.
 
     Raises:
         ExperimentError: none was found in `sampler.attempts`.
@@ -53,7 +55,7 @@ def draw_start(
     placed = target.world_T_target(0.0)
     vertices = target.shape.vertices() @ placed[:3, :3].T + placed[:3, 3]
     middle = vertices.mean(axis=0)
-    why = dict.fromkeys(("out of reach", "out of view"), 0)
+    why = dict.fromkeys(("out of reach", "out of view", "in something's way"), 0)
     for _ in range(sampler.attempts):
         pose, turn = drawn_pose(sampler, goal_pose, middle, random)
         try:
@@ -73,7 +75,9 @@ def draw_start(
         except ServoError:
             why["out of reach"] += 1
         else:
-            return joints
+            if touched is None or not touched(joints):
+                return joints
+            why["in something's way"] += 1
     told = ", ".join(f"{count} {what}" for what, count in why.items() if count)
     raise ExperimentError(
         f"no start found in {sampler.attempts} attempts ({told}): make start.height, side, turn "

@@ -61,7 +61,8 @@ class TargetSpec:
         brighter or darker, of other contrast, grained, with a patch erased, by the seed.
     box: a white box under it that is loose; None: it stands and touches nothing (bullet).
     model: of the world file, one of whose links is the target, in place of a shape; it is where the
-        simulation has it. link: of it; '': the only one that is seen.
+        simulation has it. link: of it; '': the only one that is seen. Without a model it is a link
+        of the robot's own description, which no joint moves.
     """
 
     shape: str | tuple[Pair, ...] = "aras"
@@ -89,7 +90,17 @@ class TargetSpec:
     def plain(self) -> bool:
         """Whether it is nothing but a shape, its place and its motion."""
         lies = self.box is not None or self.occluder is not None
-        return not (lies or self.perturbed or self.model)
+        return not (lies or self.perturbed or self.is_link)
+
+    @property
+    def is_link(self) -> bool:
+        """Whether it is a link of the world's or of the robot's, which brings shape and place."""
+        return bool(self.model or self.link)
+
+    @property
+    def brought(self) -> bool:
+        """Whether it is there without being put into the simulated world."""
+        return self.described or self.is_link
 
     @property
     def carried(self) -> bool:
@@ -118,13 +129,11 @@ class TargetSpec:
             "target.box, occluder and perturbed are for flat targets, and this is a solid of its "
             "own: leave them out",
         )
-        require(bool(self.model) or not self.link,
-                "target.link is of a model of the world: give target.model")
         require(
-            not self.model or (self.shape == "aras" or is_solid(self.shape)) and self.motion.still
+            not self.is_link or (self.shape == "aras" or is_solid(self.shape)) and self.motion.still
             and self.box is None and self.occluder is None,
-            "target.model brings its shape, and moves as the simulation has it: leave out "
-            "target.shape, motion, box and occluder",
+            "a link that is the target brings its shape, and moves as the simulation has it: leave "
+            "out target.shape, motion, box and occluder",
         )
         given = self.shape == "aras" or self.described
         require(

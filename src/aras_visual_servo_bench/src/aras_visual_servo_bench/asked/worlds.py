@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from aras_sim_bridge.description import Light, RobotDescription, world_file
+from aras_sim_bridge.description import Light, RobotDescription, parse_urdf, world_file
 from aras_sim_bridge.description.lights import SUN
 from aras_sim_bridge.description.shapes import triangles
 from aras_sim_bridge.description.types import Link, within
@@ -16,6 +16,8 @@ from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import to_xyz_rpy
+from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.errors import ConfigurationError
 
 from ..errors import ExperimentError, require
 from ..targets.solids import made_solid
@@ -34,12 +36,9 @@ def around(experiment: Experiment, packages: PackagePath, exactly: bool = False)
     Raises:
         ExperimentError: for a bad file.
     """
-    try:
-        found = WorldFile(lights=(_sun(experiment.sun),))
-        if experiment.world:
-            found = world_file.read(_path(experiment, packages), packages.find)
-    except SimError as error:
-        raise ExperimentError(str(error)) from error
+    found = WorldFile(lights=(_sun(experiment.sun),))
+    if experiment.world:
+        found = read_world(world_path(experiment, packages), packages)
     if not exactly:
         return found
     return replace(found, lights=tuple(
@@ -48,26 +47,46 @@ def around(experiment: Experiment, packages: PackagePath, exactly: bool = False)
     ))  # fmt: skip
 
 
+def read_world(path: str, packages: PackagePath) -> WorldFile:
+    """The content of a world file; '': Gazebo's ground plane.
+
+    Raises:
+        ExperimentError: for a bad file.
+    """
+    try:
+        return world_file.read(path, packages.find) if path else WorldFile()
+    except SimError as error:
+        raise ExperimentError(str(error)) from error
+
+
 def with_link(experiment: Experiment, packages: PackagePath) -> Experiment:
     """The same with the mesh and the pose of the link that its target is; itself where it is none.
 
     Raises:
-        ExperimentError: there is no such model or link, or it is no closed solid.
+        ExperimentError: there is no such model or link, it is no closed solid, or it is a link of
+            the robot's that moves.
     """
     target = experiment.target
-    if not target.model:
+    if not target.is_link:
         return experiment
+    if not target.model:
+        urdf = packages.file(experiment.robot.urdf).read_text(encoding="utf-8")
+        shape, pose = _robot_link(urdf, packages, target.link)
+        return replace(experiment, target=replace(target, shape=shape, pose=pose))
     models = {model.name: model for model in around(experiment, packages).models}
     require(target.model in models, f"target.model: no model '{target.model}' stands in world "
             f"'{experiment.world}': {nearest(target.model, models)}")  # fmt: skip
     model = models[target.model]
     link = _link(model, target.link)
-    shape, pose = _link_target(_path(experiment, packages), packages, model.name, link)
+    shape, pose = _link_target(world_path(experiment, packages), packages, model.name, link)
     return replace(experiment, target=replace(target, shape=shape, pose=pose, link=link))
 
 
-def _path(experiment: Experiment, packages: PackagePath) -> str:
+def world_path(experiment: Experiment, packages: PackagePath) -> str:
+    """The path of an experiment's world file; '': it names none."""
     named = experiment.world
+    if not named:
+        return ""
     if "/" not in named and not named.endswith(".world"):
         named = WORLDS.format(named)
     return str(packages.file(named))
@@ -102,7 +121,28 @@ def _link_target(
             simulation.close()
     except SimError as error:
         raise ExperimentError(str(error)) from error
-    path = made_solid(corners, f"{model}::{link}").path
+    return _solid_at(corners, pose, f"{model}::{link}")
+
+
+@lru_cache(maxsize=32)
+def _robot_link(
+    urdf: str, packages: PackagePath, link: str
+) -> tuple[str, tuple[float, ...]]:
+    """The same of a link of the robot's, which stands at the world's origin."""
+    try:
+        robot = parse_urdf(urdf, packages.find)
+        link = _link(robot, link)
+        pose = Arm.standing(urdf, link)
+    except (SimError, ConfigurationError) as error:
+        raise ExperimentError(f"target.link: {error}") from error
+    require(pose is not None, f"target.link: a joint of the robot moves '{link}': where the arm "
+            "carries the target, give its shape, and the link as robot.target_frame")
+    return _solid_at(_corners(robot.links[link]), pose, f"{robot.name}::{link}")
+
+
+def _solid_at(corners: np.ndarray, pose: np.ndarray, name: str) -> tuple[str, tuple[float, ...]]:
+    """Path of a mesh of triangles (n, 3, 3), m, and its pose (4, 4) as m and rad."""
+    path = made_solid(corners, name).path
     xyz, rpy = to_xyz_rpy(pose)
     return str(path), (*map(float, xyz), *map(float, rpy))
 

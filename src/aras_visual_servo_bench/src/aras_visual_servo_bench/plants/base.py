@@ -191,6 +191,11 @@ class Plant(ABC):
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """The truth: positions (n,) and velocities (n,) in the order of `joint_names`."""
 
+    def touched(self) -> tuple[str, str] | None:
+        """The link of the arm that runs into something, and into what; None: none does, or nobody
+        knows."""
+        return None
+
     def join(
         self, driver: Driver, listener: JointListener, last_ns: Callable[[], float]
     ) -> None:

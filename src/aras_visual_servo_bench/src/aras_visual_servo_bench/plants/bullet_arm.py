@@ -23,6 +23,7 @@ from aras_sim_bridge.rendering import EXPOSURES
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world.labels import links_by_label
 from aras_sim_bridge.world.model import Model
+from aras_sim_bridge.world.overlaps import overlaps
 from aras_visual_servo_base.poses import (
     Pose,
     exponential,
@@ -37,7 +38,7 @@ from aras_visual_servo_camera.errors import SegmentationError
 from aras_visual_servo_camera.labels import TargetLabels
 
 from ..asked import cameras
-from ..asked.robots import Robot
+from ..asked.robots import ROBOT, Robot
 from ..errors import ExperimentError
 from ..targets.geometry import Course, PlacedTarget
 from .base import CAMERA, CameraReading, JointListener, JointReading, Plant, Reading
@@ -47,7 +48,7 @@ from .sight import Sight
 if TYPE_CHECKING:
     from aras_visual_servo_controller.loop.driver import Driver
 
-MODEL, TARGET, OCCLUDER = "robot", "target", "occluder"
+TARGET, OCCLUDER = "target", "occluder"
 NS = 1_000_000_000
 OUT_OF_SIGHT = Pose((0.0, 0.0, -1e4), (0.0, 0.0, 0.0, 1.0))
 NO_OTHERS: Mapping[str, Mapping[str, Any]] = {}
@@ -193,10 +194,10 @@ class BulletArm(Plant):
     ) -> None:
         simulation, spec = self._simulation, robot.spec
         simulation.spawn(
-            description, MODEL, namespace=spec.namespace, parameters=robot.parameters,
+            description, ROBOT, namespace=spec.namespace, parameters=robot.parameters,
             joint_positions=joints, cameras=settings,
         )  # fmt: skip
-        self._robot = simulation.robots[MODEL]
+        self._robot = simulation.robots[ROBOT]
         self._model = self._robot.model
         self._rows = [self._model.joint_names.index(name) for name in self.joint_names]
         self._robot.start([spec.joint_states, *self._controllers])
@@ -294,6 +295,12 @@ class BulletArm(Plant):
         """Positions and velocities from the physics."""
         positions, velocities = self._model.read_joints()[:2]
         return np.array(positions)[self._rows], np.array(velocities)[self._rows]
+
+    def touched(self) -> tuple[str, str] | None:
+        """See Plant.touched; at the last step."""
+        for found in overlaps(self._simulation.world, self._model):
+            return found.link, found.model
+        return None
 
     @property
     def peak_speed(self) -> np.ndarray | None:

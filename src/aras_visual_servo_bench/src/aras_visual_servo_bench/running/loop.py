@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -29,6 +30,8 @@ SEEN_THROUGH = (
     "at the end the arm, where it is drawn, hides {:.0f} % of the target: plant chain sees through "
     "it, plant bullet does not"
 )
+STUCK = "joints_do_not_follow"
+IN_THE_WAY = "begin in another posture, or choose start and goal so that the arm keeps clear of {}"
 SHAKES = "camera '{}' shakes {}; the verdict and the camera's path are of its place at rest"
 log = logging.getLogger(__name__)
 
@@ -80,6 +83,7 @@ class Loop:
         self._delays_ns = {name: round(eye.spec.delay * NS) for name, eye in parts.eyes.items()}
         self._began_ns: int | None = None
         self._converged_ns: int | None = None
+        self._touched: tuple[str, str] | None = None
         self.plant.join(self._driver, self._recorder, lambda: self._last_ns)
 
     # -- what the driver tells -------------------------------------------------------------
@@ -100,6 +104,8 @@ class Loop:
         elif self._converged_ns is None:
             self._converged_ns = self.plant.time_ns
         self.state = state
+        if state.outcome == STUCK and self._touched is None:
+            self._touched = self.plant.touched()
         self._recorder.image(state, self.plant.pose())
         if self._ending is not None:
             self._ending.image(state, self.plant.pose())
@@ -207,6 +213,10 @@ class Loop:
         outcome = self.servo.outcome
         if self._ending is not None:
             outcome = self._ending.last_word(outcome)
+        if outcome.kind == STUCK and self._touched is not None:
+            link, other = self._touched
+            reason = f"{outcome.reason}: link '{link}' has run into '{other}'"
+            outcome = replace(outcome, reason=reason, mend=IN_THE_WAY.format(f"'{other}'"))
         run = self._recorder.run(
             self.plant, self.experiment, self.parts,
             goal_pose=self.goal_pose(),

@@ -241,11 +241,13 @@ class Arm:
             )
 
     def inverse(
-        self, world_T_camera: np.ndarray, q0: np.ndarray, tolerance: float = 1e-9,
+        self, world_T_camera: np.ndarray, q0: np.ndarray, tolerance: float = 1e-7,
         cost: Callable[[np.ndarray], float] | None = None,
     ) -> np.ndarray:
         """Joints (n,) within the limits that put the camera at a pose (4, 4), found from q0 (n,).
 
+        tolerance: m, and 0.1 m x rad, to which the pose has to be met. Most are met to 1e-12; where
+            the arm is singular, a few iterations leave up to 1e-8.
         cost: what speaks against joints (n,), from 0 on. The first that are found without any are
             taken, or the cheapest of several; None: the first.
 

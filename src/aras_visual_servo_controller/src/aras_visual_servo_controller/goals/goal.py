@@ -213,6 +213,15 @@ class Goal:
                 others[camera] = replace(view, joints={}, camera=None, seen_by=camera)
         return replace(goal, others=others) if others else goal
 
+    def posture(self, arm: Arm) -> np.ndarray | None:
+        """Joints (n,) at the goal: its own, else those found for its pose; None: there are none."""
+        if self.joints or self.world_T_camera is None:
+            return self.joint_values(arm.names)
+        try:
+            return arm.inverse(self.world_T_camera, np.zeros(len(arm.names)), REACHABLE)
+        except UnreachableError:
+            return None
+
     def beyond(self, arm: Arm) -> str:
         """Why the arm cannot be where the goal was taught, in words; empty where it can, to
         REACHABLE (an arm of few joints has no pose exactly), or where the goal names joints."""

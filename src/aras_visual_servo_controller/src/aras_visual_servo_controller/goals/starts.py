@@ -29,7 +29,9 @@ class PoseEntry:
     rpy: Three
 
 
-def start_joints(start: Any, arm: Arm, package: Path) -> np.ndarray | None:
+def start_joints(
+    start: Any, arm: Arm, package: Path, near: np.ndarray | None = None
+) -> np.ndarray | None:
     """Joints (n,) of a start, or None for 'none': servo from wherever the arm stands.
 
     Args:
@@ -37,6 +39,9 @@ def start_joints(start: Any, arm: Arm, package: Path) -> np.ndarray | None:
             numbers by joint name, or {xyz, rpy} of the camera in the arm's base.
         arm: whose joints they are.
         package: directory of this package.
+        near: joints (n,) from which those of a pose are looked for: with the posture at the goal
+            the arm comes to it in that, which an experiment has chosen such that it does not hide
+            the target and runs into nothing. None: zero, or what is nearest to it.
 
     Raises:
         ConfigurationError: an unknown name, a wrong count, a joint that the arm has not, a pose
@@ -52,7 +57,7 @@ def start_joints(start: Any, arm: Arm, package: Path) -> np.ndarray | None:
             return _named(start, arm, package)
     if isinstance(start, Mapping):
         if set(start) == {"xyz", "rpy"}:
-            return _of_pose(start, arm)
+            return _of_pose(start, arm, near)
         return _by_joint(start, arm, f"{dict(start)}")
     if not (isinstance(start, list | tuple) and len(start) == len(arm.names)):
         raise ConfigurationError(
@@ -90,11 +95,12 @@ def _by_joint(values: Mapping[str, Any], arm: Arm, name: str) -> np.ndarray:
     return np.array([values[joint] for joint in arm.names])
 
 
-def _of_pose(given: Mapping[str, Any], arm: Arm) -> np.ndarray:
+def _of_pose(given: Mapping[str, Any], arm: Arm, near: np.ndarray | None) -> np.ndarray:
     pose = build(PoseEntry, given, "parameter ~start", ConfigurationError)
-    middle = np.clip(0.0, arm.lower, arm.upper)
+    if near is None:
+        near = np.clip(0.0, arm.lower, arm.upper)
     try:
-        return arm.inverse(transform(pose.xyz, pose.rpy), middle)
+        return arm.inverse(transform(pose.xyz, pose.rpy), near)
     except UnreachableError as error:
         raise ConfigurationError(f"parameter ~start: {error}") from error
 

@@ -1,0 +1,83 @@
+"""A link of the robot's own description as target: a crate on the table of the arm of the docs."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_base.poses import transform
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.running.loop import run
+
+EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
+PLACE, TURN, SIZE = (0.45, 0.05, 0.081), 0.3, (0.08, 0.05, 0.06)
+CRATE = """<link name="crate"><visual><geometry><box size="{}"/></geometry></visual></link>
+<joint name="stands" type="fixed"><parent link="world"/><child link="crate"/>
+  <origin xyz="{}" rpy="0 0 {}"/></joint>
+<gazebo reference="crate"><material>Gazebo/Black</material></gazebo></robot>"""
+GOAL = {"pose": [0.46, 0.03, 0.36, 3.14159, 0.0, 0.2]}
+START = {"pose": [0.42, 0.02, 0.42, 3.05, 0.08, 0.5]}
+
+
+@pytest.fixture
+def asked(tmp_path):
+    """An experiment of the arm beside whose table a crate of that size stands."""
+    def made(target, **keys):
+        crate = CRATE.format(*(" ".join(map(str, part)) for part in (SIZE, PLACE)), TURN)
+        text = (EXAMPLES / "my_arm.urdf").read_text().replace("</robot>", crate)
+        (tmp_path / "arm.urdf").write_text(text)
+        robot = {"urdf": str(tmp_path / "arm.urdf"),
+                 "config": str(EXAMPLES / "my_arm_controllers.yaml")}
+        return Experiment(robot=robot, target=target, goal=GOAL, start=START, gain=2.0,
+                          **{"scheme": "moments", **keys})
+    return made
+
+
+def corners():
+    """Of what the crate covers of the ground."""
+    place = transform((*PLACE[:2], 0.0), (0.0, 0.0, TURN))
+    return [
+        (place @ [0.5 * a * SIZE[0], 0.5 * b * SIZE[1], 0, 1])[:2].tolist()
+        for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    ]
+
+
+def test_it_is_a_solid_that_is_servoed_to(asked):
+    experiment = asked({"link": "crate"})
+    result = run(experiment)
+    assert result.outcome == "converged up to 180°"  # a box looks alike from either side
+    assert result.verdict.reached and not result.notes
+
+
+def test_it_is_where_its_description_has_it(asked):
+    parts = assemble(asked({"link": "crate"}, scheme="points", plant="chain", features="exact"))
+    np.testing.assert_allclose(
+        parts.target.world_T_target(0.0), transform(PLACE, (0.0, 0.0, TURN)), atol=1e-12
+    )
+    span = np.ptp(parts.target.shape.solid.vertices, axis=0)
+    np.testing.assert_allclose(span, SIZE, atol=1e-6)
+
+
+@pytest.mark.parametrize("scheme", ["moments", "points"])
+def test_flat_corners_in_its_place_are_refused(asked, scheme):
+    """They would be seen on z = 0: moments' goal was 0.11 m off, and the run said `converged`."""
+    asked_for = asked({"shape": corners()}, scheme=scheme)
+    why = r"2\.\d+ times as large in the picture .* {link: NAME}"
+    with pytest.raises(ExperimentError, match=why):
+        assemble(asked_for)
+
+
+@pytest.mark.parametrize(("link", "why"), [
+    ("crat", "shows no link 'crat': did you mean 'crate'"),
+    ("forearm", "a joint of the robot moves 'forearm'"),
+])  # fmt: skip
+def test_a_link_that_cannot_be_is_refused(asked, link, why):
+    with pytest.raises(ExperimentError, match=why):
+        assemble(asked({"link": link}))
+
+
+def test_its_shape_is_its_own(asked):
+    with pytest.raises(ExperimentError, match="brings its shape"):
+        asked({"link": "crate", "shape": "square"})

@@ -5,8 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rospy
 import yaml
 from aras_visual_servo_controller.msg import ServoState
+from gazebo_msgs.msg import ModelState
+from gazebo_msgs.srv import SetModelState
+from geometry_msgs.msg import Point, Quaternion, Twist
+from geometry_msgs.msg import Pose as GazeboPose
 from ros_graph import wait_for
 from sensor_msgs.msg import JointState
 
@@ -14,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "camera"))
 
 from tracking_scenes import corners_of, write_obj
 
-from aras_visual_servo_base.poses import pose_difference
+from aras_visual_servo_base.poses import Pose, inverse, pose_difference, transform
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_controller.goals.goal import Goal
@@ -126,6 +131,63 @@ def test_a_target_is_told_by_its_label_on_a_graph_in_lockstep(
     try:
         distance, angle = reached(states, joints, arm, at)
         assert distance < 0.3 and angle < 0.3
+    finally:
+        print([(m.phase, m.reason) for m in states.messages[-1:]], nodes.output()[-1500:])
+        nodes.stop()
+        robot.stop()
+
+
+CRATE = """<sdf version="1.6"><world name="a">
+<light name="sun" type="directional"><direction>-0.3 0.2 -1</direction></light>
+<model name="ground_plane"><static>1</static><link name="link">
+  <collision name="c"><geometry><plane><normal>0 0 1</normal></plane></geometry></collision>
+  <visual name="v"><geometry><plane><normal>0 0 1</normal></plane></geometry></visual>
+</link></model>
+<model name="crate"><static>1</static><pose>0.02 0.01 0.62 0 0 0.6</pose><link name="body">
+  <collision name="c"><geometry><box><size>0.08 0.05 0.06</size></box></geometry></collision>
+  <visual name="v"><geometry><box><size>0.08 0.05 0.06</size></box></geometry>
+    <material><ambient>0.5 0.1 0.1 1</ambient><diffuse>0.5 0.1 0.1 1</diffuse></material></visual>
+</link></model>
+</world></sdf>"""
+
+
+def test_a_link_of_the_world_is_servoed_to(launch, ros_node, collect, tmp_path):
+    """It was moved before the nodes begin, which are told its name."""
+    world = tmp_path / "crate.world"
+    world.write_text(CRATE)
+    above = {"pose": [0.03, -0.02, 0.89, np.pi, 0.0, 0.0]}
+    made = assemble(Experiment(world=str(world), target={"model": "crate"}, goal=above,
+                               scheme="model"))  # fmt: skip
+    made.plant.close()
+    (tmp_path / "goal.yaml").write_text(made.goal.to_yaml("for a test"))
+    arm, at = made.servo.arm, made.goal.joint_values(made.servo.arm.names)
+    states = collect(f"{SPACE}/controller/state", ServoState)
+    joints = collect(f"{SPACE}/joint_states", JointState)
+    robot = launch(
+        "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
+        target="none", world_name=str(world),
+    )  # fmt: skip
+    wait_for(lambda: joints.messages and joints.messages[-1].header.stamp.to_sec() > 1.0, 60.0,
+             "joint states")  # fmt: skip
+    moved = Pose.from_rpy((0.035, -0.005, 0.623), (0.0, 0.0, 0.5))
+    place = GazeboPose(Point(*moved.xyz), Quaternion(*moved.quat))
+    put = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState)
+    put(ModelState("crate", place, Twist(), ""))
+    nodes = launch(
+        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
+        nodes=["/aras_visual_servo_controller"], scheme="model", goal=tmp_path / "goal.yaml",
+        link="crate", world_name=str(world), gain=2.0,
+        start=str((at + [0.02, 0.03, -0.03, 0.02, -0.02, 0.1]).round(5).tolist()),
+    )  # fmt: skip
+    try:
+        told = rospy.get_param("/aras_visual_servo_controller/model_start")["pose"]
+        assert told == pytest.approx([0.035, -0.005, 0.623, 0.0, 0.0, 0.5], abs=1e-4)
+        states.wait(60, timeout=90.0, where=lambda state: state.phase == "converged")
+        q = arm.sample(joints.messages[-1].name, joints.messages[-1].position).positions
+        crate = transform((0.02, 0.01, 0.62), (0.0, 0.0, 0.6))
+        wanted = moved.matrix() @ inverse(crate) @ made.goal_pose
+        distance, angle = pose_difference(wanted, arm.pose(q))
+        assert distance < 5e-4 and angle < np.radians(0.3)
     finally:
         print([(m.phase, m.reason) for m in states.messages[-1:]], nodes.output()[-1500:])
         nodes.stop()

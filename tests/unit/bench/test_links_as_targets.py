@@ -81,3 +81,21 @@ def test_a_link_that_cannot_be_is_refused(asked, link, why):
 def test_its_shape_is_its_own(asked):
     with pytest.raises(ExperimentError, match="brings its shape"):
         asked({"link": "crate", "shape": "square"})
+
+
+@pytest.mark.parametrize("height", [1.0, 9.0])
+def test_a_part_of_some_millimetres_in_millimetres_is_said(tmp_path, height):
+    """Of 4 mm it would be 4 m long, which a mesh may be: from within, and beyond the view."""
+    x, y, z = 2.0, 1.5, 1.2
+    corners = [(a, b, c) for c in (-z, z) for b in (-y, y) for a in (-x, x)]
+    sides = ["1 3 4 2", "5 6 8 7", "1 2 6 5", "2 4 8 6", "4 3 7 8", "3 1 5 7"]
+    lines = [f"v {a} {b} {c}" for a, b, c in corners] + [f"f {side}" for side in sides]
+    (tmp_path / "part.obj").write_text("\n".join(lines) + "\n")
+    pose = {"pose": [0.1, 0.05, height, np.pi, 0.0, 0.2]}
+    why = "its mesh is 4 m long; where it is in millimetres, scale it by 0.001"
+    with pytest.raises(ExperimentError, match=why):
+        assemble(Experiment(
+            plant="free", target={"shape": str(tmp_path / "part.obj")}, goal=pose, start=pose,
+            scheme="model", camera={"width": 320, "height": 240, "horizontal_fov": 0.4},
+            features="exact",
+        ))  # fmt: skip

@@ -17,6 +17,7 @@ from aras_visual_servo_controller.settings import Settings
 from ..errors import ExperimentError, ViewError
 from ..plants import CameraReading
 from ..plants.free_body import FreeBody
+from ..targets.geometry import PlacedTarget
 from ..targets.solids import SolidTarget
 from . import cameras
 from .cameras import Eye
@@ -25,6 +26,7 @@ from .plant_making import PlantMaker
 # What is taught from a picture as the loop will see it: its own errors are then none of the goal.
 PICTURED = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
 SAME_SIZE = 0.1  # part of an area by which a described target may differ from its corners
+LONG = 1.0  # m, of a solid that is more likely in millimetres
 ELSEWHERE = "give a goal from where the camera sees it, or move the target"
 
 
@@ -76,14 +78,16 @@ class GoalViews:
                 outline = target.shape.outline(seen_from)
             except ViewError as error:
                 where = f" (camera '{name}')" if several else ""
-                raise ExperimentError(f"goal: {error}{where}: {ELSEWHERE}") from error
+                raise ExperimentError(
+                    f"goal: {error}{where}: {_too_long(target) or ELSEWHERE}"
+                ) from error
             if isinstance(target.shape, SolidTarget):
                 across, down = np.ptp(np.column_stack(eye.true.project(*outline.T)), axis=0)
                 if across > eye.true.width or down > eye.true.height:
                     raise ExperimentError(
                         f"the goal is shown where the target is {across:.0f} x {down:.0f} px, "
-                        f"larger than the view of {eye.true.width} x {eye.true.height} px: give a "
-                        "goal from farther away"
+                        f"larger than the view of {eye.true.width} x {eye.true.height} px: "
+                        f"{_too_long(target) or 'give a goal from farther away'}"
                     )
             if plants.experiment.pictures:
                 seen = (cameras.draw(outline, eye.true) < cameras.WHITE).any()
@@ -187,6 +191,16 @@ class GoalViews:
             depth = None  # its plane's
         observation = rig.together(control, views) if views else control
         return replace(Goal.teach(self.scheme, observation, name, depth), joints=dict(joints))
+
+
+def _too_long(target: PlacedTarget) -> str:
+    """What to do of a solid that is too large to be in metres, in words; '': it may well be."""
+    if not isinstance(target.shape, SolidTarget):
+        return ""
+    length = float(np.ptp(target.shape.solid.vertices, axis=0).max())
+    if length < LONG:
+        return ""
+    return f"its mesh is {length:.3g} m long; where it is in millimetres, scale it by 0.001"
 
 
 def _area(outline: np.ndarray) -> float:

@@ -73,13 +73,28 @@ def with_link(experiment: Experiment, packages: PackagePath) -> Experiment:
         urdf = packages.file(experiment.robot.urdf).read_text(encoding="utf-8")
         shape, pose = _robot_link(urdf, packages, target.link)
         return replace(experiment, target=replace(target, shape=shape, pose=pose))
-    models = {model.name: model for model in around(experiment, packages).models}
-    require(target.model in models, f"target.model: no model '{target.model}' stands in world "
-            f"'{experiment.world}': {nearest(target.model, models)}")  # fmt: skip
-    model = models[target.model]
-    link = _link(model, target.link)
-    shape, pose = _link_target(world_path(experiment, packages), packages, model.name, link)
+    path = world_path(experiment, packages)
+    shape, pose, link = link_of_world(path, packages, target.model, target.link)
     return replace(experiment, target=replace(target, shape=shape, pose=pose, link=link))
+
+
+def link_of_world(
+    path: str, packages: PackagePath, name: str, wanted: str
+) -> tuple[str, tuple[float, ...], str]:
+    """Path of the mesh of a link's visuals, where it is at first (m, rad), and its name.
+
+    Args:
+        path: of the world file. name: of the model. wanted: its link; '': the only one that is
+            seen.
+
+    Raises:
+        ExperimentError: there is no such model or link, or it is no closed solid.
+    """
+    models = {model.name: model for model in read_world(path, packages).models}
+    require(name in models, f"target.model: no model '{name}' stands in world '{path}': "
+            f"{nearest(name, models)}")  # fmt: skip
+    link = _link(models[name], wanted)
+    return *_link_target(path, packages, name, link), link
 
 
 def world_path(experiment: Experiment, packages: PackagePath) -> str:

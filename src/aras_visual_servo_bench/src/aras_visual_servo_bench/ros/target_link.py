@@ -1,0 +1,90 @@
+"""A link of a model of the world as the target of the nodes that servo.
+
+    rosrun aras_visual_servo_bench target_link crate::body --world /my/crate.world mesh
+    rosrun aras_visual_servo_bench target_link crate::body --world /my/crate.world start
+
+Prints the path of a mesh of its visuals, or where it is, as the controller's parameter model_start
+has it: where the simulation has it now, in the base of the robot, or, without a simulation, where
+the world's file has it. aras_visual_servo_nodes.launch asks for both (link:=crate::body).
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import rospy
+from gazebo_msgs.srv import GetLinkState, GetWorldProperties
+
+from aras_sim_bridge.ros.conversions import from_pose
+from aras_visual_servo_base.poses import to_xyz_rpy
+from aras_visual_servo_base.urdf import robot_name
+
+from ..asked.packages import PackagePath
+from ..asked.worlds import link_of_world
+from ..errors import ExperimentError, writing
+from .target_place import WORLD
+
+STATE = "/gazebo/get_link_state"
+DESCRIPTION = "/robot_description"
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Print what is asked for; returns the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="target_link", description=__doc__.splitlines()[0],
+        epilog="example: rosrun aras_visual_servo_bench target_link crate --world a.world start",
+    )  # fmt: skip
+    parser.add_argument("link", help="MODEL::LINK; MODEL where only one link of it is seen")
+    parser.add_argument("--world", required=True, help="path of the file in which the model stands")
+    parser.add_argument("what", choices=("mesh", "start"))
+    options = parser.parse_args(argv)
+    model, _, wanted = options.link.partition("::")
+    packages = PackagePath()
+    try:
+        world = str(packages.file(options.world))
+        mesh, pose, link = link_of_world(world, packages, model, wanted)
+        if options.what == "mesh":
+            print(_kept(Path(mesh), options.link), end="")
+        else:
+            now = _now(f"{model}::{link}") or pose
+            print(f"{{pose: [{', '.join(f'{value:.9g}' for value in now)}]}}")
+    except ExperimentError as error:
+        print(f"target_link: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _kept(mesh: Path, name: str) -> Path:
+    """A copy of a mesh that stays when this program has ended."""
+    text = mesh.read_bytes()
+    folder = Path(tempfile.gettempdir()) / "aras_targets" / hashlib.sha256(text).hexdigest()[:16]
+    path = folder / f"{name.replace(':', '_').replace('/', '_')}{mesh.suffix}"
+    with writing(f"the mesh into {folder}", ExperimentError):
+        folder.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(text)
+    return path
+
+
+def _now(link: str) -> tuple[float, ...] | None:
+    """x, y, z (m), roll, pitch, yaw (rad) of a link in the robot's base, or in the world where none
+    of the description's name stands there; None without a simulation that has it."""
+    try:
+        models = rospy.ServiceProxy(WORLD, GetWorldProperties)().model_names
+        robot = robot_name(str(rospy.get_param(DESCRIPTION, "")))
+        base = robot if robot in models else ""
+        state = rospy.ServiceProxy(STATE, GetLinkState)(link, base)
+    except (rospy.ROSException, rospy.ServiceException, OSError):
+        return None
+    if not state.success:
+        return None
+    xyz, rpy = to_xyz_rpy(from_pose(state.link_state.pose, "link").matrix())
+    return (*np.asarray(xyz, float).tolist(), *np.asarray(rpy, float).tolist())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

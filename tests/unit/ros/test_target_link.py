@@ -1,0 +1,51 @@
+"""A link of a world's model for the nodes: its mesh, and where it is without a simulation."""
+
+import numpy as np
+import pytest
+import yaml
+
+from aras_visual_servo_bench.ros.target_link import main
+from aras_visual_servo_camera.model import read_solid
+
+BOX = "<geometry><box><size>{}</size></box></geometry>"
+WORLD = f"""<sdf version="1.6"><world name="a"><model name="crate">
+  <static>1</static>
+  <pose>0.2 -0.1 0.64 0 0 0.6</pose>
+  <link name="body"><visual name="v">{BOX.format("0.08 0.05 0.06")}
+  </visual></link>
+  <link name="lid"><pose>0 0 0.1 0 0 0</pose><visual name="v">{BOX.format("0.1 0.1 0.01")}
+  </visual></link></model></world></sdf>"""
+
+
+@pytest.fixture
+def asked(tmp_path, monkeypatch, capsys):
+    """What the program prints of a link, and its status; no master is there."""
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
+    (tmp_path / "a.world").write_text(WORLD)
+
+    def ask(*words):
+        status = main([*words, "--world", str(tmp_path / "a.world")])
+        return status, capsys.readouterr()
+    return ask
+
+
+def test_its_mesh_is_kept_and_its_pose_is_that_of_the_file(asked):
+    status, told = asked("crate::body", "mesh")
+    assert status == 0
+    span = np.ptp(read_solid(told.out).vertices, axis=0)
+    np.testing.assert_allclose(span, [0.08, 0.05, 0.06], atol=1e-6)
+    status, told = asked("crate::body", "start")
+    x, y, z, *rpy = yaml.safe_load(told.out)["pose"]
+    assert (x, y, z) == pytest.approx((0.2, -0.1, 0.64), abs=1e-6)
+    assert rpy == pytest.approx([0.0, 0.0, 0.6], abs=1e-6)
+
+
+@pytest.mark.parametrize(("link", "why"), [
+    ("crate", "model 'crate' has 2 links that are seen: name one of body, lid"),
+    ("crate::bod", "shows no link 'bod': did you mean 'body'"),
+    ("crat::body", "no model 'crat' stands in world"),
+])  # fmt: skip
+def test_what_is_not_there_is_said_in_one_line(asked, link, why):
+    status, told = asked(link, "mesh")
+    assert status == 1 and told.out == ""
+    assert why in told.err and told.err.count("\n") == 1

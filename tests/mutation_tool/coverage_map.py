@@ -68,14 +68,14 @@ class CoverageMap:
 
         What stands outside functions, and what numba compiles, leaves no trace: there, the tests
         that run a function which uses it, through as many such steps as it takes. A function
-        that runs while a test file is imported may concern all tests of that file, and a name in
-        its text does. Of what is compiled those come first that call it through the fewest other
+        that runs while a test file is imported may concern all tests of that file, and a name that
+        it imports does. Of what is compiled those come first that call it through the fewest other
         functions, for these are compiled again.
         """
         steps: dict[str, int] = {}
         if fault.names:
             steps = self._users(fault.names, fault.file)
-            found = set(steps) | self._naming(fault.names)
+            found = set(steps) | self._naming(fault.names, fault.file)
             found = found or self._tests(fault.file, 1, 10**9)
             found = found or self._importing(fault.file, 1, 10**9)
         else:
@@ -114,9 +114,9 @@ class CoverageMap:
         files = {f for line, several in lines if first <= line <= last for f in several}
         return {name for name in self.seconds if name.partition("::")[0] in files}
 
-    def _naming(self, names: tuple[str, ...]) -> set[str]:
-        words = re.compile(rb"\b(" + "|".join(names).encode() + rb")\b")
-        files = {file for file, source in self._test_sources.items() if words.search(source)}
+    def _naming(self, names: tuple[str, ...], home: str) -> set[str]:
+        files = {file for file, words in self._test_words.items()
+                 if any(self._takes(words, name, home) for name in names)}
         return {name for name in self.seconds if name.partition("::")[0] in files}
 
     def _ordered(self, tests: set[str], steps: dict[str, int]) -> list[str]:
@@ -163,17 +163,22 @@ class CoverageMap:
     def _takers(self, name: str, home: str) -> list[str]:
         """The files in which a name of one file means what it means there: those that import it,
         or have attributes of its name where it is one of a module or class."""
+        return [user for user, words in self._files.items()
+                if user == home or self._takes(words, name, home)]
+
+    def _takes(self, words: _Words, name: str, home: str) -> bool:
         stem = home.rpartition("/")[2].removesuffix(".py")
         of_class = name in self._files[home].of_classes
-        return [
-            user for user, words in self._files.items()
-            if user == home or name in words.imported
-            or name in words.attributes and (of_class or stem in words.imported)
-        ]
+        return name in words.imported or name in words.attributes and (
+            of_class or stem in words.imported)
 
     @cached_property
     def _files(self) -> dict[str, _Words]:
         return {file: _words(source.decode()) for file, source in self._sources.items()}
+
+    @cached_property
+    def _test_words(self) -> dict[str, _Words]:
+        return {file: _words(source.decode()) for file, source in self._test_sources.items()}
 
 
 @dataclass(frozen=True)

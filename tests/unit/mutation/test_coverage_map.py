@@ -58,7 +58,7 @@ SECOND = {"lines": {"src/shapes.py": {"24": ["tests/b.py::brief"], "7": ["tests/
 def found_at(line: int, file: str = "src/shapes.py", failed: tuple[str, ...] = ()) -> list[str]:
     recordings = {"tests/a.py": RECORDING | {"failed": dict.fromkeys(failed, "skipped")},
                   "tests/b.py": SECOND}
-    texts = {"tests/a.py": b"from shapes import area", "tests/b.py": b"assert _kernel(1) == 3"}
+    texts = {"tests/a.py": b"from shapes import area", "tests/b.py": b"from shapes import _kernel"}
     cover = CoverageMap(recordings, SOURCES, texts)
     fault: Fault = next(f for f in faults_of(SOURCES[file], file) if f.line == line)
     return [name.rpartition(":")[2] for name in cover.tests_of(fault)]
@@ -80,7 +80,7 @@ def test_a_constant_is_seen_where_it_is_used_through_other_constants() -> None:
     assert found_at(2) == ["brief", "user", "quick", "long"]
 
 
-def test_a_compiled_function_is_seen_where_it_is_called_and_where_a_test_names_it() -> None:
+def test_a_compiled_function_is_seen_where_it_is_called_and_where_a_test_imports_it() -> None:
     assert found_at(16) == ["brief", "other"]
 
 

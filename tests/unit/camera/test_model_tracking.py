@@ -80,6 +80,54 @@ def test_edge_points_are_those_that_a_depth_image_shows(folder, name):
         assert len(points.at) > 100
 
 
+def hidden(solid, eye, points):
+    """(n,) whether a face lies before points (n, 3) of the surface, by casting rays at all."""
+    a, b, c = solid.vertices[solid.faces].transpose(1, 0, 2)
+    rays, normals = points - eye, np.cross(b - a, c - a)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        part = ((a - eye) * normals).sum(axis=1) / (rays @ normals.T)  # of each ray, to each plane
+    met = eye + np.nan_to_num(part, posinf=0.0, neginf=0.0)[:, :, None] * rays[:, None]
+    inside = [(np.cross(q - p, met - p) * normals).sum(axis=-1) > 0.0
+              for p, q in ((a, b), (b, c), (c, a))]  # fmt: skip
+    return (np.logical_and.reduce(inside) & (part > 0.0) & (part < 1.0 - 3e-3)).any(axis=1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_of_an_edge_that_is_half_hidden_the_other_half_is_seen(seed):
+    """From all round an angle, each of whose arms hides parts of the other."""
+    solid, random = solid_of("bracket"), np.random.default_rng(seed)
+    covered = 0
+    for _ in range(6):
+        eye = random.normal(size=3)
+        eye *= random.uniform(0.2, 0.3) / np.linalg.norm(eye)
+        z = -eye / np.linalg.norm(eye)
+        x = np.cross(z, random.normal(size=3))
+        x /= np.linalg.norm(x)
+        pose = np.eye(4)
+        pose[:3, :3] = x, np.cross(z, x), z
+        pose[:3, 3] = -pose[:3, :3] @ (eye + solid.middle)
+        eye = eye + solid.middle
+        found = visible_samples(solid, CAMERA, pose, 3.0)
+        assert len(found.at) > 80 and not hidden(solid, eye, found.at).any()
+        away = eye - solid.vertices[solid.faces[:, 0]]
+        cosine = (away * solid.normals).sum(axis=1) / np.linalg.norm(away, axis=1)
+        for e in np.flatnonzero((cosine[solid.beside] > 0.05).any(axis=1)
+                                & (np.abs(cosine[solid.beside]) > 0.05).all(axis=1)):  # fmt: skip
+            i, j = solid.vertices[solid.edges[e]]
+            line = i + np.linspace(0.0, 1.0, 60)[:, None] * (j - i)
+            at = line @ pose[:3, :3].T + pose[:3, 3]
+            pixels = np.column_stack(CAMERA.project(*(at[:, :2] / at[:, 2:]).T))
+            clear = np.linalg.norm(pixels[:, None] - pixels[[0, -1]], axis=2).min(axis=1) > 8.0
+            clear &= (np.abs(pixels - (320.0, 240.0)) < (310.0, 230.0)).all(axis=1)
+            shown = pixels[clear & ~hidden(solid, eye, line)]
+            samples = found.pixel[found.edge == e]
+            if len(shown) and len(samples):
+                nearest = np.linalg.norm(shown[:, None] - samples, axis=2).min(axis=1)
+            assert not len(shown) or len(samples) and nearest.max() < 3.5
+            covered += len(shown)
+    assert covered > 1000
+
+
 def test_the_room_beside_a_point_is_that_to_the_nearest_edge_in_its_row_or_column(folder):
     sequence, solid = Sequence("cylinder", "clean", folder), solid_of("cylinder")
     pose = sequence.pose(120)
@@ -152,19 +200,42 @@ def test_an_edge_is_measured_exactly_whatever_its_slant(angle):
         assert np.isnan(other[:, 0]).all()
 
 
-@pytest.mark.parametrize("bright", [-1.0, 1.0])
-@pytest.mark.parametrize("angle", [0.2, 1.4])
-def test_an_edge_between_shaded_faces_is_measured_whichever_is_the_bright_one(angle, bright):
+def shaded_edge(angle, half, slope=3.0):
+    """A picture (40, 40) of two faces' edge, 0.3 px beyond points (13, 2) along their normals.
+
+    half: grey levels by which the faces there differ from the mean. slope: grey levels a pixel.
+    """
     normal = np.array([np.cos(angle), np.sin(angle)])
     fine = (np.arange(40 * 24) + 0.5) / 24.0 - 0.5
     across = fine[None, :] * normal[0] + fine[:, None] * normal[1] - 20.0 * normal.sum()
-    shaded = 120.0 + 40.0 * bright * np.sign(across - 0.3) + 3.0 * across
+    shaded = 120.0 + half * np.sign(across - 0.3) + slope * across
     grey = np.round(shaded.reshape(40, 24, 40, 24).mean(axis=(1, 3))).astype(np.uint8)
     at = 20.0 + np.linspace(-6.0, 6.0, 13)[:, None] * (-normal[1], normal[0])
-    normals, free = np.tile(normal, (13, 1)), np.full((13, 2), 50.0)
-    values = measured(grey, at, normals, free, np.full((13, 2), UNKNOWN), 10.0, 25.0, 0.0)
+    return grey, at, np.tile(normal, (13, 1))
+
+
+@pytest.mark.parametrize("bright", [-1.0, 1.0])
+def test_edges_between_shaded_faces_are_measured_whichever_is_the_bright_one(bright):
+    """Two in one picture, each by its own normal."""
+    seen = [shaded_edge(angle, 40.0 * bright) for angle in (1.4, 0.2)]
+    grey = np.hstack([picture for picture, _, _ in seen])
+    at, normals = (np.vstack([one[i] for one in seen]) for i in (1, 2))
+    at[13:, 0] += 40.0
+    free, any_level = np.full((26, 2), 50.0), np.full((26, 2), UNKNOWN)
+    values = measured(grey, at, normals, free, any_level, 10.0, 25.0, 0.0)
     assert np.abs(values[:, 0] - 0.3).max() < 0.15
     assert np.allclose(values[:, 1] - values[:, 2], 80.0 * bright, atol=15.0)
+    alone = measured(*seen[1], free[:13], any_level[:13], 10.0, 25.0, 0.0)
+    np.testing.assert_allclose(values[13:], alone, atol=1e-9)
+
+
+@pytest.mark.parametrize("slope", [0.0, 1.2])
+def test_what_differs_too_little_at_the_edge_itself_is_none(slope):
+    """The slope adds to what faces some pixels apart differ by."""
+    seen = [shaded_edge(0.2, half, slope) for half in (3.0, 6.5)]
+    free, any_level = np.full((13, 2), 50.0), np.full((13, 2), UNKNOWN)
+    weak, strong = (measured(*one, free, any_level, 10.0, 25.0, 0.0)[:, 0] for one in seen)
+    assert np.isnan(weak).all() and np.isfinite(strong).sum() > 6
 
 
 def test_a_solid_that_is_gone_is_lost_and_found_again(folder):

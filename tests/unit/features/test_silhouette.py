@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import inverse, transform
 from aras_visual_servo_camera.errors import ModelError
-from aras_visual_servo_camera.silhouette import fitting_plane, outline_points, rim_of
+from aras_visual_servo_camera.silhouette import OutlinePlane, fitting_plane, outline_points, rim_of
 
 BOX = np.array([(x, y, z) for z in (-0.03, 0.03) for y in (-0.025, 0.025) for x in (-0.04, 0.04)])
 
@@ -41,6 +41,14 @@ def test_the_deviation_is_that_of_the_depth_along_the_outline():
     rms = np.sqrt(12.25 / 12.0 - 7.0 * np.log(4.0 / 3.0) + 1.0)
     assert deviation == pytest.approx(rms, rel=1e-3)
     fitting_plane(points, "box.stl")
+
+
+def test_the_plane_of_a_solid_that_lies_somewhere_in_the_world_is_that_of_its_view():
+    solid = transform((0.3, -0.2, 0.05), (0.2, -0.1, 0.7))
+    camera = transform((0.28, -0.17, 0.4), (np.pi - 0.1, 0.05, -0.4))
+    points = (np.column_stack([BOX, np.ones(8)]) @ (inverse(camera) @ solid).T)[:, :3]
+    found = OutlinePlane(BOX, solid, "box.stl").seen_from(camera)
+    assert found == pytest.approx(fitting_plane(points, "box.stl"))
 
 
 def test_a_long_box_seen_askew_from_nearby_has_no_plane():

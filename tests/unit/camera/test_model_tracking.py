@@ -18,6 +18,7 @@ from aras_visual_servo_camera.model import ModelTracker, ModelTracking, Solid, S
 from aras_visual_servo_camera.model.fitting import surface_equations
 from aras_visual_servo_camera.model.search import UNKNOWN, measured, noise_of
 from aras_visual_servo_camera.model.visible import GRAZING, visible_samples
+from aras_visual_servo_camera.undistortion import CameraModel
 
 OFF = (0.002, -0.0015, 0.004, 0.012, -0.015, 0.02)  # m and rad that a start is off
 PICTURES = (3, 170, 410)
@@ -126,6 +127,29 @@ def test_of_an_edge_that_is_half_hidden_the_other_half_is_seen(seed):
             assert not len(shown) or len(samples) and nearest.max() < 3.5
             covered += len(shown)
     assert covered > 1000
+
+
+def test_through_a_lens_points_normals_and_gains_are_those_of_the_bent_edges():
+    solid, pose = solid_of("bracket"), transform((0.05, -0.03, 0.3), (np.pi - 0.6, 0.4, 0.5))
+    lens = CameraModel(CAMERA.width, CAMERA.height, CAMERA.K, (-0.3, 0.1, 0.002, -0.003, 0.0))
+    points = visible_samples(solid, lens, pose, 3.0)
+    straight = visible_samples(solid, CAMERA, pose, 3.0)
+
+    def drawn(seen):
+        return np.column_stack(lens.project(*seen.T))
+
+    assert len(points.at) == len(straight.at) > 100
+    assert np.allclose(points.pixel, drawn(points.seen))
+    assert np.abs(points.pixel - straight.pixel).max() > 5.0
+    begin, end = (solid.vertices[solid.edges[points.edge, k]] for k in (0, 1))
+    onward = (points.at + 1e-4 * (end - begin)) @ pose[:3, :3].T + pose[:3, 3]
+    along = drawn(onward[:, :2] / onward[:, 2:]) - points.pixel
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    assert np.allclose(points.normal, np.column_stack([along[:, 1], -along[:, 0]]), atol=1e-3)
+    for k, step in enumerate(1e-6 * np.eye(2)):
+        change = (drawn(points.seen + step) - points.pixel) / 1e-6
+        assert np.allclose(points.gain[:, k], (points.normal * change).sum(axis=1), rtol=1e-4,
+                           atol=0.05)  # fmt: skip
 
 
 def test_the_room_beside_a_point_is_that_to_the_nearest_edge_in_its_row_or_column(folder):
@@ -402,6 +426,11 @@ def test_meshes_that_are_no_solid_in_metres_are_refused():
     with pytest.raises(ModelError, match="open or folded"):
         Solid.of(flipped, "part.stl")
     assert len(Solid.of(block((0, 0), (0.1, 0.05), 0.3, 0.0, 0.04)).edges) == 12
+
+
+def test_what_slips_turns_about_the_solids_own_axis():
+    aside = Solid.of(corners_of("cylinder") + (0.04, -0.02, 0.01))
+    assert np.allclose(np.abs(aside.slips()), [[0.0], [0.0], [0.0], [0.0], [0.0], [1.0]], atol=1e-3)
 
 
 def test_triangles_are_welded_in_whatever_order_they_are_listed():

@@ -12,6 +12,7 @@ from aras_visual_servo_camera.kernel import kernel_features, kernel_of_outline
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import Feature, Measured, Stack, create_feature
+from aras_visual_servo_controller.features.moments import displaced
 from aras_visual_servo_controller.features.of_camera import OfCamera
 from aras_visual_servo_controller.features.points import PointFeature
 from aras_visual_servo_controller.goals.goal import Goal
@@ -286,6 +287,48 @@ def test_alpha_of_a_nearly_round_outline_gains_nothing_by_the_same_view(wide, as
     np.testing.assert_allclose(shown[:3], 0.12 * other[:3], rtol=1e-3, atol=1e-12)
     alpha = np.linalg.norm(shown[3]) / np.linalg.norm(other[3])
     assert alpha == pytest.approx(as_shown, rel=0.15)
+
+
+def raw_moments(outline, order):
+    """(order + 1, order + 1) of a polygon (n, 2), by Green's theorem and Gauss's nodes."""
+    nodes, weights = np.polynomial.legendre.leggauss(order + 2)
+    ends = np.roll(outline, -1, axis=0)
+    part = 0.5 * (nodes[:, None, None] + 1.0)
+    x, y = np.moveaxis(outline + part * (ends - outline), 2, 0)
+    dy = 0.5 * weights[:, None] * (ends - outline)[:, 1]
+    return np.array([[(x ** (i + 1) / (i + 1) * y**j * dy).sum() for j in range(order + 1)]
+                     for i in range(order + 1)])  # fmt: skip
+
+
+def test_what_an_outline_gains_where_it_is_displaced_by_waves():
+    """Against moments of the displaced outline itself, of many sides."""
+    t = np.linspace(0.0, 2.0 * np.pi, 1200, endpoint=False)
+    outline = np.column_stack([0.2 + 0.09 * np.cos(t), -0.1 + 0.05 * np.sin(t + 0.4)])
+    found = displaced(outline[::40], 3)  # of 30 sides
+    ahead = np.roll(outline, -1, axis=0) - np.roll(outline, 1, axis=0)
+    outward = np.column_stack([ahead[:, 1], -ahead[:, 0]])
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    x, y = (outline - outline.mean(axis=0)).T
+    phi = np.arctan2(y, x)
+    waves = [np.ones(1200), *(f(m * phi) for m in range(1, 5) for f in (np.cos, np.sin))]
+    for wave, gained in zip(waves, found, strict=True):
+        sides = [raw_moments(outline + d * wave[:, None] * outward, 3) for d in (1e-5, -1e-5)]
+        expected = (sides[0] - sides[1]) / 2e-5
+        np.testing.assert_allclose(gained, expected, atol=2e-3 * np.abs(found[0]).max())
+
+
+def test_a_point_of_a_goal_that_is_not_finite_is_refused():
+    feature = create_feature("points")
+    goal = taught(feature, SQUARE)
+    points = [[0.1, 0.1], [0.1, float("nan")], [-0.1, -0.1], [0.2, 0.0]]
+    with pytest.raises(ConfigurationError, match="a point is not finite"):
+        feature.check(replace(goal, features={"points": {"points": points}}))
+
+
+@pytest.mark.parametrize("ratio", [(1.0, 1.0, 1.0), (1.0, 0.0, 1.0, 1.0), (1.0, -1.0, 1.0, 1.0)])
+def test_a_ratio_is_a_number_above_0_for_each_feature(ratio):
+    with pytest.raises(ConfigurationError, match="one number above 0 for each of xn, yn"):
+        Composed(create_feature("moments"), ratio=ratio)
 
 
 TILTED = pose((0.012, -0.02, 0.3), (0.25, -0.3, 0.4))

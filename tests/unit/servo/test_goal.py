@@ -181,6 +181,13 @@ def test_a_goal_for_a_camera_mounted_elsewhere():
         replace(goal, target=None).for_arm(arm)
 
 
+def test_a_pose_that_is_the_joints_to_a_rounding_is_exactly_theirs():
+    goal = the_goal("2016")
+    near = transform((5e-5, -3e-5, 2e-5), (2e-4, -1e-4, 0.0)) @ goal.world_T_camera
+    again = replace(goal, world_T_camera=near).for_arm(the_arm())
+    np.testing.assert_array_equal(again.world_T_camera, goal.world_T_camera)
+
+
 def test_goals_that_do_not_fit_the_arm():
     goal = Goal.load(CONFIG / "goal_2016.yaml")
     with pytest.raises(ConfigurationError, match=r"no value for the joint\(s\) J6"):

@@ -113,6 +113,10 @@ def test_moments_are_moments():
     row, column = shape[0] // 2, shape[1] // 2
     along, down = even[row, column : column + 40], even[row : row + 40, column]
     assert along == pytest.approx(down, abs=1e-6)  # as far to the right as below
+    # exp(-4 (r / reach)^4), of which the reach is to the nearer rim: 49.5 pixels
+    r2 = (np.arange(40) + 0.5) ** 2 + 0.25
+    expected = np.exp(-4.0 * (r2 / 49.5**2) ** 2)
+    assert along / along[0] == pytest.approx(expected / expected[0], abs=1e-5)
     # Beside the weight alone each is a monomial, y first: y, x, y^2, x y, x^2 ...
     places = slice(row - 25, row + 26), slice(column - 25, column + 26)
     down, right = (np.mgrid[-25:26, -25:26] + 0.5) / 25.5  # from between the middle pixels
@@ -231,6 +235,10 @@ def test_bad_pictures_are_one_line():
     through.check(replace(goal, camera=longer))  # another goal, and the camera is looked at anew
     with pytest.raises(MeasurementError, match="another camera"):
         through.measure(look(lens, GOAL, through.needs), through._goal)
+    small = CameraModel(160, 39, (180.0, 0, 79.5, 0, 180.0, 19.5, 0, 0, 1))
+    few, shown = at_goal("luminance", small)
+    with pytest.raises(MeasurementError, match="too small for photometric servoing"):
+        few.measure(look(small, GOAL, few.needs), shown)
     exact = Observer(None, feature.needs).of_exact(0.0, PINHOLE)
     with pytest.raises(MeasurementError, match="no picture"):
         feature.measure(exact, goal)

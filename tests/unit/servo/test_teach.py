@@ -120,7 +120,8 @@ def test_its_help_says_what_each_argument_is(capsys):
     with pytest.raises(SystemExit):
         main(["--help"])
     said = capsys.readouterr().out
-    assert "  --geometry GEOMETRY" in said
+    assert said.startswith("usage: teach ") and "  --geometry GEOMETRY" in said
+    assert "\nexample: rosrun aras_visual_servo_controller teach goal.yaml --scheme" in said
     assert re.findall(r"^  (\S+(?: \S+)?)\n(?! {10})", said, re.MULTILINE) == []
 
 

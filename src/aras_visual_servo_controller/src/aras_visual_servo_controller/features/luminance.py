@@ -315,7 +315,7 @@ class PhotometricMoments(LuminanceMap):
         reach = min(np.abs(x).max(), np.abs(y).max())
         weight = np.exp(-4.0 * ((x**2 + y**2) / reach**2) ** 2)
         return np.array([
-            (weight * (x / reach) ** p * (y / reach) ** (n - p)).ravel()
+            (weight * x**p * y ** (n - p)).ravel()
             for n in range(self.order + 1) for p in range(n + 1)
         ])  # fmt: skip
 

@@ -6,7 +6,7 @@ import ast
 import bisect
 import re
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 from .edits import COMPILED
 from .faults import Fault
@@ -69,19 +69,21 @@ class CoverageMap:
         What stands outside functions, and what numba compiles, leaves no trace: there, the tests
         that run a function which uses it, through as many such steps as it takes. A function
         that runs while a test file is imported may concern all tests of that file, and a name that
-        it imports does. Of what is compiled those come first that call it through the fewest other
-        functions, for these are compiled again.
+        it imports does. Of these, tests that run something of its folder come first; of what is
+        compiled then those that call it through the fewest others, which are compiled again.
         """
         steps: dict[str, int] = {}
+        near: set[str] = set()
         if fault.names:
             steps = self._users(fault.names, fault.file)
             found = set(steps) | self._naming(fault.names, fault.file)
             found = found or self._tests(fault.file, 1, 10**9)
             found = found or self._importing(fault.file, 1, 10**9)
+            near = self._near(fault.file)
         else:
             found = self._tests(fault.file, *fault.lines)
             found |= self._importing(fault.file, *fault.lines)
-        return self._ordered(found - self.failed, steps if fault.compiled else {})
+        return self._ordered(found - self.failed, near, steps if fault.compiled else {})
 
     def total(self, tests: list[str]) -> float:
         """Processor seconds that these tests took when they were recorded."""
@@ -119,9 +121,16 @@ class CoverageMap:
                  if any(self._takes(words, name, home) for name in names)}
         return {name for name in self.seconds if name.partition("::")[0] in files}
 
-    def _ordered(self, tests: set[str], steps: dict[str, int]) -> list[str]:
-        """Those of few steps first, then quick tests before slow ones, file by file so that shared
-        fixtures are made once."""
+    @cache  # noqa: B019  one map a run
+    def _near(self, file: str) -> set[str]:
+        """The tests that run anything of the folder of a file."""
+        folder = file.rpartition("/")[0]
+        return {test for one in self._of_line if one.rpartition("/")[0] == folder
+                for test in self._tests(one, 1, 10**9)}
+
+    def _ordered(self, tests: set[str], near: set[str], steps: dict[str, int]) -> list[str]:
+        """Near ones first, those of few steps, then quick tests before slow ones, file by file so
+        that shared fixtures are made once."""
         def file_of(name: str) -> str:
             return name.partition("::")[0]
 
@@ -131,10 +140,10 @@ class CoverageMap:
             group = classes[name], file_of(name)
             totals[group] = totals.get(group, 0.0) + self.seconds[name]
 
-        def rank(name: str) -> tuple[bool, int, int, float, str, float, str]:
+        def rank(name: str) -> tuple[bool, bool, int, int, float, str, float, str]:
             slow, file, seconds = classes[name], file_of(name), self.seconds[name]
-            return ("::" not in name, steps.get(name, 0), slow, totals[slow, file], file, seconds,
-                    name)  # fmt: skip
+            return ("::" not in name, name not in near, steps.get(name, 0), slow,
+                    totals[slow, file], file, seconds, name)  # fmt: skip
 
         return sorted(tests, key=rank)
 

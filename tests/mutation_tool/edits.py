@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 from .confusions import also_attribute, also_variable
 
-COMPILED = re.compile(r"\b(compiled|njit|jit|vectorize|guvectorize|cfunc)\b")
+COMPILED = re.compile(r"\b(compiled|inlined|njit|jit|vectorize|guvectorize|cfunc)\b")
 _ARITHMETIC = {
     ast.Add: ("+", "-", "sign"), ast.Sub: ("-", "+", "sign"), ast.Mult: ("*", "/", "scale"),
     ast.Div: ("/", "*", "scale"), ast.FloorDiv: ("//", "*", "scale"),

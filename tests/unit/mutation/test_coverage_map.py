@@ -110,6 +110,20 @@ def near(a):
     assert cover.tests_of(fault) == ["t.py::near", "t.py::far"]
 
 
+def test_those_that_run_something_of_its_folder_come_first() -> None:
+    sources = {"room/kernel.py": b"@inlined\ndef kernel(a):\n    return a + 2\n",
+               "room/draw.py": b"from .kernel import kernel\n\n\ndef draw(a):\n    return a - 1\n",
+               "other/use.py": b"from room.kernel import kernel\n\n\ndef use(a):\n"
+                               b"    return kernel(a)\n"}  # fmt: skip
+    lines = {"room/draw.py": {"5": ["t.py::draws"]}, "other/use.py": {"5": ["t.py::draws",
+                                                                           "t.py::brief"]}}
+    recording = {"lines": lines, "shared": {}, "failed": {},
+                 "seconds": {"t.py::brief": 0.01, "t.py::draws": 0.8}}  # fmt: skip
+    cover = CoverageMap({"t.py": recording}, sources)
+    fault = next(f for f in faults_of(sources["room/kernel.py"], "room/kernel.py") if f.line == 3)
+    assert cover.tests_of(fault) == ["t.py::draws", "t.py::brief"]
+
+
 def test_a_constant_that_only_imports_see_gets_the_tests_that_import_it() -> None:
     assert set(found_at(1, "src/limits.py")) == {"quick", "long", "user", "other", "failing"}
 

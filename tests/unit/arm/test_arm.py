@@ -144,6 +144,24 @@ def test_inverse_tells_how_far_beyond_reach_a_pose_is():
     assert 0.7 < caught.value.excess < 1.4
     with pytest.raises(ValueError, match="rigid"):
         arm.inverse(2.0 * far, np.full(6, 0.3))
+    nowhere = far.copy()
+    nowhere[1, 3] = np.nan
+    with pytest.raises(ValueError, match="rigid"):
+        arm.inverse(nowhere, np.full(6, 0.3))
+
+
+def test_of_several_postures_the_cheapest_counts():
+    arm = make("ur5")
+    q = np.array([0.05, -0.8, 1.1, -0.7, 0.9, 0.1])
+    tried = []
+
+    def cost(joints):
+        tried.append((1.0 + abs(joints[2] - 0.4) + abs(joints[4]), joints))
+        return tried[-1][0]
+
+    found = arm.inverse(arm.pose(q), q, cost=cost)
+    assert len(tried) > 1
+    np.testing.assert_array_equal(found, min(tried, key=lambda one: one[0])[1])
 
 
 def test_sample_finds_joints_by_name():

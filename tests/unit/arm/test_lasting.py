@@ -25,6 +25,16 @@ def test_fast_motion_does_not():
     assert resolve(Q, 20.0 * SLOW).lasts == 0.0
 
 
+def test_a_motion_that_the_speed_of_a_joint_slows_does_not():
+    free = resolve(Q, SLOW).velocities
+    for joint, name in enumerate(make("aras").names):
+        speeds = np.full(6, 1.0)
+        speeds[joint] = 0.5 * abs(free[joint])
+        if speeds[joint] > 1e-6:
+            slowed = resolve(Q, SLOW, velocity=speeds.tolist())
+            assert (slowed.slowing, slowed.lasts) == (name, 0.0)
+
+
 @pytest.mark.parametrize("joint", range(6))
 def test_near_a_limit_that_this_motion_reaches_it_does_not(joint):
     velocities = resolve(Q, SLOW).velocities

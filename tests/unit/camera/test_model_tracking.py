@@ -152,6 +152,20 @@ def test_through_a_lens_points_normals_and_gains_are_those_of_the_bent_edges():
                            atol=0.05)  # fmt: skip
 
 
+def test_points_stand_in_the_middle_of_a_long_edge():
+    """As far from its one end as from its other, and out of the ends' reach."""
+    solid, pose = solid_of("box"), transform((0.01, -0.02, 0.35), (np.pi - 0.6, 0.4, 0.5))
+    points = visible_samples(solid, CAMERA, pose, 3.0)
+    at = solid.vertices @ pose[:3, :3].T + pose[:3, 3]
+    pixels = np.column_stack(CAMERA.project(*(at[:, :2] / at[:, 2:]).T))
+    assert len(set(points.edge)) == 9
+    for e in set(points.edge):
+        of_edge, (i, j) = points.pixel[points.edge == e], solid.edges[e]
+        first, last = (np.linalg.norm(of_edge[[0, -1]] - pixels[[i, j]], axis=1))
+        assert first == pytest.approx(last) and 4.0 <= first < 4.0 + 1.5 + 1e-9
+        assert np.linalg.norm(np.diff(of_edge, axis=0), axis=1) == pytest.approx(3.0)
+
+
 def test_the_room_beside_a_point_is_that_to_the_nearest_edge_in_its_row_or_column(folder):
     sequence, solid = Sequence("cylinder", "clean", folder), solid_of("cylinder")
     pose = sequence.pose(120)
@@ -222,6 +236,19 @@ def test_an_edge_is_measured_exactly_whatever_its_slant(angle):
         any_level[:, 0] = 90.0
         other = measured(grey, at, normals, free, any_level, 10.0, 25.0, 0.0)
         assert np.isnan(other[:, 0]).all()
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_an_edge_is_measured_up_to_three_pixels_from_the_border(axis):
+    places = [2.5, 3.5, 35.5, 36.5]
+    at, normals = np.full((4, 2), 30.0), np.zeros((4, 2))
+    at[:, axis], normals[:, axis] = places, 1.0
+    for n, found in ((0, False), (1, True), (2, True), (3, False)):
+        one = np.where(np.arange(40) <= places[n], 50, 200).astype(np.uint8)
+        grey = np.tile(one, (60, 1)) if axis == 0 else np.tile(one[:, None], (1, 60))
+        value = measured(grey, at[[n]], normals[[n]], np.full((1, 2), 50.0),
+                         np.full((1, 2), UNKNOWN), 10.0, 25.0, 0.0)[0, 0]  # fmt: skip
+        assert value == pytest.approx(0.0, abs=1e-9) if found else np.isnan(value), places[n]
 
 
 def shaded_edge(angle, half, slope=3.0):

@@ -131,6 +131,23 @@ def test_it_is_started_again_as_new(make, kind):
     assert differences(*both, WHY_NOT) == []
 
 
+def test_what_pids_kept_is_gone_when_the_simulation_begins_anew(make):
+    held = 0
+    for kind in TYPES:
+        bench = Bench(make(kind))
+        bench.rig.run("c")
+        controller = bench.rig.manager.get("c")
+        if not controller.pids:
+            continue
+        ask(controller, kind, 0.3)
+        bench.go_on(37)
+        assert all(pid.integral and pid.command for pid in controller.pids.values())
+        controller.begin_anew(0)
+        assert not any(pid.integral or pid.command for pid in controller.pids.values()), kind
+        held += 1
+    assert held > 5
+
+
 def test_all_that_begins_anew_was_among_them(make):
     """Of a class with `reset` or `start` that no case above holds nobody would know."""
     held = set()

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Set up the workspace and run every check and test: unit tests, then graph tests, each ending in pytest's summary line.
+# Set up the workspace and run every check and test: graph tests and unit tests, each ending in pytest's summary line.
 set -euo pipefail
 
 usage() {
@@ -53,15 +53,17 @@ done
 # fails has a second try, and the summary names it (R).
 units=$(($(nproc) + 1)) graphs=$(($(nproc) + 1))
 ((graphs <= 4)) || graphs=4
-no_test=5 unit=0 graph=0
+interrupted=2 no_test=5 unit=0 graph=0
 log=build/unit_tests.log
 : >"$log"
 set -m # a process group of its own, in which Ctrl-C is not ignored
 nice -n 10 .venv/bin/python -m pytest -n "$units" --dist worksteal tests/unit "$@" >"$log" 2>&1 </dev/null &
 beside=$!
 set +m
-trap 'kill -- "-$beside" 2>/dev/null || true' EXIT
+# By Ctrl-C, too: then they end what they have begun themselves.
+trap 'kill -INT -- "-$beside" 2>/dev/null && wait "$beside" || true' EXIT
 .venv/bin/python -m pytest -n "$graphs" --dist loadfile --no-loadscope-reorder --reruns 1 -r fER tests/integration "$@" || graph=$?
+((graph != interrupted)) || exit "$graph"
 tail -n +1 -f --pid="$beside" "$log"
 wait "$beside" || unit=$?
 trap - EXIT

@@ -153,6 +153,7 @@ def test_silence_is_named_once_a_second():
             if "no joint states on /aras_visual_servo/joint_states" in s.reason
             and "no features on /aras_visual_servo/camera/moments" in s.reason]  # fmt: skip
     assert len(told) == 3  # 0.5, 1.5 and 2.5 s after the last
+    assert {s.phase for s in told} == {"holding"}
 
 
 @pytest.mark.parametrize("gone", ["images", "joints"])

@@ -9,6 +9,7 @@ from loop_rig import IMAGE_PERIOD, STARTS, TICK, Rig, the_goal, the_servo
 from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError, TaskError
 from aras_visual_servo_controller.features import Feature, Measured
+from aras_visual_servo_controller.judging.outcomes import ADVICE
 from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.loop.state import HOLDING, SERVOING
 from aras_visual_servo_controller.schemes import (
@@ -142,6 +143,18 @@ def test_joints_of_another_arm_hold_it():
     short = JointSample.of(rig.now, names[:5], rig.q[:5])
     state = rig.servo.see(replace(seen, joints=short))
     assert state.phase == HOLDING and "an arm of 6 joints" in state.reason
+
+
+def test_a_fault_is_told_once_more_after_the_clock_went_back():
+    rig = Rig(the_servo("2016", Spoiled(FAULTS["value error"][0])), STARTS["2016"])
+    told = []
+    for _ in range(2):
+        joints = JointSample.of(GOOD_FROM, rig.servo.arm.names, rig.q)
+        rig.servo.tick(GOOD_FROM, joints)
+        told.append(rig.servo.see(rig.exact(rig.observer, GOOD_FROM, joints)))
+        rig.servo.reset()
+    assert all("no such thing" in state.fault for state in told)
+    assert {(s.outcome, s.mend) for s in told} == {("scheme_fault", ADVICE["scheme_fault"])}
 
 
 def test_joint_velocities_that_are_not_finite_are_not_commanded():

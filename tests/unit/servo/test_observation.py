@@ -136,7 +136,7 @@ def test_of_messages():
 @pytest.mark.parametrize(
     "change",
     [{"xg": 1e308}, {"yg": -31.0}, {"m00": 1e308}, {"m00": 3601.0}, {"centred": 1e300},
-     {"xg": np.nan}],
+     {"m00": 0.0, "centred": 0.0}, {"xg": np.nan}],
 )  # fmt: skip
 def test_moments_that_no_camera_can_see(change):
     m = Moments.from_polygon(outline(), 4)

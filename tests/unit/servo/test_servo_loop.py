@@ -23,6 +23,7 @@ from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Adaptive, ContinuousStart, Proportional
+from aras_visual_servo_controller.loop.approach import Approach
 from aras_visual_servo_controller.loop.motion import CommandMotion
 from aras_visual_servo_controller.loop.state import (
     APPROACHING,
@@ -494,6 +495,50 @@ def test_what_a_controller_of_joints_asks_is_slowed_as_a_whole_and_says_why():
     assert words.endswith("; at the acceleration limit of J1")
     assert velocities == pytest.approx(0.2 * asked)
     assert motion.limited(0.05 * asked, 0.1) == (pytest.approx(0.05 * asked), "")
+
+
+def test_a_joint_that_has_caught_up_is_waited_for_no_more():
+    settings = ServoSettings(lead=(1.0, 0.05, 1.0, 1.0, 1.0, 1.0), lag=0.0)
+    motion = CommandMotion(the_arm().names, the_limits(), settings)
+    motion.begin(np.zeros(6))
+    asked, measured = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(6)
+    for _ in range(6):
+        motion.advance(asked, measured, 0.01)
+    assert motion.late.tolist() == [False, True, False, False, False, False]
+    assert motion.advance(asked, motion.command, 0.01) == "" and not motion.late.any()
+
+
+def test_what_is_off_by_just_what_counts_as_arrived_is_there():
+    settings = ServoSettings(start=(0.5, -0.25), arrived=0.125, settle=0.25)
+    approach = Approach(("a", "b"), np.ones(2), settings)
+    approach.command(0.0, 0.0, np.zeros(2))
+    approach.command(64.0, 0.0, np.array([0.625, -0.375]))
+    assert approach.reason == "" and not approach.done
+    approach.command(64.25, 0.25, np.array([0.625, -0.375]))
+    assert approach.done
+    approach.command(65.0, 0.0, np.array([0.625, -0.3751]))
+    assert approach.reason == "waiting at the start pose for b (-0.3751, to be -0.2500)"
+    approach.reset()  # nor is it pushed any more
+    approach.command(70.0, 0.0, np.zeros(2))
+    assert approach.command(134.0, 0.0, np.array([0.625, -0.375])).tolist() == [0.5, -0.25]
+
+
+def test_reset_forgets_what_held_it_and_the_image_period():
+    seconds = iter(np.arange(0.0, 100.0, 0.5))
+    rig = Rig(the_servo("2016", clock=lambda: next(seconds)), STARTS["2016"])
+    rig.run(0.2)
+    assert "longer than the image period" in rig.states[-1].reason
+    rig.servo.hold("by hand")
+    rig.servo.reset()
+    joints = JointSample.of(0.0, rig.servo.arm.names, rig.q)
+    rig.servo.tick(0.0, joints)
+    state = rig.servo.see(rig.exact(rig.observer, 0.0, joints))
+    assert state.phase == "servoing" and "image period" not in state.reason
+
+
+def test_a_state_without_an_answer_has_no_singular_values():
+    state = ServoState(0.5, "waiting")
+    assert state.singular_values_L.shape == (0,) and state.rank == 0
 
 
 def test_a_time_that_is_not_finite_moves_nothing_and_is_said():

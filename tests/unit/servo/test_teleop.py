@@ -181,7 +181,8 @@ def test_a_pad_that_is_unplugged_asks_for_nothing(tmp_path):
     os.write(cable, EVENT.pack(1, -32767, AXIS, 0) + EVENT.pack(2, 1, BUTTON, FAST))
     _wait(lambda: twist_of(pad.axes, pad.buttons) is not None)
     os.close(cable)
-    _wait(lambda: pad.gone)
+    _wait(lambda: pad.gone and not any(pad.buttons))
+    assert (pad.axes, pad.buttons) == ([0.0] * 8, [0] * 16)
     assert twist_of(pad.axes, pad.buttons) is None
 
 

@@ -79,6 +79,17 @@ def late(bench):
     bench.step(60)
 
 
+def seldom(bench):
+    """Joint states come 0.16 s apart, and a step is 0.1 s at most."""
+    bench.step(61)
+    watch, bench.driver.watch = bench.driver.watch, lambda: None
+    bench.joints = bench.images = False
+    bench.step(13)
+    bench.joints = bench.images = True
+    bench.driver.watch = watch
+    bench.step(60)
+
+
 CASES = {
     "a whole run": (lambda bench: bench.step(180), {}),
     "delayed": (lambda bench: bench.step(200), {"delay": 0.05}),
@@ -89,7 +100,7 @@ CASES = {
         "scheme": "gravity_centre", "max_acceleration": 1.0, "posture": {"J2": 0.3, "J3": -0.1}}),
     "short lead": (lambda bench: bench.step(200), {"lead": 0.003, "lag": 0.01}),
     "jump": (jump, {}), "implausible": (implausible, {}), "gap": (gap, {}),
-    "starved": (starved, {}), "stuck": (stuck, {}), "late": (late, {}),
+    "starved": (starved, {}), "seldom": (seldom, {}), "stuck": (stuck, {}), "late": (late, {}),
 }  # fmt: skip
 
 

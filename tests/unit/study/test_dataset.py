@@ -16,7 +16,7 @@ from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.running.loop import Loop
-from aras_visual_servo_bench.study import engine, images, rows
+from aras_visual_servo_bench.study import card, engine, images, rows
 from aras_visual_servo_bench.study.folder import TRACES, Folder
 from aras_visual_servo_bench.study.study import Study
 from aras_visual_servo_camera.images import Image
@@ -139,6 +139,23 @@ def test_each_camera_has_columns_of_its_own():
     assert pixels(row["picture_left"]).shape == (100, 200)
     assert pixels(row["picture_right"]).shape == (240, 320)
     assert images.schema(study).names[-2:] == ["picture_left", "picture_right"]
+
+
+@pytest.mark.parametrize(("place", "frame", "row"), [
+    ({}, "the first camera's frame", "1, 0, 0, -0.01, 0, 1, 0, 0.02, 0, 0, 1, -0.05"),
+    ({"pose": [0.1, 0.2, 0.6, 3.141592653589793, 0.0, 0.0]},
+     "the frame in which the first camera's target stands", "1, 0, 0, 0.1, 0, -1, "),
+])  # fmt: skip
+def test_the_card_says_of_each_camera_what_it_is_and_where(tmp_path, place, frame, row):
+    lens = {"width": 200, "height": 100, "distortion_model": "plumb_bob",
+            "distortion_coefficients": [0.1, -0.02, 0.003, 0.0, 0.0]}  # fmt: skip
+    left = place or {"xyz": [-0.05, 0.01, -0.02]}
+    several = {**SEVERAL, "cameras": {"left": {"model": lens, **left}, "right": {"rate": 15.0}}}
+    first, other = card._cameras(Folder.create(tmp_path, study_of(several), ""))
+    assert first.startswith("- right: 320 x 240 pixels, 15 Hz, K row by row 102.735, 0, 159.5, 0, ")
+    assert first.endswith(", plumb_bob with coefficients 0, 0, 0, 0, 0")
+    assert other.startswith("- left: 200 x 100 pixels, 30 Hz, K row by row 173.245, 0, 99.5, 0, ")
+    assert f"coefficients 0.1, -0.02, 0.003, 0, 0; its pose in {frame} row by row {row}" in other
 
 
 def test_first_keeps_a_view_of_each_start():

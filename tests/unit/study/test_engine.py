@@ -176,6 +176,14 @@ def test_a_part_of_other_runs_is_run_again_and_not_taken_for_its_own(tiny, tmp_p
     assert hashes(whole.path) == hashes(begun.path)
 
 
+def test_a_part_that_is_no_table_is_run_again_whatever_its_hash_says(tiny, tmp_path):
+    made = carried(tiny(), tmp_path)
+    made.part(1).write_bytes(b"no table")
+    with open(tmp_path / folder.SUMS, "a") as sums:
+        print(f"{hashlib.sha256(b'no table').hexdigest()}  parts/000001.parquet", file=sums)
+    assert Folder.open(tmp_path).missing() == [1]
+
+
 def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, monkeypatch):
     """Here, and in a process of its own that does not hear its alarm."""
     monkeypatch.setattr(work.sys, "path", [*work.sys.path, os.path.dirname(__file__)])
@@ -440,6 +448,9 @@ def test_the_line_of_progress():
     now[0] = 21.0
     progress.more(59, 0)
     assert "100/100" in out.getvalue() and "0 s left" in out.getvalue()
+    untimed = Progress(2, 1, io.StringIO())
+    untimed.more(1, 0)
+    assert untimed.line().endswith(" 2/2 runs, 0 without success, 0 s left")
 
 
 @pytest.mark.parametrize(("seconds", "told"), [

@@ -25,10 +25,10 @@ from aras_visual_servo_bench.study.study import Study
 from aras_visual_servo_bench.study.tuner import Range, Tuner
 
 
-def made(success, settled, name="one", seeds=None, gains=(1.0, 2.0)):
-    """Results without runs: as many per gain as there are values."""
+def made(success, settled, name="one", seeds=None, gains=(1.0, 2.0), **case):
+    """Results without runs: as many per gain as there are values, all in one case."""
     study = Study.from_mapping({
-        "experiment": {"plant": "free"}, "vary": {"gain": list(gains)},
+        "experiment": {"plant": "free"}, "cases": [case], "vary": {"gain": list(gains)},
         "repeats": len(success) // len(gains), "metrics": ["success", "settled"],
     })  # fmt: skip
     each = len(success) // len(gains)
@@ -38,6 +38,7 @@ def made(success, settled, name="one", seeds=None, gains=(1.0, 2.0)):
         "settled": list(map(float, settled)), "outcome": ["x"] * len(success),
         "verdict": [""] * len(success), "reason": [""] * len(success),
         "real_time_multiple": [10.0] * len(success),
+        **{key: [value] * len(success) for key, value in case.items()},
     })  # fmt: skip
     return Results(name, study, table)
 
@@ -154,6 +155,9 @@ def test_differences_that_are_more_than_chance_are_told_with_their_direction():
     assert found["gain=1.0", "settled"].found.paired
     told = compare.told(list(found.values()))
     assert "better" in told and "WORSE" in told and "2 of 4 comparisons" in told
+    prompt, late = made([1] * 40, times, delay=0.0), made([1] * 40, faster, "two", delay=0.1)
+    assert all(d.found.paired and d.found.count == 20
+               for d in compare.differences(prompt, late, by=["gain"]))
     other_seeds = made([1] * 40, faster, "two", seeds=range(100, 140))
     found = compare.differences(one, other_seeds)
     assert not any(d.found.paired for d in found)
@@ -263,6 +267,15 @@ def test_what_leaves_the_image_is_never_the_best():
     )  # fmt: skip
     tuner._known = {(c.cost,): c for c in (candidate(1.0, 0.2), candidate(3.0, 0.0))}
     assert tuner.best.cost == 3.0
+
+
+@pytest.mark.parametrize(("text", "part", "value"), [
+    ("gain=0.5:8", 0.0, 0.5), ("gain=0.5:8", 0.5, 2.0), ("gain=0.5:8", 1.0, 8.0),
+    ("gain=1:10", 0.5, 3.16228), ("gain=1:9", 0.5, 5.0), ("delay=0:0.1", 0.25, 0.025),
+    ("gain=1.23456111:2", 0.0, 1.23456111), ("gain=1:1.23456789", 1.0, 1.23456789),
+])  # fmt: skip
+def test_a_range_of_ten_times_or_more_is_searched_by_factors_in_six_digits(text, part, value):
+    assert Range.parsed(text).value(part) == value
 
 
 @pytest.mark.parametrize(("words", "complaint"), [

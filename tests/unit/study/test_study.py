@@ -145,6 +145,7 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     ({"vary": {"believed.focus": [1.0]}}, "no 'believed.focus'"),
     ({"vary": {"gain.deeper": [1.0]}}, "gain has no keys below it"),
     ({"cases": [{"laws": "PI"}], "vary": {}}, "no 'laws': did you mean law"),
+    ({"cases": {"lens": [{"name": "a", "sett": {}}]}}, "'cases.lens.0..sett': did you mean 'set'"),
     ({"cases": [{"gain": 2.0}]}, "'gain' stands both under vary and in cases"),
     ({"vary": {"gain": {"uniform": [float("nan"), 2.0]}}}, "uniform.0. is nan, must be a finite"),
     ({"vary": {"gain": {"normal": [1.0, float("inf")]}}}, "normal.1. is inf, must be a finite"),

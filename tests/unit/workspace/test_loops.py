@@ -18,8 +18,9 @@ ASK = "from looping.part.twice import twice as t; v = t(2.0); print(len(t.stats.
 
 
 @pytest.fixture
-def packages(tmp_path: Path):
+def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A package with a loop below tmp_path/source, and a copy as setup.py makes one, in /copy."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)  # loops are kept beside their sources
     for folder in ("source", "copy"):
         package = tmp_path / folder / "looping"
         (package / "part").mkdir(parents=True)

@@ -176,6 +176,19 @@ def test_a_part_of_other_runs_is_run_again_and_not_taken_for_its_own(tiny, tmp_p
     assert hashes(whole.path) == hashes(begun.path)
 
 
+def test_the_last_part_is_counted_by_its_own_runs_and_read_as_it_is_now(tiny, tmp_path):
+    study = tiny(repeats=1)  # parts of two runs and of one
+    made = carried(study, tmp_path)
+    before = made.results()
+    made.part(1).unlink()
+    assert made.done() == 2
+    done = work.carry_out(work.StudyTask(json.dumps(study.to_mapping()), 1))
+    done.values[0]["reason"] = "of another day"
+    made.write(1, done)
+    assert made.results()["reason"].to_pylist() == [
+        *before["reason"].to_pylist()[:2], "of another day"]
+
+
 def test_a_part_that_is_no_table_is_run_again_whatever_its_hash_says(tiny, tmp_path):
     made = carried(tiny(), tmp_path)
     made.part(1).write_bytes(b"no table")

@@ -69,17 +69,19 @@ class CoverageMap:
         What stands outside functions, and what numba compiles, leaves no trace: there, the tests
         that run a function which uses it, through as many such steps as it takes. A function
         that runs while a test file is imported may concern all tests of that file, and a name that
-        it imports does. Of these, tests that run something of its folder come first; of what is
-        compiled then those that call it through the fewest others, which are compiled again.
+        it imports does. Of these, tests that import it or run something of its folder come first;
+        of what is compiled then those that call it through the fewest others, which are compiled
+        again.
         """
         steps: dict[str, int] = {}
         near: set[str] = set()
         if fault.names:
             steps = self._users(fault.names, fault.file)
-            found = set(steps) | self._naming(fault.names, fault.file)
+            naming = self._naming(fault.names, fault.file)
+            found = set(steps) | naming
             found = found or self._tests(fault.file, 1, 10**9)
             found = found or self._importing(fault.file, 1, 10**9)
-            near = self._near(fault.file)
+            near = self._near(fault.file) | naming
         else:
             found = self._tests(fault.file, *fault.lines)
             found |= self._importing(fault.file, *fault.lines)

@@ -35,11 +35,11 @@ def asked(tmp_path):
     return made
 
 
-def corners():
-    """Of what the crate covers of the ground."""
+def corners(size=SIZE):
+    """Of what a crate of a size covers of the ground."""
     place = transform((*PLACE[:2], 0.0), (0.0, 0.0, TURN))
     return [
-        (place @ [0.5 * a * SIZE[0], 0.5 * b * SIZE[1], 0, 1])[:2].tolist()
+        (place @ [0.5 * a * size[0], 0.5 * b * size[1], 0, 1])[:2].tolist()
         for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
     ]
 
@@ -67,6 +67,12 @@ def test_flat_corners_in_its_place_are_refused(asked, scheme):
     why = r"2\.\d+ times as large in the picture .* {link: NAME}"
     with pytest.raises(ExperimentError, match=why):
         assemble(asked_for)
+
+
+def test_corners_that_are_larger_than_what_is_drawn_are_refused(asked):
+    larger = corners([3.0 * side for side in SIZE])
+    with pytest.raises(ExperimentError, match=r"0\.\d+ times as large in the picture"):
+        assemble(asked({"shape": larger}))
 
 
 @pytest.mark.parametrize(("link", "why"), [

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import threading
 
+import pytest
 import rospy
 from controller_manager_msgs.srv import (
     ListControllerTypes,
@@ -22,6 +23,8 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Empty
 
 pytest_plugins = ["controller_rig"]
+
+RELOAD = "/rig/controller_manager/reload_controller_libraries"
 
 
 def test_switch_rules(rig):
@@ -59,7 +62,18 @@ def test_switches_in_the_middle_of_resets(rig):
     assert rig.states()["push"] == "stopped"
 
 
-def test_controller_classes_of_a_user(rig, rig_world):
+@pytest.fixture
+def module(rig, rig_world):
+    """The file of a user's classes, which is in the end what it was."""
+    file = rig_world.modules / "my_controllers.py"
+    yield file
+    file.write_text(USER_CLASS.format(effort=4.0))
+    assert call(RELOAD, ReloadControllerLibraries, True).ok
+    rig.start("joint_state_controller")
+    rig.hear()
+
+
+def test_controller_classes_of_a_user(rig, module):
     types = call("/rig/controller_manager/list_controller_types", ListControllerTypes).types
     assert "my_robot/Constant" in types
     rig.start("mine")
@@ -67,21 +81,17 @@ def test_controller_classes_of_a_user(rig, rig_world):
     rig.clear()
     rig.start("mine_too")
     assert rig.see("cart", "effort", 4) == 4.0
-    reload_libraries = "/rig/controller_manager/reload_controller_libraries"
-    assert not call(reload_libraries, ReloadControllerLibraries, False).ok
-    module = rig_world.modules / "my_controllers.py"
+    assert not call(RELOAD, ReloadControllerLibraries, False).ok
     module.write_text(USER_CLASS.format(effort=7.25))
-    assert call(reload_libraries, ReloadControllerLibraries, True).ok
+    assert call(RELOAD, ReloadControllerLibraries, True).ok
     assert rig.states() == {}
     rig.start("joint_state_controller", "mine_too")
     rig.hear()
     assert rig.see("cart", "effort", 4) == 7.25
     module.write_text("def broken(:\n")
     rig.clear()
-    assert call(reload_libraries, ReloadControllerLibraries, True).ok
+    assert call(RELOAD, ReloadControllerLibraries, True).ok
     assert not call("/rig/controller_manager/load_controller", LoadController, "mine").ok
-    module.write_text(USER_CLASS.format(effort=4.0))
-    rig.start("joint_state_controller")
 
 
 def test_two_robots_do_not_touch_each_other(rig, other):

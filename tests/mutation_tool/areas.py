@@ -131,6 +131,8 @@ AREAS = {
         Area("base", (f"{BASE}/**/*.py",),
              (f"{_UNIT}/properties",
               f"{_UNIT}/base", f"{_UNIT}/settings", f"{_UNIT}/description/test_tree",
+              f"{_UNIT}/description/test_urdf", f"{_UNIT}/camera/test_lens",
+              f"{_UNIT}/features/test_undistortion", f"{_UNIT}/servo/test_laws",
               f"{_UNIT}/description/test_gltf_files", f"{_UNIT}/description/test_mesh_files",
               f"{_UNIT}/description/test_shapes", f"{_UNIT}/arm/test_arm",
               f"{_UNIT}/arm/test_kinematics", f"{_UNIT}/bench/test_eye_to_hand",

@@ -22,6 +22,7 @@ def test_without_a_place_to_keep_them_loops_work_all_the_same(monkeypatch, caplo
     with caplog.at_level(logging.WARNING):
         for _ in range(2):
             total = compiled.compiled("f8[::1]")(lambda x: x.sum())
+            assert total.signatures  # at once, as what could not be read from a file is
             assert total(np.arange(4.0)) == 6.0
     (record,) = caplog.records
     assert "NUMBA_CACHE_DIR" in record.message

@@ -117,6 +117,8 @@ DAMAGED = [
     ("bare.dae", b"<COLLADA/>", "its scene shows no triangles"),
     ("none.dae", dae('<instance_geometry url="#g"/>'), "its scene shows no triangles"),
     ("meter.dae", dae('meter="1"', 'meter="-1"'), "<unit>: meter -1 must be positive"),
+    ("zero.dae", dae('meter="1"', 'meter="0"'), "<unit>: meter 0 must be positive"),
+    ("65.dae", dae('offset="0"', 'offset="65"'), "an offset that cannot be"),
     ("name.dae", dae('geometry id="g"', "geometry"), "geometry '' cannot be read"),
     ("array.dae", dae("float_array", "floats"), "No array found in source s"),
     ("accessor.dae", dae("technique_common", "technique"), "No accessor info in source"),
@@ -159,6 +161,8 @@ SOUND = {
     "each.dae": polygon_list(b"0 2 1", b"0 1 3", b"0 3 2", b"1 2 3"),
     "comment.dae": dae("<p>", "<p><!-- mine -->"),
     "meter.dae": dae(' meter="1"'), "up.dae": dae("Z_UP"), "unit.dae": dae(">Z_UP", ">Y_UP"),
+    "64.dae": dae('offset="0"/>\n<p>0 2 1 0 1 3 0 3 2 1 2 3',
+                  'offset="64"/>\n<p>' + "".join("0 " * 64 + f"{i} " for f in FACES for i in f)),
     "later.dae": dae("</node>", "<node><scale>2 2 2</scale></node><scale>1 1 1</scale></node>"),
 }
 
@@ -333,7 +337,11 @@ def test_what_is_too_much_is_refused_before_it_is_read(tmp_path, monkeypatch):
     os.utime(many, ns=(1, 1))
     with pytest.raises(DescriptionError, match="3 groups and materials, more than the limit of 2"):
         read(str(many))
+    monkeypatch.setattr(mesh_files, "MOST_TRIANGLES", 4)
+    monkeypatch.setattr(mesh_files, "LARGEST_FILE", 284)
+    assert len(read(str(path))) == 1
     monkeypatch.setattr(mesh_files, "LARGEST_FILE", 99)
+    os.utime(path, ns=(2, 2))
     with pytest.raises(DescriptionError, match="284 bytes, more than the limit of 99; simplify"):
         read(str(path))
 
@@ -366,7 +374,7 @@ def test_a_file_is_read_once_until_it_or_what_it_names_changes(tmp_path):
     (first,) = read(str(path))
     assert first.rgba == mesh_files.GREY
     assert read(str(path))[0] is first
-    colours.write_text("newmtl m\nKd 1 0 0\n")
+    colours.write_text("newmtl m\nKd 1 0 0 and more\n")
     (red,) = read(str(path))
     assert red.rgba == (1.0, 0.0, 0.0, 1.0)
     colours.write_text("newmtl m\nKd 0 0 1.0\n")
@@ -393,6 +401,10 @@ def test_what_is_kept_of_files_is_bounded(tmp_path, monkeypatch):
     read(str(paths[3]))
     read(str(paths[2]))
     assert str(paths[0]) not in mesh_files._cache
+    os.utime(paths[3], ns=(1, 1))
+    read(str(paths[3]))  # anew, so used last
+    read(str(paths[0]))
+    assert str(paths[3]) in mesh_files._cache and str(paths[2]) not in mesh_files._cache
 
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"

@@ -18,7 +18,14 @@ from aras_sim_bridge.description import (
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.world import World
-from aras_visual_servo_base.meshes.mesh import Mesh, _unique_rows, from_corners, from_indices
+from aras_visual_servo_base.meshes.mesh import (
+    Mesh,
+    _unique_rows,
+    check_reach,
+    from_corners,
+    from_indices,
+    normalised,
+)
 from aras_visual_servo_base.poses import Pose, quaternion_from_rpy
 
 BOX = Geometry("box", size=(0.2, 0.4, 0.6))
@@ -99,6 +106,46 @@ def test_what_is_inside():
         assert not box.contains(np.array(point))
 
 
+def wound(mesh, point):
+    """How often the surface goes round a point: its solid angle (van Oosterom) over 4 pi."""
+    a, b, c = (corners(mesh) - point).transpose(1, 0, 2)
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    volumes = np.einsum("ni,ni->n", a, np.cross(b, c))
+    under = (la * lb * lc + np.einsum("ni,ni->n", a, b) * lc + np.einsum("ni,ni->n", b, c) * la
+             + np.einsum("ni,ni->n", c, a) * lb)
+    return np.arctan2(volumes, under).sum() / (2 * math.pi)
+
+
+def test_inside_is_what_the_surface_goes_round():
+    """Of two boxes that are apart, and of a wedge with an edge along the ray that is counted."""
+    boxes = [shapes.triangles(BOX)[0].transformed(Pose.from_rpy(xyz, (0.3, -0.5, 0.8)).matrix())
+             for xyz in ((0.4, 0.3, 0.5), (-0.3, -0.4, -0.2))]
+    two = from_corners(np.concatenate([corners(box) for box in boxes]))
+    tips = np.array([(0, 0, 0), (0.5773, 0.5411, 0.6119), (1, 0, 0), (0, 1, 0)], float)
+    wedge = Mesh(tips, tips, np.array([(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)]))
+    shares = np.random.default_rng(5).random((400, 3))
+    for mesh in (two, wedge):
+        points = mesh.positions.min(axis=0) + shares * np.ptp(mesh.positions, axis=0)
+        inside = [mesh.contains(point) for point in points]
+        assert inside == [abs(wound(mesh, point)) > 0.5 for point in points]
+        assert 5 < sum(inside) < 200
+
+
+def test_a_picture_is_whole_and_upright_on_each_side_of_a_box():
+    box = shapes.triangles(BOX)[0].placed(Pose((1.0, 2.0, 3.0)).matrix())
+    draped = box.draped("a.png", projected=True)
+    for p, n, (across, up) in zip(box.positions, box.normals, draped.uv, strict=True):
+        above = np.array([0.0, 1.0, 0.0] if abs(n[2]) > 0.5 else [0.0, 0.0, 1.0])
+        right = np.cross(above, n)  # of who looks at that side from outside
+        for share, axis in ((across, right), (up, above)):
+            place = (p - (1.0, 2.0, 3.0)) @ axis / (np.abs(axis) @ BOX.size)
+            assert share == pytest.approx(0.5 + place, abs=1e-5)
+    assert draped.texture == "a.png"
+    own = draped.draped("b.png", projected=False)
+    assert own.texture == "b.png" and own.uv is draped.uv
+    assert box.draped("b.png", projected=False) is box
+
+
 def test_edges_are_sharp_and_round_things_smooth():
     def roof(angle):
         """Two faces that meet at this angle, rad."""
@@ -108,6 +155,15 @@ def test_edges_are_sharp_and_round_things_smooth():
     assert len(roof(math.radians(34)).positions) == 4
     assert len(roof(math.radians(36)).positions) == 6
     assert roof(math.radians(34)).normals[:, 2].max() == pytest.approx(1.0)
+
+
+def test_numbers_are_within_reach_and_no_normal_stays_none():
+    check_reach(np.array([3.0, -1e9]), "position")
+    with pytest.raises(DescriptionError, match="a position is 1e\\+09, beyond 1e\\+09"):
+        check_reach(np.array([3.0, -1.0001e9]), "position")
+    with np.errstate(all="raise"):
+        assert normalised(np.array([[0.0, 3.0, 4.0], [0, 0, 0]])).tolist() == [[0, 0.6, 0.8],
+                                                                              [0, 0, 0]]
 
 
 def test_rows_of_any_numbers_are_told_apart():

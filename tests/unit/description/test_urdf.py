@@ -54,6 +54,9 @@ def test_what_a_joint_leaves_open():
     assert Joint("j", "prismatic", "a", "b").axis == (1.0, 0.0, 0.0)
     assert (joint.origin_xyz, joint.origin_rpy) == ((0, 0, 0), (0, 0, 0))
     assert (joint.damping, joint.friction, joint.soft_limits) == (0.0, 0.0, None)
+    turned, moved = (joined(f"<origin {one}/>{LIMIT}") for one in ("rpy='1 2 3'", "xyz='4 5 6'"))
+    assert (turned.origin_xyz, turned.origin_rpy) == ((0, 0, 0), (1, 2, 3))
+    assert (moved.origin_xyz, moved.origin_rpy) == ((4, 5, 6), (0, 0, 0))
     half = joined("<limit effort='1' velocity='2'/>")
     assert half.limits == JointLimits(0.0, 0.0, 1.0, 2.0)
     assert joined("", "continuous").limits is None
@@ -75,8 +78,10 @@ def test_a_mimic_follows_a_joint_that_moves():
     full = robot(text.format("j", " multiplier='-2' offset='.5'"))
     assert full.joints["k"].mimic == Mimic("j", -2.0, 0.5)
     assert full.moving_joints() == ("j", "k")
-    with pytest.raises(DescriptionError, match="mimics 'x', which is not a moving joint"):
-        robot(text.format("x", ""))
+    fixed = "<link name='d'/>" + JOINT.replace("'b'", "'d'").replace("'j'", "'x'")
+    for more in ("", fixed):
+        with pytest.raises(DescriptionError, match="mimics 'x', which is not a moving joint"):
+            robot(text.format("x", "") + more)
     with pytest.raises(DescriptionError, match="joint 'k': its mimics form a loop"):
         robot(text.format("k", ""))
 
@@ -175,7 +180,7 @@ JOINT = "<joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint
 @pytest.mark.parametrize("inside, reason", [
     ("", "robot 'r' has no link"),
     ("<link/>", "a link has no name"),
-    (f"<link name='{'a' * 257}'/>", "a link name of 257 characters"),
+    (f"<link name='{'a' * 256}'/><link name='{'b' * 257}'/>", "a link name of 257 characters"),
     (A + A, "two links are named 'a'"),
     (AB, "needs exactly one root link, found 'a', 'b'"),
     (AB + JOINT + JOINT, "two joints are named 'j'"),

@@ -1,11 +1,15 @@
 """Compiling loops before the first start: for sources, and for copies made of them."""
 
+import importlib
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import pytest
+
+from aras_visual_servo_base import compiled, loops
 
 LIBRARY = Path(__file__).parents[3] / "src" / "aras_visual_servo_base" / "src"
 TWICE = """
@@ -14,13 +18,14 @@ from aras_visual_servo_base.compiled import compiled
 def twice(x):
     return 2 * x
 """
-ASK = "from looping.part.twice import twice as t; v = t(2.0); print(len(t.stats.cache_hits), v)"
 
 
 @pytest.fixture
 def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A package with a loop below tmp_path/source, and a copy as setup.py makes one, in /copy."""
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)  # loops are kept beside their sources
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    monkeypatch.setattr(compiled, "_prepared", [])
     for folder in ("source", "copy"):
         package = tmp_path / folder / "looping"
         (package / "part").mkdir(parents=True)
@@ -29,14 +34,27 @@ def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
             path.write_text(text)
             seconds = 1_700_000_000 if folder == "copy" else 1_700_000_000.25
             os.utime(path, (seconds, seconds))
-    return tmp_path
+
+    def forget() -> None:
+        for name in [name for name in sys.modules if name.partition(".")[0] == "looping"]:
+            del sys.modules[name]
+
+    def use(folder: Path) -> None:
+        """Have the package from there, as a new process would."""
+        forget()
+        monkeypatch.setattr(sys, "path", [str(folder), *before])
+        importlib.invalidate_caches()
+
+    before = list(sys.path)
+    yield tmp_path, use
+    forget()
 
 
-def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, *arguments], env={**os.environ, "PYTHONPATH": f"{folder}:{LIBRARY}"},
-        cwd="/", capture_output=True, text=True, timeout=300,
-    )  # fmt: skip
+def looped() -> tuple[int, float]:
+    """How often the package's loop was read from what was kept, and what it makes of 2."""
+    twice = importlib.import_module("looping.part.twice").twice
+    found = twice(2.0)
+    return len(twice.stats.cache_hits), found
 
 
 def kept(folder: Path) -> dict[str, bytes]:
@@ -44,33 +62,49 @@ def kept(folder: Path) -> dict[str, bytes]:
 
 
 def test_what_was_compiled_for_the_sources_serves_their_copies_unless_they_differ(packages):
-    source, copy = packages / "source", packages / "copy"
-    done = run(source, "-m", "aras_visual_servo_base.loops", "looping", "nothing")
-    assert done.returncode == 1 and "no package nothing on PYTHONPATH" in done.stderr
+    folder, use = packages
+    source, copy = folder / "source", folder / "copy"
+    use(source)
+    assert loops.sources("looping") == [Path("looping/part/twice.py")]
+    assert loops.main(["looping"]) == 0
     assert len(kept(source)) == 2
-    done = run(copy, "-m", "aras_visual_servo_base.loops", "--from", str(source), "looping")
-    assert done.returncode == 0, done.stderr
+    use(copy)
+    assert loops.main(["--from", str(source), "looping"]) == 0
     assert kept(copy) == kept(source)  # nothing was compiled anew
-    assert run(copy, "-c", ASK).stdout == "1 4.0\n"
+    assert looped() == (1, 4.0)
     path = copy / "looping" / "part" / "twice.py"
     path.write_text(path.read_text().replace("2 * x", "3 * x"))
-    run(copy, "-m", "aras_visual_servo_base.loops", "--from", str(source), "looping")
+    use(copy)
+    loops.main(["--from", str(source), "looping"])
     assert len(kept(copy)) == 2 and kept(copy) != kept(source)
-    assert run(copy, "-c", ASK).stdout == "1 6.0\n"
+    use(copy)
+    assert looped() == (1, 6.0)
+
+
+def test_packages_are_compiled_side_by_side_and_one_that_is_not_there_is_named(packages):
+    source = packages[0] / "source"
+    done = subprocess.run(
+        [sys.executable, "-m", "aras_visual_servo_base.loops", "looping", "nothing"],
+        env={**os.environ, "PYTHONPATH": f"{source}:{LIBRARY}"}, cwd="/", capture_output=True,
+        text=True,
+    )  # fmt: skip
+    assert done.returncode == 1 and "no package nothing on PYTHONPATH" in done.stderr
+    assert len(kept(source)) == 2
 
 
 def test_packages_are_missing_until_each_of_their_loops_is_kept(packages, monkeypatch):
-    source = packages / "source"
-    ask = "from aras_visual_servo_base.loops import missing; print(missing(['looping']))"
-    assert run(source, "-c", ask).stdout == "['looping']\n"
-    run(source, "-m", "aras_visual_servo_base.loops", "looping")
-    assert run(source, "-c", ask).stdout == "[]\n"
+    folder, use = packages
+    source = folder / "source"
+    use(source)
+    assert loops.missing(["looping"]) == ["looping"]
+    loops.main(["looping"])
+    assert loops.missing(["looping"]) == []
     small = source / "looping" / "small.py"  # becomes part of others: nothing is kept beside it
     small.write_text("from aras_visual_servo_base.compiled import inlined\n"
                      "@inlined\ndef half(x):\n    return 0.5 * x\n")
-    assert run(source, "-c", ask).stdout == "[]\n"
+    assert loops.missing(["looping"]) == []
     thrice = source / "looping" / "thrice.py"
     thrice.write_text(TWICE.replace("2 * x", "3 * x"))
-    assert run(source, "-c", ask).stdout == "['looping']\n"
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(packages / "elsewhere"))
-    assert run(source, "-c", ask).stdout == "[]\n"
+    assert loops.missing(["looping"]) == ["looping"]
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder / "elsewhere"))
+    assert loops.missing(["looping"]) == []

@@ -22,14 +22,15 @@ import rospy
 from genpy.generator import MsgGenerator, SrvGenerator
 from geometry_msgs.msg import Point, Pose, Quaternion
 
-import aras_sim_bridge
 from aras_sim_bridge.ros.runtime.lane import DRAIN
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 from aras_visual_servo_ros import parameters
 
+sys.path.insert(0, str(Path(__file__).parent))
 SOURCES = Path(__file__).parents[3] / "src"
+OURS = ("aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller")
 GENACTION = "/usr/lib/actionlib_msgs/genaction.py"
 SLIDER = """<robot name="slider"><link name="world"/>
   <joint name="rail" type="prismatic">
@@ -48,18 +49,17 @@ QUARTER = Quaternion(0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4))  # 
 def generate(folder: Path) -> None:
     """Write the Python modules of our message packages below `folder`."""
     packages = {path.parent.name: path.parent for path in SOURCES.glob("upstream_msgs/*/msg")}
-    packages["aras_sim_bridge"] = SOURCES / "aras_sim_bridge"
-    actions = folder / "actions"
-    for action in packages["control_msgs"].glob("action/*.action"):
-        command = [sys.executable, GENACTION, action, "-o", actions]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    packages |= {name: SOURCES / name for name in OURS}
     search = {path.parent.name: [str(path)] for path in Path("/usr/share").glob("*_msgs/msg")}
-    search |= {name: [str(path / "msg")] for name, path in packages.items()}
-    search["control_msgs"].append(str(actions))
+    search |= {name: [str(path / "msg"), str(folder / name)] for name, path in packages.items()}
     for name, path in packages.items():
         (folder / name).mkdir()
         (folder / name / "__init__.py").touch()
-        extra = actions.glob("*.msg") if name == "control_msgs" else []
+        for action in path.glob("action/*.action"):
+            command = [sys.executable, GENACTION, action, "-o", folder / name]
+            subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    for name, path in packages.items():
+        extra = (folder / name).glob("*.msg")
         for kind, generator, files in (
             ("msg", MsgGenerator(), [*path.glob("msg/*.msg"), *extra]),
             ("srv", SrvGenerator(), [*path.glob("srv/*.srv")]),
@@ -76,7 +76,8 @@ if importlib.util.find_spec("gazebo_msgs") is None:
     made = Path(tempfile.mkdtemp(prefix="aras_messages_"))
     generate(made)
     sys.path.append(str(made))
-    aras_sim_bridge.__path__.append(str(made / "aras_sim_bridge"))
+    for name in OURS:
+        importlib.import_module(name).__path__.append(str(made / name))
 
 
 class Publisher:
@@ -206,6 +207,16 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
         monkeypatch.setattr(rospy, name, log)
     monkeypatch.setattr(rospy, "logerr_throttle", lambda _period, text: it.lines.append(text))
     return it
+
+
+@pytest.fixture
+def face(graph: Graph) -> object:
+    """Publishers of the controller, on the graph in memory."""
+    from run_messages import JOINTS, SETTINGS
+
+    from aras_visual_servo_controller.ros.face import RosFace
+
+    return RosFace(SETTINGS, JOINTS, "camera_optical_frame")
 
 
 @pytest.fixture

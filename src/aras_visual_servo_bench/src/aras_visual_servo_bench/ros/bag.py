@@ -52,6 +52,7 @@ BACK = 500_000_000  # ns by which stamps may be out of order without a clock tha
 EXPERIMENT = "experiment"  # last part of the topic's name
 CAMERA = "/labrob/camera/"  # of the shipped robot, where a bag has several
 OPTICAL, LINK = "camera_optical_frame", "camera_link"
+TF, TF_STATIC = "/tf", "/tf_static"
 
 
 def read_bag(
@@ -180,10 +181,12 @@ class Reader(Heard):
             t.state: self.states.append, t.report: self.take_report,
             t.moments: self.take_moments, t.joints: self.joints.append,
             t.info: self._take_info, t.metrics: self._take_metrics,
-            t.experiment: self._take_experiment, "/tf": self._take_tf, "/tf_static": self._take_tf,
+            t.experiment: self._take_experiment, TF: self._take_tf,
+            # What never changes may be stamped before others that were recorded before it.
+            TF_STATIC: self._take_transforms if TF in self._counts else self._take_tf,
         }  # fmt: skip
         takers.pop("", None)
-        always = (t.info, t.experiment, "/tf_static")  # told once, or never another
+        always = (t.info, t.experiment, TF_STATIC)  # told once, or never another
         began = self._began()
         wanted = [topic for topic in (*takers, t.image) if topic in self._counts]
         total, done = sum(self._counts[topic] for topic in wanted) or 1, 0
@@ -244,15 +247,17 @@ class Reader(Heard):
     def _take_experiment(self, message: Any) -> None:
         self.described = message.data
 
-    def _take_tf(self, message: Any) -> None:
+    def _take_transforms(self, message: Any) -> None:
         for entry in message.transforms:
             self._transforms[entry.child_frame_id.lstrip("/")] = (
                 entry.header.frame_id.lstrip("/"), _matrix(entry.transform),
             )  # fmt: skip
-        if message.transforms:
-            pose = self._optical_pose()
-            if pose is not None:
-                self.poses.append((message.transforms[0].header.stamp.to_sec(), pose))
+
+    def _take_tf(self, message: Any) -> None:
+        self._take_transforms(message)
+        pose = self._optical_pose()
+        if message.transforms and pose is not None:
+            self.poses.append((message.transforms[0].header.stamp.to_sec(), pose))
 
     def _optical_pose(self) -> np.ndarray | None:
         """`base_T_optical` along the tree of transforms known by now."""

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
+import genpy
 import numpy as np
 import rospy
 from aras_visual_servo_camera.msg import ImageMoments
@@ -111,8 +112,8 @@ class Listener:
         try:
             message.deserialize(content)
             sample = story.arm.sample(message.name, message.position, message.velocity)
-        except (MeasurementError, rospy.exceptions.ROSException, ValueError):
-            return  # the controller says so
+        except (MeasurementError, genpy.MessageException, ValueError):
+            return  # the controller says so; what is on the topic may be of any type
         stamp = message.header.stamp.to_sec()
         if stamp < self.stamp:
             story.clear()

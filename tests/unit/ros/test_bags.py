@@ -1,0 +1,250 @@
+"""A run that was recorded into a bag is read back as it was, whatever the bag lacks."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import rosbag
+import rospy
+from geometry_msgs.msg import Transform, TransformStamped
+from rosgraph_msgs.msg import Clock
+from run_messages import ARM, NAMES, SETTINGS, K, joint_states, made_state, position, same, told
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+
+from aras_visual_servo_bench.errors import BenchError
+from aras_visual_servo_bench.ros import bag as bags
+from aras_visual_servo_camera.moments import Moments
+
+STAMPS = 1.537 + np.arange(9) * 0.0341
+PACE = [(1.6, 0.9), (1.7, 1.1)]
+
+
+def picture(number: int) -> np.ndarray:
+    """(48, 64, 3) rgb, of a colour of its own."""
+    rgb = np.zeros((48, 64, 3), np.uint8)
+    rgb[:, :] = (20 * number + 10, 200 - 20 * number, 90)
+    return rgb
+
+
+def image(stamp: float, number: int) -> Image:
+    message = Image(width=64, height=48, encoding="rgb8", step=192, data=picture(number).tobytes())
+    message.header.stamp = rospy.Time.from_sec(stamp)
+    return message
+
+
+def transforms(stamp: float, parts: dict[tuple[str, str], tuple]) -> TFMessage:
+    """Of (parent, child): place and rotation vector."""
+    found = []
+    for (parent, child), (place, turn) in parts.items():
+        one = TransformStamped(child_frame_id=child, transform=Transform())
+        one.header.frame_id, one.header.stamp = parent, rospy.Time.from_sec(stamp)
+        t, q = one.transform.translation, one.transform.rotation
+        t.x, t.y, t.z = place
+        q.x, q.y, q.z, q.w = Rotation.from_rotvec(turn).as_quat()
+        found.append(one)
+    return TFMessage(found)
+
+
+def described(**parameters: object) -> str:
+    return json.dumps({
+        "controller": "/loop", "versions": {"numpy": "1"}, "goals": {},
+        "launch": [["pkg", "a.launch", "camera:=lab"]],
+        "parameters": {"robot_description": ARM, "loop": {
+            "scheme": "points", "namespace": "/two", "command_topic": "both", **parameters}},
+    })  # fmt: skip
+
+
+def write(path: Path, graph, face, *, experiment: str = "", compressed: bool = False,
+          shift: float = 0.0, append: bool = False, skip: tuple[str, ...] = ()) -> Path:
+    """A bag as the recorder writes one, all stamps later by `shift` s; what is appended was written
+    30 s later."""
+    from aras_visual_servo_camera.msg import ImageMoments
+    from gazebo_msgs.msg import PerformanceMetrics
+
+    with rosbag.Bag(str(path), "a" if append else "w") as bag:
+        def put(topic, message, stamp, late=0.0):
+            if topic.rpartition("/")[2] not in skip:
+                written = rospy.Time.from_sec(stamp + late + (30.0 if append else 0.0))
+                bag.write(topic, message, written)
+
+        began = STAMPS[0] + shift
+        if experiment:
+            put("/two/experiment", String(experiment), began - 0.1)
+        put("/other/camera/camera_info", CameraInfo(width=9, height=9), began)
+        put("/labrob/camera/camera_info", CameraInfo(
+            width=64, height=48, K=K, D=[0.0] * 5, distortion_model="plumb_bob"), began)
+        put("/tf_static", transforms(began, {
+            ("hand", "camera_link"): ((0.01, 0.02, 0.03), (0.1, 0.2, 0.3))}), began - 0.1)
+        for stamp in np.arange(STAMPS[0] - 0.05, STAMPS[-1] + 0.02, 0.013) + shift:
+            put("/two/joint_states", joint_states(stamp), stamp)
+            put("/tf", transforms(stamp, {("world", "/hand"): ((stamp, 0.1, 0.5), (0, 0, stamp))}),
+                stamp)
+        for number, stamp in enumerate(STAMPS + shift):
+            approaching = number == 0
+            state = made_state(stamp, "approaching" if approaching else "servoing",
+                               outcome="" if number == 8 else "running")
+            message, report = told(graph, face, state)
+            put("/two/controller/state", message, stamp, 0.02)
+            put("/two/controller/diagnosis", report, stamp, 0.021)
+            moments = Moments.from_polygon(
+                np.array([(0.1, 0.2), (0.3, 0.2), (0.2, 0.4 + 0.01 * number)]))
+            seen = ImageMoments(valid=number != 4, m=moments.m_array, mu=moments.mu_array,
+                                order=moments.order)
+            seen.header = message.header
+            put("/two/camera/moments", seen, stamp, 0.01)
+            if compressed:
+                bgr = picture(number)[..., ::-1]
+                content = cv2.imencode(".png", bgr)[1].tobytes()
+                shown = CompressedImage(format="png", data=content)
+                shown.header.stamp = rospy.Time.from_sec(stamp)
+                put("/labrob/camera/image_raw/compressed", shown, stamp, 0.005 + 1e-4 * number)
+            else:
+                put("/other/camera/image_raw", Image(), stamp)
+                put("/labrob/camera/image_raw", image(stamp, number), stamp, 0.005 + 1e-4 * number)
+        for stamp, factor in PACE:
+            message = PerformanceMetrics(real_time_factor=factor)
+            message.header.stamp = rospy.Time.from_sec(stamp + shift)
+            put("/gazebo/performance_metrics", message, stamp + shift)
+        put("/clock", Clock(), began)
+    return path
+
+
+def test_a_bag_s_run_has_every_number_that_was_recorded(graph, face, tmp_path):
+    path = write(tmp_path / "run.bag", graph, face, experiment=described())
+    parts = []
+    run = bags.read_bag(path, parts.append)
+    assert run.name == tmp_path.name and run.source == str(path)
+    states = [made_state(stamp) for stamp in STAMPS[1:]]  # the first was the way to the start
+    same(run.stamp, np.round(STAMPS[1:], 9))
+    assert run.outcome == "running" and run.scheme == "points" and run.names == NAMES
+    for name, wanted in (
+        ("features", [s.decision.features for s in states]), ("error", [s.error for s in states]),
+        ("filtered", [s.decision.filtered_error for s in states]),
+        ("asked", [s.twist for s in states]), ("achieved", [s.achieved for s in states]),
+    ):  # fmt: skip
+        same(getattr(run, name), wanted)
+    same([s.computing for s in run.states], [s.computing for s in states])
+    stamp = np.arange(STAMPS[0] - 0.05, STAMPS[-1] + 0.02, 0.013)
+    np.testing.assert_allclose(run.joint_stamp, stamp, atol=1.1e-9)
+    np.testing.assert_allclose(run.measured, [position(s) for s in stamp], atol=1e-9)
+    same(run.measured_speed, np.tile([-0.11, 0.2], (len(stamp), 1)))
+    last = np.searchsorted(STAMPS, stamp + 1e-8) - 1
+    wanted = [position(STAMPS[i]) + 0.01 if i > 0 else (np.nan, np.nan) for i in last]
+    np.testing.assert_allclose(run.commanded, wanted, atol=1e-8)
+    arm = SETTINGS.arm(ARM)
+    np.testing.assert_allclose(run.true_pose, [arm.pose(position(s)) for s in stamp], atol=1e-8)
+    at = np.searchsorted(run.joint_stamp, run.stamp)
+    same(run.pose, run.true_pose[at])
+    assert run.arm_places.shape[0] == len(stamp)
+    record = run.cameras["camera"]
+    np.testing.assert_allclose(record.stamp, STAMPS, atol=1.1e-9)
+    np.testing.assert_allclose(record.arrival - record.stamp, 0.005 + 1e-4 * np.arange(9),
+                               atol=2e-9)
+    assert (record.model.width, record.model.K) == (64, K)
+    for exposed, rgb in record.pictures:
+        number = round((exposed - STAMPS[0]) / 0.0341)
+        assert (rgb == picture(number)).all()
+    assert {round(s, 4) for s, _ in record.pictures} >= {round(STAMPS[-1], 4)}
+    centres = [(0.2, (0.8 + 0.01 * n) / 3) if n != 4 else (np.nan, np.nan) for n in range(1, 9)]
+    same(run.centres, centres)
+    same(run.pace, PACE)
+    same(run.limits, [(-0.5, -1.5), (0.7, 2.0)])
+    same(run.speed, (0.3, 1.9))
+    assert run.joint_units == ("m", "rad") and run.versions == {"numpy": "1"}
+    assert run.settings["camera"] == "lab" and "roslaunch" not in run.settings["launched by"]
+    assert run.notes == ["the goal goal_2016.yaml was not recorded",
+                         "units of the features are unknown: 'points' has others here"]
+
+
+def test_where_nothing_is_described_the_camera_s_path_is_that_of_tf(graph, face, tmp_path):
+    run = bags.read_bag(write(tmp_path / "a.b.bag", graph, face, compressed=True), name="")
+    assert run.name == "a"
+    assert any("no topic .../experiment" in note for note in run.notes)
+    hand_R_link = Rotation.from_rotvec([0.1, 0.2, 0.3])
+    link_R_optical = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    for stamp, pose in zip(run.joint_stamp, run.true_pose, strict=True):
+        world_R_hand = Rotation.from_rotvec([0, 0, stamp])
+        np.testing.assert_allclose(pose[:3, :3], (world_R_hand * hand_R_link).as_matrix()
+                                   @ link_R_optical, atol=1e-8)
+        np.testing.assert_allclose(pose[:3, 3], (stamp, 0.1, 0.5) + world_R_hand.apply(
+            [0.01, 0.02, 0.03]), atol=1e-8)
+    exposed, rgb = run.cameras["camera"].pictures[-1]
+    assert exposed == pytest.approx(STAMPS[-1], abs=1e-8)
+    assert (rgb == picture(8)).all()
+    assert run.joint_units in ((), ("", "")) and run.verdict.word == ""
+
+
+def test_what_was_recorded_before_the_clock_went_back_is_another_run(graph, face, tmp_path):
+    path = write(tmp_path / "a.bag", graph, face, experiment=described())
+    write(path, graph, face, shift=-1.4, append=True, skip=("camera_info",))
+    run = bags.read_bag(path)
+    same(run.stamp, np.round(STAMPS[1:] - 1.4, 9))
+    assert run.cameras["camera"].model.width == 64 and run.limits[0][0] == -0.5  # told once
+    assert len(run.cameras["camera"].stamp) == 9
+    (note,) = [note for note in run.notes if "clock" in note]
+    assert note.startswith("the clock was put back once")
+    assert bags.described(path).arguments == {"camera": "lab"}
+
+
+def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(graph, face, tmp_path):
+    path = write(tmp_path / "a.bag", graph, face)
+    whole = path.read_bytes()
+    with rosbag.Bag(str(path)) as bag:
+        index = bag._index_data_pos
+    head = whole[:index].replace(b"index_pos=" + index.to_bytes(8, "little"),
+                                 b"index_pos=" + bytes(8))  # fmt: skip
+    cut = tmp_path / "b.bag.active"
+    cut.write_bytes(head)
+    run = bags.read_bag(cut)
+    assert run.notes[0].startswith("the bag was not closed") and run.name == "b"
+    same(run.stamp, bags.read_bag(path).stamp)
+    assert cut.read_bytes() == head
+    cut.write_bytes(head[:200])
+    with pytest.raises(BenchError, match="b.bag.active"):
+        bags.read_bag(cut)
+
+
+@pytest.mark.parametrize(("skip", "said"), [
+    (("diagnosis",), "no diagnosis: outcome and achieved twist are unknown"),
+    (("image_raw",), "holds no pictures"), (("tf", "tf_static"), "no transforms of the camera"),
+    (("joint_states",), "no joint states of slide, elbow"),
+])  # fmt: skip
+def test_what_a_bag_lacks_is_noted(graph, face, tmp_path, skip, said):
+    run = bags.read_bag(write(tmp_path / "a.bag", graph, face, skip=skip))
+    assert any(said in note for note in run.notes), run.notes
+    with pytest.raises(BenchError, match="holds no state of a servo controller .*; it has /"):
+        bags.read_bag(write(tmp_path / "b.bag", graph, face, skip=("state",)))
+
+
+def test_messages_of_another_version_are_left_out_or_refused(graph, face, tmp_path, monkeypatch):
+    path = write(tmp_path / "a.bag", graph, face)
+    fields = bags.USED[bags.METRICS]
+    monkeypatch.setitem(bags.USED, bags.METRICS, (*fields, "pace", "haste"))
+    run = bags.read_bag(path)
+    assert len(run.pace) == 0
+    assert any("/gazebo/performance_metrics is of another version of gazebo_msgs/PerformanceMetrics"
+               ", without pace, haste: it is left out" in note for note in run.notes)
+    monkeypatch.setitem(bags.USED, bags.STATE, ("header", "hue"))
+    with pytest.raises(BenchError, match="without hue; report on it with the version of this"):
+        bags.read_bag(path)
+
+
+def test_topics_are_found_by_their_types():
+    kinds = {"/a/camera_info": bags.INFO, "/a/image_raw": bags.IMAGE, "/x/s": bags.STATE,
+             "/b/labrob/camera/image_raw/compressed": bags.COMPRESSED, "/q": "std_msgs/String",
+             "/x/experiment": "std_msgs/String", "/x/joint_states": bags.JOINTS,
+             "/y/joints": bags.JOINTS, "/a/other": bags.IMAGE}  # fmt: skip
+    found = bags._topics(kinds)
+    assert (found.info, found.image) == ("/a/camera_info", "/a/image_raw")
+    assert (found.state, found.report, found.joints) == ("/x/s", "", "/x/joint_states")
+    assert found.experiment == "/x/experiment"
+    found = bags._topics({**kinds, "/b/labrob/camera/camera_info": bags.INFO})
+    assert found.info == "/b/labrob/camera/camera_info"
+    assert found.image == "/b/labrob/camera/image_raw/compressed"

@@ -1,0 +1,248 @@
+"""What the loop tells of an image comes back from its messages, and to who listens."""
+
+from __future__ import annotations
+
+import math
+from io import BytesIO
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import rospy
+from run_messages import ARM, JOINTS, SETTINGS, K, joint_states, made_state, position, same, told
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import CameraInfo
+
+from aras_visual_servo_bench.ros.listener import Listener
+from aras_visual_servo_controller.judging.arrival import Arrived
+from aras_visual_servo_controller.loop.state import Command, ServoState
+from aras_visual_servo_controller.settings import Settings
+
+
+def test_every_part_of_a_state_comes_back_from_its_two_messages(graph, face):
+    from aras_visual_servo_controller.ros.read_back import state_of
+
+    state = made_state(3.217654321)
+    message, report = told(graph, face, state)
+    for one in (message, report):
+        assert one.header.stamp == rospy.Time(3, 217654321)
+        assert one.header.frame_id == "camera_optical_frame" and one.joint_names == list(JOINTS)
+    assert message.scheme == "points" and (report.reason, report.mend) == ("slow", "wait")
+    back = state_of(message, report)
+    for name in ("phase", "outcome", "reason", "mend", "scheme", "computing", "names", "stamp"):
+        assert getattr(back, name) == getattr(state, name), name
+    for name in ("twist", "achieved", "singular_values_L", "command", "error"):
+        same(getattr(back, name), getattr(state, name))
+    for name in ("features", "desired", "filtered_error"):
+        same(getattr(back.decision, name), getattr(state.decision, name))
+    for name in ("velocities", "singular_values", "scale", "manipulability"):
+        same(getattr(back.resolution, name), getattr(state.resolution, name))
+    same(back.joints.positions, state.joints.positions)
+    assert back.joints.names == JOINTS and back.arrived == state.arrived
+    for name in ("margins", "null_direction"):
+        same(getattr(report, name), getattr(state.resolution, name))
+    lost = report.lost
+    same([lost.linear.x, lost.linear.y, lost.linear.z, lost.angular.x, lost.angular.y,
+          lost.angular.z], state.resolution.lost)  # fmt: skip
+    assert (report.rank, report.rank_lj) == (3, 2)
+    same(report.singular_values_lj, message.singular_values)
+    twist = graph.publishers["/two/controller/camera_twist"].sent[-1]
+    assert twist.twist == message.camera_twist and twist.header == message.header
+
+
+def test_what_a_state_has_not_is_not_made_up(graph, face):
+    from aras_visual_servo_controller.ros.read_back import state_of
+
+    bare = ServoState(2.5, "holding", reason="no image", arrived=Arrived())
+    message, report = told(graph, face, bare)
+    assert message.feature_names == [] and message.joint_velocities == [0.0, 0.0]
+    assert report.scale == 1.0 and math.isnan(report.open_distance)
+    back = state_of(message, report)
+    assert back.decision is back.resolution is back.joints is back.command is None
+    assert not back.arrived.reached and back.reason == "no image"
+    alone = state_of(told(graph, face, made_state(1.0))[0])  # of a bag without reports
+    assert (alone.outcome, alone.mend) == ("", "") and math.isnan(alone.computing)
+    assert np.isnan(alone.achieved).all() and not alone.arrived.reached
+    assert alone.decision.filtered_error is None
+
+
+def test_states_are_logged_when_they_are_new(graph, face, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    levels = []
+    for name in ("loginfo", "logwarn", "logerr"):
+        monkeypatch.setattr(rospy, name, lambda text, *a, name=name: levels.append(
+            (name, text % a)))
+    for phase, reason, wait in (
+        ("servoing", "", 0), ("servoing", "", 9), ("servoing", "slow", 1), ("servoing", "slow", 3),
+        ("holding", "no image", 0), ("holding", "another", 4), ("holding", "third", 1.5),
+        ("converged", "", 0), ("approaching", "far", 0),
+    ):  # fmt: skip
+        now[0] += wait
+        face.report(made_state(1.0, phase, reason=reason))
+    assert levels == [
+        ("loginfo", "servoing"), ("loginfo", "servoing: slow"), ("logwarn", "holding: no image"),
+        ("logwarn", "holding: third"), ("loginfo", "converged"), ("loginfo", "approaching: far"),
+    ]
+    face.say("one line")
+    face.say("Traceback\n  of a fault")
+    assert levels[-2:] == [("loginfo", "one line"), ("logerr", "Traceback\n  of a fault")]
+
+
+def test_commands_reach_their_controllers_in_their_order(graph, face, monkeypatch):
+    from aras_visual_servo_controller.ros.commands import CommandTopics, publish
+
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    group = graph.publishers["/two/both"]
+    group.resolved_name = "/two/both"
+    for _ in range(3):
+        face.send(Command(1.0, JOINTS, np.array([0.1, 0.2])))
+        face.send(Command(1.0, JOINTS))
+        now[0] += 3.0
+    assert [list(one.data) for one in group.sent] == [[0.1, 0.2]] * 3
+    assert graph.lines == [
+        "nobody takes the commands on /two/both: start that controller (rosrun controller_manager "
+        "controller_manager list), or name another one in ~controllers"]
+    face.close()
+    assert not graph.publishers
+    kind = "position_controllers/Joint{}Controller"
+    graph.parameters |= {"/two/all/type": kind.format("GroupPosition"),
+                         "/two/all/joints": ["elbow", "slide"]}
+    settings = Settings(namespace="/two")
+    CommandTopics(settings, JOINTS, "position").put(np.array([0.1, 0.2]), "slide")
+    assert [list(one.data) for one in graph.publishers["/two/all/command"].sent] == [[0.2, 0.1]]
+    graph.parameters |= {"/two/s/type": kind.format("Position"), "/two/s/joint": "slide"}
+    graph.parameters.pop("/two/all/type")
+    topics = CommandTopics(settings, JOINTS, "position")
+    each = [graph.publishers[f"/two/{name}/command"] for name in ("s", "elbow_position_controller")]
+    topics.put(np.array([0.3, 0.4]))
+    topics.put(np.array([0.5, 0.6]), "elbow")
+    assert [[m.data for m in one.sent] for one in each] == [[0.3], [0.4, 0.6]]
+    for one in each:
+        one.resolved_name = one.topic
+    each[0].impl.connections = [None]
+    assert topics.unheard() == ["/two/elbow_position_controller/command"]
+    topics.close()
+    with pytest.raises(rospy.ROSException, match="closed topic"):
+        publish(each[0], None)
+    monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: True)
+    publish(each[0], None)  # while the node ends nobody is told
+
+
+def test_a_recorder_is_waited_for_in_vain_no_longer_than_it_takes(graph, monkeypatch):
+    from aras_visual_servo_controller.ros.face import RosFace
+
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    monkeypatch.setattr("time.sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
+    two = RosFace(Settings(namespace="/two", command_topic="both", listeners=2), JOINTS, "eye")
+    two.state.impl.connections = [None]
+    two.await_listeners()
+    assert 105.0 < now[0] < 105.1 and "has 1 of 2 listeners after 5 s" in graph.lines[0]
+    two.state.impl.connections = [None, None]
+    two.await_listeners()
+    assert now[0] < 105.1 and len(graph.lines) == 1
+
+
+# -- who listens ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Wall time, s, as it is set here."""
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    return now
+
+
+@pytest.fixture
+def listener(graph, clock):
+    it = Listener(SETTINGS)
+    graph.parameters["/robot_description"] = ARM
+    it.look()
+    return it
+
+
+def hear(graph, topic, message):
+    if topic == "/two/joint_states":
+        content = BytesIO()
+        message.serialize(content)
+        message = SimpleNamespace(_buff=content.getvalue())
+    graph.subscribers[topic](message)
+
+
+def test_a_listener_knows_what_the_graph_said_last(graph, listener, face):
+    from aras_visual_servo_camera.msg import ImageMoments
+
+    from aras_visual_servo_controller.ros.goal_topics import outline_message, pose_message
+
+    assert (listener.robot, listener.robots, listener.beginnings) == ("two", 1, 1)
+    assert listener.stamp == 0.0 and listener.story.arm.names == JOINTS
+    hear(graph, "/two/joint_states", joint_states(1.5))
+    story = listener.look_again()
+    same(listener.positions, position(1.5))
+    same(listener.velocities, [-0.11, 0.2])
+    same(story.pose, story.arm.pose(position(1.5)))
+    assert listener.stamp == 1.5
+    goal = np.eye(4)
+    goal[:3, :3] = Rotation.from_rotvec([0.3, -2.0, 0.5]).as_matrix()
+    goal[:3, 3] = (0.4, 0.5, 0.6)
+    outline = np.array([(0.1, 0.2), (0.3, -0.4), (-0.5, 0.6)])
+    hear(graph, "/two/controller/goal", pose_message(goal, "base"))
+    hear(graph, "/two/controller/desired_outline", outline_message(outline, "eye"))
+    hear(graph, "/eye/camera/camera_info", CameraInfo(
+        width=64, height=48, K=K, D=[0.0] * 5, distortion_model="plumb_bob"))
+    story = listener.look_again()
+    same(story.goal, goal)
+    np.testing.assert_allclose(story.outline, outline, atol=1e-7)
+    assert (story.camera.width, story.camera.K) == (64, K)
+    heard = []
+    listener.hear = lambda state, joints: heard.append((state, list(joints)))
+    message, report = told(graph, face, made_state(1.6))
+    hear(graph, "/two/controller/diagnosis", report)
+    hear(graph, "/two/controller/state", message)
+    assert listener.report is report and story.told.outcome == "running"
+    (state, joints), = heard
+    same(joints, position(1.6))
+    same(state.achieved, made_state(1.6).achieved)
+    other = told(graph, face, made_state(1.7, "holding"))[0]  # the report is of another phase
+    hear(graph, "/two/controller/state", other)
+    assert story.told.phase == "holding" and story.told.outcome == ""
+    hear(graph, "/two/controller/state", message)
+    seen = []
+    story.see = lambda *given: seen.append(given)
+    for valid, m in ((True, [4.0, 1.0, -2.0]), (False, [4.0, 1.0, -2.0]), (True, [0.0, 1.0, 2.0]),
+                     (True, [4.0, 1.0])):  # fmt: skip
+        hear(graph, "/two/camera/moments", ImageMoments(valid=valid, m=m, reason="dark"))
+        assert listener.unseen == ("" if valid else "dark")
+    assert seen == [("centre", 0.25, -0.5)]
+    listener.forget()
+    assert listener.report is None and story.told.phase == ""
+
+
+def test_a_clock_that_goes_back_and_another_robot_begin_anew(graph, listener, clock):
+    now = clock
+    for stamp in (1.0, 1.5):
+        hear(graph, "/two/joint_states", joint_states(stamp))
+        story = listener.look_again()
+        now[0] += 0.5
+    assert story.factor == pytest.approx(1.0)
+    cleared = []
+    story.clear = lambda: cleared.append(True)
+    hear(graph, "/two/joint_states", joint_states(1.5))
+    listener.look_again()
+    assert listener.beginnings == 1 and not cleared
+    hear(graph, "/two/joint_states", joint_states(0.2))
+    listener.look_again()
+    assert listener.beginnings == 2 and cleared and listener.stamp == pytest.approx(0.2)
+    now[0] += 2.5
+    assert listener.look_again().factor is None  # nothing was heard for so long
+    hear(graph, "/two/joint_states", SimpleNamespace(serialize=lambda f: f.write(b"\1")))
+    listener.look_again()  # no message: it is as before
+    same(listener.positions, position(0.2))
+    graph.parameters["/robot_description"] = ARM.replace('"two"', '"three"')
+    now[0] += 1.0
+    assert listener.look() is not story
+    assert (listener.robot, listener.robots, listener.beginnings) == ("three", 2, 3)
+    assert listener.positions is None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -22,6 +23,7 @@ from aras_sim_bridge.camera.sensor import NEVER
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.loop import ControlLoop
 from aras_sim_bridge.control.manager import ControllerManager
+from aras_sim_bridge.control.stability import outlook
 from aras_sim_bridge.control.switching import STRICT
 from aras_sim_bridge.description import CameraDescription, Light, RobotDescription
 from aras_sim_bridge.description.lights import SUN, checked_light
@@ -98,6 +100,12 @@ class ControlledModel:
             ControllerError: no such controller, or a value that it cannot use.
         """
         self.manager.get(controller).set_command(value)
+
+    def outlook(self, step: float) -> str:
+        """One line where steps of `step` s make the running PIDs unstable; see stability."""
+        text = outlook(self.hardware, self.manager.running, self.model.joint_names,
+                       self.model.joints.inverse_inertia, step)
+        return f"model '{self.name}': {text}" if text else ""
 
 
 class Answers(Protocol):
@@ -390,8 +398,15 @@ class Simulation:
             period = plugin.control_period
             period_ns = None if period is None else round(period * 1e9)
             loop = ControlLoop(hardware, manager, self.step_ns, period_ns)
-            return ControlledModel(model.name, namespace, model, hardware, manager, loop)
+            robot = ControlledModel(model.name, namespace, model, hardware, manager, loop)
+            manager.on_started = partial(self._foretell, robot)
+            return robot
         return None
+
+    def _foretell(self, robot: ControlledModel) -> None:
+        """Say where the PIDs of the controllers that were started will not hold their joints."""
+        if text := robot.outlook(self.world.time_step):
+            log.warning("%s", text)
 
     def camera(self, name: str) -> MountedCamera:
         """The camera whose topics stand below `name` ('/labrob/camera').

@@ -48,7 +48,8 @@ class ControllerManager:
 
     `parameters` is the nested mapping of the robot's namespace; who has a newer one puts it there.
     `running`: the running controllers, in the order of their updates.
-    `warn` and `error` take lines for the log.
+    `warn` and `error` take lines for the log. `on_started`: called after a switch that started
+    controllers, or None.
     """
 
     def __init__(
@@ -71,6 +72,7 @@ class ControllerManager:
         self._was_stopped = False
         self._time_ns = 0
         self.running: tuple[Entry, ...] = ()
+        self.on_started: Callable[[], None] | None = None
 
     def _classes(self) -> Mapping:
         """Paths of the users' classes by type name; the parameter server nests at each slash."""
@@ -257,6 +259,8 @@ class ControllerManager:
             for entry in stops:
                 self._enter(entry, STOPPED, time_ns)
             failed = [e.name for e in starts if not self._enter(e, RUNNING, time_ns)]
+            if len(failed) < len(starts) and self.on_started is not None:
+                self.on_started()
             request.finish(f"failed to start: {', '.join(failed)}" if failed else "")
 
     def _enter(self, entry: Entry, state: str, time_ns: int) -> bool:

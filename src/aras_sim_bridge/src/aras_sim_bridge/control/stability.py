@@ -21,6 +21,7 @@ from aras_sim_bridge.control.switching import Entry
 
 BOUND = 4.0
 _HALVINGS = 60
+_MARGIN = 1.05  # of a factor that is told with two digits
 
 
 def loop_gains(hardware: RobotHardware, running: Iterable[Entry], joints: tuple[str, ...]
@@ -59,6 +60,18 @@ def longest_step(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float)
     return low
 
 
+def too_high(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> np.ndarray:
+    """(n,) By what to divide the gains of each joint, 1 or more, so that steps of `step` s are
+    borne. Always the joint is taken that swings most, so as few are above 1 as do."""
+    factors = np.ones(len(P))
+    while True:
+        root = np.sqrt((2.0 * step * D + step * step * P) / factors)
+        values, vectors = np.linalg.eigh(root[:, None] * inverse * root)
+        if values[-1] <= BOUND:
+            return factors
+        factors[np.argmax(vectors[:, -1] ** 2)] *= max(values[-1] / BOUND, _MARGIN)
+
+
 def outlook(hardware: RobotHardware, running: Iterable[Entry], joints: tuple[str, ...],
             inverse_inertia: Callable[[], np.ndarray], step: float) -> str:
     """What steps of `step` s will do to the loops that are closed at present, where they do not
@@ -70,5 +83,10 @@ def outlook(hardware: RobotHardware, running: Iterable[Entry], joints: tuple[str
     if swing(inverse, P, D, step) <= BOUND:
         return ""
     longest = longest_step(inverse, P, D, step)
-    return (f"the loaded PIDs will diverge at steps of {step:g} s: where the joints stand they "
-            f"bear {longest:.2g} s; take shorter steps or lower gains")
+    factors = too_high(inverse, P, D, step)
+    lower = ", ".join(
+        f"'{joints[i]}' {float(f'{_MARGIN * factors[i]:.2g}'):g}-fold"
+        for i in np.argsort(-factors) if factors[i] > 1.0
+    )
+    return (f"the loaded PIDs are unstable at steps of {step:g} s: where the joints stand they "
+            f"bear {longest:.2g} s; take shorter steps or lower the gains of {lower}")

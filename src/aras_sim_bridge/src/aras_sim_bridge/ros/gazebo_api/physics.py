@@ -13,7 +13,6 @@ from gazebo_msgs.msg import ODEPhysics
 from gazebo_msgs.srv import GetPhysicsProperties, SetPhysicsProperties
 from geometry_msgs.msg import Vector3
 
-from aras_sim_bridge.control.stability import outlook
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.ros.conversions import from_vector
 from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
@@ -136,9 +135,5 @@ class Physics:
 
 def _outlook(simulation: Simulation) -> str:
     """What the present step will do to the PIDs of robots that do not bear it."""
-    found = {
-        robot.name: outlook(robot.hardware, robot.manager.running, robot.model.joint_names,
-                            robot.model.joints.inverse_inertia, simulation.world.time_step)
-        for robot in simulation.robots.values()
-    }  # fmt: skip
-    return "; ".join(f"model '{name}': {text}" for name, text in found.items() if text)
+    step = simulation.world.time_step
+    return "; ".join(filter(None, (robot.outlook(step) for robot in simulation.robots.values())))

@@ -131,7 +131,6 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
                 sliver[k] = steep * steep * nearest > SLIVER * SLIVER * length
                 for q in range(pixels):
                     inside[k, q] = np.inf
-                filling = 1.0 if opaque[m] else -np.inf
                 for i in range(lines[k]):
                     a, b, c = line[k, i, 0], line[k, i, 1], line[k, i, 2]
                     # In halves of what the line's value changes by over a pixel: -1 and below is
@@ -142,10 +141,10 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
                         above = a + b * work[X, q] + c * work[Y, q]
                         inside[k, q] = above if above < inside[k, q] else inside[k, q]
                 a, b, c = line[k, PLANE, 0], line[k, PLANE, 1], line[k, PLANE, 2]
-                name = float(k)
+                name, hides = float(k), opaque[m]
                 for q in range(pixels):
                     w = a + b * work[X, q] + c * work[Y, q]
-                    fills = (inside[k, q] * filling >= 1.0) & (w > work[TOP, q])
+                    fills = hides & (inside[k, q] >= 1.0) & (w > work[TOP, q])
                     work[TOP, q] = w if fills else work[TOP, q]
                     work[TOP_X, q] = b if fills else work[TOP_X, q]
                     work[TOP_Y, q] = c if fills else work[TOP_Y, q]

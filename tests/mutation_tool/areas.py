@@ -109,7 +109,7 @@ AREAS = {
                  "report", "pictures", "browse", "recording")),
              (f"{_UNIT}/bench/test_report", f"{_UNIT}/bench/test_browse",
               f"{_UNIT}/bench/test_palette", f"{_UNIT}/bench/test_several_cameras",
-              f"{_UNIT}/study")),
+              f"{_UNIT}/ros/test_bags", f"{_UNIT}/study")),
         Area("bench",
              (f"{BENCH}/*.py", *(f"{BENCH}/{room}/*.py" for room in (
                  "asked", "targets", "plants", "running", "learning", "commands"))),

@@ -255,20 +255,30 @@ def conditioning(runs: Sequence[Run]) -> list[Panel]:
 
 
 def timing(runs: Sequence[Run]) -> list[Panel]:
-    """Intervals between images, delays, and the pace of simulated time, as far as recorded."""
+    """Intervals between images, delays, and the pace of simulated time, as far as recorded.
+
+    What one run has in one panel has a panel each where several runs are compared.
+    """
     found: list[Panel] = []
-    alone = len(runs) == 1
     end = last(runs)
     for title, axis, unit, of, dots in (
         ("interval between images", "interval", "ms", _intervals, True),
         ("delay", "delay", "ms", _delays, True),
         ("real-time factor", "real-time factor", "", lambda run: _paces(run, end), False),
     ):  # fmt: skip
-        found += panel(title, axis, unit, [
-            Curve(name if alone else run.name, time, values, number, i if alone else number)
-            for number, run in enumerate(runs) if len(run.time) > 2
-            for i, (name, time, values) in enumerate(of(run))
-        ], dots=dots, span=(0.0, None))  # fmt: skip
+        own = [(number, one) for number, run in enumerate(runs) if len(run.time) > 2
+               for one in of(run)]  # fmt: skip
+        look = {"dots": dots, "span": (0.0, None)}
+        if len(runs) == 1:
+            curves = [Curve(*one, shade=i) for i, (_, one) in enumerate(own)]
+            found += panel(title, axis, unit, curves, **look)
+            continue
+        names = dict.fromkeys(name for _, (name, *_) in own)
+        for name in names:
+            curves = [Curve(runs[number].name, time, values, number, number)
+                      for number, (kind, time, values) in own if kind == name]  # fmt: skip
+            found += panel(f"{title}, {name}" if len(names) > 1 else title, axis, unit, curves,
+                           **look)  # fmt: skip
     return found
 
 

@@ -1,0 +1,681 @@
+"""What figures show, of their lines, limits and words, against the run's arrays; none is rendered.
+
+The run is made_run's: a tilted path, a camera with fx other than fy, images from 1.9 s on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from made_run import GOAL, JOINTS, TWIST, K, corners_seen, made_run
+from matplotlib.colors import to_hex, to_rgb
+
+from aras_visual_servo_bench.pictures import palette, panels, style, views
+from aras_visual_servo_bench.pictures.over_time import Layout, drawn, symbol
+from aras_visual_servo_bench.pictures.panels import Curve, Panel
+from aras_visual_servo_bench.recording.from_loop import with_pictures
+from aras_visual_servo_bench.recording.run import Verdict, scaled
+from aras_visual_servo_bench.recording.tracks import milestones, tracks
+from aras_visual_servo_bench.report.write import PARTS
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.schemes.base import Decision
+
+CHAPTERS = {part.name: part for row in PARTS for part in row}
+WIDTH, HEIGHT = 640, 400
+
+
+def picture(number):
+    """(400, 640, 3), of a colour of its own, white in one corner."""
+    found = np.full((HEIGHT, WIDTH, 3), (40 * number, 10, 200 - 30 * number), np.uint8)
+    found[:50, :70] = 255
+    return found
+
+
+def filmed(run):
+    """With a picture at every twentieth image, the last of them 27 images before the end."""
+    stamps = run.stamp[:-26:20]
+    return with_pictures(run, [(float(s), picture(i)) for i, s in enumerate(stamps)])
+
+
+def of_points(run):
+    """The run of a scheme that sees points 3 and 1, the first not in its first images."""
+    rng = np.random.default_rng(7)
+    names, states = ("x3", "y3", "x_1", "y_1"), []
+    for i, state in enumerate(run.states):
+        wanted = np.array([0.1, -0.2, -0.15, 0.05]) + 1e-4 * i
+        error = np.exp(-0.03 * i) * np.array([0.2, 0.1, -0.1, 0.24]) + 1e-3 * rng.normal(size=4)
+        error[:2] = np.nan if i in (0, 1, 40) else error[:2]
+        wanted = np.full(4, np.nan) if i > 120 else wanted
+        decision = Decision(names, wanted + error, wanted, error) if i != 33 else None
+        states.append(replace(state, decision=decision))
+    return replace(run, states=tuple(states), units=(), name="points")
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return [filmed(made_run(3, 1.6)), filmed(made_run(4, 2.3))]
+
+
+@pytest.fixture(params=[False, True], ids=["screen", "paper"])
+def paper(request):
+    with style.look(request.param):
+        yield request.param
+    plt.close("all")
+
+
+@pytest.fixture
+def screen():
+    with style.look():
+        yield
+    plt.close("all")
+
+
+def same(line, points, **look):
+    """Whether a line goes through these points (n, 2) or (n, 3) and looks so."""
+    data = line.get_data_3d() if hasattr(line, "get_data_3d") else line.get_data()
+    np.testing.assert_allclose(np.transpose(data), np.reshape(points, (-1, len(data))), atol=1e-6)
+    for name, value in look.items():
+        assert getattr(line, f"get_{name}")() == value, (name, value)
+
+
+def size_of(axis):
+    """Width and height, inches."""
+    box = axis.get_position()
+    return np.array([box.width, box.height]) * axis.get_figure().get_size_inches()
+
+
+def words(found):
+    return [text.get_text() for text in found.get_texts()]
+
+
+def pixel(points):
+    """Columns and rows of normalised points (..., 2)."""
+    return np.asarray(points) * [K[0], K[4]] + [K[2], K[5]]
+
+
+# -- the picture plane ----------------------------------------------------------------------------
+
+
+def test_a_camera_s_pixels_are_the_axes_of_its_picture_plane(runs, paper):
+    figure = views.image_trajectory(runs[:1])
+    (axis,) = figure.axes
+    edges = [-0.5, WIDTH - 0.5, HEIGHT - 0.5, -0.5]
+    assert [*axis.get_xlim(), *axis.get_ylim()] == edges
+    assert axis.images[0].get_extent() == edges
+    assert size_of(axis) == pytest.approx(size_of(axis)[0] * np.array([1.0, HEIGHT / WIDTH]))
+    assert axis.get_xlabel() == "column (pixel)" and axis.get_ylabel() == "row (pixel)"
+    # It is the last picture, paler, and white where that is.
+    shown = axis.images[0].get_array()
+    last = picture(len(runs[0].images.pictures) - 1).astype(float)
+    np.testing.assert_allclose(255 - shown.astype(float), 0.35 * (255 - last), atol=1.0)
+    assert all(side.get_visible() for side in axis.spines.values())
+    other = with_pictures(runs[0], [(0.0, picture(0)), (1.0, picture(0)[:-1])])
+    assert not views.image_trajectory([other]).axes[0].images  # not the camera's size
+    assert views.image_trajectory([replace(runs[0], cameras={})]) is None
+
+
+def test_points_go_from_a_dot_to_a_ring(runs, screen):
+    run = of_points(runs[0])
+    figure = views.image_trajectory([run])
+    (axis,) = figure.axes
+    feature = np.array([s.decision.features if s.decision else [np.nan] * 4 for s in run.states])
+    wanted = run.states[120].decision.desired  # the last that is known
+    (legend,) = figure.legends
+    assert words(legend) == ["point 1", "point 3", "start", "goal"]
+    named = dict(zip(words(legend), legend.get_lines(), strict=True))
+    lines = iter(axis.lines)
+    for name, at in (("point 1", slice(2, 4)), ("point 3", slice(0, 2))):
+        path = feature[:, at][np.isfinite(feature[:, at]).all(axis=1)]
+        line, start, goal = next(lines), next(lines), next(lines)
+        same(line, pixel(path), color=named[name].get_color(), alpha=1.0, linestyle="-")
+        same(start, pixel(path[0]), color=named["start"].get_color(), marker="o")
+        same(goal, pixel(wanted[at]), markeredgecolor=named["goal"].get_markeredgecolor(),
+             markerfacecolor="none", marker="o")  # fmt: skip
+        assert line.zorder < start.zorder < goal.zorder
+        assert goal.get_markersize() > start.get_markersize() + 2  # it shows round the dot
+    assert next(lines, None) is None
+    assert len({line.get_color() for line in legend.get_lines()[:2]}) == 2
+    assert axis.get_title("left") == "Path of the points that the scheme sees in the image"
+    assert tracks(run).stamp is run.stamp
+
+
+def centre(rim):
+    """Of gravity of a polygon (c, 2)."""
+    x, y = rim.T
+    cross = x * np.roll(y, -1) - y * np.roll(x, -1)
+    return np.array([((v + np.roll(v, -1)) * cross).sum() / (3 * cross.sum()) for v in (x, y)])
+
+
+def test_a_target_s_corners_are_pale_and_its_centre_is_bold(runs, screen):
+    seen = corners_seen(runs[0])[0]
+    rims = seen[..., :2] / seen[..., 2:]
+    begun = np.array([(x, y, 0.0) for x, y in runs[0].target.shape.corners])
+    placed = begun @ runs[0].target.pose[:3, :3].T + runs[0].target.pose[:3, 3]
+    local = (placed - GOAL[:3, 3]) @ GOAL[:3, :3]
+    figure = views.image_trajectory(runs[:1])
+    (axis,) = figure.axes
+    for i in range(4):
+        line, start, goal = axis.lines[3 * i : 3 * i + 3]
+        same(line, pixel(rims[:, i]), color=palette.FAINT, alpha=0.8)
+        same(start, pixel(rims[0, i]))
+        same(goal, pixel(local[i, :2] / local[i, 2]))
+    line, start = axis.lines[12:]  # what the goal's is like nobody knows
+    same(line, pixel([centre(rim) for rim in rims]), color=palette.COLOURS[0])
+    bold, pale = axis.lines[12], axis.lines[0]
+    assert bold.get_linewidth() > 1.5 * pale.get_linewidth() and bold.zorder > pale.zorder
+    assert start.get_markersize() > axis.lines[1].get_markersize()
+    assert words(figure.legends[0])[:5] == [*(f"corner {i}" for i in range(4)), "centre of gravity"]
+    assert axis.get_title("left") == "Path of the target's corners and centre in the image"
+
+    # A centre that was measured in some images only; its goal.
+    measured = np.array([0.05, -0.1]) + 1e-3 * np.arange(2 * len(rims)).reshape(-1, 2)
+    measured[:3], measured[9, 1] = np.nan, np.nan
+    own = replace(runs[0], centres=measured, goal=Goal(moments=Moments.from_polygon(rims[0], 2)))
+    found = tracks(own)
+    known = np.isfinite(measured).all(axis=1)
+    np.testing.assert_allclose(found.pixels[known, 4], pixel(measured[known]))
+    assert np.isnan(found.pixels[~known, 4]).all() and not found.measured
+    np.testing.assert_allclose(found.desired[4], pixel(centre(rims[0])), atol=1e-6)
+    (axis,) = views.image_trajectory([own]).axes
+    same(axis.lines[12], pixel(measured[known]))
+    same(axis.lines[14], found.desired[4])
+    bare = tracks(replace(own, target=None))
+    assert bare.names == ("centre of gravity",)
+    np.testing.assert_array_equal(bare.pixels[:, 0], found.pixels[:, 4])
+    assert tracks(replace(own, target=None, centres=measured[:-1])) is None
+    assert tracks(replace(own, states=())) is None
+
+
+def test_paths_of_several_runs_are_told_apart(runs, screen):
+    three = [of_points(runs[0]), replace(runs[1], name="$corners"), runs[0]]
+    figure = views.image_trajectory(three)
+    (axis,) = figure.axes
+    assert words(figure.legends[0]) == ["points", r"\$corners", runs[0].name]
+    looks = [(line.get_color(), line.get_marker()) for line in figure.legends[0].get_lines()]
+    assert len({one[0] for one in looks}) == len({one[1] for one in looks}) == 3
+    first, dot = axis.lines[0], axis.lines[1]
+    assert (first.get_color(), first.get_marker()) == looks[0]
+    assert dot.get_color() == looks[0][0]
+    corner, bold = axis.lines[6], axis.lines[18]
+    assert corner.get_color() == bold.get_color() == looks[1][0]
+    assert bold.get_linewidth() == pytest.approx(2 * corner.get_linewidth())
+    assert corner.get_marker() in ("", "None") and bold.get_marker() == looks[1][1]
+    assert axis.get_title("left") == "Paths of the target in the image"
+
+
+# -- pictures -------------------------------------------------------------------------------------
+
+
+def test_a_strip_shows_the_picture_next_to_each_milestone(runs, paper):
+    short = of_points(runs[1])
+    strips = [runs[0], replace(short, states=short.states[:45], name="$two")]
+    stamps = [milestones(run) for run in strips]
+    counts = [len(one) for one in stamps]
+    columns = max(counts)
+    assert columns == 6 and counts[0] != counts[1]
+    figure = views.filmstrip(strips)
+    assert len(figure.axes) == 2 * columns
+    for run, times, row in zip(strips, stamps, np.reshape(figure.axes, (2, columns)), strict=True):
+        assert [axis.get_visible() for axis in row] == [i < len(times) for i in range(columns)]
+        for axis, stamp in zip(row, times, strict=False):
+            kept = run.images.pictures
+            nearest = np.argmin([abs(one - stamp) for one, _ in kept])
+            np.testing.assert_array_equal(axis.images[0].get_array(), kept[nearest][1])
+            assert axis.images[0].get_extent() == [-0.5, WIDTH - 0.5, HEIGHT - 0.5, -0.5]
+            assert [*axis.get_xlim(), *axis.get_ylim()] == axis.images[0].get_extent()
+            rim = np.array(run.outline(GOAL, stamp))
+            same(axis.lines[0], [*rim, rim[0]], color=palette.GOAL)
+            assert axis.get_title() == f"{stamp - run.stamp[0]:.2f} s"
+            width, height = size_of(axis)
+            assert height / width == pytest.approx(HEIGHT / WIDTH)
+            assert len(axis.get_xticks()) == len(axis.get_yticks()) == 0
+        assert [text.get_text() for axis in row for text in axis.texts] == [style.literal(run.name)]
+    assert len(runs[0].outline(GOAL, stamps[0][0])) == 4
+    alone = views.filmstrip([replace(runs[0], target=None)])
+    assert not any(axis.texts or axis.lines for axis in alone.axes)
+    assert alone.get_figwidth() == figure.get_figwidth() == style.figure_width(wide=True)
+    assert views.filmstrip([with_pictures(runs[0], [])]) is None
+    blind = replace(runs[0], states=runs[0].states[:1])
+    blind = replace(blind, states=(replace(blind.states[0], decision=None),))
+    (axis,) = views.filmstrip([blind]).axes
+    np.testing.assert_array_equal(axis.images[0].get_array(), picture(0))
+
+
+def test_milestones_are_parts_of_the_first_error_of_all_features(runs):
+    for run in (runs[0], of_points(runs[1])):
+        error = np.array([s.decision.error if s.decision else [np.nan] * len(run.names)
+                          for s in run.states])  # fmt: skip
+        known = np.isfinite(error).all(axis=1)
+        parts = error[known] / np.abs(error[known]).max(axis=0)
+        left = np.sqrt((parts**2).sum(axis=1))
+        at = [np.flatnonzero(left <= part * left[0]) for part in (1.0, 0.7, 0.4, 0.2, 0.08)]
+        wanted = {*(i[0] for i in at if len(i)), len(left) - 1}
+        assert milestones(run) == run.stamp[known][sorted(wanted)].tolist()
+    assert milestones(replace(runs[0], states=())) == []
+    one = replace(runs[0], states=(replace(runs[0].states[0], decision=None),))
+    assert milestones(one) == []
+    np.testing.assert_array_equal(scaled(np.array([[2.0, 0.0], [-4.0, 0.0], [np.nan, 0.0]])),
+                                  [[0.5, 0.0], [-1.0, 0.0], [np.nan, 0.0]])  # fmt: skip
+
+
+# -- the path in space ----------------------------------------------------------------------------
+
+
+def rim_of(pose, size):
+    """Of a drawn camera: closed, in the world."""
+    x, y, z = 0.4 * size, 0.3 * size, 0.7 * size
+    corners = np.array([(-x, -y, z), (x, -y, z), (x, y, z), (-x, y, z), (-x, -y, z)])
+    return corners @ pose[:3, :3].T + pose[:3, 3]
+
+
+def check_frustum(lines, pose, size, **look):
+    """Its rim, and from its tip an edge to each corner."""
+    rim = rim_of(pose, size)
+    same(lines[0], rim, **look)
+    for edge, corner in zip(lines[1:], rim[:4], strict=True):
+        same(edge, [pose[:3, 3], corner], **look)
+
+
+def placed(run):
+    """Corners of its target in the world where servoing begins."""
+    points = np.array([(x, y, 0.0) for x, y in run.target.shape.corners])
+    pose = run.target.world_T_target(run.states[0].stamp)
+    return points @ pose[:3, :3].T + pose[:3, 3]
+
+
+def lost_at_times(run):
+    """Its pose is not known at the first joint states of servoing, nor at one later."""
+    poses = run.true_pose.copy()
+    first = np.flatnonzero(run.joint_stamp >= run.stamp[0])[0]
+    poses[[first, first + 1, first + 30]] = np.nan
+    return replace(run, true_pose=poses)
+
+
+def known_path(run):
+    poses = run.true_pose[run.joint_stamp >= run.states[0].stamp]
+    return poses[np.isfinite(poses[:, 0, 3])]
+
+
+def check_scene(axis, points):
+    """Limits about what is shown; the size of it."""
+    low, high = np.min(points, axis=0), np.max(points, axis=0)
+    size = (high - low).max()
+    half = np.maximum(0.5 * (high - low) + 0.06 * size, 0.175 * size)
+    thin = half < 0.1750001 * size
+    half[thin] = np.maximum(0.175 * size, 0.5 * (high - low)[thin] + 0.06 * size)
+    middle = 0.5 * (low + high)
+    limits = np.array([axis.get_xlim(), axis.get_ylim(), axis.get_zlim()])
+    np.testing.assert_allclose(limits, np.column_stack([middle - half, middle + half]))
+    # A metre is as long along each axis.
+    box = np.array(axis._box_aspect)
+    np.testing.assert_allclose(box / box[0], np.ptp(limits, axis=1) / np.ptp(limits[0]))
+    return size
+
+
+def test_a_camera_s_path_is_drawn_with_its_goal_and_its_target(runs, paper):
+    run = lost_at_times(runs[0])
+    path, corners = known_path(run), placed(run)
+    figure = views.camera_path([run])
+    (axis,) = figure.axes
+    size = check_scene(axis, np.vstack([path[:, :3, 3], GOAL[None, :3, 3], corners]))
+    by_label = {name: [line for line in axis.lines if line.get_label() == name]
+                for name in ("camera", "straight", "start", "goal", "end")}  # fmt: skip
+    assert all(len(found) == 1 for found in by_label.values())
+    assert words(figure.legends[0]) == list(by_label)
+    same(by_label["camera"][0], path[:, :3, 3])
+    (line,) = by_label["straight"]
+    data = np.transpose(line.get_data_3d())
+    wanted = np.linspace(path[0, :3, 3], GOAL[:3, 3], len(data))
+    np.testing.assert_allclose(data, wanted, atol=1e-9)
+    assert line.get_linestyle() == "--" and line.get_color() == palette.GOAL
+    at = [axis.lines.index(by_label[name][0]) for name in ("start", "goal", "end")]
+    assert at == [2, 7, 12]
+    check_frustum(axis.lines[2:7], path[0], 0.12 * size, color=palette.START, linestyle="-")
+    check_frustum(axis.lines[7:12], GOAL, 0.18 * size, color=palette.GOAL, linestyle="--")
+    check_frustum(axis.lines[12:], path[-1], 0.12 * size, linestyle="-",
+                  color=by_label["camera"][0].get_color())  # fmt: skip
+    (face,) = axis.collections
+    np.testing.assert_allclose(np.array(face._faces).reshape(-1, 3), corners)
+    assert face.zorder < min(line.zorder for line in axis.lines)
+    assert [axis.get_xlabel(), axis.get_ylabel(), axis.get_zlabel()] == ["x (m)", "y (m)", "z (m)"]
+    told = [text.get_text() for text in figure.texts]
+    assert told == ([] if paper else ["Path of the camera in the world  (dashed: straight to the "
+                                      "goal)"])  # fmt: skip
+    assert not np.allclose(runs[0].target.world_T_target(run.began), runs[0].target.pose)
+
+
+def test_paths_of_several_cameras_have_a_goal_each_where_it_is_known(runs, screen):
+    other = replace(runs[1], name="$other", goal_pose=np.full((4, 4), np.nan))
+    lost = replace(runs[0], true_pose=np.full_like(runs[0].true_pose, np.nan))
+    figure = views.camera_path([lost, runs[0], other])
+    (axis,) = figure.axes
+    one, two = known_path(runs[0]), known_path(other)
+    points = [one[:, :3, 3], two[:, :3, 3], GOAL[None, :3, 3], placed(runs[0])]
+    size = check_scene(axis, np.vstack(points))
+    assert words(figure.legends[0]) == [runs[0].name, r"\$other", "goal"]
+    first, ideal, second = axis.lines[:3]
+    same(first, one[:, :3, 3])
+    same(second, two[:, :3, 3])
+    assert ideal.get_linestyle() == "--" and ideal.get_color() == first.get_color()
+    assert first.get_color() != second.get_color() and first.get_marker() != second.get_marker()
+    check_frustum(axis.lines[3:8], one[0], 0.12 * size, color=first.get_color())
+    check_frustum(axis.lines[8:13], GOAL, 0.18 * size, color=palette.INK)
+    check_frustum(axis.lines[13:18], one[-1], 0.12 * size, color=first.get_color())
+    check_frustum(axis.lines[18:23], two[0], 0.12 * size, color=second.get_color())
+    check_frustum(axis.lines[23:], two[-1], 0.12 * size, color=second.get_color())
+    assert views.camera_path([lost]) is None
+    still = replace(runs[0], true_pose=np.tile(GOAL, (len(runs[0].true_pose), 1, 1)), target=None)
+    (axis,) = views.camera_path([still]).axes  # of no extent: one of a millimetre is drawn
+    assert np.ptp([axis.get_xlim(), axis.get_zlim()], axis=1) == pytest.approx([3.5e-4] * 2)
+
+
+# -- over time ------------------------------------------------------------------------------------
+
+
+def shade(number):
+    return palette.COLOURS[number % len(palette.COLOURS)]
+
+
+@pytest.mark.parametrize("name", [n for n, part in CHAPTERS.items() if part.draw is None])
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_figure_has_its_panels_curves_and_names_them(runs, count, name, paper):
+    part, some = CHAPTERS[name], runs[:count]
+    figure, shown = part.figure(some), part.panels(some)
+    if figure is None:
+        assert (name, count, shown) == ("features", 2, [])
+        return
+    axes = [axis for axis in figure.axes if axis.get_visible()]
+    columns = part.layout.columns
+    assert len(axes) == len(shown) > 0
+    end = max(run.stamp[-1] - run.stamp[0] for run in some)
+    for number, (axis, panel) in enumerate(zip(axes, shown, strict=True)):
+        assert axis.get_xlim() == pytest.approx((0.0, end))
+        assert axis.get_yscale() == ("log" if panel.log else "linear")
+        low, high = axis.get_ylim()
+        looks = []
+        for line, curve in zip(axis.lines, panel.curves, strict=False):
+            np.testing.assert_array_equal(line.get_data(), curve.open())
+            known = curve.values[np.isfinite(curve.values)]
+            assert (low < known).all() and (known < high).all()
+            looks.append((line.get_color(), str(line.get_linestyle()), line.get_marker(),
+                          line.get_alpha()))  # fmt: skip
+            dashed = str(line.get_linestyle()) == "--"
+            assert dashed == curve.dashed and (line.get_linestyle() == "None") == panel.dots
+        assert len(set(looks)) == len(panel.curves)
+        legend = axis.get_legend()
+        full = [c for c in panel.curves if not (c.dashed or c.pale)]
+        label = axis.get_ylabel()
+        assert label.startswith((panel.axis, symbol(panel.axis))), label
+        assert label.endswith(f"({panel.unit})") or not panel.unit, label
+        if columns == 1:
+            if count == 2:
+                assert (legend is not None) == (number == 0)
+            else:
+                assert (legend is None) == ([c.name for c in full] == [panel.axis])
+        if legend is not None:
+            named = dict(zip(words(legend), legend.get_lines(), strict=True))
+            wanted = [run.name for run in some] if count == 2 else [symbol(c.name) for c in full]
+            assert [w for w in named if w not in ("command", "asked")] == wanted
+            for line in axis.lines[: len(panel.curves)]:
+                if line.get_label() in named:
+                    assert line.get_color() == named[line.get_label()].get_color()
+        lowest = number >= len(axes) - columns
+        time = "time (s)" if paper and columns == 2 else "time since servoing began (s)"
+        assert axis.get_xlabel() == (time if lowest else "")
+        for text in (axis.yaxis.label, axis.title, *axis.texts):
+            assert palette.contrast(to_rgb(text.get_color()), (1.0, 1.0, 1.0)) >= 4.5
+    for column in range(columns):
+        assert len({axis.get_xlim() for axis in axes[column::columns]}) == 1
+
+
+@pytest.mark.parametrize(("name", "titles"), [
+    ("feature_errors", ["Feature errors s − s*  (pale: as measured, full: filtered)"]),
+    ("features", ["Features s  (dashed: desired s*)"]),
+    ("camera_twist", ["Twist of the camera  (dashed: asked)"]),
+    ("joint_positions", ["Positions  (dashed: command)", "Speeds"]),
+    ("timing", ["Time between images"]), ("conditioning", ["Conditioning"]),
+])  # fmt: skip
+def test_a_title_says_what_pale_and_dashed_curves_are(runs, name, titles, screen):
+    figure = CHAPTERS[name].figure(runs[:1])
+    assert [axis.get_title("left") for axis in figure.axes if axis.get_title("left")] == titles
+    both = CHAPTERS[name].figure(runs)
+    plain = " and ".join(title.partition("  (")[0] for title in titles).replace("and S", "and s")
+    told = [] if both is None else [a.get_title("left") for a in both.axes if a.get_title("left")]
+    assert told == ([] if both is None else [plain])
+
+
+def test_a_paper_s_figures_have_no_title(runs):
+    with style.look(paper=True):
+        for name in ("feature_errors", "joint_positions", "image_trajectory"):
+            figure = CHAPTERS[name].figure(runs[:1])
+            assert not any(axis.get_title("left") for axis in figure.axes)
+    plt.close("all")
+
+
+def axis_of(run, *curves, **more):
+    """The axis of one panel of these curves (time, values)."""
+    curves = [one if isinstance(one, Curve) else Curve("curve", *map(np.asarray, one), shade=i)
+              for i, one in enumerate(curves)]  # fmt: skip
+    figure = drawn([Panel("title", "axis", "m", tuple(curves), **more)], [run], "Title", Layout())
+    return figure.axes[0]
+
+
+def verticals(axis):
+    return {tuple(line.get_xdata()) for line in axis.lines if len(set(line.get_xdata())) == 1}
+
+
+def test_limits_near_the_curves_are_lines_and_far_ones_are_words(runs, screen):
+    rise = (np.linspace(0.0, 3.0, 31), np.linspace(1.0, 2.0, 31))
+    low, high = axis_of(runs[0], rise).get_ylim()
+    extent = high - low
+    assert (low, high) == pytest.approx((0.95, 2.05))
+    near, far = high + 0.59 * extent, high + 0.61 * extent
+    below, under = low - 0.59 * extent, low - 0.61 * extent
+    axis = axis_of(runs[0], rise, limits=((below, "least"), (near, "greatest")))
+    assert axis.get_ylim() == pytest.approx((below - 0.03 * extent, near + 0.03 * extent))
+    lines = [line for line in axis.lines if line.get_color() == palette.BAD]
+    assert [line.get_ydata()[0] for line in lines] == pytest.approx([below, near])
+    assert not axis.texts
+    # Beyond them it is red to the axis' end.
+    spans = sorted(sorted(p.get_xy()[1] + np.array([0, p.get_height()])) for p in axis.patches)
+    assert spans[0][1] == pytest.approx(below) and spans[1][0] == pytest.approx(near)
+    assert spans[0][0] < axis.get_ylim()[0] and spans[1][1] > axis.get_ylim()[1]
+    one = axis_of(runs[0], rise, limits=((under, "least"), (near, "greatest")))
+    assert one.get_ylim() == pytest.approx((low, near + 0.03 * extent)) and not one.texts
+    for values, place in ((rise[1], 0.0), (rise[1][::-1], 1.0)):
+        axis = axis_of(runs[0], (rise[0], values), limits=((under, "least"), (far, "greatest")))
+        assert axis.get_ylim() == pytest.approx((low, high)) and len(axis.lines) == 1
+        (text,) = axis.texts
+        assert text.get_text() == f"limits {under:.3g} to {far:.3g}"
+        assert text.xy == (1.0, place)  # where the curve does not end
+        assert text.get_verticalalignment() == ("top" if place else "bottom")
+        assert text.get_horizontalalignment() == "right"
+    within = axis_of(runs[0], rise, limits=((1.5, "least"), (9.0, "greatest")))
+    assert within.get_ylim() == pytest.approx((low, high))
+    assert not within.texts
+    still = axis_of(runs[0], (rise[0], 0.3 + 1e-5 * rise[1]), limits=((-50.0, ""), (50.0, "")))
+    middle = 0.3 + 1.5e-5
+    assert still.get_ylim() == pytest.approx((middle - 0.002, middle + 0.002))
+    few = axis_of(runs[0], ([0.0, 1.0], [0.3, 0.4]), limits=((-50.0, ""), (50.0, "")))
+    assert few.texts[0].xy == (1.0, 1.0) or few.texts[0].xy == (1.0, 0.0)
+    with style.look(paper=True):
+        assert not axis_of(runs[0], rise, limits=((under, "least"), (far, "greatest"))).texts
+
+
+def test_an_axis_shows_what_it_must_with_room_above(runs, screen):
+    time, values = np.arange(5.0), np.array([2.0, 3.0, 2.5, np.nan, 4.0])
+    low, high = axis_of(runs[0], (time, values)).get_ylim()
+    assert (low, high) == pytest.approx((1.9, 4.1))
+    assert axis_of(runs[0], (time, values), span=(0.0, None)).get_ylim() == pytest.approx(
+        (0.0, 1.15 * 4.1))  # fmt: skip
+    assert axis_of(runs[0], (time, values), span=(-0.05, 9.0)).get_ylim() == pytest.approx(
+        (-0.05, 9.0))  # fmt: skip
+    assert axis_of(runs[0], (time, values), span=(3.0, 3.5)).get_ylim()[0] == pytest.approx(1.9)
+
+    # A line at zero where that is within.
+    zeros = [[line for line in axis_of(runs[0], (time, values - at)).lines
+              if line.get_ydata()[0] == 0.0] for at in (0.0, 2.2)]  # fmt: skip
+    assert [len(one) for one in zeros] == [0, 1]
+    assert zeros[1][0].zorder < 2  # below the curves
+
+    band = axis_of(runs[0], (time, values), band=0.4).patches[0]
+    assert sorted(band.get_xy()[1] + np.array([0.0, band.get_height()])) == [-0.4, 0.4]
+
+
+def test_levels_and_instants_are_lines_with_words_beside_them(runs, screen):
+    time, values = np.arange(11.0), np.geomspace(1.0, 1e-3, 11)
+    longer = (np.arange(13.0), np.geomspace(1.0, 1e-2, 13))
+    axis = axis_of(runs[0], (time, values), longer, log=True, levels=((0.02, "2 %"),),
+                   marks=((8.9, "settled"), (9.1, "there")))  # fmt: skip
+    level, early, late = axis.texts
+    assert [line.get_ydata()[0] for line in axis.lines if len(set(line.get_ydata())) == 1] == [0.02]
+    assert verticals(axis) == {(8.9, 8.9), (9.1, 9.1)}
+    assert (level.get_text(), level.xy, level.get_horizontalalignment()) == (
+        "2 %", (1.0, 0.02), "right")  # fmt: skip
+    # Beyond three quarters of the time words are at the left of their line.
+    for text, at, said, side in ((early, 8.9, "settled after 8.90 s", "left"),
+                                 (late, 9.1, "there after 9.10 s", "right")):  # fmt: skip
+        assert (text.get_text(), text.xy) == (said, (at, 1.0))
+        assert text.get_horizontalalignment() == side and text.get_verticalalignment() == "top"
+        assert (text.xyann[0] > 0) == (side == "left")
+    assert axis.get_yscale() == "log" and verticals(axis_of(runs[0], longer)) == set()
+
+
+def test_few_points_are_dots_and_many_curves_go_through_colours_and_dashes(runs, screen):
+    dots = [axis_of(runs[0], (np.arange(n) + 0.0, np.arange(n) + 1.0)).lines[0].get_marker()
+            for n in (1, 2, 3)]  # fmt: skip
+    assert dots == [".", ".", "None"]
+    time = np.arange(4.0)
+    curves = [Curve(f"c{i}", time, time + i, shade=i) for i in range(18)]
+    axis = axis_of(runs[0], *curves)
+    looks = [(line.get_color(), line._dash_pattern) for line in axis.lines[:18]]
+    assert len({str(one) for one in looks}) == 18 and axis.get_legend() is None  # too many names
+    assert axis_of(runs[0], *curves[:12]).get_legend() is not None
+    assert axis_of(runs[0], *curves[:13]).get_legend() is None
+    assert [one[0] for one in looks] == [shade(i) for i in range(18)]
+    pale = Curve("x as measured", time, time, pale=True)
+    wanted = Curve("x*", time, time - 1.0, dashed=True)
+    axis = axis_of(runs[0], Curve("x", time, time + 1.0), pale, wanted)
+    full, measured, dashed = axis.lines[:3]
+    assert full.get_color() == measured.get_color() == dashed.get_color()
+    assert measured.get_alpha() < 0.5 and measured.get_linewidth() < full.get_linewidth()
+    assert axis.get_legend_handles_labels()[1] == ["x"]
+
+
+@pytest.mark.parametrize(("name", "shown"), [
+    ("x0", "$x_{0}$"), ("y_12", "$y_{12}$"), ("s3", "$s_{3}$"), ("xn", "$x_n$"),
+    ("ωz", r"$\omega_z$"), ("vx", "$v_x$"), ("area2", "area2"), ("some_area", "some area"),
+    ("p$", r"p\$"), ("7", "7"),
+    ("alpha", r"$\alpha$"), ("L J", r"$L\,J$"), ("|v|", "$|v|$"), ("x", "x"),
+])  # fmt: skip
+def test_a_quantity_is_written_as_in_a_formula(name, shown):
+    assert symbol(name) == shown
+
+
+# -- panels ---------------------------------------------------------------------------------------
+
+
+def titled(found):
+    return {one.title: one for one in found}
+
+
+def test_several_runs_are_compared_feature_by_feature_while_these_are_few(runs):
+    found = titled(panels.errors(runs))
+    assert list(found) == ["error of area", "error of height", "error of turn",
+                           "norm of the errors, relative"]  # fmt: skip
+    for k, name in enumerate(runs[0].names):
+        panel = found[f"error of {name}"]
+        assert (panel.axis, panel.unit) == (name, ("", "m", "rad")[k])
+        for run, curve in zip(runs, panel.curves, strict=True):
+            np.testing.assert_array_equal(curve.values, run.error[:, k])
+            assert (curve.name, curve.run) == (run.name, runs.index(run))
+    assert found["norm of the errors, relative"].marks == ()
+    assert list(titled(panels.errors([runs[0], of_points(runs[1])]))) == [
+        "norm of the errors, relative"]
+
+    def wide(run, count):
+        def more(decision):
+            table = (decision.features, decision.desired, decision.error)
+            names = tuple(f"f{i}" for i in range(count))
+            return Decision(names, *(np.resize(one, count) for one in table))
+
+        states = [replace(s, decision=s.decision and more(s.decision)) for s in run.states]
+        return replace(run, states=tuple(states), units=())
+
+    assert [len(panels.errors([wide(run, n) for run in runs])) for n in (6, 7)] == [7, 1]
+
+
+def test_a_band_is_that_of_features_whose_tolerances_are_one(runs):
+    run = of_points(runs[0])
+    two = replace(run, units=("", "", "m", "m"), tolerances=(0.1, 0.1, 0.2, 0.3))
+    plain, metres, _ = panels.errors([two])
+    assert (plain.unit, plain.band, metres.unit, metres.band) == ("", 0.1, "m", None)
+    assert [c.name for c in metres.curves] == ["x_1", "y_1"] and not metres.curves[0].pale
+    assert [p.band for p in panels.errors([run])] == [None, None]
+    assert panels.unit_groups(replace(run, units=("m", "", "m", ""))) == [("m", [0, 2]),
+                                                                          ("", [1, 3])]  # fmt: skip
+
+
+def test_several_runs_show_their_speeds(runs):
+    for k, panel in enumerate(panels.twists(runs)):
+        assert panel.axis == ("|v|", "|ω|")[k] and panel.unit == ("m/s", "rad/s")[k]
+        for run, curve in zip(runs, panel.curves, strict=True):
+            twist = np.array([s.resolution.twist for s in run.states])[:, 3 * k : 3 * k + 3]
+            np.testing.assert_allclose(curve.values, np.sqrt((twist**2).sum(axis=1)))
+    assert panels.features(runs) == []
+    ratios = titled(panels.conditioning(runs))
+    for title, at in (("condition number of L", 0), ("condition number of L J", 1)):
+        for run, curve in zip(runs, ratios[title].curves, strict=True):
+            told = [s.resolution.told[at] for s in run.states]
+            np.testing.assert_allclose(curve.values, [max(one) / min(one) for one in told])
+    scale = ratios["factor by which limits slowed the task"]
+    assert scale.span == (-0.05, 1.1) and not scale.log and ratios["condition number of L"].log
+
+
+def test_joints_of_another_run_are_found_by_their_names(runs):
+    turned = replace(runs[1], joint_names=(JOINTS[2], "tool", JOINTS[0]))
+    found = titled(panels.joints([runs[0], turned]))
+    assert len(found["elbow"].curves) == 1 and len(found["wrist"].curves) == 2
+    curve = found["wrist"].curves[1]
+    shown = turned.joint_stamp >= turned.stamp[0] - 0.1
+    np.testing.assert_array_equal(curve.values, turned.measured[shown, 0])
+    np.testing.assert_array_equal(found["slide, speed"].curves[1].values,
+                                  turned.measured_speed[shown, 2])  # fmt: skip
+    assert (curve.name, curve.run, curve.shade) == (turned.name, 1, 1)
+    for bound, shows in ((99.9, 1), (100.0, 0), (-np.inf, 0), (-99.9, 1)):
+        limits = (np.array([bound, 0.0, 0.0]), np.array([np.inf] * 3))
+        assert len(panels.joints([replace(runs[0], limits=limits)])[0].limits) == shows
+    bare = replace(runs[0], limits=(np.zeros(0), np.zeros(0)), speed=np.zeros(0), joint_units=())
+    assert all(not panel.limits for panel in panels.joints([bare]))
+    assert panels.joints([bare])[0].unit == "rad"
+
+
+def test_distances_too_small_for_a_logarithm_are_cut(runs):
+    poses = runs[0].true_pose.copy()
+    poses[-3:] = GOAL
+    distance, angle = panels.poses([replace(runs[0], true_pose=poses)])
+    assert distance.curves[0].values[-3:] == pytest.approx([1e-4] * 3)
+    assert angle.curves[0].values[-3:] == pytest.approx([1e-4] * 3) and angle.log
+    zero = [replace(s, decision=s.decision and replace(s.decision, error=np.zeros(3)))
+            for s in runs[0].states[5:]]  # fmt: skip
+    exact = replace(runs[0], states=(*runs[0].states[:5], *zero))
+    norm = titled(panels.errors([exact]))["norm of the errors, relative"]
+    assert np.nanmin(norm.curves[0].values) == 1e-6 and norm.levels == ((0.02, "2 %"),)
+    none = replace(runs[0], states=tuple(zero))
+    assert np.nanmax(panels.errors([none])[-1].curves[0].values) == 1e-6
+
+
+def test_verdicts_are_of_distance_and_angle(runs):
+    at = GOAL.copy()
+    at[:3, 3] += [3e-3, 0.0, 4e-3]
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    at[:3, :3] = GOAL[:3, :3] @ turn
+    for reached, word in (((6e-3, 1.6), True), ((4e-3, 1.6), False), ((6e-3, 1.5), False)):
+        found = Verdict.of(GOAL, at, reached)
+        assert (found.distance, found.angle) == pytest.approx((5e-3, np.pi / 2))
+        assert found.reached == word and found.word == ("goal_reached" if word else "goal_missed")
+    assert to_hex(palette.INK) == palette.INK and len(TWIST) == 6

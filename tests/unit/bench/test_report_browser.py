@@ -131,7 +131,7 @@ def test_the_film_goes_on_image_by_image_by_button_key_and_slider(page, runs):
         .getImageData(0, 0, c.width, c.height).data; let n = 0;
         for (let i = 0; i < d.length; i += 4) if (d[i + 1] > d[i] + 60) n++; return n; })()"""
     assert page.js(ink) > 20
-    outline = """(() => { const f = arasReport.films[0], c = f.canvas, r = f.rims[0];
+    outline = """(() => { const f = arasReport.films[0], c = f.canvas, r = f.rim;
         const n = r.length / 2;
         const k = c.width / f.film.width, x = c.getContext("2d"); let found = 0;
         for (let i = 0; i < n; i++) { const j = (i + 1) % n;  // the middle of each edge

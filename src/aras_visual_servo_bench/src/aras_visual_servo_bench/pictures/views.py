@@ -116,13 +116,13 @@ def filmstrip(runs: Sequence[Run]) -> Figure | None:
         row = axes[number * columns : (number + 1) * columns]
         for axis in row[len(stamps) :]:
             axis.set_visible(False)
+        wanted = run.wanted_outline()
         for axis, stamp in zip(row, stamps, strict=False):
             axis.imshow(run.images.nearest(stamp))
             axis.set(xticks=[], yticks=[])
             axis.grid(False)
             for side in axis.spines.values():
                 side.set(visible=True, color=FAINT, linewidth=0.6)
-            wanted = run.outline(run.goal_pose, stamp)
             if wanted is not None:
                 axis.plot(*np.vstack([wanted, wanted[:1]]).T, color=GOAL, lw=1.1)
             axis.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5))

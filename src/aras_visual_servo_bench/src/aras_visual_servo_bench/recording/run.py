@@ -308,6 +308,11 @@ class Run:
         return float(self.stamp[0]) if len(self.stamp) else 0.0
 
     @property
+    def ended(self) -> float:
+        """Stamp of the last joint state, to which the goal's pose belongs, s."""
+        return float(self.joint_stamp[-1]) if len(self.joint_stamp) else self.began
+
+    @property
     def time(self) -> np.ndarray:
         """(n,) s since then, of the images."""
         return self.stamp - self.began
@@ -348,6 +353,10 @@ class Run:
             return None
         rim = self.target.view(self.target.shape.outline, pose, stamp)
         return None if rim is None else np.column_stack(self.camera.project(*rim.T))
+
+    def wanted_outline(self) -> np.ndarray | None:
+        """Pixels (c, 2) of the silhouette that the goal wants, however the target moves."""
+        return self.outline(self.goal_pose, self.ended)
 
 
 def settling(stamp: np.ndarray, values: np.ndarray, floor: float = 0.0) -> float:

@@ -75,7 +75,7 @@ def _corner_tracks(run: Run) -> Tracks | None:
     seen: list[np.ndarray] = []
     wanted: list[np.ndarray] = []
     shape = None if run.target is None else run.target.shape
-    corners = None if shape is None else run.target.view(shape.points, run.goal_pose)
+    corners = None if shape is None else run.target.view(shape.points, run.goal_pose, run.ended)
     if corners is not None and len(corners) <= MOST_CORNERS:
         tracked = [
             run.target.view(shape.points, pose, float(stamp))

@@ -96,12 +96,12 @@ def _film(run: Run, arrays: Arrays) -> dict[str, Any] | None:
     if not frames:
         return None
     stamps = np.array([stamp for stamp, _ in frames])
-    camera = run.camera
+    camera, wanted = run.camera, run.wanted_outline()
     height, width = (camera.height, camera.width) if camera else images.pictures[0][1].shape[:2]
     return {
         "time": arrays.put(stamps - run.began), "width": width, "height": height,
         "frames": [base64.b64encode(frame).decode() for _, frame in frames],
-        "wanted": _wanted(run, stamps, arrays), "tracks": _tracks(run, arrays),
+        "wanted": None if wanted is None else arrays.put(wanted), "tracks": _tracks(run, arrays),
         "milestones": [stamp - run.began for stamp in milestones(run)],
     }  # fmt: skip
 
@@ -119,16 +119,9 @@ def _other_films(run: Run, arrays: Arrays) -> list[dict[str, Any]]:
             "camera": name, "time": arrays.put(kept - run.began),
             "width": seen.model.width, "height": seen.model.height,
             "frames": [base64.b64encode(frames[stamp]).decode() for stamp in kept.tolist()],
-            "wanted": [None], "tracks": None, "milestones": [],
+            "wanted": None, "tracks": None, "milestones": [],
         })  # fmt: skip
     return films
-
-
-def _wanted(run: Run, stamps: np.ndarray, arrays: Arrays) -> list[int | None]:
-    """The outline that the goal wants, one, or one a frame where the target moves."""
-    still = run.target is None or run.target.motion.still
-    rims = [run.outline(run.goal_pose, float(s)) for s in (stamps[:1] if still else stamps)]
-    return [None if rim is None else arrays.put(rim) for rim in rims]
 
 
 def _tracks(run: Run, arrays: Arrays) -> dict[str, Any] | None:

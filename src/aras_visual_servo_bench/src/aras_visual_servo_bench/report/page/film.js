@@ -8,7 +8,7 @@ class Film {
     Object.assign(this, { canvas, caption, run, page, film, kept: new Map(), wanted: -1 });
     this.time = page.array(this.film.time);
     const read = (i) => i === null ? null : page.array(i);
-    this.rims = this.film.wanted.map(read);
+    this.rim = read(this.film.wanted);
     const tracks = this.film.tracks;
     this.tracks = tracks && { time: page.array(tracks.time), desired: page.array(tracks.desired),
       pixels: tracks.pixels.map(read), names: tracks.names, measured: tracks.measured };
@@ -39,12 +39,12 @@ class Film {
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.imageSmoothingEnabled = bitmap.width > width;
     c.drawImage(bitmap, 0, 0, width, height);
-    if (this.page.overlay) this._over(c, width / film.width, i, scale);
+    if (this.page.overlay) this._over(c, width / film.width, scale);
     this.frame = i;
     this.caption.textContent = `${this.page.several ? `${this.run.name}: ` : ""}${this.film.camera ? `camera ${this.film.camera}, ` : ""}image ${i + 1} of ${this.time.length}, ${this.time[i].toFixed(3)} s`;
   }
 
-  _over(c, k, i, scale) {
+  _over(c, k, scale) {
     c.setTransform(k, 0, 0, k, 0.5 * k, 0.5 * k);  // a pixel's middle has whole numbers
     const stroke = (points, from, to, closed) => {
       c.beginPath();
@@ -58,7 +58,7 @@ class Film {
       if (closed) c.closePath();
       c.stroke();
     };
-    const rim = this.rims[this.rims.length > 1 ? i : 0];
+    const rim = this.rim;
     c.lineWidth = 2 * scale / k; c.strokeStyle = this.page.goalColour;
     if (rim) stroke(rim, 0, rim.length / 2, true);
     if (!this.tracks) return;

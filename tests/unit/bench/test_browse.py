@@ -412,7 +412,7 @@ def real(tmp_path_factory):
     return folder
 
 
-def computed(server_or_reports, seen, run, seconds=60.0):
+def computed(server_or_reports, seen, run, seconds=300.0):
     end = time.monotonic() + seconds
     while isinstance(found := server_or_reports.ask(seen, run), float):
         assert time.monotonic() < end

@@ -9,7 +9,7 @@ import subprocess
 from pathlib import Path
 from typing import TextIO
 
-_SKIPPED = ("docker/", "tests/benchmarks/", "tests/mutation")
+_SKIPPED = ("tests/benchmarks/", "tests/mutation")
 
 
 def tracked(top: Path) -> list[str]:

@@ -1,9 +1,18 @@
 """Puts the table of figures and the mesh scripts on the import path."""
 
+import os
 import sys
 from pathlib import Path
+
+import pytest
 
 HERE = Path(__file__).resolve().parent
 for folder in (HERE, HERE.parents[2] / "src" / "aras_visual_servo_gazebo" / "scripts"):
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
+
+
+@pytest.fixture(autouse=True)
+def sources_for_programs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The programs that a launch file runs import the packages as the tests do, without a build."""
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))

@@ -51,7 +51,7 @@ done
 # most of the while, so the unit tests run beside them, on what they leave.
 # What a graph does hangs on how the machine shares its time among a dozen processes: a graph test that
 # fails has a second try, and the summary names it (R).
-units=$(($(nproc) + 1)) graphs=$(($(nproc) + 1))
+units=$(nproc) graphs=$(($(nproc) + 1))
 ((graphs <= 4)) || graphs=4
 interrupted=2 no_test=5 unit=0 graph=0
 log=build/unit_tests.log

@@ -81,15 +81,29 @@ def test_what_was_compiled_for_the_sources_serves_their_copies_unless_they_diffe
     assert looped() == (1, 6.0)
 
 
-def test_packages_are_compiled_side_by_side_and_one_that_is_not_there_is_named(packages):
+@pytest.mark.parametrize("processes", [1, 2])
+def test_packages_are_compiled_side_by_side_and_one_that_is_not_there_is_named(
+    packages, processes
+):
     source = packages[0] / "source"
     done = subprocess.run(
-        [sys.executable, "-m", "aras_visual_servo_base.loops", "looping", "nothing"],
+        [sys.executable, "-m", "aras_visual_servo_base.loops", "nothing", "looping",
+         f"--processes={processes}"],
         env={**os.environ, "PYTHONPATH": f"{source}:{LIBRARY}"}, cwd="/", capture_output=True,
         text=True,
     )  # fmt: skip
-    assert done.returncode == 1 and "no package nothing on PYTHONPATH" in done.stderr
+    assert done.returncode == 1
+    assert done.stderr == "loops: no package nothing on PYTHONPATH\n"
     assert len(kept(source)) == 2
+
+
+def test_packages_are_shared_out_among_processes_by_their_loops(monkeypatch):
+    files = {"large": 9, "middle": 6, "small": 4, "none": 0}
+    monkeypatch.setattr(loops, "sources", lambda package: [Path("loop.py")] * files[package])
+    shared = loops.shares(["none", "small", "large", "middle"], 2)
+    assert shared == [["large", "none"], ["middle", "small"]]
+    assert loops.shares(list(files), 1) == [["large", "middle", "small", "none"]]
+    assert [len(part) for part in loops.shares(list(files), 8)] == [1, 1, 1, 1]
 
 
 def test_packages_are_missing_until_each_of_their_loops_is_kept(packages, monkeypatch):

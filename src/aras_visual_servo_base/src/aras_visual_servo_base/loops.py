@@ -1,6 +1,6 @@
 """Compile packages' loops (Numba) now, which their first start would do otherwise.
 
-    python -m aras_visual_servo_base.loops [--from FOLDER] PACKAGE...
+    python -m aras_visual_servo_base.loops [--from FOLDER] [--processes N] PACKAGE...
 
 What set-up calls for the sources, and installing for the copies that it has made of them. There,
 `--from` names the folder with the packages' sources: what was compiled for those is taken over.
@@ -78,27 +78,54 @@ def missing(packages: Sequence[str]) -> list[str]:
     return found
 
 
+def shares(packages: Sequence[str], count: int) -> list[list[str]]:
+    """The packages in at most `count` parts that take about as long: packages of one process
+    compile the parts of Numba that they have in common once."""
+    files = {package: len(_found(package)) for package in packages}
+    parts: list[list[str]] = [[] for _ in range(min(count, len(files)))]
+    for package in sorted(files, key=files.get, reverse=True):
+        min(parts, key=lambda part: sum(files[one] for one in part)).append(package)
+    return [part for part in parts if part]
+
+
+def _found(package: str) -> list[Path]:
+    try:
+        return sources(package)
+    except ModuleNotFoundError:
+        return []
+
+
 def main(argv: list[str] | None = None) -> int:
-    """Compile the packages' loops, several packages side by side; returns the exit status."""
+    """Compile the packages' loops, with a process for each core; returns the exit status."""
     parser = argparse.ArgumentParser(
         prog="loops", description=__doc__.splitlines()[0],
         epilog=f"example: python -m {__name__} aras_visual_servo_camera",
     )  # fmt: skip
     parser.add_argument("packages", nargs="+", metavar="PACKAGE")
     parser.add_argument("--from", dest="folder", type=Path, help="where the sources are")
+    parser.add_argument("--processes", type=int, default=os.cpu_count(), metavar="N",
+                        help="at most so many side by side (as there are cores)")  # fmt: skip
     given = parser.parse_args(argv)
-    if len(given.packages) > 1:
+    parts = shares(given.packages, max(given.processes, 1))
+    if len(parts) > 1:
         options = ["--from", str(given.folder)] if given.folder else []
-        command = [sys.executable, "-m", __spec__.name, *options]
-        processes = [subprocess.Popen([*command, package]) for package in given.packages]
+        command = [sys.executable, "-m", __spec__.name, "--processes=1", *options]
+        processes = [subprocess.Popen([*command, *part]) for part in parts]
         return max([process.wait() for process in processes])
-    for package in given.packages:
-        if given.folder:
-            take_over(package, given.folder)
-        with put_off():  # other packages' are another process's
+    return max([_compile(package, given.folder) for package in given.packages])
+
+
+def _compile(package: str, folder: Path | None) -> int:
+    try:
+        if folder:
+            take_over(package, folder)
+        with put_off():  # other packages' are for their own turn, or another process's
             for path in sources(package):
                 importlib.import_module(".".join(path.with_suffix("").parts))
-        compile_all(package)
+    except ModuleNotFoundError as error:
+        print(f"loops: {error}", file=sys.stderr)
+        return 1
+    compile_all(package)
     return 0
 
 

@@ -288,8 +288,8 @@ def _tree(axis: np.ndarray, angle: np.ndarray, seen: np.ndarray, rows: int, colu
     first = joined = 0
     axis, angle = axis.reshape(rows, columns, 3), angle.reshape(rows, columns)
     seen = seen.reshape(rows, columns)
-    # The tiles below each node, zeros for those that show nothing.
-    below, wide = axis[:, :, None] * seen[..., None, None], angle[..., None]
+    # Of the tiles; axis 0: shows nothing. span: how many of them a node has along each side.
+    tile, wide, shown, span = axis * seen[..., None], angle, seen, 1
     while True:
         limit = np.minimum(angle + 1e-9, np.pi)
         cones = np.concatenate([axis, np.cos(limit)[..., None], np.sin(limit)[..., None]], axis=2)
@@ -301,17 +301,18 @@ def _tree(axis: np.ndarray, angle: np.ndarray, seen: np.ndarray, rows: int, colu
         first += rows * columns
         joined += rows * columns if levels[1:] else 0
         rows, columns = -(-rows // 4), -(-columns // 4)
-        cones, below, wide, some = (_by_fours(x, rows, columns)
-                                    for x in (cones, below, wide, seen))
+        cones, some = (_by_fours(x, rows, columns) for x in (cones, seen))
         cones[~some] = (0.0, 0.0, 1.0, 2.0, 0.0)
         children.append(cones.reshape(-1, 16, 5).swapaxes(1, 2))
-        below, wide = below.reshape(rows, columns, -1, 3), wide.reshape(rows, columns, -1)
-        axis = below.sum(axis=2)
+        seen, span = some.any(axis=2), 4 * span
+        v, u = (np.arange(0, n, span) for n in shown.shape)
+        axis = np.add.reduceat(np.add.reduceat(tile, v, axis=0), u, axis=1)
         norm = np.linalg.norm(axis, axis=2, keepdims=True)
         axis = np.where(norm > 1e-6, axis / np.maximum(norm, 1e-6), [0.0, 0.0, 1.0])
-        apart = np.arccos(np.clip((below * axis[:, :, None]).sum(axis=3), -1.0, 1.0))
-        angle = np.where(below.any(axis=3), apart + wide, 0.0).max(axis=2)
-        seen = some.any(axis=2)
+        own = axis.repeat(span, axis=0)[:len(tile)].repeat(span, axis=1)[:, :tile.shape[1]]
+        apart = np.arccos(np.clip((tile * own).sum(axis=2), -1.0, 1.0))
+        angle = np.where(shown, apart + wide, 0.0)
+        angle = np.maximum.reduceat(np.maximum.reduceat(angle, v, axis=0), u, axis=1)
 
 
 def _by_fours(x: np.ndarray, rows: int, columns: int) -> np.ndarray:

@@ -264,7 +264,6 @@ def test_keys_at_a_terminal_drive_the_camera(viewer, ros_master):
         assert viewer.told["joints"][0] > before + 0.02
         viewer.wait("stopped")
     assert viewer.ask("start")[0]
-    viewer.wait("converged")
 
 
 def test_time_stands_still_steps_and_begins_anew(viewer):
@@ -294,7 +293,7 @@ def test_another_scheme_and_a_moved_goal(viewer):
     wait_for(lambda: not viewer.phase(), 20.0, "the page to know that no controller is there")
     wait_for(lambda: not viewer.told["state"]["controller"], 20.0, "the same of its state")
     # Corners, which the goal's file does not hold, are those of the target's geometry.
-    done, text = viewer.ask("servo", scheme="points", law="proportional", start="2015",
+    done, text = viewer.ask("servo", scheme="points", law="proportional", start="none",
                             goal="2016", timeout=90.0)  # fmt: skip
     assert done, text
     wait_for(lambda: viewer.told["told"]["scheme"] == "points", 60.0, "points")
@@ -312,7 +311,7 @@ def test_the_camera_is_changed_on_the_page_while_the_nodes_run(viewer, port):
     browser = pytest.importorskip("browser")
     if browser.chromium() is None:
         pytest.skip(browser.HOW)
-    done, text = viewer.ask("servo", scheme="moments", law="proportional", start="2016",
+    done, text = viewer.ask("servo", scheme="moments", law="proportional", start="none",
                             goal="auto", timeout=90.0)  # fmt: skip
     assert done, text
     wait_for(lambda: viewer.phase() in ("servoing", "converged"), 60.0, "the loop")

@@ -2,6 +2,7 @@
 
 import importlib
 import logging
+import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 
@@ -26,6 +27,24 @@ def test_without_a_place_to_keep_them_loops_work_all_the_same(monkeypatch, caplo
             assert total(np.arange(4.0)) == 6.0
     (record,) = caplog.records
     assert "NUMBA_CACHE_DIR" in record.message
+
+
+@pytest.mark.parametrize(("before", "imported"), [
+    ("pass", "False"), ("import scipy.linalg.cython_blas", "True"),
+])  # fmt: skip
+def test_a_program_with_loops_imports_no_linear_algebra_that_it_does_not_use(before, imported):
+    program = f"""
+import sys
+sys.path[:] = {sys.path}
+{before}
+import aras_visual_servo_base.compiled
+from numba.core.registry import cpu_target
+cpu_target.target_context.refresh()  # as reading a loop that was kept does
+print("scipy.linalg" in sys.modules)
+import scipy.linalg.cython_blas
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == (f"{imported}\n", "")
 
 
 def test_other_types_are_refused_instead_of_compiled_in_the_middle_of_a_run():

@@ -11,7 +11,9 @@ in the middle of a run.
 from __future__ import annotations
 
 import contextlib
+import importlib
 import logging
+import sys
 import threading
 import zlib
 from collections.abc import Callable, Iterator
@@ -23,6 +25,23 @@ from numba.core.cgutils import true_bit
 from numba.core.dispatcher import Dispatcher
 from numba.core.sigutils import normalize_signature
 from numba.extending import intrinsic
+
+
+def _import_without(left_out: str, module: str) -> None:
+    """Import a module that then takes `left_out`, if nothing has imported it yet, for missing."""
+    if left_out in sys.modules:
+        importlib.import_module(module)
+        return
+    sys.modules[left_out] = None  # what Python takes for a module that cannot be imported
+    try:
+        importlib.import_module(module)
+    finally:
+        del sys.modules[left_out]
+
+
+# Here Numba looks for a BLAS to use in np.convolve and np.correlate, and so imports SciPy's linear
+# algebra: a tenth of what a node's start takes. Its np.dot looks for one when it is compiled.
+_import_without("scipy.linalg.cython_blas", "numba.np.arraymath")
 
 _log = logging.getLogger(__name__)
 _one_at_a_time = threading.RLock()

@@ -42,13 +42,61 @@ def inbox():
     box.close()
 
 
-def test_messages_act_in_order_one_a_step(inbox):
+@pytest.mark.parametrize("begin", [0, 1])
+def test_messages_act_in_order_one_a_step(inbox, begin):
     publisher = Publisher(inbox)
     publisher.send(1, 2, 3)
     for step in range(3):
-        assert inbox.take(step * STEP_NS, 2)
+        assert inbox.take(begin + step * STEP_NS, 2)
         assert publisher.acted == [1, 2, 3][: step + 1]
-    assert not inbox.take(3 * STEP_NS, 2)
+    assert not inbox.take(begin + 3 * STEP_NS, 2)
+
+
+def test_the_last_word_acts_in_a_step_that_had_its_message(inbox):
+    publisher = Publisher(inbox)
+    publisher.send(1)
+    inbox.take(STEP_NS, 8)
+    publisher.send(2, 3)
+    publisher.end.close()
+    assert inbox.take(STEP_NS, 8) or inbox.take(STEP_NS, 8)  # the message, then the end
+    inbox.take(2 * STEP_NS, 8)
+    assert publisher.acted[-1] == 3 and publisher.ended.is_set()
+
+
+def test_what_is_passed_over_is_counted_by_stream_until_it_is_asked_for(inbox):
+    first, second = Publisher(inbox), Publisher(inbox)
+    first.send(*range(6))
+    second.send(*range(9))
+    inbox.take(0, 1)
+    assert second.stream.passed_over == 7 and inbox.most_passed_over() == 7
+    assert inbox.most_passed_over() == 0
+    inbox.take(STEP_NS, 1)
+    assert inbox.most_passed_over() == 0
+    first.send(*range(4))
+    inbox.take(2 * STEP_NS, 0)
+    assert inbox.most_passed_over() == 3
+
+
+def test_the_longest_message_that_may_be_is_read(inbox):
+    publisher = Publisher(inbox)
+    publisher.end.sendall(struct.pack("<I", LARGEST))
+    inbox.take(0, 1)
+    assert not publisher.ended.is_set()
+
+
+def test_all_streams_end_with_the_box():
+    box = Inbox()
+    publishers = [Publisher(box) for _ in range(2)]
+    box.close()
+    assert all(publisher.ended.is_set() for publisher in publishers)
+    publishers[0].send(1)
+    assert not box.take(0, 0) and not publishers[0].acted
+
+
+def test_a_stream_without_news_is_no_end(inbox):
+    publisher = Publisher(inbox)
+    assert publisher.stream.read(bytearray(100))
+    assert not inbox.take(0, 0) and not publisher.ended.is_set()
 
 
 def test_a_step_takes_one_message_however_often_it_is_looked_for(inbox):
@@ -145,9 +193,10 @@ def test_a_socket_closed_under_it_is_no_fault(inbox):
 
 def test_a_command_wakes_who_waits_for_commands(inbox):
     publisher = Publisher(inbox)
+    assert not inbox.wait(0.0)
     publisher.send(1)
-    assert inbox.wait(10.0)
-    assert not inbox.wait(0.0, commands=False)
+    assert inbox.wait(10.0) is True
+    assert inbox.wait(0.0, commands=False) is False
 
 
 def test_the_bell_wakes_once_for_each_look(inbox):

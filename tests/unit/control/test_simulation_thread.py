@@ -5,12 +5,15 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Callable
 
 import pytest
 
 from aras_sim_bridge.ros.runtime.inbox import Inbox
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationBusyError, SimulationThread
+
+MS = 1_000_000
 
 
 class Counter:
@@ -91,6 +94,89 @@ def test_unpausing_clears_the_gate_that_steps_closed(started):
     assert thread.step(5, 5.0) == 5_000_000  # steps asked for are made
     thread.unpause()
     until(lambda: thread.now_ns() == 6_000_000)
+
+
+class Commands(Inbox):
+    """Before a step there is one where `comes` says so; `flood` are passed over in a group."""
+
+    def __init__(self, comes: Callable[[int], bool], flood: int = 0) -> None:
+        super().__init__()
+        self.comes, self.flood, self.backlogs = comes, flood, []
+
+    def take(self, time_ns: int, backlog: int) -> bool:
+        self.backlogs.append(backlog)
+        return self.comes(time_ns)
+
+    def most_passed_over(self) -> int:
+        return self.flood
+
+
+class Plan(Pacer):
+    """So many steps are due each time, and no more."""
+
+    def __init__(self, *steps: float, factor: float = 1.0) -> None:
+        super().__init__(factor)
+        self.steps, self.groups, self.over = iter(steps), [], threading.Event()
+
+    def due_until(self, time_ns: int, event_ns: int | None, group_ns: int) -> int:
+        self.groups.append(group_ns // MS)
+        count = next(self.steps, None)
+        if count is None:
+            self.over.set()
+        return time_ns + round(MS * (count or 0))
+
+    def wait(self, time_ns: int, event_ns: int | None, group_ns: int) -> float:
+        return 60.0 if self.over.is_set() else 0.0
+
+
+def run(plan: Plan, inbox: Inbox, gate: Gate | None = None, build=Counter) -> None:
+    thread = SimulationThread(build, plan, inbox=inbox)
+    thread.gate = gate
+    thread.start()
+    assert plan.over.wait(20.0)
+    thread.stop()
+
+
+@pytest.mark.parametrize(("flood", "groups"), [
+    (2, [4, 1, 1, 1]), (3, [4, 4, 1, 1]), (5, [4, 4, 1, 1]), (6, [4, 4, 4, 1]),
+    (12, [4, 4, 4, 4]),
+])
+def test_steps_are_made_one_by_one_for_commands_unless_these_are_a_flood(flood, groups):
+    """Three messages passed over a step are one."""
+    plan = Plan(1, 2, 4)
+    run(plan, Commands(lambda _: True, flood))
+    assert plan.groups == groups
+
+
+def test_steps_are_made_one_by_one_for_so_long_after_a_command():
+    plan = Plan(*7 * [1])
+    run(plan, Commands(lambda time_ns: time_ns == 0))
+    assert plan.groups == [4, 1, 1, 1, 1, 4, 4, 4]
+
+
+def test_what_came_before_time_was_set_back_is_forgotten():
+    made = Counter()
+    made.time_ns = 100 * MS
+
+    class Reset(Plan):
+        def due_until(self, time_ns: int, event_ns: int | None, group_ns: int) -> int:
+            if len(self.groups) == 1:
+                made.time_ns = time_ns = 0
+            return super().due_until(time_ns, event_ns, group_ns)
+
+    plan = Reset(1, 1, 1)
+    run(plan, Commands(lambda time_ns: time_ns > 50 * MS), build=lambda: made)
+    assert plan.groups == [4, 1, 4, 4]
+
+
+@pytest.mark.parametrize(("factor", "gate", "backlogs"), [
+    (1.0, None, [3, 2, 1, 2, 1]), (1.0, Gate(), [3, 2, 1, 2, 1]), (0.0, None, 5 * [0]),
+    (0.0, Gate(), 5 * [8]),
+])
+def test_of_the_commands_of_a_topic_one_may_wait_for_each_step_that_is_due(factor, gate, backlogs):
+    inbox = Commands(lambda _: False)
+    run(Plan(2.5, 2, factor=factor), inbox, gate)
+    assert inbox.backlogs == backlogs
 
 
 def test_a_pause_is_not_made_good():

@@ -13,12 +13,14 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import rosgraph
 import rospy
+from genpy import Message
 from genpy.generator import MsgGenerator, SrvGenerator
 from geometry_msgs.msg import Point, Pose, Quaternion
 
@@ -80,18 +82,25 @@ if importlib.util.find_spec("gazebo_msgs") is None:
         importlib.import_module(name).__path__.append(str(made / name))
 
 
+def on_wire(message: Message) -> Message:
+    """The message, after it was seen to be one that can be sent."""
+    message.serialize(BytesIO())
+    return message
+
+
 class Publisher:
     """As rospy's; what is published is kept, and `listeners` are those that the test makes up."""
 
-    def __init__(self, graph: Graph, topic: str, listener: object) -> None:
-        self.graph, self.topic, self.listener = graph, topic, listener
+    def __init__(self, graph: Graph, topic: str, kind: type, options: dict[str, object]) -> None:
+        self.graph, self.topic, self.kind, self.options = graph, topic, kind, options
+        self.listener = options.get("subscriber_listener")
         self.impl = SimpleNamespace(connections=[])
         self.sent: list[object] = []
 
     def publish(self, message: object) -> None:
         if self.impl is None:  # as rospy, which closes topics while a node ends
             raise rospy.ROSException("publish() to a closed topic")
-        self.sent.append(message)
+        self.sent.append(message if isinstance(message, (int, float)) else on_wire(message))
 
     def get_num_connections(self) -> int:
         return len(self.impl.connections)
@@ -109,15 +118,23 @@ class Graph:
         self.types: dict[str, type] = {}
         self.publishers: dict[str, Publisher] = {}
         self.subscribers: dict[str, Callable[[object], None]] = {}
+        self.heard: dict[str, tuple[type, dict[str, object]]] = {}
         self.parameters: dict[str, object] = {}
         self.lines: list[str] = []
         self.timers: list[tuple] = []
 
     def call(self, service: str, *args: object, **fields: object) -> object:
         """The answer of a service to a request of these fields, the first ones in their order."""
+        service = rospy.resolve_name(service)
         request = self.types[service]._request_class
-        given = dict(zip(request.__slots__, args, strict=False))
-        return self.services[service](request(**given, **fields))
+        if not args or not isinstance(args[0], request):
+            args = (request(**dict(zip(request.__slots__, args, strict=False)), **fields),)
+        return on_wire(self.services[service](on_wire(args[0])))
+
+    def told(self) -> dict[str, tuple[type, int, bool]]:
+        """Of each topic that is published: type, length of the queue, whether it is latched."""
+        return {topic: (one.kind, one.options["queue_size"], one.options.get("latch", False))
+                for topic, one in self.publishers.items()}
 
     def listen(self, topic: str, count: int = 1) -> list[SimpleNamespace]:
         """Connections of that many listeners, each with the `heard` end of its socket."""
@@ -178,12 +195,12 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
         it.services[name], it.types[name] = handler, kind
         return SimpleNamespace(shutdown=lambda _reason="": it.services.pop(name, None))
 
-    def publisher(topic: str, *_: object, **options: object) -> Publisher:
-        it.publishers[topic] = Publisher(it, topic, options.get("subscriber_listener"))
+    def publisher(topic: str, kind: type, **options: object) -> Publisher:
+        it.publishers[topic] = Publisher(it, topic, kind, options)
         return it.publishers[topic]
 
-    def subscriber(topic: str, _type: type, callback: Callable, **_: object) -> SimpleNamespace:
-        it.subscribers[topic] = callback
+    def subscriber(topic: str, kind: type, callback: Callable, **more: object) -> SimpleNamespace:
+        it.subscribers[topic], it.heard[topic] = callback, (kind, more)
         return SimpleNamespace(unregister=lambda: it.subscribers.pop(topic, None), impl=None)
 
     def log(text: str, *args: object) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from threading import Event, Thread
+from threading import enumerate as enumerate_threads
 from types import SimpleNamespace
 
 import cv2
@@ -12,17 +13,33 @@ import numpy as np
 import pytest
 import rospy
 import yaml
-from dynamic_reconfigure.msg import BoolParameter, Config, DoubleParameter, IntParameter
+from dynamic_reconfigure.msg import (
+    BoolParameter,
+    Config,
+    ConfigDescription,
+    DoubleParameter,
+    IntParameter,
+)
 from dynamic_reconfigure.msg import StrParameter as Text
+from dynamic_reconfigure.srv import Reconfigure
 from genpy import Time
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
-from std_msgs.msg import String
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
+from sensor_msgs.srv import SetCameraInfo
+from std_msgs.msg import Empty, String
+from tf2_msgs.msg import TFMessage
 
 from aras_sim_bridge.camera import CameraConfig, Frame
+from aras_sim_bridge.description import DepthTopics
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.ros.camera import frames, settings, topics
-from aras_sim_bridge.ros.camera.compressed import COMPRESSED_FIELDS, CompressedTopic, encode
+from aras_sim_bridge.ros.camera.compressed import (
+    COMPRESSED_FIELDS,
+    CompressedTopic,
+    Encoder,
+    encode,
+)
 from aras_sim_bridge.ros.camera.info import calibration_path, prefixed
+from aras_sim_bridge.ros.camera.points_topic import PointsTopic
 from aras_sim_bridge.ros.camera.topics import CameraTopics
 from aras_sim_bridge.ros.runtime.graph import OnGraph
 
@@ -138,6 +155,71 @@ def test_image_and_info_of_one_instant(eye):
     assert {named[n] for n in np.unique(seen[seen >= 0]).tolist()} == {"ground_plane::link"}
 
 
+def test_topics_are_gazebo_s(graph, thread):
+    names = {"image": "far/image", "info": "far/info", "points": "far/points"}
+    given = {**SETTINGS, "camera_name": "a/eye", "image_topic": "picture", "info_topic": "lens",
+             "trigger_topic": "go", "depth_topics": {**names, "millimetres": True}}
+    thread.call(lambda: thread.simulation.add_camera("eye", given))
+    on_graph = CameraTopics(thread.simulation.cameras[0], thread)
+    settings_topics = {
+        f"/a/eye{place}/parameter_{what}": (kind, 10, True) for place in ("", "/picture/compressed")
+        for what, kind in (("descriptions", ConfigDescription), ("updates", Config))}
+    assert graph.told() == settings_topics | {
+        "/tf_static": (TFMessage, 10, True),
+        "/a/eye/picture": (Image, 2, True), "/a/eye/lens": (CameraInfo, 2, False),
+        "/a/eye/picture/compressed": (CompressedImage, 30, True),
+        "/a/eye/far/image": (Image, 2, True), "/a/eye/far/info": (CameraInfo, 2, False),
+        "/a/eye/far/points": (PointCloud2, 1, False),
+        "/a/eye/segmentation/image_raw": (Image, 2, True),
+        "/a/eye/segmentation/labels": (String, 2, True), "/a/eye/sensor_info": (String, 1, True),
+    }
+    no_delay = [one.options.get("tcp_nodelay") for one in graph.publishers.values()
+                if one.kind in (Image, CompressedImage, CameraInfo, PointCloud2)]
+    assert no_delay == 7 * [True]
+    assert graph.heard == {"/a/eye/go": (Empty, {"queue_size": 10})}
+    assert graph.types == {
+        "/a/eye/set_camera_info": SetCameraInfo, "/a/eye/set_parameters": Reconfigure,
+        "/a/eye/picture/compressed/set_parameters": Reconfigure}
+    (depth,) = graph.listen("/a/eye/far/image")
+    thread.step(20, 20.0)
+    assert not messages(depth, Image)  # it exposes when it is told to
+    graph.subscribers["/a/eye/go"](Empty())
+    thread.step(3, 20.0)
+    (picture,) = messages(depth, Image)
+    assert (picture.encoding, picture.step) == ("16UC1", 16)
+    assert 20_000_000 <= picture.header.stamp.to_nsec() <= 23_000_000
+    on_graph.shutdown()
+    assert set(graph.publishers) == {"/tf_static"} and not graph.subscribers | graph.services
+
+
+@pytest.mark.parametrize(("rows", "encoding", "hole"), [
+    (True, "rgb8", False), (False, "bgr8", True), (True, "bgr8", False)])
+def test_a_cloud_is_its_depths_along_the_pixels_rays_in_their_colours(graph, rows, encoding, hole):
+    random = np.random.default_rng(2)
+    rays, depth = random.random((3, 5, 3), np.float32), 1.0 + random.random((3, 5), np.float32)
+    image = random.integers(0, 255, (3, 5, 3), np.uint8)
+    if hole:
+        depth[1, 2] = np.inf
+    topic = PointsTopic("/points", rays, DepthTopics(rows=rows, farthest=9.0), lambda: None)
+    frame = Frame(5, image, encoding, depth=depth)
+    topic.send(Time(3, 4), "lens", frame)  # nobody listens
+    (listener,) = graph.listen("/points")
+    topic.send(Time(3, 4), "lens", frame)
+    (cloud,) = messages(listener, PointCloud2)
+    assert (cloud.header.stamp, cloud.header.frame_id) == (Time(3, 4), "lens")
+    assert (cloud.height, cloud.width) == ((3, 5) if rows else (1, 15))
+    assert (cloud.point_step, cloud.row_step) == (32, 32 * cloud.width)
+    assert cloud.is_dense is not hole and not cloud.is_bigendian
+    assert [(f.name, f.offset, f.datatype, f.count) for f in cloud.fields] == [
+        ("x", 0, 7, 1), ("y", 4, 7, 1), ("z", 8, 7, 1), ("rgb", 16, 7, 1)]
+    points = np.frombuffer(cloud.data, np.float32).reshape(15, 8)
+    expected = (rays * np.where(np.isinf(depth), np.nan, depth)[..., None]).reshape(15, 3)
+    np.testing.assert_array_equal(points[:, :3], expected)
+    colours = np.frombuffer(cloud.data, np.uint8).reshape(15, 32)[:, 16:20]
+    bgr = image if encoding == "bgr8" else image[..., ::-1]
+    np.testing.assert_array_equal(colours, np.pad(bgr.reshape(15, 3), ((0, 0), (0, 1))))
+
+
 def test_who_comes_late_gets_the_last_picture(eye):
     eye.graph.listen("/eye/camera_info")
     eye.step(10)
@@ -159,14 +241,15 @@ def test_a_calibration_is_published_and_kept(eye):
     info = CameraInfo(width=8, height=6, distortion_model="plumb_bob", D=[1.0, 2.0])
     info.K, info.R, info.P = range(9), range(10, 19), range(20, 32)
     assert eye.graph.call("/eye/set_camera_info", info).success
-    kept = yaml.safe_load((eye.home / "camera_info" / "eye.yaml").read_text())
-    assert (kept["image_width"], kept["image_height"], kept["camera_name"]) == (8, 6, "eye")
-    matrix = kept["camera_matrix"]
-    assert (matrix["rows"], matrix["cols"], matrix["data"]) == (3, 3, [float(k) for k in range(9)])
-    assert kept["projection_matrix"]["cols"] == 4
-    assert kept["distortion_coefficients"] == {"rows": 1, "cols": 2, "data": [1.0, 2.0]}
-    assert kept["rectification_matrix"]["data"][0] == 10.0
-    assert kept["distortion_model"] == "plumb_bob"
+    def matrix(rows: int, *values: float) -> dict:
+        return {"rows": rows, "cols": len(values) // rows, "data": list(map(float, values))}
+
+    assert yaml.safe_load((eye.home / "camera_info" / "eye.yaml").read_text()) == {
+        "image_width": 8, "image_height": 6, "camera_name": "eye",
+        "distortion_model": "plumb_bob", "distortion_coefficients": matrix(1, 1, 2),
+        "camera_matrix": matrix(3, *range(9)), "rectification_matrix": matrix(3, *range(10, 19)),
+        "projection_matrix": matrix(3, *range(20, 32)),
+    }
     (listener,) = eye.graph.listen("/eye/camera_info")
     eye.step(10)
     (told,) = messages(listener, CameraInfo)
@@ -277,39 +360,106 @@ def test_settings_of_the_world_s_cameras(graph, thread):
     assert len(graph.lines) == count
 
 
-RED = np.zeros((4, 6, 3), np.uint8)
-RED[..., 0] = 200
+NOISE = np.random.default_rng(1).integers(0, 255, (40, 24, 3), np.uint8)
+WIDE = NOISE.astype(np.uint16) * 257
+BGR = np.ascontiguousarray(NOISE[..., ::-1])
+RED = np.full((4, 6, 3), (200, 0, 0), np.uint8)
 
 
-@pytest.mark.parametrize(("image", "encoding", "kind", "text"), [
-    (RED, "rgb8", "jpeg", "rgb8; jpeg compressed bgr8"),
-    (RED[..., ::-1], "bgr8", "png", "bgr8; png compressed bgr8"),
-    (RED, "rgb8", "png", "rgb8; png compressed bgr8"),
-    (RED.astype(np.uint16) * 257, "rgb16", "jpeg", "rgb16; jpeg compressed bgr8"),
-    (RED.astype(np.uint16) * 257, "rgb16", "png", "rgb16; png compressed bgr16"),
-    (RED[..., 0], "mono8", "png", "mono8; png compressed "),
+@pytest.mark.parametrize(("image", "encoding", "kind", "text", "expected"), [
+    (NOISE, "rgb8", "jpeg", "rgb8; jpeg compressed bgr8", BGR),
+    (BGR, "bgr8", "png", "bgr8; png compressed bgr8", BGR),
+    (NOISE, "rgb8", "png", "rgb8; png compressed bgr8", BGR),
+    (WIDE, "rgb16", "jpeg", "rgb16; jpeg compressed bgr8", BGR),
+    (WIDE, "rgb16", "png", "rgb16; png compressed bgr16", WIDE[..., ::-1]),
+    (NOISE[..., 0], "mono8", "png", "mono8; png compressed ", NOISE[..., 0]),
+    (WIDE[..., 0], "mono16", "jpeg", "mono16; jpeg compressed ", NOISE[..., 0]),
 ])
-def test_pictures_are_compressed_as_image_transport_does(image, encoding, kind, text):
-    told, data = encode(image, encoding, {**DEFAULTS, "format": kind, "jpeg_quality": 100})
+def test_pictures_are_compressed_as_image_transport_does(image, encoding, kind, text, expected):
+    told, data = encode(image, encoding, {**DEFAULTS, "format": kind})
     assert told == text
-    back = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED).astype(float)
-    scale = 257.0 if back.max() > 255 else 1.0
-    expected = [200.0] if encoding == "mono8" else [0.0, 0.0, 200.0]
-    assert np.abs(back.reshape(24, -1) / scale - expected).max() < 4.0
+    if kind == "png":
+        back = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        assert back.dtype == expected.dtype and np.array_equal(back, expected)
+    else:
+        options = [cv2.IMWRITE_JPEG_QUALITY, 80]
+        assert data == cv2.imencode(".jpg", expected, options)[1].tobytes()
 
 
-def test_compression_follows_its_settings():
-    noise = np.random.default_rng(1).integers(0, 255, (64, 64, 3), np.uint8)
-    sizes = [len(encode(noise, "rgb8", {**DEFAULTS, "jpeg_quality": q})[1]) for q in (20, 90)]
-    assert sizes[0] < sizes[1]
-    plain = encode(noise, "rgb8", DEFAULTS)[1]
-    for change in ({"jpeg_progressive": True}, {"jpeg_optimize": True},
-                   {"jpeg_restart_interval": 2}):
-        assert encode(noise, "rgb8", {**DEFAULTS, **change})[1] != plain
-    flat = np.zeros((64, 64, 3), np.uint8)
-    png = {**DEFAULTS, "format": "png"}
-    levels = [len(encode(flat, "rgb8", {**png, "png_level": level})[1]) for level in (1, 9)]
-    assert levels[0] > levels[1]
+@pytest.mark.parametrize(("settings", "option", "value"), [
+    ({"jpeg_quality": 31}, cv2.IMWRITE_JPEG_QUALITY, 31),
+    ({"jpeg_progressive": True}, cv2.IMWRITE_JPEG_PROGRESSIVE, 1),
+    ({"jpeg_optimize": True}, cv2.IMWRITE_JPEG_OPTIMIZE, 1),
+    ({"jpeg_restart_interval": 2}, cv2.IMWRITE_JPEG_RST_INTERVAL, 2),
+    ({"format": "png"}, cv2.IMWRITE_PNG_COMPRESSION, 9),
+    ({"format": "png", "png_level": 2}, cv2.IMWRITE_PNG_COMPRESSION, 2),
+])
+def test_compression_follows_its_settings(settings, option, value):
+    image = NOISE // 64  # few colours, so that levels of compression differ
+    data = encode(image, "bgr8", {**DEFAULTS, **settings})[1]
+    options = [option, value]
+    if "jpeg_quality" not in settings and "format" not in settings:
+        options += [cv2.IMWRITE_JPEG_QUALITY, 80]
+    kind = settings.get("format", "jpg")
+    assert data == cv2.imencode(f".{kind}", image, options)[1].tobytes()
+    assert data != cv2.imencode(f".{kind}", image)[1].tobytes()
+
+
+def test_settings_of_compression_are_image_transport_s():
+    limits = {field.name: (field.type, field.default, field.minimum, field.maximum)
+              for field in COMPRESSED_FIELDS}
+    assert limits == {
+        "format": ("str", "jpeg", "", ""), "jpeg_quality": ("int", 80, 1, 100),
+        "jpeg_progressive": ("bool", False, False, True),
+        "jpeg_optimize": ("bool", False, False, True),
+        "jpeg_restart_interval": ("int", 0, 0, 65535), "png_level": ("int", 9, 1, 9),
+    }
+
+
+def test_settings_of_compression_that_cannot_be_are_left_out_one_by_one(graph):
+    place = "/c/image/compressed"
+    given = {"jpeg_quality": 7, "format": "gif", "png_level": "x", "jpeg_optimize": True,
+             "jpeg_restart_interval": 70000}
+    graph.parameters.update({f"{place}/{name}": value for name, value in given.items()})
+    topic = CompressedTopic("/c/image", None)
+    assert topic._settings.values == {**DEFAULTS, "jpeg_quality": 7, "jpeg_optimize": True,
+                                      "jpeg_restart_interval": 65535}
+    assert graph.lines == [f"{place}/format is 'gif'; going on with 'jpeg'",
+                           f"{place}/png_level is 'x'; going on with 9"]
+    topic.unregister()
+
+
+def test_of_pictures_that_wait_for_the_encoder_the_newest_stay():
+    go_on, begun, done = Event(), Event(), []
+
+    def work(item: int) -> None:
+        begun.set()
+        assert go_on.wait(30.0)
+        done.append(item)
+
+    encoder = Encoder(work, 3, "encoder")
+    encoder.put(0)
+    assert begun.wait(30.0)
+    for item in range(1, 8):
+        encoder.put(item)
+    go_on.set()
+    until(lambda: done == [0, 5, 6, 7])
+    go_on.clear()
+    begun.clear()
+    encoder.put(8)
+    assert begun.wait(30.0)
+    encoder.put(9)
+    encoder.stop()
+    go_on.set()
+    until(lambda: all(thread.name != "encoder" for thread in enumerate_threads()))
+    assert done == [0, 5, 6, 7, 8]
+
+
+def test_the_encoder_ends_with_its_topic(graph):
+    topic = CompressedTopic("/c/image", None)
+    topic._publisher.unregister()  # as rospy closes topics when the node ends
+    topic.publish(Time(1, 2), "lens", Frame(0, RED, "rgb8"))
+    until(lambda: all("compress /c" not in thread.name for thread in enumerate_threads()))
 
 
 def until(condition) -> None:

@@ -9,15 +9,23 @@ from types import SimpleNamespace
 
 import pytest
 import rospy
+from dynamic_reconfigure.msg import Config, ConfigDescription
+from gazebo_msgs.msg import LinkState, LinkStates, ModelState, ModelStates, PerformanceMetrics
+from gazebo_msgs.srv import SpawnModelRequest
 from geometry_msgs.msg import Point, Pose, Quaternion
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64
 
+from aras_sim_bridge.control.switching import ControllerInfo
+from aras_sim_bridge.description.types import Surroundings
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime import node
 from aras_sim_bridge.ros.runtime.clock import ClockPublisher
 from aras_sim_bridge.ros.runtime.node import GazeboNode, make_pacer
 from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
+from aras_sim_bridge.ros.runtime.record import Record
+from aras_sim_bridge.simulation import SimulationConfig
 from aras_visual_servo_ros.parameters import InvalidParameterError
 
 MS = 1_000_000
@@ -137,6 +145,104 @@ def test_the_clock_and_the_states_come_with_the_steps(make):
     assert it.thread.simulation.before_pictures == it.clock.publish
 
 
+def test_topics_and_services_are_gazebo_ros_s(make):
+    make(paused=True)
+    graph = make.graph
+    assert graph.told() == {
+        "/clock": (Clock, 10, False), "/gazebo/link_states": (LinkStates, 10, False),
+        "/gazebo/model_states": (ModelStates, 10, False),
+        "/gazebo/performance_metrics": (PerformanceMetrics, 10, False),
+        "/gazebo/real_time_factor": (Float64, 1, False),
+        "/gazebo/parameter_descriptions": (ConfigDescription, 10, True),
+        "/gazebo/parameter_updates": (Config, 10, True),
+    }
+    assert graph.heard == {"/gazebo/set_model_state": (ModelState, {"queue_size": 10}),
+                           "/gazebo/set_link_state": (LinkState, {"queue_size": 10})}
+    others = {"clear_body_wrenches": "BodyRequest", "clear_joint_forces": "JointRequest",
+              "set_parameters": "Reconfigure", "spawn_urdf_model": "SpawnModel",
+              "spawn_sdf_model": "SpawnModel", "pause_physics": "Empty", "reset_world": "Empty",
+              "unpause_physics": "Empty", "reset_simulation": "Empty"}
+    names = [name.removeprefix("/gazebo/") for name in graph.types]
+    assert len(names) == 29 and "step_world" in names
+    for name, kind in zip(names, graph.types.values(), strict=True):
+        wanted = others.get(name, name.title().replace("_", ""))
+        assert kind._type.rpartition("/")[2] == wanted
+
+
+def test_without_extras_there_is_what_gazebo_ros_has(make):
+    make(paused=True, extra_interfaces=False)
+    assert "/gazebo/step_world" not in make.graph.services and len(make.graph.services) == 28
+    assert not [name for name in make.graph.publishers if "metrics" in name or "factor" in name]
+    make.graph.call("/gazebo/unpause_physics")  # and states are told without them
+    until(lambda: make.graph.call("/gazebo/get_world_properties").sim_time > 0.0)
+
+
+@pytest.mark.parametrize(("display", "window"), [("", False), (":1", True)])
+def test_the_simulation_is_what_parameters_and_world_file_say(graph, monkeypatch, display, window):
+    monkeypatch.setenv("DISPLAY", display)
+    made, put = SimpleNamespace(spawn=lambda **cameras: cameras, close=lambda: put.append(0)), []
+    configs: list[SimulationConfig] = []
+    monkeypatch.setattr(node, "Simulation", lambda config: configs.append(config) or made)
+    monkeypatch.setattr(node.world_file, "populate", lambda *given: put.append(given))
+    monkeypatch.setattr(node.settings, "read", lambda: {"eye": {"width": 3}})
+    world = WorldFile(time_step=0.002, gravity=(1.0, 2.0, 3.0), lights=(), ground_plane=False,
+                      scene=Surroundings(shadows="soft"), warnings=("look",), time_ns=77)
+    given = {"gui": True, "renderer": "tiny", "exposure": "gazebo", "seed": 5,
+             "legacy_camera_info": True}
+    for shadows, wanted in (("world", "soft"), ("none", "none")):
+        built = node.build_simulation(NodeParameters(shadows=shadows, **given), world)
+        assert built is made and made.time_ns == 77
+        assert configs.pop() == SimulationConfig(
+            time_step=0.002, gravity=(1.0, 2.0, 3.0), gui=window, renderer="tiny",
+            exposure="gazebo", scene=Surroundings(shadows=wanted), seed=5,
+            legacy_camera_info=True, ground_plane=False, lights=())
+        spawn, what = put.pop()
+        assert what is world and spawn() == {"cameras": {"eye": {"width": 3}}}
+    assert "world file: look" in graph.lines
+    assert any("going on without a window" in line for line in graph.lines) is not window
+
+    def refuse(*_: object) -> None:
+        raise SimError("no")
+
+    monkeypatch.setattr(node.world_file, "populate", refuse)
+    with pytest.raises(SimError):
+        node.build_simulation(NodeParameters(), world)
+    assert put == [0]
+
+
+def test_cameras_of_the_world_come_with_the_node(make):
+    for key, value in (("parent", "world"), ("pose", [0.0] * 6), ("width", 8), ("height", 6)):
+        make.graph.set(f"~cameras/eye/{key}", value)
+    it = make(paused=True, speed_mode="lockstep", lockstep_topics=("/a",), lockstep_timeout=9.0)
+    make.graph.listen("/eye/image_raw")
+    make.graph.call("/gazebo/step_world", 100)
+    assert it.lockstep.closed and 8.0 < it.lockstep.remaining() <= 9.0  # a round for each picture
+
+
+def test_a_record_that_is_forgotten_is_written_no_more(graph):
+    place = rospy.resolve_name("~spawned")
+    request = SpawnModelRequest("m", "<a/>", "/ns", Pose(Point(1, 2, 3), Quaternion(4, 5, 6, 7)),
+                                "world")
+    graph.parameters[place] = {"models": []}
+    Record(False).forget()
+    Record(False).spawned("spawn_urdf_model", request)
+    assert graph.parameters[place] == {"models": []}
+    record = Record(True)
+    record.spawned("spawn_urdf_model", request)
+    record.controllers("/ns", [ControllerInfo("c", "running", "t", ()),
+                               ControllerInfo("d", "stopped", "t", ())])
+    record.controllers("/other", [])
+    assert graph.parameters[place] == {
+        "models": [{"service": "spawn_urdf_model", "name": "m", "xml": "<a/>", "namespace": "/ns",
+                    "position": [1, 2, 3], "orientation": [4, 5, 6, 7], "frame": "world"}],
+        "controllers": [["/ns", [("c", True), ("d", False)]]]}
+    record.forget()
+    record.forget()
+    record.controllers("/ns", [])
+    record.deleted("m")
+    assert place not in graph.parameters
+
+
 def test_it_runs_unless_it_is_told_to_wait(make):
     it = make(speed_mode="max")
     assert not it.thread.paused
@@ -232,12 +338,6 @@ def test_lockstep_without_topics_is_refused(make):
         make(speed_mode="lockstep")
 
 
-def test_a_window_without_a_display_is_left_out(make, monkeypatch):
-    monkeypatch.delenv("DISPLAY", raising=False)
-    make(gui=True, paused=True)
-    assert "DISPLAY is not set" in make.graph.lines[0]
-
-
 @pytest.mark.parametrize(("level", "shown"), [
     ("debug", ["d", "i", "w", "e"]), ("info", ["i", "w", "e"]), ("warn", ["w", "e"]),
     ("error", ["e"]),
@@ -315,6 +415,54 @@ def test_the_process_runs_until_it_is_ended(process):
     process.thread.join(60.0)
     assert process.status == 0
     assert "is up, process" in process.graph.lines[-1]
+
+
+@pytest.mark.parametrize("when", ["before", "meanwhile", "after"])
+def test_an_end_that_comes_early_ends_the_node_too(process, monkeypatch, when):
+    stopped, slept = [], []
+    monkeypatch.setattr(rospy.rostime, "wallsleep", slept.append)
+
+    class Node:
+        fault = None
+
+        def __init__(self, _parameters: NodeParameters) -> None:
+            if when == "meanwhile":
+                process.end("early")
+
+        def stop(self) -> None:
+            stopped.append(1)
+
+    class Watch:
+        def __init__(self, *_: object) -> None:
+            if when == "after":
+                process.end("late")
+                assert stopped == [1] and slept == [0.3]  # answers have their way
+
+        def tell(self, _on_lost: object) -> None:
+            assert stopped
+
+    monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: when == "before")
+    monkeypatch.setattr(node, "GazeboNode", Node)
+    monkeypatch.setattr(node, "MasterWatch", Watch)
+    process.run()
+    process.thread.join(60.0)
+    assert process.status == 0 and len(stopped) == 2
+
+
+def test_parameters_of_the_server_come_before_those_of_the_command_line(process, monkeypatch):
+    given, levels = [], []
+
+    def build(parameters: NodeParameters) -> None:
+        given.append(parameters)
+        raise SimError("enough")
+
+    monkeypatch.setattr(node, "GazeboNode", build)
+    monkeypatch.setattr(node, "_set_up_log", levels.append)
+    process.graph.parameters[f"{rospy.get_name()}/seed"] = 4
+    process.run(seed=3, paused=True, log_level="warn")
+    process.thread.join(60.0)
+    assert given == [NodeParameters(seed=4, paused=True, log_level="warn")]
+    assert levels == ["warn"] and process.status == 1 and "cannot start: enough" in process.told[0]
 
 
 def test_what_keeps_it_from_starting_is_one_line(process):

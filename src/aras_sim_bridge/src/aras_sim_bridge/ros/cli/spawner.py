@@ -82,8 +82,8 @@ def controller_names(arguments: list[str], namespace: str) -> list[str]:
         if not Path(argument).is_file():
             names.append(argument)
             continue
-        for parameters, file_namespace in rosparam.load_file(argument):
-            target = rosparam.ns_join(namespace or rospy.get_namespace(), file_namespace)
+        own = namespace or rospy.get_namespace()
+        for parameters, target in rosparam.load_file(argument, own):
             rosparam.upload_params(target, parameters)
             names.extend(parameters)
     return names

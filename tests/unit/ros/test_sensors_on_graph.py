@@ -1,0 +1,131 @@
+"""Topics of sensors of motion and forces: every field of their messages, names and frames."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from gazebo_msgs.msg import ContactsState, ContactState
+from genpy import Time
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseWithCovariance,
+    Quaternion,
+    Twist,
+    TwistWithCovariance,
+    Vector3,
+    Wrench,
+    WrenchStamped,
+)
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Imu
+from std_msgs.msg import Header
+
+from aras_sim_bridge import sensors
+from aras_sim_bridge.description import SensorDescription
+from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.ros import sensors as on_graph
+from aras_sim_bridge.ros.sensors import SensorTopic
+from aras_visual_servo_base import poses
+
+STAMP = 3_000_000_004
+HEAD = Header(1, Time(3, 4), "lens")
+TURN = (0.5, -0.5, 0.1, 0.7)
+MODEL = SimpleNamespace(
+    name="rig", description=SimpleNamespace(joints={"wrist": SimpleNamespace(parent="arm")})
+)
+
+
+def sensor(kind: str, topic: str = "t", **more: object) -> SimpleNamespace:
+    description = SensorDescription(kind, topic, **{"link": "hand", "joint": "wrist", **more})
+    return SimpleNamespace(description=description, model=MODEL, on_state=None)
+
+
+def diagonal(size: int, value: float) -> list[float]:
+    return (value * np.eye(size)).ravel().tolist()
+
+
+def touch(k: float) -> sensors.Touch:
+    return sensors.Touch((k, k + 1, k + 2), (k + 3, k + 4, k + 5), k + 6, (k + 7, k + 8, k + 9),
+                         (k + 10, 2 * k, 3 * k))
+
+
+def wrench(*numbers: float) -> Wrench:
+    return Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]))
+
+
+TOUCHES = {("a::b::c", "d::e::f"): [touch(1.0), touch(20.0)], ("a::g::h", "i::j::k"): [touch(7.0)]}
+INFO = "Debug:  i:({}/2)     my geom:{}   other geom:{}         time:3.000000004\n"
+IMU_READING = sensors.ImuReading(STAMP, TURN, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+IMU = Imu(HEAD, Quaternion(*TURN), diagonal(3, 0.25), Vector3(1, 2, 3), diagonal(3, 0.25),
+          Vector3(4, 5, 6), diagonal(3, 0.25))
+
+
+@pytest.mark.parametrize(("kind", "reading", "message"), [
+    ("pose", sensors.PoseReading(STAMP, poses.Pose((1.0, 2.0, 3.0), TURN),
+                                 poses.Twist((4.0, 5.0, 6.0), (7.0, 8.0, 9.0))),
+     Odometry(HEAD, "hand",
+              PoseWithCovariance(Pose(Point(1, 2, 3), Quaternion(*TURN)), diagonal(6, 0.25)),
+              TwistWithCovariance(Twist(Vector3(4, 5, 6), Vector3(7, 8, 9)), diagonal(6, 0.25)))),
+    ("imu", IMU_READING, IMU),
+    ("body_imu", IMU_READING, IMU),
+    ("wrench", sensors.WrenchReading(STAMP, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)),
+     WrenchStamped(HEAD, wrench(1, 2, 3, 4, 5, 6))),
+    ("contact", sensors.ContactReading(STAMP, TOUCHES), ContactsState(HEAD, [
+        ContactState(
+            INFO.format(0, "a::b::c", "d::e::f"), "a::b::c", "d::e::f",
+            [wrench(8, 9, 10, 11, 2, 3), wrench(27, 28, 29, 30, 40, 60)],
+            wrench(35, 37, 39, 41, 42, 63), [Vector3(1, 2, 3), Vector3(20, 21, 22)],
+            [Vector3(4, 5, 6), Vector3(23, 24, 25)], [7, 26]),
+        ContactState(
+            INFO.format(1, "a::g::h", "i::j::k"), "a::g::h", "i::j::k",
+            [wrench(14, 15, 16, 17, 14, 21)], wrench(14, 15, 16, 17, 14, 21), [Vector3(7, 8, 9)],
+            [Vector3(10, 11, 12)], [13]),
+    ])),
+])
+def test_a_reading_is_told_in_every_field_while_somebody_listens(
+    graph, thread, kind, reading, message
+):
+    told = sensor(kind, frame="lens", noise=0.5)
+    topic = SensorTopic(told, thread)
+    assert graph.told() == {"/t": (type(message), 1, False)}
+    thread.call(lambda: None)
+    assert told.on_state is None
+    (listener,) = graph.listen("/t")
+    thread.call(lambda: None)
+    told.on_state(reading)
+    told.on_state(reading)
+    for seq in (1, 2):  # what the first message held is not told again
+        size = int.from_bytes(listener.heard.recv(4), "little")
+        message.header.seq = seq
+        assert type(message)().deserialize(listener.heard.recv(size)) == message
+    topic.shutdown()
+    thread.call(lambda: None)
+    assert told.on_state is None and not graph.publishers
+
+
+@pytest.mark.parametrize(("given", "topic", "frame"), [
+    ({"topic": "imu", "namespace": None}, "/rig/imu", "hand"),
+    ({"topic": "imu"}, "/imu", "hand"),
+    ({"topic": "imu", "namespace": "/a/b/", "frame": "/lens"}, "/a/b/imu", "x/lens"),
+    ({"topic": "/imu", "namespace": "a"}, "/imu", "x/hand"),
+    ({"measured_in": "parent"}, "/t", "arm"),
+    ({"measured_in": "sensor"}, "/t", "hand"),
+    ({"measured_in": "parent", "frame": "lens"}, "/t", "lens"),
+])
+def test_names_and_frames(graph, thread, given, topic, frame):
+    graph.parameters["/a/tf_prefix"] = "x"
+    one = sensor("wrench", **given)
+    SensorTopic(one, thread)
+    (listener,) = graph.listen(topic)
+    thread.call(lambda: None)
+    one.on_state(sensors.WrenchReading(1, (0.0,) * 3, (0.0,) * 3))
+    assert WrenchStamped().deserialize(listener.heard.recv(999)[4:]).header.frame_id == frame
+
+
+def test_a_package_that_is_not_installed_is_named(graph, thread, monkeypatch):
+    monkeypatch.setattr(on_graph, "get_message_class", lambda _name: None)
+    with pytest.raises(SimError, match="no nav_msgs/Odometry; install python3-nav-msgs"):
+        SensorTopic(sensor("pose"), thread)

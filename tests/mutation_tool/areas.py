@@ -115,6 +115,7 @@ AREAS = {
                  "asked", "targets", "plants", "running", "learning", "commands"))),
              (f"{_UNIT}/as_new", f"{_UNIT}/properties",
               f"{_UNIT}/bench", f"{_UNIT}/loop", f"{_UNIT}/settings", f"{_UNIT}/truth",
+              f"{_UNIT}/study",
               f"{_UNIT}/servo/test_solid_targets", f"{_UNIT}/servo/test_matches",
               f"{_UNIT}/servo/test_link_targets", f"{_UNIT}/servo/test_silhouettes")),
         Area("nodes",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from aras_visual_servo_base.poses import exponential, logarithm, skew, transform
+from aras_visual_servo_base.poses import exponential, inverse, logarithm, skew, transform
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
@@ -133,6 +133,34 @@ def test_a_constant_twist_is_integrated_exactly_over_any_steps(arm, sight):
         ends.append(camera.pose())
     np.testing.assert_allclose(ends[0], origin @ exponential(twist), atol=1e-12)
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-12)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.08])
+def test_a_free_camera_is_where_its_coordinates_are_whatever_it_is_told(sight, lag):
+    body = FreeBody(transform((0.3, -0.2, 0.9), (2.9, 0.2, 0.4)))
+    begin = np.array([0.02, -0.01, 0.03, 0.1, -0.2, 0.3])
+    camera = FreeCamera(body, begin, sight, joint_rate=500.0, lag=lag)
+    np.testing.assert_allclose(camera.pose(), body.pose(begin))
+    goal = np.array([0.05, 0.04, -0.02, -0.3, 0.1, 0.6])
+    h = 3e-3
+    rest = np.exp(-h / lag) if lag else 0.0
+    for kind, values in (("position", goal), ("velocity", goal[::-1]), ("position", begin)):
+        asked = body.jacobian(camera.joints()[0]) @ values
+        camera.command(kind, values)
+        for _ in range(5):
+            before, (q, rates) = camera.pose(), camera.joints()
+            twist = body.jacobian(q) @ rates
+            until(camera, camera.time_ns + round(1e9 * h))
+            now, rates = camera.joints()
+            np.testing.assert_allclose(camera.pose(), body.pose(now), atol=1e-12)
+            if kind == "position":
+                np.testing.assert_allclose(now, values + rest * (q - values), atol=1e-12)
+                continue
+            np.testing.assert_allclose(
+                body.jacobian(now) @ rates, asked + rest * (twist - asked), atol=1e-9)
+            moved = logarithm(inverse(before) @ camera.pose())
+            behind = (twist - asked) * lag * (1.0 - rest)
+            np.testing.assert_allclose(moved, asked * h + behind, atol=1e-7)
 
 
 @pytest.mark.parametrize("mounted", [False, True])

@@ -15,11 +15,18 @@ import pytest
 from aras_sim_bridge.description import parse_urdf
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment, TargetSpec
+from aras_visual_servo_bench.asked.target_spec import BoxSpec
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.ros.move_target import motion_of
 from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_bench.targets.files import description_file, main, triangles, write
+from aras_visual_servo_bench.targets.files import (
+    description_file,
+    main,
+    occluder_file,
+    triangles,
+    write,
+)
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.outlines import NAMES, shape_of
 from aras_visual_servo_bench.targets.solids import PRIMITIVES
@@ -189,6 +196,85 @@ def test_files_by_command(tmp_path, capsys):
     assert made.static
     assert main(["triangel", "--out", str(tmp_path)]) == 1
     assert "did you mean 'triangle'" in capsys.readouterr().err
+
+
+def mesh_of(path):
+    """(corners (n, 3), pictures' places (n, 2), faces (m, 3) from 0 on) of an OBJ."""
+    lines = [line.split() for line in path.read_text().splitlines()]
+    corners, places = (np.array([line[1:] for line in lines if line[0] == kind], float)
+                       for kind in ("v", "vt"))
+    faces = [[tuple(map(int, pair.split("/"))) for pair in line[1:]] for line in lines
+             if line[0] == "f"]
+    assert all(a == b for face in faces for a, b in face)
+    return corners, places, np.array([[a - 1 for a, _ in face] for face in faces])
+
+
+def test_a_loose_target_is_a_box_with_its_face_on_top(tmp_path):
+    box = BoxSpec(size=(0.1, 0.2, 0.3), mass=2.5, friction=0.7)
+    made = parse_urdf(write(shape_of("square", (0.1, 0.2)), tmp_path, "thing", box=box).read_text())
+    link = made.links["thing"]
+    assert not made.static and made.name == "thing" and link.mu == 0.7
+    (body,) = link.collisions
+    at = (0.0, 0.0, pytest.approx(-0.1505))  # half a millimetre below the face
+    assert (body.geometry.size, body.origin_xyz) == ((0.1, 0.2, 0.3), at)
+    assert [one.origin_xyz for one in link.visuals][1] == at
+    inertial = link.inertial
+    assert (inertial.mass, inertial.origin_xyz) == (2.5, at)
+    ixx, _, _, iyy, _, izz = inertial.inertia
+    assert (ixx, iyy, izz) == pytest.approx(
+        (2.5 / 12 * (0.04 + 0.09), 2.5 / 12 * (0.01 + 0.09), 2.5 / 12 * (0.01 + 0.04)))
+
+
+def test_a_picture_spans_its_rectangle_and_what_covers_it_lies_above(tmp_path):
+    poster = shape_of("poster", (0.4, 0.3))
+    path = write(poster, tmp_path / "a" / "b", "p", occluder=((-0.1, -0.05), (0.02, 0.15)))
+    folder = tmp_path / "a" / "b"
+    corners, places, faces = mesh_of(folder / "p.obj")
+    np.testing.assert_array_equal(corners, poster.vertices())
+    np.testing.assert_array_equal(places, [(0, 1), (1, 1), (1, 0), (0, 0)])
+    normals = np.cross(*(corners[faces[:, k]] - corners[faces[:, 0]] for k in (1, 2)))
+    np.testing.assert_allclose(normals, [[0, 0, 0.12]] * 2)
+    assert (cv2.imread(str(folder / "p.png"), 0) == poster.pixels).all()
+    assert (folder / "p.mtl").read_text() == "newmtl face\nKd 1 1 1\nmap_Kd p.png\n"
+    made = parse_urdf(path.read_text())
+    face, cover = made.links["p"].visuals
+    assert made.static and face.geometry.filename == str(folder / "p.obj")
+    assert cover.geometry.filename == str(folder / "p_occluder.obj")
+    assert cover.origin_xyz == (0.0, 0.0, 5e-4)
+    corners, _, faces = mesh_of(folder / "p_occluder.obj")
+    np.testing.assert_array_equal(
+        corners, [(-0.1, -0.05, 0), (0.02, -0.05, 0), (0.02, 0.15, 0), (-0.1, 0.15, 0)])
+    np.testing.assert_array_equal(faces, [(0, 1, 2), (0, 2, 3)])
+    assert "Kd 1 1 1" in (folder / "p_occluder.mtl").read_text()
+
+
+def test_what_covers_a_target_always_is_part_of_it():
+    covered = ((-0.01, -0.02), (0.03, 0.04))
+    for occluded, count in ((None, 2), (((1.0, 2.0),), 1)):
+        spec = TargetSpec("triangle", (0.1, 0.2), occluder=covered, occluded=occluded)
+        made = parse_urdf(description_file(spec).read_text())
+        assert len(made.links["target"].visuals) == count
+        assert description_file(spec) == description_file(spec)
+    alone = occluder_file(covered)
+    (visual,) = parse_urdf(alone.read_text()).links["occluder"].visuals
+    corners, _, _ = mesh_of(alone.with_suffix(".obj"))
+    assert visual.origin_xyz == (0.0, 0.0, 0.0)
+    np.testing.assert_array_equal([corners.min(axis=0)[:2], corners.max(axis=0)[:2]], covered)
+
+
+def test_every_word_of_the_command_counts(tmp_path, capsys):
+    given = ["l_shape", "--size", "0.3", "0.2", "--out", str(tmp_path), "--name", "mine",
+             "--meshes", "package://p/q", "--occluder", "-0.1", "-0.2", "0.01", "0.02"]
+    assert main(given) == 0
+    path = tmp_path / "mine.urdf"
+    assert capsys.readouterr().out == f"wrote {path}: roslaunch ... target:={path}\n"
+    text = path.read_text()
+    assert 'filename="package://p/q/mine.obj"' in text and 'name="mine"' in text
+    corners, _, _ = mesh_of(tmp_path / "mine.obj")
+    np.testing.assert_allclose(corners, shape_of("l_shape", (0.3, 0.2)).vertices())
+    cover, _, _ = mesh_of(tmp_path / "mine_occluder.obj")
+    assert cover.min(axis=0)[:2].tolist() == [-0.1, -0.2]
+    assert cover.max(axis=0)[:2].tolist() == [0.01, 0.02]
 
 
 # -- the launch files' script ----------------------------------------------------------------------

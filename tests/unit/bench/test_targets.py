@@ -1,12 +1,15 @@
 """Targets as geometry: against hand-made projections, and moving as they are told."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import rotation_vector, transform
 from aras_visual_servo_bench.asked import cameras
 from aras_visual_servo_bench.errors import ExperimentError, ViewError
-from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
+from aras_visual_servo_bench.targets.geometry import Course, Motion, PlacedTarget, PolygonTarget
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -96,6 +99,54 @@ def test_in_view_is_about_the_whole_outline():
     assert not cameras.in_view(square + (0.0, 1.15), camera, 0.0)
     assert not cameras.in_view(square - (0.0, 1.15), camera, 0.0)
     assert cameras.draw(square + (9.0, 0.0), camera).min() == cameras.WHITE
+
+
+EVERYTHING = Motion(
+    velocity=(0.1, -0.2, 0.3, 0.4, -0.5, 0.6), amplitude=(0.01, 0.02, -0.03), frequency=0.3,
+    circle=0.05, step=(0.2, -0.1, 0.07), hold=0.75,
+    path=((1.0, 0.1, 0.2, 0.3), (3.0, -0.1, 0.4, 0.2, 0.3, -0.2, 0.5)), begin=0.5,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("since", [0.0, 0.2, 0.74, 0.76, 1.0, 1.49, 1.51, 2.2, 2.9, 7.3])
+def test_all_motions_are_one_on_top_of_the_other(since):
+    pose = transform((0.3, 0.2, 0.1), (0.1, 0.2, 0.3))
+    swing, share = 2 * np.pi * 0.3 * since, np.clip((since - 1.0) / 2.0, 0.0, 1.0)
+    first, last = np.array([0.1, 0.2, 0.3]), np.array([-0.1, 0.4, 0.2])
+    on_path = since * first if since < 1.0 else first + share * (last - first)
+    turn = share * Rotation.from_euler("xyz", (0.3, -0.2, 0.5)).as_rotvec()
+    there = (np.array([0.1, -0.2, 0.3]) * since + np.array([0.01, 0.02, -0.03]) * np.sin(swing)
+             + [0.05 * np.sin(swing), 0.05 * (1 - np.cos(swing)), 0] + on_path)
+    if int(since // 0.75) in (0, 2, 8):
+        there = there + [0.2, -0.1, 0.07]
+    spin = Rotation.from_rotvec(np.array([0.4, -0.5, 0.6]) * since) * Rotation.from_rotvec(turn)
+    for motion, step in ((EVERYTHING, 0.0), (dataclasses.replace(EVERYTHING, hold=0.0), None)):
+        found = PlacedTarget(SQUARE, pose, motion).world_T_target(0.5 + since)
+        wanted = there
+        if step is None and int(since // 0.75) not in (0, 2, 8):
+            wanted = there + [0.2, -0.1, 0.07]  # away for ever
+        np.testing.assert_allclose(found[:3, 3] - pose[:3, 3], wanted, atol=1e-9)
+        np.testing.assert_allclose(found[:3, :3], spin.as_matrix() @ pose[:3, :3], atol=1e-9)
+        np.testing.assert_array_equal(PlacedTarget(SQUARE, pose, motion).world_T_target(0.49), pose)
+
+
+@pytest.mark.parametrize("kind", [
+    {"velocity": (0.0,) * 5 + (0.1,)}, {"amplitude": (0.0, 0.1, 0.0), "frequency": 1.0},
+    {"circle": 0.1, "frequency": 1.0}, {"step": (0.0, 0.0, 0.1)}, {"path": ((1.0, 0.1, 0.0, 0.0),)},
+])
+def test_each_kind_of_motion_is_one(kind):
+    assert not Motion(**kind).still and Motion(begin=3.0, hold=1.0, frequency=2.0).still
+
+
+def test_a_course_knows_the_pose_of_the_last_change():
+    course, poses = Course(), [transform((k, 0.0, 0.0), (0.0, 0.0, 0.1 * k)) for k in range(3)]
+    assert course.at(5.0) is None
+    for time, k in ((1.0, 0), (1.5, 0), (2.0, 1), (3.0, 2)):
+        course.add(time, poses[k] + 1e-10)
+    target = PlacedTarget(SQUARE, np.eye(4), Motion(velocity=(1.0, 0, 0, 0, 0, 0)), course)
+    np.testing.assert_allclose(target.world_T_target(0.5)[:3, 3], [0.5, 0, 0])  # not known yet
+    for time, k in ((1.0, 0), (1.99, 0), (2.0 - 1e-8, 1), (2.5, 1), (3.0, 2), (9.0, 2)):
+        np.testing.assert_allclose(target.world_T_target(time), poses[k], atol=1e-9)
 
 
 PATH = ((1.0, 0.1, 0.0, 0.02), (3.0, 0.1, -0.06, 0.02, 0.0, 0.4, 1.2), (3.5, 0.0, 0.0, 0.0))

@@ -6,6 +6,7 @@ import zlib
 import cv2
 import numpy as np
 import pytest
+from scipy.stats import kstest
 
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_bench.asked.assembly import assemble, check
@@ -15,6 +16,7 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.plants.sight import Sight
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.targets import textures
 from aras_visual_servo_bench.targets.geometry import PlacedTarget
 from aras_visual_servo_bench.targets.outlines import (
     NAMES,
@@ -258,6 +260,116 @@ def test_an_occluder_hides_what_lies_under_it():
 def test_what_is_not_there_is_said(tracker, shape, view, told):
     with pytest.raises(VisionError, match=told):
         tracker.find(seen(shape, view=view)[0])
+
+
+# -- made pictures, by their own geometry at unequal sides ---------------------------------------
+
+OBLONG = (0.3, 0.2)
+
+
+@pytest.fixture
+def coarse(monkeypatch):
+    """Pictures of 300 px: made in a sixteenth of the time."""
+    monkeypatch.setattr(textures, "PIXELS", 300)
+
+
+def at(target, x, y):
+    """(column, row) of a place (x, y), m, px."""
+    (w, h), (rows, columns) = target.size, target.pixels.shape
+    return (x / w + 0.5) * columns - 0.5, (0.5 - y / h) * rows - 0.5
+
+
+def middles(target):
+    """x (columns,) and y (rows,) of the pixels' middles, m."""
+    (w, h), (rows, columns) = target.size, target.pixels.shape
+    return (np.arange(columns) + 0.5) / columns * w - w / 2, (
+        h / 2 - (np.arange(rows) + 0.5) / rows * h)
+
+
+@pytest.mark.parametrize("size", [OBLONG, (0.2, 0.3)])
+def test_dots_are_discs_about_the_known_points(coarse, size):
+    target = MADE["four_dots"](size)
+    assert max(target.pixels.shape) == 300 and target.size == size
+    w, h = size
+    np.testing.assert_allclose(
+        target.known, [(-w / 4, h / 4), (w / 4, h / 4), (w / 4, -h / 4), (-w / 4, -h / 4)])
+    x, y = middles(target)
+    away = np.min([np.hypot(x - p, y[:, None] - q) for p, q in target.known], axis=0)
+    pixel = w / target.pixels.shape[1]
+    assert (target.pixels[away < w / 20 - pixel] == 0).all()
+    assert (target.pixels[away > w / 20 + pixel] == 255).all()
+    covered = (255.0 - target.pixels).sum() / 255.0 * pixel**2
+    assert covered == pytest.approx(4 * np.pi * (w / 20) ** 2, rel=1e-3)
+
+
+@pytest.mark.parametrize("size", [OBLONG, (0.2, 0.3)])
+def test_a_grid_is_five_by_five_lines_a_hundredth_of_the_width_thick(coarse, size):
+    target = MADE["line_grid"](size)
+    (w, h), (x, y) = size, middles(target)
+    across = np.array([-0.4, -0.2, 0.0, 0.2, 0.4])
+    pixel = w / target.pixels.shape[1]
+    near_x = np.abs(x[:, None] - across * w).min(axis=1)
+    near_y = np.abs(y[:, None] - across * h).min(axis=1)
+    long_x, long_y = np.abs(x) - 0.4 * w, np.abs(y) - 0.4 * h
+    sure, maybe = ((near_x < w / 200 + slack) & (long_y < slack)[:, None]
+                   | (near_y < w / 200 + slack)[:, None] & (long_x < slack)
+                   for slack in (-pixel, pixel))
+    assert not target.pixels[sure].any() and (target.pixels[~maybe] == 255).all()
+    np.testing.assert_allclose(target.known, np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)])
+                               * 0.4 * np.array(size), atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [OBLONG, (0.2, 0.3)])
+def test_a_marker_is_square_in_the_middle_and_its_corners_are_known(coarse, size):
+    target = MADE["marker"](size)
+    columns, rows = np.round([at(target, *corner) for corner in target.known], 6).T
+    assert np.ptp(columns) == np.ptp(rows) == 160  # 8 of 10 cells of the shorter side's 200
+    (first, last), (top, bottom) = ((int(np.ceil(n.min())), int(np.floor(n.max())) + 1)
+                                    for n in (columns, rows))
+    shown = target.pixels[top:bottom, first:last]
+    for rim in (shown[0], shown[-1], shown[:, 0], shown[:, -1]):
+        assert not rim.any()
+    assert (target.pixels == 0).sum() == (shown == 0).sum()
+    around = (columns - columns.mean()) + 1j * (rows - rows.mean())
+    np.testing.assert_allclose(np.angle(around, deg=True), [-135, -45, 45, 135])
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    corners, names, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(target.pixels)
+    assert names.ravel().tolist() == [0]
+    assert np.abs(corners[0][0] - np.column_stack([columns, rows])).max() < 2.0
+
+
+def test_a_disturbed_picture_is_as_the_protocols_have_it():
+    """Of columns of two grey levels, which their means tell; a patch has one level."""
+    plain = np.full((120, 180), 75, np.uint8)
+    plain[:, ::2] = 125
+    target = TexturedTarget(plain, (0.3, 0.2), np.ones((4, 2)))
+    everywhere, patches, grains = [], [], []
+    for seed in range(200):
+        made = target.perturbed(seed)
+        assert made.size == target.size and made.known is target.known
+        level = np.bincount(made.pixels.ravel()).argmax()
+        block = cv2.morphologyEx((made.pixels == level).view(np.uint8), cv2.MORPH_OPEN,
+                                 np.ones((7, 7), np.uint8))  # fmt: skip
+        left, top, wide, high = cv2.boundingRect(block)
+        if wide:
+            assert block.sum() == wide * high
+            share = np.array([high / 120, wide / 180])
+            patches.append([share.prod(), np.log(share[0] / share[1]), top / (120 - high),
+                            left / (180 - wide), level])  # fmt: skip
+        bright, dark = (made.pixels[:, i::2][block[:, i::2] == 0].astype(float) for i in (0, 1))
+        brightness = (bright.mean() + dark.mean()) / 200.0
+        everywhere.append([brightness, (bright.mean() - dark.mean()) / 50.0 / brightness])
+        grains.append(bright.std())
+    np.testing.assert_array_equal(target.perturbed(199).pixels, made.pixels)
+    assert np.median(grains) == pytest.approx(12.75, rel=0.01)
+    assert len(patches) == pytest.approx(100, abs=21)
+    bounds = [(0.4, 1.6), (0.6, 1.4), (0.02, 0.33), (-1.0, 1.0), (0.0, 1.0), (0.0, 1.0), (0, 255)]
+    for values, (low, high) in zip([*np.transpose(everywhere), *np.transpose(patches)], bounds,
+                                   strict=True):
+        slack = 0.05 * (high - low)
+        assert low - slack < values.min() < low + 2 * slack
+        assert high - 2 * slack < values.max() < high + slack
+        assert kstest(values, "uniform", (low, high - low)).pvalue > 0.01
 
 
 # -- SVG -----------------------------------------------------------------------------------------

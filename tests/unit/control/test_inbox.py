@@ -191,6 +191,13 @@ def test_a_socket_closed_under_it_is_no_fault(inbox):
     assert other.acted == [5, 6]
 
 
+def test_a_stream_that_is_closed_before_it_is_read_has_ended(inbox):
+    acted, ended, (ours, _) = [], threading.Event(), socket.socketpair()
+    ours.close()
+    inbox.add(Stream(ours, acted.append, ended.set, [b"1"]))
+    assert ended.is_set() and not inbox.take(0, 0) and not acted
+
+
 def test_a_command_wakes_who_waits_for_commands(inbox):
     publisher = Publisher(inbox)
     assert not inbox.wait(0.0)

@@ -31,7 +31,8 @@ class Counter:
         return None
 
     def close(self) -> None:
-        pass
+        time.sleep(0.005)
+        self.closed = True
 
 
 class Gate:
@@ -135,6 +136,7 @@ def run(plan: Plan, inbox: Inbox, gate: Gate | None = None, build=Counter) -> No
     thread.start()
     assert plan.over.wait(20.0)
     thread.stop()
+    assert thread.simulation.closed  # it has ended
 
 
 @pytest.mark.parametrize(("flood", "groups"), [
@@ -248,6 +250,16 @@ def test_a_fault_between_steps_ends_the_thread_and_is_told(started):
     assert str(told[0]) == "not so"
     with pytest.raises(SimulationBusyError, match="shutting down"):
         thread.call(lambda: None)
+
+
+def test_what_cannot_be_built_ends_the_thread_without_another_fault(started, monkeypatch):
+    others, told = [], []
+    monkeypatch.setattr(threading, "excepthook", others.append)
+    thread = SimulationThread(refuse, Pacer(1.0), on_fault=told.append)
+    with pytest.raises(ValueError, match="not so"):
+        thread.start()
+    thread.stop()
+    assert not others + told and thread.simulation is None
 
 
 def test_a_flood_of_jobs_does_not_stop_time(started):

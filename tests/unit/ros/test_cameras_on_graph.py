@@ -351,9 +351,11 @@ def test_settings_of_the_world_s_cameras(graph, thread):
     settings.mount_world_cameras(thread)
     assert [c.sensor.config.name for c in thread.simulation.cameras] == ["good"]
     assert f"{name}/bad is left out" in graph.lines[-1]
-    new = SimpleNamespace(cameras=[SimpleNamespace(name="on", plugin=None)])
-    settings.warn_of_unused({"on": {}, "of": {"width": 3}}, thread, new)
-    assert "/of belong to no camera; there are good, on" in graph.lines[-1]
+    plugins = None, SimpleNamespace(camera_name="own"), SimpleNamespace(camera_name="")
+    new = SimpleNamespace(cameras=[SimpleNamespace(name="on", plugin=one) for one in plugins])
+    settings.warn_of_unused({"on": {}, "of": {"width": 3}, "own": {"width": 3}}, thread, new)
+    assert f"settings {name}/of belong to no camera; there are good, on, own" in graph.lines[-1]
+    assert not any("/own" in line for line in graph.lines)
     count = len(graph.lines)
     settings.warn_of_unused({"of": {"width": 3}}, thread, new)
     settings.warn_of_unused({"if": {"width": 3}}, thread, SimpleNamespace(cameras=[]))
@@ -403,6 +405,12 @@ def test_compression_follows_its_settings(settings, option, value):
     kind = settings.get("format", "jpg")
     assert data == cv2.imencode(f".{kind}", image, options)[1].tobytes()
     assert data != cv2.imencode(f".{kind}", image)[1].tobytes()
+
+
+def test_a_picture_that_cannot_be_written_is_a_fault_that_names_it(monkeypatch):
+    monkeypatch.setattr(cv2, "imencode", lambda *_: (False, None))
+    with pytest.raises(CameraError, match=r"cannot write a \(4, 6, 3\) rgb8 image as jpeg"):
+        encode(RED, "rgb8", DEFAULTS)
 
 
 def test_settings_of_compression_are_image_transport_s():

@@ -25,7 +25,13 @@ from std_msgs.msg import Bool, Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from aras_sim_bridge.control.controllers.base import JointStates
-from aras_sim_bridge.control.controllers.trajectory_types import StatePoint, TrajectoryState
+from aras_sim_bridge.control.controllers.trajectory_core import JointTrajectoryController
+from aras_sim_bridge.control.controllers.trajectory_types import JointTolerance as Tolerance
+from aras_sim_bridge.control.controllers.trajectory_types import (
+    StatePoint,
+    TrajectoryGoal,
+    TrajectoryState,
+)
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.ros.control import actions, manager_services
 from aras_sim_bridge.ros.control.manager_services import ManagerServices
@@ -454,6 +460,33 @@ def test_a_goal_is_followed_to_its_end(follow):
     follow.step(1500)
     (_, (status, result, text)) = goal.told
     assert (status, result.error_code, text) == ("succeeded", 0, "")
+
+
+def test_a_goal_is_read_in_every_field(follow):
+    message = FollowJointTrajectoryGoal(
+        trajectory=TRAJECTORY, path_tolerance=[JointTolerance("a", 1.0, 2.0, 3.0)],
+        goal_tolerance=[JointTolerance("b", 4.0, 5.0, 6.0), JointTolerance("c", 7.0, 8.0, 9.0)],
+        goal_time_tolerance=Duration(1, 500_000_000))
+    parts = follow.rig.services._topics["follow"]._parts
+    (action,) = (part for part in parts if isinstance(part, actions.ControllerAction))
+    assert action._request(message) == TrajectoryGoal(
+        from_trajectory(TRAJECTORY), [Tolerance("a", 1.0, 2.0, 3.0)],
+        [Tolerance("b", 4.0, 5.0, 6.0), Tolerance("c", 7.0, 8.0, 9.0)], 1.5)
+
+
+def test_a_goal_that_has_ended_is_not_cancelled(follow, monkeypatch):
+    goal = Goal("a", trajectory=TRAJECTORY, goal_time_tolerance=Duration(1, 0))
+    cancelled = []
+    follow.server.goal(goal)
+    follow.step(10)
+    monkeypatch.setattr(JointTrajectoryController, "cancel_goal", lambda *of: cancelled.append(of))
+    follow.server.cancel(goal)
+    follow.step()
+    assert len(cancelled) == 1
+    follow.step(1500)
+    follow.server.cancel(goal)
+    follow.step()
+    assert goal.told[-1][0] == "succeeded" and len(cancelled) == 1
 
 
 def test_goals_are_refused_cancelled_and_fail(follow):

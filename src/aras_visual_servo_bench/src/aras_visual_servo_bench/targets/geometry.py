@@ -216,8 +216,8 @@ class Motion:
     def _on_path(self, since: float) -> tuple[np.ndarray, np.ndarray]:
         """Displacement (3,), m, and rotation (3, 3) by the path, s after `begin`."""
         times, poses = self._waypoints
-        after = min(int(np.searchsorted(times, since)), len(times) - 1)
-        before = max(after - 1, 0)
+        after = int(np.clip(np.searchsorted(times, since), 1, len(times) - 1))
+        before = after - 1
         share = np.clip((since - times[before]) / (times[after] - times[before]), 0.0, 1.0)
         first, last = poses[before], poses[after]
         place = (1.0 - share) * first[:3, 3] + share * last[:3, 3]

@@ -37,8 +37,10 @@ def parse(argv: list[str]) -> argparse.Namespace:
     source.add_argument("-stdin", action="store_true", help="read the model from standard input")
     parser.add_argument("-model", required=True, metavar="NAME", help="name in the simulation")
     parser.add_argument("-reference_frame", default="", metavar="ENTITY", help="pose is relative")
-    parser.add_argument("-gazebo_namespace", default="/gazebo", metavar="NS")
-    parser.add_argument("-robot_namespace", default=None, metavar="NS")
+    parser.add_argument("-gazebo_namespace", default="/gazebo", metavar="NS",
+                        help="of the simulator (%(default)s)")  # fmt: skip
+    parser.add_argument("-robot_namespace", default=None, metavar="NS",
+                        help="of the model's controllers and cameras; default: this node's")
     parser.add_argument("-unpause", action="store_true", help="unpause physics afterwards")
     parser.add_argument("-wait", metavar="MODEL", help="wait for this model to exist first")
     for name, unit in zip("xyzRPY", ["m"] * 3 + ["rad"] * 3, strict=True):

@@ -140,7 +140,7 @@ class SimulationThread:
         future: Future = Future()
         self._jobs.append((job, future))
         self._inbox.ring()
-        if self._stopping and not self._thread.is_alive():
+        if self._stopping:  # it runs no jobs any more, even where it still closes the simulation
             self._cancel_jobs()
         try:
             return future.result(timeout)
@@ -341,8 +341,11 @@ class SimulationThread:
             future.set_result(result)
 
     def _cancel_jobs(self) -> None:
-        while self._jobs:
-            _, future = self._jobs.popleft()
+        while True:
+            try:
+                _, future = self._jobs.popleft()
+            except IndexError:  # none is left, or another thread took it
+                return
             if future.set_running_or_notify_cancel():
                 future.set_exception(SimulationBusyError(SHUTTING_DOWN))
 

@@ -1,0 +1,279 @@
+"""What teaches the networks: pictures with their answers, training, and the programs."""
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from aras_visual_servo_base.poses import exponential, inverse, transform
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.learning import learned, learned_pictures, policy
+from aras_visual_servo_bench.learning.policy import PolicyNetwork
+from aras_visual_servo_bench.learning.regressor import Regressor, fitted, teach
+from aras_visual_servo_camera.moments import Moments
+
+# ------------------------------------------------------------------ pictures and their answers
+
+
+def test_moments_are_those_of_the_target_from_where_the_answer_says():
+    x, y = learned.pictures(12, seed=3)
+    parts = assemble(Experiment(plant="ideal", features="exact", goal="2016", start="2016"))
+    np.testing.assert_allclose(np.hypot(y[:, 3], y[:, 4]), 1.0, atol=1e-6)
+    for row, (*place, c, s) in zip(x, y, strict=True):
+        c_T_g = transform(place, (0.0, 0.0, np.arctan2(s, c)))
+        seen_from = parts.target.seen_from(parts.goal_pose @ inverse(c_T_g))
+        outline = parts.target.shape.outline(seen_from)
+        exact = learned.inputs(Moments.from_polygon(outline, 3))
+        np.testing.assert_allclose(row, exact, atol=2e-2)
+        assert np.abs(row[:3] - exact[:3]).max() < 2e-3
+    assert np.ptp(y[:, 2]) > 0.05 and np.ptp(np.arctan2(y[:, 4], y[:, 3])) > 1.0
+    np.testing.assert_array_equal(learned.pictures(2, seed=3)[1], y[:2])
+    assert (learned.pictures(2, seed=4)[1] != y[:2]).any()
+
+
+def test_inputs_are_free_of_the_moments_units():
+    corners = np.array([(0.1, 0.2), (0.5, 0.3), (0.2, 0.6)])
+    one = learned.inputs(Moments.from_polygon(corners, 3))
+    scaled = learned.inputs(Moments.from_polygon(3.0 * corners, 3))
+    np.testing.assert_allclose(scaled[3:], one[3:], atol=1e-12)
+    np.testing.assert_allclose(scaled[:3] - one[:3], [*(2 * corners.mean(axis=0)), np.log(3.0)])
+    a, b, c = corners - corners.mean(axis=0)
+    second = sum(np.outer(p, p) for p in (a, b, c)) / 12.0  # of a triangle, by its area
+    area = 0.5 * abs(np.linalg.det([corners[1] - corners[0], corners[2] - corners[0]]))
+    np.testing.assert_allclose(one[3:6] * area, [second[0, 0], second[0, 1], second[1, 1]])
+    third = sum(np.einsum("i,j,k->ijk", p, p, p) for p in (a, b, c)) / 30.0
+    np.testing.assert_allclose(one[6:] * area**1.5, [
+        third[0, 0, 0], third[0, 0, 1], third[0, 1, 1], third[1, 1, 1]], rtol=1e-9)
+    assert one[2] == pytest.approx(0.5 * np.log(area))
+
+
+def test_pictures_of_the_poster_are_seen_from_where_the_answers_say(monkeypatch):
+    monkeypatch.setattr(learned_pictures, "TEXTURES", 2)
+    x, y = learned_pictures.pictures(6, seed=2)
+    assert x.shape == (6, 28 * 21) and y.shape == (6, 6)
+    from pathlib import Path
+
+    from aras_visual_servo_bench.commands.running import study_file
+    from aras_visual_servo_bench.study.study import Study
+
+    study = Study.from_yaml(study_file(Path("convergence_domain")))
+    start = study.combinations[0].set["start"]
+    parts = assemble(Experiment.from_mapping({
+        **study.experiment, "scheme": "luminance", "start": start}))
+    camera, poster = parts.camera, parts.target.shape
+    disturbed = [poster.perturbed(300_000 + k) for k in range(2)]
+    for k, (row, motion) in enumerate(zip(x, y, strict=True)):
+        t_T_c = parts.target.seen_from(parts.goal_pose @ exponential(motion))
+        corners = (poster.vertices() - t_T_c[:3, 3]) @ t_T_c[:3, :3]
+        u, v = camera.project(*(corners[:, :2] / corners[:, 2:]).T)
+        rows, columns = poster.pixels.shape
+        source = np.array([(0, 0), (columns, 0), (columns, rows), (0, rows)]) - 0.5
+        H = cv2.getPerspectiveTransform(source.astype(np.float32),
+                                        np.column_stack([u, v]).astype(np.float32))
+        likeness = []
+        for pixels in [one.pixels for one in (disturbed if k % 4 % 2 else [poster])]:
+            shown = cv2.warpPerspective(pixels, H, (camera.width, camera.height),
+                                        flags=cv2.INTER_AREA, borderValue=255)
+            small = cv2.resize(shown, (28, 21), interpolation=cv2.INTER_AREA).ravel()
+            likeness.append(np.corrcoef(small, row)[0, 1])
+        assert max(likeness) > 0.995
+    far = np.linalg.norm(y[:, :3], axis=1)
+    assert far[0] > 0.05 and far[4] > 0.05
+    off_the_way = [np.linalg.norm(motion - y[0] * (motion @ y[0]) / (y[0] @ y[0]))
+                   for motion in y[1:4]]
+    assert max(off_the_way) < 0.15 and min(off_the_way) > 1e-3
+
+
+class Flown:
+    """Environments that are where a test says; `asked` are the actions."""
+
+    def __init__(self, count: int) -> None:
+        random = np.random.default_rng(5)
+        self.asked, self.closed, self.at = [], False, 0
+        self.pictures = random.integers(0, 255, (40, count, 240, 320), np.uint8)
+        turns = Rotation.from_rotvec(random.uniform(-1.0, 1.0, (40 * count, 1)) * [0, 0, 1])
+        self.poses = np.tile(np.eye(4), (40, count, 1, 1))
+        self.poses[..., :3, :3] = turns.as_matrix().reshape(40, count, 3, 3)
+        self.poses[..., :3, 3] = random.uniform(-0.05, 0.05, (40, count, 3))
+
+    def reset(self, seed):
+        self.seed = seed
+        return self.pictures[0], {"camera_T_goal": self.poses[0]}
+
+    def step(self, action):
+        self.asked.append(action)
+        self.at += 1
+        return self.pictures[self.at], None, None, None, {"camera_T_goal": self.poses[self.at]}
+
+    def close(self):
+        self.closed = True
+
+
+@pytest.mark.parametrize("flies", ["teacher", "policy"])
+def test_a_policy_is_told_where_the_goal_was_in_each_picture(monkeypatch, flies):
+    flown, given = Flown(3), []
+    monkeypatch.setattr(policy, "ASTRAY", 0.0)
+    monkeypatch.setattr(policy.gymnasium, "make_vec",
+                        lambda *a, **k: given.append((a, k)) or flown)
+    told = (lambda one: np.array([0.1, -0.05, 9.0, -0.2]) * one[0]) if flies == "policy" else None
+    x, y = policy.practise(told, 10, seed=4, environments=3)
+    assert given == [((policy.ENVIRONMENT, 3, "async"),
+                      {"experiment": policy.PRACTICE, "observes": "picture"})]
+    assert flown.seed == 4 and flown.closed and len(x) == len(y) == 12
+    poses = flown.poses[:4].reshape(12, 4, 4)
+    np.testing.assert_allclose(x, [policy.inputs(one)
+                                   for one in flown.pictures[:4].reshape(12, 240, 320)])
+    np.testing.assert_array_equal(y[:, :3], poses[:, :3, 3])
+    turn = Rotation.from_matrix(poses[:, :3, :3]).as_euler("xyz")[:, 2]
+    np.testing.assert_allclose(y[:, 3:], np.column_stack([np.cos(turn), np.sin(turn)]))
+    found = np.column_stack([poses[:, :3, 3], turn])
+    if told is not None:
+        found = np.array([told(row) for row in x])
+    twist = np.zeros((12, 6))
+    twist[:, [0, 1, 2, 5]] = 1.5 * found
+    wanted = np.clip(twist / [0.25, 0.25, 0.25, 1.5, 1.5, 1.5], -1.0, 1.0)
+    np.testing.assert_allclose(np.concatenate(flown.asked), wanted, atol=1e-6)
+
+
+def test_additions_to_actions_last_for_some_steps_and_are_new_then(monkeypatch):
+    monkeypatch.setattr(policy, "GAIN", 0.0)
+    monkeypatch.setattr(policy, "HELD", 8)
+    flown = Flown(6)
+    flown.pictures = flown.pictures[:, :, :24, :32]
+    monkeypatch.setattr(policy.gymnasium, "make_vec", lambda *_, **__: flown)
+    policy.practise(None, 6 * 39, seed=1, environments=6)
+    asked = np.array(flown.asked)
+    assert asked.dtype == np.float32 and abs(asked).max() <= 1.0
+    changes = (np.diff(asked, axis=0) != 0).any(axis=2)
+    assert 10 < changes.sum() < 39 * 6 * 0.6 and all(column.any() for column in changes.T)
+    moving = asked[(asked != 0).any(axis=2)]
+    assert 0.25 < len(moving) / asked[..., 0].size < 0.75
+    assert moving.std() == pytest.approx(0.3, rel=0.3) and abs(moving.mean()) < 0.1
+
+
+def test_the_policy_s_program_learns_by_what_it_has_met(monkeypatch, tmp_path, capsys):
+    met, learned_from = [], []
+
+    def practise(network, steps, seed, environments):
+        met.append((network and network.number, steps, seed, environments))
+        return np.full((2, 3), seed), np.array([[0.0, 0.0, 0.0, 1.0, 0.0]] * 2)
+
+    def train(x, y, seed):
+        learned_from.append((x[:, 0].tolist(), len(y), seed))
+        return {"w0": np.full(1, seed)}
+
+    class Known(PolicyNetwork):
+        def __init__(self, arrays):
+            self.number = int(arrays["w0"][0])
+
+        def __call__(self, row):
+            return np.array([0.003, 0.004, 0.0, np.radians(2.0)]) * (self.number + 1)
+
+    monkeypatch.setattr(policy, "practise", practise)
+    monkeypatch.setattr(policy, "train", train)
+    monkeypatch.setattr(policy, "PolicyNetwork", Known)
+    out = tmp_path / "a" / "mine.npz"
+    given = ["--steps", "41", "--environments", "5", "--out", str(out)]
+    assert policy.main(given) == 0
+    assert met == [(None, 10, 0, 5), (0, 10, 1, 5), (1, 10, 2, 5), (2, 10, 3, 5)]
+    assert learned_from == [([0, 0], 2, 0), ([0, 0, 1, 1], 4, 1), ([0, 0, 1, 1, 2, 2], 6, 2),
+                            ([0, 0, 1, 1, 2, 2, 3, 3], 8, 3)]
+    assert np.load(out)["w0"] == [3]
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == [
+        f"round {k + 1} of 4: before, it told half of 2 unseen pictures within {5.0 * k:.1f} mm "
+        f"and {2.0 * k:.2f} degrees" for k in (1, 2, 3)] + [f"wrote {out}"]
+
+    def fail(*_):
+        raise ExperimentError("no library")
+
+    monkeypatch.setattr(policy, "train", fail)
+    assert policy.main(given) == 1 and capsys.readouterr().err == "policy: no library\n"
+
+
+def test_a_program_says_how_well_its_network_knows_unseen_pictures(tmp_path, capsys):
+    class Sums(Regressor):
+        what, module = "sums", "sums"
+        activation = staticmethod(lambda values: values)
+
+        def __call__(self, x):
+            return self.answer(x)
+
+    asked = []
+
+    def pictures(count, seed=0):
+        asked.append((count, seed))
+        return np.arange(2.0 * count).reshape(count, 2), np.zeros((count, 1))
+
+    def train(x, y):
+        assert len(x) == len(y) == 7
+        unit = {"mean": np.zeros(2), "scale": np.ones(2), "out_mean": np.zeros(1)}
+        return {**unit, "out_scale": np.ones(1), "w0": np.ones((2, 1)), "b0": np.zeros(1)}
+
+    out = tmp_path / "deep" / "sums.npz"
+    assert teach(Sums, ["--pictures", "7", "--out", str(out)], "text", 99, 5, pictures, train,
+                 lambda found, y: (found[:, 0], found[:, 0] / 100.0)) == 0
+    assert asked == [(7, 0), (5, 1)] and sorted(np.load(out)) == [
+        "b0", "mean", "out_mean", "out_scale", "scale", "w0"]
+    assert capsys.readouterr().out == (  # sums of 1, 5, 9, 13, 17
+        f"wrote {out}; of 5 unseen pictures half are within 9000.0 mm and 5.16 degrees\n")
+
+
+def test_a_network_s_arrays_answer_as_scikit_learn_s_own(monkeypatch):
+    from sklearn.neural_network import MLPRegressor
+
+    random = np.random.default_rng(0)
+    x = np.column_stack([random.normal(3.0, 2.0, 80), random.normal(-1.0, 0.5, 80), np.ones(80)])
+    y = np.column_stack([x[:, 0] * x[:, 1], np.sin(x[:, 0])])
+    options = {"hidden_layer_sizes": (9, 5), "activation": "tanh", "max_iter": 40,
+               "random_state": 3, "learning_rate_init": 0.01}  # fmt: skip
+    steps, fit = [], MLPRegressor.fit
+
+    def watched(self, *given):
+        steps.append((self.learning_rate_init, self.max_iter, self.warm_start))
+        watched.network = self
+        return fit(self, *given)
+
+    monkeypatch.setattr(MLPRegressor, "fit", watched)
+    arrays = fitted(x, y, 0.25, np.float64, ((1e-3, 4), (1e-4, 2)), **options)
+    assert steps == [(0.01, 40, False), (1e-3, 4, True), (1e-4, 2, True)]
+    np.testing.assert_allclose(arrays["mean"], x.mean(axis=0))
+    np.testing.assert_allclose(arrays["scale"], [x[:, 0].std(), x[:, 1].std(), 0.25])
+    np.testing.assert_allclose(arrays["out_mean"], y.mean(axis=0))
+    np.testing.assert_allclose(arrays["out_scale"], y.std(axis=0))
+
+    class Tanh(Regressor):
+        activation = np.tanh
+
+    scaled = (x - arrays["mean"]) / arrays["scale"]
+    own = watched.network.predict(scaled) * arrays["out_scale"] + arrays["out_mean"]
+    found = np.array([Tanh(arrays).answer(row) for row in x])
+    np.testing.assert_allclose(found, own, atol=1e-4)
+    half = fitted(x, y, 1e-6, np.float16, **options)
+    assert half["w0"].dtype == np.float16 and half["b1"].dtype == np.float32
+    assert half["scale"][2] == 1e-6 and len([name for name in half if name[0] in "wb"]) == 6
+
+
+def test_how_far_off_answers_are_is_in_metres_and_radians():
+    found = np.array([[0.1, 0.2, 0.3, 3.1], [0.0, 0.0, 0.0, 0.2]])
+    y = np.array([[0.1, 0.2, 0.7, np.cos(-3.1), np.sin(-3.1)], [0.3, 0.4, 0.0, 1.0, 0.0]])
+    far, turn = learned.off(found, y)
+    np.testing.assert_allclose(far, [0.4, 0.5])
+    np.testing.assert_allclose(turn, [2 * np.pi - 6.2, 0.2])
+    far, turn = learned_pictures.off(np.arange(12.0).reshape(2, 6), np.zeros((2, 6)))
+    np.testing.assert_allclose(far, [np.sqrt(5.0), np.sqrt(36 + 49 + 64)])
+    np.testing.assert_allclose(turn, [np.sqrt(50.0), np.sqrt(81 + 100 + 121)])
+
+
+def test_where_weights_are_looked_for(monkeypatch, tmp_path):
+    assert learned.Network.weights().parts[-2:] == ("config", "learned.npz")
+    random = np.random.default_rng(1)
+    arrays = {"mean": random.random(10), "scale": 1 + random.random(10), "out_mean": np.zeros(5),
+              "out_scale": np.ones(5), "w0": random.random((10, 5)), "b0": random.random(5)}
+    np.savez(tmp_path / "own.npz", **arrays)
+    monkeypatch.setenv("ARAS_LEARNED_WEIGHTS", str(tmp_path / "own.npz"))
+    x = random.random(10)
+    *place, c, s = ((x - arrays["mean"]) / arrays["scale"]) @ arrays["w0"] + arrays["b0"]
+    np.testing.assert_allclose(learned.Network.load()(x), [*place, np.arctan2(s, c)])

@@ -1,0 +1,268 @@
+"""What the commands' words come to: every option reaches what carries it out."""
+
+from types import SimpleNamespace
+
+import pytest
+import yaml
+
+from aras_visual_servo_bench.commands import (
+    analyzing,
+    browsing,
+    dataset,
+    looking,
+    main,
+    protocol,
+    reading,
+    running,
+)
+from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.pictures import figures
+from aras_visual_servo_bench.study import replay, tuner
+from aras_visual_servo_bench.study.study import Study
+
+STUDY = """experiment: {plant: free, features: pictures}
+repeats: 4
+seed: 10
+vary: {gain: [1.0, 2.0], delay: [0.0, 0.1]}
+cases:
+  scheme: [{name: a, set: {scheme: points}}, {name: b, set: {scheme: luminance}}]
+  start: [{name: near, set: {lag: 0.1}}, {name: far, set: {lag: 0.2}}]
+"""
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What was called, and with what; `stub` puts such a function in its place."""
+    found = []
+
+    def stub(place, name, answer=None):
+        def called(*given, **more):
+            found.append((name, *given, *more.values()))
+            return answer(*given) if callable(answer) else answer
+
+        monkeypatch.setattr(place, name, called)
+
+    stub.found = found
+    for place in (reading, protocol):
+        monkeypatch.setattr(place.Results, "read", lambda folder: f"<{folder}>")
+    return stub
+
+
+def test_a_table_is_of_the_rows_and_columns_that_were_asked_for(asked, tmp_path, capsys):
+    asked(reading.tables, "tabulated", "rows")
+    asked(reading.tables, "written", "a b\n")
+    words = ["table", "x", "y", "--by", "p, q,", "--metrics", "m"]
+    assert main([*words, "--format", "tex"]) == 0
+    assert asked.found == [("tabulated", ["<x>", "<y>"], ["p", "q"], ["m"]),
+                           ("written", "rows", "tex")]
+    assert capsys.readouterr().out == "a b\n"
+    assert main([*words, "--out", str(tmp_path / "t.md")]) == 0
+    assert asked.found[-1] == ("written", "rows", "md") and not capsys.readouterr().out
+    assert (tmp_path / "t.md").read_text() == "a b\n"
+    assert main([*words, "--out", str(tmp_path)]) == 1
+    assert main([*words, "--format", "pdf"]) == 1 and "pdf" in capsys.readouterr().err
+
+
+def test_plots_are_put_where_they_are_wanted(asked, tmp_path, capsys):
+    asked(figures, "write_all", ["one.png", "two.svg"])
+    assert main(["plot", "x", "y", "--metrics", "m,n"]) == 0
+    assert capsys.readouterr().out == "one.png\ntwo.svg\n"
+    assert main(["plot", "x", "--format", "svg, pdf", "--out", "there"]) == 0
+    assert [[str(one) if not isinstance(one, list) else list(map(str, one)) for one in call]
+            for call in asked.found] == [
+        ["write_all", ["<x>", "<y>"], "x/plots", ["png"], ["m", "n"], ["x", "y"]],
+        ["write_all", ["<x>"], "there", ["svg", "pdf"], [], ["x"]]]
+
+
+def test_differences_are_of_the_first_folder_and_the_second(asked, capsys):
+    asked(reading.compare, "differences", "found")
+    asked(reading.compare, "told", "so and so")
+    assert main(["diff", "x", "y", "--by", "p", "--metrics", "m,n"]) == 0
+    assert main(["diff", "x", "y", "--all"]) == 0
+    assert asked.found == [
+        ("differences", "<x>", "<y>", ["p"], ["m", "n"]), ("told", "found", False),
+        ("differences", "<x>", "<y>", [], []), ("told", "found", True)]
+    assert capsys.readouterr().out == 2 * "so and so\n"
+
+
+@pytest.fixture
+def study(tmp_path, asked, monkeypatch):
+    """A study's file; studies are made, and not carried out."""
+    path = tmp_path / "mine.yaml"
+    path.write_text(STUDY)
+    for place in (protocol, dataset):
+        monkeypatch.setattr(place.Folder, "create", lambda *given: given)
+    asked(running, "carry_out", 7)
+    return path
+
+
+def test_a_protocol_is_carried_out_in_part(asked, study, tmp_path, capsys, monkeypatch):
+    written = []
+    monkeypatch.setattr(protocol.Results, "read", lambda folder: SimpleNamespace(
+        write_csv=lambda path: written.append((folder, path)) or 12))
+    out = tmp_path / "out"
+    words = ["protocol", str(study), "--out", str(out), "--seeds", "2", "--first", "5", "--mix",
+             "--case", "b", "--start", "far", "--start", "near", "--workers", "3"]
+    assert main(words) == 7
+    ((_, (folder, made, text), options),) = asked.found
+    assert (folder, written) == (out, [(out, out / "table.csv")])
+    assert capsys.readouterr().out == f"wrote {out / 'table.csv'}: 12 runs\n"
+    whole = Study.from_mapping(yaml.safe_load(STUDY))
+    assert (made.repeats, made.seed, made.vary) == (2, 5, whole.vary)
+    assert [case.name for case in made.case_axes["scheme"]] == ["b"]
+    assert [case.name for case in made.case_axes["start"]] == ["near", "far"]
+    assert made.cases["scheme"][0]["set"] == {"scheme": "luminance"}
+    assert Study.from_mapping(yaml.safe_load(text)).digest == made.digest
+    assert (options.mix, options.workers, options.fail_fast, options.no_report) == (
+        True, 3, False, True)
+    asked.found.clear()
+    assert main(words[:4]) == 7
+    (_, (_, made, _), options) = asked.found[0]
+    assert made.digest == whole.digest and not options.mix and options.workers == 0
+    assert main([*words[:4], "--condition", "rain"]) == 1
+    assert "condition 'rain'" in capsys.readouterr().err
+
+
+def test_a_data_set_is_of_all_images_or_of_views_with_depth_or_without(asked, study, tmp_path,
+                                                                        capsys):
+    asked(dataset.images, "check_room", "takes 3 MB")
+    asked(dataset, "kept_runs", 2)
+    out = tmp_path / "out"
+    words = ["dataset", str(study), "repeats=3", "--out", str(out)]
+    for more, pictures, depth in (([], "all", False), (["--views"], "first", False),
+                                  (["--depth"], "all", True)):
+        asked.found.clear()
+        assert main([*words, *more, "--in-process"]) == 7
+        kept, room, (_, (folder, made, text), options) = asked.found
+        assert kept == ("kept_runs", out) and room == ("check_room", made, out, 2)
+        assert folder == out and (made.pictures, made.depth, made.repeats) == (pictures, depth, 3)
+        assert Study.from_mapping(yaml.safe_load(text)).digest == made.digest
+        assert options.in_process and options.no_report and not options.mix | options.fail_fast
+        assert capsys.readouterr().out == "takes 3 MB\n"
+
+
+def test_a_run_is_shown_again_with_what_has_changed(asked, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(looking.Folder, "open", lambda path: f"<{path.name}>")
+    asked(replay, "replay", ("run", {"decay": (1, 2)}))
+    asked(replay, "write", ["a.html", "b.mp4"])
+    assert main(["show", str(tmp_path / "s"), "12"]) == 0
+    assert main(["show", str(tmp_path / "s"), "3", "--out", "there"]) == 0
+    assert [tuple(map(str, call)) for call in asked.found] == [
+        ("replay", "<s>", "12"), ("write", "run", str(tmp_path / "s" / "show-12")),
+        ("replay", "<s>", "3"), ("write", "run", "there")]
+    assert capsys.readouterr().out == 2 * (
+        "a.html\nb.mp4\nnot as it was recorded: decay was 1, is 2\n")
+
+    def fail(*_):
+        raise StudyError("run 3 failed") from ZeroDivisionError("by nothing")
+
+    monkeypatch.setattr(replay, "replay", fail)
+    out = tmp_path / "deep" / "er"
+    assert main(["show", str(tmp_path / "s"), "3", "--out", str(out)]) == 1
+    told = capsys.readouterr().err
+    assert told.endswith(f": run 3 failed; where it was raised: {out / 'traceback.txt'}\n")
+    assert "ZeroDivisionError: by nothing" in (out / "traceback.txt").read_text()
+
+
+def test_settings_are_searched_for_as_the_words_say(asked, study, tmp_path, capsys, monkeypatch):
+    made, best = [], SimpleNamespace(values=(1.5, 0.25), cost=-0.123456, success=0.75,
+                                     excursion=0.456, violation=0.0)
+
+    class Tuner:
+        tried = range(9)
+
+        def __init__(self, *given):
+            made.append(given)
+
+        def search(self, evaluations):
+            made.append(evaluations)
+            return best
+
+        def write(self):
+            return "tuned.yaml"
+
+    class Pool:
+        def __enter__(self):
+            return "workers"
+
+        def __exit__(self, *_):
+            made.append("closed")
+
+    monkeypatch.setattr(tuner, "Tuner", Tuner)
+    monkeypatch.setattr(running, "pool", lambda options: Pool())
+    words = ["tune", str(study), "repeats=2", "--over", "gain=0.5:4", "--over", "lag=0:1",
+             "--out", str(tmp_path / "o")]
+    assert main([*words, "--metric", "decay_rate", "--evaluations", "5", "--success", "0.5"]) == 0
+    (sought, ranges, metric, out, _, part), count, closed = made
+    assert [(r.key, r.low, r.high) for r in ranges] == [("gain", 0.5, 4.0), ("lag", 0.0, 1.0)]
+    assert sought.repeats == 2 and list(sought.vary) == ["delay"]
+    assert (metric, out, part, count, closed) == ("decay_rate", tmp_path / "o", 0.5, 5, "closed")
+    assert capsys.readouterr().out == (
+        "gain=1.5, lag=0.25: decay_rate 0.1235, success 75%, farthest in the image 0.46; of 9 "
+        "candidates (tuned.yaml)\n")
+    best.violation = 0.1
+    made.clear()
+    assert main(words) == 1 and "no candidate keeps all in the image" in capsys.readouterr().err
+    assert made[0][2] == "settled" and made[0][5] == 1.0 and made[1] == 48
+
+
+def test_runs_that_are_analyzed_have_the_names_that_they_are_given(asked, tmp_path, capsys,
+                                                                    monkeypatch):
+    shown = []
+    monkeypatch.setattr(analyzing, "Bar", lambda _stream: SimpleNamespace(
+        show=lambda part, what: shown.append((part, what)), close=lambda: shown.append("closed")))
+
+    def read(given, progress):
+        progress(0.5)
+        return SimpleNamespace(name=f"of {given}")
+
+    monkeypatch.setattr(analyzing, "read", read)
+    asked(analyzing, "report")
+    words = ["analyze", "a", "b", "--out", str(tmp_path)]
+    assert main([*words, "--names", "one, two", "--formats", "svg,png", "--paper"]) == 0
+    assert main([*words, "--names", "one,one"]) == 0
+    assert main(words) == 0
+    assert [([run.name for run in runs], *more) for _, runs, *more in asked.found] == [
+        (["one", "two"], tmp_path, ["svg", "png"], True),
+        (["one (1)", "one (2)"], tmp_path, ["png", "svg", "pdf"], False),
+        (["of a", "of b"], tmp_path, ["png", "svg", "pdf"], False)]
+    assert shown[:3] == [(0.125, "reading a"), (0.375, "reading b"), "closed"]
+    for more, told in ((["--names", "one"], "1 names for 2 runs"), (["--formats", "gif"], "gif")):
+        assert main([*words, *more]) == 1 and told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("display", "opens"), [("", None), (":0", True), (":0", False)])
+def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, display, opens):
+    from aras_visual_servo_bench.browse import server as pages
+
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.setenv(name, display if name == "DISPLAY" else "")
+    seen = [SimpleNamespace(name="s", runs=3, of=9, note="cut off"),
+            SimpleNamespace(name="t", runs=1, of=1, note="")]
+    found, closed, opened = SimpleNamespace(studies=seen, note="more below"), [], []
+    served = SimpleNamespace(studies=SimpleNamespace(look=lambda: found),
+                             access=SimpleNamespace(address="http://x"),
+                             close=lambda: closed.append(1))
+    asked(pages, "serve", served)
+    monkeypatch.setattr(browsing.webbrowser, "open", lambda page: opened.append(page) or opens)
+
+    def wait(_self):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(browsing.threading.Event, "wait", wait)
+    assert main(["browse", "d", "e", "--port", "99", "--address", "0.0.0.0"]) == 0
+    _, folders, address, port, say = asked.found[0]
+    assert (list(map(str, folders)), address, port, closed) == (["d", "e"], "0.0.0.0", 99, [1])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1:4] == ["s: 3 of 9 runs; cut off", "t: 1 of 1 runs", "more below"]
+    assert opened == ([] if opens is None else ["http://x"])
+    assert any("no browser could be opened" in line for line in lines) is not (opens is True)
+    found.studies, found.note = [], ""
+    assert main(["browse", "d", "--no-open"]) == 0 and len(opened) == (opens is not None)
+    assert asked.found[-1][2:4] == ("127.0.0.1", 8090)
+    assert "no studies there yet" in capsys.readouterr().out
+    say("hello")
+    assert capsys.readouterr().out == "hello\n"
+    for port in ("0", "65536"):
+        assert main(["browse", "d", "--port", port]) == 1
+        assert f"--port is {port}, must be 1 to 65535" in capsys.readouterr().err

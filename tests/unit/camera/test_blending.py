@@ -63,6 +63,16 @@ def test_a_model_that_came_in_the_place_of_another_was_never_where_that_one_was(
     np.testing.assert_allclose(pose[:3, 3], [0.0, 2.0, 0.0])
 
 
+def test_a_model_that_came_between_snapshots_is_drawn_between_them(bench):
+    renderer = create_renderer("exact", bench.world, BRIGHT)
+    renderer.snapshot()
+    body = bench.box([0.1, 0.1, 0.1], [0.0, 2.0, 0.0])
+    renderer.snapshot()
+    body.set_pose(Pose((0.0, 3.0, 0.0)))
+    (pose,) = renderer.scene.poses_at(0.25)
+    np.testing.assert_allclose(pose[:3, 3], [0.0, 2.25, 0.0])
+
+
 def test_gain_amplifies_shot_noise_and_not_the_readout_s():
     grey = np.full((240, 320, 3), 60, np.uint8)
     chain = EffectChain(Effects(shot_noise=0.25, gain=2.0, noise_stddev=3.0, noise_mean=7.0),

@@ -8,7 +8,7 @@ from scenes import link_pose, looking, table_and_target
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.rendering import create_renderer
-from aras_sim_bridge.rendering.tiles import TILE
+from aras_sim_bridge.rendering.tiles import TILE, Tiles
 
 LENSES = {
     "pinhole 57": dict(horizontal_fov=1.0),
@@ -109,3 +109,9 @@ def test_the_cones_around_tiles_are_around_their_rays_and_little_wider(bench, le
     # From the middle to the farthest pixel, and a tile more.
     shown = tiles.nodes[tiles.nodes[:, 3] < 1.5][0]
     assert np.arccos(cones[0, 3]) < np.arccos(along.min()) + 2 * np.arccos(shown[3])
+
+
+@pytest.mark.parametrize("focal", [1e3, 1e5, 1e8])
+def test_cones_are_known_however_narrow_they_are(focal):
+    K = np.array([[focal, 0, 1e7], [0, focal / 2, -1e7], [0, 0, 1]])
+    assert np.isfinite(Tiles.of_pinhole(320, 240, K).nodes).all()

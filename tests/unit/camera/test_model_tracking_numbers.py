@@ -11,6 +11,9 @@ from scipy.spatial.transform import Rotation
 from aras_visual_servo_camera.model import fitting, search
 
 UNKNOWN = search.UNKNOWN
+# px that an edge may be off where it is measured, and from where it was expected; and part of the
+# contrast by which the pixels of one level may differ.
+SLACK, FARTHEST, UNEVEN = 0.35, 1.5, 0.35
 
 
 def pictures():
@@ -101,7 +104,7 @@ def edge_at(levels, here, along, slope, room, expected, least, tolerance, noise)
     none."""
     none, place = np.full(4, np.nan), here
     for _ in range(3):
-        half = 0.5 * (1.0 + slope) + search.SLACK
+        half = 0.5 * (1.0 + slope) + SLACK
         first, end = int(np.ceil(place - half)), int(np.floor(place + half)) + 1
         # Pixels of an even level: up to the next edges, whose own changes are as wide.
         before = min(3, int(first - here + room[0] - 0.5 - 0.5 * slope))
@@ -118,12 +121,12 @@ def edge_at(levels, here, along, slope, room, expected, least, tolerance, noise)
             left = a[-1] + (0.5 * (a[-1] - a[-2]) if before > 1 else 0.0)
             right = b[0] + (0.5 * (b[0] - b[1]) if behind > 1 else 0.0)
         contrast = right - left
-        if abs(contrast) < least or spread > search.UNEVEN * abs(contrast) + 3.0 * noise:
+        if abs(contrast) < least or spread > UNEVEN * abs(contrast) + 3.0 * noise:
             return none
         was, place = place, first - 0.5 + ((right - levels[first:end]) / contrast).sum()
-        if abs(place - here) > search.FARTHEST:
+        if abs(place - here) > FARTHEST:
             return none
-        if abs(place - was) < 0.3 * search.SLACK:
+        if abs(place - was) < 0.3 * SLACK:
             break
     if not agree((left, right), along, expected, tolerance):
         return none
@@ -269,6 +272,17 @@ def test_the_equations_of_a_depth_image_are_those_of_its_distances():
         assert count == (w > 0.0).sum() and 30 < count < len(r)
         np.testing.assert_allclose(A, J.T @ (w[:, None] * J), rtol=1e-8, atol=1e-8 * A.max())
         np.testing.assert_allclose(b, J.T @ (w * r), rtol=1e-8)
+
+
+def test_a_ray_beside_a_face_does_not_meet_it():
+    """Along its plane, to the last digit."""
+    corners, face = np.array([(-0.1, 0.5, 0.3), (-0.1, 0.0, 1.5), (-0.1, -0.5, 0.3)]), [[0, 1, 2]]
+    rays, counts = np.column_stack([np.zeros(5), np.linspace(-0.4, 0.4, 5), np.full(5, 0.5)]), []
+    for rays[:, 0] in (0.0, -0.2):
+        counts.append(fitting.surface_equations(
+            corners, np.array(face), np.array([(1.0, 0.0, 0.0)]), rays, np.eye(4), np.zeros(3), 1.0,
+            1.0)[2])
+    assert counts[0] == 0 < counts[1]
 
 
 def test_a_pose_is_turned_about_the_solids_middle():

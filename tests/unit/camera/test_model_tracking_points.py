@@ -79,6 +79,7 @@ def expected(solid, T, spacing) -> list[tuple]:
     (corners_of("bracket"), (0.02, -0.01, 0.3), (np.pi - 0.6, 0.4, 0.5), 3.0),
     (corners_of("bracket"), (-0.03, 0.03, 0.15), (1.9, -0.5, 2.5), 5.5),
     (corners_of("bracket"), (0.01, 0.005, 0.03), (0.4, 1.3, 0.2), 4.0),  # beside the camera
+    (corners_of("bracket") * (1.0, 1.0, 0.04), (0.02, -0.01, 1.0), (2.6, 0.3, 0.4), 2.0),  # flat
     (corners_of("box"), (-0.1, 0.08, 0.35), (np.pi - 0.4, 0.2, 1.5), 2.5),
     (drum(), (0.03, 0.02, 0.35), (np.pi - 0.9, 0.1, 0.0), 4.0),
     (drum(), (0.0, 0.0, 1.1), (np.pi - 0.7, 0.2, 0.0), 2.0),
@@ -89,6 +90,15 @@ def test_edge_points_are_those_that_are_seen_each_by_itself(corners, place, turn
     assert len(found.at) == len(wanted) > 20
     for field, values in zip(found, map(np.array, zip(*wanted, strict=True)), strict=True):
         np.testing.assert_allclose(field, values, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["box", "bracket", "cylinder"])
+def test_outermost_are_faces_before_which_nothing_of_the_solid_lies(name):
+    solid = Solid.of(corners_of(name) + (0.3, -0.2, 0.1))
+    before = solid.normals @ solid.vertices.T - (
+        solid.normals * solid.vertices[solid.faces[:, 0]]).sum(axis=1)[:, None]
+    assert (solid.outermost == (before.max(axis=1) < 1e-7)).all() and solid.outermost.any()
+    assert solid.outermost.all() == (name != "bracket")
 
 
 def test_there_are_no_more_points_than_there_is_room_for():

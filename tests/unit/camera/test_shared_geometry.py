@@ -1,7 +1,7 @@
 """A scene that comes again is not prepared again, and one that differs in anything is."""
 
 import os
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import cv2
 import numpy as np
@@ -80,20 +80,36 @@ def test_a_large_pictures_tiles_are_not_kept(monkeypatch):
     assert View(40, 32, np.eye(4), K).tiles() is not View(40, 32, np.eye(4), K).tiles()
 
 
+def parted(low, high, of) -> list[frozenset]:
+    """Groups of the triangles `of`, by boxes low, high (T, 3) around them."""
+    def effort(n):
+        x, y, z = high[n].max(axis=0) - low[n].min(axis=0)
+        return (x * y + y * z + z * x) * (1 + len(n))
+
+    half = len(of) // 2
+    keys = [*(low + high).T, (high - low).max(axis=1)]
+    ways = [of[np.argsort(key[of], kind="stable")] for key in keys if half]
+    cut = [effort(way[:half]) + effort(way[half:]) for way in ways]
+    if len(of) <= CLUSTER and not (half and min(cut) < 0.6 * effort(of)):
+        return [frozenset(of)]
+    best = ways[int(np.argmin(cut))]
+    return parted(low, high, best[:half]) + parted(low, high, best[half:])
+
+
 def test_every_triangle_is_in_one_group_of_few_that_face_one_side():
     """Of each part and side by itself, cut where that makes the boxes smaller."""
     draw = np.random.default_rng(3)
-    corners = draw.normal(size=(900, 1, 3)) + 0.05 * draw.normal(size=(900, 3, 3))
+    corners = draw.normal(size=(900, 1, 3)) + 0.7 * draw.normal(size=(900, 3, 3))
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     part = np.repeat([0, 4, 7], 300)
-    made = groups(corners, normal, part)
-    assert sorted(np.concatenate(made)) == list(range(900))
     side = 2 * np.abs(normal).argmax(axis=1)
     side += normal[np.arange(900), side // 2] > 0
-    for group in made:
-        assert len(group) <= CLUSTER
-        assert len(set(part[group])) == len(set(side[group])) == 1
+    made, one = list(map(frozenset, groups(corners, normal, part))), 6 * part + side
+    wanted = [group for key in np.unique(one) for group in parted(
+        corners.min(axis=1), corners.max(axis=1), np.flatnonzero(one == key))]
+    assert set(made) == set(wanted) and len(made) == len(wanted) > 40
+    assert sum(map(len, made)) == 900
     # neighbours are together: a strip of squares is cut across, not into its odd and even ones
     strip = np.array([[[x, 0, 0], [x + 1, 0, 0], [x, 1, 0]] for x in range(64)], float)
     halves = groups(strip, np.tile([0.0, 0, 1], (64, 1)), np.zeros(64, int))
@@ -115,3 +131,9 @@ def test_what_is_known_of_a_cluster_holds_all_its_triangles():
             seen.radius[n])
         assert (plane[:, :3] @ seen.axis[n]).min() == pytest.approx(seen.cosine[n])
         assert (plane[:, 3] - plane[:, :3] @ seen.centre[n]).min() == pytest.approx(seen.height[n])
+
+
+def test_of_nothing_nothing_is_known():
+    none = Triangles.of([])
+    assert {len(getattr(none.clusters, one.name)) for one in fields(none.clusters)} == {0}
+    assert len(none.corners) == len(none.facets) == 0

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import BRIGHT, looking
+from scenes import BRIGHT, Bench, looking
+from scipy.spatial.transform import Rotation
 
 from aras_sim_bridge.description import Geometry
 from aras_sim_bridge.rendering import View, create_renderer
@@ -99,14 +100,48 @@ def test_a_round_wire_covers_its_area_although_it_has_many_triangles(bench, wide
             assert area == pytest.approx(LONG * wide, rel=0.02)
 
 
+def grid(bench, scale=1.0) -> None:
+    """Wires that cross under many angles, over a floor."""
+    bench.box(scale * np.array([1.5, 1.5, 0.05]), [0, 0, -0.16 * scale])
+    for n in range(40):
+        turn = 0.3 + 0.07 * n
+        bench.box(scale * np.array([0.5, 0.0007, 1e-6]),
+                  scale * np.array([0.0031 * (n - 20), 0, -0.01 - 0.002 * n]), "Gazebo/Red",
+                  (0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2)))
+
+
+def test_what_is_as_much_farther_as_it_is_larger_looks_the_same():
+    pictures = []
+    for scale in (1.0, 0.05, 30.0):
+        bench = Bench()
+        grid(bench, scale)
+        bench.body(Geometry("sphere", radius=0.03 * scale), [0.05 * scale, 0, 0], "Gazebo/Blue")
+        T = looking([0.01 * scale, 0.0, scale], [0.0, 0.0, 0.0], (0.3, 1.0, 0.0))
+        view = View(*SIZE, T, K, 0.02 * scale, 50.0 * scale)
+        pictures.append(create_renderer("exact", bench.world, BRIGHT).render(view).astype(int))
+        bench.close()
+    assert max(np.abs(one - pictures[0]).max() for one in pictures[1:]) <= 1
+
+
+def test_a_wire_that_comes_from_nearer_than_near_is_as_one_that_begins_there():
+    pictures, way = [], np.array([0.1, 0.2, 1.0])
+    tilt = Rotation.align_vectors([way], [[0, 0, 1]])[0].as_quat()
+    for near, top in ((0.6, 0.9), (0.02, 0.4)):
+        bench = Bench()
+        bench.box([1.5, 1.5, 0.05], [0, 0, -0.05])
+        half = (top - 0.1) / 2 * np.linalg.norm(way)
+        bench.box([0.0005, 0.0005, half], (top + 0.1) / 2 * way, "Gazebo/Black", tuple(tilt))
+        view = View(*SIZE, looking([0, 0, 1.0], [0, 0.02, 0.0], (0.3, 1, 0)), K, near)
+        pictures.append(create_renderer("exact", bench.world, BRIGHT).render(view).astype(int))
+        bench.close()
+    assert np.abs(pictures[0] - pictures[1]).max() <= 3
+    assert (pictures[1] < 250).any(axis=2).sum() > 10
+
+
 @pytest.mark.parametrize("wide", [0.1, 0.5])
 def test_a_wire_before_many_things_covers_its_area(bench, wide):
     """Behind it a grid of wires crosses under many angles."""
-    bench.box([1.5, 1.5, 0.05], [0, 0, -0.16])
-    for n in range(40):
-        turn = 0.3 + 0.07 * n
-        bench.box([0.5, 0.0007, 1e-6], [0.0031 * (n - 20), 0, -0.01 - 0.002 * n], "Gazebo/Red",
-                  (0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2)))
+    grid(bench)
     body = wire(bench, wide)
     renderer = create_renderer("exact", bench.world, BRIGHT)
     for angle in ANGLES:

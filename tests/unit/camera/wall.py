@@ -35,7 +35,7 @@ def wall(bench: Bench, folder: Path, pixels: np.ndarray) -> None:
     bench.body(Geometry("mesh", filename=str(folder / "wall.obj")), (0.0, 0.0, 0.0), None)
 
 
-def shown(pixels: np.ndarray, view: View, at: np.ndarray, places: int = 48) -> np.ndarray:
+def shown(pixels: np.ndarray, view: View, at: np.ndarray, places: int = 24) -> np.ndarray:
     """(N,) grey levels of the pixels `at` (N, 2) u, v: the mean of places**2 places in each, nan
     where one of them is beyond the wall."""
     T, K = view.world_T_optical, view.K
@@ -72,7 +72,7 @@ def aslant(angle: float, roll: float, turn: float, distance: float = 1.0) -> np.
     return T
 
 
-def errors(pixels: np.ndarray, view: View, picture: np.ndarray, many: int = 300) -> np.ndarray:
+def errors(pixels: np.ndarray, view: View, picture: np.ndarray, many: int = 200) -> np.ndarray:
     """By how much pixels of a picture differ from what they cover, grey levels."""
     T = view.world_T_optical
     spots = np.random.default_rng(1).uniform(-0.45 * SIDE, 0.45 * SIDE, (many, 2))

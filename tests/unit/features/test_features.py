@@ -142,6 +142,7 @@ def test_full_turn_orientation_under_tilt(seed: int, make) -> None:
     result = compute(make(view), ("alpha", "alpha_full"), view.plane, reference)
     truth = reference.orientation.alpha + turn
     assert abs((result["alpha_full"] - truth + pi) % (2 * pi) - pi) < 1.2
+    assert -pi < result["alpha_full"] <= pi
     assert abs(np.sin(result["alpha_full"] - result["alpha"])) < 1e-12
     np.testing.assert_array_equal(result.L[0], result.L[1])
 

@@ -10,6 +10,7 @@ import pytest
 from feature_cases import L_SHAPE, SQUARE, coverage_image, exact_moment, random_view
 
 from aras_visual_servo_camera.degeneracy import (
+    CHECKS,
     anisotropy,
     asymmetry,
     gyration_radius,
@@ -210,6 +211,19 @@ def test_measures_of_degeneracy_of_a_rectangle() -> None:
         mu40, mu04 = a**5 * b / 80, a * b**5 / 80
         fourth = (mu40**2 + 6 * mu22**2 + mu04**2) ** 0.5
         assert moment_norm(moments, 4) == pytest.approx(fourth, rel=1e-12)
+
+
+@pytest.mark.parametrize(("name", "order", "degree"), [
+    ("I4", 3, 2), ("I6", 3, 4), ("I10", 4, 2), ("I15", 5, 2)])
+def test_a_denominator_vanishes_beside_its_own_moments(name, order, degree) -> None:
+    """It is of a degree in moments of one order; those of an odd one vanish by symmetry."""
+    check, size = CHECKS[name], moment_norm(Moments.from_polygon(L_SHAPE), order) ** degree
+    for share, vanishes in ((0.99e-6, True), (-0.99e-6, True), (1.01e-6, False)):
+        reason = check(Moments.from_polygon(L_SHAPE), share * size, 1e-6)
+        assert reason == (f"its denominator {name} vanishes for this shape" if vanishes else None)
+    rectangle = Moments.from_polygon([[0, 0], [3, 0], [3, 1], [0, 1]])
+    reason = check(rectangle, 1.0, 1e-6)
+    assert (reason is None) if order % 2 == 0 else f"its moments of order {order} vanish" in reason
 
 
 def test_asymmetry_feels_neither_size_nor_place() -> None:

@@ -74,9 +74,12 @@ def test_cross_stands_on_the_centre_of_gravity() -> None:
     assert {106, 107, 108, 110, 112, 113} <= set(upright) <= set(range(105, 116))
     assert {197, 198, 200, 202, 203} <= set(level) <= set(range(195, 206))
     # how far it reaches: the red that is drawn on black adds up to nine pixels, four each way
-    drawn = draw(in_colour(grey), measured(grey))[:, 200, 0] / 230.0
-    assert drawn[101:110].sum() == pytest.approx(3.6, abs=0.4)
-    assert drawn[111:120].sum() == pytest.approx(3.6, abs=0.4)
+    high = np.full((240, 320), 255, np.uint8)
+    high[90:131, 190:211] = 0  # its axis is upright, beside the level arm
+    for drawn in (draw(in_colour(grey), measured(grey))[101:120, 200, 0] / 230.0,
+                  draw(in_colour(high), measured(high))[110, 191:210, 0] / 230.0):
+        assert drawn[:9].sum() == pytest.approx(3.6, abs=0.4)
+        assert drawn[10:].sum() == pytest.approx(3.6, abs=0.4)
 
 
 def test_desired_outline_is_blue_and_closed(grey: np.ndarray) -> None:

@@ -1,0 +1,84 @@
+"""Trackers of special points on drawn pictures: what is a dot and what is none."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from scipy.ndimage import map_coordinates
+
+from aras_visual_servo_camera.errors import VisionError
+from aras_visual_servo_camera.trackers import DotTracker, _between
+
+SIZE, FINE = (160, 120), 8
+# Column, row and radius, px; in order of angle about their middle.
+DOTS = np.array([[41.3, 30.2, 9.0], [102.6, 33.8, 8.0], [110.1, 88.4, 7.5], [52.7, 85.9, 8.5]])
+
+
+def drawn(draw) -> np.ndarray:
+    """A picture of the dots and of what `draw` puts into FINE times as many pixels, darkened."""
+    large = np.full((FINE * SIZE[1], FINE * SIZE[0]), 210, np.uint8)
+    v, u = (np.mgrid[:large.shape[0], :large.shape[1]] + 0.5) / FINE - 0.5
+    for x, y, r in DOTS:
+        large[np.hypot(u - x, v - y) < r] = 40
+    draw(large, u, v)
+    return cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA)
+
+
+def ellipse(x, y, a, b):
+    def draw(large, u, v):
+        large[((u - x) / a) ** 2 + ((v - y) / b) ** 2 < 1.0] = 40
+    return draw
+
+
+def box(left, top, right, bottom):
+    def draw(large, u, v):
+        large[(u > left) & (u < right) & (v > top) & (v < bottom)] = 40
+    return draw
+
+
+def half_moon(large, u, v):
+    away = np.hypot(u - 76, v - 60)
+    large[(away < 11.0) & (away > 7.5) & (u > 70)] = 40
+
+
+NO_DOTS = {
+    "nothing": lambda *_: None, "wide": ellipse(76.0, 60.0, 20.0, 4.6),
+    "high": ellipse(78.0, 58.0, 4.4, 19.5), "square": box(68, 52, 88, 72), "moon": half_moon,
+    "left border": ellipse(4.0, 60.0, 12.0, 12.0), "low border": ellipse(80.0, 112.0, 12.0, 12.0),
+    "smaller": ellipse(76.0, 60.0, 6.5, 6.5), "speck": ellipse(76.0, 60.0, 0.9, 0.9),
+}
+
+
+@pytest.mark.parametrize("what", NO_DOTS)
+def test_dots_are_the_largest_round_ones_away_from_the_border(what):
+    found = DotTracker().find(drawn(NO_DOTS[what]))
+    assert np.abs(found - DOTS[:, :2]).max() < 0.02
+
+
+def test_dots_may_be_a_few_pixels_or_seen_askew_and_all_must_be_there():
+    grey = drawn(ellipse(76.3, 59.8, 2.2, 1.6))
+    small = DotTracker(5).find(grey)
+    assert np.abs(small - (76.3, 59.8)).sum(axis=1).min() < 0.1
+    askew = DotTracker(5).find(drawn(ellipse(76.3, 59.8, 14.0, 5.0)))
+    assert np.abs(askew - (76.3, 59.8)).sum(axis=1).min() < 0.03
+    with pytest.raises(VisionError, match="5 of 6 dots"):
+        DotTracker(6).find(grey)
+
+
+@pytest.mark.parametrize("at", [(11.6, 11.2), (147.6, 107.4)])
+def test_a_dot_beside_the_border_is_measured_like_another(at):
+    """Two pixels from it, where less of the ground is seen."""
+    def draw(large, u, v):
+        large[:] = 210
+        large[np.hypot(u - at[0], v - at[1]) < 9.0] = 40
+
+    assert np.abs(DotTracker(1).find(drawn(draw)) - at).max() < 0.02
+
+
+def test_levels_between_pixels_are_linear_and_those_beyond_the_border_its_own():
+    random = np.random.default_rng(5)
+    grey = random.integers(0, 256, (13, 21)).astype(np.uint8)
+    u, v = random.uniform(-2.0, 23.0, 400), random.uniform(-2.0, 15.0, 400)
+    wanted = map_coordinates(grey.astype(float), [v, u], order=1, mode="nearest")
+    np.testing.assert_allclose(_between(grey, u, v), wanted, atol=1e-9)

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 from urllib.error import HTTPError
 from urllib.parse import urlencode
 from urllib.request import Request, urlopen
@@ -28,6 +29,7 @@ from aras_visual_servo_bench.browse.studies import Studies
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.live.web import PortTakenError, bound
+from aras_visual_servo_bench.study import rows as rows_module
 from aras_visual_servo_bench.study.engine import carry_out
 from aras_visual_servo_bench.study.folder import SUMS, Folder
 from aras_visual_servo_bench.study.pools import ThisProcess
@@ -329,6 +331,53 @@ def test_studies_too_many_are_left_out_and_that_is_said(tmp_path, monkeypatch, c
     look = Studies([tmp_path]).look(now=True)
     assert [seen.name for seen in look.studies] == ["a", "b"]
     assert look.note == "only the first 2 studies are shown: name folders that hold fewer"
+
+
+def test_folders_are_looked_at_once_a_second_and_four_deep(tmp_path, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(studies_module, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    studies = Studies([tmp_path])
+    assert studies.look().studies == () and studies.look().version == 0
+    at = tmp_path
+    for deep in "abcde":
+        at = at / deep
+        at.mkdir()
+        (at / "z").mkdir()
+        if deep in "de":
+            (at / "manifest.json").write_text("{")
+    now[0] += 1.0
+    assert studies.look().studies == ()
+    now[0] += 0.01
+    assert [seen.name for seen in studies.look().studies] == ["d"]  # nor is one within it
+    (tmp_path / "a" / "z" / "manifest.json").write_text("{")
+    (tmp_path / "B").mkdir()
+    (tmp_path / "B" / "manifest.json").write_text("{")
+    assert [seen.name for seen in studies.look(now=True).studies] == ["d", "B", "z"]
+    assert [seen.name for seen in Studies([tmp_path]).look().studies] == ["B", "d", "z"]
+    for number in range(198):
+        (tmp_path / f"n{number}").mkdir()
+        (tmp_path / f"n{number}" / "manifest.json").write_text("{")
+    look = studies.look(now=True)
+    assert len(look.studies) == 200 and "only the first 200" in look.note
+    assert len(Studies([tmp_path]).look().studies) == 200
+
+
+def test_columns_of_unlike_studies_stand_below_each_other(tmp_path):
+    one = made_study(tmp_path / "one", experiment={"plant": "free"}, vary={"gain": [1, 2]})
+    two = made_study(tmp_path / "two", experiment={"plant": "free"}, metrics=["path_ratio"],
+                     cases=[{"scheme": "points", "delay": 0.1}])  # fmt: skip
+    look = Studies([tmp_path]).look()
+    names = look.table.column_names
+    assert look.table["study"].to_pylist() == ["one", "one", "two"]
+    assert look.table["gain"].to_pylist()[:2] == [1, 2] and look.table["gain"].null_count == 1
+    assert look.table["delay"].to_pylist() == [None, None, 0.1]
+    assert look.roles["gain"] == look.roles["scheme"] == look.roles["delay"] == "setting"
+    measured = {*one.study.metric_names, *two.study.metric_names, "success", "real_time_multiple"}
+    assert {name for name in names if look.roles[name] == "metric"} == measured & set(names)
+    assert {look.roles[name] for name in ("study", "run", "seed", "end", "outcome")} == {"run"}
+    assert [look.units[n] for n in ("gain", "delay", "settled", "simulated", "success")] == [
+        "1/s", "s", "s", "s", ""]  # fmt: skip
+    assert set(rows_module.LABELS) & set(names) == set() and look.version == 1
 
 
 def test_links_that_lead_elsewhere_are_not_followed(tmp_path):

@@ -2,6 +2,7 @@
 
 import csv
 import errno
+import html
 import json
 import os
 import re
@@ -26,6 +27,7 @@ from aras_visual_servo_bench.recording.from_loop import settings_of
 from aras_visual_servo_bench.recording.run import CameraRecord, settling
 from aras_visual_servo_bench.recording.tracks import milestones, nearest, tracks
 from aras_visual_servo_bench.report import page, write
+from aras_visual_servo_bench.report import page as page_text
 from aras_visual_servo_bench.report.write import NAMES, PARTS, write_report
 from aras_visual_servo_bench.study.replay import carried_out, with_all_pictures
 
@@ -322,10 +324,10 @@ def test_figures_beside_each_other_are_of_one_height_with_their_margins(moments)
 def test_the_report_is_one_page_that_needs_nothing_else(moments, tmp_path, monkeypatch):
     monkeypatch.setitem(style.STYLE, "savefig.dpi", 30)
     moments.notes.append("the bag was <not> closed")
-    told = []
+    told, words = [], []
     try:
-        written = write_report([moments], tmp_path, ("png",),
-                               progress=lambda part, what: told.append(part))  # fmt: skip
+        written = write_report([moments], tmp_path, ("png",), progress=lambda part, what: (
+            told.append(part), words.append(what)))  # fmt: skip
     finally:
         moments.notes.clear()
     page = (tmp_path / "report.html").read_text()
@@ -336,7 +338,16 @@ def test_the_report_is_one_page_that_needs_nothing_else(moments, tmp_path, monke
     parts = {part.name for row in PARTS for part in row if part.panels([moments])}
     assert parts == set(re.findall(r'<section id="(\w+)"[^>]*>.*\n<div class="panels">', page))
     assert {path.stem for path in (tmp_path / "figures").iterdir()} == set(NAMES)
-    assert told == sorted(told) and told[-1] == 1.0
+    np.testing.assert_allclose(told, np.linspace(0.0, 1.0, len(PARTS) + 3))
+    assert words[:2] == ["numbers", "page"] and words[-1] == "done"
+    assert words[2:-1] == [" and ".join(part.title.lower() for part in row) for row in PARTS]
+    assert len(set(written)) == len(written) == len(NAMES) + 5 and all(p.is_file() for p in written)
+    scripts = [path.read_text() for path in page_text.SCRIPTS]
+    assert len(scripts) == 4 and all(text in page for text in scripts)
+    assert (page_text.FOLDER / "style.css").read_text() in page
+    for row in PARTS:
+        for part in row:
+            assert part.name not in parts or part.text in html.unescape(page)
     kept = json.loads((tmp_path / "summary.json").read_text())
     for q in summary.summarise(moments):
         if isinstance(q.value, float) and np.isfinite(q.value):

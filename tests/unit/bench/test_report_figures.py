@@ -5,7 +5,7 @@ The run is made_run's: a tilted path, a camera with fx other than fy, images fro
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import MISSING, fields, replace
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -17,7 +17,7 @@ from aras_visual_servo_bench.pictures import palette, panels, style, views
 from aras_visual_servo_bench.pictures.over_time import Layout, drawn, symbol
 from aras_visual_servo_bench.pictures.panels import Curve, Panel
 from aras_visual_servo_bench.recording.from_loop import with_pictures
-from aras_visual_servo_bench.recording.run import Verdict, scaled
+from aras_visual_servo_bench.recording.run import Run, Verdict, scaled
 from aras_visual_servo_bench.recording.tracks import milestones, tracks
 from aras_visual_servo_bench.report.write import PARTS
 from aras_visual_servo_camera.moments import Moments
@@ -574,6 +574,21 @@ def test_a_quantity_is_written_as_in_a_formula(name, shown):
     assert symbol(name) == shown
 
 
+@pytest.mark.parametrize(("high", "shown", "label"), [
+    (40.0, [1, 2, 5, 10, 20], "2"), (60.0, [1, 10], "2"), (990.0, [1, 10, 100], "2"),
+    (1010.0, [1, 10, 100, 1000], "10⁰"),
+])  # fmt: skip
+def test_a_logarithmic_axis_has_few_labels(high, shown, label, screen):
+    _, (axis,) = style.panels(1, 1.5)
+    axis.set_yscale("log")
+    axis.set_ylim(1.0, high)
+    style.logarithmic(axis)
+    ticks = axis.yaxis.get_major_locator().tick_values(1.0, high)
+    assert [t for t in ticks if 1.0 <= t <= high] == pytest.approx(shown)
+    assert axis.yaxis.get_major_formatter()(2.0, 0) == label
+    assert axis.yaxis.get_minor_formatter()(2.0, 0) == ""
+
+
 # -- panels ---------------------------------------------------------------------------------------
 
 
@@ -647,9 +662,15 @@ def test_joints_of_another_run_are_found_by_their_names(runs):
     for bound, shows in ((99.9, 1), (100.0, 0), (-np.inf, 0), (-99.9, 1)):
         limits = (np.array([bound, 0.0, 0.0]), np.array([np.inf] * 3))
         assert len(panels.joints([replace(runs[0], limits=limits)])[0].limits) == shows
-    bare = replace(runs[0], limits=(np.zeros(0), np.zeros(0)), speed=np.zeros(0), joint_units=())
-    assert all(not panel.limits for panel in panels.joints([bare]))
-    assert panels.joints([bare])[0].unit == "rad"
+    given = {f.name: getattr(runs[0], f.name) for f in fields(Run)
+             if f.default is MISSING and f.default_factory is MISSING}  # fmt: skip
+    bare = Run(**given)  # of which nothing else is known
+    found = titled(panels.joints([bare]))
+    assert len(found) == 6 and all(not panel.limits for panel in found.values())
+    assert found["slide"].unit == "rad" and found["slide, speed"].unit == "rad/s"
+    assert [p.title for p in panels.timing([bare])] == ["interval between images", "delay"]
+    assert tracks(bare) is None and bare.units == ("", "", "") and bare.notes == []
+    assert bare.images.nearest(0.0) is None and bare.wanted_outline() is None
 
 
 def test_distances_too_small_for_a_logarithm_are_cut(runs):

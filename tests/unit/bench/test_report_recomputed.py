@@ -286,6 +286,11 @@ def test_every_curve_of_the_page_is_of_the_records(runs, written):
     page = (written / "one/report.html").read_text()
     told = json.loads(re.search(r'id="contents">(.*?)</script>', page, re.S)[1])
     arrays = [np.frombuffer(base64.b64decode(text), "<f4") for text in told["arrays"]]
+    keys = [group["key"] for group in told["groups"]]
+    assert keys == ["feature_errors", "pose_errors", "features", "camera_twist", "joint_positions",
+                    "conditioning", "timing"]  # fmt: skip
+    assert keys == re.findall(r'<section id="(\w+)"[^>]*>.*\n<div class="panels">', page)
+    assert keys == re.findall(r'<a href="#(\w+)">', page)[:-2]
     panels = {p["title"]: p for group in told["groups"] for p in group["panels"]}
     curves = {(title, c["name"]): pd.Series(arrays[c["y"]], arrays[c["x"]]).dropna()
               for title, p in panels.items() for c in p["curves"]}  # fmt: skip

@@ -1,0 +1,230 @@
+"""What figures of studies show beside the rows' numbers: groups, names, scales, paths."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from aras_visual_servo_bench.pictures import figures, palette
+from aras_visual_servo_bench.study.results import Results
+from aras_visual_servo_bench.study.study import Study
+
+SETTLED, DISTANCE = "settled", "final_distance"
+
+
+def made(name="one", gains=(1.0, 2.5), delays=(0.03, 0.11), each=3, seed=0, **columns):
+    """Results of a grid, `each` runs a point; the first point fails, half of the second."""
+    rng = np.random.default_rng(seed)
+    points = [(g, d) for g in gains for d in delays for _ in range(each)]
+    count = len(points)
+    study = Study.from_mapping({
+        "experiment": {"plant": "free"}, "repeats": each, "metrics": ["success", SETTLED, DISTANCE],
+        "vary": {"gain": list(gains), "delay": list(delays)},
+    })  # fmt: skip
+    table = {
+        "run": list(range(count)), "gain": [g for g, _ in points], "delay": [d for _, d in points],
+        "success": [float(i >= each and (i - seed) % 4 > 0) for i in range(count)],
+        "outcome": ["x"] * count, SETTLED: rng.uniform(1.0, 2.0, count).tolist(),
+        DISTANCE: rng.permutation(np.geomspace(0.1, 200.0, count)).tolist(),
+        "real_time_multiple": [9.0] * count,
+    }  # fmt: skip
+    return Results(name, study, pa.table({**table, **columns}))
+
+
+@pytest.fixture(autouse=True)
+def one_look():
+    with figures.look():
+        yield
+    figures.plt.close("all")
+
+
+def texts(found):
+    return [text.get_text() for text in found]
+
+
+def test_maps_of_several_studies_stand_beside_each_other():
+    both = [made(), made("$two", seed=1)]
+    figure = figures.success(both)
+    *axes, bar = figure.axes
+    assert [axis.get_title("left") or axis.get_title() for axis in axes] == ["one", r"\$two"]
+    assert [axis.get_xlabel() for axis in axes] == ["delay (s)"] * 2
+    assert [axis.get_ylabel() for axis in axes] == ["gain (1/s)", ""]
+    assert bar.get_ylabel() == "runs with success (%)"
+    for axis, results in zip(axes, both, strict=True):
+        image = axis.images[0]
+        assert image.get_clim() == (0.0, 100.0)
+        assert texts(axis.get_xticklabels()) == ["0.03", "0.11"]
+        told = {text.get_position(): text for text in axis.texts}
+        hits = np.reshape(results.column("success"), (2, 2, 3))
+        for (j, i), text in told.items():
+            assert text.get_text() == f"{int(hits[i, j].sum())}/3"
+            assert image.get_array()[i, j] == pytest.approx(100 * hits[i, j].mean())
+            ground = image.cmap(image.norm(image.get_array()[i, j]))
+            assert palette.contrast(palette.rgb(text.get_color()), ground) >= 4.5
+        assert len(told) == 4
+    assert texts(axes[0].get_yticklabels()) == ["1", "2.5"]
+    lacks = made(gains=(1.0, 4.0))
+    shown = figures.success([made(), lacks]).axes[0].images[0].get_array()
+    assert np.isnan(np.asarray(shown)[2]).all() and np.isfinite(np.asarray(shown)[:2]).all()
+
+
+def bars(results):
+    """Names and per cents, from the top."""
+    axis = figures.success(results).axes[0]
+    assert axis.get_xlim() == (0.0, 103.0)
+    order = np.argsort([-bar.get_y() for bar in axis.patches])
+    names = dict(zip(axis.get_yticks().tolist(), texts(axis.get_yticklabels()), strict=True))
+    assert list(names) == list(range(len(names)))[::-1]
+    return list(names.values()), [axis.patches[i].get_width() for i in order], axis
+
+
+def test_bars_have_the_names_of_what_differs():
+    names, rates, axis = bars([made(delays=(0.03,))])
+    assert names == ["1", "2.5"] and axis.get_title("left") == "Success by gain (1/s)"
+    assert rates == pytest.approx([0.0, 100 * 2 / 3])
+    names, rates, axis = bars([made(gains=(1.0,), delays=(0.03,), each=4)])
+    assert names == ["one"] and axis.get_title("left") == "Success" and rates == [0.0]
+    names, *_ = bars([made(delays=(0.03,)), made("$two", delays=(0.03,))])
+    assert names == ["one 1", "one 2.5", r"\$two 1", r"\$two 2.5"]
+    names, *_ = bars([made(gains=(1.0,), delays=(0.03,)), made("two", (1.0,), (0.03,))])
+    assert names == ["one", "two"]
+
+
+def test_groups_beside_each_other_are_named_and_few():
+    results = made()
+    metrics = results.chosen([SETTLED, DISTANCE])
+    figure = figures.distributions([results], metrics)
+    names = [f"gain {g} 1/s, delay {d} s" for g in ("1", "2.5") for d in ("0.03", "0.11")]
+    assert texts(figure.legends[0].get_texts()) == names
+    first, second = figure.axes
+    assert (first.get_ylabel(), second.get_ylabel()) == ("runs below (%)", "")
+    assert (first.get_xscale(), second.get_xscale()) == ("linear", "log")
+    assert first.get_ylim() == (0.0, 103.0)
+    for line, (_, rows) in zip(first.lines, results.groups(("gain", "delay")).items(), strict=True):
+        known = np.sort(results.numbers(SETTLED)[rows])
+        np.testing.assert_array_equal(line.get_xdata(), [known[0], *known])
+        assert line.get_drawstyle() == "steps-post"
+    for gains, count in ((4, 8), (5, 5)):  # more than eight curves are of one key
+        many = made(gains=tuple(np.arange(gains) + 1.0), each=1)
+        drawn = figures.distributions([many], many.chosen([SETTLED]))
+        looks = {(line.get_color(), line.get_linestyle()) for line in drawn.axes[0].lines}
+        assert len(drawn.axes[0].lines) == len(looks) == count
+    alone = made(gains=(1.0,), delays=(0.03,))
+    assert not figures.distributions([alone], alone.chosen([SETTLED])).legends
+    assert figures.distributions([alone], ()) is None
+    for gains, count in ((12, 24), (13, 13)):
+        many = made(gains=tuple(np.arange(gains) + 1.0), each=2)
+        figure = figures.boxes([many], many.chosen([SETTLED, DISTANCE]))
+        assert len(figure.axes[0].patches) == count
+        named = [list(filter(None, texts(axis.get_yticklabels()))) for axis in figure.axes]
+        assert len(named[0]) == count and named[1] == []
+    figure = figures.boxes([results], metrics)
+    assert texts(figure.axes[0].get_yticklabels()) == names[::-1]
+    assert [axis.get_xlabel() for axis in figure.axes] == ["settled (s)", "final distance (m)"]
+    assert figures.boxes([alone], alone.chosen([SETTLED])) is None
+    assert figures.boxes([results], ()) is None
+
+
+def test_an_axis_is_logarithmic_beyond_two_decades():
+    for low, high, scale in ((1.0, 100.0, "linear"), (1.0, 100.5, "log"), (0.0, 1e4, "linear"),
+                             (-1.0, 1e4, "linear")):  # fmt: skip
+        _, (axis,) = figures.panels(1, 2.0)
+        figures._scale(axis, "x", [np.array([low, np.nan]), np.array([high, np.inf])])
+        assert axis.get_xscale() == scale
+    figures._scale(axis, "x", [np.array([np.nan])])
+    assert axis.get_xscale() == "linear"
+
+
+def test_correlations_are_of_settings_that_take_three_values():
+    gains = (1.0, 2.0, 3.0)
+    settled = [1.0, 2.0, 2.5, 3.0, 4.0, 5.0]
+    results = made(gains=gains, each=1, **{
+        SETTLED: settled, DISTANCE: [6.0, np.nan, np.nan, np.nan, 2.0, 3.0]})  # fmt: skip
+    figure = figures.sensitivity(results, results.chosen([]))
+    axis, bar = figure.axes
+    assert texts(axis.get_xticklabels()) == ["gain"]  # of delays there are two
+    assert texts(axis.get_yticklabels()) == [SETTLED, DISTANCE]
+    (text,) = axis.texts  # of three runs nothing follows
+    assert text.get_position() == (0, 0)
+    rank = np.corrcoef(np.repeat([1, 2, 3], 2), np.argsort(np.argsort(settled)))[0, 1]
+    assert text.get_text() == f"{rank:+.2f}"
+    assert axis.images[0].get_clim() == (-1.0, 1.0) and "Spearman" in bar.get_ylabel()
+    ground = axis.images[0].cmap(0.5 + 0.5 * rank)
+    assert palette.contrast(palette.rgb(text.get_color()), ground) >= 4.5
+    assert figures.sensitivity(results, ()) is None
+    assert figures.sensitivity(made(), made().chosen([])) is None
+    few = made(gains=gains, delays=(0.03,), each=1)
+    assert figures.sensitivity(few, few.chosen([])) is None  # three runs
+
+
+def traced(name, run, count, seed, lost=()):
+    """A study's folder of paths that are known, as far as a figure looks at it."""
+    rng = np.random.default_rng(seed)
+    rows = len(run)
+    error = rng.uniform(0.1, 2.0, (rows, 2))
+    error[list(lost)] = np.nan
+    pose = np.tile(np.eye(4), (rows, 1, 1))
+    pose[:, :3, 3] = rng.normal(size=(rows, 3))
+    stamp = 7.0 + rng.random(rows).cumsum()
+    table = pa.table({"run": list(run), "stamp": stamp.tolist(), "error": error.tolist(),
+                      "pose": pose.reshape(rows, 16).tolist()})  # fmt: skip
+    folder = SimpleNamespace(path=Path("/") / name, study=SimpleNamespace(traces=bool(count)),
+                             results=lambda kind: table)  # fmt: skip
+    return folder, table
+
+
+def test_trajectories_are_the_errors_and_places_of_every_run(monkeypatch):
+    runs = np.repeat([4, 5, 9], [6, 4, 5])
+    made_of = {Path("a"): traced("$a", runs, 1, 0, lost=(0, *range(6, 10))),
+               Path("b"): traced("b", runs[:6], 1, 1), Path("c"): traced("c", runs, 0, 2)}
+    monkeypatch.setattr(figures.Folder, "open", lambda path: made_of[path][0])
+    figure = figures.trajectories(list(made_of))
+    errors, above, beside = figure.axes
+    table = made_of[Path("a")][1]
+    stamp, error = np.array(table["stamp"]), np.array(table["error"].to_pylist())
+    place = np.array(table["pose"].to_pylist()).reshape(-1, 4, 4)[:, :3, 3]
+    for k, rows in enumerate((slice(0, 6), slice(10, 15))):  # run 5 never saw its target
+        line = errors.lines[k]
+        np.testing.assert_allclose(line.get_xdata(), stamp[rows] - stamp[rows][0])
+        norm = np.hypot(*error[rows].T)
+        np.testing.assert_allclose(line.get_ydata(), norm / norm[np.isfinite(norm)][0])
+        for axis, at in ((above, (0, 1)), (beside, (0, 2))):
+            np.testing.assert_allclose(np.transpose(axis.lines[2 * k].get_data()),
+                                       place[rows][:, at])  # fmt: skip
+            np.testing.assert_allclose(np.ravel(axis.lines[2 * k + 1].get_data()),
+                                       place[rows][-1, at])  # fmt: skip
+    assert len(errors.lines) == 3 and len(above.lines) == len(beside.lines) == 6
+    assert errors.get_yscale() == "log"
+    assert texts(errors.get_legend().get_texts()) == [r"\$a", "b"]
+    assert errors.lines[2].get_color() != errors.lines[0].get_color() == errors.lines[1].get_color()
+    assert [axis.get_xlabel() for axis in figure.axes][1:] == ["x (m)", "x (m)"]
+    assert [axis.get_ylabel() for axis in figure.axes][1:] == ["y (m)", "z (m)"]
+    assert above.get_aspect() == beside.get_aspect() == 1.0
+    assert figures.trajectories([Path("c")]) is None
+    assert figures.trajectories([Path("b")]).axes[0].get_legend() is None
+    many = traced("m", range(450), 1, 3)
+    made_of[Path("m")] = many
+    assert len(figures.trajectories([Path("m")]).axes[0].lines) == 225  # every second
+
+
+def test_pictures_are_of_what_varies_or_of_what_is_asked_for(tmp_path, monkeypatch):
+    results = made(**{SETTLED: [1.5] * 12})
+    seen = {}
+    for name in ("success", "distributions", "boxes", "sensitivity", "trajectories"):
+        monkeypatch.setattr(figures, name, lambda *asked, name=name: seen.update({name: asked}))
+    assert figures.write_all([results], tmp_path / "out", paths=["there"]) == []
+    assert seen["success"] == ([results],) and seen["trajectories"] == (["there"],)
+    assert seen["sensitivity"][0] is results
+    for name in ("distributions", "boxes", "sensitivity"):
+        assert [m.name for m in seen[name][1]] == [DISTANCE]
+    figures.write_all([results, made("two")], tmp_path)
+    assert [m.name for m in seen["boxes"][1]] == [SETTLED, DISTANCE]
+    figures.write_all([results], tmp_path, metrics=[SETTLED, "real_time_multiple"])
+    assert [m.name for m in seen["boxes"][1]] == [SETTLED, "real_time_multiple"]
+    unknown = made(**{SETTLED: [1.0, np.nan] * 6, DISTANCE: [np.nan] * 12})
+    figures.write_all([unknown], tmp_path)
+    assert seen["boxes"][1] == []

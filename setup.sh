@@ -11,7 +11,7 @@ Prepares a Debian 12 or 13 machine for this workspace, in four steps, each left 
   1. installs the Debian packages it needs (as root or through sudo),
   2. makes the virtual environment .venv from /usr/bin/python3 with the versions in requirements/,
   3. builds the workspace with catkin_make and that interpreter,
-  4. compiles loops (Numba), which the first start would wait for otherwise; the last two side by side.
+  4. compiles loops (Numba), which the first start would wait for otherwise; the last three side by side.
 
   --for TIER         how much is installed: `running` is the simulator with its nodes, `demo` also what ./demo.sh
                      draws its plots with, `bench` (default) also experiments without ROS and studies,
@@ -311,7 +311,6 @@ environment() {
 [[ -z $making ]] || aside environment
 # the other Debian packages meanwhile
 ((${#missing[@]} == ${#early[@]})) || step "  apt-get install (this may take some minutes)" install "${missing[@]}"
-[[ -z $making ]] || step "$making" ended environment
 
 # 3. workspace. Python files are not in the stamp: the devel space refers to them where they stand.
 mapfile -d '' sources < <(find src -type f \( -name package.xml -o -name CMakeLists.txt -o -name '*.cmake' \
@@ -328,6 +327,9 @@ if [[ $(cat devel/setup.stamp 2>/dev/null) != "$stamp" ]]; then
     telling+=("building the workspace")
 fi
 build() {
+    # By the environment's interpreter, which is there before pip is at work, and with Debian's packages in sight.
+    local made=""
+    until { read -r made _ <.venv/setup.stamp; } 2>/dev/null && [[ $made == "$base" ]]; do sleep 0.1; done
     # CMake refuses a build folder that was configured elsewhere.
     if [[ -e build/CMakeCache.txt ]] && ! grep -qxF "CMAKE_HOME_DIRECTORY:INTERNAL=$root/src" build/CMakeCache.txt; then
         find build -mindepth 1 -maxdepth 1 ! -name 'setup*.log' -exec rm -rf {} + && rm -rf devel
@@ -335,9 +337,13 @@ build() {
     # Without --force-cmake a package that has come or gone in /usr would not be noticed.
     # Python and C++ messages are enough; the Lisp ones would take a third of the build.
     rm -f devel/setup.stamp src/upstream_msgs/*/CATKIN_IGNORE &&
-        ROS_LANG_DISABLE=genlisp catkin_make --force-cmake "${arguments[@]}" &&
+        PYTHONPATH=/usr/lib/python3/dist-packages ROS_LANG_DISABLE=genlisp catkin_make --force-cmake "${arguments[@]}" &&
         printf '%s\n' "$stamp" >devel/setup.stamp
 }
+if [[ -n $making ]]; then # pip takes one core
+    ((${#due[@]} == 0)) || aside "${due[@]}"
+    step "$making" ended environment
+fi
 
 # 4. loops; kept beside their sources, and compiled anew when those are newer
 mapfile -t loops < <(grep -rlE '^from .*compiled import' --include='*.py' src/*/src)
@@ -369,6 +375,8 @@ bytecode() {
 if ((${#due[@]})); then
     text=$(IFS=,; echo "${telling[*]:-byte-compiling the Python packages}")
     text=${text//,/, }
-    aside "${due[@]}"
+    for name in "${due[@]}"; do
+        [[ -n ${beside[$name]-} ]] || aside "$name"
+    done
     step "${text^}" ended "${due[@]}"
 fi

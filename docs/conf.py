@@ -38,6 +38,7 @@ suppress_warnings = ["myst.header"]  # a package's README is a page of its own: 
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
+autodoc_use_type_comments = False  # there are none to look for
 autodoc_default_options = {"members": True}
 add_module_names = False
 python_maximum_signature_line_length = 96

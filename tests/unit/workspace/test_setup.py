@@ -240,6 +240,27 @@ def test_workspace_and_loops_are_made_side_by_side_and_only_once(machine, tmp_pa
     assert (tmp_path / "workspace" / "asked").read_text().splitlines() == asked
 
 
+def test_the_workspace_is_built_while_pip_works_with_debian_s_packages_in_sight(machine, tmp_path):
+    """By the new environment's interpreter, even where an earlier set-up was stopped in its pip."""
+    build = f"cat .venv/made >>seen; printenv PYTHONPATH >>seen; {meets('two', 'one')}"
+    files = played(tmp_path, pip=meets("one", "two"), build=build)
+    made = "mkdir -p .venv/bin .venv/lib; "
+    files["/usr/bin/python3"] = files["/usr/bin/python3"].replace(
+        made, f"sleep 0.5; rm -rf .venv; {made} echo anew >.venv/made; "
+    )
+    stale = tmp_path / "workspace" / ".venv"
+    stale.mkdir()
+    (stale / "setup.stamp").write_text("another bench\n")
+    (stale / "made").write_text("before\n")
+    status, text = machine(files)
+    assert status == 0, text
+    workspace = tmp_path / "workspace"
+    assert (workspace / "seen").read_text() == "anew\n/usr/lib/python3/dist-packages\n"
+    lines = [line.partition(" ...")[0] for line in text.splitlines()]
+    assert lines[-2].startswith("Making the virtual environment")
+    assert lines[-1] == "Building the workspace, compiling loops"
+
+
 # What dpkg knows of a machine where Debian's packages are installed but for a few.
 LACKING = """#!/bin/bash
 for name in "${@:3}"; do

@@ -82,7 +82,7 @@ def eye(graph, thread, tmp_path, monkeypatch):
         it.rounds += 1
 
     it.topics = CameraTopics(mounted, thread, begins)
-    it.step = lambda count=1: thread.step(count, 20.0)
+    it.step = lambda count=1: thread.step(count, 120.0)
     it.step()
     yield it
     it.topics.shutdown()
@@ -181,10 +181,10 @@ def test_topics_are_gazebo_s(graph, thread):
         "/a/eye/set_camera_info": SetCameraInfo, "/a/eye/set_parameters": Reconfigure,
         "/a/eye/picture/compressed/set_parameters": Reconfigure}
     (depth,) = graph.listen("/a/eye/far/image")
-    thread.step(20, 20.0)
+    thread.step(20, 120.0)
     assert not messages(depth, Image)  # it exposes when it is told to
     graph.subscribers["/a/eye/go"](Empty())
-    thread.step(3, 20.0)
+    thread.step(3, 120.0)
     (picture,) = messages(depth, Image)
     assert (picture.encoding, picture.step) == ("16UC1", 16)
     assert 20_000_000 <= picture.header.stamp.to_nsec() <= 23_000_000

@@ -164,9 +164,13 @@ def _blank(size: tuple[float, float]) -> tuple[np.ndarray, float]:
 
 def _disc(pixels: np.ndarray, centre: tuple[float, float], radius: float) -> None:
     """A black disc with smooth edges, px."""
-    v, u = np.indices(pixels.shape)
-    inside = np.clip(radius + 0.5 - np.hypot(u - centre[0], v - centre[1]), 0.0, 1.0)
-    np.minimum(pixels, np.round(255.0 * (1.0 - inside)).astype(np.uint8), out=pixels)
+    left, top = (max(int(middle - radius) - 1, 0) for middle in centre)
+    right, bottom = (int(middle + radius) + 3 for middle in centre)
+    part = pixels[top:bottom, left:right]
+    v, u = np.indices(part.shape)
+    inside = np.clip(
+        radius + 0.5 - np.hypot(u + (left - centre[0]), v + (top - centre[1])), 0.0, 1.0)
+    np.minimum(part, np.round(255.0 * (1.0 - inside)).astype(np.uint8), out=part)
 
 
 MADE: dict[str, Callable[[tuple[float, float]], TexturedTarget]] = {

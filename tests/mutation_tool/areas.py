@@ -75,7 +75,7 @@ AREAS = {
              (f"{_UNIT}/world", f"{_UNIT}/control", f"{_UNIT}/camera", f"{_UNIT}/description")),
         Area("ros", (f"{BRIDGE}/ros/**/*.py",),
              (f"{_UNIT}/ros", f"{_UNIT}/control", f"{_UNIT}/camera",
-              f"{_UNIT}/world/test_divergence"),
+              f"{_UNIT}/world/test_divergence", f"{_UNIT}/docs/test_tables"),
              graph=tuple(f"{_INTEGRATION}/test_bridge_{name}.py" for name in (
                  "scene", "resets", "lockstep", "controllers", "controller_manager"))
              + (f"{_INTEGRATION}/test_camera_topics.py",)),

@@ -282,6 +282,14 @@ def test_a_flood_of_jobs_does_not_stop_time(started):
         flooding.join()
 
 
+def test_no_step_is_made_after_the_end(started):
+    thread = started(0.0, paused=True,
+                     after_step=lambda time_ns: thread.stop() if time_ns == 3 * MS else None)
+    with pytest.raises(SimulationBusyError, match="shutting down"):
+        thread.step(50, 60.0)
+    assert thread.simulation.time_ns == 3 * MS
+
+
 def test_the_end_interrupts_steps_and_answers_who_waits(started):
     thread = started(0.0, paused=True)
     faults: list[BaseException] = []

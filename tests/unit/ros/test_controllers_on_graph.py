@@ -8,9 +8,13 @@ from types import SimpleNamespace
 
 import pytest
 import rospy
-from actionlib_msgs.msg import GoalID
+from actionlib_msgs.msg import GoalID, GoalStatus
 from control_msgs.msg import (
+    FollowJointTrajectoryAction,
+    FollowJointTrajectoryActionGoal,
+    FollowJointTrajectoryFeedback,
     FollowJointTrajectoryGoal,
+    FollowJointTrajectoryResult,
     GripperCommand,
     GripperCommandGoal,
     JointControllerState,
@@ -460,6 +464,45 @@ def test_a_goal_is_followed_to_its_end(follow):
     follow.step(1500)
     (_, (status, result, text)) = goal.told
     assert (status, result.error_code, text) == ("succeeded", 0, "")
+
+
+def test_actions_bear_stamps_of_simulated_time(graph, thread, monkeypatch):
+    """Served by actionlib itself; a goal's status goes some seconds of wall time after it."""
+    wall = [100]
+    monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(wall[0])))
+    monkeypatch.setattr(rospy, "search_param", lambda _name: None)
+    thread.step(7, 120.0)
+    handles, cancelled = [], []
+    server = actions._SimTimeActionServer("/arm", FollowJointTrajectoryAction, handles.append,
+                                          cancelled.append, thread=thread)
+    assert not graph.publishers  # not before it is started
+    server.start()
+    graph.subscribers["/arm/goal"](FollowJointTrajectoryActionGoal(goal_id=GoalID(id="a")))
+    (handle,) = handles
+    handle.set_accepted("yes")
+    feedback, result = FollowJointTrajectoryFeedback(joint_names=["j"]), (
+        FollowJointTrajectoryResult(error_code=-4))
+    handle.publish_feedback(feedback)
+    graph.subscribers["/arm/cancel"](GoalID(id="a"))
+    assert cancelled
+    handle.set_aborted(result, "no")
+    status, told, back = (graph.publishers[f"/arm/{name}"].sent
+                          for name in ("status", "result", "feedback"))
+    assert [m.header.stamp for m in [*status, *told, *back]] == [Time(0, 7_000_000)] * (
+        len(status) + 2)
+    assert (told[0].result, told[0].status.goal_id.id, told[0].status.text) == (result, "a", "no")
+    assert (back[0].feedback, back[0].status.goal_id.id) == (feedback, "a")
+    assert [one.status for one in status[-1].status_list] == [GoalStatus.ABORTED]
+    assert not status[0].status_list
+    del handle, handles[:], cancelled[:]
+    for seconds, left in ((4, 1), (6, 0)):
+        wall[0] = 100 + seconds
+        server.publish_status()
+        assert len(status[-1].status_list) == left
+    monkeypatch.setattr(rospy, "is_shutdown", lambda: True)
+    count = len(status)
+    server.publish_status()
+    assert len(status) == count
 
 
 def test_a_goal_is_read_in_every_field(follow):

@@ -292,6 +292,8 @@ def test_a_joint_gets_other_properties(call, step, slider):
     assert call("get_joint_properties", "rail").position == pytest.approx([0.5])
     call("set_model_configuration", "slider", "", ["rail"], [-1.5])
     assert call("get_joint_properties", "rail").position == pytest.approx([-1.0])
+    call("set_joint_properties", "rail", ODEJointProperties(damping=[3.0]))
+    assert call("get_joint_properties", "rail").damping == [3.0]
     answer = call("set_joint_properties", "rail", ODEJointProperties(vel=[1.0]), refused=True)
     assert "driven by a controller" in answer.status_message
     answer = call("set_joint_properties", "rail", ODEJointProperties(fmax=[1, 2]), refused=True)

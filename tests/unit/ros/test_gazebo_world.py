@@ -6,11 +6,13 @@ import math
 
 import pytest
 import rospy
-from dynamic_reconfigure.msg import Config, DoubleParameter, IntParameter
+from dynamic_reconfigure.msg import BoolParameter, Config, DoubleParameter, IntParameter
+from gazebo_msgs.msg import ODEPhysics
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from std_msgs.msg import ColorRGBA
 
 from aras_sim_bridge.ros.runtime.pacing import Pacer
+from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 
@@ -59,6 +61,16 @@ def test_a_light_is_spawned_where_it_is_asked_for(api, call, ball):
     assert call("get_light_properties", "lamp").diffuse.g == 0.5
     answer = call("spawn_sdf_model", "lamp", SPOT, "", Pose(), "", refused=True)
     assert "exists already" in answer.status_message
+
+
+def test_one_thing_is_spawned_at_a_time(api, call):
+    model = '<model name="m"><static>true</static><link name="l"/></model>'
+    both, none = SPOT.replace("</sdf>", f"{model}</sdf>"), '<sdf version="1.6"/>'
+    for text, found in ((both, "1 models and 1 lights; give one model at a time"),
+                        (none, "there is no <model> and no <light> in it")):
+        answer = call("spawn_sdf_model", "m", text, "", Pose(), "", refused=True)
+        assert answer.status_message == f"SpawnModel: SDF: {found}"
+    assert "m" not in api.thread.simulation.lights
 
 
 @pytest.mark.parametrize(("text", "root"), [("<model/>", "<model>"), ("", "no element")])
@@ -149,6 +161,42 @@ def test_physics_tells_what_was_set(api, call, step, ball):
     assert xyz(twist.linear) == pytest.approx((0.02, 0.04, -0.06), abs=1e-9)
 
 
+def test_fields_of_physics_are_gazebo_ros_s():
+    free = ("double", 0.0, -100.0, 100.0)
+    assert {f.name: (f.type, f.default, f.minimum, f.maximum) for f in PHYSICS_FIELDS} == {
+        "time_step": ("double", 0.001, 0, 10), "max_update_rate": ("double", 60, 0, 1000),
+        "gravity_x": free, "gravity_y": free, "gravity_z": ("double", -9.8, -100, 100),
+        "auto_disable_bodies": ("bool", False, False, True),
+        "sor_pgs_precon_iters": ("int", 0, 0, 10000), "sor_pgs_iters": ("int", 20, 0, 10000),
+        "sor_pgs_w": ("double", 1.3, 0, 5), "sor_pgs_rms_error_tol": ("double", -1, -1, 10000),
+        "cfm": ("double", 0, 0, 10), "erp": ("double", 0.2, 0, 10),
+        "contact_surface_layer": ("double", 0.001, 0, 10),
+        "contact_max_correcting_vel": ("double", 100, 0, 1e7),
+        "max_contacts": ("int", 100, 0, 10000000),
+    }
+    assert all(field.level == 1 for field in PHYSICS_FIELDS)
+
+
+def test_all_of_physics_is_told_as_it_is_and_as_it_was_set(api, call):
+    at_first = call("get_physics_properties").ode_config
+    assert at_first == ODEPhysics(
+        False, 0, api.thread.simulation.world.solver_iterations, 1.3, 0.0, 0.001, 100.0, 0.0, 0.2,
+        20)
+    wanted = {"time_step": 0.002, "max_update_rate": 70.0, "gravity_x": 1.0, "gravity_y": 2.0,
+              "gravity_z": 3.0, "sor_pgs_w": 1.5, "sor_pgs_rms_error_tol": 0.5, "cfm": 0.1,
+              "erp": 0.3, "contact_surface_layer": 0.25, "contact_max_correcting_vel": 7.0}
+    whole = {"sor_pgs_precon_iters": 4, "sor_pgs_iters": 33, "max_contacts": 5}
+    api.graph.call("/gazebo/set_parameters", Config(
+        doubles=[DoubleParameter(*one) for one in wanted.items()],
+        ints=[IntParameter(*one) for one in whole.items()],
+        bools=[BoolParameter("auto_disable_bodies", True)]))
+    told = call("get_physics_properties")
+    assert told.ode_config == ODEPhysics(True, 4, 33, 1.5, 0.5, 0.25, 7.0, 0.1, 0.3, 5)
+    assert (told.time_step, told.max_update_rate, *xyz(told.gravity)) == (0.002, 70.0, 1, 2, 3)
+    kept = {**wanted, **whole, "auto_disable_bodies": True}
+    assert {name: api.graph.parameters[f"/gazebo/{name}"] for name in kept} == kept
+
+
 def test_the_update_rate_is_the_pace_by_the_step(graph):
     from aras_sim_bridge.ros.gazebo_api.physics import Physics
 
@@ -225,11 +273,14 @@ def test_states_are_published_while_somebody_listens(api, call, step, slider, ba
 def test_metrics_tell_how_often_cameras_that_are_looked_at_draw(api, monkeypatch):
     monkeypatch.setattr(SimulationThread, "real_time_factor", 0.5)
     simulation = api.thread.simulation
+    api.thread.step(2, 60.0)
     settings = {"parent": "world", "pose": [0.0] * 6, "width": 8, "height": 6, "update_rate": 20.0}
     camera = api.thread.call(lambda: simulation.add_camera("c", settings))
     for wanted, fps in ((False, 0.0), (True, 10.0)):
         camera.enabled = wanted
-        (told,) = api.api.states._performance(simulation).sensors
+        message = api.api.states._performance(simulation)
+        assert (message.header.stamp.to_nsec(), message.real_time_factor) == (2_000_000, 0.5)
+        (told,) = message.sensors
         assert (told.name, told.sim_update_rate, told.real_update_rate) == ("c", 20.0, 10.0)
         assert told.fps == fps
 

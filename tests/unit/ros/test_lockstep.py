@@ -141,6 +141,9 @@ def test_time_waits_for_a_listener_that_is_behind(made, ros):
     assert made.woken == [1, 1]
     assert not gate.closed
     assert gate.remaining() is None
+    made.wall += 60.0  # and the next wait is another
+    made.slow = [SimpleNamespace(name="/bag", given_up=False)]
+    assert gate.remaining() == 5.0
     assert ros.lines == []
 
 

@@ -62,6 +62,9 @@ def test_parameters_of_others_are_left_and_limits_are_inside():
     given = {"clock_rate": 0, "pub_clock_frequency": 50, **others}
     read = NodeParameters.from_mapping(given, "/gazebo")
     assert read.effective_clock_rate == 50.0
+    for least in ({"clock_rate": 0.0}, {"real_time_factor": 1e-3}, {"master_check_period": 1e-3}):
+        ((name, value),) = least.items()
+        assert getattr(NodeParameters.from_mapping(least, "/gazebo"), name) == value
     assert NodeParameters(clock_rate=125.0).effective_clock_rate == 125.0
     assert NodeParameters(pub_clock_frequency=0.0).effective_clock_rate == 0.0
 

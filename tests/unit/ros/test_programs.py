@@ -106,6 +106,7 @@ class Program:
 
     def run(self, module: ModuleType, *argv: str) -> int:
         def begin(name: str, *about: str, **options: bool) -> None:
+            assert options["anonymous"] is True  # as upstream's: several may run
             self.begun.append((name, options))
 
         self.patch.setattr(module, "begin_node", begin, raising=False)
@@ -469,6 +470,8 @@ GROUPS = {"position": ["p", "q", "p"], "effort": ["e", "q"], "none": []}
 
 
 def test_groups_are_listed(program, capsys):
+    with pytest.raises(SystemExit):
+        program.run(controller_group)
     assert program.run(controller_group, "list") == 0
     program.graph.parameters["/controller_groups"] = GROUPS
     assert program.run(controller_group, "list") == 0

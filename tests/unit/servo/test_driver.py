@@ -402,6 +402,25 @@ def test_a_command_is_not_sent_again_where_the_arm_is_not_to_move(why):
         assert stuck(bench, 2.0)
 
 
+@pytest.mark.parametrize(("joint", "jumps"), [(0, True), (1, False)])
+def test_joints_jump_by_parts_of_their_own_leads(joint, jumps):
+    bench = servoing(lead=(0.1, 0.4, 0.05, 0.05, 0.05, 0.05))
+    told = []
+    bench.servo.joints_jumped = lambda: told.append(True)
+    q, still = bench.q.copy(), np.zeros(6)
+    bench.driver.joints(bench.arm.names, q, still, bench.t + 0.01)
+    q[joint] += 0.1  # two parts of three between half of the one's and half of the other's
+    bench.driver.joints(bench.arm.names, q, still, bench.t + 0.02)
+    assert bool(told) is jumps
+
+
+@pytest.mark.parametrize(("drift", "again"), [(0.0, True), (0.1, False)])
+def test_joints_are_in_other_hands_by_parts_of_their_own_leads(drift, again):
+    bench = servoing(lead=(2.0, 0.05, 0.05, 0.05, 0.05, 0.05))
+    bench.step(1)
+    assert bool(stuck(bench, 4.0, drift)) is again
+
+
 def test_a_late_image_is_told_from_an_answered_one_by_its_value():
     bench = servoing()
     latest = bench.servo.state

@@ -523,6 +523,14 @@ def test_what_is_off_by_just_what_counts_as_arrived_is_there():
     assert approach.command(134.0, 0.0, np.array([0.625, -0.375])).tolist() == [0.5, -0.25]
 
 
+def test_joints_that_stay_behind_at_the_start_are_each_pushed_by_their_own_lead():
+    settings = ServoSettings(start=(0.5, -0.25), arrived=0.125, lead=(0.0625, 0.25))
+    approach = Approach(("a", "b"), np.ones(2), settings)
+    for t in range(100):
+        command = approach.command(float(t), 1.0, np.zeros(2))
+    assert command.tolist() == [0.5625, -0.5]
+
+
 def test_reset_forgets_what_held_it_and_the_image_period():
     seconds = iter(np.arange(0.0, 100.0, 0.5))
     rig = Rig(the_servo("2016", clock=lambda: next(seconds)), STARTS["2016"])

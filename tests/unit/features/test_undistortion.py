@@ -93,21 +93,16 @@ def test_a_pixel_counts_where_its_centre_and_corners_have_rays(model: str) -> No
     focal = 30.0 if model == "plumb_bob" else 18.0
     camera = CameraModel(60, 40, (focal, 0, 30.5, 0, focal - 1, 18.0, 0, 0, 1), D, model)
     table = camera.tables
-    some = 0
-    for row in range(40):
-        for column in range(60):
-            u = column + np.array([0.0, -0.5, 0.5, 0.5, -0.5])
-            v = row + np.array([0.0, -0.5, -0.5, 0.5, 0.5])
-            x, y, valid = camera.normalise(u, v)
-            corners = np.roll(x[1:], -1) * y[1:] - x[1:] * np.roll(y[1:], -1)
-            area = -0.5 * corners.sum() if valid.all() else 0.0
-            assert table.area[row, column] == pytest.approx(max(area, 0.0), rel=1e-9, abs=1e-15)
-            if table.area[row, column]:
-                assert (table.x[row, column], table.y[row, column]) == pytest.approx((x[0], y[0]))
-            else:
-                assert table.x[row, column] == table.y[row, column] == 0.0
-                some += 1
-    assert 0 < some < 2400
+    row, column = (a.ravel() for a in np.mgrid[:40, :60])
+    u = np.add.outer([0.0, -0.5, 0.5, 0.5, -0.5], column)
+    v = np.add.outer([0.0, -0.5, -0.5, 0.5, 0.5], row)
+    x, y, valid = (a.reshape(u.shape) for a in camera.normalise(u.ravel(), v.ravel()))
+    corners = np.roll(x[1:], -1, axis=0) * y[1:] - x[1:] * np.roll(y[1:], -1, axis=0)
+    area = np.where(valid.all(axis=0), np.maximum(-0.5 * corners.sum(axis=0), 0.0), 0.0)
+    np.testing.assert_allclose(table.area.ravel(), area, rtol=1e-9, atol=1e-15)
+    for own, wanted in ((table.x, x[0]), (table.y, y[0])):
+        np.testing.assert_allclose(own.ravel(), np.where(area > 0.0, wanted, 0.0), rtol=1e-6)
+    assert 0 < (area == 0.0).sum() < 2400
     assert (camera.blind == (table.area == 0.0)).all()
 
 

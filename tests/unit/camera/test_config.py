@@ -37,6 +37,12 @@ def test_the_laboratory_camera_of_2015():
     assert (config.frame_name, config.camera_name) == ("camera_link", "labrob/camera")
 
 
+def test_the_baseline_is_that_of_a_row_of_pixels():
+    matrix = {"fx": 210.0, "fy": 190.0, "cx": 150.0, "cy": 125.0}
+    P = CameraConfig.from_description(description(), {"camera_matrix": matrix}).intrinsics().P
+    assert P == pytest.approx(np.array([[210, 0, 150, -14.7], [0, 190, 125, 0], [0, 0, 1, 0]]))
+
+
 def test_legacy_camera_info_is_gazebos():
     info = CameraConfig.from_description(description(), {"legacy_camera_info": True}).intrinsics()
     assert (info.K[0, 2], info.K[1, 2]) == (160.5, 120.5)

@@ -102,11 +102,12 @@ def test_state_listener_sees_the_terms():
     pid = Pid(2, 3, 0.5, 10, -10)
     seen = []
     pid.on_state = seen.append
-    pid.compute(1.0, 0.1)
+    pid.compute(1.5, 0.1)
     state = seen[0]
-    assert (state.error, state.error_dot, state.time_step) == (1.0, 10.0, 0.1)
-    assert (state.p_term, state.i_term, state.d_term) == pytest.approx((2.0, 0.3, 5.0))
-    assert (state.i_max, state.i_min, state.output) == pytest.approx((10.0, -10.0, 7.3))
+    assert (state.error, state.error_dot, state.time_step) == (1.5, 15.0, 0.1)
+    assert (state.p_error, state.i_error, state.d_error) == pytest.approx((1.5, 0.15, 15.0))
+    assert (state.p_term, state.i_term, state.d_term) == pytest.approx((3.0, 0.45, 7.5))
+    assert (state.i_max, state.i_min, state.output) == pytest.approx((10.0, -10.0, 10.95))
 
 
 @pytest.mark.parametrize(

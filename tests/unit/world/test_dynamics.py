@@ -256,6 +256,21 @@ def test_damping_of_a_free_body_is_chosen_anew_for_another_step(world, make):
     assert all(0 <= b <= a for a, b in zip(rates, rates[1:], strict=False))
 
 
+def test_a_free_body_s_joint_has_its_friction_again_once_its_damping_needs_no_motor(world, make):
+    world.set_physics(gravity=(0, 0, 0), time_step=0.005)
+    xml = make.robot(
+        make.link("hull", 1.0, "0 0 0", (0.1, 0.1, 0.1, 0, 0, 0)),
+        make.link("wheel", 0.1, "0 0 0", (0.001, 0.001, 0.001, 0, 0, 0)),
+        make.joint("spin", "hull", "wheel", "continuous", axis="0 0 1", damping=3.0, friction=0.5))
+    model = spawn(world, xml)
+    steps(world, 3, model, spin=2.0)
+    world.set_physics(time_step=1e-4)
+    steps(world, 200, model, spin=0.49)
+    assert abs(model.read_joints()[1][0]) < 1e-9
+    steps(world, 2000, model, spin=2.0)
+    assert model.read_joints()[1][0] == pytest.approx((2.0 - 0.5) / 3.0, rel=1e-3)
+
+
 def test_damping_of_a_free_body_is_chosen_anew_where_its_joints_are_put_elsewhere(world, make):
     """Explicit damping, right with the weight half a metre out, would throw the arm about with the
     weight at its axis."""

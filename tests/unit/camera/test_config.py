@@ -41,7 +41,8 @@ def test_the_baseline_is_that_of_a_row_of_pixels():
     matrix = {"fx": 210.0, "fy": 190.0, "cx": 150.0, "cy": 125.0}
     info = CameraConfig.from_description(description(), {"camera_matrix": matrix}).intrinsics()
     rows = [[210.0, 0.0, 150.0, -14.7], [0.0, 190.0, 125.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
-    assert info.P == pytest.approx(np.array(rows))
+    projection = info.P
+    assert projection == pytest.approx(np.array(rows))
 
 
 def test_legacy_camera_info_is_gazebos():

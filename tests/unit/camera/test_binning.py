@@ -7,7 +7,6 @@ import pytest
 from scenes import looking
 from test_recomputed import AT, EYE, things
 
-from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.rendering import Sun, View, create_renderer
 from aras_sim_bridge.rendering.tiles import TILE
 

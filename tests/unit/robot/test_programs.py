@@ -1,0 +1,214 @@
+"""The programs that launch files call for descriptions: of the robot, of a target, of a bag's."""
+
+import argparse
+import importlib.machinery
+import importlib.util
+import json
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from robot_figures import PACKAGE
+
+SHIPPED = (PACKAGE / "robots" / "aras_visual_servo.urdf").read_text()
+# Says what it was asked for in the place of a description.
+MAKER = (sys.executable, "-c", """
+import pathlib, sys
+words = sys.argv[1:]
+if words[0] == "bad":
+    print("one line"); print("target_files: no such outline"); sys.exit(2)
+if words[0] == "mute":
+    sys.exit(1)
+folder = pathlib.Path(words[words.index("--out") + 1])
+folder.mkdir(parents=True, exist_ok=True)
+(folder / "target.urdf").write_text(repr(words))
+""")
+
+
+def program(name: str):
+    """A program of the package as a module."""
+    loader = importlib.machinery.SourceFileLoader(name, str(PACKAGE / "scripts" / name))
+    made = importlib.util.module_from_spec(importlib.util.spec_from_loader(name, loader))
+    loader.exec_module(made)
+    return made
+
+
+def told(made, monkeypatch, capsys, *words: str) -> tuple[int, str, str]:
+    """Its status, what it prints and what it complains of."""
+    monkeypatch.setattr(sys, "argv", [made.__name__, *words])
+    return made.main(), *capsys.readouterr()
+
+
+@pytest.fixture
+def target(monkeypatch):
+    made = program("target_description")
+    monkeypatch.setattr(made, "MAKER", MAKER)
+    return made
+
+
+def test_targets_that_ship_are_told_as_they_are_and_made_in_other_sizes(target, tmp_path):
+    assert {"aras", "four_dots", "l_shape"} <= set(target.names())
+    shipped = (PACKAGE / "targets" / "four_dots.urdf").read_text()
+    assert target.described("four_dots", None, tmp_path) == shipped
+    seen = set()
+    for name, size in (("four_dots", (0.2, 0.15)), ("four_dots", (0.15, 0.2)),
+                       ("box", (0.08, 0.05, 0.03)), ("l_shape", (0.2, 0.15))):  # fmt: skip
+        words = eval(target.described(name, size, tmp_path))
+        folder = words[words.index("--out") + 1]
+        assert folder.startswith(f"{tmp_path}/")
+        lengths = [str(length) for length in size]
+        assert words == [name, "--name", "target", "--out", folder, "--size", *lengths]
+        seen.add(folder)
+    assert len(seen) == 4
+
+
+def test_a_target_of_a_file(target, tmp_path):
+    urdf, outline = tmp_path / "mine.urdf", tmp_path / "mine.svg"
+    urdf.write_text("<robot/>")
+    outline.write_text("<svg/>")
+    assert target.described(str(urdf), None, tmp_path) == "<robot/>"
+    words = eval(target.described(str(outline), None, tmp_path))
+    assert words[0] == str(outline) and words[-3:] == ["--size", "0.1", "0.1"]
+
+
+def test_a_picture_lies_upright_on_a_plane_of_its_size(target, tmp_path):
+    path = tmp_path / "photo.png"
+    cv2.imwrite(str(path), np.zeros((3, 4, 3), np.uint8))
+    robot = ElementTree.fromstring(target.described(str(path), (0.2, 0.15), tmp_path))
+    assert robot.get("name") == "target" and robot.find("gazebo/static").text == "true"
+    mesh = Path(robot.find("link/visual/geometry/mesh").get("filename").removeprefix("file://"))
+    lines = [line.split() for line in mesh.read_text().splitlines()]
+    v = np.array([words[1:] for words in lines if words[0] == "v"], float)
+    vt = np.array([words[1:] for words in lines if words[0] == "vt"], float)
+    material = mesh.with_suffix(".mtl").read_text().split()
+    assert ["mtllib", "target.mtl"] in lines and f"usemtl {material[1]}".split() in lines
+    assert material[2:] == ["Kd", "1", "1", "1", "map_Kd", str(path)]
+    faces = [[tuple(map(int, corner.split("/"))) for corner in words[1:]]
+             for words in lines if words[0] == "f"]  # fmt: skip
+    area = np.zeros(3)
+    for face in faces:
+        a, b, c = (v[i - 1] for i, _ in face)
+        area += 0.5 * np.cross(b - a, c - a)
+        for i, j in face:  # x is to the right in the picture and y up
+            assert vt[j - 1] == pytest.approx([0.5 + v[i - 1, 0] / 0.2, 0.5 + v[i - 1, 1] / 0.15])
+    assert area == pytest.approx([0.0, 0.0, 0.2 * 0.15])
+    small = ElementTree.fromstring(target.described(str(path), None, tmp_path))
+    assert small.find("link/visual/geometry/mesh").get("filename") != f"file://{mesh}"
+
+
+@pytest.mark.parametrize(("name", "size", "words"), [
+    ("four_dot", None, "no target 'four_dot': did you mean 'four_dots'"),
+    ("spher", None, "did you mean 'sphere'"),
+    ("box", None, "a box has three lengths"), ("box", (0.1, 0.1), "a box has three lengths"),
+    ("four_dots", (0.1, 0.1, 0.1), "target 'four_dots' has two lengths"),
+    ("aras", (0.1, 0.1), "target 'aras' has one size"),
+    ("/nowhere/photo.png", None, "there is no file /nowhere/photo.png"),
+    (__file__, None, "is no picture that can be read"),
+])  # fmt: skip
+def test_what_is_no_target_is_named(target, tmp_path, name, size, words):
+    with pytest.raises(ValueError) as refused:
+        target.described(name, size, tmp_path)
+    assert words in str(refused.value)
+
+
+def test_what_cannot_be_made_is_told_in_its_makers_words(target, tmp_path, monkeypatch):
+    for name, words in (("bad", "no such outline"), ("mute", f"{' '.join(MAKER)} failed")):
+        with pytest.raises(ValueError) as refused:
+            target.made(name, (0.1, 0.1), tmp_path)
+        assert str(refused.value) == words
+    monkeypatch.setattr(target, "MAKER", ("/nowhere/maker",))
+    with pytest.raises(ValueError, match="box needs /nowhere/maker, which makes its mesh"):
+        target.described("box", (0.1, 0.2, 0.3), tmp_path)
+
+
+def test_a_target_on_the_command_line(target, monkeypatch, capsys):
+    assert [target.lengths(t) for t in (" ", "0.1 2", "1 .5 .1")] == [None, (0.1, 2), (1, 0.5, 0.1)]
+    for text in ("0.1", "0.1 0", "0.1 2.001", "a b", "1 1 1 1", "nan 1"):
+        with pytest.raises(argparse.ArgumentTypeError, match="must be two lengths"):
+            target.lengths(text)
+    shipped = (PACKAGE / "targets" / "l_shape.urdf").read_text()
+    assert told(target, monkeypatch, capsys, "l_shape", "--size=") == (0, shipped + "\n", "")
+    status, printed, said = told(target, monkeypatch, capsys, "l_shap", "--size", "0.1 0.1")
+    assert (status, printed) == (1, "") and said.startswith("target_description: no target 'l_sh")
+
+
+@pytest.fixture
+def adapt():
+    return program("adapt_description")
+
+
+def test_a_robot_is_told_with_its_camera_moved_and_without_friction(adapt, monkeypatch, capsys):
+    path = str(PACKAGE / "robots" / "aras_visual_servo.urdf")
+    assert told(adapt, monkeypatch, capsys, path, "--xyz=", "--rpy=") == (0, SHIPPED + "\n", "")
+    status, text, _ = told(adapt, monkeypatch, capsys, path, "--xyz=0 0.03 1e-3", "--rpy=0.2 0 -1",
+                           "--joint-friction=False")  # fmt: skip
+    before, after = ElementTree.fromstring(SHIPPED), ElementTree.fromstring(text)
+    assert status == 0 and after.find("link[@name='camera_mount']") is not None
+    joints = {joint.get("name"): joint for joint in after.findall("joint")}
+    added = joints.pop("camera_mount_joint")
+    assert added.get("type") == "fixed"
+    assert [(part.tag, part.attrib) for part in added] == [
+        ("parent", {"link": "camera_mount"}), ("child", {"link": "camera_link"}),
+        ("origin", {"xyz": "0.0 0.03 0.001", "rpy": "0.2 0.0 -1.0"}),
+    ]  # fmt: skip
+    assert joints["camera_joint"].find("child").get("link") == "camera_mount"
+    for joint in before.findall("joint"):
+        found = joints.pop(joint.get("name"))
+        for part in joint:
+            wanted = dict(part.attrib)
+            if part.tag == "dynamics":
+                wanted["friction"] = "0"
+            if joint.get("name") == "camera_joint" and part.tag == "child":
+                continue
+            assert found.find(part.tag).attrib == wanted
+    assert not joints
+    assert len(after.findall("link")) == len(before.findall("link")) + 1
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("0 0", "'0 0' must be three finite numbers"), ("0 0 nan", "must be three finite numbers"),
+    ("0 0 x", "must be three finite numbers"),
+])  # fmt: skip
+def test_a_place_is_three_finite_numbers(adapt, text, words):
+    with pytest.raises(argparse.ArgumentTypeError, match=words):
+        adapt.three(text)
+    assert [adapt.truth(word) for word in ("True", "1", "false", "0")] == [True, True, False, False]
+    with pytest.raises(argparse.ArgumentTypeError, match="'yes' must be true or false"):
+        adapt.truth("yes")
+
+
+def test_a_description_that_cannot_be_adapted_is_named(adapt, tmp_path, monkeypatch, capsys):
+    for text, words in (("<robot", "unclosed token"), ("<robot/>", "0 joints carry camera_link")):
+        path = tmp_path / "mine.urdf"
+        path.write_text(text)
+        status, printed, said = told(adapt, monkeypatch, capsys, str(path), "--xyz=0 0 1")
+        assert (status, printed) == (1, "")
+        assert said.startswith(f"adapt_description: {path}: {words}")
+
+
+def test_a_bags_description_is_the_last_that_it_tells(tmp_path, capsys):
+    rosbag, messages = pytest.importorskip("rosbag"), pytest.importorskip("std_msgs.msg")
+    recorded, path = program("recorded_description"), str(tmp_path / "run.bag")
+    with rosbag.Bag(path, "w") as bag:
+        for robot in ("first", "last"):
+            parameters = {"robot_description": f"<{robot}/>"}
+            if robot == "first":
+                parameters["target_description"] = "<target/>"
+            text = json.dumps({"parameters": parameters})
+            bag.write("/mine/experiment", messages.String(text))
+        bag.write("/mine/other", messages.String("{}"))
+    empty = str(tmp_path / "empty.bag")
+    rosbag.Bag(empty, "w").close()
+    for words, printed in (([path], "<last/>"), (["--target", path], "<target/>"),
+                           ([empty], SHIPPED), (["--target", empty], "")):  # fmt: skip
+        assert recorded.main(words) == 0
+        assert capsys.readouterr() == (printed, "")
+    assert recorded.main(["--target", "/nowhere.bag"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert recorded.main(["/nowhere.bag"]) == 0
+    said = capsys.readouterr()
+    assert said.out == SHIPPED and said.err.startswith("/nowhere.bag: ")
+    assert said.err.endswith(": showing the shipped robot\n")

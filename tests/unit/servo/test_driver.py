@@ -471,6 +471,13 @@ def test_joints_between_and_after_their_samples():
     assert history.newest is None
 
 
+def test_a_sample_serves_as_far_away_as_it_may_be_at_most():
+    history = JointHistory()
+    history.add(sample(0.0, 0.5, 2.0))
+    assert history.at(FARTHEST).positions[0] == pytest.approx(0.5 + 2.0 * FARTHEST)
+    assert history.at(-FARTHEST).positions[0] == pytest.approx(0.5 - 2.0 * FARTHEST)
+
+
 def test_joints_that_tell_no_speed_have_that_of_their_way():
     history = JointHistory()
     first = sample(1.0, 0.5)

@@ -64,7 +64,7 @@ def agree(levels, along, expected, tolerance):
 
 def steepest(levels, here, along, expected, reach, least, tolerance):
     """Places of steepest change, px along the normal, the nearest four first."""
-    span, middle = min(int(reach / abs(along)), int(1.5 * reach)) + 1, int(np.rint(here))
+    span, middle = int(reach / abs(along)) + 1, int(np.rint(here))
     inner = np.arange(max(middle - span, 2), min(middle + span, len(levels) - 4) + 1)
     change = np.full(len(levels), np.nan)
     change[inner] = np.abs(levels[inner + 1] + levels[inner + 2]

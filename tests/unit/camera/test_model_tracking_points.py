@@ -79,6 +79,7 @@ def expected(solid, T, spacing) -> list[tuple]:
     (corners_of("bracket"), (0.02, -0.01, 0.3), (np.pi - 0.6, 0.4, 0.5), 3.0),
     (corners_of("bracket"), (-0.03, 0.03, 0.15), (1.9, -0.5, 2.5), 5.5),
     (corners_of("bracket"), (0.01, 0.005, 0.03), (0.4, 1.3, 0.2), 4.0),  # beside the camera
+    (corners_of("bracket"), (0.005, 0.027, 0.02), (1.12, -1.99, 2.0), 3.0),  # likewise
     (corners_of("bracket") * (1.0, 1.0, 0.04), (0.02, -0.01, 1.0), (2.6, 0.3, 0.4), 2.0),  # flat
     (corners_of("box"), (-0.1, 0.08, 0.35), (np.pi - 0.4, 0.2, 1.5), 2.5),
     (drum(), (0.03, 0.02, 0.35), (np.pi - 0.9, 0.1, 0.0), 4.0),

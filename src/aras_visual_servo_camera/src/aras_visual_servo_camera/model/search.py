@@ -35,8 +35,7 @@ def candidates(grey, pixel, normal, expected, reach, least, tolerance):
     """
     rows, columns = grey.shape
     found = np.full((len(pixel), CANDIDATES), np.nan)
-    size = int(reach * 1.5) + 4
-    change = np.empty(2 * size + 1)
+    change = np.empty(2 * int(reach * 1.5) + 9)
     for n in range(len(pixel)):
         k = 0 if abs(normal[n, 0]) >= abs(normal[n, 1]) else 1
         along = normal[n, k]
@@ -44,7 +43,7 @@ def candidates(grey, pixel, normal, expected, reach, least, tolerance):
         # Where the edge crosses the middle of this row or column.
         here = pixel[n, k] - (line - pixel[n, 1 - k]) * normal[n, 1 - k] / along
         middle = int(np.rint(here))
-        span = min(int(reach / abs(along)) + 1, size - 3)
+        span = int(reach / abs(along)) + 1
         limit = columns if k == 0 else rows
         low, high = max(middle - span, 2), min(middle + span, limit - 4)
         other = rows if k == 0 else columns

@@ -13,6 +13,7 @@ from aras_visual_servo_bench.learning import learned, learned_pictures, policy
 from aras_visual_servo_bench.learning.policy import PolicyNetwork
 from aras_visual_servo_bench.learning.regressor import Regressor, fitted, teach
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_camera.undistortion import CameraModel
 
 # ------------------------------------------------------------------ pictures and their answers
 
@@ -84,6 +85,16 @@ def test_pictures_of_the_poster_are_seen_from_where_the_answers_say(monkeypatch)
     off_the_way = [np.linalg.norm(motion - y[0] * (motion @ y[0]) / (y[0] @ y[0]))
                    for motion in y[1:4]]
     assert max(off_the_way) < 0.15 and min(off_the_way) > 1e-3
+
+
+def test_the_smaller_picture_is_of_the_same_view():
+    K = (301.0, 0.0, 163.2, 0.0, 295.0, 114.7, 0.0, 0.0, 1.0)
+    camera = CameraModel(320, 240, K)
+    smaller = learned_pictures._smaller(camera)
+    assert (smaller.width, smaller.height) == (80, 60)
+    rays = np.random.default_rng(0).uniform(-0.4, 0.4, (2, 20))
+    np.testing.assert_allclose((np.array(camera.project(*rays)) + 0.5) / 4 - 0.5,
+                               np.array(smaller.project(*rays)))
 
 
 class Flown:

@@ -635,7 +635,8 @@ def test_the_arm_s_camera_draws_a_marker_where_it_is():
 def test_a_marker_is_servoed_to_as_it_lies_however_it_was_turned(scheme):
     """Its corners are known by themselves: nothing is matched, and nothing stays open."""
     result = run(Experiment.from_mapping({
-        "plant": "free", "features": "pictures", "camera": "wide", "scheme": scheme, "gain": 2.0,
+        "plant": "free", "features": "pictures", "scheme": scheme, "gain": 4.0, "linger": 0.1,
+        "camera": {"width": 320, "height": 240, "horizontal_fov": 1.0, "update_rate": 20.0},
         "target": {"shape": "marker", "size": [0.06, 0.06], "pose": [0, 0, 0, 0, 0, 0.2]},
         "goal": {"pose": [0.0, 0.01, 0.25, np.pi, 0.05, 0.1]},
         "start": {"pose": [0.01, 0.0, 0.35, np.pi, 0.0, 1.3]},

@@ -530,6 +530,16 @@ def test_too_many_reports_at_once_and_one_that_fails_are_said(real, monkeypatch)
     reports = Reports()
     with pytest.raises(StudyError, match="no report of run 0: its process ended with 1"):
         computed(reports, seen, 0)
+    assert reports.ask(seen, 0) == 0.0
+    with pytest.raises(StudyError, match="1 reports are being computed: wait"):
+        (job,) = reports._jobs.values()
+        monkeypatch.setattr(job.process, "poll", lambda: None)
+        reports.ask(seen, 1)
+    monkeypatch.undo()
+    job.process.wait()
+    monkeypatch.setattr(reports_module, "TOGETHER", 1)
+    assert reports.ask(seen, 1) == 0.0  # the other is over, though nobody asked for it
+    reports.close()
 
 
 def test_a_port_that_is_taken_is_said_and_another_used(folder):

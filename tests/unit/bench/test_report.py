@@ -342,6 +342,9 @@ def test_the_report_is_one_page_that_needs_nothing_else(moments, tmp_path, monke
     assert words[:2] == ["numbers", "page"] and words[-1] == "done"
     assert words[2:-1] == [" and ".join(part.title.lower() for part in row) for row in PARTS]
     assert len(set(written)) == len(written) == len(NAMES) + 5 and all(p.is_file() for p in written)
+    for row in (("feature_errors", "pose_errors"), ("conditioning", "timing")):
+        drawn = [plt.imread(tmp_path / "figures" / f"{name}.png") for name in row]
+        assert drawn[0].shape == drawn[1].shape  # they stand beside each other
     scripts = [path.read_text() for path in page_text.SCRIPTS]
     assert len(scripts) == 4 and all(text in page for text in scripts)
     assert (page_text.FOLDER / "style.css").read_text() in page

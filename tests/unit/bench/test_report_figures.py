@@ -120,6 +120,7 @@ def test_a_camera_s_pixels_are_the_axes_of_its_picture_plane(runs, paper):
     last = picture(len(runs[0].images.pictures) - 1).astype(float)
     np.testing.assert_allclose(255 - shown.astype(float), 0.35 * (255 - last), atol=1.0)
     assert all(side.get_visible() for side in axis.spines.values())
+    assert not any(line.get_visible() for line in axis.get_xgridlines())
     other = with_pictures(runs[0], [(0.0, picture(0)), (1.0, picture(0)[:-1])])
     assert not views.image_trajectory([other]).axes[0].images  # not the camera's size
     assert views.image_trajectory([replace(runs[0], cameras={})]) is None
@@ -239,6 +240,7 @@ def test_a_strip_shows_the_picture_next_to_each_milestone(runs, paper):
             width, height = size_of(axis)
             assert height / width == pytest.approx(HEIGHT / WIDTH)
             assert len(axis.get_xticks()) == len(axis.get_yticks()) == 0
+            assert not any(line.get_visible() for line in axis.get_xgridlines())
         assert [text.get_text() for axis in row for text in axis.texts] == [style.literal(run.name)]
     alone = views.filmstrip([replace(runs[0], target=None)])
     assert not any(axis.texts or axis.lines for axis in alone.axes)
@@ -484,7 +486,8 @@ def test_limits_near_the_curves_are_lines_and_far_ones_are_words(runs, screen):
     assert spans[0][0] < axis.get_ylim()[0] and spans[1][1] > axis.get_ylim()[1]
     one = axis_of(runs[0], rise, limits=((under, "least"), (near, "greatest")))
     assert one.get_ylim() == pytest.approx((low, near + 0.03 * extent)) and not one.texts
-    for values, place in ((rise[1], 0.0), (rise[1][::-1], 1.0)):
+    late = 1.0 + np.r_[np.zeros(15), np.full(15, 0.55), 1.0]  # high in its last half
+    for values, place in ((rise[1], 0.0), (rise[1][::-1], 1.0), (late, 0.0)):
         axis = axis_of(runs[0], (rise[0], values), limits=((under, "least"), (far, "greatest")))
         assert axis.get_ylim() == pytest.approx((low, high)) and len(axis.lines) == 1
         (text,) = axis.texts
@@ -492,6 +495,7 @@ def test_limits_near_the_curves_are_lines_and_far_ones_are_words(runs, screen):
         assert text.xy == (1.0, place)  # where the curve does not end
         assert text.get_verticalalignment() == ("top" if place else "bottom")
         assert text.get_horizontalalignment() == "right"
+        assert (text.xyann[1] > 0) == (place == 0.0) and text.xyann[0] < 0  # inside of the axes
     within = axis_of(runs[0], rise, limits=((1.5, "least"), (9.0, "greatest")))
     assert within.get_ylim() == pytest.approx((low, high))
     assert not within.texts
@@ -589,6 +593,27 @@ def test_a_logarithmic_axis_has_few_labels(high, shown, label, screen):
     assert axis.yaxis.get_minor_formatter()(2.0, 0) == ""
 
 
+class Words:
+    """A legend so wide (pixels) of these words."""
+
+    def __init__(self, width, texts=("a$name", "b")):
+        self.width, self.texts = width, [plt.Text(text=text) for text in texts]
+
+    def get_window_extent(self):
+        return self
+
+    def get_texts(self):
+        return self.texts
+
+
+def test_a_legend_has_the_most_columns_that_fit_and_shortens_words_else():
+    for room, columns in ((300.0, 3), (299.0, 2), (200.0, 2), (150.0, 1), (100.0, 1)):
+        found, count = style._fitting(lambda n: Words(100.0 * n), 3, room)
+        assert count == columns and words(found) == ["a$name", "b"]
+    found, count = style._fitting(lambda n: Words(100.0 * n, ("x" * 20, "short")), 3, 60.0)
+    assert count == 1 and words(found) == ["x" * 9 + "…", "short"]
+
+
 # -- panels ---------------------------------------------------------------------------------------
 
 
@@ -671,6 +696,9 @@ def test_joints_of_another_run_are_found_by_their_names(runs):
     assert [p.title for p in panels.timing([bare])] == ["interval between images", "delay"]
     assert tracks(bare) is None and bare.units == ("", "", "") and bare.notes == []
     assert bare.images.nearest(0.0) is None and bare.wanted_outline() is None
+    record = bare.images
+    assert record.stamp.size == record.arrival.size == record.pose.size == bare.speed.size == 0
+    assert bare.centres.size == bare.pace.size == bare.arm_places.size == 0 and bare.yaml == ""
 
 
 def test_distances_too_small_for_a_logarithm_are_cut(runs):

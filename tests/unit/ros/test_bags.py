@@ -19,10 +19,13 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from aras_visual_servo_bench.errors import BenchError
+from aras_visual_servo_bench.recording import from_bag
 from aras_visual_servo_bench.ros import bag as bags
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.goals.goal import Goal
 
 STAMPS = 1.537 + np.arange(9) * 0.0341
+TRANSFORMED = np.arange(STAMPS[0] - 0.05, STAMPS[-1] + 0.02, 0.0171)
 PACE = [(1.6, 0.9), (1.7, 1.1)]
 
 
@@ -84,6 +87,7 @@ def write(path: Path, graph, face, *, experiment: str = "", compressed: bool = F
             ("hand", "camera_link"): ((0.01, 0.02, 0.03), (0.1, 0.2, 0.3))}), began - 0.1)
         for stamp in np.arange(STAMPS[0] - 0.05, STAMPS[-1] + 0.02, 0.013) + shift:
             put("/two/joint_states", joint_states(stamp), stamp)
+        for stamp in TRANSFORMED + shift:
             put("/tf", transforms(stamp, {("world", "/hand"): ((stamp, 0.1, 0.5), (0, 0, stamp))}),
                 stamp)
         for number, stamp in enumerate(STAMPS + shift):
@@ -169,7 +173,8 @@ def test_where_nothing_is_described_the_camera_s_path_is_that_of_tf(graph, face,
     assert any("no topic .../experiment" in note for note in run.notes)
     hand_R_link = Rotation.from_rotvec([0.1, 0.2, 0.3])
     link_R_optical = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]])
-    for stamp, pose in zip(run.joint_stamp, run.true_pose, strict=True):
+    for joint_stamp, pose in zip(run.joint_stamp, run.true_pose, strict=True):
+        stamp = TRANSFORMED[np.argmin(np.abs(TRANSFORMED - joint_stamp))]
         world_R_hand = Rotation.from_rotvec([0, 0, stamp])
         np.testing.assert_allclose(pose[:3, :3], (world_R_hand * hand_R_link).as_matrix()
                                    @ link_R_optical, atol=1e-8)
@@ -234,6 +239,24 @@ def test_messages_of_another_version_are_left_out_or_refused(graph, face, tmp_pa
     monkeypatch.setitem(bags.USED, bags.STATE, ("header", "hue"))
     with pytest.raises(BenchError, match="without hue; report on it with the version of this"):
         bags.read_bag(path)
+
+
+def test_a_bag_s_verdict_is_of_a_third_of_a_millimetre_and_of_a_degree():
+    goal, angle = np.eye(4), np.radians(0.3)
+    for off, turn, word in ((2.9e-4, 0.9 * angle, "goal_reached"), (3.1e-4, 0.0, "goal_missed"),
+                            (0.0, 1.1 * angle, "goal_missed")):  # fmt: skip
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_rotvec([0.0, turn, 0.0]).as_matrix()
+        pose[:3, 3] = 0.0, off, 0.0
+        found = from_bag._verdict(goal, np.array([np.eye(4) * 2, pose]))
+        assert found.word == word
+        assert (found.distance, found.angle) == pytest.approx((off, turn), abs=1e-9)
+        pose[0, 0] = np.nan
+        assert from_bag._verdict(goal, np.array([goal, pose])).word == ""
+    placed = from_bag._target(Goal(target="boxes"))
+    assert placed.shape.geometry == "boxes"
+    np.testing.assert_array_equal(placed.pose, np.eye(4))
+    assert from_bag._target(Goal()) is from_bag._target(None) is None
 
 
 def test_topics_are_found_by_their_types():

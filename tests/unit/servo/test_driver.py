@@ -259,6 +259,19 @@ def test_only_the_clock_going_back_begins_anew():
     assert bench.goes_on()
 
 
+def test_an_image_of_before_that_comes_after_the_clock_went_back_is_none_of_this_run():
+    """It was on its way; all images were late until the old time had come again."""
+    bench = Bench()
+    bench.step(360)
+    old = bench.t
+    bench.t = 1.0
+    bench.driver.watch()
+    bench.look(old)
+    bench.step(30)
+    assert bench.servo.phase == "servoing" and bench.states[-1].answers_image
+    assert bench.states[-1].stamp < 1.5
+
+
 @pytest.mark.parametrize("stamp", [0.0, -3.0, np.nan])
 def test_in_lockstep_too_joint_states_without_a_stamp_are_of_now(stamp):
     """There their stamps are not compared with the clock, which may have gone on."""

@@ -146,7 +146,8 @@ class Driver:
         with self._lock:
             camera = camera or self.rig.control.name
             self._images_heard[camera] = self._wall()
-            self._follow()
+            if stamp - self._follow() > SKEW and not self.settings.lockstep:
+                return  # it was on its way when the clock went back, or is of another clock
             together = self.rig.add(camera, stamp, look)
             lacking = self.rig.waits_for or self.rig.control.name
             self.servo.source = self._sources.get(lacking, self.servo.source)

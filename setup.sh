@@ -11,7 +11,7 @@ Prepares a Debian 12 or 13 machine for this workspace, in four steps, each left 
   1. installs the Debian packages it needs (as root or through sudo),
   2. makes the virtual environment .venv from /usr/bin/python3 with the versions in requirements/,
   3. builds the workspace with catkin_make and that interpreter,
-  4. compiles loops (Numba), which the first start would wait for otherwise; the last three side by side.
+  4. compiles loops (Numba), which the first start would wait for otherwise. The third runs beside the others.
 
   --for TIER         how much is installed: `running` is the simulator with its nodes, `demo` also what ./demo.sh
                      draws its plots with, `bench` (default) also experiments without ROS and studies,

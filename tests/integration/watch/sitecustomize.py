@@ -10,7 +10,7 @@ import sys
 import threading
 import traceback
 
-# Numba imports coverage.py wherever it is installed, and nodes start as slowly as no user's do.
+# Numba imports coverage.py where it is installed: nodes would start more slowly than a user's do.
 if "COVERAGE_PROCESS_START" not in os.environ:
     sys.modules["coverage"] = None
 

@@ -259,6 +259,23 @@ def test_only_the_clock_going_back_begins_anew():
     assert bench.goes_on()
 
 
+def test_images_of_another_clock_are_named():
+    bench = Bench()
+    for _ in range(200):
+        bench.step(1, image_stamp=bench.t + 1.0 + DT)
+    assert bench.servo.phase == "waiting" and len(bench.sent) == 1  # where the arm stands
+    assert {state.reason for state in bench.states} == {
+        "", "features on /aras_visual_servo/camera/moments are stamped 1.00 s ahead of the clock "
+        "(is use_sim_time the same for both?)"
+    }  # fmt: skip
+    bench.step(30)
+    assert bench.servo.phase == "servoing" and "ahead" not in bench.states[-1].reason
+    bench.images, count = False, len(bench.states)
+    bench.step(200)
+    reasons = " ".join(state.reason for state in bench.states[count:])
+    assert "is the camera node running" in reasons and "ahead" not in reasons
+
+
 def test_an_image_of_before_that_comes_after_the_clock_went_back_is_none_of_this_run():
     """It was on its way; all images were late until the old time had come again."""
     bench = Bench()

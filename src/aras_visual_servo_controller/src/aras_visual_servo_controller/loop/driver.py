@@ -145,9 +145,13 @@ class Driver:
         """
         with self._lock:
             camera = camera or self.rig.control.name
+            ahead = stamp - self._follow()
+            if ahead > SKEW and not self.settings.lockstep:
+                # It was on its way when the clock went back, or all of them are of another clock.
+                self._ahead[camera] = ahead
+                return
+            self._ahead.pop(camera, None)
             self._images_heard[camera] = self._wall()
-            if stamp - self._follow() > SKEW and not self.settings.lockstep:
-                return  # it was on its way when the clock went back, or is of another clock
             together = self.rig.add(camera, stamp, look)
             lacking = self.rig.waits_for or self.rig.control.name
             self.servo.source = self._sources.get(lacking, self.servo.source)
@@ -246,6 +250,7 @@ class Driver:
         self.history.clear()
         self.commands.clear()
         self._waiting: tuple[float, Look] | None = None
+        self._ahead: dict[str, float] = {}  # s by which a camera's last image was, and so left out
         self._stamp: float | None = None  # of the latest joint state
         self._arrived = 0.0  # when that came, by the clock
         self.time: float | None = None  # that the loop was last told
@@ -378,7 +383,9 @@ class Driver:
             )
         for camera, heard in self._images_heard.items():
             if wall - heard > settings.image_timeout and not self.servo.approaching:
-                missing.append(self._sources.get(camera, self.servo.source).missing())
+                source = self._sources.get(camera, self.servo.source)
+                ahead = self._ahead.get(camera)
+                missing.append(source.missing() if ahead is None else source.ahead(ahead))
         if not missing or wall - self._said_silence < 1.0 or self.servo.phase == STOPPED:
             return
         self._said_silence = wall

@@ -121,6 +121,12 @@ class Source:
         text += "" if seconds is None else f" for {seconds:.2f} s"
         return text + (f" (is {self.who} running?)" if self.who else "")
 
+    def ahead(self, seconds: float) -> str:
+        """That its stamps are `seconds` ahead of the clock, in words."""
+        where = f" on {self.topic}" if self.topic else ""
+        same = "(is use_sim_time the same for both?)"
+        return f"{self.what}{where} are stamped {seconds:.2f} s ahead of the clock {same}"
+
 
 @dataclass(frozen=True, eq=False)
 class Command:

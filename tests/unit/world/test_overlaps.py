@@ -32,3 +32,17 @@ def test_only_links_that_joints_move_count_and_the_deepest_is_first():
         assert list(dict.fromkeys(places)) == [("slide", "before", "l"), ("slide", "above", "l")]
         assert found[0].depth == pytest.approx(0.03, abs=2e-3)
         assert found[-1].depth == pytest.approx(0.005, abs=2e-3)
+
+
+def test_a_posture_is_judged_by_itself():
+    """A contact of the posture before stayed, 0.1 m deep, as long as boxes overlapped."""
+    plate = parse_urdf('<robot name="plate"><link name="l"><collision><geometry>'
+                       '<box size="0.001 0.4 0.4"/></geometry></collision></link></robot>')
+    with World() as world:
+        robot = world.spawn(parse_urdf(ROBOT), "robot")
+        world.spawn(plate, "plate", Pose((0.6, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)))
+        depths = []
+        for x in (0.0506, 0.1503, 0.0506):  # on its one side, on its other
+            robot.set_joint_positions({"rail": x})
+            depths.append(max(one.depth for one in overlaps(world, robot, posed=True)))
+        assert depths == pytest.approx([1.1e-3, 0.2e-3, 1.1e-3], abs=1e-6)

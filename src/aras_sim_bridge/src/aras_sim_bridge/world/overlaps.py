@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from aras_sim_bridge.world.bullet import contacts_of, pybullet
 from aras_sim_bridge.world.model import Model
+from aras_sim_bridge.world.reach import leave_out_pairs
 from aras_sim_bridge.world.world import World
 
 
@@ -30,6 +31,8 @@ def overlaps(world: World, model: Model, posed: bool = False) -> list[Overlap]:
     """
     if posed:
         model.joints.show()
+        # Contacts of an earlier posture would stay while boxes overlap; this makes all pairs anew.
+        leave_out_pairs(list(world.models.values()))
         pybullet.performCollisionDetection(physicsClientId=world.client)
     names = {index: name for name, index in model.link_indices.items()}
     others = {other.body_id: other for other in world.models.values()}

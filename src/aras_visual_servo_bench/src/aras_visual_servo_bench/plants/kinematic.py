@@ -61,8 +61,9 @@ def exposures(
     sight: Sight, others: Sequence[Sight], random: np.random.Generator, seed: int
 ) -> list[Exposures]:
     """Those of the control camera, whose chance is `random`, and of the other cameras."""
+    # From 1 on: (seed, 0) draws as `seed` alone does, which is the control camera's.
     return [Exposures(sight, random)] + [
-        Exposures(other, np.random.default_rng((seed, i))) for i, other in enumerate(others)
+        Exposures(other, np.random.default_rng((seed, i))) for i, other in enumerate(others, 1)
     ]
 
 

@@ -1,0 +1,312 @@
+"""What plants without a world see: exact features, drawn pictures, depth, rows one by one."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.camera.shutter import RowBand
+from aras_visual_servo_base.poses import transform
+from aras_visual_servo_bench.asked import cameras
+from aras_visual_servo_bench.plants import CameraReading, JointReading
+from aras_visual_servo_bench.plants.base import Place, Plant, seconds
+from aras_visual_servo_bench.plants.kinematic import Exposures, exposures, vibrations
+from aras_visual_servo_bench.plants.rolling import rolling
+from aras_visual_servo_bench.plants.sight import Sight
+from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
+from aras_visual_servo_bench.targets.solids import primitive
+from aras_visual_servo_camera.undistortion import CameraModel
+
+CAMERA = CameraModel(60, 40, (50.0, 0, 31.0, 0, 40.0, 18.0, 0, 0, 1))
+SHAPE = PolygonTarget(((-0.2, -0.15), (0.25, -0.1), (0.2, 0.2), (-0.1, 0.1)))
+MOVES = Motion(velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
+SIGHT = Sight(CAMERA, PlacedTarget(SHAPE, transform((0.0, 0.0, 0.1), (0.0, 0.0, 0.3)), MOVES))
+POSE = transform((0.03, 0.02, 1.1), (np.pi - 0.2, 0.1, 0.2))
+STAMP = 500_000_000
+
+
+def drawn():
+    return np.random.default_rng(0)
+
+
+def exactly(pose, time=0.5, sight=SIGHT):
+    """Pixels (n, 2) of the corners, by hand."""
+    here = transform((0.1 * time, 0.0, 0.1), (0.0, 0.0, 0.3))
+    corners = np.array([(x, y, 0.0, 1.0) for x, y in SHAPE.corners]) @ here.T
+    x, y, z, _ = (corners @ np.linalg.inv(pose).T).T
+    return np.column_stack([50.0 * x / z + 31.0, 40.0 * y / z + 18.0])
+
+
+def test_exact_features_are_where_the_target_is_at_the_stamp():
+    found = replace(SIGHT, name="left").look(POSE, STAMP, drawn())
+    assert (found.stamp_ns, found.camera, found.pictured) == (STAMP, "left", False)
+    np.testing.assert_allclose(found.points, exactly(POSE), atol=1e-9)
+    np.testing.assert_array_equal(found.points, found.outline)
+    place = Place(transform((0.1, 0.05, 0.0), (0.0, 0.1, 0.3)))
+    shaken = SimpleNamespace(at=lambda ns: transform((ns * 1e-11, 0, 0), (0, 0, 0)))
+    beside = replace(SIGHT, place=place, vibration=shaken, unbounded=True).look(
+        POSE, STAMP, drawn())
+    at = POSE @ place.pose @ transform((0.005, 0, 0), (0, 0, 0))
+    np.testing.assert_allclose(beside.points, exactly(at), atol=1e-9)
+
+
+def test_what_leaves_the_picture_is_lost_unless_that_has_no_border():
+    for shift in (np.array([0.8, 0.0]), np.array([0.0, 0.8])):
+        aside = POSE.copy()
+        aside[:2, 3] += shift
+        assert SIGHT.look(aside, STAMP, drawn()).outline is None
+        seen = replace(SIGHT, unbounded=True).look(aside, STAMP, drawn())
+        np.testing.assert_allclose(seen.points, exactly(aside), atol=1e-9)
+    behind = replace(SIGHT, unbounded=True).look(transform((0, 0, 1.1), (0, 0, 0)), STAMP, drawn())
+    assert behind.outline is None and behind.points is None and behind.camera == "camera"
+
+
+def test_an_outline_s_noise_is_drawn_a_hundred_times_at_most():
+    calls = []
+
+    def crossed(mean, spread, shape):
+        calls.append((mean, spread, shape))
+        return np.array([(0, 0), (0, 0), (0, 0), (5.0, -14.0)])  # its third edge over its first
+
+    random, pixels = SimpleNamespace(normal=crossed), np.array([(0, 0), (9, 0), (9, 9), (0, 9.0)])
+    noisy = replace(SIGHT, jitter=0.4)
+    noisy.jittered(pixels, random, closed=True)
+    assert len(calls) == 100 and set(calls) == {(0.0, 0.4, (4, 2))}
+    found = noisy.jittered(pixels, random)
+    assert len(calls) == 101 and found[3].tolist() == [5.0, -5.0]
+    assert noisy.jittered(None, random) is None and SIGHT.jittered(pixels, random) is pixels
+
+
+def test_a_picture_has_the_sensor_s_noise_and_then_grain():
+    sensor = SimpleNamespace(apply=lambda image, ns: image // 2 + np.uint8(ns == STAMP))
+    picture = np.full((40, 60), 200, np.uint8)
+    noisy = replace(SIGHT, sensor=sensor, grey_noise=3.0)
+    found = noisy.noisy(picture, STAMP, drawn())
+    assert found.dtype == np.uint8 and found.mean() == pytest.approx(101.0, abs=0.3)
+    assert found.std() == pytest.approx(3.0, rel=0.1)
+    bright = replace(SIGHT, grey_noise=30.0).noisy(np.full((40, 60), 250, np.uint8), 0, drawn())
+    assert bright.max() == 255 and bright.min() > 100
+    assert replace(SIGHT, grey_noise=0.0).noisy(picture, 0, drawn()) is picture
+
+
+def test_depth_is_the_plane_s_in_each_pixel_and_none_behind_its_horizon():
+    low = transform((0.0, -0.4, 0.35), (np.pi + 1.3, 0.0, 0.0))  # looks along the ground
+    found = replace(SIGHT, pictures=True, depth=True).look(low, STAMP, drawn())
+    assert found.depth.shape == (40, 60) and found.depth.dtype == np.float32
+    v, u = np.indices((40, 60))
+    rays = np.stack([(u - 31.0) / 50.0, (v - 18.0) / 40.0, np.ones((40, 60))], -1) @ low[:3, :3].T
+    with np.errstate(divide="ignore"):
+        depth = (0.1 - 0.35) / rays[..., 2]
+    np.testing.assert_allclose(found.depth, np.where(depth > 0, depth, np.inf), rtol=1e-5)
+    assert np.isinf(found.depth).any() and np.isfinite(found.depth).any()
+    fish = CameraModel(60, 40, (8.0, 0, 31.0, 0, 8.0, 18.0, 0, 0, 1), (0.0,) * 4, "equidistant")
+    seen = replace(SIGHT, camera=fish, pictures=True, depth=True).look(POSE, STAMP, drawn())
+    assert np.isinf(seen.depth[0, 0]) and np.isfinite(seen.depth[18, 31])  # no ray, and one
+
+
+def test_a_flat_target_is_drawn_and_told_by_where_it_is_dark():
+    sight = replace(SIGHT, pictures=True, labelled=True, name="left")
+    found = sight.look(POSE, STAMP, drawn())
+    assert (found.stamp_ns, found.encoding, found.camera) == (STAMP, "mono8", "left")
+    assert found.depth is None
+    outline = (exactly(POSE) - [31.0, 18.0]) / [50.0, 40.0]
+    np.testing.assert_array_equal(found.image, cameras.draw(outline, CAMERA))
+    np.testing.assert_array_equal(found.labelled, np.where(found.image < 128, 255, 0))
+    assert found.labelled.dtype == np.uint8
+    assert replace(sight, labelled=False).look(POSE, STAMP, drawn()).labelled is None
+    noisy = replace(sight, grey_noise=60.0).look(POSE, STAMP, drawn())
+    np.testing.assert_array_equal(noisy.labelled, found.labelled)  # of the picture without noise
+
+
+def test_a_solid_is_told_by_its_own_pixels():
+    target = PlacedTarget(primitive("box", (0.3, 0.2, 0.2)), np.eye(4))
+    solid = replace(SIGHT, target=target, pictures=True, labelled=True)
+    seen = solid.look(POSE, STAMP, drawn())
+    assert (seen.image[seen.labelled == 0] > 250).mean() > 0.9
+    assert (seen.image[seen.labelled > 0] < 250).mean() > 0.9
+
+
+def test_a_cover_hides_what_lies_under_it_at_its_times():
+    cover = ((-0.3, -0.3), (0.02, 0.3))
+    sight = replace(SIGHT, pictures=True, occluder=cover)
+    found, bare = sight.look(POSE, STAMP, drawn()).image, replace(sight, occluder=None).look(
+        POSE, STAMP, drawn()).image
+    here = transform((0.05, 0.0, 0.1), (0.0, 0.0, 0.3))
+    rays = np.linalg.inv(here) @ POSE
+    v, u = np.indices((40, 60))
+    ways = np.stack([(u - 31.0) / 50.0, (v - 18.0) / 40.0, np.ones((40, 60))], -1) @ rays[:3, :3].T
+    x = rays[0, 3] - ways[..., 0] * rays[2, 3] / ways[..., 2]  # on the target, m
+    assert (found[x < 0.02 - 0.03] == 255).all()
+    np.testing.assert_array_equal(found[x > 0.02 + 0.03], bare[x > 0.02 + 0.03])
+    assert (bare < 9).sum() > 1.5 * (found < 9).sum() > 10
+    for times, there in ((((0.4, 0.5),), True), (((0.5, 0.6),), False), (((0.1, 0.2),), False)):
+        timed = replace(sight, occluded=times).look(POSE, STAMP, drawn()).image
+        np.testing.assert_array_equal(timed, found if there else bare)
+
+
+# -- when ----------------------------------------------------------------------------------------
+
+
+def test_images_come_with_their_period_and_some_are_lost():
+    exposed = Exposures(replace(SIGHT, rate=8.0, drop=0.3), np.random.default_rng(3))
+    stamps = []
+    for k in range(400):
+        assert exposed.due_ns == (k + 1) * 125_000_000
+        seen = exposed.expose(POSE)
+        if seen is not None:
+            assert seen.stamp_ns == (k + 1) * 125_000_000
+            stamps.append(seen.stamp_ns)
+    assert len(stamps) == pytest.approx(280, abs=28)
+    assert all(Exposures(SIGHT, drawn()).expose(POSE) for _ in range(30))  # none is lost
+
+
+ROWS = (RowBand(-3_000_000, 0, 10), RowBand(1_000_000, 10, 24), RowBand(4_000_000, 24, 40))
+
+
+def test_an_image_of_rows_is_whole_after_its_last_part():
+    exposed = Exposures(replace(SIGHT, rate=10.0, parts=ROWS), drawn())
+    for stamp in (100_000_000, 200_000_000):
+        for k, part in enumerate(ROWS):
+            assert exposed.due_ns == stamp + part.offset_ns
+            assert (exposed.expose(POSE) is None) is (k < 2)
+
+
+def test_each_camera_draws_by_itself():
+    noisy = replace(SIGHT, jitter=1.0)
+    found = exposures(noisy, [noisy, noisy], np.random.default_rng(5), 5)
+    seen = [one.expose(POSE).points for one in found]
+    again = [one.expose(POSE).points
+             for one in exposures(noisy, [noisy], np.random.default_rng(5), 5)]
+    np.testing.assert_array_equal(seen[:2], again)
+    for a, b in ((0, 1), (1, 2), (0, 2)):
+        assert np.abs(seen[a] - seen[b]).max() > 0.1
+    shakes = replace(SIGHT, name="b", vibration="v")
+    assert vibrations(SIGHT, shakes) == {"b": "v"}
+
+
+# -- rows one after the other --------------------------------------------------------------------
+
+MIDDLES = np.array([4.5, 16.5, 31.5])
+SHIFTS = np.array([-0.04, 0.03, 0.10])  # m of the camera along its x, 1 m before the target
+FLAT = PlacedTarget(SHAPE, np.eye(4))
+ASIDE = [np.array([[1.0, 0, 0, s], [0, -1.0, 0, 0], [0, 0, -1.0, 1.0], [0, 0, 0, 1.0]])
+         for s in SHIFTS]
+
+
+def test_a_point_moves_evenly_between_the_parts_that_see_it():
+    rolled = replace(SIGHT, target=FLAT, parts=ROWS, name="left")
+    found = rolling(rolled, ASIDE, STAMP, drawn())
+    assert (found.stamp_ns, found.camera) == (STAMP, "left")
+    corners = np.array(SHAPE.corners)
+    v = 18.0 - 40.0 * corners[:, 1]
+    shift = np.interp(v, MIDDLES, SHIFTS)
+    wanted = np.column_stack([31.0 + 50.0 * (corners[:, 0] - shift), v])
+    np.testing.assert_allclose(found.points, wanted, atol=1e-9)
+    np.testing.assert_allclose(found.outline, wanted, atol=1e-9)
+    assert len({round(s, 3) for s in shift}) == 4
+    high = PolygonTarget(((0.0, 0.4), (0.1, 0.39), (0.05, -0.5)))  # rows 2, 2.4 and 38
+    ends = rolling(replace(rolled, target=PlacedTarget(high, np.eye(4))), ASIDE, STAMP, drawn())
+    np.testing.assert_allclose(
+        ends.points[:, 0], 31.0 + 50.0 * (np.array([0.0, 0.1, 0.05]) - SHIFTS[[0, 0, 2]]))
+
+
+def test_rows_that_the_target_runs_ahead_of():
+    """The camera sinks: a point at row v moves by d v a part, and is met where the shutter is."""
+    sinking = [pose.copy() for pose in ASIDE]
+    for pose, y in zip(sinking, (0.0, 0.1, 0.2), strict=True):
+        pose[:3, 3] = 0.0, y, 1.0
+    shape = PolygonTarget(((-0.2, 0.0), (0.2, 0.05), (0.1, 0.15)))
+    found = rolling(replace(SIGHT, target=PlacedTarget(shape, np.eye(4)), parts=ROWS), sinking,
+                    STAMP, drawn())
+    for (x, y), pixel in zip(shape.corners, found.points, strict=True):
+        v = 18.0 - 40.0 * (y - np.array([0.0, 0.1, 0.2]))  # at each part
+        k = 0 if v[1] <= MIDDLES[1] else 1
+        share = (v[k] - MIDDLES[k]) / ((v[k] - MIDDLES[k]) - (v[k + 1] - MIDDLES[k + 1]))
+        row = v[k] + np.clip(share, 0, 1) * (v[k + 1] - v[k])
+        np.testing.assert_allclose(pixel, [31.0 + 50.0 * x, row], atol=1e-9)
+
+
+def test_what_leaves_the_picture_while_it_is_read_is_lost():
+    rolled = replace(SIGHT, target=FLAT, parts=ROWS, name="left")
+    for axis in (0, 1):
+        aside = [pose.copy() for pose in ASIDE]
+        for pose in aside:
+            pose[axis, 3] += 0.6
+        found = rolling(rolled, aside, STAMP, drawn())
+        assert found.points is None and found.outline is None and found.camera == "left"
+        assert rolling(replace(rolled, unbounded=True), aside, STAMP, drawn()).points is not None
+    behind = [pose @ np.diag([1.0, -1.0, -1.0, 1.0]) for pose in ASIDE]
+    assert rolling(rolled, behind, STAMP, drawn()).points is None
+    noisy = replace(rolled, jitter=0.5)
+    spread = np.array([rolling(noisy, ASIDE, STAMP, random).points
+                       for random in [drawn()] for _ in range(200)])
+    np.testing.assert_allclose(spread.std(axis=0), 0.5, rtol=0.2)
+
+
+def test_a_picture_s_rows_are_of_their_own_instants():
+    moving = replace(SIGHT, pictures=True, depth=True, labelled=True, parts=ROWS, name="left")
+    found = rolling(moving, ASIDE, STAMP, drawn())
+    still = replace(moving, parts=())
+    for part, pose in zip(ROWS, ASIDE, strict=True):
+        now = still.look(pose, STAMP + part.offset_ns, drawn())
+        rows = slice(part.first, part.last)
+        np.testing.assert_array_equal(found.image[rows], now.image[rows])
+        np.testing.assert_array_equal(found.labelled[rows], now.labelled[rows])
+    # The part that is nearest to the stamp sees the depth.
+    np.testing.assert_allclose(found.depth, still.look(ASIDE[1], STAMP, drawn()).depth)
+    assert (found.encoding, found.camera, found.stamp_ns) == ("mono8", "left", STAMP)
+    grained = rolling(replace(moving, grey_noise=4.0), ASIDE, STAMP, drawn()).image
+    off = grained[found.image == 0].astype(float)
+    assert 0 < off.max() < 25 and (off > 0).mean() == pytest.approx(0.45, abs=0.1)
+    plain = rolling(replace(moving, depth=False, labelled=False), ASIDE, STAMP, drawn())
+    assert plain.depth is None and plain.labelled is None
+    apply = SimpleNamespace(apply=lambda image, ns: np.uint8(255) - image)
+    turned = rolling(replace(moving, sensor=apply), ASIDE, STAMP, drawn())
+    np.testing.assert_array_equal(turned.image, 255 - found.image)  # once, over the whole
+    np.testing.assert_array_equal(turned.labelled, found.labelled)
+
+
+# -- what plants have in common ------------------------------------------------------------------
+
+
+def test_readings_are_in_seconds_and_in_any_order_of_joints():
+    assert seconds(33_333_333) == 0.033333333 and seconds(2_000_000_001) == 2.000000001
+    reading = JointReading(1_500_000_000, ("a", "b", "c"), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+    q, v = reading.of(("c", "a"))
+    assert (reading.stamp, q.tolist(), v.tolist()) == (1.5, [3.0, 1.0], [6.0, 4.0])
+    image = np.zeros((2, 3), np.uint8)
+    seen = CameraReading(1_500_000_000, image, "mono8", labelled=image)
+    assert seen.stamp == 1.5 and seen.pictured and seen.picture.encoding == "mono8"
+    assert seen.picture.labelled is image and not CameraReading(3).pictured
+
+
+def test_another_camera_is_beside_the_control_camera_or_stands():
+    a, b, c = (transform(xyz, rpy) for xyz, rpy in (((1, 2, 3), (0.1, 0.2, 0.3)),
+               ((0.3, 0.1, 0.2), (0.3, 0.1, -0.2)), ((0.5, 0.6, 0.1), (0.2, 0.2, 0.1))))
+    np.testing.assert_allclose(Place(b).at(a), a @ b)
+    np.testing.assert_array_equal(Place(b, stands=True).at(a), b)
+    np.testing.assert_allclose(Place(b, opposite=c).at(a), c @ np.linalg.inv(a) @ b, atol=1e-12)
+
+
+class Shaken(Plant):
+    """At rest at a, in a plant that is nothing else."""
+
+    time_ns, outputs, joint_names, control = 7, frozenset(), (), "left"
+    a, b = transform((1, 2, 3), (0.1, 0.2, 0.3)), transform((0, 0.1, 0), (0.1, 0.0, 0.2))
+    vibrations = {"left": SimpleNamespace(at=lambda ns: Shaken.b if ns == 7 else np.eye(4))}
+
+    def advance(self, until_ns): ...
+    def command(self, kind, values): ...
+    def at_rest(self):
+        return self.a
+    def poses(self, positions): ...
+    def joints(self): ...
+
+
+def test_a_camera_that_shakes_is_off_its_place_at_rest():
+    plant = Shaken()
+    np.testing.assert_allclose(plant.pose(), plant.a @ plant.b)
+    np.testing.assert_allclose(plant.shaken(plant.b, 8), plant.b)
+    assert plant.shaken(plant.b, 7, "right") is plant.b and plant.touched() is None
+    assert plant.places(np.zeros((3, 0))).shape == (3, 0, 3) and plant.close() is None

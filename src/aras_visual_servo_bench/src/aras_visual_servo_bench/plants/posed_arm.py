@@ -51,8 +51,8 @@ class PosedArm:
         self._model = self._world.spawn(description, "robot")
         if around is not None:
             if around.ground_plane:
-                ground = Geometry("plane", size=(100.0, 100.0, 0.0))
-                self._world.spawn(_thing("ground_plane", ground), "ground_plane")
+                ground = _thing("ground_plane", Geometry("plane"))
+                self._world.spawn(ground, "ground_plane")
             unseen = tuple(without_visuals(model, *model.links) for model in around.models)
             world_file.populate(self._world.spawn, replace(around, models=unseen))
         if target is not None:
@@ -125,9 +125,10 @@ class PosedArm:
 def _thing(
     name: str, shape: Geometry, xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> RobotDescription:
-    """A model that stands still, of one shape that is not seen; xyz: its middle, m."""
+    """A model without mass, which stands still, of one shape that is not seen; xyz: its middle,
+    m."""
     link = Link("link", None, (), (Collision("collision", xyz, (0.0, 0.0, 0.0), shape),))
-    return RobotDescription(name, "link", {"link": link}, {}, static=True)
+    return RobotDescription(name, "link", {"link": link}, {})
 
 
 def without_visuals(model: RobotDescription, *links: str) -> RobotDescription:

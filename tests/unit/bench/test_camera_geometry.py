@@ -1,0 +1,236 @@
+"""Cameras of experiments: what they draw, what is in their view, where they sit, what they say."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from aras_visual_servo_base.poses import transform
+from aras_visual_servo_bench.asked import cameras
+from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec, Eye, check_meeting, preset
+from aras_visual_servo_bench.asked.goal_views import observed
+from aras_visual_servo_bench.asked.packages import PackagePath
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.plants import CameraReading
+from aras_visual_servo_camera.undistortion import CameraModel
+
+K = (16.0, 0.0, 3.0, 0.0, 32.0, -2.0, 0.0, 0.0, 1.0)
+SMALL = CameraModel(20, 14, K)
+BENT = (-0.2, 0.05, 0.001, -0.002, 0.0)
+ROBOT = "aras_visual_servo_gazebo"
+
+
+def normalised(pixels):
+    return (np.array(pixels) - [3.0, -2.0]) / [16.0, 32.0]
+
+
+def cut(corners, axis, at, keep):
+    """The part of a convex polygon on one side of a line along an axis."""
+    found = []
+    for p, q in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        p_in, q_in = keep * (p[axis] - at) >= 0, keep * (q[axis] - at) >= 0
+        if p_in:
+            found.append(p)
+        if p_in != q_in:
+            found.append(p + (at - p[axis]) / (q[axis] - p[axis]) * (q - p))
+    return np.array(found).reshape(-1, 2)
+
+
+def covered(corners):
+    """Part of each pixel that a convex polygon covers, by cutting it to the pixel."""
+    found = np.zeros((14, 20))
+    for row in range(14):
+        for column in range(20):
+            part = np.array(corners, float)
+            for axis, at, keep in ((0, column - 0.5, 1), (0, column + 0.5, -1), (1, row - 0.5, 1),
+                                   (1, row + 0.5, -1)):
+                part = cut(part, axis, at, keep) if len(part) else part
+            if len(part) >= 3:
+                x, y = part.T
+                found[row, column] = abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+    return found
+
+
+@pytest.mark.parametrize("corners", [
+    [(3.25, 2.5), (12.75, 2.5), (12.75, 7.25), (3.25, 7.25)],
+    [(1.3, 2.2), (15.1, 4.7), (6.4, 11.9)], [(6.4, 11.9), (15.1, 4.7), (1.3, 2.2)],
+    [(-7.0, 3.3), (8.2, 1.1), (26.0, 9.0), (4.0, 21.0)], [(2.1, -5.0), (4.7, -5.0), (4.9, 30.0)],
+    [(-9.0, -9.0), (40.0, -9.0), (40.0, 40.0), (-9.0, 40.0)],
+    [(0.0, 0.0), (0.6, 0.1), (0.3, 0.4)], [(18.6, 12.7), (19.4, 12.9), (19.0, 13.4)],
+    [(5.0, 5.0), (5.0000001, 9.0), (8.0, 9.0)],
+])  # fmt: skip
+def test_a_pixel_is_as_dark_as_the_outline_covers_it(corners):
+    picture = cameras.draw(normalised(corners), SMALL)
+    assert picture.shape == (14, 20) and picture.dtype == np.uint8
+    wanted = 255 * (1.0 - covered(corners))
+    assert np.abs(picture - wanted).max() <= 0.5 + 1e-6
+
+
+def test_an_outline_with_a_notch_is_drawn_with_it():
+    bend = [(2.0, 2.0), (12.0, 2.0), (12.0, 5.5), (6.5, 5.5), (6.5, 11.0), (2.0, 11.0)]
+    parts = ([(2.0, 2.0), (12.0, 2.0), (12.0, 5.5), (2.0, 5.5)],
+             [(2.0, 5.5), (6.5, 5.5), (6.5, 11.0), (2.0, 11.0)])
+    wanted = 255 * (1.0 - sum(map(covered, parts)))
+    assert np.abs(cameras.draw(normalised(bend), SMALL) - wanted).max() <= 0.5 + 1e-6
+
+
+@pytest.mark.parametrize("corners", [
+    None, *([(x, y), (x + 2, y), (x, y + 2)] for x, y in ((-9, 3), (40, 3), (3, -9), (3, 40)))])
+def test_what_is_beside_the_picture_is_not_drawn(corners):
+    outline = None if corners is None else normalised(corners)
+    assert (cameras.draw(outline, SMALL) == 255).all()
+
+
+def test_a_lens_bends_the_edges_that_are_drawn():
+    bent = CameraModel(320, 240, (160.0, 0, 165.0, 0, 170.0, 112.0, 0, 0, 1), BENT)
+    outline = np.array([(-0.8, -0.5), (0.8, -0.5), (0.8, 0.5), (-0.8, 0.5)])
+    picture = cameras.draw(outline, bent)
+    edge = np.column_stack([np.linspace(-0.8, 0.8, 9), np.full(9, -0.5)])
+    u, v = bent.project(*edge[1:-1].T)
+    for column, row in zip(np.rint(u).astype(int), v, strict=True):
+        assert picture[int(np.ceil(row + 1.5)), column] == 0  # just within
+        assert picture[int(np.floor(row - 1.5)), column] == 255
+    assert np.ptp(v) > 5.0
+
+
+@pytest.mark.parametrize("margin", [0.0, 2.0, None])
+def test_the_whole_outline_is_within_the_margin(margin):
+    kept = 2.0 if margin is None else margin
+    given = () if margin is None else (margin,)
+    low, high = np.array([kept, kept]), np.array([19.0 - kept, 13.0 - kept])
+    for axis in (0, 1):
+        for over, inside in ((-0.25, False), (0.0, True)):
+            for a, b in ((low, high), (high, low)):
+                corners = np.array([(a[0], a[1]), (b[0], a[1]), (b[0], b[1])], float)
+                sign = 1.0 if a is low else -1.0
+                corners[:, axis] += np.where(corners[:, axis] == a[axis], sign * over, 0.0)
+                assert cameras.in_view(normalised(corners), SMALL, *given) is inside
+
+
+# -- what is believed ----------------------------------------------------------------------------
+
+
+def test_a_believed_camera_has_its_own_numbers():
+    true = CameraModel(320, 240, (300.0, 0, 166.0, 0, 280.0, 115.0, 0, 0, 1), BENT)
+    wrong = Belief(focal=1.5, centre=(4.0, -3.0)).camera(true)
+    assert wrong == replace(true, K=(450.0, 0, 170.0, 0, 420.0, 112.0, 0, 0, 1))
+    assert Belief(distortion=(0.1, 0.0, 0.0, 0.0)).camera(true).D[0] == 0.1
+    assert Belief().camera(true) == true and not Belief().moved
+    assert Belief(xyz=(0, 0, 0.1)).moved and Belief(rpy=(0, 0.1, 0)).moved
+    with pytest.raises(ExperimentError, match="^believed camera: "):
+        Belief(distortion=(0.1,) * 3).camera(true)
+
+
+def test_pixels_are_read_through_the_believed_lens():
+    true = CameraModel(320, 240, (300.0, 0, 166.0, 0, 280.0, 115.0, 0, 0, 1))
+    other = CameraModel(320, 240, (250.0, 0, 160.0, 0, 290.0, 110.0, 0, 0, 1))
+    pixels = np.array([(10.0, 20.0), (300.0, 30.0), (160.0, 200.0)])
+    np.testing.assert_allclose(cameras.read(pixels, true, other, closed=True),
+                               (pixels - [160.0, 110.0]) / [250.0, 290.0])
+    fish = CameraModel(320, 240, (60.0, 0, 160.0, 0, 60.0, 110.0, 0, 0, 1), (0.0,) * 4,
+                       "equidistant")  # fmt: skip
+    found = cameras.read(np.array([(160.0, 110.0), (310.0, 110.0)]), true, fish)
+    np.testing.assert_allclose(found[0], 0.0, atol=1e-12)
+    assert np.isnan(found[1]).all()  # 150 px are 2.5 rad: behind it
+
+
+def test_what_a_camera_delivers_is_read_as_it_is_believed():
+    """An outline's edges are bent by another lens; points are points."""
+    true = CameraModel(320, 240, (300.0, 0, 166.0, 0, 280.0, 115.0, 0, 0, 1))
+    eye = Eye("left", CameraSpec(), {}, true, replace(true, D=BENT))
+    pixels, given = np.array([(10.0, 20.0), (300.0, 30.0), (160.0, 200.0)]), []
+    observer = SimpleNamespace(of_exact=lambda *a, **k: given.append((a, k)) or "exact",
+                               of_image=lambda *a, **k: given.append((a, k)) or "seen")
+    reading = CameraReading(2_500_000_000, outline=pixels, points=pixels[:2])
+    assert observed(observer, reading, eye, joints="q") == "exact"
+    (stamp, camera), known = given.pop()
+    assert (stamp, camera, known["joints"]) == (2.5, eye.believed, "q")
+    assert len(known["contour"]) == 24 and len(known["points"]) == 2
+    np.testing.assert_allclose(np.column_stack(eye.believed.project(*known["points"].T)),
+                               pixels[:2], atol=1e-6)
+    image, depth = np.zeros((3, 4), np.uint8), np.ones((3, 4))
+    reading = CameraReading(1_000_000_000, image, "mono8", depth, labelled=image)
+    assert observed(observer, reading, eye, plane="p") == "seen"
+    (stamp, picture, camera), known = given.pop()
+    assert (stamp, camera, known["plane"]) == (1.0, eye.believed, "p")
+    assert known["depth"] is depth and picture.encoding == "mono8"
+
+
+# -- where they sit ------------------------------------------------------------------------------
+
+
+def test_a_camera_sits_in_the_hand_or_stands():
+    """In the hand x is forward, y left and z up; its own axes are right, down and forward."""
+    link = np.eye(4)
+    link[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
+    seat, off = transform((0.1, 0.2, 0.3), (0.1, -0.2, 0.3)), transform((0, 0.01, 0), (0.1, 0, 0.2))
+    belief = Belief(xyz=(0.0, 0.01, 0.0), rpy=(0.1, 0.0, 0.2))
+    held = CameraSpec(xyz=(0.1, 0.2, 0.3), rpy=(0.1, -0.2, 0.3), believed=belief)
+    back = np.linalg.inv(link)
+    np.testing.assert_allclose(held.place(), back @ seat @ link, atol=1e-12)
+    np.testing.assert_allclose(held.place(believed=True), back @ seat @ off @ link, atol=1e-12)
+    np.testing.assert_allclose(held.place()[:3, 3], [-0.2, -0.3, 0.1], atol=1e-12)
+    stands = CameraSpec(pose=(0.1, 0.2, 0.3, 0.1, -0.2, 0.3), believed=belief)
+    np.testing.assert_allclose(stands.place(), seat, atol=1e-12)
+    np.testing.assert_allclose(stands.place(True), seat @ back @ off @ link, atol=1e-12)
+    assert CameraSpec().own and CameraSpec(frame="f").own
+    assert not held.own and not stands.own and not CameraSpec(rpy=(0, 0, 0.1)).own
+    np.testing.assert_allclose(CameraSpec(rpy=(0, 0, 0.5)).place()[:3, :3],
+                               Rotation.from_euler("y", -0.5).as_matrix(), atol=1e-12)
+
+
+# -- their files ---------------------------------------------------------------------------------
+
+
+def test_a_camera_is_read_with_its_rate(tmp_path):
+    packages = PackagePath()
+    settings = {"width": 64, "height": 48, "update_rate": 20.0,
+                "camera_matrix": {"fx": 50.0, "fy": 60.0, "cx": 30.0, "cy": 20.0}}
+    eye = Eye.of("a", CameraSpec(settings, rate=7.0, believed=Belief(focal=2.0)), packages, ROBOT)
+    assert (eye.name, eye.rate) == ("a", 7.0) and settings["update_rate"] == 20.0
+    assert eye.true == CameraModel(64, 48, (50.0, 0, 30.0, 0, 60.0, 20.0, 0, 0, 1), eye.true.D)
+    assert eye.believed.K[:6:4] == (100.0, 120.0)
+    assert Eye.of("a", CameraSpec(settings), packages, ROBOT).rate == 20.0
+    del settings["update_rate"]
+    assert Eye.of("a", CameraSpec(settings), packages, ROBOT).rate == 30.0
+    (tmp_path / "own.yaml").write_text("width: 64\n")
+    for given in (str(tmp_path / "own.yaml"), {"width": 64}):
+        assert preset(given, packages, ROBOT) == {"width": 64}
+    assert preset("original", packages, ROBOT)["width"] == 320
+    for name, words in (("orignal", "no preset: did you mean 'original'"),
+                        (str(tmp_path / "list.yml"), "holds no keys with values")):
+        (tmp_path / "list.yml").write_text("[1, 2]")
+        with pytest.raises(ExperimentError, match=words):
+            preset(name, packages, ROBOT)
+    with pytest.raises(ExperimentError, match="widht"):
+        cameras.config_of({"widht": 3})
+
+
+def eye(name, rate, delay=0.0):
+    return SimpleNamespace(name=name, rate=rate, spec=CameraSpec(delay=delay))
+
+
+@pytest.mark.parametrize(("control", "other", "why"), [
+    (eye("a", 32.0), eye("b", 8.0, 0.25), ""),  # 8 of the control camera's 32 are 0.25 s
+    (eye("a", 32.0), eye("b", 8.0, 0.2499), None),
+    (eye("a", 8.0, 0.3), eye("b", 16.0), None),
+    (eye("a", 8.0, 0.5), eye("b", 16.0), "pictures of cameras 'b' and 'a' never meet: those of 'a' "
+     "come 0.5 s after those of the same time, and the last 8 of 'b' are kept, which are 0.5 s: "
+     "give the two delays that differ by less, or 'b' a lower rate"),
+    (eye("a", 16.0), eye("b", 16.0, 0.5), "pictures of cameras 'a' and 'b' never meet: those of 'b'"
+     " come 0.5 s after"),
+    (eye("a", 16.0, 0.5), eye("b", 16.0, 0.5), None),
+    (eye("a", 8.0, 0.5), eye("b", 0.5, 1.0), "camera 'b' delivers its first picture after 3 s, and "
+     "the run lasts 3 s"),
+    (eye("a", 2.0, 0.5), eye("b", 0.5, 0.99), None),
+])  # fmt: skip
+def test_pictures_of_one_instant_have_to_meet(control, other, why):
+    if why is None:
+        check_meeting([control, other], 3.0)
+        check_meeting([control], 3.0)
+        return
+    with pytest.raises(ExperimentError) as told:
+        check_meeting([control, other], 3.0)
+    assert str(told.value).startswith(why)

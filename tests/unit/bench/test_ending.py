@@ -1,0 +1,228 @@
+"""When runs end: of the ideal camera by its protocol's rules, of every loop by its clock."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_base.poses import transform
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.running.ending import Ending
+from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
+from aras_visual_servo_controller.judging.outcomes import Outcome
+from aras_visual_servo_controller.loop.driver import Driver
+from aras_visual_servo_controller.loop.state import CONVERGED, SERVOING
+
+SQUARE = PolygonTarget(((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1)))
+RISING = Motion(velocity=(0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+
+
+def looks_down(z, x=0.0, turn=0.0):
+    return transform((x, 0.0, z), (np.pi, 0.0, turn))
+
+
+def ending(ideal=None, first=None, goal=None, motion=None, **keys):
+    """Ten images a second, from 2 m above a target to 1 m."""
+    first = looks_down(2.0, turn=0.4) if first is None else first
+    parts = SimpleNamespace(
+        plant=SimpleNamespace(sight=SimpleNamespace(rate=10.0), pose=lambda: first),
+        goal_pose=looks_down(1.0) if goal is None else goal,
+        target=PlacedTarget(SQUARE, np.eye(4), motion or Motion()),
+    )  # fmt: skip
+    keys = {"duration": 0.5, "linger": None, **keys}
+    return Ending(Experiment(plant="ideal", ideal=ideal or {}, **keys), parts)
+
+
+def state(error=(1.0, 1.0), phase=SERVOING, outcome="running", stamp=0.0):
+    decision = None if error is None else SimpleNamespace(error=np.array(error))
+    return SimpleNamespace(decision=decision, phase=phase, outcome=outcome, stamp=stamp,
+                           reason="it is dark")
+
+
+def images_until_over(found, states, pose=None):
+    for count, one in enumerate(states, 1):
+        found.image(one, looks_down(2.0) if pose is None else pose)
+        if found.over:
+            return count
+    return None
+
+
+def test_it_is_over_after_its_duration_or_some_time_after_it_has_converged():
+    found = ending()
+    assert images_until_over(found, [state()] * 9) == 6 and found.outcome is None  # at 0.5 s
+    there = state(phase=CONVERGED)
+    found = ending(linger=0.3, duration=9.0)
+    assert images_until_over(found, [state()] * 2 + [there] * 9) == 6  # at 0.2 s and 0.3 s more
+    found = ending(linger=0.3, duration=9.0)
+    assert images_until_over(found, [there] * 3 + [state()] + [there] * 9) == 8
+    assert found.outcome is None
+    assert images_until_over(ending(duration=1.0), [there] * 20) == 11
+    assert images_until_over(ending({"stop": 1e-9}, linger=0.1, duration=1.0), [there] * 20) == 11
+
+
+def test_it_is_over_where_errors_are_below_what_is_asked_for():
+    errors = [state((1.0, 0.6)), state((1.0, 0.5)), state((1.0, 0.4))]
+    found = ending({"stop": 1.25})
+    assert images_until_over(found, errors) == 3 and found.outcome.kind == "converged"
+    assert images_until_over(ending(), errors) is None
+
+
+def test_five_images_without_a_measurement_are_the_end():
+    blind = state(None)
+    found = ending(duration=9.0)
+    assert images_until_over(found, [blind] * 4 + [state()] + [blind] * 9) == 10
+    assert found.outcome.kind == "target_lost"
+    assert found.outcome.reason == "no measurement any more: it is dark"
+    found = ending(duration=9.0)
+    assert images_until_over(found, [state(None, outcome="no_progress")] * 9) == 5
+    assert found.outcome is None
+    found = ending({"stop": 9.0}, duration=9.0)
+    assert images_until_over(found, [state(outcome="scheme_fault")]) == 1
+    assert found.outcome is None
+
+
+@pytest.mark.parametrize(("z", "turn", "over"), [
+    (1.5, 0.2, True), (1.51, 0.1, False), (1.4, 0.21, False), (0.6, -0.1, True)])
+def test_it_has_converged_within_a_part_of_the_first_distance_and_angle(z, turn, over):
+    found = ending({"enough": 0.5}, first=looks_down(2.0, turn=0.400001))
+    found.image(state(), looks_down(z, turn=turn))
+    assert found.over is over
+    if over:
+        assert found.outcome.kind == "converged"
+
+
+def test_it_has_failed_farther_from_the_goal_than_is_allowed():
+    found = ending({"farthest": 1.5})
+    found.image(state(), looks_down(1.0, x=1.499))
+    assert not found.over
+    found.image(state(), looks_down(1.0, x=1.501))
+    assert found.over and found.outcome.kind == "no_progress"
+    assert found.outcome.reason.startswith("the camera is 1.50 m from its goal, more than at its s")
+    both = ending({"enough": 0.1, "farthest": 5.0})
+    both.image(state(), looks_down(1.05, turn=0.01))
+    assert both.outcome.kind == "converged"
+
+
+@pytest.mark.parametrize(("first", "goal", "depths", "word"), [
+    (2.0, 1.0, (5.99, 3.0), "timed_out"), (2.0, 1.0, (3.0, 6.01, 2.0), "camera_retreat"),
+    (1.0, 2.0, (6.01,), "camera_retreat"), (1.0, 2.0, (5.99,), "timed_out")])
+def test_a_camera_that_went_far_back_has_retreated(first, goal, depths, word):
+    found = ending(first=looks_down(first, turn=0.4), goal=looks_down(goal, x=0.3), duration=9.0)
+    for depth in depths:
+        found.image(state(), looks_down(depth, x=0.2))
+    said = found.last_word(Outcome("timed_out", "late"))
+    assert said.kind == word
+    if word == "camera_retreat":
+        assert said.reason == f"the camera went back to {max(depths):.2f} m from its target"
+    assert found.last_word(Outcome("converged up to 180°")).kind == "converged up to 180°"
+
+
+def test_a_retreat_is_from_a_target_that_moves():
+    """It rises towards the camera, 1 m/s; at 3 s the camera is 3.5 m above it."""
+    found = ending(motion=RISING, duration=9.0)
+    found.image(state(stamp=3.0), looks_down(6.5))
+    assert found.last_word(Outcome("timed_out", "late")).kind == "timed_out"
+    found = ending({"stop": 9.0}, duration=9.0)
+    found.image(state(), looks_down(9.0))
+    assert found.last_word(Outcome("timed_out", "late")).kind == "converged"  # its own word
+
+
+# -- every loop ----------------------------------------------------------------------------------
+
+POSE = {"pose": [0.0, 0.0, 0.85, np.pi, 0.0, 0.0]}
+EYE = {"width": 320, "height": 240, "horizontal_fov": 1.2}
+BASE = {"plant": "free", "scheme": "points", "features": "exact", "lag": 0.0, "delay": 0.0,
+        "target": {"shape": "l_shape", "size": [0.06, 0.05], "pose": [0, 0, 0.59, 0, 0, 0]},
+        "goal": POSE, "start": {"pose": [0.03, 0.0, 0.9, np.pi, 0.0, 0.2]}}  # fmt: skip
+
+
+def looped(**keys):
+    experiment = Experiment.from_mapping({**BASE, **keys})
+    return Loop(experiment, assemble(experiment))
+
+
+def eyes(left, right):
+    return {"left": {"model": {**EYE, "update_rate": 20.0}, **left},
+            "right": {"model": {**EYE, "update_rate": 20.0}, "xyz": [0.0, -0.02, 0.0], **right}}
+
+
+@pytest.mark.parametrize(("left", "right", "delays", "order"), [
+    (0.03, 0.03, (0.03, 0.03), ["left", "right"]), (0.04, 0.0, (0.04, 0.0), ["right", "left"]),
+    (0.0, 0.12, (0.0, 0.12), ["left", "right"]), (0.12, 0.04, (0.12, 0.04), ["right", "left"])])
+def test_late_images_come_when_their_delay_is_over_in_the_order_they_were_made(
+        monkeypatch, left, right, delays, order):
+    came, image = [], Driver.image
+
+    def told(driver, stamp, look, camera=""):
+        came.append((camera, stamp, loop.plant.time_ns * 1e-9))
+        image(driver, stamp, look, camera)
+
+    monkeypatch.setattr(Driver, "image", told)
+    loop = looped(cameras=eyes({"delay": left}, {"delay": right}), duration=0.4, camera="original",
+                  scheme="points@left+points@right")
+    while loop.plant.time_ns < 330_000_000:
+        loop.to_image()
+    for name, delay in zip(("left", "right"), delays, strict=True):
+        times = np.array([(stamp, at) for camera, stamp, at in came if camera == name])
+        np.testing.assert_allclose(times[:4, 0], [0.05, 0.1, 0.15, 0.2], atol=1e-9)
+        np.testing.assert_allclose(times[:, 1] - times[:, 0], delay, atol=1e-9)
+    first = [camera for camera, stamp, _ in came if abs(stamp - 0.1) < 1e-9]
+    assert first == order
+
+
+@pytest.mark.parametrize(("keys", "ends"), [
+    # 0.05 s and one measurement more than the duration after the first image, at 1/30 s
+    ({"duration": 0.5, "linger": None}, 0.591), ({"duration": 0.25, "linger": 0.1}, 0.341),
+    ({"duration": 0.5, "linger": None, "start": {"pose": [3.0, 0.0, 0.9, np.pi, 0.0, 0.2]}}, 0.591),
+    # 0.5 s after the first image that shows it to have converged: hold is 0.1 s of images
+    ({"duration": 9.0, "linger": 0.5, "start": POSE, "options": {"hold": 0.1}}, None),
+    # no image comes within 5 s
+    ({"camera": {**EYE, "update_rate": 0.15}}, 5.001),
+])  # fmt: skip
+def test_a_loop_is_over_when_its_time_is(keys, ends):
+    loop = looped(**keys)
+    assert loop.servo_time == 0.0 and not loop.over
+    converged = None
+    while not loop.over:
+        state = loop.to_image()
+        if state is not None and converged is None and state.phase == CONVERGED:
+            converged = loop.plant.time_ns * 1e-9
+    end = loop.plant.time_ns * 1e-9
+    if ends is None:
+        assert 0.1 < converged < 0.3
+        assert converged + 0.5 - 1e-9 <= end < converged + 0.511
+    else:
+        assert end == pytest.approx(ends, abs=1e-8) and converged is None
+    if loop.state is not None:
+        assert loop.servo_time == pytest.approx(end - 1.0 / 30.0, abs=1e-8)
+    result = loop.result()
+    assert result.outcome == "converged" if converged else result.outcome != "running"
+    if keys.get("duration") == 0.25:
+        assert result.outcome == "timed_out" and "0.2 s" in result.reason
+
+
+def test_an_image_is_answered_once_and_given_back():
+    loop = looped(duration=0.2)
+    assert loop.reading is None and loop.state is None
+    states = [loop.to_image() for _ in range(3)]
+    assert [round(s.stamp * 30) for s in states] == [1, 2, 3]
+    assert loop.state is states[-1] and loop.reading.stamp == states[-1].stamp
+    loop.to_end()
+    assert loop.to_image() is None
+
+
+def test_who_watches_is_told_of_every_image_as_it_is_made():
+    seen = []
+    experiment = Experiment.from_mapping({
+        **BASE, "camera": "original", "scheme": "points@left", "duration": 0.3,
+        "cameras": eyes({"delay": 0.1}, {})})
+    loop = Loop(experiment, assemble(experiment),
+                watch=lambda of, one: seen.append((one.camera, of.plant.time_ns - one.stamp_ns)))
+    loop.to_end()
+    assert {name for name, _ in seen} == {"left", "right"} and all(late == 0 for _, late in seen)
+    record = loop.result().cameras["right"]
+    np.testing.assert_allclose(record.stamp[:4], [0.05, 0.1, 0.15, 0.2], atol=1e-9)
+    place = loop.parts.places["right"].pose
+    np.testing.assert_allclose(place[:3, 3], [0.02, 0.0, 0.0], atol=1e-9)

@@ -1,0 +1,275 @@
+"""Shapes of targets by their corners: named ones, the demo's plates, solids, SVG outlines."""
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from aras_sim_bridge.description import parse_urdf
+from aras_visual_servo_base.poses import transform
+from aras_visual_servo_bench.asked.target_spec import TargetSpec
+from aras_visual_servo_bench.errors import ExperimentError, ViewError
+from aras_visual_servo_bench.targets import outlines
+from aras_visual_servo_bench.targets.files import description_file, write
+from aras_visual_servo_bench.targets.geometry import (
+    ARAS,
+    BoxesTarget,
+    Course,
+    PlacedTarget,
+    PolygonTarget,
+    RoundTarget,
+    project,
+)
+from aras_visual_servo_bench.targets.outlines import shape_of, svg_outline, tracker_of
+from aras_visual_servo_bench.targets.pictures import seen, shows
+from aras_visual_servo_bench.targets.scratch import scratch
+from aras_visual_servo_bench.targets.solids import is_solid, made_solid, primitive, solid_target
+from aras_visual_servo_bench.targets.textures import TexturedTarget
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
+
+SIZE = (0.3, 0.2)
+CAMERA = CameraModel(320, 240, (301.0, 0, 163.2, 0, 285.0, 114.7, 0, 0, 1))
+LENS = CameraModel(320, 240, (301.0, 0, 163.2, 0, 285.0, 114.7, 0, 0, 1), (-0.2, 0.05, 0, 0))
+
+
+def above(x, y, z):
+    """A camera that looks straight down, its x along the target's."""
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+@pytest.mark.parametrize(("name", "corners"), [
+    ("square", [(-0.15, -0.1), (0.15, -0.1), (0.15, 0.1), (-0.15, 0.1)]),
+    ("triangle", [(-0.15, -0.08), (0.15, -0.06), (-0.03, 0.1)]),
+    ("l_shape", [(-0.15, -0.1), (0.15, -0.1), (0.15, -0.02), (-0.03, -0.02), (-0.03, 0.1),
+                 (-0.15, 0.1)]),
+    *((name, [(0.15 * np.cos(a), 0.1 * np.sin(a)) for a in 2 * np.pi * np.arange(n) / n])
+      for name, n in (("heptagon", 7), ("circle", 180))),
+])  # fmt: skip
+def test_named_outlines_have_their_corners_in_their_size(name, corners):
+    target = shape_of(name, SIZE)
+    flat = np.column_stack([corners, np.zeros(len(corners))])
+    np.testing.assert_allclose(target.vertices(), flat, atol=1e-12)
+    pose = above(0.05, -0.02, 0.5)
+    seen_at = np.column_stack([np.array(corners)[:, 0] - 0.05, -0.02 - np.array(corners)[:, 1]])
+    np.testing.assert_allclose(target.outline(pose), seen_at / 0.5, atol=1e-12)
+    if name == "circle":
+        assert target.points(pose) is None and isinstance(target, RoundTarget)
+    else:
+        np.testing.assert_array_equal(target.points(pose), target.outline(pose))
+    assert target.height == 0.0 and target.depth(pose) == pytest.approx(0.5)
+    assert target.outline_plane(pose) == target.plane(pose)
+
+
+# x and y, m, of the plates' outline seen from above, and its height: the small plate lies on the
+# rim of the large one.
+PLATES = [(-0.025, -0.025, 0.5905), (-0.0175, -0.025, 0.59075), (-0.0175, -0.0375, 0.59075),
+          (0.0075, -0.0375, 0.59075), (0.0075, -0.025, 0.59075), (0.025, -0.025, 0.5905),
+          (0.025, 0.025, 0.5905), (-0.025, 0.025, 0.5905)]  # fmt: skip
+
+
+def test_the_demo_s_plates_are_where_the_robot_s_description_has_them():
+    corners = ARAS.vertices()
+    begin = int(np.argmin(np.abs(corners[:, :2] - PLATES[0][:2]).sum(axis=1)))
+    round_ = np.roll(corners, -begin, axis=0)
+    if abs(round_[1, 0] - PLATES[1][0]) > 1e-9:
+        round_ = np.roll(round_[::-1], 1, axis=0)
+    np.testing.assert_allclose(round_, PLATES, atol=1e-12)
+    pose = above(0.5, 0.1, 0.9)
+    assert ARAS.depth(pose) == pytest.approx(0.9 - 0.5905)
+    np.testing.assert_allclose(ARAS.plane(pose), [0.0, 0.0, 1.0 / 0.3095], atol=1e-9)
+    # From aside the large plate's side is seen down to the table, z = 0.59.
+    x, _ = ARAS.outline(pose).T
+    assert x.max() == pytest.approx((0.025 - 0.5) / 0.31, abs=1e-9)
+    assert x.min() == pytest.approx((-0.025 - 0.5) / 0.3095, abs=1e-9)
+    with pytest.raises(ViewError):
+        ARAS.outline(above(0.0, 0.0, 0.3))
+    assert shape_of("aras", SIZE) is ARAS
+
+
+def test_one_box_alone_has_four_corners_on_its_top():
+    box = BoxesTarget(TargetGeometry.checked(
+        np.array([[(-0.1, -0.2, 0.3), (0.3, 0.5, 0.4)]]), ground=0.3, surface=0.4))
+    found = box.vertices()
+    np.testing.assert_allclose(
+        found, [(-0.1, -0.2, 0.4), (0.3, -0.2, 0.4), (0.3, 0.5, 0.4), (-0.1, 0.5, 0.4)])
+    assert box.height == 0.4
+
+
+def test_what_is_nearer_than_a_millimetre_has_no_view():
+    point = np.array([[2e-4, 1e-4, 0.0]])
+    np.testing.assert_allclose(project(point, above(0.0, 0.0, 1.1e-3)), [(2 / 11, -1 / 11)])
+    with pytest.raises(ViewError):
+        project(point, above(0.0, 0.0, 0.9e-3))
+
+
+def test_a_view_that_is_none_is_none():
+    square = shape_of("square", SIZE)
+    placed = PlacedTarget(square, transform((0.1, 0.2, 0.3), (0.0, 0.0, 0.4)))
+    pose = transform((0.1, 0.2, 0.9), (np.pi, 0.1, 0.2))
+    found = placed.view(square.outline, pose)
+    np.testing.assert_allclose(found, square.outline(np.linalg.inv(placed.pose) @ pose), atol=1e-12)
+    assert placed.view(square.outline, np.full((4, 4), np.nan)) is None
+    assert placed.view(square.outline, transform((0.1, 0.2, 0.9), (0.0, 0.0, 0.0))) is None
+
+
+def test_a_course_notes_a_change_of_a_micrometre():
+    course = Course()
+    for k, shift in enumerate((0.0, 1e-6, 1e-6 + 1e-10)):
+        course.add(float(k), transform((shift, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    assert [course.at(t)[0, 3] for t in (0.5, 1.0, 2.5)] == [0.0, 1e-6, 1e-6]
+    assert course.at(-1e-3) is None
+
+
+# -- solids --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "share", "rel"), [
+    ("box", 1.0, 1e-9), ("cylinder", np.pi / 4, 0.03), ("sphere", np.pi / 6, 0.06)])
+def test_a_primitive_fills_its_size_about_its_origin(name, share, rel):
+    size = (0.3, 0.2, 0.16)
+    target = primitive(name, size)
+    corners = target.solid.vertices
+    np.testing.assert_allclose(corners.max(axis=0), 0.5 * np.array(size), rtol=0.01)
+    np.testing.assert_allclose(corners.min(axis=0), -0.5 * np.array(size), rtol=0.01)
+    assert ConvexHull(corners).volume == pytest.approx(share * np.prod(size), rel=rel)
+    assert target.made and not target.coloured and shape_of(name, size) is target
+    again = solid_target(target.path)  # what was written is what it is
+    assert not again.made
+    np.testing.assert_allclose(ConvexHull(again.solid.vertices).volume, ConvexHull(corners).volume)
+    with pytest.raises(ExperimentError, match=rf"of a {name} is \[0.3, 0.2\], must be three"):
+        shape_of(name, (0.3, 0.2))
+
+
+def test_a_solid_s_outline_is_the_hull_of_its_view():
+    target = primitive("box", (0.3, 0.2, 0.16))
+    pose = transform((0.4, -0.3, 0.5), (-2.4, 0.3, 0.5))
+    corners = (target.solid.vertices - pose[:3, 3]) @ pose[:3, :3]
+    flat = corners[:, :2] / corners[:, 2:]
+    hull = flat[ConvexHull(flat).vertices]
+    found = target.outline(pose)
+    assert len(found) == len(hull)
+    away = np.linalg.norm(found[:, None] - hull[None], axis=2)
+    assert away.min(axis=0).max() < 1e-9
+    with pytest.raises(ViewError, match="behind the camera"):
+        target.outline(transform((0.0, 0.0, 0.05), (0.0, 0.0, 0.0)))
+    plane = target.outline_plane(above(0.0, 0.0, 0.9))
+    # Square from above only the rim of the top, at 0.9 - 0.08 m, bounds the view.
+    assert pytest.approx(1 / 0.82, rel=1e-3) == plane.C
+    assert {round(z, 9) for z in target.vertices()[:, 2]} == {0.0}
+
+
+def test_what_is_a_solid():
+    assert is_solid("box") and is_solid("a/b.STL") and is_solid("x.gltf")
+    assert not is_solid("square") and not is_solid("a.png") and not is_solid(((0, 0), (1, 0)))
+    assert tracker_of("x.obj") == tracker_of("sphere") == "model"
+
+
+def test_what_is_no_closed_solid_is_refused(tmp_path):
+    with pytest.raises(ExperimentError, match="^target: m::l is open"):
+        made_solid(np.array([[(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)]], float), "m::l")
+    with pytest.raises(ExperimentError, match=f"there is no file {tmp_path}/a.stl"):
+        solid_target(tmp_path / "a.stl")
+    (tmp_path / "b.stl").write_text("nothing")
+    with pytest.raises(ExperimentError, match="^target.shape: .*b.stl"):
+        solid_target(tmp_path / "b.stl")
+
+
+def test_a_solid_s_description_names_its_mesh_and_makes_what_has_no_colour_grey(tmp_path):
+    made = primitive("box", (0.1, 0.2, 0.3))
+    text = write(made, tmp_path / "a", "crate").read_text()
+    robot = parse_urdf(text)
+    assert robot.static and "Gazebo/Grey" in text and 'reference="crate"' in text
+    (visual,) = robot.links["crate"].visuals
+    assert visual.geometry.filename == str(tmp_path / "a" / "crate.obj")
+    assert (tmp_path / "a" / "crate.obj").read_text() == made.path.read_text()
+    (tmp_path / "own.mtl").write_text("newmtl red\nKd 0.7 0.1 0.1\n")
+    (tmp_path / "own.obj").write_text("mtllib own.mtl\nusemtl red\n" + made.path.read_text())
+    own = solid_target(tmp_path / "own.obj")
+    text = write(own, tmp_path / "b", "mine").read_text()
+    assert own.coloured and "Grey" not in text and f"file://{tmp_path}/own.obj" in text
+    assert not (tmp_path / "b" / "mine.obj").exists()
+
+
+def test_what_is_made_for_one_process_lies_in_folders_of_its_own():
+    one, other = scratch(), scratch()
+    assert one != other and one.is_dir() and one.parent == other.parent
+    assert one.parent.name.startswith("aras_targets_")
+    spec = TargetSpec("poster", (0.2, 0.1))
+    assert description_file(spec).parent.parent == one.parent
+
+
+# -- what a camera without a world sees ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "lens"])
+def test_a_picture_has_its_own_grey_levels_on_white(camera):
+    pixels = np.full((40, 60), 77, np.uint8)
+    pixels[:, 30:] = 200
+    target = TexturedTarget(pixels, SIZE)
+    image = seen(target, camera, above(0.0, 0.0, 0.6))
+    assert set(np.unique(image[80:150, 100:150])) == {77}
+    assert set(np.unique(image[80:150, 175:230])) == {200}
+    assert (image[:40] == 255).all() and (image[:, :50] == 255).all()
+
+
+def test_a_solid_is_lit_on_white_and_its_pixels_are_shown():
+    box = primitive("box", (0.1, 0.1, 0.1))
+    pose = transform((0.2, -0.3, 0.45), (-2.5, 0.2, 0.3))
+    image, label = seen(box, CAMERA, pose), shows(box, CAMERA, pose)
+    assert label.dtype == np.uint8 and set(np.unique(label)) == {0, 255}
+    assert (image[cv2.dilate(label, np.ones((3, 3))) == 0] == 255).all()
+    assert len(np.unique(image[cv2.erode(label, np.ones((5, 5))) > 0])) >= 2  # its faces differ
+    hull = np.column_stack(CAMERA.project(*box.outline(pose).T))
+    mask = cv2.fillConvexPoly(np.zeros((240, 320), np.uint8), np.rint(hull).astype(int), 255)
+    assert (mask != label).mean() < 0.01
+
+
+def test_what_is_beyond_a_kilometre_is_not_drawn():
+    far = CameraModel(320, 240, (1e5, 0, 159.5, 0, 1e5, 119.5, 0, 0, 1))
+    black = TexturedTarget(np.zeros((8, 8), np.uint8), (1.0, 1.0))
+    levels = [seen(black, far, above(0.0, 0.0, z))[120, 160] for z in (950.0, 1050.0)]
+    assert levels == [0, 255]
+    near = CameraModel(320, 240, (100.0, 0, 159.5, 0, 100, 119.5, 0, 0, 1))
+    small = TexturedTarget(np.zeros((8, 8), np.uint8), (0.01, 0.01))
+    levels = [seen(small, near, above(0.0, 0.0, z))[120, 160] for z in (1.1e-3, 0.9e-3)]
+    assert levels == [0, 255]
+
+
+# -- SVG -----------------------------------------------------------------------------------------
+
+
+def test_a_curve_of_an_svg_becomes_24_edges(tmp_path):
+    file = tmp_path / "a.svg"
+    file.write_text('<svg><path d="M0 0 C 0 2 4 2 4 0 Z"/></svg>')
+    t = np.arange(25)[:, None] / 24.0
+    b = [(1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3]
+    curve = sum(w * np.array(p) for w, p in zip(b, [(0, 0), (0, 2), (4, 2), (4, 0)], strict=True))
+    wanted = (curve - [2.0, 0.75]) / 4.0  # about the middle, the longer side 1
+    np.testing.assert_allclose(svg_outline(file), wanted, atol=1e-9)
+
+
+def test_an_svg_has_bounds(tmp_path, monkeypatch):
+    file, body = tmp_path / "a.svg", '<svg><rect width="4" height="2"/>{}</svg>'
+    file.write_text(body.format(" " * (1_000_001 - len(body) + 2)))
+    with pytest.raises(ExperimentError, match="a.svg is larger than 1000000 bytes"):
+        svg_outline(file)
+    monkeypatch.setattr(outlines, "LARGEST_SVG", len(body) - 2)
+    monkeypatch.setattr(outlines, "MOST_ELEMENTS", 2)
+    file.write_text(body.format(""))
+    square = [(-0.5, -0.25), (0.5, -0.25), (0.5, 0.25), (-0.5, 0.25)]
+    np.testing.assert_allclose(svg_outline(file), square)
+    monkeypatch.setattr(outlines, "MOST_ELEMENTS", 1)
+    with pytest.raises(ExperimentError, match="draws more than 1 elements"):
+        svg_outline(file)
+
+
+def test_a_polygon_s_own_corners_need_no_size():
+    corners = ((0.0, 0.0), (0.1, 0.0), (0.0, 0.2))
+    assert shape_of(corners, (9.0,)) == PolygonTarget(corners)
+    with pytest.raises(ExperimentError, match=r"size of square is \[0.1\], must be two lengths"):
+        shape_of("square", (0.1,))
+    with pytest.raises(ExperimentError, match="target.shape is 'squar': did you mean 'square'"):
+        shape_of("squar", SIZE)

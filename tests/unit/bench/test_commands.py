@@ -131,6 +131,80 @@ def test_each_command_shows_an_example_that_it_understands(capsys):
         assert f"example: bench {words}" in capsys.readouterr().out
 
 
+WORKERS = "[--workers N] [--in-process] [--scheduler ADDRESS] [--cluster FILE] [--renew N]"
+USAGES = {
+    "run": f"[--out OUT] [--dry-run] {WORKERS} [--fail-fast] [--no-report] [--mix] [FILE|NAME] "
+           "[key=value ...]",
+    "resume": f"{WORKERS} [--fail-fast] [--no-report] [--mix] folder",
+    "protocol": "--out OUT [--seeds SEEDS] [--first FIRST] [--case CASE] [--condition CONDITION] "
+                f"[--start START] [--mix] {WORKERS} NAME",
+    "dataset": f"--out OUT [--views] [--depth] {WORKERS} FILE|NAME [key=value ...]",
+    "table": "[--format md|csv|tex] [--out FILE] [--by KEYS] [--metrics NAMES] DIR [DIR ...]",
+    "plot": "[--format png,svg,pdf] [--out DIR] [--metrics NAMES] DIR [DIR ...]",
+    "diff": "[--all] [--by KEYS] [--metrics NAMES] DIR DIR",
+    "browse": "[--port N] [--address IP] [--no-open] DIR [DIR ...]",
+    "show": "[--out DIR] DIR|BAG [run]",
+    "tune": "[--over key=low:high] [--metric METRIC] [--evaluations N] [--success PART] --out OUT "
+            f"{WORKERS} study [key=value ...]",
+    "analyze": "--out DIR [--formats png,svg,pdf] [--paper] [--names NAMES] RUN [RUN ...]",
+    "convert": "[--out FILE] bag",
+}
+
+
+@pytest.mark.parametrize("name", USAGES)
+def test_each_word_of_a_command_is_named_and_explained(name, capsys):
+    with pytest.raises(SystemExit):
+        parser().parse_args([name, "--help"])
+    usage, *parts = capsys.readouterr().out.split("\n\n")
+    assert " ".join(usage.split()) == f"usage: bench {name} [-h] {USAGES[name]}"
+    lines = [line for part in parts for line in part.splitlines() if line.startswith("  ")]
+    alone = [line for line, after in zip(lines, [*lines[1:], "  none"], strict=True)
+             if line[2] != " " and "  " not in line.strip() and after[2] != " "]
+    assert not alone
+
+
+def test_the_commands_are_listed_with_what_they_do(capsys):
+    with pytest.raises(SystemExit):
+        parser().parse_args(["--help"])
+    out = capsys.readouterr().out
+    assert "Visual servoing, simulated" in out and "COMMAND" in out
+    for name in USAGES:
+        (line,) = [one for one in out.splitlines() if one.startswith(f"    {name} ")]
+        assert len(line.split(None, 1)[1]) > 10
+    with pytest.raises(SystemExit):
+        parser().parse_args([])
+    assert "required: COMMAND" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("words", "told"), [
+    (["resume", "x", "--none"], "unknown argument --none"), (["resume", "x", "y"], "argument y"),
+    (["table", "x", "--all"], "unknown argument --all"), (["run", "--colour", "a=1"], "--colour"),
+    (["protocol", "x", "--out", "o", "a=1"], "unknown argument a=1")])
+def test_what_a_command_does_not_know_ends_it_with_2(words, told, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 2 and told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("fault", "code", "said"), [
+    (BenchError("no"), 1, "bench: no\n"), (KeyboardInterrupt(), 130, "bench: interrupted\n"),
+    (BrokenPipeError(), 1, "")])
+def test_how_a_command_ends(monkeypatch, capsys, fault, code, said):
+    def fail(_options):
+        raise fault
+
+    closed = []
+    monkeypatch.setattr(commands, "parser", lambda: made)
+    made = parser()
+    chosen = next(a for a in made._actions if a.dest == "command").choices["diff"]
+    chosen.set_defaults(carry_out=fail)
+    if isinstance(fault, BrokenPipeError):
+        monkeypatch.setattr(sys.stderr, "close", lambda: closed.append(1))
+    assert main(["diff", "a", "b"]) == code
+    assert capsys.readouterr().err == said
+    assert closed == ([1] if isinstance(fault, BrokenPipeError) else [])
+
+
 def test_a_missing_library_is_named_with_both_ways_to_install_it():
     assert str(not_installed("dask", "studies")) == (
         "dask is not installed: run ./setup.sh; without ROS, pip install '.[studies]' in the "

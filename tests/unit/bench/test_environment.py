@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from aras_visual_servo_base.poses import pose_difference
+from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment, Sampler
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.environment import ENVIRONMENT, ServoEnv
+from aras_visual_servo_bench.running.environment import ENVIRONMENT, AskedTwist, ServoEnv
+from aras_visual_servo_controller.arm.task import Task
+from aras_visual_servo_controller.schemes import Decision, JointController, Scheme
 
 
 @pytest.fixture
@@ -141,3 +145,131 @@ def test_many_are_stepped_at_once():
 def test_what_cannot_be_observed_is_refused(options, complaint):
     with pytest.raises(ExperimentError, match=complaint):
         ServoEnv(**options)
+
+
+# -- fast ones, of a camera that flies before exact features ---------------------------------------
+
+EXACT = Experiment.from_mapping({
+    "plant": "free", "lag": 0.0, "delay": 0.0, "scheme": "pose", "features": "exact",
+    "target": {"shape": "l_shape", "size": [0.06, 0.05], "pose": [0, 0, 0.59, 0, 0, 0]},
+    "goal": {"pose": [0.0, 0.0, 0.85, np.pi, 0.0, 0.0]}, "start": {"height": [0.25, 0.4]},
+})  # fmt: skip
+
+
+def test_a_seed_is_drawn_from_the_environment_s_own():
+    env = ServoEnv(EXACT)
+    for seed in (7, 8):
+        seen, info = env.reset(seed=seed)
+        drawn = int(np.random.default_rng(seed).integers(2**31))
+        parts = assemble(EXACT.with_(seed=drawn))
+        np.testing.assert_allclose(seen[-6:], parts.plant.joints()[0], atol=1e-12)
+        np.testing.assert_allclose(info["camera_T_goal"],
+                                   np.linalg.inv(parts.plant.pose()) @ parts.goal_pose, atol=1e-12)
+        distance, angle = pose_difference(parts.goal_pose, parts.plant.pose())
+        assert (info["distance"], info["angle"]) == pytest.approx((distance, angle))
+        assert (info["outcome"], info["reason"], info["verdict"]) == ("running", "", "goal_missed")
+    env.close()
+    env.close()
+
+
+@pytest.mark.parametrize(("greatest", "wanted"), [
+    ({}, (0.25, 0.25, 0.25, 1.5, 1.5, 1.5)),
+    ({"greatest": (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)}, (0.1, 0.2, 0.3, 0.4, 0.5, 0.6))])
+def test_an_action_is_the_twist_in_parts_of_the_greatest(greatest, wanted):
+    env = ServoEnv(EXACT, **greatest)
+    for action, part in (((0.5, -0.25, 0.1, -0.2, 0.3, -1.0), 1.0), ((9.0,) * 6, 1 / 9.0),
+                         ((-9.0,) * 6, 1 / 9.0)):
+        env.reset(seed=3)
+        env.step(np.array(action))
+        task = env._loop.state.decision.task
+        np.testing.assert_allclose(task.twist, np.array(action) * part * wanted, atol=1e-12)
+    env.reset(seed=3)
+    env.step(np.zeros(6))
+    assert not env._loop.state.decision.task.twist.any()
+    env.close()
+
+
+def test_a_reward_is_the_error_in_units_of_the_first():
+    env = ServoEnv(EXACT)
+    seen, _ = env.reset(seed=3)
+    first = np.linalg.norm(seen[:6])
+    rewards = []
+    for action in (0.0, 1.0, 1.0, 1.0):
+        seen, reward, ended, cut, _ = env.step(np.full(6, action) * [0, 0, 1, 0, 0, 0])
+        assert reward == pytest.approx(-np.linalg.norm(seen[:6]) / first)
+        assert not ended and not cut
+        rewards.append(reward)
+    assert rewards[0] == pytest.approx(-1.0) and abs(rewards[-1] + 1.0) > 1e-4
+    assert env.observation_space.shape == (12,) == seen.shape
+    assert np.isinf(env.observation_space.low).all() and np.isinf(env.observation_space.high).all()
+    assert (env.action_space.low == -1.0).all() and (env.action_space.high == 1.0).all()
+    assert env.action_space.shape == (6,) and env.metadata["render_modes"] == ["rgb_array"]
+    assert env.metadata["render_fps"] == 30
+    env.close()
+
+
+class Inner(Scheme):
+    """Says what it is asked."""
+
+    names, tolerances, needs, cameras = ("a", "b"), (1.0, 2.0), frozenset("n"), ("left", "right")
+    resets = 0
+
+    def needs_of(self, *cameras):
+        return cameras
+
+    def teach(self, observation):
+        return {"taught": observation}
+
+    def check(self, goal):
+        raise KeyError(goal)
+
+    def reset(self):
+        self.resets += 1
+
+    def compute(self, observation, goal, t):
+        task = Task.of_twist(np.ones(6), (True, False, True, False, True, False))
+        return Decision(self.names, observation, goal, np.array([t]), task)
+
+
+def test_a_scheme_whose_twist_is_asked_for_is_the_inner_one_in_all_else():
+    inner = Inner()
+    asked = AskedTwist(inner)
+    assert (asked.names, asked.tolerances, asked.needs, asked.cameras) == (
+        inner.names, inner.tolerances, inner.needs, inner.cameras)
+    assert asked.law is inner.law and asked.needs_of("x", "y") == ("x", "y")
+    assert asked.teach("view") == {"taught": "view"}
+    with pytest.raises(KeyError, match="home"):
+        asked.check("home")
+    np.testing.assert_array_equal(asked.twist, np.zeros(6))
+    asked.twist = np.arange(1.0, 7.0)
+    decision = asked.compute("seen", "goal", 2.5)
+    assert (decision.names, decision.features, decision.desired) == (("a", "b"), "seen", "goal")
+    assert decision.error.tolist() == [2.5]
+    np.testing.assert_array_equal(decision.task.twist, [1.0, 0.0, 3.0, 0.0, 5.0, 0.0])
+    np.testing.assert_array_equal(decision.task.modelled, [1, 0, 1, 0, 1, 0])
+    asked.reset()
+    np.testing.assert_array_equal(asked.twist, np.zeros(6))
+    assert inner.resets == 1
+
+
+class Joints(JointController):
+    """Asks for no twist."""
+
+    names, tolerances = ("x",), (1.0,)
+
+    def see(self, observation, goal, t): ...
+    def tick(self, t, dt, joints): ...
+
+
+@pytest.mark.parametrize(("given", "why"), [
+    ((EXACT.with_(scheme=f"{__name__}:Joints"),), "Joints' answers joints itself"),
+    ((EXACT, (1.0, 1.0, 0.0, 1.0, 1.0, 1.0)), "six numbers above 0, m/s and rad/s"),
+])  # fmt: skip
+def test_what_makes_no_environment_is_refused(given, why):
+    with pytest.raises(ExperimentError, match=why):
+        ServoEnv(*given)
+
+
+def test_by_default_a_free_camera_is_flown_from_drawn_starts(env):
+    assert env.experiment == Experiment(plant="free", lag=0.0, delay=0.0, start=Sampler())
+    assert env.render_mode is None and env.render() is None

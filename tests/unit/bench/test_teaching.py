@@ -14,6 +14,7 @@ from aras_visual_servo_bench.learning.policy import PolicyNetwork
 from aras_visual_servo_bench.learning.regressor import Regressor, fitted, teach
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 
 # ------------------------------------------------------------------ pictures and their answers
 
@@ -288,3 +289,144 @@ def test_where_weights_are_looked_for(monkeypatch, tmp_path):
     x = random.random(10)
     *place, c, s = ((x - arrays["mean"]) / arrays["scale"]) @ arrays["w0"] + arrays["b0"]
     np.testing.assert_allclose(learned.Network.load()(x), [*place, np.arctan2(s, c)])
+
+
+# ------------------------------------------------------------------ what the networks are asked
+
+
+@pytest.mark.parametrize(("module", "inputs", "told"), [
+    (learned, 10, 5), (learned_pictures, 28 * 21, 6), (policy, 40 * 30, 5)])
+def test_what_ships_has_the_layers_that_are_taught(module, inputs, told):
+    kind = {learned: learned.Network, learned_pictures: learned_pictures.PoseNetwork,
+            policy: PolicyNetwork}[module]
+    with np.load(kind.weights()) as file:
+        shapes = [file[f"w{k}"].shape for k in range(3)]
+    assert shapes == [(inputs, module.HIDDEN[0]), module.HIDDEN, (module.HIDDEN[1], told)]
+
+
+ADAM = {"activation": "relu", "solver": "adam", "batch_size": 100, "learning_rate_init": 1e-3,
+        "tol": 0.0, "random_state": 5}
+
+
+@pytest.mark.parametrize(("module", "given", "options"), [
+    (learned, (0.0, np.float32), {
+        "hidden_layer_sizes": (64, 64), "activation": "tanh", "solver": "lbfgs", "max_iter": 800,
+        "max_fun": 1200, "alpha": 1e-6, "random_state": 5, "tol": 1e-9}),
+    (learned_pictures, (1e-6, np.float16), {
+        **ADAM, "hidden_layer_sizes": (160, 96), "alpha": 1e-4, "max_iter": 60,
+        "n_iter_no_change": 60}),
+    (policy, (0.3, np.float16, ((1e-4, 15), (1e-5, 5))), {
+        **ADAM, "hidden_layer_sizes": (192, 96), "alpha": 1e-5, "max_iter": 30,
+        "n_iter_no_change": 30}),
+])  # fmt: skip
+def test_networks_learn_with_these_settings(monkeypatch, module, given, options):
+    """Adam makes all its epochs: no change is too small to go on."""
+    seen = []
+    monkeypatch.setattr(module, "fitted", lambda *a, **k: seen.append((a, k)) or "arrays")
+    assert module.train("x", "y", 5) == "arrays"
+    assert seen == [(("x", "y", *given), options)]
+
+
+@pytest.mark.parametrize(("module", "kind", "count", "unseen"), [
+    (learned, learned.Network, 4000, 200),
+    (learned_pictures, learned_pictures.PoseNetwork, 24000, 400)])
+def test_programs_teach_their_own_network(monkeypatch, module, kind, count, unseen):
+    seen = []
+    monkeypatch.setattr(module, "teach", lambda *a: seen.append(a) or 3)
+    assert module.main(["--out", "x"]) == 3
+    (got, argv, text, *rest), = seen
+    assert (got, argv, rest) == (kind, ["--out", "x"], [
+        count, unseen, module.pictures, module.train, module.off])
+    assert text and "\n" not in text
+
+
+def test_a_policy_is_learned_from_twelve_thousand_pictures_unless_told(monkeypatch, tmp_path):
+    met = []
+
+    def practise(network, steps, seed, environments):
+        met.append((steps, environments))
+        raise ExperimentError("enough")
+
+    monkeypatch.setattr(policy, "practise", practise)
+    monkeypatch.setattr(policy.os, "cpu_count", lambda: 3)
+    assert policy.main([]) == 1 and met == [(3000, 6)]
+    monkeypatch.setattr(policy.os, "cpu_count", lambda: None)
+    assert policy.main([]) == 1 and met[1] == (3000, 2)
+    for module in (policy, learned, learned_pictures):
+        with pytest.raises(SystemExit):
+            module.main(["--out"])
+
+
+class Says:
+    """A network that says what it is told."""
+
+    def __init__(self, told):
+        self.told, self.asked = np.array(told), []
+
+    def __call__(self, x):
+        self.asked.append(x)
+        return self.told.copy()
+
+
+AT_GOAL, NOW = (0.01, 0.0, -0.02, -3.0), (0.1, -0.2, 0.3, 3.0)
+
+
+@pytest.fixture(params=[learned, policy])
+def flown(request, monkeypatch):
+    """A scheme whose network is told what to say, what it sees now, and a goal."""
+    from types import SimpleNamespace
+
+    network, moments = Says(AT_GOAL), Moments.from_polygon(
+        np.array([(0.1, 0.2), (0.5, 0.3), (0.2, 0.6)]), 3)
+    monkeypatch.setattr(learned.Network, "load", classmethod(lambda cls: network))
+    image = np.random.default_rng(0).integers(0, 255, (240, 320), np.uint8)
+    seen = SimpleNamespace(valid=True, reason="", moments=moments, dt=0.04,
+                           image=SimpleNamespace(grey=image))
+    monkeypatch.setattr(policy, "grey_of", lambda one: one.image.grey)
+    scheme = (learned.Learned if request.param is learned else policy.Policy)()
+    goal = SimpleNamespace(name="home", moments=moments, features=scheme.teach(seen))
+    scheme.check(goal)
+    network.told = np.array(NOW)
+    wanted = learned.inputs(moments) if request.param is learned else policy.inputs(image)
+    return scheme, seen, goal, network, wanted
+
+
+def test_the_camera_flies_to_where_the_network_has_the_goal_less_its_bias_there(flown):
+    scheme, seen, goal, network, wanted = flown
+    decision = scheme.compute(seen, goal, 0.5)
+    np.testing.assert_allclose(network.asked[-1], wanted)
+    off = np.array([0.09, -0.2, 0.32, 6.0 - 2 * np.pi])  # the angle the shorter way round
+    np.testing.assert_allclose(decision.error, -off, atol=1e-12)
+    assert decision.names == ("tx", "ty", "tz", "psi") and scheme.units == ("m", "m", "m", "rad")
+    np.testing.assert_array_equal(decision.features, NOW)
+    np.testing.assert_array_equal(decision.desired, AT_GOAL)
+    gain = np.linalg.norm(decision.task.twist) / np.linalg.norm(off)
+    assert gain > 0.1
+    np.testing.assert_allclose(decision.task.twist, gain * off[[0, 1, 2, 3, 3, 3]]
+                               * [1, 1, 1, 0, 0, 1], atol=1e-12)
+    np.testing.assert_array_equal(decision.task.modelled, [1, 1, 1, 0, 0, 1])
+    coarse = isinstance(scheme, policy.Policy)
+    assert scheme.tolerances == ((0.0005,) * 3 + (0.002,) if coarse else (0.001,) * 3 + (0.005,))
+    other = type(goal)(**{**vars(goal), "name": "other"})  # a goal that it was not told of
+    network.told = np.array(AT_GOAL)
+    if not coarse:
+        assert not scheme.compute(seen, other, 0.6).error.any()
+
+
+def test_what_is_not_seen_or_was_not_shown_is_said(flown):
+    scheme, seen, goal, _, _ = flown
+    for reason in ("dark", ""):
+        seen.valid, seen.reason = False, reason
+        with pytest.raises(MeasurementError, match=reason or "the target is not visible"):
+            scheme.compute(seen, goal, 0.0)
+    if isinstance(scheme, policy.Policy):
+        for told in ([0.0] * 3, [0.0, 0.0, 0.0, np.nan]):
+            goal.features = {"policy": {"told": told}}
+            with pytest.raises(ConfigurationError, match="home was not shown to the policy"):
+                scheme.check(goal)
+    else:
+        seen.valid, seen.moments, goal.moments = True, None, None
+        with pytest.raises(MeasurementError, match="not visible"):
+            scheme.compute(seen, goal, 0.0)
+        with pytest.raises(ConfigurationError, match="home holds no moments: teach it anew"):
+            scheme.check(goal)

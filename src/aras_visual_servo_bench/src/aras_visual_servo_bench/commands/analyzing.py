@@ -24,7 +24,7 @@ def add(commands: Any) -> None:
     add_arguments(analyze)
     analyze.set_defaults(carry_out=carry_out)
     convert = commands.add_parser("convert", help="a bag as an MCAP file, which Foxglove reads")
-    convert.add_argument("bag", type=Path)
+    convert.add_argument("bag", type=Path, help="of ROS")
     convert.add_argument("--out", type=Path, metavar="FILE", help="default: beside the bag, .mcap")
     convert.set_defaults(carry_out=_convert)
 
@@ -36,8 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a bag, a folder that the demo wrote, a study's run as DIR:NUMBER, or an experiment's "
              "YAML file; several are compared",
     )  # fmt: skip
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--formats", default="png,svg,pdf", metavar="png,svg,pdf")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="of the report")
+    parser.add_argument("--formats", default="png,svg,pdf", metavar="png,svg,pdf",
+                        help="of the figures: %(default)s")
     parser.add_argument("--paper", action="store_true",
                         help="figures for a paper's column: vectors, 8 point serif letters")
     parser.add_argument("--names", default="", metavar="NAMES",

@@ -29,13 +29,15 @@ def add(commands: Any) -> None:
     show.set_defaults(carry_out=_show)
     tune = commands.add_parser("tune", help="search settings that make a metric best")
     tune.add_argument("study", type=Path, help="YAML file: the runs that every candidate meets")
-    tune.add_argument("overrides", nargs="*", metavar="key=value")
-    tune.add_argument("--over", action="append", default=[], metavar="key=low:high")
+    tune.add_argument("overrides", nargs="*", metavar="key=value",
+                      help="other values, as in repeats=5")
+    tune.add_argument("--over", action="append", default=[], metavar="key=low:high",
+                      help="a setting and its range, as in gain=0.5:4; as often as is needed")
     tune.add_argument("--metric", default="settled", help="default: %(default)s")
     tune.add_argument("--evaluations", type=int, default=48, metavar="N", help="%(default)s")
     tune.add_argument("--success", type=float, default=1.0, metavar="PART",
                       help="of the runs that must succeed (%(default)s)")
-    tune.add_argument("--out", type=Path, required=True)
+    tune.add_argument("--out", type=Path, required=True, help="folder of the candidates")
     running.add_workers(tune)
     tune.set_defaults(carry_out=_tune)
 

@@ -14,17 +14,17 @@ from ..study.results import Results
 def add(commands: Any) -> None:
     """The commands' own parsers."""
     table = commands.add_parser("table", help="results as a table, with intervals")
-    table.add_argument("folders", nargs="+", type=Path, metavar="DIR")
-    table.add_argument("--format", default="md", metavar="md|csv|tex")
+    table.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="of a study")
+    table.add_argument("--format", default="md", metavar="md|csv|tex", help="%(default)s")
     table.add_argument("--out", type=Path, metavar="FILE", help="into a file")
     table.set_defaults(carry_out=_table)
     plot = commands.add_parser("plot", help="pictures of the results")
-    plot.add_argument("folders", nargs="+", type=Path, metavar="DIR")
-    plot.add_argument("--format", default="png", metavar="png,svg,pdf")
+    plot.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="of a study")
+    plot.add_argument("--format", default="png", metavar="png,svg,pdf", help="%(default)s")
     plot.add_argument("--out", type=Path, metavar="DIR", help="default: plots in the first folder")
     plot.set_defaults(carry_out=_plot)
     diff = commands.add_parser("diff", help="which differences are more than chance")
-    diff.add_argument("folders", nargs=2, type=Path, metavar="DIR")
+    diff.add_argument("folders", nargs=2, type=Path, metavar="DIR", help="of a study")
     diff.add_argument("--all", action="store_true", help="those that chance explains too")
     diff.set_defaults(carry_out=_diff)
     for one in (table, diff):

@@ -41,7 +41,7 @@ def add(commands: Any) -> None:
     run.add_argument("--dry-run", action="store_true", help="only say what would be done")
     run.set_defaults(carry_out=_run)
     resume = commands.add_parser("resume", help="go on with a study that was begun")
-    resume.add_argument("folder", type=Path)
+    resume.add_argument("folder", type=Path, help="of the study")
     resume.set_defaults(carry_out=_resume)
     for one in (run, resume):
         add_workers(one)

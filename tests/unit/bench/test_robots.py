@@ -1,0 +1,227 @@
+"""A robot as the bench knows it: where its packages are, its frames, cameras and controllers."""
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.description import parse_urdf
+from aras_visual_servo_base.poses import optical, relative, transform
+from aras_visual_servo_bench.asked import packages
+from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec
+from aras_visual_servo_bench.asked.packages import PackagePath
+from aras_visual_servo_bench.asked.robots import Carried, Robot, RobotSpec
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.seeing.rig import StandingCamera
+
+JOINT = ('<link name="{0}"/><joint name="{0}_j" type="{1}"><parent link="{2}"/><child link="{0}"/>'
+         '<origin xyz="{3}"/><axis xyz="{4}"/><limit lower="-2" upper="2" velocity="1" effort="9"/>'
+         '</joint>')
+EYE = ('<link name="camera_link"/><joint name="mount" type="fixed"><parent link="b"/>'
+       '<child link="camera_link"/><origin xyz="0.05 0 0.1" rpy="0 0.3 0"/></joint>')
+FRAME = ('<link name="camera_optical_frame"/><joint name="opt" type="fixed"><parent '
+         'link="camera_link"/><child link="camera_optical_frame"/><origin '
+         'rpy="-1.570796326794897 0 -1.570796326794897"/></joint>')
+URDF = ('<robot name="r"><link name="world"/>' + JOINT.format("a", "revolute", "world", "0 0 0.2",
+        "0 0 1") + JOINT.format("b", "prismatic", "a", "0.3 0 0", "1 0 0") + EYE + FRAME
+        + '<link name="wall"/><joint name="w" type="fixed"><parent link="world"/><child '
+        'link="wall"/><origin xyz="1 2 3" rpy="0 0 0.5"/></joint></robot>')
+KIND = "{}_controllers/Joint{}Controller"
+POSITION, VELOCITY = KIND.format("position", "Position"), KIND.format("velocity", "Velocity")
+CONFIG = f"""r:
+  joint_state_controller: {{type: joint_state_controller/JointStateController}}
+  first: {{type: {POSITION}, joint: a_j}}
+  again: {{type: {POSITION}, joint: a_j}}
+  both: {{type: position_controllers/JointGroupPositionController, joints: [a_j, b_j]}}
+  second: {{type: {POSITION}, joint: b_j}}
+  fast: {{type: {VELOCITY}, joint: b_j}}
+"""
+
+
+@pytest.fixture
+def made(tmp_path):
+    (tmp_path / "r.urdf").write_text(URDF)
+    (tmp_path / "r.yaml").write_text(CONFIG)
+
+    def robot(keys=None, **more):
+        spec = {"urdf": str(tmp_path / "r.urdf"), "config": str(tmp_path / "r.yaml"),
+                "namespace": "/r", **(keys or {})}
+        return Robot(RobotSpec(**spec), **more)
+    robot.folder = tmp_path
+    return robot
+
+
+Q = np.array([0.4, -0.1])
+HAND_T_LINK = transform((0.05, 0.0, 0.1), (0.0, 0.3, 0.0))
+LINK_T_EYE = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
+
+
+def hand(q=Q):
+    return transform((0, 0, 0.2), (0, 0, q[0])) @ transform((0.3 + q[1], 0, 0), (0, 0, 0))
+
+
+def test_its_camera_is_where_its_description_has_it_or_is_moved_to(made):
+    np.testing.assert_allclose(made().arm().pose(Q), hand() @ HAND_T_LINK @ LINK_T_EYE, atol=1e-9)
+    assert made().arm().names == ("a_j", "b_j")
+    moved = made(xyz=(0.01, 0.02, 0.03), rpy=(0.1, 0.2, 0.3))
+    link = HAND_T_LINK @ transform((0.01, 0.02, 0.03), (0.1, 0.2, 0.3))
+    np.testing.assert_allclose(moved.arm().pose(Q), hand() @ link @ LINK_T_EYE, atol=1e-9)
+    off = transform((0.0, 0.01, 0.0), (0.0, 0.0, 0.2))
+    believed = moved.believed_arm((0.0, 0.01, 0.0), (0.0, 0.0, 0.2))
+    np.testing.assert_allclose(believed.pose(Q), hand() @ link @ off @ LINK_T_EYE, atol=1e-9)
+    same = moved.believed_arm((0.0,) * 3, (0.0,) * 3)
+    np.testing.assert_array_equal(same.pose(Q), moved.arm().pose(Q))
+
+
+CAMERAS = {
+    "own": CameraSpec(), "framed": CameraSpec(frame="wall"),
+    "held": CameraSpec(xyz=(0.1, 0.0, 0.02), rpy=(0.0, 0.1, 0.0),
+                       believed=Belief(xyz=(0.0, 0.01, 0.0), rpy=(0.1, 0.0, 0.0))),
+    "stands": CameraSpec(pose=(0.5, 0.6, 0.7, 0.1, 0.2, 0.3),
+                         believed=Belief(xyz=(0.02, 0.0, 0.0), rpy=(0.0, 0.0, 0.1))),
+    "carried": CameraSpec(pose=(0.5, 0.6, 0.7, 0.1, 0.2, 0.3), target_frame="b"),
+}
+
+
+@pytest.mark.parametrize("described", [True, False])
+def test_more_cameras_get_frames_of_their_own(made, described):
+    """Beside the robot's own camera, also where the description has its link alone."""
+    if not described:
+        (made.folder / "r.urdf").write_text(URDF.replace(FRAME, ""))
+    robot = made(cameras=CAMERAS)
+    assert [robot.frame(name) for name in (*CAMERAS, "none")] == [
+        "camera_optical_frame", "wall", "camera_frame_of_held", "camera_frame_of_stands",
+        "camera_frame_of_carried", "camera_optical_frame"]
+    assert [robot.target_frame(name) for name in ("own", "carried")] == ["", "b"]
+    seat = transform((0.1, 0.0, 0.02), (0.0, 0.1, 0.0))
+    at = hand() @ HAND_T_LINK @ seat @ LINK_T_EYE
+    held, control = robot.arm("held"), robot.arm("held")
+    np.testing.assert_allclose(held.pose(Q), at, atol=1e-9)
+    off = transform((0.0, 0.01, 0.0), (0.1, 0.0, 0.0))
+    wrong = hand() @ HAND_T_LINK @ seat @ off @ LINK_T_EYE
+    np.testing.assert_allclose(robot.arm_of("held", control).pose(Q), at, atol=1e-9)
+    np.testing.assert_allclose(robot.arm_of("held", control, True).pose(Q), wrong, atol=1e-9)
+    belief = CAMERAS["held"].believed
+    np.testing.assert_allclose(
+        robot.believed_arm(belief.xyz, belief.rpy, "held").pose(Q), wrong, atol=1e-9)
+    place = transform((0.5, 0.6, 0.7), (0.1, 0.2, 0.3))
+    np.testing.assert_allclose(robot.standing("stands"), place, atol=1e-9)
+    assert robot.standing("held") is None and robot.standing("carried") is None
+    other = robot.arm_of("stands", control)
+    assert isinstance(other, StandingCamera)
+    np.testing.assert_allclose(other.pose(Q), place, atol=1e-9)
+    off = np.linalg.inv(LINK_T_EYE) @ transform((0.02, 0, 0), (0, 0, 0.1)) @ LINK_T_EYE
+    np.testing.assert_allclose(robot.arm_of("stands", control, True).pose(Q), place @ off,
+                               atol=1e-9)
+    np.testing.assert_allclose(robot.arm("carried").pose(Q), relative(hand(), place), atol=1e-9)
+    with pytest.raises(ExperimentError, match="camera 'framed' has its place in the robot's desc"):
+        robot.believed_arm((0.1, 0.0, 0.0), (0.0, 0.0, 0.0), "framed")
+    np.testing.assert_allclose(optical(np.eye(4)), LINK_T_EYE, atol=1e-12)
+
+
+def test_a_target_is_put_onto_a_link(made, tmp_path):
+    (tmp_path / "t.urdf").write_text(
+        '<robot name="t"><link name="t"><visual><geometry><box size="1 2 3"/></geometry></visual>'
+        '</link><gazebo reference="t"><material>Gazebo/Grey</material></gazebo></robot>')
+    pose = transform((0.1, 0.2, 0.3), (0.1, 0.2, 0.3))
+    carried = {"plate": Carried("b", pose, tmp_path / "t.urdf")}
+    robot = made(carried=carried)
+    found = parse_urdf(robot.urdf)
+    assert [v.geometry.size for v in found.links["plate"].visuals] == [(1.0, 2.0, 3.0)]
+    assert 'reference="plate"' in robot.urdf and 'reference="t"' not in robot.urdf
+    arm = Arm.from_urdf(robot.urdf, "plate")
+    np.testing.assert_allclose(arm.pose(Q), hand() @ pose, atol=1e-9)
+    carried = {"plate": Carried("bb", pose, tmp_path / "t.urdf")}
+    with pytest.raises(ExperimentError, match="no link 'bb' that could carry a target: did you me"):
+        made(carried=carried)
+
+
+def test_each_joint_has_one_controller_of_one_kind(made):
+    assert made({"controllers": ("again", "second")}).controllers(("b_j", "a_j")) == (
+        {"b_j": "second", "a_j": "again"}, "position")
+    assert made().controllers(("a_j",)) == ({"a_j": "first"}, "position")
+    assert made({"controllers": ("fast",)}).controllers(("b_j",))[1] == "velocity"
+    for controllers, joints, why in (
+            (("frst",), ("a_j",), "controller 'frst' is not in .*did you mean 'first'"),
+            (("first", "both"), ("a_j", "b_j", "c_j"), "no single-joint controller for b_j, c_j"),
+            (("first", "fast"), ("a_j", "b_j"), r"several kinds \(position, velocity\): name one"),
+            ((), ("a_j", "b_j"), "of several kinds")):
+        with pytest.raises(ExperimentError, match=why):
+            made({"controllers": controllers}).controllers(joints)
+    assert set(made({"namespace": "/other/r"}).parameters) == set(made().parameters)
+    assert list(made({"namespace": "/other"}).parameters) == ["r"]
+
+
+def test_files_that_cannot_be_used_are_named(made):
+    (made.folder / "bad.yaml").write_text("[1]")
+    (made.folder / "bad.urdf").write_text(URDF.replace('<child link="wall"/>', ""))
+    for keys, why in (({"config": str(made.folder / "bad.yaml")}, "bad.yaml holds no controllers"),
+                      ({"urdf": str(made.folder / "none.urdf")}, "there is no file .*none.urdf")):
+        with pytest.raises(ExperimentError, match=why):
+            made(keys)
+    broken = made({"urdf": str(made.folder / "bad.urdf")})
+    for ask in (broken.description, broken.arm):
+        with pytest.raises(ExperimentError, match=r"^/.*bad.urdf: "):
+            ask()
+    (made.folder / "bare.urdf").write_text('<robot name="x"><link name="world"/></robot>')
+    with pytest.raises(ExperimentError, match="bare.urdf: camera cannot be moved: "):
+        made({"urdf": str(made.folder / "bare.urdf")}, xyz=(0.1, 0.0, 0.0))
+
+
+def test_the_link_that_carries_a_target_is_the_camera_s_or_the_robot_s():
+    spec = RobotSpec(target_frame="hand")
+    assert spec.carrier_for(None) == spec.carrier_for(CameraSpec()) == "hand"
+    assert spec.carrier_for(CameraSpec(target_frame="tip")) == "tip"
+    assert RobotSpec().carrier_for(None) == ""
+
+
+# -- packages ------------------------------------------------------------------------------------
+
+
+def package(folder, name):
+    (folder / name).mkdir(parents=True)
+    (folder / name / "package.xml").write_text("<package/>")
+    return folder / name
+
+
+def test_packages_are_looked_for_where_it_is_said_then_here_then_as_ros_does(tmp_path, monkeypatch):
+    own, other = package(tmp_path / "a", "mine"), package(tmp_path / "b", "mine")
+    assert PackagePath([tmp_path / "a"]).find("mine") == str(own)
+    assert PackagePath([str(other)]).find("mine") == str(other)  # the package itself
+    assert PackagePath([tmp_path, tmp_path / "b", tmp_path / "a"]).find("mine") == str(other)
+    shipped = PackagePath().find("aras_visual_servo_bench")
+    assert shipped.endswith("src/aras_visual_servo_bench")
+    ours = package(tmp_path / "c", "aras_visual_servo_bench")
+    assert PackagePath([tmp_path / "c"]).find("aras_visual_servo_bench") == str(ours)
+    monkeypatch.setattr(packages, "_SHARE", tmp_path / "a")
+    assert PackagePath().find("mine") == str(own)
+    monkeypatch.setattr(packages.environment, "find", lambda name: f"ros/{name}")
+    assert PackagePath().find("none") == "ros/none"
+    monkeypatch.undo()
+    monkeypatch.setenv("ROS_PACKAGE_PATH", "")
+    with pytest.raises(ExperimentError) as told:
+        PackagePath([tmp_path / "a"]).find("none")
+    assert str(told.value) == (
+        f"package 'none' is not in {tmp_path / 'a'}, {packages._SOURCES} nor in ROS_PACKAGE_PATH: "
+        "name its folder in robot.search")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert PackagePath(["~/a"]).find("mine") == str(own)
+
+
+def test_files_are_found_in_packages_and_the_nearest_is_named(tmp_path, monkeypatch):
+    own = package(tmp_path, "mine")
+    (own / "deep").mkdir()
+    (own / "deep" / "arm.urdf").write_text("x")
+    (own / "deep" / "leg.urdf").write_text("x")
+    found = PackagePath([tmp_path])
+    assert found.file("package://mine/deep/arm.urdf") == own / "deep" / "arm.urdf"
+    assert found.file(str(own / "package.xml")) == own / "package.xml"
+    for given, why in (
+            ("package://mine/deep/arn.urdf", f"there is no file {own}/deep/arn.urdf (given as "
+             "package://mine/deep/arn.urdf): did you mean 'arm.urdf'?"),
+            (f"{own}/deep/arm.yaml", f"there is no file {own}/deep/arm.yaml"),
+            (f"{own}/deep", f"there is no file {own}/deep")):
+        with pytest.raises(ExperimentError) as told:
+            found.file(given)
+        assert str(told.value) == why
+    monkeypatch.setenv("HOME", str(own))
+    assert found.file("~/package.xml") == own / "package.xml"

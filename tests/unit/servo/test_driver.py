@@ -17,7 +17,8 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.judging.outcomes import ADVICE
 from aras_visual_servo_controller.loop.driver import Driver
-from aras_visual_servo_controller.loop.motion import JUMP, jumped
+from aras_visual_servo_controller.loop.motion import JUMP, JUMP_SPEEDS, jumped
+from aras_visual_servo_controller.loop.state import Source
 from aras_visual_servo_controller.seeing.joint_history import FARTHEST, JointHistory
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.settings import Settings
@@ -335,6 +336,14 @@ def test_standing_by_sends_nothing():
     bench = Bench(autostart=False)
     bench.step(60)
     assert not bench.sent and bench.states[-1].phase == "stopped"
+    bench.t = 1.0  # nor where the clock goes back
+    bench.step(30)
+    assert not bench.sent and bench.servo.phase == "stopped"
+    assert bench.servo.reason == "waiting for start"
+    bench.images, count = False, len(bench.states)
+    bench.step(200)  # and of images that do not come nothing is said
+    assert {state.reason for state in bench.states[count:]} == {"waiting for start"}
+    bench.images = True
     bench.driver.start()
     bench.step(60)
     assert bench.sent and bench.servo.phase == "servoing"
@@ -411,10 +420,10 @@ def test_a_command_that_a_joint_does_not_follow_is_sent_again_ten_times_a_second
     bench.step(1)
     times = stuck(bench, 4.0)
     assert "waiting for" in bench.states[-1].reason
-    assert 15 <= len(times) <= 21 and np.diff(times).min() > 0.1 - 1e-9
+    assert 19 <= len(times) <= 21 and np.diff(times).min() > 0.1 - 1e-9
 
 
-@pytest.mark.parametrize("why", ["held", "stopped", "pressed", "released", "foreign"])
+@pytest.mark.parametrize("why", ["held", "stopped", "pressed", "released", "foreign", "one"])
 def test_a_command_is_not_sent_again_where_the_arm_is_not_to_move(why):
     bench = servoing()
     if why == "held":
@@ -425,8 +434,9 @@ def test_a_command_is_not_sent_again_where_the_arm_is_not_to_move(why):
         bench.driver.emergency_stop(True)
         if why == "released":
             bench.driver.emergency_stop(False)
-    # a foreign controller takes the joints away from their commands
-    assert not stuck(bench, 2.0, drift=0.1 if why == "foreign" else 0.0)
+    # a foreign controller takes the joints, or one of them, away from their commands
+    drift = {"foreign": 0.1, "one": 0.1 * np.eye(6)[2]}.get(why, 0.0)
+    assert not stuck(bench, 2.0, drift)
     if why == "released":
         bench.driver.start()
         assert stuck(bench, 2.0)
@@ -481,6 +491,7 @@ def test_joints_between_and_after_their_samples():
     assert history.add(sample(1.0, 0.0, 10.0)) and history.add(sample(1.1, 1.0, 10.0))
     assert history.complete_to(1.19) and not history.complete_to(1.21)  # by their period
     assert history.add(sample(1.2, 3.0, 10.0))
+    assert {history.at(stamp).velocities[0] for stamp in (1.05, 1.25, 0.95)} == {10.0}
     assert not history.add(sample(1.2, 9.0)) and not history.add(sample(1.15, 9.0))
     assert history.at(1.05).positions[0] == pytest.approx(0.5)
     assert history.at(1.1).positions[0] == 1.0
@@ -499,6 +510,16 @@ def test_joints_between_and_after_their_samples():
     assert history.at(1.05, earlier_only=True) is None  # the oldest gave way
     history.clear()
     assert history.newest is None
+
+
+def test_speeds_between_two_samples_and_how_many_are_kept():
+    history = JointHistory()
+    for k in range(70):
+        history.add(sample(0.01 * k, 0.0, 1.0 + k))
+    assert history.at(0.6875).velocities[0] == pytest.approx(1.0 + 68.75)
+    assert history.at(0.06).velocities[0] == 7.0  # the oldest of 64
+    assert history.at(0.06, earlier_only=True) is not None
+    assert history.at(0.055, earlier_only=True) is None
 
 
 def test_a_sample_serves_as_far_away_as_it_may_be_at_most():
@@ -578,3 +599,224 @@ def test_a_jump_is_told_by_the_lead_of_its_own_joint(joint):
         assert not jumped(then, q, np.full(3, 9.0), still, lead, 10.0)
         one = jumped(then, q, still, still, lead[:1], 0.01)
         assert one == (part * lead[joint] > lead[0])
+
+
+def test_how_far_and_how_fast_a_jump_is():
+    assert (JUMP, JUMP_SPEEDS) == (0.5, 4.0)
+    still, lead, q = np.zeros(1), np.array([0.25]), np.zeros(1)
+    for speed, way, jump in ((0.0, 0.125, False), (0.0, 0.126, True), (-1.0, 0.5, False),
+                             (-1.0, 0.51, True)):  # fmt: skip
+        for one, other in ((still, still + speed), (still + speed, still)):
+            assert jumped(q - way, q, one, other, lead, 0.125) is jump
+            assert jumped(q + way, q, one, other, lead, 0.125) is jump
+
+
+# -- its numbers -------------------------------------------------------------------------------
+
+
+def told(bench, t, q=None, **words):
+    """A joint state of the time t, and the clock there."""
+    bench.t = t
+    still = np.zeros(6)
+    bench.driver.joints(bench.arm.names, bench.q if q is None else q, still, words.get("stamp", t))
+
+
+def test_without_images_it_reports_at_a_camera_s_pace():
+    bench = Bench(start="2015")
+    for k in range(400):
+        told(bench, 4.0 + 0.001 * k)
+    assert bench.states[-1].phase == "approaching"
+    assert np.diff([state.stamp for state in bench.states]) == pytest.approx(0.034)
+    np.testing.assert_array_equal(bench.states[-1].joints.positions, bench.q)
+    np.testing.assert_array_equal(bench.states[0].command, bench.q)
+    assert (np.abs(bench.states[-1].command - bench.q) > 1e-3).any()
+
+
+@pytest.mark.parametrize(
+    ("off", "own"), [(0.5, True), (0.501, False), (-0.5, True), (-0.501, False)]
+)
+def test_stamps_that_are_half_a_second_off_are_of_another_clock(off, own):
+    bench = Bench()
+    told(bench, 4.0, stamp=4.0 + off)
+    assert bench.driver.history.newest.stamp == (4.0 + off if own else 4.0)
+    bench = Bench()
+    told(bench, 4.0)
+    bench.look(4.0 + off)
+    assert (bench.servo.phase == "holding") is (off == 0.5)  # for want of joints of its instant
+
+
+def test_a_second_joint_state_of_one_stamp_changes_nothing():
+    bench = servoing()
+    bench.step(1)
+    jumps, count = [], len(bench.states)
+    bench.servo.joints_jumped = lambda: jumps.append(True)
+    told(bench, bench.t, bench.q + 0.3)
+    bench.step(1)
+    assert not jumps and bench.servo.phase == "servoing"
+    assert all(state.phase == "servoing" for state in bench.states[count:])
+
+
+@pytest.mark.parametrize("positions", [["far"] * 6, None, [[0.1], [0.2, 0.3], 0, 0, 0, 0]])
+def test_joint_states_of_no_numbers_stop_the_arm(positions):
+    bench = servoing()
+    count = len(bench.states)
+    bench.t += 0.04
+    bench.driver.joints(bench.arm.names, positions, (), bench.t)
+    assert bench.servo.phase == "holding" and bench.servo.outcome.kind == "no_joint_states"
+    assert bench.states[count].joints is None and bench.states[count].reason
+
+
+@pytest.mark.parametrize(("watchdog", "blind"), [(0.01, 0.05), (0.25, 0.25)])
+def test_time_goes_on_by_the_clock_for_a_moment_without_joint_states(watchdog, blind):
+    """From a twentieth of a second on, up to the watchdog; no less than that."""
+    bench = servoing(watchdog=watchdog, delay=0.0)
+    bench.t = 8.0
+    told(bench, 8.0)
+    bench.look(8.0)
+    count = len(bench.sent)
+    bench.t = 8.0499
+    bench.driver.watch()
+    assert len(bench.sent) == count and bench.servo.phase == "servoing"
+    if watchdog > 0.05:
+        bench.t = 8.25
+        bench.driver.watch()
+        assert bench.servo.phase == "servoing"
+        assert [t for t, _ in bench.sent[count:]] == [bench.t]
+        assert bench.sent[-1][1].stamp == bench.t == bench.driver.time
+        assert np.abs(bench.sent[-1][1].positions - bench.sent[-2][1].positions).max() > 1e-4
+    bench.t = 8.0011 + blind
+    count = len(bench.states)
+    for _ in range(3):
+        bench.driver.watch()
+    assert (bench.servo.phase, bench.servo.reason) == (
+        "holding", f"no joint states for {blind:.2f} s")
+    assert len(bench.states) == count + 1  # said once of one instant
+
+
+@pytest.mark.parametrize(("age", "phase"), [(0.25, "servoing"), (0.26, "holding")])
+def test_an_image_finds_that_joint_states_do_not_come(age, phase):
+    bench = servoing(watchdog=0.25, image_timeout=9.0)
+    told(bench, 8.0)
+    bench.look(8.0)
+    count = len(bench.seen)
+    bench.t = 8.0 + age
+    bench.look(bench.t)
+    assert bench.servo.phase == phase and len(bench.seen) == count  # its joints are not known
+    bench.t = 8.5
+    told(bench, 8.5)
+    bench.t = 8.5 + FARTHEST + 1e-9
+    bench.look(8.5 + FARTHEST - 1e-9)
+    assert len(bench.seen) == count + 1
+    bench.look(8.5 + FARTHEST + 1e-9)
+    assert len(bench.seen) == count + 1
+
+
+def test_an_image_before_any_joint_state_waits_for_them():
+    bench = Bench()
+    bench.look(1.0)
+    assert (bench.servo.phase, bench.servo.reason) == ("waiting", "no joint states yet")
+    assert bench.states[-1].answers_image and bench.driver.time == 1.0
+
+
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_an_answer_moves_time_on_in_lockstep_alone(lockstep):
+    bench = servoing(lockstep=lockstep)
+    bench.step(3)
+    joints = bench.driver.history.newest
+    bench.t += 0.4 * DT
+    bench.look(bench.t)
+    assert bench.driver.time == (bench.t if lockstep else joints.stamp)
+    # In lockstep alone a joint state that came meanwhile does not count.
+    then = joints.stamp + 0.5 * DT
+    bench.t = joints.stamp + DT
+    bench.driver.joints(bench.arm.names, bench.q + 0.01, np.zeros(6), bench.t)
+    bench.look(then)
+    way = 0.5 * DT * joints.velocities if lockstep else 0.5 * (bench.q + 0.01 - joints.positions)
+    np.testing.assert_allclose(bench.seen[-1][0].positions - joints.positions, way, atol=1e-12)
+
+
+def test_in_lockstep_each_image_is_answered_though_the_arm_stands():
+    bench = servoing(lockstep=True)
+    bench.driver.stop()
+    bench.step(60)
+    count = len(bench.sent)
+    bench.step(30)
+    assert len(bench.sent) == count + 10 and bench.at_rest()
+    bench.t += DT
+    bench.driver.joints(("J1",), (0.0,), (), bench.t)
+    assert len(bench.sent) == count + 10 + 20 // 3  # of bad joints nothing is sent between
+
+
+def test_images_are_told_what_was_commanded_since():
+    bench = servoing()
+    bench.images = False
+    first = bench.t + DT
+    bench.step(1)
+    bench.look(first)
+    assert [command.stamp for command in bench.seen[-1][1]] == [first]
+    np.testing.assert_array_equal(bench.seen[-1][1][0].positions, bench.command)
+    for k in range(300):
+        told(bench, first + 0.001 * (k + 1))
+    bench.look(first + 1e-4)
+    since = bench.seen[-1][1]
+    assert len(since) == 256 and since[-1].stamp == pytest.approx(first + 0.3)
+
+
+def test_the_missing_camera_is_the_one_that_is_waited_for():
+    bench = servoing()
+    bench.driver.comes_from("right", Source("pictures", "/right", "somebody"))
+    for lacking, what in (("right", "pictures"), ("", "features"), ("left", "features")):
+        bench.driver.rig.waits_for = lacking
+        bench.step(3)
+        assert bench.servo.source.what == what
+
+
+def test_a_clock_that_has_stood_for_half_a_second_is_said_to_stand():
+    for waited, said in ((0.4375, False), (0.5, True)):
+        bench = servoing(wall_watchdog=0.25, image_timeout=9.0)
+        bench.images, bench.wall = False, 8.0
+        bench.step(1)
+        began = bench.wall
+        bench.driver.start()
+        bench.step(0)
+        bench.images = True
+        bench.look(bench.t)
+        bench.wall = began + waited
+        bench.driver.watch()
+        assert bench.servo.phase == "holding"
+        assert ("time stands still" in bench.servo.reason) is said
+
+
+def test_a_start_gives_images_their_time_anew():
+    bench = servoing(wall_watchdog=5.0, image_timeout=99.0, joint_timeout=99.0)
+    bench.wall += 4.9
+    bench.driver.start()
+    bench.wall += 4.9
+    bench.driver.watch()
+    assert bench.servo.phase == "servoing"
+    bench.wall += 0.2
+    bench.driver.watch()
+    assert bench.servo.phase == "holding"
+
+
+def test_velocities_are_sent_with_each_joint_state_also_of_an_arm_that_stands():
+    bench = Bench(output="velocity", gain=1.0)
+    bench.step(30)
+    bench.driver.stop()
+    bench.step(60)
+    count = len(bench.sent)
+    bench.images = False
+    bench.step(10)
+    assert len(bench.sent) == count + 10
+    assert not np.any([command.values for _, command in bench.sent[count:]])
+
+
+@pytest.mark.parametrize(("gap", "jumps"), [(0.25, False), (0.2501, True)])
+def test_joints_that_were_not_heard_of_for_longer_than_the_watchdog_may_be_elsewhere(gap, jumps):
+    bench = servoing(watchdog=0.25)
+    heard = []
+    bench.servo.joints_jumped = lambda: heard.append(True)
+    told(bench, 8.0)
+    heard.clear()
+    told(bench, 8.0 + gap)
+    assert bool(heard) is jumps

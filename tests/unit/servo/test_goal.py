@@ -17,7 +17,11 @@ from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.seeing.observation import Observer
-from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
+from aras_visual_servo_controller.seeing.target_geometry import (
+    TargetGeometry,
+    convex_hull,
+    star_union,
+)
 
 
 def mapping(**changes):
@@ -234,7 +238,7 @@ def test_targets_geometry():
     apart = {"boxes": [[[0, 0, 0], [0.1, 0.1, 0.01]], [[0.5, 0.5, 0], [0.6, 0.6, 0.01]]]}
     with pytest.raises(ServoError, match="do not overlap"):
         TargetGeometry.from_mapping(apart).outline(above)
-    for shape in ((1, 3, 3), (2, 3), (3, 2, 3)):
+    for shape in ((1, 3, 3), (2, 3), (3, 2, 3), (0, 2, 3)):
         with pytest.raises(ConfigurationError, match="one or two pairs of corners"):
             TargetGeometry.checked(np.zeros(shape), 0.0, 0.0)
 
@@ -267,3 +271,65 @@ def test_where_only_moments_are_known_the_outline_is_the_ellipse_that_has_them()
         [goal.moments.mu(i, 2 - i) / goal.moments.m00 for i in range(3)], rel=0.03
     )
     assert replace(goal, moments=None).outline().shape == (0, 2)
+
+
+BOX = np.array([[[-0.1, -0.05, 0.0], [0.1, 0.05, 0.01]]])
+
+
+@pytest.mark.parametrize(("corner", "ground", "surface", "words"), [
+    ([np.inf, 0.1, 0.1], 0.0, 0.0, "not finite"), ([0.1, 0.1, 0.1], np.nan, 0.0, "not finite"),
+    ([0.1, 0.1, 0.1], 0.0, np.nan, "not finite"), ([0.1, 0.1, 0.1], 0.0, np.inf, "not finite"),
+    ([0.1, -0.05, 0.1], 0.0, 0.0, "first corner of a box is its lowest"),
+    ([0.1, 0.1, -0.1], 0.0, 0.0, "first corner of a box is its lowest"),
+])  # fmt: skip
+def test_a_box_has_a_size_and_finite_numbers(corner, ground, surface, words):
+    boxes = BOX.copy()
+    boxes[0, 1] = corner
+    with pytest.raises(ConfigurationError, match=f"mine: .*{words}"):
+        TargetGeometry.checked(boxes, ground, surface, "mine")
+
+
+def test_a_camera_along_or_in_the_target_s_plane_has_no_depth():
+    box = TargetGeometry.checked(BOX.copy(), -np.inf, 0.02)
+    along = np.array([[0.0, 0, 1, -1], [0, 1, 0, 0], [-1, 0, 0, 0.3], [0, 0, 0, 1]])
+    inside = transform((0.1, 0.2, 0.02), (np.pi, 0.0, 0.0))
+    for pose in (along, inside):
+        with pytest.raises(ServoError, match="does not look at the target's plane"):
+            box.depth(pose)
+    with pytest.raises(ServoError, match="stands in the target's plane"):
+        box.plane(inside)
+
+
+def test_what_stands_in_the_ground_is_not_seen():
+    """From the side: 0.5 m off, the front is seen from the ground on."""
+    box = TargetGeometry.checked(np.array([[[-0.1, -0.05, -0.2], [0.1, 0.05, 0.3]]]), 0.1, 0.3)
+    to_x = np.array([[0.0, 0, 1, -0.6], [-1, 0, 0, 0], [0, -1, 0, 0.1], [0, 0, 0, 1]])
+    low, high = np.sort(box.outline(to_x)[:, 1])[[0, -1]]
+    assert (low, high) == pytest.approx((-0.2 / 0.5, 0.0), abs=1e-12)
+
+
+def area(polygon):
+    x, y = polygon.T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def test_a_hull_has_no_corners_within_its_sides():
+    grid = [(0.5 * i, 0.25 * j) for i in range(4) for j in range(3)]
+    hull = convex_hull(np.array(grid)[::-1])
+    assert sorted(map(tuple, hull)) == [(0.0, 0.0), (0.0, 0.5), (1.5, 0.0), (1.5, 0.5)]
+    assert area(hull) == 0.75
+
+
+def test_the_outline_of_two_that_overlap():
+    """A cross, whose edges cross eight times, and a corner that sticks into a rectangle."""
+    wide = np.array([[-3.0, -1], [3, -1], [3, 1], [-3, 1]])
+    tall = np.array([[-0.5, -2.0], [1, -2], [1, 2.5], [-0.5, 2.5]])
+    cross = star_union(wide, tall)
+    assert len(cross) == 12 and area(cross) == pytest.approx(12.0 + 1.5 * 4.5 - 1.5 * 2.0)
+    inner = {(x, y) for x in (-0.5, 1.0) for y in (-1.0, 1.0)}
+    assert {tuple(p) for p in cross.round(9)} == inner | {
+        tuple(p) for p in np.vstack([wide, tall])}
+    corner = star_union(wide, np.array([[2.0, 0], [4, 0], [4, 3], [2, 3]]))
+    assert len(corner) == 8 and area(corner) == pytest.approx(12.0 + 6.0 - 1.0)
+    with pytest.raises(ServoError, match="do not overlap"):
+        star_union(wide, tall + [9.0, 0.0])

@@ -1,12 +1,15 @@
 """Driving by hand: what is asked is done, within the limits, and ends when nobody asks any more."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from loop_rig import STARTS, the_arm, the_goal, the_limits, the_servo
 
 from aras_visual_servo_base.poses import logarithm
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
-from aras_visual_servo_controller.hands.jog import LASTS, LEAD, RISE, Jog
+from aras_visual_servo_controller.hands.jog import LASTS, LEAD, RISE, TWIST, Jog
 
 START = np.array(STARTS["2016"])
 DT = 0.02
@@ -140,7 +143,8 @@ def test_speed_comes_and_goes_gradually():
     lambda jog: jog.twist([0.0] * 5, 0.0),
     lambda jog: jog.twist([np.nan] + [0.0] * 5, 0.0),
     lambda jog: jog.joint("J4", 0.1, 0.0),
-    lambda jog: jog.joint("J1", 1.5, 0.0),
+    lambda jog: jog.joint("J1", 1.01, 0.0),
+    lambda jog: jog.joint("J1", -1.01, 0.0),
     lambda jog: jog.joint("J1", float("nan"), 0.0),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused(ask):
@@ -163,3 +167,66 @@ def test_servoing_begins_where_somebody_else_has_moved_the_arm(away, begins):
     command = servo.tick(0.31, arm.sample(arm.names, after)).positions
     np.testing.assert_allclose(command, after if begins == "there" else START, atol=1e-9)
     assert the_goal("2016") is not None
+
+
+def test_its_numbers():
+    assert (LASTS, RISE, LEAD) == (0.3, 0.25, 0.05)
+    assert TWIST == (0.25, 0.25, 0.25, 1.0, 1.0, 1.0)
+
+
+def test_what_is_asked_counts_until_its_time_is_over():
+    for t, counts in ((0.75 + LASTS, False), (0.7499 + LASTS, True)):
+        jog = Jog(the_arm(), the_limits())
+        jog.joint("J1", 0.0, 0.75)
+        assert (jog.tick(t, START) is not None) is counts
+
+
+def test_a_pause_between_two_ticks_moves_a_joint_no_further_than_a_tenth_of_a_second():
+    """Of a joint without a limit of its own, at 1 rad/s; the first tick moves none."""
+    limits = replace(the_limits(), velocity=np.array([1.0, np.inf, 2.0, 2.0, 2.0, 2.0]))
+    jog = Jog(the_arm(), limits)
+    q, commands = drive(jog, lambda t: jog.joint("J1", 1.0, t), 0.5)
+    assert (commands[0] == START).all()
+    jog.joint("J1", 1.0, 1.0)
+    after = jog.tick(1.0, q)
+    assert after[1] - commands[-1][1] == pytest.approx(0.1)
+    assert jog.tick(0.9, after) == pytest.approx(after)  # time that goes back moves none
+
+
+@pytest.mark.parametrize("end", ["released", "turned to"])
+def test_what_another_drive_was_at_is_not_gone_on_with(end):
+    """Neither after a release in the middle, nor where the camera is driven after a joint."""
+    jog = Jog(the_arm(), the_limits())
+    q, _ = drive(jog, lambda t: jog.joint("J5", 1.0, t), 0.5)
+    if end == "released":
+        jog.release()
+        assert not jog.moving and jog.tick(0.5, q) is None
+        ask, t = (lambda t: jog.joint("J5", 1.0, t)), 9.0
+    else:
+        ask, t = (lambda t: jog.twist(np.eye(6)[3], t)), 0.5
+    _, commands = drive(jog, ask, 0.1, q, t=t)
+    steps = np.abs(np.diff([q, *commands], axis=0)).max(axis=1)
+    assert steps[0] < 4.0 * DT * DT / RISE and (steps[0] == 0.0 or end == "turned to")
+    assert 0.0 < steps[1] < 8.0 * DT * DT / RISE
+
+
+def test_the_resolver_is_told_the_step_and_what_is_moved_now():
+    told = []
+
+    def resolve(q, task, dt, velocity):
+        told.append((q.tolist(), task.rate.tolist(), dt, velocity.tolist()))
+        return SimpleNamespace(velocities=np.arange(6.0) / 100.0, reasons=("slow", "stretched"))
+
+    resolver = SimpleNamespace(resolve=resolve, reset=lambda: told.append("reset"))
+    jog = Jog(the_arm(), the_limits(), resolver)
+    for t in (2.0, 2.0001, 2.05):
+        jog.twist(0.5 * np.array(TWIST), t)
+        jog.tick(t, START)
+    assert told[0] == "reset"
+    still, moved = [0.0] * 6, [0.0, 0.01, 0.02, 0.03, 0.04, 0.05]
+    for (q, rate, dt, velocity), part, step, before in zip(
+        told[1:], (0.0, 0.0001, 0.05), (1e-3, 1e-3, 0.0499), (still, moved, moved), strict=True
+    ):
+        assert q == START.tolist() and velocity == before and dt == pytest.approx(step)
+        assert rate == pytest.approx(part / RISE * np.array(TWIST))
+    assert jog.reason == "slow; stretched"

@@ -1,12 +1,19 @@
 """The one factory: the same record from pictures, from messages and from exact geometry."""
 
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
 from loop_rig import CAMERA, STARTS, lost, the_arm, the_goal
 
+from aras_visual_servo_base.poses import transform
+from aras_visual_servo_camera.contour import CORNER_ACCURACY
+from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller.seeing.depth_image import LEAST, plane_of
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.seeing.observation import Need, Observer, implausible
 
@@ -41,6 +48,10 @@ def test_a_picture_and_exact_geometry_say_the_same():
     assert seen.moments.xg == pytest.approx(exact.moments.xg, abs=1e-3)
     assert seen.moments.order == exact.moments.order == 6
     assert seen.cameras == {"camera": seen} and not seen.apart
+    accuracy = CORNER_ACCURACY / CAMERA.K[0]
+    assert (seen.corner_accuracy, seen.corner_unshared, seen.numbered) == (accuracy, 0.0, False)
+    assert (exact.corner_accuracy, exact.corner_unshared, exact.numbered) == (0.0, 0.0, None)
+    assert (exact.pixel_count, exact.touches, exact.plane_measured) == (0, (), False)
     assert len(seen.contour) > 50
     assert seen.kernel.shape == (20,)
     assert seen.pixel_count > 100
@@ -110,6 +121,10 @@ def test_time_and_motion_since_the_last_one(begin):
     third = observer.of_exact(begin + 0.08, CAMERA, joints(begin, moved), contour=outline(q))
     assert third.dt == pytest.approx(0.04)  # since the newest, not since the late one
     np.testing.assert_allclose(third.previous_T_camera, np.eye(4), atol=1e-12)
+    twice = observer.of_exact(begin + 0.08, CAMERA, joints(begin, q), contour=outline(q))
+    assert twice.dt == 0.0 and twice.previous_T_camera is None
+    fourth = observer.of_exact(begin + 0.1, CAMERA, joints(begin, moved), contour=outline(q))
+    np.testing.assert_allclose(fourth.previous_T_camera, np.eye(4), atol=1e-12)
     observer.reset()
     assert observer.of_exact(begin, CAMERA, joints(begin), contour=outline()).dt == 0.0
 
@@ -135,7 +150,8 @@ def test_of_messages():
 
 @pytest.mark.parametrize(
     "change",
-    [{"xg": 1e308}, {"yg": -31.0}, {"m00": 1e308}, {"m00": 3601.0}, {"centred": 1e300},
+    [{"xg": 1e308}, {"xg": -31.0}, {"yg": -31.0}, {"m00": 1e308}, {"m00": 3601.0},
+     {"centred": 1e300},
      {"m00": 0.0, "centred": 0.0}, {"xg": np.nan}],
 )  # fmt: skip
 def test_moments_that_no_camera_can_see(change):
@@ -174,3 +190,83 @@ def test_a_lens_is_undone():
     exact = Moments.from_polygon(outline(), 2)
     assert seen.moments.xg == pytest.approx(exact.xg, abs=5e-3)
     assert lost(seen, "x").moments is None
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("i", "j", "most"), [(2, 0, 60.0**2), (1, 1, 60.0**2), (1, 2, 60.0**3)])
+def test_moments_spread_no_further_than_any_lens_sees(i, j, most, sign):
+    """60 is twice the farthest normalised coordinate."""
+    m = Moments.from_polygon(outline(), 4)
+    for part, plausible in ((0.99, True), (1.01, False)):
+        centred = m.centred.copy()
+        centred[i, j] = sign * part * most * m.m00
+        assert (implausible(Moments(4, m.kind, m.m00, m.xg, m.yg, centred)) == "") is plausible
+
+
+def test_a_coordinate_that_is_not_finite_among_those_that_are():
+    observer = Observer(None, frozenset((Need.CORNERS,)))
+    for points in ([[0.1, np.nan], [0.2, 0.3]], [[0.1, 0.2], [np.inf, 0.3]]):
+        seen = observer.of_exact(0.5, CAMERA, contour=outline(), points=points)
+        assert (seen.valid, seen.reason) == (False, "a coordinate of the target is not finite")
+
+
+def test_a_pose_that_is_known_better_comes_before_that_of_the_joints():
+    pose, by_joints = transform((0.1, -0.2, 0.7), (3.0, 0.1, 0.2)), the_arm().pose(STARTS["2016"])
+    planes = {"plane_from": lambda world_T_camera: Plane(*world_T_camera[0, 1:4].tolist())}
+    for told, known in (({"world_T_camera": pose}, pose), ({}, by_joints)):
+        seen = Observer(the_arm(), frozenset(), **planes).of_exact(
+            0.5, CAMERA, joints(0.5), contour=outline(), **told)
+        np.testing.assert_array_equal(seen.world_T_camera, known)
+        assert seen.plane == Plane(*known[0, 1:4].tolist()) and not seen.plane_measured
+    assert Observer(None).of_exact(0.5, CAMERA, joints(0.5), contour=outline()).plane is None
+    told = Observer(the_arm(), frozenset(), **planes).of_exact(
+        0.5, CAMERA, joints(0.5), contour=outline(), plane=Plane(0.1, 0.2, 3.0))
+    assert told.plane == Plane(0.1, 0.2, 3.0) and told.plane_measured
+
+
+@pytest.mark.parametrize("told", [None, Plane(0.3, 0.1, 2.0)])
+def test_points_are_a_tracker_s_as_it_answers_them(told):
+    heard, found = [], Plane(0.1, 0.2, 4.0)
+
+    def look(grey, camera, pose, depth):
+        heard.append((grey.shape, camera, pose, depth))
+        return SimpleNamespace(
+            points=[[0.1, 0.2], [0.3, -0.4]], accuracy=0.01, unshared=0.002, plane=found)
+
+    forgot = []
+    tracker = SimpleNamespace(look=look, numbered=True, reset=lambda: forgot.append(True))
+    observer = Observer(the_arm(), frozenset((Need.CORNERS,)), tracker=tracker)
+    white, depth = np.full((240, 320), 250, np.uint8), np.full((240, 320), 0.3, np.float32)
+    seen = observer.of_image(0.5, white, CAMERA, joints(0.5), depth=depth, plane=told)
+    assert seen.valid and forgot == [True]
+    ((shape, camera, pose, given),) = heard
+    assert shape == (240, 320) and camera is CAMERA and given is depth
+    np.testing.assert_array_equal(pose, the_arm().pose(joints(0.5).positions))
+    assert seen.corners.tolist() == [[0.1, 0.2], [0.3, -0.4]] and not seen.corners.flags.writeable
+    assert (seen.corner_accuracy, seen.corner_unshared, seen.numbered) == (0.01, 0.002, True)
+    assert seen.plane == (told or found) and seen.depth is None
+
+
+@pytest.mark.parametrize("count", [LEAST - 1, LEAST])
+def test_a_plane_of_a_depth_image_needs_twelve_pixels(count):
+    assert LEAST == 12
+    camera = CameraModel(64, 48, (70.0, 0.0, 30.0, 0.0, 55.0, 26.0, 0.0, 0.0, 1.0))
+    rows, columns = np.mgrid[0:48, 0:64]
+    x, y = (columns - 30.0) / 70.0, (rows - 26.0) / 55.0
+    depth = 1.0 / (0.3 * x - 0.2 * y + 1.7)
+    known = np.zeros(depth.size, bool)
+    known[np.random.default_rng(3).permutation(depth.size)[:count]] = True
+    depth[~known.reshape(depth.shape)] = 0.0
+    found = plane_of(depth, camera, None)
+    if count < LEAST:
+        assert found is None
+    else:
+        assert tuple(found) == pytest.approx((0.3, -0.2, 1.7))
+
+
+def test_joints_whose_speed_is_not_known_rest_and_each_needs_a_number():
+    sample = JointSample.of(0.5, ("a", "b"), [0.1, -0.2])
+    assert sample.velocities.tolist() == [0.0, 0.0] and not sample.positions.flags.writeable
+    for positions, velocities in (([0.1, 0.2], [0.3]), ([0.1], [0.2, 0.3])):
+        with pytest.raises(MeasurementError, match="2 joint names, but positions of shape"):
+            JointSample.of(0.5, ("a", "b"), positions, velocities)

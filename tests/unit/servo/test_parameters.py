@@ -10,10 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aras_visual_servo_camera.trackers import TRACKERS
+from aras_visual_servo_controller.arm import JointLimitAvoidance, Posture, SingularityAvoidance
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features.moments import ImageMoments
 from aras_visual_servo_controller.goals.starts import start_joints
 from aras_visual_servo_controller.loop.state import ServoSettings
+from aras_visual_servo_controller.seeing.observation import Need
 from aras_visual_servo_controller.settings import Settings
 
 SOURCES = Path(__file__).parents[3] / "src"
@@ -42,7 +45,11 @@ def test_the_laboratory_s_robot_brings_its_own_parameters(arm):
     assert len(loop.resolver.tasks) == 2
     assert loop.resolver.limits.velocity.tolist() == [1.5] * 6
     assert loop.goal.depth == pytest.approx(0.19289, abs=1e-4)
-    assert of().for_robot("another") == of()
+    assert {"start": settings.start, "desired": settings.desired}.items() <= vars(
+        replace(of(gain=3.0).for_robot("aras_visual_servo"), desired="auto")).items()
+    by_itself = of(max_velocity=1.5, gain=3.0).for_robot("aras_visual_servo")
+    assert by_itself == replace(settings, gain=3.0)  # what is not as by default was given
+    assert of().for_robot("another") == of() == of().for_robot("")
     assert of().for_robot("../starts") == of()
 
 
@@ -97,6 +104,7 @@ def test_the_goal_follows_the_start():
         ({"package": "/"}, "unknown parameter ~package"),
         ({"namespace": "my robot"}, "~namespace is 'my robot', which is no name on a ROS graph"),
         ({"command_topic": "2nd"}, "~command_topic is '2nd', which is no name"),
+        ({"segmentation": {"component": "mask"}}, "~segmentation.component 'mask' is for the cam"),
     ],
 )
 def test_wrong_parameters_are_named(given, words):
@@ -203,6 +211,7 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"damping": {"J2": -1.0}}, "~damping.J2 is -1.0, must be >= 0"),
         ({"stiffness": [1.0, 2.0]}, "stiffness is .1.0, 2.0.: one number, or a number for each of"),
         ({"camera_frame": "camera"}, "did you mean 'camera_link'"),
+        ({"interaction": "meen"}, "unknown interaction 'meen': did you mean 'mean'"),
     ],
 )
 def test_what_cannot_be_built_is_named(given, words):
@@ -320,3 +329,68 @@ def test_a_user_s_own_feature_by_name(arm, tmp_path, monkeypatch):
     loop = of(scheme="their_package:Theirs", start="none").build(arm)
     assert loop.scheme.names == ImageMoments.names and loop.name == "their_package:Theirs"
     sys.modules.pop("their_package")
+
+
+def test_options_of_the_scheme_and_of_the_law_are_handed_on(arm):
+    scheme = of(interaction="mean", smoothing=0.25, law="adaptive", gain=3.0).make_scheme()
+    assert (scheme.interaction, scheme.smoothing, scheme.law.zero) == ("mean", 0.25, 5.0)
+    with pytest.raises(ConfigurationError, match="~law_options: 1 is no argument of a law$"):
+        Settings(law_options={1: 2.0}).make_law()
+
+
+def test_secondary_tasks_are_those_that_are_asked_for(arm):
+    for given, kinds in (
+        ({}, [JointLimitAvoidance]), ({"limit_avoidance": False}, []),
+        ({"posture": {"J1": 0.1}, "posture_gain": 2.0}, [Posture, JointLimitAvoidance]),
+        ({"singularity_avoidance": True}, [JointLimitAvoidance, SingularityAvoidance]),
+    ):  # fmt: skip
+        settings = of(**given)
+        assert [type(t) for t in settings.resolver(arm, settings.limits(arm)).tasks] == kinds
+    assert of(elbow=1).resolver(arm, of().limits(arm)).folds[0].side == 1.0
+
+
+def test_controllers_of_joints_that_are_not_used_may_be_named():
+    settings = of(joints=["J1", "J2"], controllers={"J5": "wrist"})
+    assert settings.arm(URDF).names == ("J1", "J2")
+    with pytest.raises(ConfigurationError, match="names the joint J9: known are .*J5"):
+        of(joints=["J1", "J2"], controllers={"J9": "wrist"}).arm(URDF)
+
+
+def test_a_start_by_a_pose_is_looked_for_from_the_posture_at_the_goal(arm, monkeypatch):
+    near = []
+    monkeypatch.setattr("aras_visual_servo_controller.settings.start_joints",
+                        lambda start, *given: near.append(given[-1]))  # fmt: skip
+    pose = {"xyz": [0.1, 0.02, 0.8], "rpy": [np.pi, 0.0, 0.5]}
+    goals = [of(start=start, desired="2016").build(arm).goal for start in (pose, "2016")]
+    np.testing.assert_array_equal(near[0], goals[0].joint_values(arm.names))
+    assert near[1] is None
+
+
+def test_a_run_has_its_end(arm):
+    assert of(duration=2.5).build(arm).settings.duration == 2.5
+    assert of().build(arm).settings.duration == np.inf
+
+
+def test_each_camera_s_observer_knows_what_it_needs_and_its_goal_s_plane(arm):
+    settings = of(scheme="points@left+area@right", cameras={"left": {}, "right": {}})
+    scheme, pose = settings.make_scheme(), arm.pose(np.zeros(6))
+    made = settings.rig({"left": arm, "right": None}, scheme)
+    assert [o.needs for o in made.observers.values()] == [{Need.CORNERS}, {Need.MOMENTS}]
+    assert made.control.arm is arm and made.observers["right"].arm is None
+    assert made.control.plane_from is None
+    goal = of(desired="2016").load_goal().for_cameras({"left": arm})
+    made = replace(settings, depth_image=True).rig({"left": arm, "right": None}, scheme, goal)
+    assert made.control.needs == {Need.CORNERS, Need.DEPTH}
+    assert made.control.plane_from(pose) == goal.plane_from(pose) is not None
+    assert made.observers["right"].plane_from is None
+    assert made.observers["right"].needs == {Need.MOMENTS, Need.DEPTH}
+
+
+def test_trackers_by_name():
+    assert of().make_tracker() is None
+    assert isinstance(of(tracker="dots").make_tracker(), TRACKERS["dots"])
+    with pytest.raises(ConfigurationError, match="unknown tracker 'dot': did you mean 'dots'"):
+        of(tracker="dot").make_tracker()
+    for given in ({"tracker": "model"}, {"scheme": "points+model@left"}):
+        with pytest.raises(ConfigurationError, match="model_start says where the model is"):
+            of(**given).make_tracker()

@@ -141,6 +141,16 @@ def test_stamps_of_one_trigger_may_differ_a_little():
     pictures = [(name, 0.1 * k + (0.004 if name == "right" else 0.0))
                 for k in range(1, 5) for name in ("left", "right")]  # fmt: skip
     assert fed(rig(), *pictures)[-2:] == [(0.3, 0.304), (0.4, 0.404)]
+    for late, beside in ((0.024, 0.424), (0.028, 0.328)):  # a quarter of the period counts
+        pictures = [(name, 0.1 * k + (late if name == "right" else 0.0))
+                    for k in range(1, 6) for name in ("left", "right")]  # fmt: skip
+        assert (0.4, beside) in fed(rig(), *pictures)
+
+
+@pytest.mark.parametrize(("count", "answered"), [(8, [(0.1, 0.1)]), (9, [])])
+def test_eight_pictures_wait_for_another_camera_s(count, answered):
+    left = [("left", 0.1 * k) for k in range(1, count + 1)]
+    assert fed(rig(), *left, ("right", 0.1)) == answered
 
 
 def test_it_says_which_camera_is_missing():
@@ -180,6 +190,10 @@ def test_an_older_picture_is_brought_up_to_now():
     np.testing.assert_allclose(
         exponential(right.moved), inverse(RIGHT.pose(then)) @ RIGHT.pose(now), atol=1e-12
     )
+    for age, known in ((5e-4, True), (5e-10, False)):
+        views = view(made.control, 1.0, now), view(made.observers["right"], 1.0 - age, then)
+        seen = made.together(views[0], {"right": views[1]}).cameras["right"]
+        assert (seen.moved is not None) is known
 
 
 def test_a_standing_camera_sees_nothing_of_the_arm_s_motion():

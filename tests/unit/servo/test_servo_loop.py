@@ -24,7 +24,7 @@ from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Adaptive, ContinuousStart, Proportional
 from aras_visual_servo_controller.loop.approach import Approach
-from aras_visual_servo_controller.loop.motion import CommandMotion
+from aras_visual_servo_controller.loop.motion import CommandMotion, advanced
 from aras_visual_servo_controller.loop.state import (
     APPROACHING,
     CONVERGED,
@@ -32,8 +32,10 @@ from aras_visual_servo_controller.loop.state import (
     SERVOING,
     STOPPED,
     WAITING,
+    Command,
     ServoSettings,
     ServoState,
+    Source,
 )
 from aras_visual_servo_controller.loop.task_follower import Pursuit
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
@@ -199,6 +201,8 @@ def test_a_lost_target_brings_the_arm_to_rest_and_the_loop_goes_on():
     assert set(phases(gone)) == {HOLDING}
     assert {s.reason for s in gone} == {"the target touches the left border"}
     assert {s.outcome for s in gone} == {"target_lost"}
+    assert {c.reason for c in rig.commands if 0.31 <= c.stamp < 1.0} == {gone[0].reason}
+    assert {s.scheme for s in states} == {"Composed"} and not any(s.fault for s in states)
     still = np.array([c.positions for c in rig.commands if 0.3 + 0.2 <= c.stamp < 1.0])
     np.testing.assert_array_equal(still, np.broadcast_to(still[0], still.shape))
     assert np.abs(speeds(rig)[29]).max() > 0.05  # it was moving
@@ -307,6 +311,9 @@ def test_an_image_from_before_the_clock_went_back_is_left_over():
     assert "ignored" in rig.servo.see(seen).reason
     rig.run(0.1)
     assert rig.servo.phase == SERVOING
+    rig.servo.tick(2.0, JointSample.of(2.0, names, rig.q))
+    told = [rig.servo.see(spoiled(seen, stamp=stamp)).answers_image for stamp in (3.01, 3.0)]
+    assert told == [False, True]  # a second ahead at most
 
 
 def test_the_clock_going_back_begins_anew():
@@ -329,6 +336,8 @@ def test_stop_start_and_hold():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.3)
     rig.servo.stop("the operator")
+    rig.servo.tick(rig.now, unmeasured="no word of J2")
+    assert (rig.servo.phase, rig.servo.outcome.kind) == (STOPPED, "running")
     states = [s for s in rig.run(0.5) if s.stamp >= 0.3]
     assert set(phases(states)) == {STOPPED}
     assert states[-1].outcome == "stopped"
@@ -338,11 +347,18 @@ def test_stop_start_and_hold():
     rig.run(0.3)
     assert rig.servo.phase == SERVOING
     rig.servo.hold("look at this")
+    assert rig.servo.outcome.kind == "held"
+    for word in ("a", "b"):  # nor do bad joints end it
+        command = rig.servo.tick(rig.now, unmeasured=word)
+        assert (command.reason, rig.servo.phase) == (word, HOLDING)
+        assert rig.servo.outcome.reason == "look at this"
     states = [s for s in rig.run(0.5) if s.stamp >= 1.1]
     assert set(phases(states)) == {HOLDING}
     assert {s.reason for s in states} == {"look at this"}
     rig.servo.start()
     assert rig.run(0.2)[-1].outcome == "running" and rig.servo.phase == SERVOING
+    rig.servo.hold("")
+    assert (rig.run(0.1)[-1].reason, rig.servo.outcome.reason) == ("held", "held")
 
 
 def test_waits_without_joints_and_sends_nothing():
@@ -495,6 +511,9 @@ def test_what_a_controller_of_joints_asks_is_slowed_as_a_whole_and_says_why():
     assert words.endswith("; at the acceleration limit of J1")
     assert velocities == pytest.approx(0.2 * asked)
     assert motion.limited(0.05 * asked, 0.1) == (pytest.approx(0.05 * asked), "")
+    most = np.array([1.0, -0.25, 0.1, 0.1, 0.1, 0.1])  # 2 rad/s^2 for an eighth of a second
+    assert motion.limited(most, 0.125) == (pytest.approx(most), "")
+    assert motion.limited(most, 0.124)[1] == "at the acceleration limit of J1"
 
 
 def test_a_joint_that_has_caught_up_is_waited_for_no_more():
@@ -516,6 +535,13 @@ def test_what_is_off_by_just_what_counts_as_arrived_is_there():
     assert approach.reason == "" and not approach.done
     approach.command(64.25, 0.25, np.array([0.625, -0.375]))
     assert approach.done
+    approach.reset()
+    approach.command(0.0, 0.0, np.zeros(2))
+    for t, off in ((64.0, 0.125), (64.125, 0.126), (64.25, 0.0625), (64.375, 0.0625)):
+        command = approach.command(t, 1.0, np.array([0.5, -0.25 - off]))
+    assert not approach.done  # it stood there since 64.25 s
+    before = approach.command(64.5, 1.0, np.array([0.5, -0.1875]))
+    assert approach.done and before[1] < command[1]  # what is half as far off is pushed too
     approach.command(65.0, 0.0, np.array([0.625, -0.3751]))
     assert approach.reason == "waiting at the start pose for b (-0.3751, to be -0.2500)"
     approach.reset()  # nor is it pushed any more
@@ -529,6 +555,37 @@ def test_joints_that_stay_behind_at_the_start_are_each_pushed_by_their_own_lead(
     for t in range(100):
         command = approach.command(float(t), 1.0, np.zeros(2))
     assert command.tolist() == [0.5625, -0.5]
+
+
+def test_how_long_the_way_to_the_start_takes():
+    """1.5 ways at three tenths of a speed, of which 1000 at most count; no less than 1 ms."""
+    for speed, half in ((2.0, 1.25), (np.inf, 0.0025), (1e9, 0.0025)):
+        approach = Approach(("a", "b"), np.array([9.0, speed]), ServoSettings(start=(0.0, 1.0)))
+        approach.command(4.0, 0.0, np.zeros(2))
+        assert approach.command(4.0 + half, 0.0, np.zeros(2))[1] == pytest.approx(0.5)
+    approach = Approach(("a",), np.ones(1), ServoSettings(start=(0.5,), settle=0.25))
+    there = np.array([0.5])
+    for t, done in ((0.0, False), (9 / 8192, False), (9 / 8192 + 0.25, True)):
+        approach.command(t, 0.0, there)
+        assert approach.done is done
+
+
+def test_a_joint_on_the_way_waits_where_it_hangs_and_velocities_are_those_of_the_way():
+    servo, start = the_servo("2016", start=STARTS["2016"], output="velocity"), STARTS["2016"]
+    names, q, asked = servo.arm.names, np.zeros(6), []
+    for t in np.arange(0.0, 3.0, 0.01):
+        command = servo.tick(t, JointSample.of(t, names, np.zeros(6)))
+        q = q + 0.01 * command.values
+        asked.append(servo.waits_for_joints)
+    assert not asked[0] and asked[-1] and servo.phase == APPROACHING
+    np.testing.assert_allclose(q, servo.command, atol=1e-12)
+    near = np.array(start) - 0.004  # there, and pushed on all the same
+    moved = []
+    for t in np.arange(3.0, 4.0, 0.01):
+        moved.append(servo.tick(t, JointSample.of(t, names, near)).values.any())
+        if not servo.approaching:
+            break
+    assert moved[0] and not moved[-1] and servo.phase == WAITING
 
 
 def test_reset_forgets_what_held_it_and_the_image_period():
@@ -573,10 +630,11 @@ def test_what_sags_before_the_first_image_is_held_where_it_was():
 @pytest.mark.parametrize(("lasts", "times"), [(0.0, [0, 10, 20, 30, 40]), (0.025, [0, 25])])
 def test_velocities_are_worked_out_anew_when_their_period_is_over(lasts, times):
     """Ticks of 1 ms, a period of 10 ms."""
-    worked_out = []
+    worked_out, steps = [], set()
 
     def resolve(q, task, dt, velocity):
         worked_out.append(round(1e3 * now))
+        steps.add(dt)
         return SimpleNamespace(velocities=np.zeros(2), lasts=lasts, reasons=())
 
     motion, resolver = SimpleNamespace(velocity=np.zeros(2)), SimpleNamespace(resolve=resolve)
@@ -586,7 +644,27 @@ def test_velocities_are_worked_out_anew_when_their_period_is_over(lasts, times):
     for tick in range(45):
         now = 1e-3 * tick
         pursuit.velocities(now, 1e-3, JointSample.of(now, ("a", "b"), np.zeros(2)), 0.0)
-    assert worked_out == times
+    assert worked_out == times and steps == {0.01}
+    # What an image's answer has worked out serves as long as it lasts, from the tick before on.
+    answer = SimpleNamespace(velocities=np.ones(2), lasts=lasts, reasons=("slow", "bent"))
+    pursuit.ask(Task.of_twist(np.zeros(6)), answer, 0.05, 0.05)
+    for now, served in ((0.051, lasts > 0.0), (0.0749, lasts > 0.0), (0.0751, False)):
+        found, words = pursuit.velocities(
+            now, 0.02, JointSample.of(now, ("a", "b"), np.zeros(2)), 0.0)
+        assert found[0] == float(served) and words == ("slow; bent" if served else "")
+    assert steps == {0.01, 0.02}
+    pursuit.ask(Task.of_twist(np.zeros(6)), answer, 0.1, None)
+    assert pursuit.kept is None
+
+
+def test_a_task_is_taken_up_when_its_delay_is_over_and_not_before():
+    pursuit = Pursuit("any", None, None, None, ServoSettings(delay=0.1))
+    first, second = (Task.of_twist(np.full(6, float(k))) for k in (1, 2))
+    pursuit.ask(first, None, 0.2, 0.2)  # 0.2 + 0.1 is a little more than 0.3
+    pursuit.ask(second, None, 0.25, 0.25)
+    for t, task in ((0.3 - 5e-7, None), (0.3, first), (0.3499995, first), (0.4, second)):
+        pursuit.take_up(t)
+        assert pursuit.task is task
 
 
 def test_a_first_step_longer_than_the_lead_is_taken():
@@ -601,6 +679,71 @@ def test_a_first_step_longer_than_the_lead_is_taken():
     for _ in range(60):  # and what does not follow is waited for all the same
         said = motion.advance(np.full(6, 6.0), measured, 0.01)
     assert "waiting for" in said and motion.at_rest
+    assert motion.advance(np.full(6, 6.0), motion.command, 0.0) == "" and motion.at_rest
+
+
+@pytest.mark.parametrize(("before", "ahead", "speed", "late"), [
+    (0.0625, 0.26, 0.0, False), (0.063, 0.26, 0.0, True),  # known by half of the lead
+    (0.07, 0.125, 0.0, False), (0.07, 0.126, 0.0, True),
+    (0.07, 0.25, -0.5, False), (0.07, 0.251, -0.5, True), (0.07, 0.25, 0.5, False),  # and the lag
+    (0.3, 0.3, 0.0, False), (0.3, 0.31, 0.0, True), (0.3, 0.29, 0.0, False),
+])  # fmt: skip
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_joint_is_late_that_is_further_behind_than_it_may_be(before, ahead, speed, late, sign):
+    """By lead and lag, and more than before; the first joint is at its command."""
+    measured, command = np.array([0.0, -2.0]), np.array([0.0, -2.0 + sign * before])
+    asked = np.array([0.0, sign * (ahead - before) / 0.5])
+    far, lead = np.full(2, 9.0), np.array([9.0, 0.125])
+    after, speeds, stopped, found = advanced(
+        command, np.array([0.0, speed]), asked, measured, -far, far, lead, 0.25, 0.5)
+    assert found.tolist() == [False, late] and not stopped.any()
+    assert after == pytest.approx([0.0, -2.0 + sign * ahead]) and speeds == pytest.approx(asked)
+
+
+def test_what_is_waited_for_is_told_with_how_far_it_is_behind():
+    motion = CommandMotion(("a", "b"), SimpleNamespace(
+        lower=np.full(2, -9.0), upper=np.full(2, 9.0), acceleration=np.full(2, np.inf)),
+        ServoSettings(lead=0.05, lag=0.0))  # fmt: skip
+    motion.begin(np.zeros(2))
+    said = motion.advance(np.array([0.1, -1.0]), np.array([0.0, 0.3]), 0.5)
+    assert said == "waiting for b, which is 0.800 behind its command"
+
+
+def test_a_stop_takes_as_long_as_the_slowest_joint_s_acceleration_asks():
+    for acceleration, ticks in (((9.0, 1.0), 50), ((9.0, 9.0), 15)):
+        motion = CommandMotion(("a", "b"), SimpleNamespace(
+            lower=np.full(2, -9.0), upper=np.full(2, 9.0), acceleration=np.array(acceleration)),
+            ServoSettings(stop_time=0.15))  # fmt: skip
+        motion.begin(np.zeros(2))
+        motion.velocity = np.array([0.1, -0.5])
+        count = 0
+        while not motion.at_rest and count < 99:
+            motion.brake(0.01)
+            count += 1
+        assert count in (ticks, ticks + 1)
+
+
+@pytest.mark.parametrize(("off", "taken_up"), [(0.125, False), (0.126, True)])
+def test_one_joint_that_somebody_has_moved_is_enough_to_begin_there(off, taken_up):
+    motion = CommandMotion(("a", "b"), None, ServoSettings(arrived=(9.0, 0.125)))
+    motion.begin(np.array([0.5, -0.25]))
+    motion.take_up(np.array([1.5, -0.25 - off]))
+    assert motion.command.tolist() == ([1.5, -0.25 - off] if taken_up else [0.5, -0.25])
+
+
+def test_efforts_stay_within_those_of_each_joint():
+    settings = ServoSettings(output="effort", stiffness=(100.0, 200.0), damping=1.0)
+    motion = CommandMotion(("a", "b"), None, settings)
+    motion.begin(np.zeros(2))
+    for way in (1.0, -1.0):
+        joints = JointSample.of(0.5, ("a", "b"), [0.05 * way, 0.3 * way])
+        sent = motion.sent(0.5, joints, np.array([7.0, 30.0]), "why", SERVOING)
+        assert sent.values == pytest.approx([-5.0 * way, -30.0 * way])
+        assert (sent.kind, sent.reason, sent.phase) == ("effort", "why", SERVOING)
+        assert sent.positions is None
+    assert motion.sent(0.5, None, np.ones(2), "", WAITING).values is None
+    motion.reset()
+    assert motion.sent(0.5, joints, np.ones(2), "", WAITING).values is None
 
 
 @pytest.mark.parametrize("output", ["velocity", "position"])
@@ -769,7 +912,7 @@ def test_what_hangs_at_the_start_is_pushed_no_faster_than_it_was_driven():
 
 def test_the_joint_that_does_not_arrive_at_the_start_is_named():
     servo, start = the_servo("2016", start=STARTS["2016"]), np.array(STARTS["2016"])
-    off = np.array([0.1, -0.3, 0.006, 0.004, 0.002, 0.0])
+    off = np.array([0.1, -0.3, 0.006, 0.0027, 0.0023, 0.0])
     for t in np.arange(0.0, 4.0, 0.01):
         command = servo.tick(t, JointSample.of(t, servo.arm.names, start + off))
     assert command.reason == (
@@ -780,3 +923,118 @@ def test_the_joint_that_does_not_arrive_at_the_start_is_named():
     assert pushed == pytest.approx([-0.05, 0.05, *pushed[2:4], 0.0, 0.0], abs=1e-12)
     assert (pushed[2:4] < -0.01).all() and (pushed[2:4] >= -0.05).all()
     assert servo.approaching
+
+
+# -- what it is told and tells ------------------------------------------------------------------
+
+
+def test_an_image_without_joints_meets_the_latest():
+    rig = Rig(the_servo("2016"), STARTS["2016"])
+    joints = JointSample.of(0.5, rig.servo.arm.names, rig.q)
+    rig.servo.tick(0.5, joints)
+    state = rig.servo.see(spoiled(rig.exact(rig.observer, 0.5, joints), joints=None))
+    assert state.phase == SERVOING and state.joints is joints and rig.servo.state is state
+    np.testing.assert_array_equal(state.command, rig.q)
+    rig.servo.command[:] = 9.0
+    np.testing.assert_array_equal(rig.servo.command, rig.q)
+
+
+def test_a_start_while_it_servoes_begins_anew():
+    rig = Rig(the_servo("2016"), STARTS["2016"])
+    rig.run(0.3)
+    assert rig.servo.pursuit.task is not None and rig.servo.goes_on
+    rig.servo.start()
+    assert rig.servo.pursuit.task is None and rig.servo.phase == SERVOING
+    before = np.abs(rig.servo.motion.velocity).max()
+    rig.servo.tick(rig.now, JointSample.of(rig.now, rig.servo.arm.names, rig.q))
+    assert 0.0 < np.abs(rig.servo.motion.velocity).max() < before
+
+
+def test_velocities_that_fail_between_images_hold_the_arm_at_once():
+    rig = Rig(the_servo("2016"), STARTS["2016"])
+    rig.run(0.3)
+    for error in (ValueError("no"), ZeroDivisionError("by zero"), np.linalg.LinAlgError("none")):
+        def fail(*given, error=error):
+            raise error
+
+        rig.servo.resolver.resolve, resolve = fail, rig.servo.resolver.resolve
+        joints = JointSample.of(rig.now + 0.02, rig.servo.arm.names, rig.q)
+        command = rig.servo.tick(rig.now + 0.02, joints)
+        assert (command.phase, command.reason) == (HOLDING, str(error))
+        assert rig.servo.motion.command is not None and rig.servo.pursuit.task is None
+        rig.servo.resolver.resolve = resolve
+        rig.run(0.3)
+        assert rig.servo.phase == SERVOING
+
+
+@pytest.mark.parametrize(("seconds", "slow"), [(0.25, False), (0.2501, True)])
+def test_a_scheme_may_take_a_whole_image_period(seconds, slow):
+    clock = iter(np.arange(99.0) * seconds)
+    servo = the_servo("2016", clock=lambda: float(next(clock)))
+    rig = Rig(servo, STARTS["2016"])
+    for t in (1.0, 1.25):
+        joints = JointSample.of(t, servo.arm.names, rig.q)
+        servo.tick(t, joints)
+        state = servo.see(rig.exact(rig.observer, t, joints))
+    assert ("longer than the image period" in state.reason) is slow
+
+
+def test_the_watchdog_s_time_is_over_when_it_is_longer():
+    servo = the_servo("2016", watchdog=0.25, longest_step=9.0)
+    rig = Rig(servo, STARTS["2016"])
+    joints = JointSample.of(1.0, servo.arm.names, rig.q)
+    servo.tick(1.0, joints)
+    servo.see(rig.exact(rig.observer, 1.0, joints))
+    for t, phase in ((1.0625, SERVOING), (1.3125, SERVOING), (1.328125, WAITING)):
+        servo.tick(t, JointSample.of(t, servo.arm.names, rig.q))  # answered at the first
+        assert servo.phase == phase
+
+
+@pytest.mark.parametrize("output", ["position", "acceleration"])
+def test_what_a_controller_of_joints_answers_is_taken_as_it_is(output):
+    scheme = SimpleNamespace(output=output, tick=lambda t, dt, joints: np.array([0.25, -0.5]))
+    limits = SimpleNamespace(velocity=np.full(2, 9.0), acceleration=np.full(2, np.inf))
+    motion = CommandMotion(("a", "b"), limits, ServoSettings())
+    motion.begin(np.array([0.125, -0.25]))
+    motion.velocity = np.array([1.0, 3.0])
+    pursuit = Pursuit("any", scheme, None, motion, ServoSettings())
+    pursuit.ask(None, None, 0.0, 0.0)
+    joints = JointSample.of(0.5, ("a", "b"), np.zeros(2))
+    found, words = pursuit.velocities(0.5, 0.125, joints, 0.0)
+    expected = {"position": [1.0, -2.0], "acceleration": [1.03125, 2.9375]}[output]
+    assert found.tolist() == expected and words == ""
+    found, _ = pursuit.velocities(0.5, 0.0, joints, 0.0)
+    assert found.tolist() == {"position": [0.0, 0.0], "acceleration": [1.0, 3.0]}[output]
+
+
+def test_settings_of_another_arm_are_refused():
+    for key in ("arrived", "lead", "stiffness", "damping"):
+        with pytest.raises(ConfigurationError, match=f"{key} is .*: one number, or a number for"):
+            the_servo("2016", **{key: (0.5, 0.25)})
+    for start in ((0.5, 0.25), 0.5):
+        with pytest.raises(ConfigurationError, match="start is .*: a number for each of gan"):
+            the_servo("2016", start=start)
+    with pytest.raises(ConfigurationError, match="start.*J3.*limits"):
+        the_servo("2016", start=(0.0, 0.0, 0.0, 2.5, 0.0, 0.0))
+
+
+def test_a_state_that_was_read_back_tells_what_its_resolution_does():
+    resolution = SimpleNamespace(
+        asked=np.arange(6.0), twist=np.arange(6.0) / 2.0, singular_values_L=np.array([3.0, 0.5]))
+    state = ServoState(0.5, SERVOING, resolution=resolution)
+    assert state.twist is resolution.asked and state.achieved is resolution.twist
+    assert state.singular_values_L is resolution.singular_values_L and state.rank == 2
+    bare = ServoState(0.5, WAITING)
+    assert bare.twist.tolist() == [0.0] * 6 and bare.names == () and bare.error is None
+    assert (bare.outcome, bare.computing, bare.answers_image) == ("running", 0.0, False)
+    sent = Command(0.5, ("a",), np.ones(1))
+    assert sent.positions is sent.values and (sent.reason, sent.phase) == ("", "")
+
+
+def test_where_images_come_from_in_words():
+    plain, whole = Source(), Source("features", "/eye", "the camera node")
+    assert plain.missing() == "no image" and plain.missing(0.256) == "no image for 0.26 s"
+    assert whole.missing() == "no features on /eye (is the camera node running?)"
+    same = "(is use_sim_time the same for both?)"
+    assert plain.ahead(1.5) == f"image are stamped 1.50 s ahead of the clock {same}"
+    assert whole.ahead(1.5) == f"features on /eye are stamped 1.50 s ahead of the clock {same}"

@@ -1,7 +1,9 @@
 """Keys of the teleoperation, and a gamepad."""
 
 import os
+import pty
 import sys
+import termios
 import time
 
 import numpy as np
@@ -29,6 +31,7 @@ from aras_visual_servo_controller.hands.teleop import (
     command_for,
     keys_of,
     pressed,
+    raw_terminal,
     stepped,
 )
 
@@ -39,6 +42,7 @@ from aras_visual_servo_controller.hands.teleop import (
         (("gantry", "J1", "J2"), "gantry", "J2"),
         (("shoulder_pan", "shoulder_lift", "elbow"), "shoulder_pan", "shoulder_lift"),
         (("pan",), "pan", "pan"),
+        (("pan", "tilt"), "pan", "tilt"),
     ],
 )
 def test_arrows_step_the_first_joints_of_another_arm(names, across, along):
@@ -50,6 +54,10 @@ def test_arrows_step_gantry_and_j2():
     for key in ("\x1b[C", "\x1b[C", "\x1b[A", "x", ""):
         command, _ = command_for(key, command, the_limits(), JOINTS)
     np.testing.assert_allclose(command, [0.1, 0.0, 0.05, 0.0, 0.0, 0.0])
+    after, told = command_for("\x1b[B", command, the_limits(), JOINTS)
+    assert (after[2], command[2], told) == (0.0, 0.05, "J2 to 0.000")
+    to_the_end = the_limits(upper={"gantry": command[0] + 0.05})
+    assert command_for("\x1b[C", command, to_the_end, JOINTS)[1] == "gantry to 0.150"
 
 
 @pytest.mark.parametrize(("key", "place"), [("\x1b[C", "upper"), ("\x1b[D", "lower")])
@@ -95,10 +103,12 @@ def test_each_key_moves_the_camera_in_its_direction(key, row, sign):
 
 def test_a_chosen_joint_is_moved_and_no_other():
     jog, keys = Asked(), Keys(the_arm().names)
+    assert keys.press("=", jog, 0.0) == (True, "")
     assert keys.press("3", jog, 0.0) == (False, "+ and - move J2")
     keys.press("+", jog, 0.0)
     keys.press("-", jog, 0.0)
-    assert jog.heard == [("J2", SPEEDS[2]), ("J2", -SPEEDS[2])]
+    assert jog.heard == [("gantry", 0.2), ("J2", 0.2), ("J2", -0.2)]
+    assert keys.press("x", jog, 0.0) == (False, "") and len(jog.heard) == 3
     assert keys.press("7", jog, 0.0)[1].startswith("there are 6 joints: gantry")
     assert keys.press("0", jog, 0.0) == (False, "") and keys.chosen == 2
     assert keys.press("6", jog, 0.0) == (False, "+ and - move J6")
@@ -129,16 +139,31 @@ def test_keys_are_read_as_they_come_also_such_as_are_no_text(monkeypatch):
     with os.fdopen(end) as terminal:
         monkeypatch.setattr(sys, "stdin", terminal)
         assert pressed(0.0) == []
+        os.write(begin, 70 * b"d")
+        assert [len(pressed(0.0)) for _ in range(2)] == [64, 6]
         os.write(begin, b"d\xff\x1b[C")
         assert pressed(5.0) == ["d", "\ufffd", "\x1b[C"]
         os.close(begin)
         assert pressed(5.0) == ["\x04"]  # the terminal is gone: as its end of input
 
 
+def test_a_terminal_is_as_before_once_its_keys_were_read(monkeypatch):
+    person, end = pty.openpty()
+    with os.fdopen(end) as terminal, os.fdopen(person):
+        monkeypatch.setattr(sys, "stdin", terminal)
+        before = termios.tcgetattr(terminal)
+        with pytest.raises(KeyboardInterrupt), raw_terminal():
+            assert not termios.tcgetattr(terminal)[3] & (termios.ICANON | termios.ECHO)
+            raise KeyboardInterrupt
+        assert termios.tcgetattr(terminal) == before
+
+
 def test_a_pad_moves_nothing_until_a_shoulder_button_is_held():
     axes, none = DEAD + (1.0 - DEAD) * 0.1 * np.arange(1.0, 9.0), [0] * 8
+    assert (DEAD, SLOW, FAST) == (0.12, 4, 5)
     assert twist_of(axes, none) is None
-    assert twist_of(axes, []) is None
+    assert twist_of(axes, []) is None and twist_of(axes, [1] * 4) is None
+    assert twist_of(axes, [0] * 4 + [1]) is not None
     slow, fast = list(none), list(none)
     slow[SLOW], fast[FAST] = 1, 1
     # left and up: the picture's left and up; nearer; turned to the left
@@ -153,7 +178,7 @@ def test_a_stick_near_its_middle_counts_as_none():
     buttons = [0, 0, 0, 0, 1, 0]
     assert not twist_of([0.9 * DEAD, -0.9 * DEAD, float("nan")], buttons).any()
     assert abs(twist_of([1.02 * DEAD], buttons)[0]) < 0.03 * TWIST[0]
-    np.testing.assert_allclose(twist_of([5.0], buttons)[0], -0.3 * TWIST[0])
+    assert [twist_of([way], buttons)[0] for way in (5.0, -5.0)] == pytest.approx([-0.075, 0.075])
 
 
 def test_the_kernels_events_are_a_pads_state(tmp_path):
@@ -161,6 +186,7 @@ def test_the_kernels_events_are_a_pads_state(tmp_path):
     path.write_bytes(b"")
     pad = JoyDevice(path)
     pad.axes, pad.buttons = [0.0] * 8, [0] * 16
+    assert (BUTTON, AXIS) == (1, 2)
     pad.take(EVENT.pack(1, -32767, AXIS | INITIAL, 0))  # the kernel's left is negative
     pad.take(EVENT.pack(2, 1, BUTTON, SLOW))
     pad.take(EVENT.pack(3, 1, BUTTON, len(pad.buttons)))
@@ -178,6 +204,7 @@ def test_a_pad_that_is_unplugged_asks_for_nothing(tmp_path):
     os.mkfifo(path)
     cable = os.open(path, os.O_RDWR)
     pad = JoyDevice(path)
+    assert (pad.axes, pad.buttons, pad.gone) == ([0.0] * 8, [0] * 16, False)
     os.write(cable, EVENT.pack(1, -32767, AXIS, 0) + EVENT.pack(2, 1, BUTTON, FAST))
     _wait(lambda: twist_of(pad.axes, pad.buttons) is not None)
     os.close(cable)

@@ -119,9 +119,11 @@ def test_compiled_ticks_do_what_the_driver_does(play, given):
             other.stamp, other.phase, other.outcome, other.reason
         )  # fmt: skip
         np.testing.assert_array_equal(one.command, other.command)
-    assert [len(commands) for _, commands in joined.seen] == [
-        len(commands) for _, commands in single.seen
-    ]
+    for (_, commands), (_, others) in zip(joined.seen, single.seen, strict=True):
+        for one, other in zip(commands, others, strict=True):
+            assert one.stamp == other.stamp and one.names == other.names
+            np.testing.assert_array_equal(one.positions, other.positions)
+            np.testing.assert_array_equal(one.velocities, other.velocities)
 
 
 @pytest.mark.parametrize("given", [{"output": "velocity"}, {"lockstep": True}, {"dry": True}])

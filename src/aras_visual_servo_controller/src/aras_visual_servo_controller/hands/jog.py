@@ -89,7 +89,6 @@ class Jog:
         """The command (n,) at t (s), measured joints (n,); None: leave the joints alone."""
         asked = t < self._until
         if not asked and self._command is None:
-            self._time = None
             return None
         if self._command is None:
             self._command = np.array(positions, float)

@@ -33,23 +33,24 @@ class Approach:
         """Begin anew."""
         self.done = False
         self.reason = ""
-        self._origin: np.ndarray | None = None
-        self._since = self._duration = 0.0
+        # From where (n,), since when and for how long, s.
+        self._way: tuple[np.ndarray, float, float] | None = None
         self._pushed = np.zeros(len(self.names))
         self._arrived_at: float | None = None
 
     def command(self, t: float, dt: float, positions: np.ndarray) -> np.ndarray:
         """Positions (n,) to command at t (s), dt after the last; measured positions (n,)."""
-        if self._origin is None:
-            self._origin, self._since = np.array(positions, float), t
+        if self._way is None:
+            origin = np.array(positions, float)
             # Smoothstep peaks at 1.5 times its mean speed, and begins and ends at 6 way / time^2.
-            way = np.abs(self.start - self._origin)
+            way = np.abs(self.start - origin)
             least = np.maximum(1.5 * way / self._speed, np.sqrt(6.0 * way / self._acceleration))
-            self._duration = max(float(np.max(least)), 1e-3)
-        part = float(np.clip((t - self._since) / self._duration, 0.0, 1.0))
+            self._way = origin, t, max(float(np.max(least)), 1e-3)
+        origin, since, duration = self._way
+        part = (t - since) / duration
         if part < 1.0:
             blend = part * part * (3.0 - 2.0 * part)
-            return self._origin + blend * (self.start - self._origin)
+            return origin + blend * (self.start - origin)
         missing = self.start - positions
         far = np.abs(missing) > self._arrived
         push = np.where(np.abs(missing) < 0.5 * self._arrived, 0.0, missing)

@@ -81,7 +81,7 @@ class Driver:
         self.commands: deque[JointSample] = deque(maxlen=256)
         self._joints_heard = self._answered = wall()
         self._images_heard = dict.fromkeys(rig.observers, wall())
-        self._said_silence = -1e9
+        self._said_silence = -np.inf
         self._moved = wall()  # when the clock last went on
         self._starved = self._e_stopped = False
         self.beginnings = 0  # how often joint states began to come
@@ -258,7 +258,7 @@ class Driver:
         self.sent: np.ndarray | None = None
         self._sent_at = 0.0
         self._behind: np.ndarray | None = None  # (n,) that the joints lacked when it came to rest
-        self._reported = -1e9
+        self._reported = -np.inf
 
     def _follow(self) -> float:
         """The clock, s; when it went back, the loop begins anew."""
@@ -297,7 +297,7 @@ class Driver:
         command = self._tick(t, unmeasured=reason)
         if not self.settings.lockstep:
             self._send(command)
-        self._now_and_then(command, None, reason)
+        self._now_and_then(command, None)
 
     def _send(self, command: Command, repeat: bool = False) -> None:
         """Send; positions that are not new only where a joint does not follow them."""
@@ -355,7 +355,7 @@ class Driver:
             self._lead, dt,
         )  # fmt: skip
 
-    def _now_and_then(self, command: Command, joints: JointSample | None, reason: str = "") -> None:
+    def _now_and_then(self, command: Command, joints: JointSample | None) -> None:
         """Report without an image, at a camera's pace."""
         if not 0.0 <= command.stamp - self._reported < REPORT_PERIOD:
             self._report(
@@ -363,7 +363,7 @@ class Driver:
                     command.stamp,
                     self.servo.phase,
                     self.servo.outcome.kind,
-                    reason or command.reason,
+                    command.reason,
                     self.servo.outcome.mend,
                     joints=joints,
                     command=self.servo.command,

@@ -111,7 +111,7 @@ class CommandMotion:
             return
         if self._brake is None:
             needed = np.abs(self.velocity) / np.asarray(self.limits.acceleration)
-            duration = max(self.settings.stop_time, float(needed.max()), 1e-9)
+            duration = max(self.settings.stop_time, float(needed.max()))
             self._brake = (self.velocity.copy(), duration, 0.0)
         first, duration, gone = self._brake
         gone += dt

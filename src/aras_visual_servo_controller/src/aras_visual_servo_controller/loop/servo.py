@@ -221,7 +221,7 @@ class Servo:
             self._halt(HOLDING, str(error))
             return self._record(observation, fault=(error.trace or str(error)) if new else "",
                                 faulty=True)  # fmt: skip
-        except (ServoError, ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
+        except (ServoError, ValueError, ArithmeticError) as error:
             self._halt(HOLDING, str(error))
             return self._record(observation, decision=None)
         seconds = 0.0 if began is None else self.clock() - began
@@ -332,7 +332,7 @@ class Servo:
             self._fault = str(error)
             self._halt(HOLDING, str(error))
             self.diagnosis.fault(str(error))
-        except (ServoError, ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
+        except (ServoError, ValueError, ArithmeticError) as error:
             self._halt(HOLDING, str(error))
         else:
             if asked is None:

@@ -30,8 +30,9 @@ def ros(monkeypatch):
     it = SimpleNamespace(open=[], lines=[])
 
     class Subscriber:
-        def __init__(self, topic, *_args, **_options) -> None:
+        def __init__(self, topic, *_args, **options) -> None:
             it.open.append(topic)
+            it.options = options
 
         def unregister(self) -> None:
             it.open.pop()
@@ -58,6 +59,7 @@ def test_two_who_take_from_one_topic_both_hear_over_one_subscription(ros):
         for to in heard
     )
     assert ros.open == ["/stop"]
+    assert ros.options == {"buff_size": 1 << 20, "tcp_nodelay": True}
     send(first, 1.0)
     assert heard == ([1.0], [1.0])
     first.shutdown()
@@ -88,6 +90,18 @@ def test_what_cannot_be_taken_is_said_once_in_a_while_and_the_next_is_taken(ros)
     topic._feed._on_body(b"abc")
     assert taken == [5.0]
     assert ros.lines == ["/c: below zero"]
+    topic.shutdown()
+
+
+def test_complaints_come_five_seconds_apart_and_count_what_was_refused(ros, monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(command_topic.time, "monotonic", lambda: now[0])
+    topic = CommandTopic("/c", Float64, lambda m: None, Thread())
+    for now[0] in (0.0, 4.9, 5.0, 9.9):
+        topic._feed._on_body(b"abc")
+    first, second = ros.lines
+    assert first.startswith("/c: a message of 3 bytes is no std_msgs/Float64: ")
+    assert "refused" not in first and second.endswith(" (3 refused so far)")
     topic.shutdown()
 
 
@@ -129,7 +143,31 @@ def test_all_that_rospy_read_goes_with_the_connection_and_only_once(ros, monkeyp
         streams[0].act(step, 8)
     assert taken == [1.0, 2.0, 3.0]
     assert streams[0]._rest == b"ab"
-    assert connection.read_buff.getvalue() == b""
+    assert connection.read_buff.getvalue() == b"" and connection.read_buff.tell() == 0
+
+
+@pytest.mark.parametrize("why", ["rospy closed it", "the node ends"])
+def test_rospy_s_thread_rests_until_its_connection_ends(ros, monkeypatch, why):
+    assert command_topic.CLOSED_PERIOD == 1.0
+    monkeypatch.setattr(command_topic, "CLOSED_PERIOD", 0.001)
+    monkeypatch.setattr(command_topic.rospy, "is_shutdown", lambda: why == "the node ends")
+    streams, removed = [], []
+    thread = Thread()
+    thread.inbox = SimpleNamespace(
+        add=streams.append, remove=lambda stream: (removed.append(stream), stream.ended()))
+    topic = CommandTopic("/c", Float64, lambda m: None, thread)
+    connection = Connection(1.0)
+    connection.done = why == "rospy closed it"
+    topic._feed._subscriber.impl = SimpleNamespace(connections=[connection])
+    (message,) = connection.messages()
+    topic._feed._hand_over(message)
+    assert removed == (streams if connection.done else [])
+    topic.shutdown()  # what is left is read no more
+    assert removed == streams and len(streams) == 1
+    (late,) = Connection(1.0).messages()
+    topic._feed._subscriber.impl = None
+    topic._feed._hand_over(late)  # one that was closed meanwhile
+    assert len(streams) == 1
 
 
 class Gate:

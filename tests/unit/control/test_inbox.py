@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from aras_sim_bridge.ros.runtime.inbox import LARGEST, Inbox, Stream
+from aras_sim_bridge.ros.runtime.inbox import BUFFER_SIZE, LARGEST, Inbox, Stream
 
 STEP_NS = 1_000_000
 
@@ -78,6 +78,7 @@ def test_what_is_passed_over_is_counted_by_stream_until_it_is_asked_for(inbox):
 
 
 def test_the_longest_message_that_may_be_is_read(inbox):
+    assert (LARGEST, BUFFER_SIZE) == (16 * 1024 * 1024, 1024 * 1024)
     publisher = Publisher(inbox)
     publisher.end.sendall(struct.pack("<I", LARGEST))
     inbox.take(0, 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import struct
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -129,11 +130,40 @@ def test_changes_are_told_and_who_was_quicker_than_the_constructor_is_counted(ro
 
 def test_headers_are_numbered(ros):
     topic = QuickPublisher("/t", Header, 2)
-    listener = join(ros)
     message = SimpleNamespace(
         _has_header=True, header=Header(), serialize=lambda buffer: buffer.write(b"x")
     )
+    topic.publish(message)  # which nobody hears
+    listener = join(ros)
     for _ in range(3):
         topic.publish(message)
     assert message.header.seq == 3
     assert listener.bodies(3) == [b"x"] * 3
+
+
+def test_a_connection_that_is_not_up_yet_is_sent_to_once_it_is(ros):
+    topic = QuickPublisher("/t", Float64, 2, latch=True)
+    topic.publish_bytes(b"one")
+    slow = Connection()
+    up, slow.socket = slow.socket, None
+    ros.impl.connections = [slow]
+    ros.tell()
+    topic.publish_bytes(b"two")
+    slow.socket = up
+    topic.publish_bytes(b"three")
+    assert slow.bodies(1) == [b"three"]
+
+
+def test_a_connection_that_breaks_is_taken_from_rospy_and_closed(ros):
+    removed, closed = [], threading.Event()
+    ros.impl.remove_connection = removed.append
+    topic = QuickPublisher("/t", Float64, 2)
+    listener = join(ros)
+    listener.far.close()
+    listener.close = closed.set
+    topic.publish_bytes(b"one")
+    assert closed.wait(10.0) and removed == [listener]
+    closed.clear()
+    topic.unregister()
+    topic._drop(listener)  # rospy has let it go before
+    assert closed.is_set() and removed == [listener]

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from types import SimpleNamespace
 
 import pytest
 
+from aras_sim_bridge.ros.runtime import simulation_thread
 from aras_sim_bridge.ros.runtime.inbox import Inbox
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationBusyError, SimulationThread
@@ -102,7 +107,7 @@ class Commands(Inbox):
 
     def __init__(self, comes: Callable[[int], bool], flood: int = 0) -> None:
         super().__init__()
-        self.comes, self.flood, self.backlogs = comes, flood, []
+        self.comes, self.flood, self.backlogs, self.waits = comes, flood, [], []
 
     def take(self, time_ns: int, backlog: int) -> bool:
         self.backlogs.append(backlog)
@@ -110,6 +115,10 @@ class Commands(Inbox):
 
     def most_passed_over(self) -> int:
         return self.flood
+
+    def wait(self, seconds: float | None, commands: bool = True) -> bool:
+        self.waits.append((seconds, commands))
+        return super().wait(seconds, commands)
 
 
 class Plan(Pacer):
@@ -179,6 +188,7 @@ def test_of_the_commands_of_a_topic_one_may_wait_for_each_step_that_is_due(facto
     inbox = Commands(lambda _: False)
     run(Plan(2.5, 2, factor=factor), inbox, gate)
     assert inbox.backlogs == backlogs
+    assert inbox.waits == [(60.0, True)]  # what is due at once is not waited for
 
 
 def test_a_pause_is_not_made_good():
@@ -306,3 +316,113 @@ def test_the_end_interrupts_steps_and_answers_who_waits(started):
     thread.stop()
     asking.join(5.0)
     assert "shutting down" in str(faults[0])
+
+
+def test_how_long_it_is_waited_for():
+    defaults = [inspect.signature(getattr(SimulationThread, name)).parameters["timeout"].default
+                for name in ("start", "call", "stop")]  # fmt: skip
+    assert defaults == [60.0, 10.0, 5.0]
+    assert SimulationThread(Counter, Pacer(1.0)).now_ns() == 0
+
+
+def test_who_waits_too_long_is_told_and_what_he_asked_for_is_not_done(started):
+    thread = started(1.0, paused=True)
+    go_on, begun, done = threading.Event(), threading.Event(), []
+    thread.post(lambda: (begun.set(), go_on.wait(20.0)))
+    assert begun.wait(20.0)
+    with pytest.raises(SimulationBusyError, match="did not answer within 0.01 s; is the machine"):
+        thread.call(lambda: done.append(1), 0.01)
+    go_on.set()
+    assert thread.call(lambda: 8) == 8 and not done
+
+
+def test_a_job_that_has_begun_is_waited_for_whatever_it_takes(started, monkeypatch):
+    begun, late = threading.Event(), threading.Event()
+
+    class Late(Future):
+        def result(self, timeout: float | None = None) -> object:
+            if timeout == 0.125:
+                assert begun.wait(20.0)
+                late.set()
+                raise FutureTimeoutError
+            return super().result(timeout)
+
+    thread = started(1.0, paused=True)
+    monkeypatch.setattr(simulation_thread, "Future", Late)
+    assert thread.call(lambda: (begun.set(), late.wait(20.0), 7)[-1], 0.125) == 7
+
+
+def test_steps_are_jobs_of_a_hundred_each_for_which_there_is_a_limit(started, monkeypatch):
+    batches, limits = [], []
+    thread = started(0.0, paused=True, after_batch=lambda time_ns: batches.append(time_ns // MS))
+    call = thread.call
+    monkeypatch.setattr(thread, "call", lambda job, *limit: limits.extend(limit) or call(job))
+    assert thread.step(250, 60.0) == 250 * MS and batches == [100, 200, 250]
+    assert limits == pytest.approx([60.0] * 3, abs=20.0)
+    limits.clear()
+    assert thread.step(100, 0.0) == 350 * MS  # all of them, if late
+    assert limits == [0.1]
+    with pytest.raises(SimulationBusyError, match="100 of 101 steps were done within 0 s; ask for"):
+        thread.step(101, 0.0)
+
+
+@pytest.fixture
+def turned(monkeypatch):
+    """Wall time of the thread's jobs, which they turn themselves."""
+    now = [100.0]
+    monkeypatch.setattr(simulation_thread, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    return now
+
+
+def test_jobs_have_two_milliseconds_before_time_goes_on(started, turned):
+    thread = started(0.0)
+    seen, all_done = [], threading.Event()
+
+    def job() -> None:
+        seen.append(thread.simulation.time_ns)
+        turned[0] += 0.0011
+        if len(seen) == 6:
+            all_done.set()
+
+    thread.call(lambda: [thread.post(job) for _ in range(6)])
+    assert all_done.wait(20.0)
+    assert seen[0] == seen[1] < seen[2] == seen[3] < seen[4] == seen[5]
+
+
+@pytest.mark.parametrize(("seconds", "given_up"), [(0.05, False), (0.0501, True)])
+def test_what_a_job_of_more_than_a_twentieth_second_took_is_not_made_good(
+    started, turned, seconds, given_up
+):
+    thread = started(1.0, paused=True)
+    restarts = []
+    thread.pacer.restart = restarts.append
+    turned[0] = 0.0
+    thread.call(lambda: turned.__setitem__(0, seconds))
+    thread.call(lambda: None)
+    assert restarts[:1] == ([0] if given_up else [])
+
+
+def test_paused_commands_are_looked_at_every_four_milliseconds_while_they_come():
+    inbox = Commands(lambda _: len(inbox.waits) == 1)
+    thread = SimulationThread(Counter, Plan(), paused=True, inbox=inbox)
+    thread.start()
+    until(lambda: inbox.waits)
+    thread.wake()
+    until(lambda: len(inbox.waits) >= 3)
+    thread.stop()
+    assert inbox.waits[:3] == [(None, True), (0.004, False), (None, True)]
+
+
+def test_a_job_does_not_wait_for_the_rest_of_the_steps_that_are_due():
+    plan, seen = Plan(4), []
+    thread = SimulationThread(Counter, plan, inbox=Commands(lambda _: False))
+
+    def after_step(time_ns: int) -> None:
+        if time_ns == MS:
+            thread.post(lambda: seen.append(thread.simulation.time_ns))
+
+    thread._after_step = after_step
+    thread.start()
+    assert plan.over.wait(20.0)
+    thread.stop()
+    assert seen == [MS]

@@ -26,8 +26,8 @@ def ros(monkeypatch):
     it = SimpleNamespace(subscribed={}, lines=[], publishers={})
 
     class Subscriber:
-        def __init__(self, topic, _kind, callback, **_options) -> None:
-            assert topic not in it.subscribed
+        def __init__(self, topic, _kind, callback, **options) -> None:
+            assert topic not in it.subscribed and options == {"tcp_nodelay": True}
             it.subscribed[topic] = callback
             self.unregister = lambda: it.subscribed.pop(topic)
 
@@ -37,6 +37,7 @@ def ros(monkeypatch):
         lockstep.rospy, "logwarn", lambda text, *args: it.lines.append(text % args)
     )
     monkeypatch.setattr(lockstep.threading, "Thread", Inline)
+    it.who = lockstep.publishers
     monkeypatch.setattr(lockstep, "publishers", lambda topics: it.publishers)
     return it
 
@@ -152,12 +153,18 @@ def test_a_listener_that_takes_nothing_is_named_once_and_given_up(made, ros):
     bag = SimpleNamespace(name="/bag, which does not take /image", given_up=False)
     made.slow = [bag]
     assert gate.remaining() == 5.0
-    made.wall += 5.1
+    made.wall += 5.0
     assert gate.remaining() is None
     assert bag.given_up
     assert not gate.closed
     assert len(ros.lines) == 1
     assert "5 s of wall time in vain for /bag, which does not take /image;" in ros.lines[0]
+    made.slow = [SimpleNamespace(name="/other", given_up=False)]  # which has time of its own
+    assert gate.remaining() == 5.0
+    gate.begin()
+    made.wall += 60.0
+    gate.clear()
+    assert gate.remaining() == 5.0
 
 
 def test_a_topic_that_nobody_publishes_is_told_so(made, ros):
@@ -217,3 +224,20 @@ def test_what_cannot_be_is_refused_with_the_mend(ros, arguments, mend):
     topics, timeout, period = arguments
     with pytest.raises(SimError, match=mend):
         Lockstep(topics, timeout, lambda: None, period)
+
+
+def test_who_publishes_is_asked_of_the_master(ros, monkeypatch):
+    state = [["/a", ["/z", "/x"]], ["/b", ["/y"]]], [], []
+
+    def master(name):
+        return SimpleNamespace(getSystemState=lambda: answer())
+
+    monkeypatch.setattr(lockstep.rospy, "get_name", lambda: "/gazebo")
+    monkeypatch.setattr(lockstep.rosgraph, "Master", master)
+    answer = lambda: state  # noqa: E731
+    assert ros.who(["/a", "/c"]) == {"/a": ["/x", "/z"]}
+    for fault in (OSError("gone"), lockstep.rosgraph.MasterException("no")):
+        def answer(fault=fault):
+            raise fault
+
+        assert ros.who(["/a"]) == {}

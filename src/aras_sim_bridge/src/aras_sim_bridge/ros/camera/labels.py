@@ -27,4 +27,4 @@ class LabelTopic(QuickPublisher):
         if known == self._known:
             return
         self._known = known
-        self.publish(String(yaml.safe_dump(links_by_label(models), sort_keys=True)))
+        self.publish(String(yaml.safe_dump(links_by_label(models))))

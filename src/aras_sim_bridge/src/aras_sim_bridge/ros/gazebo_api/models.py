@@ -189,7 +189,7 @@ def set_model_configuration(simulation: Simulation, request: SetModelConfigurati
 def within_limits(model: Model, joint: str, position: float) -> float:
     """Return the position moved into the joint's limits, as Gazebo's SetPosition does."""
     limits = model.description.joints[joint].limits
-    if limits is None or limits.lower is None or position != position:
+    if limits is None or limits.lower is None:
         return position
     return min(max(position, limits.lower), limits.upper)
 

@@ -125,10 +125,8 @@ class Drain:
             if lane.socket.fileno() < 0:  # closed meanwhile
                 return
             self._lanes[lane.descriptor] = lane
-            try:
+            with contextlib.suppress(FileExistsError):  # it is waited for already
                 self._poll.register(lane.descriptor, select.EPOLLOUT)
-            except FileExistsError:
-                self._poll.modify(lane.descriptor, select.EPOLLOUT)
 
     def forget(self, lane: Lane) -> None:
         """Flush `lane` no more."""

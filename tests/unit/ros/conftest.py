@@ -121,6 +121,7 @@ class Graph:
         self.heard: dict[str, tuple[type, dict[str, object]]] = {}
         self.parameters: dict[str, object] = {}
         self.lines: list[str] = []
+        self.periods: list[float] = []  # s, of lines that are written once in a while
         self.timers: list[tuple] = []
 
     def call(self, service: str, *args: object, **fields: object) -> object:
@@ -222,7 +223,12 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     )
     for name in ("loginfo", "logwarn", "logerr", "logfatal"):
         monkeypatch.setattr(rospy, name, log)
-    monkeypatch.setattr(rospy, "logerr_throttle", lambda _period, text: it.lines.append(text))
+
+    def throttled(period: float, text: str) -> None:
+        it.periods.append(period)
+        it.lines.append(text)
+
+    monkeypatch.setattr(rospy, "logerr_throttle", throttled)
     return it
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import fields
 from threading import Event, Thread
 from threading import enumerate as enumerate_threads
 from types import SimpleNamespace
@@ -22,6 +23,7 @@ from dynamic_reconfigure.msg import (
 )
 from dynamic_reconfigure.msg import StrParameter as Text
 from dynamic_reconfigure.srv import Reconfigure
+from gazebo_msgs.srv import SpawnModelRequest
 from genpy import Time
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from sensor_msgs.srv import SetCameraInfo
@@ -42,6 +44,10 @@ from aras_sim_bridge.ros.camera.info import calibration_path, prefixed
 from aras_sim_bridge.ros.camera.points_topic import PointsTopic
 from aras_sim_bridge.ros.camera.topics import CameraTopics
 from aras_sim_bridge.ros.runtime.graph import OnGraph
+from aras_sim_bridge.sensors import Imu
+from aras_sim_bridge.simulation import ControlledModel
+
+MS = 1_000_000
 
 SETTINGS = {
     "parent": "world",
@@ -244,7 +250,11 @@ def test_a_calibration_is_published_and_kept(eye):
     def matrix(rows: int, *values: float) -> dict:
         return {"rows": rows, "cols": len(values) // rows, "data": list(map(float, values))}
 
-    assert yaml.safe_load((eye.home / "camera_info" / "eye.yaml").read_text()) == {
+    kept = yaml.safe_load((eye.home / "camera_info" / "eye.yaml").read_text())
+    assert list(kept)[:4] == ["image_width", "image_height", "camera_name", "camera_matrix"]
+    assert list(kept["camera_matrix"]) == ["rows", "cols", "data"]
+    assert eye.graph.call("/eye/set_camera_info", info).success  # once more
+    assert kept == {
         "image_width": 8, "image_height": 6, "camera_name": "eye",
         "distortion_model": "plumb_bob", "distortion_coefficients": matrix(1, 1, 2),
         "camera_matrix": matrix(3, *range(9)), "rectification_matrix": matrix(3, *range(10, 19)),
@@ -274,6 +284,7 @@ def test_the_figures_of_the_sensor_stand_beside_camera_info_as_a_preset(eye):
     (told,) = eye.graph.publishers["/eye/sensor_info"].sent
     assert told.data == kept
     figures = yaml.safe_load(kept)
+    assert list(figures) == list(eye.mounted.sensor.config.sensor_figures())
     assert figures["effects"]["sensor"] == SETTINGS["effects"]["sensor"]
     assert figures["effects"]["row_time"] == 1e-6
     again = CameraConfig.from_mapping({**SETTINGS_OF_A_PRESET, **figures})
@@ -307,8 +318,14 @@ def test_a_name_of_its_own_gives_the_rate_s_settings(graph, thread):
     assert mounted.sensor.rate == 100.0  # the limit: as it was launched
     (described,) = graph.publishers["/eye/parameter_descriptions"].sent
     assert (described.min.doubles[0].value, described.max.doubles[0].value) == (1.0, 100.0)
+    (parameter,) = described.groups[0].parameters
+    assert (described.dflt.doubles[0].value, parameter.level) == (2.0, 3)
     topics_of_eye.shutdown()
     assert service not in graph.services
+    thread.call(lambda: mounted.sensor.set_rate(0.5, 0, MS))
+    CameraTopics(mounted, thread)
+    (described,) = graph.publishers["/eye/parameter_descriptions"].sent
+    assert (described.min.doubles[0].value, described.max.doubles[0].value) == (0.5, 50.0)
 
 
 def test_frames_that_nobody_else_knows_are_told(graph, thread):
@@ -338,7 +355,7 @@ def test_frames_are_below_the_nearest_prefix(graph, given, found):
     assert prefixed("/lens", "/x/y") == found
 
 
-def test_settings_of_the_world_s_cameras(graph, thread):
+def test_settings_of_the_world_s_cameras(graph, thread, monkeypatch):
     name = rospy.resolve_name("~cameras")
     assert settings.read() == {}
     graph.parameters[name] = 3
@@ -348,7 +365,11 @@ def test_settings_of_the_world_s_cameras(graph, thread):
         graph.parameters[f"{name}/good/{key}"] = value
         graph.parameters[f"{name}/bad/{key}"] = value
     graph.parameters[f"{name}/bad/width"] = -1
-    settings.mount_world_cameras(thread)
+    limits, given = [], thread.call
+    with monkeypatch.context() as patch:
+        patch.setattr(thread, "call", lambda job, *limit: limits.extend(limit) or given(job))
+        settings.mount_world_cameras(thread)
+    assert limits == [60.0, 60.0]  # the first sets up the renderer
     assert [c.sensor.config.name for c in thread.simulation.cameras] == ["good"]
     assert f"{name}/bad is left out" in graph.lines[-1]
     plugins = None, SimpleNamespace(camera_name="own"), SimpleNamespace(camera_name="")
@@ -503,6 +524,7 @@ def test_a_compressed_topic_reads_its_parameters_and_sends(graph):
     assert topic._settings.values["jpeg_quality"] == 100
     topic.publish(Time(1, 3), "lens", Frame(0, np.zeros((0, 0)), "rgb8"))
     until(lambda: "image/compressed: " in graph.lines[-1])
+    assert graph.periods == [5.0] and CompressedTopic.BACKLOG == 4
     topic.unregister()
     until(lambda: not graph.publishers and not graph.services)
 
@@ -547,16 +569,58 @@ def test_each_camera_has_its_face_while_it_is_there(graph, thread, monkeypatch):
 
     monkeypatch.setattr("aras_sim_bridge.ros.runtime.graph.CameraTopics", Face)
     on_graph = OnGraph(thread, begins)
+    assert on_graph.record is not None and not graph.parameters
+    limits, given = [], thread.call
+    monkeypatch.setattr(thread, "call", lambda job, *limit: limits.extend(limit) or given(job))
     for name in ("bad", "a"):
         thread.call(lambda n=name: thread.simulation.add_camera(n, SETTINGS))
     on_graph.sync()
     assert opened == [("open", "a")]
     assert "camera 'bad' is simulated, but has no topics" in graph.lines[-1]
     on_graph.sync()
-    assert len(graph.lines) == 1
+    assert len(graph.lines) == 1 and limits == [60.0, 60.0]  # a spawn may be under way
     thread.call(thread.simulation.cameras.clear)
     on_graph.sync()
     assert opened == [("open", "a"), ("close", "a")]
+
+
+@pytest.mark.parametrize("fails", ["ManagerServices", "SensorTopic", ""])
+def test_robots_and_sensors_have_faces_too_each_for_itself(graph, thread, monkeypatch, fails):
+    opened = []
+
+    def face(name: str):
+        def made(thing: object, *given: object) -> SimpleNamespace:
+            if name == fails:
+                raise rospy.ROSException("taken")
+            opened.append((name, thing, *given))
+            return SimpleNamespace(shutdown=lambda: opened.append(("gone", thing)))
+
+        return made
+
+    for name in ("ManagerServices", "SensorTopic"):
+        monkeypatch.setattr(f"aras_sim_bridge.ros.runtime.graph.{name}", face(name))
+
+    class Sensor(Imu):
+        def __init__(self) -> None:
+            self.description = SimpleNamespace(topic="imu")
+
+    robot, sensor = ControlledModel("rig", *[None] * (len(fields(ControlledModel)) - 1)), Sensor()
+    on_graph = OnGraph(thread)
+    thread.simulation.robots["rig"] = robot
+    thread.simulation.sensors.append(sensor)
+    try:
+        on_graph.sync()
+        faces = {"ManagerServices": (robot, thread, on_graph.record),
+                 "SensorTopic": (sensor, thread)}
+        assert opened == [(name, *given) for name, given in faces.items() if name != fails]
+        told = {"ManagerServices": "robot 'rig'", "SensorTopic": "sensor 'imu'", "": ""}[fails]
+        assert [line.partition(" is simulated, but has no topics and services: taken;")[0]
+                for line in graph.lines] == [told] * bool(told)
+    finally:
+        thread.simulation.robots.clear()
+        thread.simulation.sensors.clear()
+    on_graph.record.spawned("spawn_urdf_model", SpawnModelRequest(model_name="m"))
+    assert not graph.parameters  # it keeps none unless it is told to
 
 
 def test_a_camera_that_cannot_be_put_on_the_graph_leaves_nothing(graph, thread, monkeypatch):

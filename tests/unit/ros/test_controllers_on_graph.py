@@ -209,12 +209,18 @@ def test_a_switch_that_nobody_carries_out_is_given_up(rig, monkeypatch):
     monkeypatch.setattr(manager_services, "SWITCH_TIMEOUT", 0.05)
     rig.call("load_controller", "push")
     monkeypatch.setattr(type(rig.thread), "held", property(lambda self: False))
+    assert manager_services.LOOK_PERIOD == 0.1
     for timeout in (0.0, -1.0):
         answer = rig.graph.call(
             "/rig/controller_manager/switch_controller", ["push"], [], 2, False, timeout
         )
         assert not answer.ok
         assert "not carried out within 0.05 s of wall time" in rig.graph.lines[-1]
+    wall = iter(range(0, 99, 2))
+    monkeypatch.setattr(manager_services.time, "monotonic", lambda: next(wall))
+    rig.graph.call("/rig/controller_manager/switch_controller", ["push"], [], 2, False, 2.5)
+    # A second more than asked for, which is what the answer has for its way.
+    assert "not carried out within 3.5 s of wall time" in rig.graph.lines[-1]
     rig.step(3)
     assert rig.call("list_controllers").controller[0].state == "initialized"
 
@@ -280,6 +286,9 @@ def heard(connection, kind: type) -> list:
 def test_states_are_told_to_those_who_listen(rig):
     (go, states) = rig.run("go", "states")
     assert go.on_state is None and states.on_state is None
+    told = rig.graph.told()
+    assert [told[f"/rig/{name}"] for name in ("go/state", "go/pid/state", "joint_states")] == [
+        (JointControllerState, 1, False), (PidState, 1, False), (JointState, 4, False)]
     (state,) = rig.graph.listen("/rig/go/state")
     (pid,) = rig.graph.listen("/rig/go/pid/state")
     (joints,) = rig.graph.listen("/rig/joint_states")
@@ -495,7 +504,7 @@ def test_actions_bear_stamps_of_simulated_time(graph, thread, monkeypatch):
     assert [one.status for one in status[-1].status_list] == [GoalStatus.ABORTED]
     assert not status[0].status_list
     del handle, handles[:], cancelled[:]
-    for seconds, left in ((4, 1), (6, 0)):
+    for seconds, left in ((4, 1), (5, 1), (6, 0)):
         wall[0] = 100 + seconds
         server.publish_status()
         assert len(status[-1].status_list) == left

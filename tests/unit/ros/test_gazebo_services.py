@@ -9,6 +9,9 @@ import rospy
 from gazebo_msgs.msg import LinkState, ModelState, ODEJointProperties
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3, Wrench
 
+from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.ros import conversions
+
 QUARTER = Quaternion(0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4))  # about z
 FOR_EVER = rospy.Duration(-1)
 
@@ -28,6 +31,13 @@ def test_time_advances_by_steps(call, step):
     call("reset_simulation")
     assert call("get_world_properties").sim_time == 0.0
     assert step(1).status_message == "made 1 steps"
+
+
+def test_a_call_of_step_world_has_ten_minutes(api, call, monkeypatch):
+    asked = []
+    monkeypatch.setattr(api.thread, "step", lambda *given: asked.append(given) or 5)
+    assert call("step_world", 7).sim_time.to_nsec() == 5
+    assert asked == [(7, 600.0)] and call("get_world_properties").rendering_enabled
 
 
 @pytest.mark.parametrize("count", [0, 1_000_001])
@@ -108,7 +118,7 @@ def test_a_model_is_put_with_its_twist_in_the_frame_s_axes(api, call, another, b
     api.graph.subscribers["/gazebo/set_model_state"](ModelState(**state))
     assert xyz(call("get_model_state", "other", "").pose.position) == pytest.approx((0, 0, 107.0))
     api.graph.subscribers["/gazebo/set_model_state"](ModelState(model_name="nobody"))
-    assert "'nobody' does not exist" in api.graph.lines[-1]
+    assert "'nobody' does not exist" in api.graph.lines[-1] and api.graph.periods == [1.0]
 
 
 def test_a_link_state_is_less_the_frame_s_motion(api, call, another, ball):
@@ -145,6 +155,29 @@ def test_force_acts_for_its_duration(call, step, ball):
     step(100)
     # 4 N on 2 kg for 50 ms; step 50 still counts, being at start + duration.
     assert xyz(velocity(call).linear) == pytest.approx((0.1, 0.0, -0.98), abs=1e-6)
+
+
+def test_a_force_of_no_duration_pushes_nothing(api, call, step, ball):
+    call("apply_body_wrench", body_name="ball", wrench=Wrench(force=Vector3(4.0, 0.0, 0.0)))
+    step(3)
+    assert velocity(call).linear.x == 0.0 and api.thread.before_step is None
+
+
+def test_what_is_cleared_of_bodies_stays_on_joints_and_the_reverse(call, step, ball, slider):
+    pushes = {"wrench": Wrench(force=Vector3(1.0, 0.0, 0.0)), "duration": FOR_EVER}
+    call("apply_body_wrench", body_name="ball", **pushes)
+    call("apply_joint_effort", joint_name="rail", effort=1.0, duration=FOR_EVER)
+    for clear, stays in (("clear_body_wrenches", "ball::ball"), ("clear_joint_forces", "rail")):
+        call(clear, "rail" if stays != "rail" else "ball::ball")
+        before = velocity(call).linear.x, call("get_joint_properties", "rail").rate[0]
+        step(5)
+        after = velocity(call).linear.x, call("get_joint_properties", "rail").rate[0]
+        assert after[0] > before[0] and after[1] > before[1]
+    call("clear_body_wrenches", "ball::ball")
+    before = velocity(call).linear.x, call("get_joint_properties", "rail").rate[0]
+    step(5)
+    assert velocity(call).linear.x == before[0]
+    assert call("get_joint_properties", "rail").rate[0] > before[1]
 
 
 def test_a_force_may_begin_later(call, step, ball):
@@ -302,3 +335,48 @@ def test_a_joint_gets_other_properties(call, step, slider):
     assert "1 joint_names but 0" in answer.status_message
     answer = call("set_model_configuration", "slider", "", ["rail"], [math.nan], refused=True)
     assert "joint_positions" in answer.status_message
+
+
+TURNING = """<robot name="turning"><link name="a"/>
+  <joint name="hinge" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+    <limit lower="-0.25" upper="0.5" effort="9" velocity="9"/></joint><link name="b"/>
+  <joint name="wheel" type="continuous"><parent link="b"/><child link="c"/><axis xyz="0 0 1"/>
+    <dynamics damping="0.75"/></joint><link name="c"/>
+</robot>"""
+
+
+def test_joints_of_every_type_and_of_models_that_stand(call):
+    mass = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    text = TURNING
+    for name in "bc":
+        link = f'<link name="{name}"'
+        text = text.replace(f"{link}/>", f"{link}><inertial>{mass}</inertial></link>")
+    call("spawn_urdf_model", "turning", text, "", Pose(), "")
+    hinge, wheel = (call("get_joint_properties", name) for name in ("hinge", "wheel"))
+    assert (hinge.type, wheel.type) == (hinge.REVOLUTE, hinge.CONTINUOUS)
+    assert (wheel.damping, wheel.position, wheel.rate) == ([0.75], [0.0], [0.0])
+    call("set_model_configuration", "turning", "", ["wheel", "hinge"], [7.0, -3.0])
+    positions = [call("get_joint_properties", name).position[0] for name in ("wheel", "hinge")]
+    assert positions == pytest.approx([7.0, -0.25])  # the one has no limits
+    call("set_joint_properties", "hinge", ODEJointProperties(loStop=[-1.5], fmax=[0.125]))
+    call("set_model_configuration", "turning", "", ["hinge"], [-3.0])
+    assert call("get_joint_properties", "hinge").position == pytest.approx([-1.5])
+    still = text.replace("</robot>", "<gazebo><static>true</static></gazebo></robot>")
+    call("spawn_urdf_model", "still", still, "", Pose(), "")
+    for name in ("still::hinge", "still::wheel"):
+        told = call("get_joint_properties", name)
+        assert (told.position, told.rate) == ([0.0], [0.0])
+
+
+@pytest.mark.parametrize("value", [1e9, -1e9])
+def test_numbers_up_to_a_thousand_million_are_taken(value):
+    assert conversions.bounded((0.0, value), "it") == (0.0, value)
+    for wrong in (1.001 * value, math.nan):
+        with pytest.raises(WorldError, match="it: .* is not finite or beyond ±1e.09"):
+            conversions.bounded((0.0, wrong), "it")
+
+
+def test_times_are_whole_nanoseconds():
+    assert conversions.to_time(3_000_000_004) == rospy.Time(3, 4)
+    assert conversions.from_time(rospy.Duration(-2, 5)) == -1_999_999_995
+    assert conversions.to_duration(1.25) == rospy.Duration(1, 250_000_000)

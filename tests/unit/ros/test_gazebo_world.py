@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import pytest
 import rospy
@@ -11,6 +12,7 @@ from gazebo_msgs.msg import ODEPhysics
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from std_msgs.msg import ColorRGBA
 
+from aras_sim_bridge.ros.gazebo_api.descriptions import robot_namespace
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
@@ -32,7 +34,8 @@ def test_lights(api, call):
     given = {
         "light_name": "sun", "pose": pose, "diffuse": ColorRGBA(0.1, 0.2, 0.3, 0.4),
         "attenuation_constant": 0.5, "attenuation_linear": 0.6, "attenuation_quadratic": 0.7,
-        "direction": Vector3(0.0, 0.0, -1.0),
+        "direction": Vector3(0.0, 0.0, -1.0), "specular": ColorRGBA(0.5, 0.6, 0.7, 0.8),
+        "cast_shadows": True,
     }  # fmt: skip
     assert call("set_light_properties", **given).status_message.endswith("set properties")
     sun = call("get_light_properties", "sun")
@@ -41,23 +44,24 @@ def test_lights(api, call):
     assert attenuation == (0.5, 0.6, 0.7)
     light = api.thread.simulation.lights["sun"]
     assert (light.direction, light.origin_xyz) == ((0.0, 0.0, -1.0), (1.0, 2.0, 3.0))
+    assert (light.specular, light.cast_shadows) == ((0.5, 0.6, 0.7, 0.8), True)
+    assert light.origin_rpy == pytest.approx((0.0, 0.0, math.pi / 2))
     answer = call("set_light_properties", **{**given, "direction": Vector3()})
     assert "keeps the one it had" in answer.status_message
     assert "'sun'" in call("delete_light", "sun").status_message
     assert "sun" in call("delete_light", "sun", refused=True).status_message
 
 
-SPOT = """<sdf version="1.6"><light name="spot" type="spot"><pose>0 0 1 0 0 0</pose>
+SPOT = """<sdf version="1.6"><light name="spot" type="spot"><pose>0.5 0 1 0 0 0</pose>
   <diffuse>1 0.5 0.25 1</diffuse></light></sdf>"""
 
 
 def test_a_light_is_spawned_where_it_is_asked_for(api, call, ball):
-    answer = call("spawn_sdf_model", "lamp", SPOT, "", Pose(Point(1.0, 0.0, 0.0), Quaternion()),
-                  "ball")
+    answer = call("spawn_sdf_model", "lamp", SPOT, "", Pose(Point(1.0, 0.0, 0.0), QUARTER), "ball")
     assert answer.success
     light = api.thread.simulation.lights["lamp"]
-    assert light.origin_xyz == pytest.approx((0.0, 1.0, 101.0))
-    assert light.origin_rpy == pytest.approx((0.0, 0.0, math.pi / 2))
+    assert light.origin_xyz == pytest.approx((-0.5, 1.0, 101.0))
+    assert light.origin_rpy == pytest.approx((0.0, 0.0, math.pi))
     assert call("get_light_properties", "lamp").diffuse.g == 0.5
     answer = call("spawn_sdf_model", "lamp", SPOT, "", Pose(), "", refused=True)
     assert "exists already" in answer.status_message
@@ -115,6 +119,32 @@ def test_packages_are_looked_for_wherever_they_are_named_but_in_comments(call):
 def test_names_that_cannot_be(call, name, words):
     answer = call("spawn_urdf_model", name, BALL, "", Pose(), "", refused=True)
     assert words in answer.status_message
+    assert "x" * 61 not in answer.status_message and ("x" * 60 in answer.status_message) is (
+        len(name) > 9)
+
+
+def test_the_longest_name_is_taken_and_a_spawn_has_a_minute(api, call, monkeypatch):
+    limits, given = [], api.thread.call
+
+    def watched(job, *limit):
+        limits.extend(limit)
+        return given(job, *limit)
+
+    monkeypatch.setattr(api.thread, "call", watched)
+    call("spawn_urdf_model", "x" * 256, BALL, "", Pose(), "")
+    assert limits == [60.0]
+
+
+@pytest.mark.parametrize(("own", "requested", "namespace"), [
+    ([], "/a/b/", "/a/b"), ([], "", ""), ([], "/", ""), (["", "mine/"], "/a", "/mine"),
+    (["mine", "his"], "", "/mine"),
+])
+def test_controllers_are_in_the_namespace_of_the_plugin_or_of_the_request(
+    own, requested, namespace
+):
+    description = SimpleNamespace(
+        control_plugins=[SimpleNamespace(robot_namespace=name) for name in own])
+    assert robot_namespace(description, requested) == namespace
 
 
 @pytest.mark.parametrize(("text", "words"), [
@@ -136,8 +166,9 @@ def test_a_name_is_given_once_and_a_model_comes_with_what_it_says(api, call, bal
     assert "reference frame 'nowhere'" in answer.status_message
     model = '<?xml version="1.0"?><!-- a --><sdf version="1.6"><model name="m">' \
             "<pose>1 2 3 0 0 0</pose><static>true</static><link name='l'/></model></sdf>"
-    call("spawn_sdf_model", "m", model, "", Pose(Point(0.5, 0.0, 0.0), Quaternion()), "")
-    assert xyz(call("get_model_state", "m", "").pose.position) == (1.5, 2.0, 3.0)
+    call("spawn_sdf_model", "m", model, "", Pose(Point(0.5, 0.0, 0.0), QUARTER), "")
+    there = call("get_model_state", "m", "").pose
+    assert xyz(there.position) == pytest.approx((-1.5, 1.0, 3.0))  # the model's pose in the asked
     assert call("get_world_properties").model_names == ["ground_plane", "ball", "m"]
 
 
@@ -159,6 +190,24 @@ def test_physics_tells_what_was_set(api, call, step, ball):
     assert step(10).sim_time.to_nsec() == 20_000_000
     twist = call("get_model_state", "ball").twist
     assert xyz(twist.linear) == pytest.approx((0.02, 0.04, -0.06), abs=1e-9)
+
+
+def test_at_least_one_iteration_is_made_and_what_robots_do_not_bear_is_said(api, call):
+    simulation = api.thread.simulation
+    simulation.robots.update({
+        name: SimpleNamespace(outlook=lambda step, name=name: name and f"{name} shakes at {step}")
+        for name in ("a", "", "b")})  # fmt: skip
+    before = call("get_physics_properties")
+    before.ode_config.sor_pgs_iters = 0
+    answer = call("set_physics_properties", 0.004, 250.0, before.gravity, before.ode_config)
+    told = "a shakes at 0.004; b shakes at 0.004"
+    assert answer.status_message == f"SetPhysicsProperties: physics engine updated; {told}"
+    assert api.graph.lines[-1] == told
+    assert simulation.world.solver_iterations == 1
+    assert call("get_physics_properties").ode_config.sor_pgs_iters == 0
+    simulation.robots.clear()
+    answer = call("set_physics_properties", 0.001, 250.0, before.gravity, before.ode_config)
+    assert answer.status_message == "SetPhysicsProperties: physics engine updated"
 
 
 def test_fields_of_physics_are_gazebo_ros_s():
@@ -283,6 +332,17 @@ def test_metrics_tell_how_often_cameras_that_are_looked_at_draw(api, monkeypatch
         (told,) = message.sensors
         assert (told.name, told.sim_update_rate, told.real_update_rate) == ("c", 20.0, 10.0)
         assert told.fps == fps
+
+
+def test_metrics_are_told_five_times_a_second(api, monkeypatch):
+    now = [0.5]
+    monkeypatch.setattr("aras_sim_bridge.ros.gazebo_api.states.time.monotonic", lambda: now[0])
+    metrics, told = api.graph.publishers["/gazebo/performance_metrics"], []
+    metrics.impl.connections.append(object())
+    for now[0] in (0.5, 0.6875, 0.75, 0.875, 0.96875):
+        api.api.states.after_batch(api.thread.simulation)
+        told.append(len(metrics.sent))
+    assert told == [1, 1, 2, 2, 3]
 
 
 def test_the_real_time_factor_is_told_once_a_second(api):

@@ -227,17 +227,17 @@ def test_what_cannot_be_is_refused_with_the_mend(ros, arguments, mend):
 
 
 def test_who_publishes_is_asked_of_the_master(ros, monkeypatch):
-    state = [["/a", ["/z", "/x"]], ["/b", ["/y"]]], [], []
+    state, fault = ([["/a", ["/z", "/x"]], ["/b", ["/y"]]], [], []), []
 
-    def master(name):
-        return SimpleNamespace(getSystemState=lambda: answer())
+    def answer() -> tuple:
+        if fault:
+            raise fault[0]
+        return state
 
     monkeypatch.setattr(lockstep.rospy, "get_name", lambda: "/gazebo")
-    monkeypatch.setattr(lockstep.rosgraph, "Master", master)
-    answer = lambda: state  # noqa: E731
+    monkeypatch.setattr(
+        lockstep.rosgraph, "Master", lambda _name: SimpleNamespace(getSystemState=answer))
     assert ros.who(["/a", "/c"]) == {"/a": ["/x", "/z"]}
-    for fault in (OSError("gone"), lockstep.rosgraph.MasterException("no")):
-        def answer(fault=fault):
-            raise fault
-
+    for error in (OSError("gone"), lockstep.rosgraph.MasterException("no")):
+        fault[:] = [error]
         assert ros.who(["/a"]) == {}

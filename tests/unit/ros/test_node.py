@@ -58,7 +58,8 @@ def test_parameters_that_cannot_be_are_named(given, name):
 
 
 def test_parameters_of_others_are_left_and_limits_are_inside():
-    others = {"cameras": {"a": 1}, "gravity_x": 0.0, "robot_description": "<robot/>"}
+    others = {"cameras": {"a": 1}, "gravity_x": 0.0, "robot_description": "<robot/>",
+              "whoever": {"b": 2}}
     given = {"clock_rate": 0, "pub_clock_frequency": 50, **others}
     read = NodeParameters.from_mapping(given, "/gazebo")
     assert read.effective_clock_rate == 50.0
@@ -86,6 +87,16 @@ def test_the_clock_ticks_at_multiples_of_its_period(graph, rate, stamps):
     clock.update(0)
     clock.update(1 * MS)
     assert ticks(listener) == ([0] if rate else [0, MS])
+    early = ClockPublisher(rate)
+    (listener,) = graph.listen("/clock")
+    early.update(1)  # the first nanosecond is told too
+    early.restart()
+    early.update(1)
+    assert ticks(listener) == [1, 1]
+    clock = ClockPublisher(rate)
+    (listener,) = graph.listen("/clock")
+    clock.update(1 * MS)
+    assert ticks(listener) == [MS]
     for _ in range(2):  # a reset right after the first tick of all
         clock.restart()
         clock.update(1 * MS)
@@ -373,13 +384,14 @@ def test_the_library_s_lines_go_where_rospy_s_go(level, shown, monkeypatch):
 @pytest.fixture
 def process(graph, monkeypatch):
     """rospy's process: `end` ends it, as a signal does; `told` are the reasons of an end."""
-    it = SimpleNamespace(graph=graph, told=[], hooks=[], watched=[])
-    monkeypatch.setattr(node, "begin_node", lambda *_args, **_options: None)
+    it = SimpleNamespace(graph=graph, told=[], hooks=[], watched=[], begun=[])
+    monkeypatch.setattr(node, "begin_node", lambda *given, **more: it.begun.append((given, more)))
+    monkeypatch.setattr(node, "compile_all", lambda: it.begun.append("compiled"))
     monkeypatch.setattr(rospy, "on_shutdown", it.hooks.append)
     monkeypatch.setattr(rospy.rostime, "wallsleep", lambda _seconds: None)
-    monkeypatch.setattr(node, "open_wide", lambda: None)
+    monkeypatch.setattr(node, "open_wide", lambda: it.begun.append("open wide"))
     monkeypatch.setattr(node, "_set_up_log", lambda _level: None)
-    monkeypatch.setattr(node.sys, "setswitchinterval", lambda _seconds: None)
+    monkeypatch.setattr(node.sys, "setswitchinterval", it.begun.append)
 
     def end(why: str) -> None:
         it.told.append(why)
@@ -414,10 +426,13 @@ def test_the_process_runs_until_it_is_ended(process):
     assert process.watched == [7.0]
     assert process.graph.parameters["/use_sim_time"] is True
     assert process.graph.call("/gazebo/get_physics_properties").pause is True
-    process.end("enough")
+    assert process.begun == [0.0005, "compiled", (("gazebo", node.__doc__),
+                                                  {"disable_rostime": True}), "open wide"]
+    process.lost("the master is gone")
     process.thread.join(60.0)
-    assert process.status == 0
-    assert "is up, process" in process.graph.lines[-1]
+    assert process.status == 0 and process.told == ["the master is gone"]
+    assert any("is up, process" in line for line in process.graph.lines)
+    assert process.graph.lines[-1] == f"{rospy.get_name()} ends: the master is gone"
 
 
 @pytest.mark.parametrize("when", ["before", "meanwhile", "after"])
@@ -466,6 +481,39 @@ def test_parameters_of_the_server_come_before_those_of_the_command_line(process,
     process.thread.join(60.0)
     assert given == [NodeParameters(seed=4, paused=True, log_level="warn")]
     assert levels == ["warn"] and process.status == 1 and "cannot start: enough" in process.told[0]
+
+
+@pytest.mark.parametrize("early", [False, True])
+@pytest.mark.parametrize("error", [SimError, OSError, rospy.ROSException])
+def test_what_keeps_it_from_starting_is_said_unless_it_ends_in_any_case(
+    process, monkeypatch, error, early
+):
+    def build(_parameters: NodeParameters) -> None:
+        if early:
+            process.end("early")
+        raise error("no")
+
+    monkeypatch.setattr(node, "GazeboNode", build)
+    process.run()
+    process.thread.join(60.0)
+    assert process.status == 1
+    assert process.told == (["early"] if early else ["it cannot start: no"])
+
+
+@pytest.mark.parametrize("fault", [KeyError("gone"), OSError("no master"),
+                                   rospy.ROSException("closed"), None])
+def test_its_end_is_as_it_should_be_where_nothing_is_to_be_forgotten_any_more(make, fault):
+    it = make(paused=True, restore=True)
+    asked = []
+
+    def forget() -> None:
+        asked.append(True)
+        raise fault
+
+    it.record.forget = forget
+    it.fault = None if fault else ValueError("the simulation's")
+    it.stop()
+    assert asked == ([True] if fault else [])  # after a fault what stood there comes back
 
 
 def test_what_keeps_it_from_starting_is_one_line(process):

@@ -213,7 +213,7 @@ class Campaign:
     def _common(self, order: list[str], cover: CoverageMap, times: float = 1.0) -> dict:
         return {
             "order": order, "anew": False, "slowness": _SLOWNESS, "idle": _IDLE,
-            "seconds": {test: cover.seconds[test] for test in order},
+            "seconds": {test: cover.alone(test) for test in order},
             "patience": times * self._patience,
         }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import bisect
 import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -45,6 +46,7 @@ class CoverageMap:
     ) -> None:
         self._test_sources = tests or {}
         self.seconds: dict[str, float] = {}
+        self._making: dict[str, dict[str, float]] = {}  # by test: its shared fixtures' seconds
         self.failed: set[str] = set()
         self._of_line: dict[str, dict[int, set[str]]] = {}
         self._collected: dict[str, dict[int, set[str]]] = {}
@@ -52,6 +54,9 @@ class CoverageMap:
         for test_file, recording in recordings.items():
             self.seconds |= recording["seconds"]
             self.failed |= set(recording["failed"])
+            for fixture, seconds in recording.get("making", {}).items():
+                for test in recording["shared"].get(fixture, ()):
+                    self._making.setdefault(test, {})[fixture] = seconds
             for file, lines in recording["lines"].items():
                 of_line = self._of_line.setdefault(file, {})
                 for line, contexts in lines.items():
@@ -87,19 +92,34 @@ class CoverageMap:
             found |= self._importing(fault.file, *fault.lines)
         return self._ordered(found - self.failed, near, steps if fault.compiled else {})
 
+    def alone(self, test: str) -> float:
+        """Processor seconds that a test took when it was recorded, with the fixtures that it shares
+        with others."""
+        return self.seconds[test] + sum(self._making.get(test, {}).values())
+
     def total(self, tests: list[str]) -> float:
-        """Processor seconds that these tests took when they were recorded."""
-        return sum(self.seconds[name] for name in tests)
+        """What these tests take one after another."""
+        return sum(self._costs(tests))
 
     def within(self, tests: list[str], budget: float) -> list[str]:
         """The first of them, that take so many seconds together; one at least."""
         total, kept = 0.0, []
-        for name in tests:
-            total += self.seconds[name]
+        for name, cost in zip(tests, self._costs(tests), strict=True):
+            total += cost
             if kept and total > budget:
                 break
             kept.append(name)
         return kept
+
+    def _costs(self, tests: Iterable[str]) -> Iterator[float]:
+        """Of each in this order: what a file's tests share is made anew when they come again."""
+        file, made = "", set()
+        for name in tests:
+            if _file_of(name) != file:
+                file, made = _file_of(name), set()
+            new = {k: v for k, v in self._making.get(name, {}).items() if k not in made}
+            made |= set(new)
+            yield self.seconds[name] + sum(new.values())
 
     def imports(self, fault: Fault) -> bool:
         """Whether it runs while test files are imported."""
@@ -116,12 +136,12 @@ class CoverageMap:
     def _importing(self, file: str, first: int, last: int) -> set[str]:
         lines = self._collected.get(file, {}).items()
         files = {f for line, several in lines if first <= line <= last for f in several}
-        return {name for name in self.seconds if name.partition("::")[0] in files}
+        return {name for name in self.seconds if _file_of(name) in files}
 
     def _naming(self, names: tuple[str, ...], home: str) -> set[str]:
         files = {file for file, words in self._test_words.items()
                  if any(self._takes(words, name, home) for name in names)}
-        return {name for name in self.seconds if name.partition("::")[0] in files}
+        return {name for name in self.seconds if _file_of(name) in files}
 
     @cache  # noqa: B019  one map a run
     def _near(self, file: str) -> set[str]:
@@ -132,20 +152,19 @@ class CoverageMap:
 
     def _ordered(self, tests: set[str], near: set[str], steps: dict[str, int]) -> list[str]:
         """Near ones first, those of few steps, then quick tests before slow ones, file by file so
-        that shared fixtures are made once."""
-        def file_of(name: str) -> str:
-            return name.partition("::")[0]
-
-        classes = {name: bisect.bisect(_CLASSES_S, self.seconds[name]) for name in tests}
-        totals: dict[tuple[int, str], float] = {}
+        that shared fixtures are made once. A test is as slow as it is with the fixtures that it
+        needs, whichever other test made them when it was recorded."""
+        alone = {name: self.alone(name) for name in tests}
+        classes = {name: bisect.bisect(_CLASSES_S, alone[name]) for name in tests}
+        groups: dict[tuple[int, str], list[str]] = {}
         for name in tests:
-            group = classes[name], file_of(name)
-            totals[group] = totals.get(group, 0.0) + self.seconds[name]
+            groups.setdefault((classes[name], _file_of(name)), []).append(name)
+        totals = {group: self.total(names) for group, names in groups.items()}
 
         def rank(name: str) -> tuple[bool, bool, int, int, float, str, float, str]:
-            slow, file, seconds = classes[name], file_of(name), self.seconds[name]
+            slow, file = classes[name], _file_of(name)
             return ("::" not in name, name not in near, steps.get(name, 0), slow,
-                    totals[slow, file], file, seconds, name)  # fmt: skip
+                    totals[slow, file], file, alone[name], name)  # fmt: skip
 
         return sorted(tests, key=rank)
 
@@ -201,6 +220,10 @@ class _Words:
     attributes: set[str]
     of_classes: set[str]
     using: dict[str, list[_Scope]]
+
+
+def _file_of(test: str) -> str:
+    return test.partition("::")[0]
 
 
 def _words(text: str) -> _Words:

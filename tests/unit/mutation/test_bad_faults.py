@@ -3,6 +3,7 @@ is left of them."""
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import time
@@ -180,7 +181,7 @@ def test_compiling_does_not_count_for_the_test_that_calls_first() -> None:
     next(running)
     assert outer(2) == 6.0
     assert outer(3) == 8.0  # compiled by now
-    assert limits == [5.0, recording.COMPILING, 5.0]
+    assert limits == [5.0, recording.COMPILING, 5.0] and gc.isenabled()
     with pytest.raises(StopIteration):
         running.send(None)
     assert numba.njit(lambda a: a - 1)(2) == 1 and len(limits) == 3

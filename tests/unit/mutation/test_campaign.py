@@ -36,11 +36,15 @@ def counted(n):
         n -= 1
     return n
 """
-TESTS = """import pytest
+TESTS = """import time
+import pytest
 from toy import added, counted, scaled
 
 @pytest.fixture(scope="module")
 def six():
+    end = time.process_time() + 0.2
+    while time.process_time() < end:
+        pass
     return added(3, 3)
 
 def test_added():
@@ -113,6 +117,15 @@ def test_found_and_missed(top: Path) -> None:
     ((_, outcome),) = later.run([f for f in drawn("scaled") if f.operator == "constant"], cover)
     later.close()
     assert outcome.by == "tests/test_toy.py::test_more"
+
+
+def test_what_a_shared_fixture_takes_is_recorded_apart(top: Path) -> None:
+    run = campaign(top)
+    cover = run.record()
+    run.close()
+    six = "tests/test_toy.py::test_six"
+    assert cover.seconds[six] < 0.15 and cover.alone(six) > 0.19
+    assert cover.alone("tests/test_toy.py::test_added") < 0.15
 
 
 def test_recordings_hold_until_their_tests_change(top: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from mutation_tool.coverage_map import CoverageMap
 from mutation_tool.faults import Fault, faults_of
 from mutation_tool.recording import COLLECTING
@@ -135,3 +137,19 @@ def test_what_runs_when_test_files_are_imported_concerns_all_their_tests() -> No
 def test_total_is_what_the_tests_took() -> None:
     cover = CoverageMap({"tests/a.py": RECORDING}, SOURCES)
     assert cover.total(["tests/a.py::quick", "tests/a.py::long"]) == 3.1
+
+
+def test_a_shared_fixture_s_time_is_that_of_each_test_that_needs_it_and_once_a_file_s() -> None:
+    quick, plain, shared = "t.py::quick", "t.py::plain", "t.py::shared"
+    seconds = {shared: 0.01, quick: 0.02, plain: 1.0, "u.py::other": 0.25}
+    recording = {"lines": {"src/shapes.py": {"7": [*seconds]}}, "failed": {}, "seconds": seconds,
+                 "shared": {"run": [quick, shared], "folder": [shared]},
+                 "making": {"run": 2.0, "folder": 0.5}}  # fmt: skip
+    cover = CoverageMap({"t.py": recording}, SOURCES)
+    fault = next(f for f in faults_of(SHAPES, "src/shapes.py") if f.line == 7)
+    order = cover.tests_of(fault)
+    assert order == ["u.py::other", plain, quick, shared]
+    assert [cover.alone(test) for test in order] == pytest.approx([0.25, 1.0, 2.02, 2.51])
+    assert cover.total(order) == pytest.approx(0.25 + 1.0 + 2.02 + 0.51)
+    assert cover.total([quick, "u.py::other", quick]) == pytest.approx(2.02 + 0.25 + 2.02)
+    assert cover.within(order, 3.2) == order[:2] and cover.within(order, 3.3) == order[:3]

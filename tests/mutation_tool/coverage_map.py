@@ -28,6 +28,7 @@ class _Scope:
     names: tuple[str, ...]
     runs: bool  # a function that a tracer sees
     of_class: bool = False
+    compiled: bool = False
 
 
 class CoverageMap:
@@ -76,21 +77,25 @@ class CoverageMap:
         that runs while a test file is imported may concern all tests of that file, and a name that
         it imports does. Of these, tests that import it or run something of its folder come first;
         of what is compiled then those that call it through the fewest others, which are compiled
-        again.
+        again. Before all of them, those that run what numba would compile as plain Python, which
+        leaves a trace.
         """
         steps: dict[str, int] = {}
         near: set[str] = set()
+        plain: set[str] = set()
         if fault.names:
-            steps = self._users(fault.names, fault.file)
+            steps, plain = self._users(fault.names, fault.file)
             naming = self._naming(fault.names, fault.file)
-            found = set(steps) | naming
+            if fault.compiled:
+                plain |= self._tests(fault.file, *fault.lines)
+            found = set(steps) | naming | plain
             found = found or self._tests(fault.file, 1, 10**9)
             found = found or self._importing(fault.file, 1, 10**9)
             near = self._near(fault.file) | naming
         else:
             found = self._tests(fault.file, *fault.lines)
             found |= self._importing(fault.file, *fault.lines)
-        return self._ordered(found - self.failed, near, steps if fault.compiled else {})
+        return self._ordered(found - self.failed, plain, near, steps if fault.compiled else {})
 
     def alone(self, test: str) -> float:
         """Processor seconds that a test took when it was recorded, with the fixtures that it shares
@@ -150,10 +155,12 @@ class CoverageMap:
         return {test for one in self._of_line if one.rpartition("/")[0] == folder
                 for test in self._tests(one, 1, 10**9)}
 
-    def _ordered(self, tests: set[str], near: set[str], steps: dict[str, int]) -> list[str]:
-        """Near ones first, those of few steps, then quick tests before slow ones, file by file so
-        that shared fixtures are made once. A test is as slow as it is with the fixtures that it
-        needs, whichever other test made them when it was recorded."""
+    def _ordered(
+        self, tests: set[str], plain: set[str], near: set[str], steps: dict[str, int]
+    ) -> list[str]:
+        """Plain ones first, near ones, those of few steps, then quick tests before slow ones, file
+        by file so that shared fixtures are made once. A test is as slow as it is with the fixtures
+        that it needs, whichever other test made them when it was recorded."""
         alone = {name: self.alone(name) for name in tests}
         classes = {name: bisect.bisect(_CLASSES_S, alone[name]) for name in tests}
         groups: dict[tuple[int, str], list[str]] = {}
@@ -161,18 +168,20 @@ class CoverageMap:
             groups.setdefault((classes[name], _file_of(name)), []).append(name)
         totals = {group: self.total(names) for group, names in groups.items()}
 
-        def rank(name: str) -> tuple[bool, bool, int, int, float, str, float, str]:
+        def rank(name: str) -> tuple[bool, bool, bool, int, int, float, str, float, str]:
             slow, file = classes[name], _file_of(name)
-            return ("::" not in name, name not in near, steps.get(name, 0), slow,
+            return ("::" not in name, name not in plain, name not in near, steps.get(name, 0), slow,
                     totals[slow, file], file, alone[name], name)  # fmt: skip
 
         return sorted(tests, key=rank)
 
     # -- who uses a name -------------------------------------------------------------------
 
-    def _users(self, names: tuple[str, ...], file: str) -> dict[str, int]:
-        """The tests that run a function which uses a name, and through how many others."""
+    def _users(self, names: tuple[str, ...], file: str) -> tuple[dict[str, int], set[str]]:
+        """The tests that run a function which uses a name, and through how many others; and those
+        that run one as plain Python which is compiled otherwise."""
         found: dict[str, int] = {}
+        plain: set[str] = set()
         pending = [(name, file, 0) for name in names]
         done, seen = {(name, file) for name in names}, set()
         for name, home, steps in pending:  # it grows
@@ -185,10 +194,12 @@ class CoverageMap:
                         for test in self._tests(user, scope.first, scope.last):
                             found.setdefault(test, steps)
                     else:
+                        if scope.compiled:
+                            plain |= self._tests(user, scope.first, scope.last)
                         new = {(n, user) for n in scope.names} - done
                         pending += [(*one, steps + 1) for one in sorted(new)]
                         done |= new
-        return found
+        return found, plain
 
     def _takers(self, name: str, home: str) -> list[str]:
         """The files in which a name of one file means what it means there: those that import it,
@@ -248,7 +259,8 @@ def _scopes(body: list[ast.stmt], outer: str = "") -> list[_Scope]:
     for node in body:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             runs = not any(COMPILED.search(ast.unparse(d)) for d in node.decorator_list)
-            scopes.append(_Scope(node.body[0].lineno, node.end_lineno, (node.name,), runs))
+            scopes.append(_Scope(node.body[0].lineno, node.end_lineno, (node.name,), runs,
+                                 compiled=not runs))
         elif isinstance(node, ast.ClassDef):
             scopes += _scopes(node.body, node.name)
         else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import importlib
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -111,6 +112,19 @@ class Chosen:
         self.failed: list[str] = []
         self.ran = 0
         self.memory = False
+        self._importing = contextlib.ExitStack()
+
+    def pytest_load_initial_conftests(self) -> None:
+        """While test files are imported nothing is compiled: a faulty constant may be in many
+        functions, of which the tests call few. Nor is garbage collected, a quarter of the time."""
+        gc.disable()
+        self._importing.callback(gc.enable)
+        with contextlib.suppress(ImportError):
+            loops = importlib.import_module("aras_visual_servo_base.compiled")
+            self._importing.enter_context(loops.put_off())
+
+    def pytest_collection_finish(self) -> None:
+        self._importing.close()
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:

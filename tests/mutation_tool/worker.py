@@ -89,8 +89,6 @@ class Collected:
         self._items = {item.nodeid: item for item in session.items}
         self._functions = Functions()
         self._session = session
-        gc.collect()
-        gc.freeze()  # else each child copies what it only counts
         self._server.serve(self._run)
         os._exit(0)
 
@@ -123,6 +121,8 @@ class Server:
         guard.adopt_orphans()
         self._kept = guard.children()  # what the import of a library has started maybe
         files = planting.Files(self._top)
+        gc.collect()
+        gc.freeze()  # else each child copies what it only counts
         self._say({})
         stamp = 0
         for line in self._tasks:

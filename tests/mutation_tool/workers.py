@@ -16,7 +16,9 @@ from . import trees
 
 LIBRARIES = (
     "numpy", "numba", "cv2", "yaml", "pybullet", "scipy.spatial", "scipy.optimize",
-    "collada", "pinocchio", "coverage", "pytest",
+    "collada", "pinocchio", "coverage", "pytest", "hypothesis", "pandas", "scipy.stats",
+    "matplotlib.pyplot", "mpl_toolkits.mplot3d", "pyarrow.parquet", "pyarrow.compute", "jinja2",
+    "tornado.web", "tornado.websocket", "cloudpickle", "gymnasium",
 )
 Task = TypeVar("Task")
 

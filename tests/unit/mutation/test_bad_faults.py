@@ -12,8 +12,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numba
+import numpy as np
 import pytest
 
+from aras_visual_servo_base.compiled import compiled
 from mutation_tool import guard, recording
 from mutation_tool.areas import Area
 from mutation_tool.campaign import Campaign, Outcome
@@ -185,6 +187,20 @@ def test_compiling_does_not_count_for_the_test_that_calls_first() -> None:
     with pytest.raises(StopIteration):
         running.send(None)
     assert numba.njit(lambda a: a - 1)(2) == 1 and len(limits) == 3
+
+
+def test_nothing_is_compiled_while_test_files_are_imported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    chosen = recording.Chosen([], {}, print, patience=1.0)
+    count = compiled("i8[::1]")(lambda a: len(a))
+    chosen.pytest_load_initial_conftests()
+    later = compiled("i8[::1]")(lambda a: len(a) + 1)
+    chosen.pytest_collection_finish()
+    at_once = compiled("i8[::1]")(lambda a: len(a) + 2)
+    assert [bool(one.signatures) for one in (count, later, at_once)] == [True, False, True]
+    assert later(np.arange(3)) == 4 and later.signatures
 
 
 def test_a_limit_of_time_is_of_each_test(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -112,6 +112,26 @@ def near(a):
     assert cover.tests_of(fault) == ["t.py::near", "t.py::far"]
 
 
+def test_those_that_run_what_is_compiled_as_plain_python_come_first() -> None:
+    source = b"""LIMIT = 3
+
+
+@inlined
+def least(a):
+    return a + LIMIT
+
+
+def near(a):
+    return least(a)
+"""
+    recording = {"lines": {"a.py": {"6": ["t.py::plain"], "10": ["t.py::plain", "t.py::near"]}},
+                 "shared": {}, "failed": {}, "seconds": {"t.py::near": 0.01, "t.py::plain": 0.8}}
+    cover = CoverageMap({"t.py": recording}, {"a.py": source})
+    for line in (1, 6):
+        fault = next(f for f in faults_of(source, "a.py") if f.line == line)
+        assert cover.tests_of(fault) == ["t.py::plain", "t.py::near"]
+
+
 def test_those_that_run_something_of_its_folder_come_first() -> None:
     sources = {"room/kernel.py": b"@inlined\ndef kernel(a):\n    return a + 2\n",
                "room/draw.py": b"from .kernel import kernel\n\n\ndef draw(a):\n    return a - 1\n",

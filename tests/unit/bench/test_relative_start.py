@@ -74,3 +74,4 @@ def test_scatter_is_along_and_about_each_axis(offset, turn):
         for column in values.T:
             assert column.min() <= 1e-12 - 0.9 * most and column.max() >= 0.9 * most - 1e-12
     np.testing.assert_array_equal(posed(start, 7), posed(start, 7))
+    assert np.abs(posed(start, 7) - posed(start, 8)).max() > 1e-4

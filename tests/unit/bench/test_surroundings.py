@@ -349,6 +349,16 @@ def test_an_arm_is_shown_its_goal_where_it_can_be(monkeypatch):
     assert found.notes == () and found.goal.joints == {}
 
 
+def test_a_goal_that_is_worked_out_is_in_view_of_all_that_read_it():
+    named = {"goal": "2016", "target": {}, "scheme": "moments@left+area@right", "start": "2016"}
+    eyes = {"left": {"model": EYE}, "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0]}}
+    asked = {**TWO, **named, "plant": "chain", "cameras": eyes}
+    assert parts(**asked).goal.others["right"].moments is not None
+    eyes["right"]["rpy"] = [0.0, 0.0, 1.0]
+    with pytest.raises(ExperimentError, match="it is not in view of camera 'right'"):
+        parts(**asked)
+
+
 class Joints(JointController):
     """Asks for no twist."""
 

@@ -186,6 +186,20 @@ def test_ears_are_cut_to_the_polygon_s_area():
         assert len(parts) == len(corners) - 2
         assert min(areas) > 0.0
         assert sum(areas) == pytest.approx(1.0 * 0.4 + 0.6 * 0.4)
+    random = np.random.default_rng(2)
+    for _ in range(20):  # stars about a place off the origin, first corner anywhere
+        around = np.sort(random.uniform(0.0, 2.0 * np.pi, 9))
+        if np.diff(around, append=around[0] + 2 * np.pi).max() > 3.0:
+            continue
+        star = random.uniform(0.3, 1.0, 9)[:, None] * np.column_stack(
+            [np.cos(around), np.sin(around)]) + random.uniform(-2.0, 2.0, 2)
+        x, y = star.T
+        for given in (star, star[::-1]):
+            areas = [np.linalg.det([given[b] - given[a], given[c] - given[a]]) / 2
+                     for a, b, c in triangles(given)]
+            assert min(areas) > 0.0
+            assert sum(areas) == pytest.approx(
+                (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2, abs=1e-9)
     with pytest.raises(ExperimentError, match="edges cross"):
         triangles(np.array([(0, 0), (1, 0), (0, 0), (1, 0)], float))
 
@@ -260,6 +274,20 @@ def test_what_covers_a_target_always_is_part_of_it():
     corners, _, _ = mesh_of(alone.with_suffix(".obj"))
     assert visual.origin_xyz == (0.0, 0.0, 0.0)
     np.testing.assert_array_equal([corners.min(axis=0)[:2], corners.max(axis=0)[:2]], covered)
+
+
+def test_the_command_s_words_are_explained(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    usage, does, *told, example = capsys.readouterr().out.strip().split("\n\n")
+    assert " ".join(usage.split()) == (
+        "usage: target_files [-h] [--size SIZE [SIZE ...]] [--occluder X0 Y0 X1 Y1] [--name NAME] "
+        "[--meshes MESHES] --out OUT shape")
+    assert does.startswith("Targets as descriptions") and "l_shape --size 0.1 0.08" in example
+    told = " ".join(" ".join(told).split())
+    for words in ("a target's name, a picture", "of a box, cylinder", "white rectangle",
+                  "of the files", "names the folder", "--out OUT folder"):
+        assert words in told
 
 
 def test_every_word_of_the_command_counts(tmp_path, capsys):

@@ -160,6 +160,13 @@ def test_additions_to_actions_last_for_some_steps_and_are_new_then(monkeypatch):
     assert asked.dtype == np.float32 and abs(asked).max() <= 1.0
     changes = (np.diff(asked, axis=0) != 0).any(axis=2)
     assert 10 < changes.sum() < 39 * 6 * 0.6 and all(column.any() for column in changes.T)
+    begun = []
+    for seed in range(8):  # half of them begin at once
+        again = Flown(2)
+        monkeypatch.setattr(policy.gymnasium, "make_vec", lambda *_, again=again, **__: again)
+        policy.practise(None, 2, seed=seed, environments=2)
+        begun.append(again.asked[0].any())
+    assert 0 < sum(begun) < 8
     moving = asked[(asked != 0).any(axis=2)]
     assert 0.25 < len(moving) / asked[..., 0].size < 0.75
     assert moving.std() == pytest.approx(0.3, rel=0.3) and abs(moving.mean()) < 0.1

@@ -198,7 +198,7 @@ class _Builder:
         try:
             self._check_scheme()
             if not isinstance(experiment.start, Sampler | CameraPose):
-                self._start(self.true_arm, np.eye(4), None)
+                self._given_start()
             pose, _, named = self._wanted()
             if named is None:
                 self.views.check(pose)
@@ -383,12 +383,18 @@ class _Builder:
             if isinstance(arm, FreeBody):
                 return arm.coordinates(pose)
             return self.plants.postures.start(pose, posture)
+        joints = self._given_start()
+        if isinstance(arm, FreeBody):
+            return arm.coordinates(self.true_arm.pose(joints))
+        return joints
+
+    def _given_start(self) -> np.ndarray:
+        """Joints (n,) of a start that is given by name or as joints."""
+        start = self.experiment.start
         joints = start_joints(start, self.true_arm, self.loop_settings.package)
         if joints is None:
             raise ExperimentError("start is 'none', but a plant has to begin somewhere")
         check_inside(joints, self.true_arm, "start")
-        if isinstance(arm, FreeBody):
-            return arm.coordinates(self.true_arm.pose(joints))
         return joints
 
 

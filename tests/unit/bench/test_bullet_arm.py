@@ -1,0 +1,168 @@
+"""The simulated arm: what is put into its world, and what it tells of itself."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_plants import SQUARE, bullet, until
+
+from aras_sim_bridge.description.types import Light
+from aras_sim_bridge.description.world_file import WorldFile
+from aras_visual_servo_base.poses import Pose, transform
+from aras_visual_servo_bench.asked.cameras import CameraSpec
+from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.plants import CameraReading, bullet_arm
+from aras_visual_servo_bench.plants.bullet_arm import Followed, ShownTarget
+from aras_visual_servo_bench.targets.files import write
+from aras_visual_servo_bench.targets.geometry import Course, Motion, PlacedTarget
+
+AT = transform((0.3, 0.1, 0.7), (0.1, 0.2, 0.3))
+RISING = Motion(velocity=(0.0, 0.0, 1.0, 0.0, 0.0, 0.5))
+
+
+def test_a_shown_target_is_where_it_lies_at_its_times():
+    lies = ShownTarget(PlacedTarget(SQUARE, AT, RISING), Path("x"), (0.01, 0.02, 0.03),
+                       ((0.1, 0.2),))
+    moved = transform((0.3, 0.1, 0.85), (0, 0, 0))
+    moved[:3, :3] = transform((0, 0, 0), (0, 0, 0.075))[:3, :3] @ AT[:3, :3]
+    np.testing.assert_allclose(lies.pose(0.15).matrix(),
+                               moved @ transform((0.01, 0.02, 0.03), (0, 0, 0)), atol=1e-9)
+    for time in (0.05, 0.25):
+        assert lies.pose(time).xyz == (0.0, 0.0, -1e4)
+    still = PlacedTarget(SQUARE, AT)
+    assert ShownTarget(still, Path("x")).still and not lies.still
+    assert not ShownTarget(still, Path("x"), times=((0.0, 1.0),)).still
+    assert not ShownTarget(lies.placed, Path("x")).still
+    assert (ShownTarget(still, Path("x")).name, lies.name) == ("target", "target")
+
+
+def test_a_camera_s_name_is_its_plugin_s_or_its_own():
+    plugin = SimpleNamespace(camera_name="/eye/left/")
+    named = SimpleNamespace(name="/cam/", plugin=plugin)
+    assert bullet_arm._name(named) == "eye/left"
+    plugin.camera_name = ""
+    assert bullet_arm._name(named) == "cam"
+    assert bullet_arm._name(SimpleNamespace(name="cam", plugin=None)) == "cam"
+
+
+@pytest.fixture(scope="module")
+def standing(robot, preset, tmp_path_factory):
+    """An arm with a target that moves beside one that stands, and what its world was made of."""
+    folder, asked = tmp_path_factory.mktemp("shown"), []
+    make = bullet_arm.SimulationConfig
+    bullet_arm.SimulationConfig = lambda **keys: asked.append(keys) or make(**keys)
+    shown = [ShownTarget(PlacedTarget(SQUARE, AT, motion), write(SQUARE, folder, name), name=name)
+             for name, motion in (("moves", RISING), ("stands", Motion()))]
+    world = WorldFile(lights=(Light("lamp", kind="directional", direction=(0, 0, -1.0)),),
+                      ground_plane=False)
+    course = Course()
+    try:
+        plant = bullet(robot, preset, seed=7, renderer="exact", exposure="gazebo", shown=shown,
+                       around=world, followed=Followed("moves", "moves", course))
+    finally:
+        bullet_arm.SimulationConfig = make
+    yield plant, asked[0], course, world
+    plant.close()
+
+
+def test_the_world_is_made_as_it_is_asked_for(standing):
+    plant, asked, _, world = standing
+    assert asked == {"renderer": "exact", "seed": 7, "lights": world.lights, "scene": world.scene,
+                     "ground_plane": False, "exposure": "gazebo"}
+    assert set(plant.simulation.world.models) == {"robot", "moves", "stands"}
+    assert plant.outputs == {"position"} and plant.control == "camera"
+    assert plant.peak_speed is None and plant.touched() is None
+
+
+def test_a_target_that_moves_is_where_it_belongs_at_every_step(standing):
+    plant, _, course, _ = standing
+    models = plant.simulation.world.models
+    np.testing.assert_allclose(course.at(0.0), AT, atol=1e-6)
+    until(plant, plant.time_ns + 20_000_000)
+    time = plant.time_ns * 1e-9
+    wanted = AT[2, 3] + time
+    assert models["moves"].pose().xyz[2] == pytest.approx(wanted, abs=1e-9)
+    assert models["stands"].pose().xyz[2] == pytest.approx(AT[2, 3], abs=1e-6)
+    assert course.at(time)[2, 3] == pytest.approx(wanted, abs=1e-6)
+    assert course.at(0.5 * time)[2, 3] == pytest.approx(AT[2, 3] + 0.5 * time, abs=1.1e-3)
+
+
+def test_it_tells_where_its_joints_and_camera_are_wherever_it_stands(standing, arm):
+    """Also of an arm that is put elsewhere as a whole."""
+    plant, *_ = standing
+    model = plant.simulation.world.models["robot"]
+    q, v = plant.joints()
+    assert q.shape == v.shape == (6,) and plant.joint_names == arm.names
+    by_name = dict(zip(model.joint_names, model.read_joints()[0], strict=True))
+    np.testing.assert_array_equal(q, [by_name[name] for name in arm.names])
+    kept = model.pose()
+    elsewhere = transform((0.2, -0.1, 0.4), (0.3, 0.2, 0.5))
+    model.set_pose(Pose.from_matrix(elsewhere))
+    try:
+        other = q + [0.01, 0.0, 0.1, 0.05, -0.05, 0.3]
+        np.testing.assert_allclose(plant.poses(np.array([q, other])), [
+            elsewhere @ arm.pose(q), elsewhere @ arm.pose(other)], atol=1e-9)
+        np.testing.assert_allclose(plant.at_rest(), elsewhere @ arm.pose(q), atol=1e-6)
+        places = plant.places(np.array([other, q]))
+        assert places.shape[0] == 2
+        np.testing.assert_allclose(places[1], arm.places(np.array([q]))[0] @ elsewhere[:3, :3].T
+                                   + elsewhere[:3, 3], atol=1e-9)
+    finally:
+        model.set_pose(kept)
+
+
+def test_the_first_picture_is_of_the_camera_s_name(standing):
+    plant, *_ = standing
+    found = []
+    while not found:
+        found = [r for r in plant.advance(plant.time_ns + 10**8) if isinstance(r, CameraReading)]
+    assert found[0].camera == "camera" and found[0].labelled is None
+    assert found[0].image.shape == (240, 320, 3) and found[0].encoding == "rgb8"
+
+
+def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_path):
+    at = transform((0.05, 0.0, 0.62), (0.0, 0.0, 0.4))
+    shown = [ShownTarget(PlacedTarget(SQUARE, at), write(SQUARE, tmp_path, "plate"), name="plate")]
+    plant = bullet(robot, preset, camera={"segmentation": True, "depth": True}, shown=shown,
+                   label="plate")
+    try:
+        pose, found = plant.pose(), []
+        while not found:
+            found = [r for r in plant.advance(10**9) if isinstance(r, CameraReading)]
+    finally:
+        plant.close()
+        plant.close()
+    reading, camera = found[0], plant.camera
+    outline = SQUARE.outline(np.linalg.inv(at) @ pose)
+    u, v = np.rint(np.array(camera.project(*outline.mean(axis=0)[:, None])).ravel()).astype(int)
+    assert reading.labelled[v, u] == 255 and set(np.unique(reading.labelled)) == {0, 255}
+    assert reading.labelled.mean() / 255 < 0.2
+    depth = (np.linalg.inv(pose) @ at)[2, 3]
+    assert reading.depth[v, u] == pytest.approx(depth, abs=5e-3)
+    with pytest.raises(ExperimentError, match="no link has the label 'plat': did you mean 'plate'"):
+        bullet(robot, preset, camera={"segmentation": True}, shown=shown, label="plat")
+
+
+def test_several_cameras_sit_where_the_robot_has_their_frames(preset):
+    specs = {"left": CameraSpec(preset), "right": CameraSpec(preset, xyz=(0.0, -0.05, 0.01))}
+    robot = Robot(RobotSpec(), cameras=specs)
+    plant = bullet(robot, preset, name="left", others={"right": {**preset, "update_rate": 20.0}})
+    try:
+        assert plant.control == "left"
+        simulation, q = plant.simulation, plant.joints()[0]
+        np.testing.assert_allclose(plant.at_rest(), robot.arm("left").pose(q), atol=1e-6)
+        model = simulation.world.models["robot"]
+        seated = simulation.camera("/right")
+        link = model.link_pose("camera_frame_of_right").matrix()
+        np.testing.assert_allclose(link @ seated.parent_T_optical, robot.arm("right").pose(q),
+                                   atol=1e-6)
+        stamps = {"left": [], "right": []}
+        for reading in until(plant, 101_000_000):
+            if isinstance(reading, CameraReading):
+                stamps[reading.camera].append(reading.stamp_ns)
+    finally:
+        plant.close()
+    assert stamps == {"left": [33_333_333, 66_666_667, 100_000_000],
+                      "right": [50_000_000, 100_000_000]}

@@ -263,6 +263,9 @@ def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, dis
     assert "no studies there yet" in capsys.readouterr().out
     say("hello")
     assert capsys.readouterr().out == "hello\n"
+    for port in ("1", "65535"):
+        assert main(["browse", "d", "--no-open", "--port", port]) == 0
+        assert asked.found[-1][3] == int(port)
     for port in ("0", "65536"):
         assert main(["browse", "d", "--port", port]) == 1
         assert f"--port is {port}, must be 1 to 65535" in capsys.readouterr().err

@@ -89,6 +89,16 @@ def test_it_hides_the_share_that_the_shadow_of_its_plate_covers(arm):
     assert arm.hidden(placed(0.5, 0.27, 0.9), behind, FLAT, AT) == 0.0
 
 
+def test_the_whole_target_counts_to_its_rim(arm):
+    """The plate's shadow ends 10 mm within the target's rim, on either side of it in turn."""
+    eye, rim = transform((0.6, 0.25, 1.6), (np.pi, 0.0, 0.0)), 0.01
+    for x in (0.4 + rim, 0.8 - rim):
+        edge = 0.6 + (x - 0.6) * 0.6  # of the plate's top, 0.6 m before the eye
+        middle = edge + np.sign(x - 0.6) * 0.05
+        part = arm.hidden(placed(middle, 0.25, 1.0 + 0.025), eye, FLAT, AT)
+        assert 0.01 < part < 0.05
+
+
 @pytest.mark.parametrize(("height", "hides"), [(0.0045, False), (0.0055, True)])
 def test_what_lies_within_five_millimetres_of_the_target_is_the_target(arm, height, hides):
     eye = transform((0.6, 0.25, 1.1), (np.pi, 0.0, 0.0))

@@ -186,6 +186,13 @@ def test_ears_are_cut_to_the_polygon_s_area():
         assert len(parts) == len(corners) - 2
         assert min(areas) > 0.0
         assert sum(areas) == pytest.approx(1.0 * 0.4 + 0.6 * 0.4)
+    # A corner on an edge, or two, is the corner of no ear.
+    straight = np.array([(0, 0), (1, 0), (2, 0), (2, 1), (1, 1), (0, 1)], float)
+    for k in range(6):
+        given = np.roll(straight, k, axis=0)
+        areas = [np.linalg.det([given[b] - given[a], given[c] - given[a]]) / 2
+                 for a, b, c in triangles(given)]
+        assert min(areas) > 0.0 and sum(areas) == pytest.approx(2.0)
     random = np.random.default_rng(2)
     for _ in range(20):  # stars about a place off the origin, first corner anywhere
         around = np.sort(random.uniform(0.0, 2.0 * np.pi, 9))

@@ -372,6 +372,39 @@ def test_a_disturbed_picture_is_as_the_protocols_have_it():
         assert kstest(values, "uniform", (low, high - low)).pvalue > 0.01
 
 
+class Drawn:
+    """Chance that gives the middle of a range, or for whole numbers its last or first one."""
+
+    def __init__(self, last):
+        self.last = last
+
+    def uniform(self, low, high):
+        return 0.5 * (low + high)
+
+    def normal(self, mean, spread, shape):
+        return np.zeros(shape)
+
+    def random(self):
+        return 0.25
+
+    def integers(self, low, high):
+        return high - 1 if self.last else low
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_a_patch_may_lie_in_any_corner_and_keeps_its_size(monkeypatch, last):
+    """17.5 % of the area, as high as it is wide in parts of the picture's sides."""
+    monkeypatch.setattr(np.random, "default_rng", lambda seed: Drawn(last))
+    plain = np.full((120, 180), 100, np.uint8)
+    made = TexturedTarget(plain, (0.3, 0.2)).perturbed(3).pixels
+    rows, columns = np.nonzero(made == 128)  # half of white
+    high, wide = int(np.sqrt(0.175) * 120), int(np.sqrt(0.175) * 180)
+    top, left = (120 - high, 180 - wide) if last else (0, 0)
+    assert (rows.min(), rows.max(), columns.min(), columns.max()) == (
+        top, top + high - 1, left, left + wide - 1)
+    assert len(rows) == high * wide and (made == 100).sum() == 120 * 180 - high * wide
+
+
 # -- SVG -----------------------------------------------------------------------------------------
 
 

@@ -118,8 +118,9 @@ class PosedArm:
         except ViewError:
             return None
         focal = 0.5 * (SIDE - 2.0) / np.abs(outline).max()
-        centre = 0.5 * (SIDE - 1.0)
-        return turned, outline, np.array([[focal, 0, centre], [0, focal, centre], [0, 0, 1.0]])
+        K = np.diag([focal, focal, 1.0])
+        K[:2, 2] = 0.5 * (SIDE - 1.0)
+        return turned, outline, K
 
 
 def _thing(

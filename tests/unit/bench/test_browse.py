@@ -257,6 +257,9 @@ def test_a_study_that_grows_is_followed_part_by_part(tmp_path, monkeypatch):
     first = studies.look(now=True)
     assert (first.studies[0].runs, first.studies[0].of) == (10, 30)
     assert studies.look(now=True) is first
+    for name in (".000002.parquet.new", "notes.txt"):  # on its way, and another's
+        (folder.part(0).parent / name).write_text("")
+    assert studies.look(now=True) is first
     write_chunk(folder, 2)
     read = []
     whole = pq.read_table
@@ -437,13 +440,16 @@ def test_only_who_has_the_token_is_answered(served):
         assert get(served, "/ask", b"x" * 70000)[0] == 400
 
 
-@pytest.mark.parametrize("query", [
-    {"study": "first", "run": "../../etc/passwd"}, {"study": "../first", "run": "0"},
-    {"study": "first", "run": "9" * 4000}, {"study": "first", "run": "-1"},
-    {"study": HOSTILE, "run": "1"}, {"study": "first", "run": "30"}, {"study": "first", "run": "٣"},
+@pytest.mark.parametrize(("study", "run", "said"), [
+    ("first", "../../etc/passwd", "must be a number"), ("../first", "0", "there is no study"),
+    ("first", "9" * 4000, "must be a number"), ("first", "-1", "must be a number"),
+    ("first", "9" * 10, "must be a number"), ("first", "9" * 9, "first has no run 999999999"),
+    (HOSTILE, "1", "there is no study"), ("first", "30", "first has no run 30"),
+    ("first", "٣", "must be a number"),
 ])  # fmt: skip
-def test_a_report_that_cannot_be_is_said_without_markup(served, query):
-    status, text, _ = get(served, f"/run?{urlencode(query)}")
+def test_a_report_that_cannot_be_is_said_without_markup(served, study, run, said):
+    status, text, _ = get(served, f"/run?{urlencode({'study': study, 'run': run})}")
+    assert said in text
     assert status == 400 and 'id="waiting"' in text
     assert "<img" not in text and "Traceback" not in text
 
@@ -484,6 +490,9 @@ def test_a_report_is_computed_once_and_again_only_where_the_row_is_newer(real, m
     with monkeypatch.context() as held:
         held.setattr(subprocess, "Popen", none)
         assert Reports().ask(seen, 1) == page
+        when = page.stat().st_mtime_ns
+        os.utime(real.part(1), ns=(when, when))
+        assert Reports().ask(seen, 1) == page
     os.utime(real.part(1), (time.time() + 5, time.time() + 5))
     again = Reports()
     assert again.ask(seen, 1) == 0.0
@@ -505,7 +514,9 @@ def test_a_report_outside_of_the_folder_is_not_given(real, tmp_path):
         (real.path / "show-0").unlink()
 
 
-def test_reports_of_a_folder_that_cannot_be_written_have_a_folder_each(real, monkeypatch):
+def test_reports_of_a_folder_that_cannot_be_written_have_a_folder_each(
+    real, monkeypatch, tmp_path, capfd
+):  # fmt: skip
     """After one had failed, the next was written over one that was still on its way."""
     seen = Studies([real.path]).look(now=True).studies[0]
     monkeypatch.setattr(reports_module.os, "access", lambda *_: False)
@@ -515,6 +526,14 @@ def test_reports_of_a_folder_that_cannot_be_written_have_a_folder_each(real, mon
     reports.ask(seen, 0)
     with pytest.raises(StudyError, match="no report of run 0"):
         computed(reports, seen, 0)
+    said = tmp_path / "python"
+    said.write_text("#!/bin/sh\necho first >&2\necho 'bench: so it is' >&2\necho other\nexit 3\n")
+    said.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(said))
+    reports.ask(seen, 1)
+    with pytest.raises(StudyError, match="no report of run 1: so it is$"):
+        computed(reports, seen, 1)
+    assert capfd.readouterr() == ("", "")
     outs.append(reports._begun(seen, 2).out)
     assert len(set(outs)) == 3 and not any(out.is_relative_to(real.path) for out in outs)
     reports.close()

@@ -83,9 +83,21 @@ def same(line, points, **look):
 
 
 def size_of(axis):
-    """Width and height, inches."""
-    box = axis.get_position()
+    """Width and height of the room that it has, inches."""
+    box = axis.get_position(original=True)
     return np.array([box.width, box.height]) * axis.get_figure().get_size_inches()
+
+
+def has_grid(axis):
+    return any(line.get_visible() for line in [*axis.get_xgridlines(), *axis.get_ygridlines()])
+
+
+MARK = ("marker", "markersize", "markerfacecolor", "markeredgecolor", "markeredgewidth")
+
+
+def alike(line, other, names=MARK):
+    """Whether two lines look the same."""
+    return all(getattr(line, f"get_{name}")() == getattr(other, f"get_{name}")() for name in names)
 
 
 def words(found):
@@ -120,7 +132,7 @@ def test_a_camera_s_pixels_are_the_axes_of_its_picture_plane(runs, paper):
     last = picture(len(runs[0].images.pictures) - 1).astype(float)
     np.testing.assert_allclose(255 - shown.astype(float), 0.35 * (255 - last), atol=1.0)
     assert all(side.get_visible() for side in axis.spines.values())
-    assert not any(line.get_visible() for line in axis.get_xgridlines())
+    assert not has_grid(axis)
     other = with_pictures(runs[0], [(0.0, picture(0)), (1.0, picture(0)[:-1])])
     assert not views.image_trajectory([other]).axes[0].images  # not the camera's size
     assert views.image_trajectory([replace(runs[0], cameras={})]) is None
@@ -145,6 +157,7 @@ def test_points_go_from_a_dot_to_a_ring(runs, screen):
              markerfacecolor="none", marker="o")  # fmt: skip
         assert line.zorder < start.zorder < goal.zorder
         assert goal.get_markersize() > start.get_markersize() + 2  # it shows round the dot
+        assert alike(start, named["start"]) and alike(goal, named["goal"])
     assert next(lines, None) is None
     assert len({line.get_color() for line in legend.get_lines()[:2]}) == 2
     assert axis.get_title("left") == "Path of the points that the scheme sees in the image"
@@ -173,7 +186,10 @@ def test_a_target_s_corners_are_pale_and_its_centre_is_bold(runs, screen):
     same(line, pixel([centre(rim) for rim in rims]), color=palette.COLOURS[0])
     bold, pale = axis.lines[12], axis.lines[0]
     assert bold.get_linewidth() > 1.5 * pale.get_linewidth() and bold.zorder > pale.zorder
-    assert start.get_markersize() > axis.lines[1].get_markersize()
+    dot, ring = axis.lines[1:3]
+    assert start.get_markersize() == 2 * dot.get_markersize()
+    assert ring.get_markersize() == dot.get_markersize() + 2  # two points wider, as a thin line is
+    assert ring.get_markeredgewidth() == pale.get_linewidth()
     assert words(figure.legends[0])[:5] == [*(f"corner {i}" for i in range(4)), "centre of gravity"]
     assert axis.get_title("left") == "Path of the target's corners and centre in the image"
 
@@ -240,8 +256,12 @@ def test_a_strip_shows_the_picture_next_to_each_milestone(runs, paper):
             width, height = size_of(axis)
             assert height / width == pytest.approx(HEIGHT / WIDTH)
             assert len(axis.get_xticks()) == len(axis.get_yticks()) == 0
-            assert not any(line.get_visible() for line in axis.get_xgridlines())
-        assert [text.get_text() for axis in row for text in axis.texts] == [style.literal(run.name)]
+            assert not has_grid(axis) and all(s.get_visible() for s in axis.spines.values())
+        (name,) = [text for axis in row for text in axis.texts]
+        assert name.get_text() == style.literal(run.name)
+        box, around = name.get_window_extent(), row[0].get_window_extent()
+        aside, below = box.x0 - around.x0, around.y1 - box.y1  # in the corner of its first picture
+        assert 0.0 < aside < 0.04 * around.width and 0.0 < below < 0.06 * around.height
     alone = views.filmstrip([replace(runs[0], target=None)])
     assert not any(axis.texts or axis.lines for axis in alone.axes)
     assert alone.get_figwidth() == figure.get_figwidth() == style.figure_width(wide=True)
@@ -338,6 +358,11 @@ def test_a_camera_s_path_is_drawn_with_its_goal_and_its_target(runs, paper):
     check_frustum(axis.lines[7:12], GOAL, 0.18 * size, color=palette.GOAL, linestyle="--")
     check_frustum(axis.lines[12:], path[-1], 0.12 * size, linestyle="-",
                   color=by_label["camera"][0].get_color())  # fmt: skip
+    width, height = style.figure_width(), axis.get_window_extent().height / figure.dpi
+    assert height == pytest.approx(0.72 * width - (0.66 if paper else 1.0) * 0.5)
+    assert figure.legends[0].get_window_extent().y1 < axis.get_window_extent().y0
+    for one in (axis.xaxis, axis.yaxis, axis.zaxis):
+        assert one._axinfo["grid"]["color"] == palette.GRID
     (face,) = axis.collections
     np.testing.assert_allclose(np.array(face._faces).reshape(-1, 3), corners)
     assert face.zorder < min(line.zorder for line in axis.lines)
@@ -371,6 +396,29 @@ def test_paths_of_several_cameras_have_a_goal_each_where_it_is_known(runs, scree
     still = replace(runs[0], true_pose=np.tile(GOAL, (len(runs[0].true_pose), 1, 1)), target=None)
     (axis,) = views.camera_path([still]).axes  # of no extent: one of a millimetre is drawn
     assert np.ptp([axis.get_xlim(), axis.get_zlim()], axis=1) == pytest.approx([3.5e-4] * 2)
+
+
+@pytest.mark.parametrize(("wide", "tall"), [(0.64, False), (0.61, True)])
+def test_a_tall_path_has_few_labels_across_and_is_drawn_smaller(runs, wide, tall, screen):
+    """Its height with the room around it is 1.12 of its extent, its width 0.12 more than `wide`:
+    from one and a half on, its foot would stand in the legend."""
+    poses = np.tile(GOAL, (len(runs[0].true_pose), 1, 1))
+    along = np.linspace(0.0, 1.0, len(poses))
+    after = runs[0].servoing
+    along[after] = np.linspace(0.0, 1.0, after.sum())
+    poses[:, :3, 3] = np.column_stack([wide * along, wide * along, along])
+    run = replace(runs[0], true_pose=poses, target=None, goal_pose=np.full((4, 4), np.nan))
+    (axis,) = views.camera_path([run]).axes
+    assert np.ptp(axis.get_zlim()) / np.ptp(axis.get_xlim()) == pytest.approx(1.12 / (wide + 0.12))
+
+    def labels(one):
+        low, high = one.get_view_interval()
+        return sum(low <= at <= high for at in one.get_majorticklocs())
+
+    assert [labels(one) <= 2 for one in (axis.xaxis, axis.yaxis, axis.zaxis)] == [tall, tall, False]
+    flat = views.camera_path([replace(run, true_pose=np.tile(GOAL, (len(poses), 1, 1)))]).axes[0]
+    size = np.linalg.norm(axis._box_aspect) / np.linalg.norm(flat._box_aspect)
+    assert size == pytest.approx(0.82 / 0.97 if tall else 1.0)
 
 
 # -- over time ------------------------------------------------------------------------------------
@@ -518,7 +566,9 @@ def test_an_axis_shows_what_it_must_with_room_above(runs, screen):
         (-0.05, 9.0))  # fmt: skip
     assert axis_of(runs[0], (time, values), span=(3.0, 3.5)).get_ylim()[0] == pytest.approx(1.9)
 
-    # A line at zero where that is within.
+    # A line at zero where that is within, not where it is the end.
+    end = axis_of(runs[0], (time, values), span=(0.0, None))
+    assert not [line for line in end.lines if line.get_ydata()[0] == 0.0]
     zeros = [[line for line in axis_of(runs[0], (time, values - at)).lines
               if line.get_ydata()[0] == 0.0] for at in (0.0, 2.2)]  # fmt: skip
     assert [len(one) for one in zeros] == [0, 1]
@@ -604,6 +654,39 @@ class Words:
 
     def get_texts(self):
         return self.texts
+
+
+@pytest.mark.parametrize(("count", "lines"), [(1, 1), (3, 1), (4, 2), (7, 3)])
+def test_a_figure_grows_by_its_legend_s_lines_and_its_axes_keep_their_size(count, lines, screen):
+    """Above where the margin has no room, below by the lines after the first."""
+    def measured(figure):
+        """Height, size of the axis, and what is above and below it, inches."""
+        high = figure.get_figheight()
+        box = figure.axes[0].get_position(original=True)
+        return np.array([high, *size_of(figure.axes[0]), high * (1.0 - box.y1), high * box.y0])
+
+    for below in (False, True):
+        figure, (axis,) = style.panels(1, 1.5)
+        before = measured(figure)
+        for i in range(count):
+            axis.plot([0.0, 1.0], [i, 1.0], label=f"curve {i}")
+        if below:
+            style.legend_below(figure, 3)
+            (legend,) = figure.legends
+        else:
+            style.heading(axis, "A")
+            style.legend(axis, 3)
+            legend = axis.get_legend()
+        assert words(legend) == [f"curve {i}" for i in range(count)]
+        high = legend.get_window_extent().height / figure.dpi
+        if below:
+            grown = high * (lines - 1) / lines
+            wanted = before + [grown, 0.0, 0.0, 0.0, grown]
+        else:
+            grown = max(high + 0.04 - before[3], 0.0)
+            wanted = before + [grown, 0.0, 0.0, grown, 0.0]
+            assert (grown > 0.0) == (lines > 1)
+        assert measured(figure) == pytest.approx(wanted, abs=0.02)
 
 
 def test_a_legend_has_the_most_columns_that_fit_and_shortens_words_else():
@@ -694,6 +777,10 @@ def test_joints_of_another_run_are_found_by_their_names(runs):
     assert len(found) == 6 and all(not panel.limits for panel in found.values())
     assert found["slide"].unit == "rad" and found["slide, speed"].unit == "rad/s"
     assert [p.title for p in panels.timing([bare])] == ["interval between images", "delay"]
+    told = [(p.title, p.axis, p.unit, p.dots, p.span) for p in panels.timing(runs[:1])]
+    assert told == [("interval between images", "interval", "ms", True, (0.0, None)),
+                    ("delay", "delay", "ms", True, (0.0, None)),
+                    ("real-time factor", "real-time factor", "", False, (0.0, None))]
     assert tracks(bare) is None and bare.units == ("", "", "") and bare.notes == []
     assert bare.images.nearest(0.0) is None and bare.wanted_outline() is None
     record = bare.images

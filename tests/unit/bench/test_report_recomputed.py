@@ -179,6 +179,8 @@ def test_every_number_of_the_files_is_recomputed(runs, written):
 def test_every_number_of_the_page_is_recomputed(runs, written):
     wanted = recomputed(runs[0])
     page = (written / "one/report.html").read_text()
+    both = (written / "both/report.html").read_text()
+    assert 'id="comparison"' not in page and 'class="tile"' not in both
     cells = r"<tr><td><code>(\w+)</code></td>\n<td class=\"(?:number)?\">(.*?)</td><td>(.*?)</td>"
     numbers = {name: text for name, text, _ in re.findall(cells, page)}
     for name, value in wanted.items():

@@ -55,9 +55,9 @@ def assembly(arm):
     )  # fmt: skip
 
 
-def recorded(arm, phases=("approaching", "servoing", "servoing"), filmed=True):
+def recorded(arm, phases=("approaching", "servoing", "servoing"), filmed=True,
+             names=("yg", "an", "xg")):  # fmt: skip
     recorder = Recorder(2, filmed)
-    names = ("yg", "an", "xg")
     for i, phase in enumerate(phases):
         decision = Decision(names, *np.arange(9.0 * i, 9.0 * i + 9).reshape(3, 3))
         recorder.image(ServoState(1.5 + i, phase, decision=decision), pose(i))
@@ -108,6 +108,8 @@ def test_a_recorder_keeps_what_it_is_told_from_where_servoing_began():
     whole = recorded(SimpleNamespace(), ("servoing",) * 3)
     assert len(whole.states) == 3 and whole.joint_units == () and len(whole.speed) == 0
     assert [side.size for side in whole.limits] == [0, 0]
+    for names in (("yg", "an", "x"), ("y", "an", "xg")):
+        assert recorded(arm, names=names).centres.shape == (0, 2)
     late = recorded(arm, ("servoing", "approaching", "servoing"))
     assert [state.stamp for state in late.states] == [3.5]
 
@@ -160,6 +162,11 @@ def test_a_film_s_frames_are_as_large_as_its_bytes_allow(monkeypatch):
     frames = films.film([(0.0, noise), (1.0, noise), (2.0, calm[0][1])], 3)
     sides = [cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1).shape[1] for _, jpeg in frames]
     assert sides == [400, 400, 400]  # none is larger than one before
+    for side, quality in ((640, 85), (480, 75), (400, 65), (320, 50), (240, 40), (160, 30)):
+        small = cv2.resize(noise, (side, side * 3 // 4), interpolation=cv2.INTER_AREA)
+        jpeg = cv2.imencode(".jpg", small[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+        monkeypatch.setattr(films, "BYTES", len(jpeg))  # and no byte more
+        assert films.film([(0.0, noise)], 1)[0][1] == jpeg.tobytes()
     monkeypatch.setattr(films, "BYTES", 1)
     ((_, jpeg),) = films.film([(0.0, noise)], 1)  # the smallest, where even that is too much
     assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1).shape == (120, 160, 3)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -184,6 +185,7 @@ def test_where_nothing_is_described_the_camera_s_path_is_that_of_tf(graph, face,
     assert exposed == pytest.approx(STAMPS[-1], abs=1e-8)
     assert (rgb == picture(8)).all()
     assert run.joint_units in ((), ("", "")) and run.verdict.word == ""
+    assert run.goal_pose.shape == (4, 4) and np.isnan(run.goal_pose).all()
 
 
 def test_what_was_recorded_before_the_clock_went_back_is_another_run(graph, face, tmp_path):
@@ -257,6 +259,19 @@ def test_a_bag_s_verdict_is_of_a_third_of_a_millimetre_and_of_a_degree():
     assert placed.shape.geometry == "boxes"
     np.testing.assert_array_equal(placed.pose, np.eye(4))
     assert from_bag._target(Goal()) is from_bag._target(None) is None
+
+
+def test_a_run_ends_where_the_arm_goes_to_a_start_or_other_features_are_seen():
+    def states(text):
+        """A state a letter: of features a or b, without any (-), another phase (p, idle)."""
+        decisions = {one: SimpleNamespace(names=(one,)) for one in "ab"}
+        phases = {"p": "approaching", "i": "idle", "h": "holding", "s": "stopped"}
+        return [SimpleNamespace(phase=phases.get(one, "servoing"), decision=decisions.get(one))
+                for one in text]  # fmt: skip
+
+    for text, lengths in (("-ab", [1, 1]), ("aa-a", [4]), ("aapa", [2, 1]), ("--", []),
+                          ("aib-bs", [1, 4]), ("p-aapp-h", [2]), ("ah-b", [3, 1])):  # fmt: skip
+        assert [len(run) for run in from_bag._runs(states(text))] == lengths, text
 
 
 def test_topics_are_found_by_their_types():

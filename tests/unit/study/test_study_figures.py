@@ -8,6 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pyarrow as pa
 import pytest
+from matplotlib.colors import to_hex
+from scipy.stats import binomtest
 
 from aras_visual_servo_bench.pictures import figures, palette
 from aras_visual_servo_bench.study.results import Results
@@ -46,6 +48,10 @@ def texts(found):
     return [text.get_text() for text in found]
 
 
+def has_grid(lines):
+    return any(line.get_visible() for line in lines)
+
+
 def test_maps_of_several_studies_stand_beside_each_other():
     both = [made(), made("$two", seed=1)]
     figure = figures.success(both)
@@ -57,6 +63,7 @@ def test_maps_of_several_studies_stand_beside_each_other():
     for axis, results in zip(axes, both, strict=True):
         image = axis.images[0]
         assert image.get_clim() == (0.0, 100.0)
+        assert not has_grid([*axis.get_xgridlines(), *axis.get_ygridlines()])
         assert texts(axis.get_xticklabels()) == ["0.03", "0.11"]
         told = {text.get_position(): text for text in axis.texts}
         hits = np.reshape(results.column("success"), (2, 2, 3))
@@ -67,6 +74,11 @@ def test_maps_of_several_studies_stand_beside_each_other():
             assert palette.contrast(palette.rgb(text.get_color()), ground) >= 4.5
         assert len(told) == 4
     assert texts(axes[0].get_yticklabels()) == ["1", "2.5"]
+    # 0.9 inch a column, three at least; 0.55 a line, 1.6 at least; and what stands around them.
+    for gains, delays, size in ((2, 2, (5.2, 3.0)), (5, 6, (7.6, 4.15))):
+        grid = made(gains=tuple(1.0 + np.arange(gains)), delays=tuple(0.1 * np.arange(delays)))
+        assert figures.success([grid]).get_size_inches() == pytest.approx(size)
+    assert figure.get_size_inches() == pytest.approx((2 * 4.1, 3.0))
     lacks = made(gains=(1.0, 4.0))
     shown = figures.success([made(), lacks]).axes[0].images[0].get_array()
     assert np.isnan(np.asarray(shown)[2]).all() and np.isfinite(np.asarray(shown)[:2]).all()
@@ -86,6 +98,15 @@ def test_bars_have_the_names_of_what_differs():
     names, rates, axis = bars([made(delays=(0.03,))])
     assert names == ["1", "2.5"] and axis.get_title("left") == "Success by gain (1/s)"
     assert rates == pytest.approx([0.0, 100 * 2 / 3])
+    assert has_grid(axis.get_xgridlines()) and not has_grid(axis.get_ygridlines())
+    spans = [path.vertices for path in axis.collections[0].get_paths()]
+    for (low, high), hits in zip((path[:, 0] for path in spans), (0, 2), strict=True):
+        wanted = binomtest(hits, 3).proportion_ci(0.95, "wilson")
+        assert (low, high) == pytest.approx((100 * wanted.low, 100 * wanted.high))
+    assert [path[0, 1] for path in spans] == [1.0, 0.0]
+    assert [axis.figure.get_figheight() for *_, axis in (
+        bars([made(gains=tuple(1.0 + np.arange(n)), delays=(0.03,))]) for n in (2, 7))
+    ] == pytest.approx([0.42 * n + 1.5 for n in (2, 7)])
     names, rates, axis = bars([made(gains=(1.0,), delays=(0.03,), each=4)])
     assert names == ["one"] and axis.get_title("left") == "Success" and rates == [0.0]
     names, *_ = bars([made(delays=(0.03,)), made("$two", delays=(0.03,))])
@@ -122,7 +143,22 @@ def test_groups_beside_each_other_are_named_and_few():
         assert len(figure.axes[0].patches) == count
         named = [list(filter(None, texts(axis.get_yticklabels()))) for axis in figure.axes]
         assert len(named[0]) == count and named[1] == []
+        # 0.3 inch a box, and what stands around them.
+        assert figure.get_size_inches() == pytest.approx((2 * 3.8, 0.3 * count + 1.4))
     figure = figures.boxes([results], metrics)
+    for axis in figure.axes:
+        assert has_grid(axis.get_xgridlines()) and not has_grid(axis.get_ygridlines())
+    first = figure.axes[0]
+    medians = [line.get_xdata()[0] for line in first.lines if line.get_color() == palette.VERMILION]
+    parts = [results.numbers(SETTLED)[rows] for rows in results.groups(("gain", "delay")).values()]
+    assert medians == pytest.approx([np.median(part) for part in parts][::-1])
+    assert {to_hex(box.get_facecolor()) for box in first.patches} == {palette.PALE}
+    outside = made(gains=(1.0, 2.0), delays=(0.03,), each=12, **{
+        SETTLED: [1.0 + 0.01 * i for i in range(11)] + [9.0] + [2.0] * 12})  # fmt: skip
+    shown = figures.boxes([outside], outside.chosen([SETTLED])).axes[0]
+    (dot,) = [line for line in shown.lines if line.get_marker() == "." and len(line.get_xdata())]
+    assert (dot.get_xdata().tolist(), dot.get_ydata().tolist()) == ([9.0], [2.0])
+    assert dot.get_markeredgecolor() == palette.SOFT
     assert texts(figure.axes[0].get_yticklabels()) == names[::-1]
     assert [axis.get_xlabel() for axis in figure.axes] == ["settled (s)", "final distance (m)"]
     assert figures.boxes([alone], alone.chosen([SETTLED])) is None
@@ -137,6 +173,11 @@ def test_an_axis_is_logarithmic_beyond_two_decades():
         assert axis.get_xscale() == scale
     figures._scale(axis, "x", [np.array([np.nan])])
     assert axis.get_xscale() == "linear"
+    for side, few in (("x", True), ("y", False)):  # labels below each other are never too many
+        figure, (axis,) = figures.panels(1, 6.0)
+        axis.set(xlim=(0.0, 8.5), ylim=(0.0, 8.5))
+        figures._scale(axis, side, [np.array([1.0, 2.0])])
+        assert (len(getattr(axis, f"get_{side}ticks")()) <= 7) == few
 
 
 def test_correlations_are_of_settings_that_take_three_values():
@@ -153,6 +194,11 @@ def test_correlations_are_of_settings_that_take_three_values():
     rank = np.corrcoef(np.repeat([1, 2, 3], 2), np.argsort(np.argsort(settled)))[0, 1]
     assert text.get_text() == f"{rank:+.2f}"
     assert axis.images[0].get_clim() == (-1.0, 1.0) and "Spearman" in bar.get_ylabel()
+    assert not has_grid([*axis.get_xgridlines(), *axis.get_ygridlines()])
+    blue, white, red = (np.array(axis.images[0].cmap(at)[:3]) for at in (0.0, 0.5, 1.0))
+    assert white.min() > 0.95 and blue.argmax() == 2 and red.argmax() == 0
+    assert figure.get_size_inches() == pytest.approx((1.1 + 3.6, 0.38 * 2 + 1.6))
+    assert axis.get_xticklabels()[0].get_rotation() == 0.0
     ground = axis.images[0].cmap(0.5 + 0.5 * rank)
     assert palette.contrast(palette.rgb(text.get_color()), ground) >= 4.5
     assert figures.sensitivity(results, ()) is None
@@ -199,6 +245,9 @@ def test_trajectories_are_the_errors_and_places_of_every_run(monkeypatch):
                                        place[rows][-1, at])  # fmt: skip
     assert len(errors.lines) == 3 and len(above.lines) == len(beside.lines) == 6
     assert errors.get_yscale() == "log"
+    for line in (errors.lines[0], above.lines[0], beside.lines[0]):  # others show through it
+        assert (line.get_alpha(), line.get_linewidth()) == (0.5, 0.7)
+    assert above.lines[1].get_marker() == "." and above.lines[1].get_color() == palette.INK
     assert texts(errors.get_legend().get_texts()) == [r"\$a", "b"]
     assert errors.lines[2].get_color() != errors.lines[0].get_color() == errors.lines[1].get_color()
     assert [axis.get_xlabel() for axis in figure.axes][1:] == ["x (m)", "x (m)"]

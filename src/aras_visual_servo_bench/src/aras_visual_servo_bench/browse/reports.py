@@ -125,7 +125,8 @@ class Reports:
 def _newer(page: Path, part: Path) -> bool:
     """Whether the page is there and was made after the run's row was written."""
     try:
-        return page.stat().st_mtime >= (part.stat().st_mtime if part.exists() else 0.0)
+        made = page.stat().st_mtime
+        return not part.exists() or made >= part.stat().st_mtime
     except OSError:
         return False
 

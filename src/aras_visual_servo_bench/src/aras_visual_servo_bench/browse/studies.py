@@ -176,7 +176,7 @@ def _mark(path: Path) -> tuple:
         try:
             with os.scandir(path / kind) as entries:
                 for entry in entries:
-                    if entry.name.endswith(".parquet") and not entry.name.startswith("."):
+                    if entry.name.endswith(".parquet"):
                         stat = entry.stat()
                         parts.append((kind, entry.name, stat.st_mtime_ns, stat.st_size))
         except OSError:

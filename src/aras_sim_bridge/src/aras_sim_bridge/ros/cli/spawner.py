@@ -147,7 +147,8 @@ class Spawner:
 def main() -> int:
     """Entry point; returns the exit status."""
     args = parse(rospy.myargv(sys.argv)[1:])
-    begin_node("spawner", anonymous=True)
+    # its waits are of wall time: hearing the clock all the while would be a thirtieth of a core
+    begin_node("spawner", anonymous=True, disable_rostime=True)
     namespace = args.namespace or ""
     if namespace and not namespace.endswith("/"):
         namespace += "/"

@@ -9,7 +9,7 @@ from aras_visual_servo_base.poses import transform
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.running.ending import Ending
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.running.loop import Loop, run
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
 from aras_visual_servo_controller.judging.outcomes import Outcome
 from aras_visual_servo_controller.loop.driver import Driver
@@ -226,3 +226,12 @@ def test_who_watches_is_told_of_every_image_as_it_is_made():
     np.testing.assert_allclose(record.stamp[:4], [0.05, 0.1, 0.15, 0.2], atol=1e-9)
     place = loop.parts.places["right"].pose
     np.testing.assert_allclose(place[:3, 3], [0.02, 0.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("features", ["pictures", "exact"])
+def test_a_run_by_pictures_keeps_a_film_of_what_other_cameras_see(features):
+    asked = {**BASE, "features": features, "camera": "original", "scheme": "points@left",
+             "duration": 0.1, "cameras": eyes({}, {})}
+    film = run(Experiment.from_mapping(asked)).cameras["right"].film
+    assert [round(stamp, 9) for stamp, _ in film][:2] == [0.05, 0.1][:len(film)]
+    assert bool(film) is (features == "pictures")

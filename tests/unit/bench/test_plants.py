@@ -1,6 +1,7 @@
 """Plants: one interface, exact motion, true poses, measurements at their instants."""
 
 import contextlib
+import dataclasses
 
 import numpy as np
 import pytest
@@ -13,11 +14,13 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading, JointReading
 from aras_visual_servo_bench.plants.bullet_arm import BulletArm
 from aras_visual_servo_bench.plants.free_body import FreeBody
+from aras_visual_servo_bench.plants.ideal import ExactResolver, IdealCamera
 from aras_visual_servo_bench.plants.kinematic import FreeCamera, KinematicChain
 from aras_visual_servo_bench.plants.sight import Sight
 from aras_visual_servo_bench.running.loop import Loop, run
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
 from aras_visual_servo_camera.moments import find_crossing
+from aras_visual_servo_controller.arm.task import Task
 
 START = np.array([0.1, 0.0, 0.17, -0.09, -0.09, 0.3])
 SQUARE = PolygonTarget(((-0.02, -0.02), (0.02, -0.02), (0.02, 0.02), (-0.02, 0.02)))
@@ -62,12 +65,12 @@ def test_the_simulated_arm_is_spawned_at_its_start_and_moves_as_told(robot, pres
         np.testing.assert_allclose(plant.joints()[0], START, atol=1e-5)
         np.testing.assert_allclose(plant.pose(), arm.pose(plant.joints()[0]), atol=1e-9)
         np.testing.assert_allclose(plant.poses([plant.joints()[0]])[0], plant.pose(), atol=1e-9)
-        goal = START + [0.0, 0.0, 0.0, 0.0, 0.0, 0.2]
+        goal = START + [0.0, 0.0, 0.0, 0.0, 0.0, -0.2]  # one way alone, but for some swinging
         plant.command("position", goal)
         until(plant, 1_000_000_000)
         q, _ = plant.joints()
         np.testing.assert_allclose(q, goal, atol=2e-2)
-        assert q[5] - START[5] > 0.18
+        assert q[5] - START[5] < -0.18
         # The pose is the physics', equal to the kinematics at the true joints.
         np.testing.assert_allclose(plant.pose(), arm.pose(q), atol=1e-6)
         assert 1.0 < plant.peak_speed[5] < 20.0
@@ -94,8 +97,6 @@ def test_a_moved_camera_is_moved_in_the_physics_and_can_be_believed_elsewhere(pr
 
 
 def test_impossible_robots_are_refused_in_one_line(robot, preset):
-    import dataclasses
-
     from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
 
     cases = {
@@ -246,8 +247,6 @@ def test_a_camera_without_its_target_in_view_sees_nothing(arm, sight, pinhole):
     assert sight.look(aside, 0, random).outline is None
     behind = goal @ np.diag([1.0, -1.0, -1.0, 1.0])
     assert sight.look(behind, 0, random).outline is None
-    import dataclasses
-
     drawn = dataclasses.replace(sight, pictures=True, depth=True)
     reading = drawn.look(goal, 0, random)
     assert reading.image.min() == 0 and reading.pictured
@@ -256,8 +255,6 @@ def test_a_camera_without_its_target_in_view_sees_nothing(arm, sight, pinhole):
 
 
 def test_noise_is_the_seeds(arm, sight):
-    import dataclasses
-
     pose = arm.pose(np.zeros(6))
     for noisy in (
         dataclasses.replace(sight, jitter=0.5),
@@ -273,8 +270,6 @@ def test_noise_is_the_seeds(arm, sight):
 
 def test_the_noise_of_an_outline_lets_no_edges_cross(arm, sight):
     """A target with an edge of a few pixels was lost by its noise."""
-    import dataclasses
-
     notched = PolygonTarget(((-0.02, -0.02), (0.02, -0.02), (0.021, -0.017), (0.02, 0.02)))
     sight = dataclasses.replace(sight, target=PlacedTarget(notched, sight.target.pose))
     noisy, pose = dataclasses.replace(sight, jitter=1.0), arm.pose(np.zeros(6))
@@ -312,6 +307,52 @@ def test_joints_and_true_poses_are_those_of_the_joint_states_and_not_of_the_step
         np.testing.assert_allclose(pose, arm.pose(q), atol=1e-9)
     # The physics has gone a step on since the last of them, and the verdict is of that.
     assert np.abs(end - arm.pose(result.measured[-1])).max() > 1e-7
+
+
+# -- the ideal camera ------------------------------------------------------------------------------
+
+ORIGIN, MOUNTING = transform((0.1, 0.2, 0.9), (2.9, 0.2, 0.4)), transform(
+    (0.02, -0.01, 0.03), (0.1, -0.1, 0.3))
+Q, TWIST = np.array([0.02, -0.01, 0.03, 0.1, -0.2, 0.3]), np.array([0.1, -0.3, 0.2, 0.4, 0.5, -0.6])
+
+
+def test_the_ideal_camera_flies_an_exact_motion_an_image(sight):
+    """By the twist of the believed camera, which sits beside the true one."""
+    body, believed = FreeBody(ORIGIN), FreeBody(ORIGIN, MOUNTING)
+    plant = IdealCamera(body, believed, Q, dataclasses.replace(sight, rate=8.0))
+    joints, seen = plant.advance(10**9)
+    assert (plant.time_ns, joints.stamp_ns, seen.stamp_ns) == (0, 0, 0)
+    np.testing.assert_allclose(joints.positions, Q, atol=1e-12)
+    assert not any(joints.velocities) and plant.outputs == {"twist"}
+    plant.command("twist", TWIST)
+    assert plant.advance(50_000_000) == [] and plant.time_ns == 50_000_000
+    joints, seen = plant.advance(10**9)
+    assert plant.time_ns == joints.stamp_ns == seen.stamp_ns == 125_000_000
+    pose = body.pose(Q) @ MOUNTING @ exponential(0.125 * TWIST) @ inverse(MOUNTING)
+    np.testing.assert_allclose(plant.pose(), pose, atol=1e-12)
+    q, rate = plant.joints()
+    np.testing.assert_allclose(body.pose(q), pose, atol=1e-12)
+    np.testing.assert_allclose(believed.jacobian(q) @ rate, TWIST, atol=1e-12)
+    plant.command("twist", np.zeros(6))
+    assert plant.advance(10**9)[0].stamp_ns == 250_000_000
+    np.testing.assert_array_equal(plant.pose(), plant.at_rest())
+    np.testing.assert_allclose(plant.pose(), pose, atol=1e-12)
+
+
+@pytest.mark.parametrize(("speed", "slowed"), [(None, 1.0), ((0.1, 1.0), 3.0), ((1.0, 0.2), 3.0),
+                                               ((0.9, 0.9), 1.0)])
+def test_an_exact_resolver_reaches_with_the_next_image_what_the_twist_reaches(speed, slowed):
+    body = FreeBody(ORIGIN, MOUNTING)
+    found = ExactResolver(body, 20.0, speed).resolve(Q, Task.of_twist(TWIST), 9.0)
+    reached = body.pose(Q) @ exponential(TWIST / slowed / 20.0)
+    np.testing.assert_allclose(body.pose(Q + found.velocities / 20.0), reached, atol=1e-12)
+    np.testing.assert_array_equal(found.primary, found.velocities)
+    np.testing.assert_allclose([found.twist, found.asked], [TWIST / slowed] * 2)
+    assert not found.lost.any() and found.scale == 1.0 and found.lasts == np.inf
+    assert np.isinf(found.margins).all() and found.modelled.all()
+    assert (found.stopped, found.slowing, found.reasons) == ((), "", ())
+    np.testing.assert_allclose(found.jacobian, body.jacobian(Q))
+    np.testing.assert_array_equal(found.L, np.eye(6))
 
 
 # -- the arm's features as they are ----------------------------------------------------------------

@@ -148,6 +148,8 @@ def test_what_the_chain_sees_through_is_said(experiment, caplog):
     assert result.converged
     (note,) = result.notes
     assert "hides" in note and "chain sees through it" in note and note in caplog.messages
+    hidden = of(experiment(plant="chain")).postures.hidden(result.measured[-1])
+    assert float(note.split("hides ")[1].split(" %")[0]) == pytest.approx(100 * hidden, abs=1.0)
     assert not run(experiment(plant="chain", duration=0.1)).notes  # it has not converged
     aside = {"pose": [0.06, 0.01, 0.25, *DOWN]}
     start = {"pose": [0.05, 0.02, 0.28, np.pi, 0.0, 0.1]}

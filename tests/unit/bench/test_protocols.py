@@ -12,7 +12,6 @@ import pytest
 import yaml
 
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import CameraPose, Experiment
 from aras_visual_servo_bench.asked.relative_start import RelativeStart
 from aras_visual_servo_bench.commands import main
@@ -176,24 +175,6 @@ def test_met(value, published, is_met):
 
 
 # -- starts ----------------------------------------------------------------------------------
-
-
-def start_of(start):
-    pose = FLIGHT.with_(start=start).placed.start.pose
-    return transform(pose[:3], pose[3:])
-
-
-def test_a_start_about_a_goal_that_is_no_pose_is_refused():
-    with pytest.raises(ExperimentError, match="start.kind 'back' is relative to the goal"):
-        assemble(Experiment(start=RelativeStart("back")))
-
-
-GOAL_POSE = transform(GOAL.pose[:3], GOAL.pose[3:])
-
-
-def test_back_goes_along_the_axis_away_from_the_target():
-    start = start_of(RelativeStart("back", distance=0.4))
-    assert start[:3, 3] == pytest.approx([0.0, 0.0, -1.15])
 
 
 # -- the ideal plant ---------------------------------------------------------------------------

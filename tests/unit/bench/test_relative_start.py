@@ -5,7 +5,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import transform
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.relative_start import RelativeStart
+from aras_visual_servo_bench.errors import ExperimentError
 
 GOAL = transform((0.1, -0.2, 0.9), (np.pi - 0.1, 0.2, 0.4))
 TARGET = transform((0.3, 0.1, 0.2), (0.1, -0.2, 0.5))
@@ -75,3 +78,14 @@ def test_scatter_is_along_and_about_each_axis(offset, turn):
             assert column.min() <= 1e-12 - 0.9 * most and column.max() >= 0.9 * most - 1e-12
     np.testing.assert_array_equal(posed(start, 7), posed(start, 7))
     assert np.abs(posed(start, 7) - posed(start, 8)).max() > 1e-4
+
+
+def test_an_experiment_starts_about_its_goal_s_pose():
+    goal, target = (0.1, -0.2, 0.9, np.pi - 0.1, 0.2, 0.4), (0.3, 0.1, 0.2, 0.1, -0.2, 0.5)
+    start = RelativeStart("plane", angle=25.0, scatter=(0.01, 1.0))
+    asked = Experiment(plant="free", goal={"pose": goal}, start=start, seed=9,
+                       target={"shape": "square", "pose": target})  # fmt: skip
+    assert asked.placed.start.pose == start.pose(GOAL, TARGET, 9)
+    assert asked.placed.placed == asked.placed
+    with pytest.raises(ExperimentError, match="start.kind 'back' is relative to the goal: give it"):
+        assemble(Experiment(start=RelativeStart("back")))

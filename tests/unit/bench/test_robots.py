@@ -68,6 +68,9 @@ def test_its_camera_is_where_its_description_has_it_or_is_moved_to(made):
     off = transform((0.0, 0.01, 0.0), (0.0, 0.0, 0.2))
     believed = moved.believed_arm((0.0, 0.01, 0.0), (0.0, 0.0, 0.2))
     np.testing.assert_allclose(believed.pose(Q), hand() @ link @ off @ LINK_T_EYE, atol=1e-9)
+    turned = moved.believed_arm((0.0,) * 3, (0.0, 0.0, 0.2))  # by one number of six
+    off = transform((0.0, 0.0, 0.0), (0.0, 0.0, 0.2))
+    np.testing.assert_allclose(turned.pose(Q), hand() @ link @ off @ LINK_T_EYE, atol=1e-9)
     same = moved.believed_arm((0.0,) * 3, (0.0,) * 3)
     np.testing.assert_array_equal(same.pose(Q), moved.arm().pose(Q))
 

@@ -158,6 +158,11 @@ def test_what_a_camera_of_its_own_target_may_look_at(camera, plant, why):
         Experiment(**given)
 
 
+def test_names_may_be_whole_numbers():
+    made = Experiment.from_mapping({"start": 2016, "goal": 2015, "scheme": 7, "plant": "chain"})
+    assert (made.start, made.goal, made.scheme) == ("2016", "2015", "7")
+
+
 @pytest.mark.parametrize(("target", "plain", "carried", "brought", "described"), [
     ({"shape": "square"}, True, True, False, False),
     ({"shape": "square", "motion": Motion(step=(0, 0, 1.0))}, True, False, False, False),

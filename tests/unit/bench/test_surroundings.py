@@ -315,6 +315,10 @@ def test_a_flying_camera_begins_at_its_start_about_the_goal():
     named = parts(goal="2016", scheme="moments", target={}, start="2016")
     assert named.goal.name.endswith("2016") or "2016" in named.goal.name
     assert named.goal.joints == {} and named.goal.moments is not None
+    assert named.goal.target is not None  # it was worked out, and not shown
+    solid = {"shape": "box", "size": [0.05, 0.04, 0.03], "pose": [0.01, 0.0, 0.605, 0, 0, 0.3]}
+    shown = parts(goal="2016", scheme="moments", target=solid, start="2016")
+    assert shown.goal.target is None and shown.goal.moments.m00 != named.goal.moments.m00
 
 
 def test_an_arm_is_shown_its_goal_where_it_can_be(monkeypatch):

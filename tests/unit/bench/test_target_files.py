@@ -215,6 +215,8 @@ def test_files_by_command(tmp_path, capsys):
     assert main(["triangle", "--out", str(tmp_path), "--occluder", "0", "0", "0.01", "0.02"]) == 0
     made = parse_urdf((tmp_path / "triangle.urdf").read_text())
     assert made.static
+    corners, *_ = mesh_of(tmp_path / "triangle.obj")  # of 0.1 m, where nothing is said
+    np.testing.assert_allclose(corners[:, :2], [(-0.05, -0.04), (0.05, -0.03), (-0.01, 0.05)])
     assert main(["triangel", "--out", str(tmp_path)]) == 1
     assert "did you mean 'triangle'" in capsys.readouterr().err
 

@@ -201,7 +201,7 @@ class Motion:
         if self.still or since < 0.0:
             return moved
         velocity = np.asarray(self.velocity)
-        moved[:3, :3] = exponential((0.0, 0.0, 0.0, *(velocity[3:] * since)))[:3, :3]
+        moved[:3, :3] = _rotation(velocity[3:] * since)
         phase = 2.0 * np.pi * self.frequency * since
         moved[:3, 3] = velocity[:3] * since + np.asarray(self.amplitude) * np.sin(phase)
         moved[:2, 3] += self.circle * np.array([np.sin(phase), 1.0 - np.cos(phase)])
@@ -222,13 +222,18 @@ class Motion:
         first, last = poses[before], poses[after]
         place = (1.0 - share) * first[:3, 3] + share * last[:3, 3]
         turn = share * rotation_vector(first[:3, :3].T @ last[:3, :3])
-        return place, first[:3, :3] @ exponential((0.0, 0.0, 0.0, *turn))[:3, :3]
+        return place, first[:3, :3] @ _rotation(turn)
 
     @cached_property
     def _waypoints(self) -> tuple[np.ndarray, list[np.ndarray]]:
         """Times, s after `begin`, and displacements (4, 4), from the target's own place on."""
         poses = [transform(p[1:4], p[4:] or (0.0,) * 3) for p in self.path]
         return np.array([0.0, *(p[0] for p in self.path)]), [np.eye(4), *poses]
+
+
+def _rotation(turn: np.ndarray) -> np.ndarray:
+    """(3, 3) of a rotation vector (3,), rad."""
+    return exponential(np.append(np.zeros(3), turn))[:3, :3]
 
 
 class Course:

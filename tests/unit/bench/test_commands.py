@@ -210,3 +210,26 @@ def test_a_missing_library_is_named_with_both_ways_to_install_it():
         "dask is not installed: run ./setup.sh; without ROS, pip install '.[studies]' in the "
         "folder of the sources"
     )
+
+
+BENCH = "aras_visual_servo_bench"
+
+
+@pytest.mark.parametrize(("words", "missing", "told"), [
+    (["browse", "x"], f"{BENCH}.browse.server", "browse.server is not installed: run ./setup.sh; "
+     "without ROS, pip install '.[page]' in"),
+    (["table", "x"], f"{BENCH}.commands.reading", "commands.reading is not installed: run ./setup."
+     "sh; without ROS, pip install '.[bench]' in"),
+    (["analyze", "{}", "--out", "o"], f"{BENCH}.ros.bag", "bags need ROS's Python packages: "),
+    (["convert", "{}"], f"{BENCH}.ros.mcap", "needs ROS's Python packages and mcap, see ./setup.s"),
+])  # fmt: skip
+def test_what_needs_a_library_that_is_missing_says_so(words, missing, told, tmp_path, monkeypatch,
+                                                      capsys):
+    (tmp_path / "a.bag").write_text("")
+    monkeypatch.setitem(sys.modules, missing, None)
+    package, _, name = missing.rpartition(".")
+    if package in sys.modules:
+        monkeypatch.delattr(sys.modules[package], name, raising=False)
+    assert main([word.format(tmp_path / "a.bag") for word in words]) == 1
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said.startswith("bench: ") and told in said

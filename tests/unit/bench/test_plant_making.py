@@ -73,6 +73,11 @@ def test_a_goal_is_taught_without_noise():
     assert (run.grey_noise, taught.grey_noise) == (2.0, 0.0) and run.pictures and taught.pictures
     assert run.sensor is not None and taught.sensor is None
     assert run.vibration is not None and taught.vibration is None and taught.parts == ()
+    grey = np.full((240, 320), 90, np.uint8)
+    noisy = [seen(maker(**{**pictured, "camera": eye}, seed=seed)).sensor.apply(grey, 10**8)
+             for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(*noisy[:2])
+    assert (noisy[0] != noisy[2]).any() and noisy[0].shape == (240, 320)
     # Forty rows at once, each at the middle of its own.
     assert [(p.first, p.last) for p in run.parts] == [(k, k + 40) for k in range(0, 240, 40)]
     assert run.parts[0].offset_ns == round(1e9 * 1e-4 * (19.5 - 119.5))

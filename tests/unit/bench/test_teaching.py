@@ -1,5 +1,7 @@
 """What teaches the networks: pictures with their answers, training, and the programs."""
 
+import sys
+
 import cv2
 import numpy as np
 import pytest
@@ -437,3 +439,9 @@ def test_what_is_not_seen_or_was_not_shown_is_said(flown):
             scheme.compute(seen, goal, 0.0)
         with pytest.raises(ConfigurationError, match="home holds no moments: teach it anew"):
             scheme.check(goal)
+
+
+def test_training_without_its_library_says_what_to_do(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sklearn.neural_network", None)
+    with pytest.raises(ExperimentError, match="training needs scikit-learn: pip install -r requir"):
+        fitted(np.zeros((3, 2)), np.zeros((3, 1)), 0.1, np.float32)

@@ -21,6 +21,7 @@ from aras_visual_servo_bench.running.loop import Loop, run
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
 from aras_visual_servo_camera.moments import find_crossing
 from aras_visual_servo_controller.arm.task import Task
+from aras_visual_servo_controller.errors import MeasurementError
 
 START = np.array([0.1, 0.0, 0.17, -0.09, -0.09, 0.3])
 SQUARE = PolygonTarget(((-0.02, -0.02), (0.02, -0.02), (0.02, 0.02), (-0.02, 0.02)))
@@ -191,6 +192,65 @@ def test_a_free_bodys_jacobian_is_that_of_its_pose(arm):
     np.testing.assert_allclose(body.coordinates(body.pose(q)), q, atol=1e-12)
 
 
+def test_a_free_body_answers_what_an_arm_does():
+    origin, mounting = transform((0.1, 0.2, 0.9), (2.9, 0.2, 0.4)), transform(
+        (0.02, -0.01, 0.03), (0.1, -0.1, 0.3))
+    q, body = np.array([0.02, -0.01, 0.03, 0.1, -0.2, 0.3]), FreeBody(origin, mounting)
+    assert len(body) == 6 and body.names == ("x", "y", "z", "rx", "ry", "rz")
+    assert np.isinf(body.upper).all() and (body.lower == -body.upper).all()
+    assert np.isinf(body.velocity).all() and np.isinf(body.effort).all()
+    assert body.prismatic.tolist() == [True] * 3 + [False] * 3
+    pose, jacobian = body.view(q)
+    np.testing.assert_allclose(pose, origin @ exponential(q) @ mounting, atol=1e-12)
+    np.testing.assert_array_equal(jacobian, body.jacobian(q))
+    np.testing.assert_allclose(body.inverse(pose, np.ones(6), 0.1), q, atol=1e-12)
+    places, axes = body.joint_frames(q)
+    assert not places.any() and axes.tolist() == [*np.eye(3).tolist(), *np.eye(3).tolist()]
+    for speed in ((), np.arange(6.0)):
+        sample = body.sample(("a",), q.tolist(), speed, 2.5)
+        np.testing.assert_array_equal(sample.positions, q)
+        np.testing.assert_array_equal(sample.velocities, np.arange(6.0) if len(speed) else 0 * q)
+        assert (sample.stamp, sample.names) == (2.5, body.names)
+    for bad in ((q * np.nan, q), (q, np.full(6, np.inf))):
+        with pytest.raises(MeasurementError, match="a coordinate of the free camera is not finite"):
+            body.sample(body.names, *bad)
+    body.check(q)
+
+
+def test_what_a_plant_cannot_take_is_said_with_numbers(arm, sight):
+    chain = KinematicChain(arm, START, sight)
+    for kind, values, why in (
+            ("effort", START, "this plant takes position or velocity commands, not effort"),
+            ("position", START[:5], "a command of 6 finite numbers is needed, got "),
+            ("velocity", np.full(6, np.inf), "a command of 6 finite numbers is needed, got ")):
+        with pytest.raises(ExperimentError) as told:
+            chain.command(kind, values)
+        assert str(told.value).startswith(why)
+
+
+def test_joint_states_and_images_come_at_their_rates(arm, sight):
+    """And time goes to where it is asked for, where nothing comes before."""
+    plant = KinematicChain(arm, START, dataclasses.replace(sight, rate=8.0), joint_rate=4.0)
+    assert plant.advance(500_000) == [] and plant.time_ns == 500_000
+    stamps = [(type(r).__name__, r.stamp_ns) for r in until(plant, 520_000_000)]
+    joints = [("JointReading", 1_000_000 + k * 250_000_000) for k in range(3)]
+    images = [("CameraReading", k * 125_000_000) for k in range(1, 5)]
+    assert sorted(stamps, key=lambda one: one[1]) == sorted(joints + images, key=lambda o: o[1])
+    assert stamps == sorted(stamps, key=lambda one: one[1])
+    np.testing.assert_array_equal(plant.poses(np.array([START, START + 0.01])),
+                                  [arm.pose(START), arm.pose(START + 0.01)])
+    np.testing.assert_array_equal(plant.places(START[None]), arm.places(START[None]))
+    free = FreeCamera(FreeBody(np.eye(4)), np.zeros(6), sight)
+    assert free.places(np.zeros((2, 6))).shape == (2, 0, 3)
+    assert free.poses(np.zeros((0, 6))).shape == (0, 4, 4)
+    pose = free.at_rest()
+    pose[0, 3] = 9.0
+    assert free.at_rest()[0, 3] == 0.0
+    q, _ = free.joints()
+    q[0] = 9.0
+    assert free.joints()[0][0] == 0.0
+
+
 def test_a_chain_lags_as_its_time_constant_says_and_stops_at_its_limits(arm, sight):
     for steps in (1, 10):
         chain = KinematicChain(arm, START, sight, joint_rate=0.1, lag=0.05)
@@ -225,17 +285,6 @@ def test_a_chain_measures_at_the_phase_of_the_simulated_arm(arm, sight):
     pictures = [r.stamp_ns for r in readings if isinstance(r, CameraReading)]
     assert joints[:3] == [1_000_000, 11_000_000, 21_000_000]
     assert pictures == [33_333_333, 66_666_667, 100_000_000]
-
-
-def test_commands_without_sense_are_refused(arm, sight):
-    chain = KinematicChain(arm, START, sight)
-    for kind, values, complaint in (
-        ("effort", START, "not effort"),
-        ("position", START[:5], "6 finite numbers"),
-        ("position", START * np.nan, "6 finite numbers"),
-    ):
-        with pytest.raises(ExperimentError, match=complaint):
-            chain.command(kind, values)
 
 
 def test_a_camera_without_its_target_in_view_sees_nothing(arm, sight, pinhole):

@@ -1,5 +1,7 @@
 """What the commands' words come to: every option reaches what carries it out."""
 
+import sys
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import pytest
@@ -15,8 +17,11 @@ from aras_visual_servo_bench.commands import (
     reading,
     running,
 )
-from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.errors import BenchError, StudyError
+from aras_visual_servo_bench.numbers import summary
 from aras_visual_servo_bench.pictures import figures
+from aras_visual_servo_bench.report import write as reports
+from aras_visual_servo_bench.study import folder as folders
 from aras_visual_servo_bench.study import replay, tuner
 from aras_visual_servo_bench.study.study import Study
 
@@ -269,3 +274,201 @@ def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, dis
     for port in ("0", "65536"):
         assert main(["browse", "d", "--port", port]) == 1
         assert f"--port is {port}, must be 1 to 65535" in capsys.readouterr().err
+
+
+# -- what is analyzed ------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def bar(monkeypatch):
+    """What the bar of progress shows."""
+    shown = []
+    monkeypatch.setattr(analyzing, "Bar", lambda _stream: SimpleNamespace(
+        show=lambda part, what: shown.append((part, what)), close=lambda: shown.append("closed")))
+    return shown
+
+
+@pytest.fixture
+def bags(monkeypatch):
+    """Bags are not read but named, with what reading them tells of its progress."""
+    found = SimpleNamespace(read_bag=lambda path, progress: progress(0.25) or f"bag {path}")
+    monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.ros.bag", found)
+
+
+def test_a_word_names_a_bag_however_it_was_left(bags, tmp_path):
+    parts = []
+    whole, cut, none = (tmp_path / name for name in ("whole", "cut", "none"))
+    for folder, names in ((whole, ("run.bag", "run.bag.active")), (cut, ("run.bag.active",)),
+                          (none, ("other.bag",))):
+        folder.mkdir()
+        for name in names:
+            (folder / name).write_text("")
+    (tmp_path / "b.bag.active").write_text("")
+    for given, read in ((whole, whole / "run.bag"), (cut, cut / "run.bag.active"),
+                        (none / "other.bag", none / "other.bag"),
+                        (cut / "run.bag", cut / "run.bag.active"),
+                        (tmp_path / "b.bag", tmp_path / "b.bag.active")):
+        assert analyzing.read(str(given), parts.append) == f"bag {read}"
+    assert parts == [0.25] * 5
+    for given, why in ((none, f"{none} holds no run.bag; a study's run is named as {none}:NUMBER"),
+                       (tmp_path / "c.bag", f"there is no file {tmp_path / 'c.bag'}")):
+        with pytest.raises(BenchError) as told:
+            analyzing.read(str(given), parts.append)
+        assert str(told.value) == why
+
+
+def test_a_word_names_a_study_s_run_or_an_experiment(asked, bags, tmp_path, monkeypatch):
+    folder = SimpleNamespace(path=tmp_path / "mine")
+    opened = []
+    monkeypatch.setattr(folders.Folder, "open", lambda path: opened.append(path) or folder)
+    asked(replay, "replay", ("run", {}))
+    assert analyzing.read("a/b:12", print) == "run" and str(opened[0]) == "a/b"
+    assert asked.found == [("replay", folder, 12, "mine:12")]
+    (tmp_path / "x:3").write_text("")
+    assert analyzing.read(str(tmp_path / "x:3"), lambda part: None).startswith("bag ")
+    asked(replay, "carried_out", "done")
+    for name in ("one.yaml", "two.yml"):
+        (tmp_path / name).write_text("plant: free\ngain: 2.5\n")
+        assert analyzing.read(str(tmp_path / name), print) == "done"
+        _, stem, experiment, source = asked.found[-1]
+        assert (stem, source) == (name[:3], str(tmp_path / name))
+        assert (experiment.plant, experiment.gain) == ("free", 2.5)
+    for text, why in (("gain: -1\n", f"{tmp_path / 'one.yaml'}: gain is -1.0"), ("gain: [\n", "")):
+        (tmp_path / "one.yaml").write_text(text)
+        with pytest.raises(BenchError) as told:
+            analyzing.read(str(tmp_path / "one.yaml"), print)
+        assert str(told.value).startswith(why) and str(told.value).count("one.yaml") == 1
+
+
+def test_a_report_tells_what_came_of_each_run(bar, capsys, monkeypatch, tmp_path):
+    runs = [SimpleNamespace(name="a", notes=["late", "dark"]), SimpleNamespace(name="b", notes=[])]
+    written = []
+
+    def write(*given):
+        written.append(given[:4])
+        given[4](0.5, "figures")
+        if given[1].name == "bad":
+            raise BenchError("full")
+        return ["page.html", "a.png"]
+
+    monkeypatch.setattr(summary, "summarise", lambda run: f"of {run.name}")
+    monkeypatch.setattr(summary, "told", lambda run, found: f"{run.name} {found}")
+    monkeypatch.setattr(reports, "write_report", write)
+    analyzing.report(runs, tmp_path, ("svg",), True)
+    said = "\na:\na of a\n  Note: late\n  Note: dark\n\nb:\nb of b\n"
+    assert capsys.readouterr().out == said + "\n2 files, the page is page.html\n"
+    assert written == [(runs, tmp_path, ("svg",), True)] and bar == [(0.75, "figures"), "closed"]
+    analyzing.report(runs, None)
+    assert capsys.readouterr().out == said and len(written) == 1
+    analyzing.report(runs, tmp_path)
+    assert written[1][2:] == (("png",), False)
+    bar.clear()
+    with pytest.raises(BenchError):
+        analyzing.report(runs, tmp_path / "bad")
+    assert bar[-1] == "closed"
+
+
+def test_a_bag_becomes_a_file_beside_it(bar, capsys, monkeypatch, tmp_path):
+    made, bag = [], tmp_path / "my.run.bag"
+    bag.write_text("")
+
+    def convert(source, out, progress):
+        made.append((source, out))
+        progress(0.5)
+        if out.name == "bad":
+            raise BenchError("full")
+        return {"/a": 3, "/b": 4}
+
+    monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.ros.mcap",
+                        SimpleNamespace(convert=convert))
+    assert main(["convert", str(bag)]) == 0
+    assert capsys.readouterr().out == f"{tmp_path / 'my.mcap'}: 7 messages of 2 topics\n"
+    assert main(["convert", str(bag), "--out", str(tmp_path / "o")]) == 0
+    assert made == [(bag, tmp_path / "my.mcap"), (bag, tmp_path / "o")]
+    assert bar[:2] == [(0.5, f"converting {bag}"), "closed"]
+    bar.clear()
+    assert main(["convert", str(bag), "--out", str(tmp_path / "bad")]) == 1 and bar[-1] == "closed"
+    assert main(["convert", str(tmp_path / "none.bag")]) == 1
+    assert f"there is no file {tmp_path / 'none.bag'}" in capsys.readouterr().err
+
+
+def test_a_bag_s_experiment_is_shown_and_kept(capsys, monkeypatch, tmp_path):
+    bag, out = tmp_path / "a.bag", tmp_path / "deep" / "er"
+    bag.write_text("")
+    found = SimpleNamespace(mapping=lambda: {"scheme": "points", "goal": [0.1, 0.2]},
+                            files=lambda: {"goal.yaml": "depth: 0.2\n", "arm.urdf": "<é/>"},
+                            notes=["no start"])
+    monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.ros.bag",
+                        SimpleNamespace(described=lambda path: found if path == bag else None))
+    told = "scheme: points\ngoal: [0.1, 0.2]\n"
+    for more in ([], ["--out", str(out)]):
+        assert main(["show", str(bag), *more]) == 0
+        assert capsys.readouterr().out == f"{told}# no start\n"
+    assert {path.name: path.read_text() for path in out.iterdir()} == {
+        "goal.yaml": "depth: 0.2\n", "arm.urdf": "<é/>", "experiment.yaml": told}
+    assert main(["show", str(bag), "3"]) == 1
+    assert f"{bag} is a bag: it holds one run" in capsys.readouterr().err
+    assert main(["show", str(tmp_path)]) == 1
+    assert f"say which run: bench show {tmp_path} 0" in capsys.readouterr().err
+
+
+def test_a_browser_that_fails_is_no_fault(monkeypatch):
+    def fail(_page):
+        raise browsing.webbrowser.Error
+
+    monkeypatch.setattr(browsing.webbrowser, "open", fail)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.setenv("DISPLAY", "")
+        monkeypatch.setenv("WAYLAND_DISPLAY", "")
+        assert browsing._opened("x") is False
+        monkeypatch.setenv(name, ":0")
+        assert browsing._opened("x") is False
+        with monkeypatch.context() as opens:
+            opens.setattr(browsing.webbrowser, "open", lambda page: page == "x")
+            assert browsing._opened("x") is True
+
+
+def test_a_candidate_s_study_is_carried_out_in_its_own_folder(asked, study, tmp_path, monkeypatch):
+    told, given = [], []
+
+    class Tuner:
+        tried = ()
+
+        def __init__(self, base, ranges, metric, out, carry_out, part):
+            self.carry_out, self.base = carry_out, base
+
+        def search(self, evaluations):
+            self.carry_out(self.base, tmp_path / "1")
+            return SimpleNamespace(values=(), cost=1.0, success=1.0, excursion=0.0, violation=0.0)
+
+        def write(self):
+            return "t"
+
+    class Folder:
+        def check_code(self):
+            told.append("code")
+
+        def done(self):
+            return 3
+
+        @contextmanager
+        def locked(self):
+            told.append("lock")
+            yield
+            told.append("free")
+
+    class Pool:
+        __enter__ = __exit__ = lambda self, *_: None
+
+    monkeypatch.setattr(tuner, "Tuner", Tuner)
+    monkeypatch.setattr(running, "pool", lambda options: Pool())
+    monkeypatch.setattr(looking.Folder, "create", lambda *made: given.append(made) or Folder())
+    monkeypatch.setattr(looking, "Progress", lambda *made: SimpleNamespace(
+        close=lambda: told.append(made)))
+    asked(looking.engine, "carry_out")
+    assert main(["tune", str(study), "--out", str(tmp_path / "o")]) == 0
+    ((path, made, text),) = given
+    assert path == tmp_path / "1" and Study.from_mapping(yaml.safe_load(text)).digest == made.digest
+    assert list(yaml.safe_load(text)) == list(made.to_mapping())
+    assert told == ["code", "lock", (made.runs, 3), "free"]
+    assert len(asked.found) == 1

@@ -235,3 +235,35 @@ def test_a_run_by_pictures_keeps_a_film_of_what_other_cameras_see(features):
     film = run(Experiment.from_mapping(asked)).cameras["right"].film
     assert [round(stamp, 9) for stamp, _ in film][:2] == [0.05, 0.1][:len(film)]
     assert bool(film) is (features == "pictures")
+
+
+def test_a_goal_goes_along_with_a_target_that_turns():
+    """Before the target it is always at one place; the verdict is of that."""
+    moves = {**BASE["target"], "motion": {"velocity": [0.05, 0.02, 0.01, 0.1, 0.05, 0.4]}}
+    loop = looped(target=moves, duration=0.4)
+    loop.to_end()
+    then = loop.parts.target.world_T_target(loop.plant.time_ns * 1e-9)
+    first = transform((0, 0, 0.59), (0, 0, 0))
+    goal = transform(POSE["pose"][:3], POSE["pose"][3:])
+    np.testing.assert_allclose(np.linalg.inv(then) @ loop.goal_pose(), np.linalg.inv(first) @ goal,
+                               atol=1e-12)
+    found, verdict = loop.result(), loop.verdict()
+    off = np.linalg.norm(loop.goal_pose()[:3, 3] - loop.plant.at_rest()[:3, 3])
+    assert found.verdict.distance == pytest.approx(off) == verdict.distance and off > 1e-4
+    np.testing.assert_array_equal(found.goal_pose, loop.goal_pose())
+    assert found.joint_names == loop.plant.joint_names and found.peak_speed is None
+
+
+def test_a_run_gives_back_what_its_plant_holds(monkeypatch):
+    closed = []
+    monkeypatch.setattr(Loop, "close", lambda self: closed.append(1))
+    asked = Experiment.from_mapping({**BASE, "duration": 0.1})
+    assert run(asked).outcome == "timed_out" and closed == [1]
+
+    def fail(self):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Loop, "to_end", fail)
+    with pytest.raises(KeyboardInterrupt):
+        run(asked)
+    assert closed == [1, 1]

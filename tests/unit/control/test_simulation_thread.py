@@ -374,13 +374,19 @@ def turned(monkeypatch):
     return now
 
 
-def test_jobs_have_two_milliseconds_before_time_goes_on(started, turned):
+@pytest.mark.parametrize(("budget", "lasts"), [(0.002, 0.0011), (2.0**-9, 2.0**-9)])
+def test_jobs_have_two_milliseconds_before_time_goes_on(
+    started, turned, monkeypatch, budget, lasts
+):
+    """And the one that comes to just that long is not the last."""
+    if budget == lasts:
+        monkeypatch.setattr(simulation_thread, "JOBS_BUDGET", budget)
     thread = started(0.0)
     seen, all_done = [], threading.Event()
 
     def job() -> None:
         seen.append(thread.simulation.time_ns)
-        turned[0] += 0.0011
+        turned[0] += lasts
         if len(seen) == 6:
             all_done.set()
 

@@ -187,12 +187,16 @@ def test_topics_are_gazebo_s(graph, thread):
         "/a/eye/set_camera_info": SetCameraInfo, "/a/eye/set_parameters": Reconfigure,
         "/a/eye/picture/compressed/set_parameters": Reconfigure}
     (depth,) = graph.listen("/a/eye/far/image")
+    (points,) = graph.listen("/a/eye/far/points")
     thread.step(20, 120.0)
     assert not messages(depth, Image)  # it exposes when it is told to
     graph.subscribers["/a/eye/go"](Empty())
     thread.step(3, 120.0)
     (picture,) = messages(depth, Image)
     assert (picture.encoding, picture.step) == ("16UC1", 16)
+    (cloud,) = messages(points, PointCloud2)
+    assert (cloud.header.stamp, cloud.header.frame_id) == (
+        picture.header.stamp, picture.header.frame_id)
     assert 20_000_000 <= picture.header.stamp.to_nsec() <= 23_000_000
     on_graph.shutdown()
     assert set(graph.publishers) == {"/tf_static"} and not graph.subscribers | graph.services
@@ -625,7 +629,18 @@ def test_robots_and_sensors_have_faces_too_each_for_itself(graph, thread, monkey
 
 def test_a_camera_that_cannot_be_put_on_the_graph_leaves_nothing(graph, thread, monkeypatch):
     thread.call(lambda: thread.simulation.add_camera("eye", SETTINGS))
+    with monkeypatch.context() as patch:
+        patch.setattr(topics, "LabelTopic", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            CameraTopics(thread.simulation.cameras[0], thread)
+    assert not graph.publishers and not graph.services
+    # Nor does it take away a frame that another camera has told.
+    given = {**SETTINGS, "optical_frame_name": "lens", "segmentation": False}
+    thread.call(lambda: thread.simulation.add_camera("first", given))
+    thread.call(lambda: thread.simulation.add_camera("second", {**given, "segmentation": True}))
+    CameraTopics(thread.simulation.cameras[1], thread)
     monkeypatch.setattr(topics, "LabelTopic", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        CameraTopics(thread.simulation.cameras[0], thread)
-    assert not graph.publishers and not graph.services
+        CameraTopics(thread.simulation.cameras[2], thread)
+    told = graph.publishers["/tf_static"].sent[-1].transforms
+    assert [one.child_frame_id for one in told] == ["lens"]

@@ -497,6 +497,9 @@ def test_a_group_is_spawned(program, capsys):
     program.refuse(SWITCH)
     assert program.run(controller_group, "spawn", "position") == 1
     assert len(program.calls()) == 4
+    program.graph.services[f"/controller_manager/{SWITCH}"] = lambda asked: (
+        srv.SwitchControllerResponse(ok=asked.start_controllers == ["p"]))
+    assert program.run(controller_group, "spawn", "position") == 1  # one of the two
     capsys.readouterr()
     for name in ("none", "nobody"):
         assert program.run(controller_group, "spawn", name) == 1

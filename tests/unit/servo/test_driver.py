@@ -560,6 +560,10 @@ def test_an_image_waits_for_the_sample_of_its_own_stamp_however_that_is_rounded(
         assert not history.complete_to(k / 100), k
         history.add(sample(k / 100, 0.0))
         assert history.complete_to(k / 100)
+    history = JointHistory()
+    for stamp in (0.5, 1.0):
+        history.add(sample(stamp, 0.0))
+    assert not history.complete_to(1.5 - 1e-6) and history.complete_to(1.5 - 2e-6)
 
 
 def test_messages_of_one_stamp_meet_in_any_order():

@@ -143,6 +143,9 @@ def test_joints_of_another_arm_hold_it():
     short = JointSample.of(rig.now, names[:5], rig.q[:5])
     state = rig.servo.see(replace(seen, joints=short))
     assert state.phase == HOLDING and "an arm of 6 joints" in state.reason
+    fast = JointSample.of(rig.now, names, rig.q, 1e9 * np.eye(6)[2])
+    state = rig.servo.see(replace(seen, stamp=rig.now + 0.01, joints=fast))
+    assert state.phase == HOLDING and state.reason.startswith("J2 ")
 
 
 def test_a_fault_is_told_once_more_after_the_clock_went_back():

@@ -210,6 +210,17 @@ def test_cameras_without_kinematics_are_no_rig():
         made.together(views[0], {"right": views[1]})
 
 
+@pytest.mark.parametrize("known", ["left", "right"])
+def test_where_one_camera_is_tells_nothing_of_another(known):
+    made = Rig([Observer({"left": LEFT, "right": RIGHT}[n] if n == known else None, frozenset(),
+                         name=n) for n in ("left", "right")])  # fmt: skip
+    joints = JointSample.of(1.0, NAMES, np.zeros(6))
+    views = [o.of_exact(1.0, CAMERA, joints, contour=corners(LEFT.pose(np.zeros(6))))
+             for o in made.observers.values()]  # fmt: skip
+    with pytest.raises(MeasurementError, match="nothing tells where camera right is beside left"):
+        made.together(views[0], {"right": views[1]})
+
+
 # -- features of cameras -----------------------------------------------------------------------
 
 

@@ -58,6 +58,8 @@ def test_arrows_step_gantry_and_j2():
     assert (after[2], command[2], told) == (0.0, 0.05, "J2 to 0.000")
     to_the_end = the_limits(upper={"gantry": command[0] + 0.05})
     assert command_for("\x1b[C", command, to_the_end, JOINTS)[1] == "gantry to 0.150"
+    to_the_end = the_limits(lower={"gantry": command[0] - 0.05})
+    assert command_for("\x1b[D", command, to_the_end, JOINTS)[1] == "gantry to 0.050"
 
 
 @pytest.mark.parametrize(("key", "place"), [("\x1b[C", "upper"), ("\x1b[D", "lower")])

@@ -48,7 +48,7 @@ def twist_of(axes: Sequence[float], buttons: Sequence[int]) -> np.ndarray | None
         if not np.isfinite(value) or abs(value) < DEAD:
             continue
         part = (abs(min(max(value, -1.0), 1.0)) - DEAD) / (1.0 - DEAD)
-        twist[i] = max(held) * TWIST[i] * np.copysign(part, sign * value)
+        twist[i] = sign * max(held) * TWIST[i] * np.copysign(part, value)
     return twist
 
 

@@ -1,5 +1,6 @@
 """The meshes: sizes of the original links, closed, outward, light, and reproducible."""
 
+import sys
 from collections import Counter
 
 import make_meshes
@@ -40,6 +41,18 @@ def test_fewer_than_5000_triangles_in_all():
 def test_files_are_what_the_script_draws(link):
     drawn = make_meshes.stl_bytes(make_meshes.link_parts(link), f"ARAS visual servo robot: {link}")
     assert drawn == (PACKAGE / "meshes" / f"{link}.stl").read_bytes()
+
+
+def test_the_script_writes_all_of_them_and_says_how_many_triangles(tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "new" / "meshes"
+    monkeypatch.setattr(sys, "argv", ["make_meshes.py", "--out", str(folder)])
+    for _ in range(2):  # once more into the same folder
+        assert make_meshes.main() == 0
+    shipped = {path.name: path.read_bytes() for path in (PACKAGE / "meshes").glob("*.stl")}
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == shipped
+    counts = [len(read_stl(link)[0]) for link in LINKS]
+    lines = [f"{link}.stl: {n} triangles" for link, n in zip(LINKS, counts, strict=True)]
+    assert capsys.readouterr().out.splitlines() == 2 * [*lines, f"total: {sum(counts)} triangles"]
 
 
 @pytest.mark.parametrize("link", LINKS)

@@ -4,6 +4,7 @@ import argparse
 import importlib.machinery
 import importlib.util
 import json
+import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -22,6 +23,8 @@ if words[0] == "bad":
     print("one line"); print("target_files: no such outline"); sys.exit(2)
 if words[0] == "mute":
     sys.exit(1)
+if words[0] == "loud":
+    print("of no use"); print("target_files: a\\nb", file=sys.stderr); sys.exit(1)
 folder = pathlib.Path(words[words.index("--out") + 1])
 folder.mkdir(parents=True, exist_ok=True)
 (folder / "target.urdf").write_text(repr(words))
@@ -69,6 +72,12 @@ def test_a_target_of_a_file(target, tmp_path):
     urdf, outline = tmp_path / "mine.urdf", tmp_path / "mine.svg"
     urdf.write_text("<robot/>")
     outline.write_text("<svg/>")
+    other = tmp_path / "mine.xml"
+    other.write_text("<robot name='x'/>")
+    assert target.described(str(other), (0.1, 0.2), tmp_path) == "<robot name='x'/>"
+    mesh = tmp_path / "MINE.STL"
+    mesh.touch()
+    assert eval(target.described(str(mesh), (0.3, 0.2), tmp_path))[-2:] == ["0.3", "0.2"]
     assert target.described(str(urdf), None, tmp_path) == "<robot/>"
     words = eval(target.described(str(outline), None, tmp_path))
     assert words[0] == str(outline) and words[-3:] == ["--size", "0.1", "0.1"]
@@ -95,7 +104,11 @@ def test_a_picture_lies_upright_on_a_plane_of_its_size(target, tmp_path):
         for i, j in face:  # x is to the right in the picture and y up
             assert vt[j - 1] == pytest.approx([0.5 + v[i - 1, 0] / 0.2, 0.5 + v[i - 1, 1] / 0.15])
     assert area == pytest.approx([0.0, 0.0, 0.2 * 0.15])
-    small = ElementTree.fromstring(target.described(str(path), None, tmp_path))
+    again = ElementTree.fromstring(target.described(str(path), (0.2, 0.15), tmp_path))
+    assert ElementTree.tostring(again) == ElementTree.tostring(robot)
+    small = ElementTree.fromstring(target.described(str(path), None, tmp_path / "new" / "folder"))
+    plane = Path(small.find("link/visual/geometry/mesh").get("filename").removeprefix("file://"))
+    assert "v 0.05 0.05 0" in plane.read_text().splitlines()
     assert small.find("link/visual/geometry/mesh").get("filename") != f"file://{mesh}"
 
 
@@ -115,13 +128,34 @@ def test_what_is_no_target_is_named(target, tmp_path, name, size, words):
 
 
 def test_what_cannot_be_made_is_told_in_its_makers_words(target, tmp_path, monkeypatch):
-    for name, words in (("bad", "no such outline"), ("mute", f"{' '.join(MAKER)} failed")):
+    for name, words in (("bad", "no such outline"), ("mute", f"{' '.join(MAKER)} failed"),
+                        ("loud", "b")):  # fmt: skip
         with pytest.raises(ValueError) as refused:
             target.made(name, (0.1, 0.1), tmp_path)
         assert str(refused.value) == words
     monkeypatch.setattr(target, "MAKER", ("/nowhere/maker",))
     with pytest.raises(ValueError, match="box needs /nowhere/maker, which makes its mesh"):
         target.described("box", (0.1, 0.2, 0.3), tmp_path)
+
+    def slow(_command, timeout, **_more):
+        raise subprocess.TimeoutExpired("maker", timeout)
+
+    monkeypatch.setattr(target.subprocess, "run", slow)
+    with pytest.raises(ValueError, match="box needs /nowhere/maker, .*timed out after 120.0 s"):
+        target.described("box", (0.1, 0.2, 0.3), tmp_path)
+
+
+def test_where_it_is_installed_targets_are_in_its_share(tmp_path, monkeypatch):
+    script = tmp_path / "lib" / "aras_visual_servo_gazebo" / "target_description"
+    script.parent.mkdir(parents=True)
+    script.write_text((PACKAGE / "scripts" / "target_description").read_text())
+    targets = tmp_path / "share" / "aras_visual_servo_gazebo" / "targets"
+    targets.mkdir(parents=True)
+    (targets / "mine.urdf").touch()
+    loader = importlib.machinery.SourceFileLoader("installed", str(script))
+    made = importlib.util.module_from_spec(importlib.util.spec_from_loader("installed", loader))
+    loader.exec_module(made)
+    assert made.names() == ["mine"]
 
 
 def test_a_target_on_the_command_line(target, monkeypatch, capsys):
@@ -181,7 +215,9 @@ def test_a_place_is_three_finite_numbers(adapt, text, words):
 
 
 def test_a_description_that_cannot_be_adapted_is_named(adapt, tmp_path, monkeypatch, capsys):
-    for text, words in (("<robot", "unclosed token"), ("<robot/>", "0 joints carry camera_link")):
+    joint = '<joint><child link="camera_link"/></joint>'
+    for text, words in (("<robot", "unclosed token"), ("<robot/>", "0 joints carry camera_link"),
+                        (f"<robot>{joint}{joint}</robot>", "2 joints carry camera_link")):
         path = tmp_path / "mine.urdf"
         path.write_text(text)
         status, printed, said = told(adapt, monkeypatch, capsys, str(path), "--xyz=0 0 1")

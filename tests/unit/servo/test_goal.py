@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from loop_rig import CAMERA, CONFIG, the_arm, the_goal
+from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import pose_difference, to_xyz_rpy, transform
 from aras_visual_servo_camera.moments import Moments
@@ -287,6 +288,16 @@ def test_a_box_has_a_size_and_finite_numbers(corner, ground, surface, words):
     boxes[0, 1] = corner
     with pytest.raises(ConfigurationError, match=f"mine: .*{words}"):
         TargetGeometry.checked(boxes, ground, surface, "mine")
+
+
+def test_the_depth_is_that_along_a_leaning_axis():
+    box = TargetGeometry.checked(BOX.copy(), -np.inf, 0.02)
+    pose = transform((0.1, -0.2, 0.7), (np.pi - 0.5, 0.3, 0.2))
+    axis = Rotation.from_euler("xyz", (np.pi - 0.5, 0.3, 0.2)).apply((0.0, 0.0, 1.0))
+    depth = box.depth(pose)
+    assert 0.7 + depth * axis[2] == pytest.approx(0.02) and depth > 0.75
+    across, down, ahead = box.plane(pose)
+    assert ahead == pytest.approx(1.0 / depth) and min(abs(across), abs(down)) > 0.1
 
 
 def test_a_camera_along_or_in_the_target_s_plane_has_no_depth():

@@ -199,7 +199,8 @@ def test_an_older_picture_is_brought_up_to_now():
 def test_a_standing_camera_sees_nothing_of_the_arm_s_motion():
     standing = StandingCamera(RIGHT.pose(np.zeros(6)))
     seen = together(rig(right=standing), np.zeros(6))
-    assert not seen.cameras["right"].of_control.any()
+    of_control = seen.cameras["right"].of_control
+    assert of_control.shape == (6, 6) and not of_control.any()
 
 
 def test_cameras_without_kinematics_are_no_rig():

@@ -665,6 +665,10 @@ def test_a_task_is_taken_up_when_its_delay_is_over_and_not_before():
     for t, task in ((0.3 - 5e-7, None), (0.3, first), (0.3499995, first), (0.4, second)):
         pursuit.take_up(t)
         assert pursuit.task is task
+    third = Task.of_twist(np.full(6, 3.0))
+    pursuit.ask(third, None, 0.5 + 1e-12, 0.5)  # what is only rounded to be later is over too
+    pursuit.take_up(0.5 + 0.1)
+    assert pursuit.task is third
 
 
 def test_a_first_step_longer_than_the_lead_is_taken():

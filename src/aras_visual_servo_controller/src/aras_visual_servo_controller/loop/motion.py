@@ -176,7 +176,7 @@ def advanced(command, velocity, velocities, measured, lower, upper, lead, lag, d
         which joints a limit stops; (n,) which do not follow.
     """
     after = np.empty(len(command))
-    stopped, late = np.zeros(len(command), np.bool_), np.zeros(len(command), np.bool_)
+    stopped, late = np.empty(len(command), np.bool_), np.empty(len(command), np.bool_)
     for i in range(len(command)):
         wanted = command[i] + velocities[i] * dt
         after[i] = min(max(wanted, min(lower[i], command[i])), max(upper[i], command[i]))

@@ -1,0 +1,243 @@
+"""What a Simulation makes of its lights, cameras, robots and sensors, and what it refuses."""
+
+import zlib
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+from aras_sim_bridge import simulation as module
+from aras_sim_bridge.description import Light, parse_urdf
+from aras_sim_bridge.description.lights import SUN
+from aras_sim_bridge.description.types import Surroundings
+from aras_sim_bridge.errors import (
+    CameraError,
+    DescriptionError,
+    SimError,
+    UnknownModelError,
+    WorldError,
+)
+from aras_sim_bridge.rendering import Sun
+from aras_sim_bridge.simulation import NO_LIGHT, Simulation, SimulationConfig
+
+EYE = {"parent": "world", "width": 8, "height": 6, "update_rate": 50.0, "pose": [0.0] * 6}
+AMBIENT = (0.1, 0.2, 0.2, 0.9)
+SCENE = Surroundings((0.2, 0.2, 0.2, 0.9), (0.1, 0.2, 0.3, 1.0), True, "none")
+INERTIAL = (
+    '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    "</inertial>"
+)
+CONTROL = '<gazebo><plugin name="c" filename="libgazebo_ros_control.so"/></gazebo>'
+ROBOT = f'<robot name="r"><link name="base">{INERTIAL}</link>{{}}</robot>'
+POSE = """<gazebo><plugin name="{0}" filename="libgazebo_ros_p3d.so"><bodyName>base</bodyName>
+  <topicName>{0}</topicName></plugin></gazebo>"""
+CAMERA = """<gazebo reference="base"><sensor type="camera" name="{0}"><camera><image>
+  <width>8</width><height>6</height></image></camera>
+  <plugin name="c" filename="libgazebo_ros_camera.so"><cameraName>{0}</cameraName></plugin>
+  </sensor></gazebo>"""
+
+
+@pytest.fixture
+def renderers(monkeypatch):
+    """Those that were made, which draw nothing; `given` is what each was made with."""
+    made = []
+
+    def create(*given):
+        renderer = SimpleNamespace(given=given, light=given[-1], closed=0)
+        renderer.prepare = lambda view: None
+        renderer.close = lambda: setattr(renderer, "closed", renderer.closed + 1)
+        made.append(renderer)
+        return renderer
+
+    monkeypatch.setattr(module, "create_renderer", create)
+    return made
+
+
+@pytest.fixture
+def make():
+    """Factory of simulations without a ground; they are closed afterwards."""
+    made = []
+
+    def make(**given) -> Simulation:
+        made.append(Simulation(SimulationConfig(**{"ground_plane": False, **given})))
+        return made[-1]
+
+    yield make
+    for simulation in made:
+        simulation.close()
+
+
+def test_what_a_simulation_is_like_unless_it_is_told():
+    plain = SimulationConfig()
+    assert (plain.time_step, plain.gravity, plain.gui, plain.renderer, plain.seed) == (
+        0.001, (0.0, 0.0, -9.8), False, "auto", 0)
+    assert (plain.legacy_camera_info, plain.ground_plane, plain.lights) == (False, True, (SUN,))
+    assert (plain.scene, plain.exposure) == (Surroundings(), "unclipped")
+    simulation = Simulation()
+    assert simulation.config == plain and list(simulation.world.models) == ["ground_plane"]
+    assert (simulation.time_ns, simulation.step_ns) == (0, 1_000_000)
+    simulation.close()
+
+
+GREY = Light("sun", direction=(0.1, 0.2, -0.3), diffuse=(0.5, 0.5, 0.5, 1.0))
+AROUND = Sun(diffuse=0.0, ambient=0.2, tint=(1.0,) * 3, background=(0.1, 0.2, 0.3, 1.0), sky=True,
+             exposure="gazebo", shadows="none")
+PLAIN = replace(AROUND, direction=(0.1, 0.2, -0.3), diffuse=0.5)
+RED = replace(GREY, diffuse=(0.5, 0.4, 0.5, 1.0))
+CAST, SOFT = replace(GREY, cast_shadows=True), replace(SCENE, shadows="soft")
+BLUE, BLACK = replace(SCENE, ambient=AMBIENT), replace(SCENE, ambient=(0.0, 0.0, 0.0, 1.0))
+TINTED = replace(AROUND, tint=(0.5, 1.0, 1.0))
+
+
+@pytest.mark.parametrize(("lights", "scene", "sun"), [
+    ((GREY,), SCENE, PLAIN), ((), SCENE, AROUND), ((RED,), SCENE, replace(AROUND, lights=(RED,))),
+    ((replace(GREY, kind="point"),), SCENE,
+     replace(AROUND, lights=(replace(GREY, kind="point"),))),
+    ((GREY, replace(GREY, name="b")), SCENE,
+     replace(AROUND, lights=(GREY, replace(GREY, name="b")))),
+    ((CAST,), SCENE, PLAIN), ((GREY,), SOFT, replace(PLAIN, shadows="soft")),
+    ((CAST,), SOFT, replace(AROUND, shadows="soft", lights=(CAST,))),
+    ((GREY,), BLUE, replace(TINTED, lights=(GREY,))),
+    ((), BLUE, replace(TINTED, lights=(NO_LIGHT,))),
+    ((GREY,), BLACK, replace(PLAIN, ambient=0.0, tint=(0.0,) * 3)),
+])  # fmt: skip
+def test_the_light_of_pictures_is_one_white_sun_where_that_is_all(
+    make, renderers, lights, scene, sun
+):
+    simulation = make(lights=lights, scene=scene, exposure="gazebo", renderer="tiny")
+    simulation.add_camera("eye", EYE)
+    (renderer,) = renderers
+    assert renderer.given == ("tiny", simulation.world, sun)
+
+
+def test_no_light_is_dark():
+    assert NO_LIGHT.name == "none" and NO_LIGHT.diffuse == (0.0, 0.0, 0.0, 1.0)
+
+
+def test_lights_that_change_are_seen_by_the_cameras_there_are(make, renderers, caplog):
+    simulation = make(lights=())
+    simulation.set_light(GREY)  # before there is a camera
+    simulation.add_camera("eye", EYE)
+    (renderer,) = renderers
+    simulation.set_light(replace(GREY, diffuse=(0.75,) * 4))
+    assert renderer.light.diffuse == 0.75
+    for k in range(16):
+        simulation.set_light(replace(RED, name=f"l{k}"))
+    assert len(renderer.light.lights) == 16 and renderer.light.lights[0].name == "sun"
+    simulation.set_light(replace(RED, name="l15"))  # which is one too many still, and said before
+    assert [record.args for record in caplog.records] == [("l15", 16)]
+    simulation.delete_light("sun")
+    assert [light.name for light in renderer.light.lights] == [f"l{k}" for k in range(16)]
+    with pytest.raises(WorldError, match="light 'sun' does not exist; there are: l0, l1"):
+        simulation.delete_light("sun")
+    for k in range(16):
+        simulation.delete_light(f"l{k}")
+    assert renderer.light.diffuse == 0.0 and not renderer.light.lights
+    with pytest.raises(WorldError, match="light 'sun' does not exist; there are: none"):
+        simulation.light("sun")
+    simulation.add_camera("other", EYE)
+    assert len(renderers) == 1  # one draws for all
+    simulation.close()
+    simulation.close()
+    assert renderer.closed == 1
+
+
+def test_cameras_of_one_name_and_of_none(make, renderers):
+    simulation = make()
+    with pytest.raises(WorldError, match="camera '/eye' does not exist; there are: none"):
+        simulation.camera("/eye")
+    first = simulation.add_camera("eye", EYE)
+    second = simulation.add_camera("lens", EYE)
+    assert (simulation.camera("/eye"), simulation.camera("/lens")) == (first, second)
+    assert (first.model, first.link) == (None, "world")
+    with pytest.raises(WorldError, match="camera 'eye' does not exist; there are: /eye, /lens"):
+        simulation.camera("eye")
+    with pytest.raises(CameraError, match="camera 'eye': there is a camera /eye already; give"):
+        simulation.add_camera("eye", EYE)
+    with pytest.raises(CameraError, match="update_rate 2000 Hz is above the physics rate of 1000"):
+        simulation.add_camera("fast", {**EYE, "update_rate": 2000.0})
+    assert simulation.cameras == [first, second]
+
+
+def test_cameras_that_expose_together_have_one_rate(make, renderers, caplog):
+    sensor = """<gazebo reference="base"><sensor type="multicamera" name="both">{}
+      <plugin name="p" filename="libgazebo_ros_multicamera.so"><cameraName>both</cameraName>
+      </plugin></sensor></gazebo>""".format("".join(
+        f'<camera name="{eye}"><image><width>8</width><height>6</height></image></camera>'
+        for eye in ("left", "right")))  # fmt: skip
+    simulation = make()
+    settings = {"both": {"left": {"update_rate": 25.0}, "right": {"update_rate": 40.0}}}
+    simulation.spawn(parse_urdf(ROBOT.format(sensor)), "r", cameras=settings)
+    assert [camera.sensor.rate for camera in simulation.cameras] == [25.0, 25.0]
+    (said,) = [r.getMessage() for r in caplog.records if r.levelname == "WARNING"]
+    assert said.endswith("at its 25 Hz instead of 40 Hz") and "exposes together with" in said
+
+
+def test_a_model_has_one_control_plugin_and_a_namespace_of_its_own(make):
+    simulation = make()
+    twice = parse_urdf(ROBOT.format(CONTROL + CONTROL.replace('"c"', '"d"')))
+    with pytest.raises(DescriptionError, match="'r' has 2 gazebo_ros_control plugins; keep one"):
+        simulation.spawn(twice, "r")
+    once = parse_urdf(ROBOT.format(CONTROL))
+    simulation.spawn(once, "first")
+    with pytest.raises(WorldError, match="'second': its robot namespace / is that of model 'fi"):
+        simulation.spawn(once, "second")
+    simulation.spawn(parse_urdf(ROBOT.format("")), "plain")
+    assert list(simulation.robots) == ["first"] and list(simulation.world.models) == [
+        "first", "plain"]
+    robot = simulation.robots["first"]
+    assert (robot.name, robot.namespace, robot.model.name) == ("first", "", "first")
+
+
+def test_a_robot_whose_hardware_cannot_be_leaves_the_world_as_it_was(make):
+    simulation = make()
+    wrong = CONTROL + """<link name="arm"/><joint name="j" type="revolute"><parent link="base"/>
+      <child link="arm"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
+      </joint><transmission name="t"><type>transmission_interface/SimpleTransmission</type>
+      <joint name="j"><hardwareInterface>nonsense</hardwareInterface></joint>
+      <actuator name="m"/></transmission>"""
+    with pytest.raises(SimError):
+        simulation.spawn(parse_urdf(ROBOT.format(wrong)), "r")
+    assert not simulation.world.models and not simulation.robots
+
+
+def test_sensors_have_seeds_of_their_own_and_go_with_their_model(make, renderers, monkeypatch):
+    given = []
+
+    def kind(sensor, model, world, seed):
+        given.append((sensor.topic, model.name, world, seed))
+        return SimpleNamespace(model=model, enabled=False)
+
+    monkeypatch.setattr(module, "KINDS", {"pose": kind})
+    simulation = make(seed=9)
+    for name in ("one", "two"):
+        text = POSE.format("a") + POSE.format("b") + CONTROL + CAMERA.format(name)
+        simulation.spawn(parse_urdf(ROBOT.format(text)), name, namespace=f"/{name}/")
+    assert given == [
+        (topic, name, simulation.world, 9 ^ zlib.crc32(f"{name} pose {topic}".encode()))
+        for name in ("one", "two") for topic in "ab"]
+    ended = []
+    monkeypatch.setattr(simulation.robots["one"].manager, "shutdown", lambda: ended.append(True))
+    cameras = simulation.cameras[1:]
+    simulation.delete("one")
+    assert ended and list(simulation.robots) == ["two"] == list(simulation.world.models)
+    assert {sensor.model.name for sensor in simulation.sensors} == {"two"}
+    assert len(simulation.sensors) == 2 and simulation.cameras == cameras and len(cameras) == 1
+    with pytest.raises(UnknownModelError, match="model 'one' does not exist; there are: two"):
+        simulation.delete("one")
+    simulation.delete("two")
+    with pytest.raises(UnknownModelError, match="there are: none"):
+        simulation.delete("two")
+
+
+def test_another_step_is_the_world_s_and_the_simulation_s(make):
+    simulation = make()
+    simulation.set_physics(0.0025, (1.0, 2.0, 3.0), 7)
+    assert simulation.step_ns == 2_500_000 and simulation.world.time_step == 0.0025
+    assert simulation.world.gravity == (1.0, 2.0, 3.0) and simulation.world.solver_iterations == 7
+    for wrong in (0.0, float("nan")):
+        with pytest.raises(WorldError):
+            simulation.set_physics(wrong, (0.0, 0.0, 0.0), 7)
+    assert simulation.step_ns == 2_500_000
+    simulation.step()
+    assert simulation.time_ns == 2_500_000

@@ -280,10 +280,10 @@ LENSES = {
 }
 SUN = Sun(direction=(-0.5, 0.4, -0.8))
 LAMPS = (
-    Light("a", "directional", direction=(-0.5, 0.3, -0.9), diffuse=(0.4, 0.2, 0.3, 1.0),
-          cast_shadows=True),
     Light("b", "point", (0.5, -0.3, 0.7), diffuse=(0.3, 0.5, 0.4, 1.0), cast_shadows=True,
           attenuation_constant=0.7, attenuation_linear=0.4, attenuation_quadratic=0.3),
+    Light("a", "directional", direction=(-0.5, 0.3, -0.9), diffuse=(0.4, 0.2, 0.3, 1.0),
+          cast_shadows=True),
     Light("c", "spot", (0.1, -0.4, 0.6), direction=(-0.1, 0.6, -0.8), diffuse=(0.2, 0.3, 0.6, 1.0),
           spot_inner=0.3, spot_outer=0.9, spot_falloff=1.5, attenuation_range=0.8),
 )

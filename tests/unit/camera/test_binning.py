@@ -17,9 +17,11 @@ VIEWS = {"wide": ((195, 61), (150.0, 140.0, 88.2, 33.1)),
 
 
 @pytest.fixture
-def seen_of(bench, tmp_path):
-    """Seen, and the tiles, of the things of test_recomputed, a wall behind them and one aside."""
+def seen_of(bench, tmp_path, plainly):
+    """Seen, and the tiles, of the things of test_recomputed, a wall behind them with a board
+    through it, and one aside."""
     things(bench, tmp_path)
+    bench.box([3.0, 0.01, 0.5], [0.0, 0.9, 0.3], "Gazebo/Red", (0.0, 0.02, 0.14, 0.99))
     bench.box([2.0, 0.01, 2.0], [0.0, 0.9, 0.0], "Gazebo/Grey", (0.0, 0.0, 0.1, np.sqrt(0.99)))
     bench.box([0.01, 3.0, 3.0], [-0.8, 0.0, 0.0], "Gazebo/Grey", (0.1, 0.0, 0.0, np.sqrt(0.99)))
     renderer = create_renderer("exact", bench.world, LIGHT)
@@ -87,3 +89,25 @@ def test_tiles_list_what_their_rays_meet_first_and_little_else(seen_of, name):
         assert (known >= first.max(axis=0) * (1.0 - 1e-9))[shown].all()
         listed, aside = listed + len(members), aside + (~there[members].any(axis=1)).sum()
     assert listed > 300 and aside < 0.1 * listed and (seen.cover >= 0).mean() > 0.9
+
+
+@pytest.mark.parametrize("name", VIEWS)
+def test_what_is_behind_all_that_covers_a_tile_is_left_out(seen_of, name):
+    renderer, view, seen = seen_of(name)
+    samples, tiles = renderer._sample(view, 1.0, 0.0).samples, view.tiles()
+    plane, left = seen.side.sum(axis=1), 0
+    ends = np.array([[-0.5, 7.5, -0.5, 7.5], [-0.5, -0.5, 7.5, 7.5], [1.0] * 4])
+    for n, M in enumerate(tiles.matrices):
+        near = plane @ M @ ends  # one over the distance, at its corners
+        members = samples.member[samples.start[n]:samples.start[n + 1]]
+        full = samples.full[samples.start[n]:samples.start[n + 1]] & seen.opaque[members]
+        listed = seen.member[seen.start[n]:seen.start[n + 1]]
+        if samples.tile[n] >= 0:
+            assert (near[listed] <= near[samples.tile[n]] * (1.0 + 1e-6)).all(axis=1).all()
+        elif full.any():
+            covers = members[full]
+            best = covers[np.argmax(plane[covers] @ tiles.nodes[n, :3])]
+            others = members[members != best]
+            assert not (near[others] < near[best] * (1.0 - 1e-6)).all(axis=1).any()
+            left += len(others)
+    assert left > 100 and (samples.tile >= 0).any()

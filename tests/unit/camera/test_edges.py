@@ -164,6 +164,7 @@ def test_views_that_differ_in_their_intrinsics_alone_are_told_apart(bench):
     assert higher == pytest.approx((m, w, 2 * h), rel=0.01)
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")  # it may look behind itself
 @pytest.mark.parametrize("lens", UNLIKE)
 def test_tiles_follow_the_rays(bench, lens):
     config = half_size(lens)
@@ -215,6 +216,8 @@ def test_tiles_as_one_cell_are_beside_their_cells_by_no_more_than_their_spread(l
     assert known.mean() > 0.9 and (w[known] > 0.0).all()
     aside = np.hypot(x / w - u % TILE, y / w - v % TILE)[known]
     assert (aside <= tiles.spread[tile][known]).all()
+    assert np.median(tiles.spread[np.isfinite(tiles.spread)]) < 2.0 * aside.max()  # and little more
+    assert Tiles.of_pinhole(30, 20, K).spread.max() < 1e-5
 
 
 def test_what_covers_much_does_not_hide_what_covers_less_and_crosses_it(bench):

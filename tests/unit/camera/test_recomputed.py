@@ -338,7 +338,8 @@ def test_a_picture_is_what_rays_at_its_triangles_say(
     bench, tmp_path, what, lens, lit, near, far, how
 ):  # fmt: skip
     fine = 0.5 if (how, lit) == ("plain", "soft") else 1
-    sensor, view = scene(bench, tmp_path, what, lens, lit, near, far, fine=fine)
+    size = (34, 39) if lit == "hard" else (43, 27)  # higher than wide
+    sensor, view = scene(bench, tmp_path, what, lens, lit, near, far, size, fine)
     caster, edges = Caster(sensor.renderer), resolved(sensor.renderer, view)[1]
     picture = sensor.renderer.render(view)
     # Edges differ by what 64 rays leave open; a shadow's edge is in one sample of a fragment where

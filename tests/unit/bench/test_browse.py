@@ -348,6 +348,8 @@ def test_folders_are_looked_at_once_a_second_and_four_deep(tmp_path, monkeypatch
         (at / "z").mkdir()
         if deep in "de":
             (at / "manifest.json").write_text("{")
+    (tmp_path / "a/b/c/z/five").mkdir()
+    (tmp_path / "a/b/c/z/five/manifest.json").write_text("{")
     now[0] += 1.0
     assert studies.look().studies == ()
     now[0] += 0.01

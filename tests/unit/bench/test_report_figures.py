@@ -686,7 +686,7 @@ def test_a_figure_grows_by_its_legend_s_lines_and_its_axes_keep_their_size(count
             grown = max(high + 0.04 - before[3], 0.0)
             wanted = before + [grown, 0.0, 0.0, grown, 0.0]
             assert (grown > 0.0) == (lines > 1)
-        assert measured(figure) == pytest.approx(wanted, abs=0.02)
+        assert measured(figure) == pytest.approx(wanted, abs=1e-3)
 
 
 def test_a_legend_has_the_most_columns_that_fit_and_shortens_words_else():

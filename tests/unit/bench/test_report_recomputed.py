@@ -159,7 +159,9 @@ def test_the_run_tells_apart(runs):
 
 def test_every_number_of_the_files_is_recomputed(runs, written):
     wanted = recomputed(runs[0])
-    told = json.loads((written / "one/summary.json").read_text())
+    text = (written / "one/summary.json").read_text()
+    told = json.loads(text)
+    assert text == json.dumps(told, indent=2, ensure_ascii=False) + "\n"  # a line a number
     rows = pd.read_csv(written / "one/summary.csv").set_index("quantity")
     assert set(wanted) == set(rows.index) - {"outcome", "verdict", "reason", "mend"}
     for name, value in wanted.items():

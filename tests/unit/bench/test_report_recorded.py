@@ -275,6 +275,9 @@ def test_poses_and_films_are_those_that_were_known():
     assert (film["width"], film["height"], len(film["frames"])) == (64, 40, 3)
     assert film["wanted"] is None and film["tracks"] is None  # no camera is known
     assert film["milestones"][0] == 0.0 and film["milestones"][-1] == run.time[-1]
+    alone = replace(run, cameras={"camera": replace(first, pictures=pictures[:1])})
+    film = contents([alone], [])["runs"][0]["film"]
+    assert (film["width"], film["height"], len(film["frames"])) == (64, 40, 1)
     (wide,) = own["others"]
     assert (wide["camera"], wide["width"], wide["height"]) == ("wide", 80, 40)
     np.testing.assert_allclose(read(told, wide["time"]), [0.0, 0.5], atol=1e-6)

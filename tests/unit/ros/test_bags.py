@@ -66,9 +66,10 @@ def described(**parameters: object) -> str:
 
 
 def write(path: Path, graph, face, *, experiment: str = "", compressed: bool = False,
-          shift: float = 0.0, append: bool = False, skip: tuple[str, ...] = ()) -> Path:
+          shift: float = 0.0, append: bool = False, skip: tuple[str, ...] = (),
+          after: tuple[float, ...] = ()) -> Path:
     """A bag as the recorder writes one, all stamps later by `shift` s; what is appended was written
-    30 s later."""
+    30 s later. after: when images came that nobody answered, s after the last."""
     from aras_visual_servo_camera.msg import ImageMoments
     from gazebo_msgs.msg import PerformanceMetrics
 
@@ -113,6 +114,8 @@ def write(path: Path, graph, face, *, experiment: str = "", compressed: bool = F
             else:
                 put("/other/camera/image_raw", Image(), stamp)
                 put("/labrob/camera/image_raw", image(stamp, number), stamp, 0.005 + 1e-4 * number)
+        for late in after:
+            put("/labrob/camera/image_raw", image(STAMPS[-1] + late, 9), STAMPS[-1] + late)
         for stamp, factor in PACE:
             message = PerformanceMetrics(real_time_factor=factor)
             message.header.stamp = rospy.Time.from_sec(stamp + shift)
@@ -186,6 +189,15 @@ def test_where_nothing_is_described_the_camera_s_path_is_that_of_tf(graph, face,
     assert (rgb == picture(8)).all()
     assert run.joint_units in ((), ("", "")) and run.verdict.word == ""
     assert run.goal_pose.shape == (4, 4) and np.isnan(run.goal_pose).all()
+
+
+def test_a_film_ends_with_the_last_image_that_was_answered(graph, face, tmp_path):
+    run = bags.read_bag(write(tmp_path / "a.bag", graph, face, after=(0.0341, 0.5)))
+    record = run.cameras["camera"]
+    assert len(record.stamp) == len(STAMPS) + 2
+    np.testing.assert_allclose([stamp for stamp, _ in record.film], STAMPS[1:], atol=1.1e-9)
+    shown = cv2.imdecode(np.frombuffer(record.film[0][1], np.uint8), 1)[..., ::-1]
+    assert np.abs(shown.astype(int) - picture(1)).max() < 8
 
 
 def test_what_was_recorded_before_the_clock_went_back_is_another_run(graph, face, tmp_path):

@@ -48,6 +48,11 @@ def texts(found):
     return [text.get_text() for text in found]
 
 
+def in_the_middle(text):
+    """Of its cell, in letters that fit."""
+    return (text.get_ha(), text.get_va(), text.get_fontsize()) == ("center", "center", 9.0)
+
+
 def has_grid(lines):
     return any(line.get_visible() for line in lines)
 
@@ -68,7 +73,7 @@ def test_maps_of_several_studies_stand_beside_each_other():
         told = {text.get_position(): text for text in axis.texts}
         hits = np.reshape(results.column("success"), (2, 2, 3))
         for (j, i), text in told.items():
-            assert text.get_text() == f"{int(hits[i, j].sum())}/3"
+            assert text.get_text() == f"{int(hits[i, j].sum())}/3" and in_the_middle(text)
             assert image.get_array()[i, j] == pytest.approx(100 * hits[i, j].mean())
             ground = image.cmap(image.norm(image.get_array()[i, j]))
             assert palette.contrast(palette.rgb(text.get_color()), ground) >= 4.5
@@ -121,6 +126,8 @@ def test_groups_beside_each_other_are_named_and_few():
     figure = figures.distributions([results], metrics)
     names = [f"gain {g} 1/s, delay {d} s" for g in ("1", "2.5") for d in ("0.03", "0.11")]
     assert texts(figure.legends[0].get_texts()) == names
+    figure.draw_without_rendering()  # in lines of three
+    assert len({round(text.get_window_extent().x0) for text in figure.legends[0].get_texts()}) == 3
     first, second = figure.axes
     assert (first.get_ylabel(), second.get_ylabel()) == ("runs below (%)", "")
     assert (first.get_xscale(), second.get_xscale()) == ("linear", "log")
@@ -190,7 +197,7 @@ def test_correlations_are_of_settings_that_take_three_values():
     assert texts(axis.get_xticklabels()) == ["gain"]  # of delays there are two
     assert texts(axis.get_yticklabels()) == [SETTLED, DISTANCE]
     (text,) = axis.texts  # of three runs nothing follows
-    assert text.get_position() == (0, 0)
+    assert text.get_position() == (0, 0) and in_the_middle(text)
     rank = np.corrcoef(np.repeat([1, 2, 3], 2), np.argsort(np.argsort(settled)))[0, 1]
     assert text.get_text() == f"{rank:+.2f}"
     assert axis.images[0].get_clim() == (-1.0, 1.0) and "Spearman" in bar.get_ylabel()
@@ -247,7 +254,8 @@ def test_trajectories_are_the_errors_and_places_of_every_run(monkeypatch):
     assert errors.get_yscale() == "log"
     for line in (errors.lines[0], above.lines[0], beside.lines[0]):  # others show through it
         assert (line.get_alpha(), line.get_linewidth()) == (0.5, 0.7)
-    assert above.lines[1].get_marker() == "." and above.lines[1].get_color() == palette.INK
+    dot = above.lines[1]
+    assert (dot.get_marker(), dot.get_markersize(), dot.get_color()) == (".", 4.0, palette.INK)
     assert texts(errors.get_legend().get_texts()) == [r"\$a", "b"]
     assert errors.lines[2].get_color() != errors.lines[0].get_color() == errors.lines[1].get_color()
     assert [axis.get_xlabel() for axis in figure.axes][1:] == ["x (m)", "x (m)"]

@@ -185,7 +185,7 @@ def test_a_target_s_corners_are_pale_and_its_centre_is_bold(runs, screen):
     line, start = axis.lines[12:]  # what the goal's is like nobody knows
     same(line, pixel([centre(rim) for rim in rims]), color=palette.COLOURS[0])
     bold, pale = axis.lines[12], axis.lines[0]
-    assert bold.get_linewidth() > 1.5 * pale.get_linewidth() and bold.zorder > pale.zorder
+    assert bold.get_linewidth() == 2 * pale.get_linewidth() and bold.zorder > pale.zorder
     dot, ring = axis.lines[1:3]
     assert start.get_markersize() == 2 * dot.get_markersize()
     assert ring.get_markersize() == dot.get_markersize() + 2  # two points wider, as a thin line is

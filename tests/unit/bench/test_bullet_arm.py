@@ -141,6 +141,14 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     assert reading.labelled.mean() / 255 < 0.2
     depth = (np.linalg.inv(pose) @ at)[2, 3]
     assert reading.depth[v, u] == pytest.approx(depth, abs=5e-3)
+    bare = bullet(robot, preset, shown=shown, label="plate")  # without label images
+    try:
+        found = []
+        while not found:
+            found = [r for r in bare.advance(10**9) if isinstance(r, CameraReading)]
+        assert found[0].labelled is None and found[0].depth is None
+    finally:
+        bare.close()
     with pytest.raises(ExperimentError, match="no link has the label 'plat': did you mean 'plate'"):
         bullet(robot, preset, camera={"segmentation": True}, shown=shown, label="plat")
 

@@ -227,6 +227,16 @@ def test_rows_that_the_target_runs_ahead_of():
         np.testing.assert_allclose(pixel, [31.0 + 50.0 * x, row], atol=1e-9)
 
 
+def test_a_point_that_the_shutter_never_meets_is_of_the_last_rows():
+    """At each part it is below the rows that are exposed then."""
+    low = PlacedTarget(PolygonTarget(((0.0, -0.5), (0.1, -0.51), (0.05, -0.49))), np.eye(4))
+    found = rolling(replace(SIGHT, target=low, parts=ROWS), ASIDE, STAMP, drawn())
+    x = np.array([0.0, 0.1, 0.05])
+    np.testing.assert_allclose(found.points[:, 0], 31.0 + 50.0 * (x - SHIFTS[2]))
+    two = rolling(replace(SIGHT, target=low, parts=ROWS[:2]), ASIDE[:2], STAMP, drawn())
+    np.testing.assert_allclose(two.points[:, 0], 31.0 + 50.0 * (x - SHIFTS[1]))
+
+
 def test_what_leaves_the_picture_while_it_is_read_is_lost():
     rolled = replace(SIGHT, target=FLAT, parts=ROWS, name="left")
     for axis in (0, 1):

@@ -194,6 +194,9 @@ def test_ears_are_cut_to_the_polygon_s_area():
                  for a, b, c in triangles(given)]
         assert min(areas) > 0.0 and sum(areas) == pytest.approx(2.0)
     random = np.random.default_rng(2)
+    for corners in random.uniform(-1.0, 1.0, (30, 3, 2)) + random.uniform(-2.0, 2.0, (30, 1, 2)):
+        a, b, c = triangles(corners)[0]  # a triangle is its own ear, the one way round or the other
+        assert np.linalg.det([corners[b] - corners[a], corners[c] - corners[a]]) > 0.0
     for _ in range(20):  # stars about a place off the origin, first corner anywhere
         around = np.sort(random.uniform(0.0, 2.0 * np.pi, 9))
         if np.diff(around, append=around[0] + 2 * np.pi).max() > 3.0:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import exponential, inverse, transform
 from aras_visual_servo_bench.asked.assembly import assemble
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.asked.experiment import Experiment, Sampler
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.learning import learned, learned_pictures, policy
 from aras_visual_servo_bench.learning.policy import PolicyNetwork
@@ -234,12 +234,14 @@ def test_a_program_says_how_well_its_network_knows_unseen_pictures(tmp_path, cap
         return {**unit, "out_scale": np.ones(1), "w0": np.ones((2, 1)), "b0": np.zeros(1)}
 
     out = tmp_path / "deep" / "sums.npz"
-    assert teach(Sums, ["--pictures", "7", "--out", str(out)], "text", 99, 5, pictures, train,
-                 lambda found, y: (found[:, 0], found[:, 0] / 100.0)) == 0
-    assert asked == [(7, 0), (5, 1)] and sorted(np.load(out)) == [
-        "b0", "mean", "out_mean", "out_scale", "scale", "w0"]
-    assert capsys.readouterr().out == (  # sums of 1, 5, 9, 13, 17
-        f"wrote {out}; of 5 unseen pictures half are within 9000.0 mm and 5.16 degrees\n")
+    for _ in range(2):  # the second time its folder is there
+        asked.clear()
+        assert teach(Sums, ["--pictures", "7", "--out", str(out)], "text", 99, 5, pictures, train,
+                     lambda found, y: (found[:, 0], found[:, 0] / 100.0)) == 0
+        assert asked == [(7, 0), (5, 1)] and sorted(np.load(out)) == [
+            "b0", "mean", "out_mean", "out_scale", "scale", "w0"]
+        assert capsys.readouterr().out == (  # sums of 1, 5, 9, 13, 17
+            f"wrote {out}; of 5 unseen pictures half are within 9000.0 mm and 5.16 degrees\n")
 
 
 def test_a_network_s_arrays_answer_as_scikit_learn_s_own(monkeypatch):
@@ -439,6 +441,22 @@ def test_what_is_not_seen_or_was_not_shown_is_said(flown):
             scheme.compute(seen, goal, 0.0)
         with pytest.raises(ConfigurationError, match="home holds no moments: teach it anew"):
             scheme.check(goal)
+
+
+def test_a_picture_of_one_grey_level_s_contrast_counts_as_of_one():
+    """What has more is brought to a deviation of 1, what has less is left as it is."""
+    fine = np.tile([0.0, 1.0], (21, 14))
+    for step, deviation in ((1, 0.5), (2, 1.0), (3, 1.0), (40, 1.0)):
+        grey = (100 + step * fine).astype(np.uint8)
+        assert learned_pictures.inputs(grey).std() == pytest.approx(deviation)
+
+
+def test_starts_of_the_learned_scheme_are_as_the_arm_can_begin():
+    starts = Sampler(height=(0.15, 0.4), side=0.1, turn=np.pi / 4)
+    flown = Experiment(plant="bullet", start=starts, duration=4.0, linger=None, delay=0.0)
+    found = learned.SAMPLER, policy.STARTS, policy.PRACTICE
+    assert found == (Sampler(height=(0.15, 0.5), side=0.1), starts, flown)
+    assert (policy.ROUNDS, policy.GAIN, policy.ASTRAY, policy.HELD) == (4, 1.5, 0.3, 30)
 
 
 def test_training_without_its_library_says_what_to_do(monkeypatch):

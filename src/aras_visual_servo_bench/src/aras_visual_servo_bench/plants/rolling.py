@@ -87,7 +87,7 @@ def _in_own_rows(pixels: np.ndarray, parts: Sequence[RowBand]) -> np.ndarray:
     """
     rows = np.array([0.5 * (part.first + part.last - 1) for part in parts])
     ahead = pixels[..., 1] - rows[:, None]  # rows that the shutter still has to go
-    after = np.clip(np.argmax(ahead <= 0.0, axis=0), 1, len(parts) - 1)
+    after = np.maximum(np.argmax(ahead <= 0.0, axis=0), 1)
     after = np.where((ahead > 0.0).all(axis=0), len(parts) - 1, after)
     n = np.arange(pixels.shape[1])
     first, last = ahead[after - 1, n], ahead[after, n]

@@ -233,6 +233,10 @@ def test_a_point_that_the_shutter_never_meets_is_of_the_last_rows():
     found = rolling(replace(SIGHT, target=low, parts=ROWS), ASIDE, STAMP, drawn())
     x = np.array([0.0, 0.1, 0.05])
     np.testing.assert_allclose(found.points[:, 0], 31.0 + 50.0 * (x - SHIFTS[2]))
+    met = PlacedTarget(PolygonTarget(((0.0, -0.3375), (0.1, -0.3), (0.05, -0.3))), np.eye(4))
+    last = rolling(replace(SIGHT, target=met, parts=ROWS), ASIDE, STAMP, drawn()).points[0]
+    assert last[1] == MIDDLES[2]  # in the middle of the last rows, to the last digit
+    assert last[0] == pytest.approx(31.0 - 50.0 * SHIFTS[2])
     two = rolling(replace(SIGHT, target=low, parts=ROWS[:2]), ASIDE[:2], STAMP, drawn())
     np.testing.assert_allclose(two.points[:, 0], 31.0 + 50.0 * (x - SHIFTS[1]))
 

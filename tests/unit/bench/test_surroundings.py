@@ -353,6 +353,18 @@ def test_an_arm_is_shown_its_goal_where_it_can_be(monkeypatch):
     assert found.notes == () and found.goal.joints == {}
 
 
+def test_another_camera_of_an_arm_is_where_it_is_believed():
+    q = [0.05, 0.0, -0.09, 0.045, 0.045, 0.1]
+    eyes = {"left": {"model": EYE}, "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0], "believed": {
+        "xyz": [0.002, 0.0, 0.001], "rpy": [0.01, 0.02, 0.03]}}}
+    asked = {**TWO, "plant": "chain", "target": {}, "goal": q, "start": q, "cameras": eyes}
+    found = parts(**asked)
+    robot = Robot(RobotSpec(), cameras=Experiment.from_mapping({**BASE, **asked}).cameras)
+    wrong = robot.arm_of("right", robot.arm("left"), believed=True).pose(np.array(q))
+    np.testing.assert_allclose(found.goal.others["right"].world_T_camera, wrong, atol=1e-9)
+    assert np.abs(wrong - robot.arm("right").pose(np.array(q))).max() > 1e-3
+
+
 def test_a_goal_that_is_worked_out_is_in_view_of_all_that_read_it():
     named = {"goal": "2016", "target": {}, "scheme": "moments@left+area@right", "start": "2016"}
     eyes = {"left": {"model": EYE}, "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0]}}

@@ -179,12 +179,13 @@ def test_what_is_no_closed_solid_is_refused(tmp_path):
 
 def test_a_solid_s_description_names_its_mesh_and_makes_what_has_no_colour_grey(tmp_path):
     made = primitive("box", (0.1, 0.2, 0.3))
-    text = write(made, tmp_path / "a", "crate").read_text()
+    text = write(made, tmp_path / "new" / "a", "crate").read_text()
+    assert write(made, tmp_path / "new" / "a", "crate").read_text() == text
     robot = parse_urdf(text)
     assert robot.static and "Gazebo/Grey" in text and 'reference="crate"' in text
     (visual,) = robot.links["crate"].visuals
-    assert visual.geometry.filename == str(tmp_path / "a" / "crate.obj")
-    assert (tmp_path / "a" / "crate.obj").read_text() == made.path.read_text()
+    assert visual.geometry.filename == str(tmp_path / "new" / "a" / "crate.obj")
+    assert (tmp_path / "new" / "a" / "crate.obj").read_text() == made.path.read_text()
     (tmp_path / "own.mtl").write_text("newmtl red\nKd 0.7 0.1 0.1\n")
     (tmp_path / "own.obj").write_text("mtllib own.mtl\nusemtl red\n" + made.path.read_text())
     own = solid_target(tmp_path / "own.obj")

@@ -244,6 +244,17 @@ def test_a_program_says_how_well_its_network_knows_unseen_pictures(tmp_path, cap
             f"wrote {out}; of 5 unseen pictures half are within 9000.0 mm and 5.16 degrees\n")
 
 
+    def fail(*_):
+        raise ExperimentError("no library")
+
+    assert teach(Sums, ["--out", str(out)], "text", 99, 5, pictures, fail, None) == 1
+    assert asked[-1] == (99, 0) and capsys.readouterr().err == "sums: no library\n"
+    with pytest.raises(SystemExit):
+        teach(Sums, ["--help"], "what it does", 99, 5, pictures, train, None)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "what it does" in said and "learning.sums --pictures 1000 --out mine.npz" in said
+
+
 def test_a_network_s_arrays_answer_as_scikit_learn_s_own(monkeypatch):
     from sklearn.neural_network import MLPRegressor
 

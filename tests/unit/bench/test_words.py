@@ -251,13 +251,17 @@ def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, dis
     asked(pages, "serve", served)
     monkeypatch.setattr(browsing.webbrowser, "open", lambda page: opened.append(page) or opens)
 
+    waited = []
+
     def wait(_self):
+        waited.append(len(closed))
         raise KeyboardInterrupt
 
     monkeypatch.setattr(browsing.threading.Event, "wait", wait)
     assert main(["browse", "d", "e", "--port", "99", "--address", "0.0.0.0"]) == 0
     _, folders, address, port, say = asked.found[0]
     assert (list(map(str, folders)), address, port, closed) == (["d", "e"], "0.0.0.0", 99, [1])
+    assert waited == [0]
     lines = capsys.readouterr().out.splitlines()
     assert lines[1:4] == ["s: 3 of 9 runs; cut off", "t: 1 of 1 runs", "more below"]
     assert opened == ([] if opens is None else ["http://x"])

@@ -5,6 +5,7 @@ Time goes from one measurement to the next in a single exact step, however long 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
@@ -180,13 +181,13 @@ class KinematicPlant(Plant):
         """What is kept of coordinate rates (n,): that which a lag acts on."""
         return rates
 
+    @abstractmethod
     def _limited(self, q: np.ndarray) -> np.ndarray:
         """The coordinates nearest to q that the plant can have."""
-        return q
 
+    @abstractmethod
     def _displace(self, moved: np.ndarray) -> None:
         """Add a motion, what `_motion` gives times seconds, to the coordinates."""
-        self._q = self._q + moved
 
 
 class KinematicChain(KinematicPlant):

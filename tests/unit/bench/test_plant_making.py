@@ -65,7 +65,8 @@ def test_a_sight_has_what_is_needed_and_asked_for():
 
 def test_a_goal_is_taught_without_noise():
     effects = {"row_time": 1e-4, "rows_together": 40, "exposure_time": 0.002,
-               "drop_probability": 0.2, "sensor": {"gain": 0.02, "full_well": 12e3}}
+               "drop_probability": 0.2, "sensor": {
+                   "gain": 0.02, "full_well": 12e3, "dark_current": 50.0}}
     eye = {**EYE, "effects": effects, "shake": {"xyz": [1e-3, 0, 0], "frequency": 20.0}}
     pictured = {"plant": "free", "features": "pictures", "noise": 2.0}
     made = maker(**{**pictured, "camera": eye})

@@ -157,7 +157,7 @@ class PlantMaker:
         if config.shake is not None and not exactly:
             vibration = Vibration(config.shake, seed)
         if effects.row_time and not exactly:
-            rows = parts(replace(effects, exposure_time=0.0), config.height)
+            rows = parts(replace(effects, exposure_time=0.0, sensor=None), config.height)
         if effects.sensor is not None and not exactly:
             alone = Effects(sensor=effects.sensor, exposure_time=effects.exposure_time)
             sensor = EffectChain(alone, (config.height, config.width), seed)

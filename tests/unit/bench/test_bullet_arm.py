@@ -15,6 +15,7 @@ from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading, bullet_arm
 from aras_visual_servo_bench.plants.bullet_arm import Followed, ShownTarget
+from aras_visual_servo_bench.plants.sight import Sight
 from aras_visual_servo_bench.targets.files import write
 from aras_visual_servo_bench.targets.geometry import Course, Motion, PlacedTarget
 
@@ -151,6 +152,18 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
         bare.close()
     with pytest.raises(ExperimentError, match="no link has the label 'plat': did you mean 'plate'"):
         bullet(robot, preset, camera={"segmentation": True}, shown=shown, label="plat")
+
+
+def test_an_exposure_at_a_step_s_end_is_seen_then(robot, preset, pinhole):
+    sight = Sight(pinhole, PlacedTarget(SQUARE, AT), rate=20.0, unbounded=True)
+    plant = bullet(robot, preset, sights=(sight,))
+    try:
+        readings = []
+        while not readings:
+            readings = [r for r in plant.advance(10**9) if isinstance(r, CameraReading)]
+        assert readings[0].stamp_ns == plant.time_ns == 50_000_000
+    finally:
+        plant.close()
 
 
 def test_several_cameras_sit_where_the_robot_has_their_frames(preset):

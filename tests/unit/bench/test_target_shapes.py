@@ -1,5 +1,7 @@
 """Shapes of targets by their corners: named ones, the demo's plates, solids, SVG outlines."""
 
+from types import SimpleNamespace
+
 import cv2
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from aras_sim_bridge.description import parse_urdf
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_bench.asked.target_spec import TargetSpec
 from aras_visual_servo_bench.errors import ExperimentError, ViewError
-from aras_visual_servo_bench.targets import outlines
+from aras_visual_servo_bench.targets import outlines, pictures
 from aras_visual_servo_bench.targets.files import description_file, write
 from aras_visual_servo_bench.targets.geometry import (
     ARAS,
@@ -194,6 +196,11 @@ def test_a_solid_s_description_names_its_mesh_and_makes_what_has_no_colour_grey(
     assert not (tmp_path / "b" / "mine.obj").exists()
 
 
+def test_no_files_are_made_of_the_demo_s_plates(tmp_path):
+    with pytest.raises(ExperimentError, match="'aras' is part of the robot's description: no fil"):
+        write(ARAS, tmp_path)
+
+
 def test_what_is_made_for_one_process_lies_in_folders_of_its_own():
     one, other = scratch(), scratch()
     assert one != other and one.is_dir() and one.parent == other.parent
@@ -214,6 +221,23 @@ def test_a_picture_has_its_own_grey_levels_on_white(camera):
     assert set(np.unique(image[80:150, 100:150])) == {77}
     assert set(np.unique(image[80:150, 175:230])) == {200}
     assert (image[:40] == 255).all() and (image[:, :50] == 255).all()
+
+
+def test_a_lens_is_drawn_by_unit_rays(monkeypatch):
+    """Of a fisheye's pixels, some of which see nothing."""
+    made, fish = [], CameraModel(60, 40, (8.0, 0, 31.0, 0, 8.0, 18.0, 0, 0, 1), (0.0,) * 4,
+                                 "equidistant")  # fmt: skip
+    monkeypatch.setattr(pictures, "shared", lambda width, height, key, make: make())
+    monkeypatch.setattr(pictures.Tiles, "of_lens", lambda *given: made.append(given))
+    monkeypatch.setattr(pictures, "_renderer", lambda *_: SimpleNamespace(
+        render=lambda view: np.full((2, 3, 3), 9)))
+    seen(shape_of("poster", (0.2, 0.1)), fish, above(0.0, 0.0, 0.5))
+    ((width, height, rays),) = made
+    pixels = np.array([(31.0, 18.0), (35.0, 18.0), (31.0, 24.0), (0.0, 0.0)])
+    found = rays(pixels)
+    np.testing.assert_allclose(found[:3], [(0, 0, 1), (np.sin(0.5), 0, np.cos(0.5)),
+                                           (0, np.sin(0.75), np.cos(0.75))], atol=1e-9)
+    assert np.isnan(found[3]).all() and (width, height) == (60, 40)
 
 
 def test_a_solid_is_lit_on_white_and_its_pixels_are_shown():

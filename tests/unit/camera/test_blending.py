@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scenes import BRIGHT, link_pose, looking
+from scipy.spatial.transform import Rotation, Slerp
 
 from aras_sim_bridge.blending import blended, blended_poses
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
@@ -80,3 +81,16 @@ def test_gain_amplifies_shot_noise_and_not_the_readout_s():
     out = chain.apply(grey, 5)
     assert out.mean() == pytest.approx(127.0, abs=0.1)
     assert out.std() == pytest.approx(np.sqrt(4 * 0.25 * 60 + 9 + 1 / 12), rel=0.02)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_pose_half_way_is_between_two_and_at_either_end_it_is_theirs(seed):
+    random = np.random.default_rng(seed)
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[:, :3, :3] = Rotation.random(2, random_state=seed).as_matrix()
+    poses[:, :3, 3] = random.normal(size=(2, 3))
+    half = np.eye(4)
+    half[:3, :3] = Slerp([0, 1], Rotation.from_matrix(poses[:, :3, :3]))(0.5).as_matrix()
+    half[:3, 3] = poses[:, :3, 3].mean(axis=0)
+    for blend, expected in ((0.0, poses[0]), (0.5, half), (1.0, poses[1])):
+        np.testing.assert_allclose(blended(*poses, blend), expected, atol=1e-12)

@@ -136,7 +136,7 @@ def test_who_falls_short_for_long_is_warned_every_ten_seconds(caplog):
 
 
 def test_the_very_instants_of_what_is_due(wall):
-    assert Pacer(1.0, wall).due_until(0, 1) == 0
+    assert Pacer(1.0, wall).due_until(0, 1) == 0 and Pacer().factor == 1.0
     pacer = Pacer(1.0, wall)
     wall.now = 100.003
     assert pacer.due_until(0, 3 * MS) == 3 * MS

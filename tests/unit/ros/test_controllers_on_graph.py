@@ -41,6 +41,7 @@ from aras_sim_bridge.ros.control import actions, manager_services
 from aras_sim_bridge.ros.control.manager_services import ManagerServices
 from aras_sim_bridge.ros.control.topics import STATES, ControllerTopics
 from aras_sim_bridge.ros.control.trajectory import fill_state, from_trajectory
+from aras_sim_bridge.ros.runtime.reconfigure import PID_FIELDS
 from aras_sim_bridge.ros.runtime.record import Record
 
 
@@ -363,6 +364,29 @@ def test_gains_are_told_and_changed_by_reconfigure(rig):
     assert {d.name: d.value for d in described.max.doubles}["i_clamp_min"] == 0.0
     assert {d.name: d.value for d in described.min.doubles}["i_clamp_max"] == 0.0
     assert {d.name: d.value for d in described.dflt.doubles}["p"] == 10.0
+
+
+def test_fields_of_gains_are_control_toolbox_s():
+    assert {f.name: (f.type, f.default, f.minimum, f.maximum) for f in PID_FIELDS} == {
+        "p": ("double", 10, -1e5, 1e5), "i": ("double", 0.1, -1e5, 1e5),
+        "d": ("double", 1, -1000, 1000), "i_clamp_min": ("double", -10, -1e5, 0),
+        "i_clamp_max": ("double", 10, 0, 1e5), "antiwindup": ("bool", False, False, True),
+    }
+
+
+def test_a_controller_that_is_started_while_time_stands_holds_its_joint_where_it_is(rig):
+    """And not where it was before the last step."""
+    rig.run("push")
+    rig.send("/rig/push/command", Float64(4.0))
+    rig.step(100)
+    rig.call("load_controller", "go")
+    assert rig.call("switch_controller", ["go"], ["push"], 2).ok
+    positions, velocities, _ = rig.robot.model.read_joints()
+    k = rig.robot.model.joint_names.index("cart")
+    (state,) = rig.graph.listen("/rig/go/state")
+    rig.step(11)
+    found = heard(state, JointControllerState)[0].set_point
+    assert found == pytest.approx(positions[k], abs=1e-9) and velocities[k] > 0.1
 
 
 def test_gains_of_joints_are_on_the_graph_with_the_robot(rig):

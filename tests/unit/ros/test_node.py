@@ -71,7 +71,7 @@ def test_parameters_of_others_are_left_and_limits_are_inside():
 
 
 @pytest.mark.parametrize(("rate", "stamps"), [
-    (0.0, [1, 2, 3, 4, 5, 6, 7, 8, 9]), (250.0, [1, 4, 8]), (333.0, [1, 4, 7]),
+    (0.0, [1, 2, 3, 4, 5, 6, 7, 8, 9]), (250.0, [1, 4, 8]), (333.0, [1, 4, 7]), (0.5, [1]),
 ])
 def test_the_clock_ticks_at_multiples_of_its_period(graph, rate, stamps):
     clock = ClockPublisher(rate)

@@ -44,6 +44,9 @@ def test_what_cannot_be_read_or_spawned_is_said(asked, tmp_path):
         asked("-urdf", "-param", "/nothing", "-model", "m")
     with pytest.raises(UsageError, match="cannot read the model file"):
         asked("-urdf", "-file", str(tmp_path / "no.urdf"), "-model", "m")
+    (tmp_path / "no.urdf").write_bytes(b"<robot name='\xff'/>")
+    with pytest.raises(UsageError, match="cannot read the model file"):
+        asked("-urdf", "-file", str(tmp_path / "no.urdf"), "-model", "m")
     with pytest.raises(UsageError, match="there is no model database"):
         asked("-urdf", "-database", "m", "-model", "m")
     (tmp_path / "box.urdf").write_text(BOX)

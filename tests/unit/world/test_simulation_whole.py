@@ -189,16 +189,36 @@ def test_a_model_has_one_control_plugin_and_a_namespace_of_its_own(make):
     assert (robot.name, robot.namespace, robot.model.name) == ("first", "", "first")
 
 
+ARM = f"""<link name="arm">{INERTIAL}</link><joint name="j" type="revolute"><parent link="base"/>
+  <child link="arm"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
+  </joint><transmission name="t"><type>transmission_interface/SimpleTransmission</type>
+  <joint name="j"><hardwareInterface>hardware_interface/PositionJointInterface</hardwareInterface>
+  </joint>
+  <actuator name="m"/></transmission>"""
+
+
 def test_a_robot_whose_hardware_cannot_be_leaves_the_world_as_it_was(make):
-    simulation = make()
-    wrong = CONTROL + """<link name="arm"/><joint name="j" type="revolute"><parent link="base"/>
-      <child link="arm"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
-      </joint><transmission name="t"><type>transmission_interface/SimpleTransmission</type>
-      <joint name="j"><hardwareInterface>nonsense</hardwareInterface></joint>
-      <actuator name="m"/></transmission>"""
-    with pytest.raises(SimError):
-        simulation.spawn(parse_urdf(ROBOT.format(wrong)), "r")
+    simulation, robot = make(), parse_urdf(ROBOT.format(ARM + CONTROL))
+    wrong = {"gazebo_ros_control": {"pid_gains": {"j": {"p": "much"}}}}
+    with pytest.raises(SimError, match="much"):
+        simulation.spawn(robot, "r", parameters=wrong)
     assert not simulation.world.models and not simulation.robots
+    simulation.spawn(robot, "r", joint_positions={"j": 0.25})
+    assert simulation.world.models["r"].read_joints()[0] == pytest.approx([0.25])
+    simulation.set_joint_positions("r", {"j": -0.5})
+    assert simulation.world.models["r"].read_joints()[0] == pytest.approx([-0.5])
+    with pytest.raises(WorldError, match="'s' does not exist; there are: r"):
+        simulation.set_joint_positions("s", {"j": 0.0})
+
+
+def test_a_camera_that_comes_later_exposes_at_the_next_of_its_instants(make, renderers):
+    simulation = make()
+    for _ in range(30):
+        simulation.step()
+    camera = simulation.add_camera("eye", EYE)
+    assert simulation.next_picture_ns() is None
+    camera.enabled = True
+    assert simulation.next_picture_ns() == 40_000_000
 
 
 def test_sensors_have_seeds_of_their_own_and_go_with_their_model(make, renderers, monkeypatch):

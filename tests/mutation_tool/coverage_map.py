@@ -78,7 +78,7 @@ class CoverageMap:
         it imports does. Of these, tests that import it or run something of its folder come first;
         of what is compiled then those that call it through the fewest others, which are compiled
         again. Before all of them, those that run what numba would compile as plain Python, which
-        leaves a trace.
+        leaves a trace; then quick ones of files that import the faulty module or something of it.
         """
         steps: dict[str, int] = {}
         near: set[str] = set()
@@ -95,7 +95,9 @@ class CoverageMap:
         else:
             found = self._tests(fault.file, *fault.lines)
             found |= self._importing(fault.file, *fault.lines)
-        return self._ordered(found - self.failed, plain, near, steps if fault.compiled else {})
+        about = self._about(fault.file)
+        return self._ordered(found - self.failed, plain, about, near,
+                             steps if fault.compiled else {})
 
     def alone(self, test: str) -> float:
         """Processor seconds that a test took when it was recorded, with the fixtures that it shares
@@ -149,6 +151,14 @@ class CoverageMap:
         return {name for name in self.seconds if _file_of(name) in files}
 
     @cache  # noqa: B019  one map a run
+    def _about(self, file: str) -> set[str]:
+        """The quick tests of files that import a module, or something of it."""
+        stem = file.rpartition("/")[2].removesuffix(".py")
+        files = {test for test, words in self._test_words.items() if stem in words.modules}
+        return {name for name in self.seconds
+                if _file_of(name) in files and self.alone(name) < _CLASSES_S[-1]}
+
+    @cache  # noqa: B019  one map a run
     def _near(self, file: str) -> set[str]:
         """The tests that run anything of the folder of a file."""
         folder = file.rpartition("/")[0]
@@ -156,11 +166,12 @@ class CoverageMap:
                 for test in self._tests(one, 1, 10**9)}
 
     def _ordered(
-        self, tests: set[str], plain: set[str], near: set[str], steps: dict[str, int]
+        self, tests: set[str], plain: set[str], about: set[str], near: set[str],
+        steps: dict[str, int],
     ) -> list[str]:
-        """Plain ones first, near ones, those of few steps, then quick tests before slow ones, file
-        by file so that shared fixtures are made once. A test is as slow as it is with the fixtures
-        that it needs, whichever other test made them when it was recorded."""
+        """Plain ones first, those about it, near ones, those of few steps, then quick tests
+        before slow ones, file by file so that shared fixtures are made once. A test is as slow as
+        it is with the fixtures that it needs, whichever other test made them when recorded."""
         alone = {name: self.alone(name) for name in tests}
         classes = {name: bisect.bisect(_CLASSES_S, alone[name]) for name in tests}
         groups: dict[tuple[int, str], list[str]] = {}
@@ -168,10 +179,10 @@ class CoverageMap:
             groups.setdefault((classes[name], _file_of(name)), []).append(name)
         totals = {group: self.total(names) for group, names in groups.items()}
 
-        def rank(name: str) -> tuple[bool, bool, bool, int, int, float, str, float, str]:
+        def rank(name: str) -> tuple[bool, bool, bool, bool, int, int, float, str, float, str]:
             slow, file = classes[name], _file_of(name)
-            return ("::" not in name, name not in plain, name not in near, steps.get(name, 0), slow,
-                    totals[slow, file], file, alone[name], name)  # fmt: skip
+            return ("::" not in name, name not in plain, name not in about, name not in near,
+                    steps.get(name, 0), slow, totals[slow, file], file, alone[name], name)
 
         return sorted(tests, key=rank)
 
@@ -225,9 +236,10 @@ class CoverageMap:
 @dataclass(frozen=True)
 class _Words:
     """The names in a file: those it imports, uses as attributes, gives to attributes of classes;
-    and by each the scopes that use it."""
+    and by each the scopes that use it. modules: those that it imports, or something of them."""
 
     imported: set[str]
+    modules: set[str]
     attributes: set[str]
     of_classes: set[str]
     using: dict[str, list[_Scope]]
@@ -251,7 +263,9 @@ def _words(text: str) -> _Words:
         for word in {word for line in lines[scope.first - 1 : scope.last] for word in line}:
             using.setdefault(word, []).append(scope)
     of_classes = {name for scope in scopes if scope.of_class for name in scope.names}
-    return _Words(imported, attributes, of_classes, using)
+    modules = imported | {node.module.rpartition(".")[2] for node in ast.walk(tree)
+                          if isinstance(node, ast.ImportFrom) and node.module}
+    return _Words(imported, modules, attributes, of_classes, using)
 
 
 def _scopes(body: list[ast.stmt], outer: str = "") -> list[_Scope]:

@@ -97,6 +97,8 @@ def test_what_is_behind_all_that_covers_a_tile_is_left_out(seen_of, name):
     samples, tiles = renderer._sample(view, 1.0, 0.0).samples, view.tiles()
     plane, left = seen.side.sum(axis=1), 0
     ends = np.array([[-0.5, 7.5, -0.5, 7.5], [-0.5, -0.5, 7.5, 7.5], [1.0] * 4])
+    x, y = (a.ravel() * 0.998 - 0.49 for a in np.meshgrid(np.arange(9.0), np.arange(9.0)))
+    side = seen.side.reshape(-1, 3)
     for n, M in enumerate(tiles.matrices):
         near = plane @ M @ ends  # one over the distance, at its corners
         members = samples.member[samples.start[n]:samples.start[n + 1]]
@@ -110,4 +112,13 @@ def test_what_is_behind_all_that_covers_a_tile_is_left_out(seen_of, name):
             others = members[members != best]
             assert not (near[others] < near[best] * (1.0 - 1e-6)).all(axis=1).any()
             left += len(others)
+            # Nor is anything left out that is nearest somewhere.
+            shares = (side @ M @ np.stack([x, y, np.ones_like(x)])).reshape(-1, 3, len(x))
+            there = (shares >= 0.0).all(axis=1) & seen.opaque[:, None]
+            ahead = np.where(there, shares.sum(axis=1), 0.0)
+            inside = (n % tiles.columns * TILE + x < view.width) & (
+                n // tiles.columns * TILE + y < view.height)
+            whole = (plane @ M @ [x, y, np.ones_like(x)])[covers]  # of a quad one stands for both
+            kept = np.maximum(ahead[members].max(axis=0), whole.max(axis=0))
+            assert (kept >= ahead.max(axis=0) * (1.0 - 1e-6))[inside].all()
     assert left > 100 and (samples.tile >= 0).any()

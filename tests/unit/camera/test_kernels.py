@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aras_sim_bridge.rendering import areas, binning, cones, crowd, finding, shadows, textures
+from aras_sim_bridge.rendering import (
+    areas,
+    binning,
+    cones,
+    crowd,
+    edges,
+    finding,
+    sampling,
+    shadows,
+    textures,
+)
 from aras_sim_bridge.rendering.areas import LINES, PLANE
 from aras_sim_bridge.rendering.crowd import FINE
 from aras_sim_bridge.rendering.lamps import COLOUR, FADE, KIND, PLACE, RADIUS, WIDTH, towards
@@ -135,6 +145,36 @@ def test_pairs_are_sorted_by_tile_and_by_number_in_each(rng):
     np.testing.assert_array_equal(members, member[order])
     np.testing.assert_array_equal(fulls, full[order])
     np.testing.assert_array_equal(start, np.searchsorted(tile[order], np.arange(9)))
+
+
+def test_a_triangle_s_box_is_around_its_corners_in_the_tile(rng):
+    inverse = rng.normal(size=(2, 3, 3))
+    for _ in range(50):
+        corner = rng.normal(size=(2, 3, 3))
+        u, v, w = inverse[1] @ corner[1].T
+        if (w > 0.0).all():
+            wanted = (u / w).min(), (u / w).max(), (v / w).min(), (v / w).max()
+        else:
+            wanted = -np.inf, np.inf, -np.inf, np.inf
+        assert sampling._box.py_func(corner, 1, inverse, 1) == pytest.approx(wanted)
+    for u, v, beside in ((-1.0, 0.0, True), (0.0, -1.0, True), (0.05, 0.0, False)):
+        corner = np.tile([u, v, 1e-7], (1, 3, 1))  # it is seen a million pixels aside
+        left = sampling._box.py_func(corner, 0, np.eye(3)[None], 0)[0]
+        assert (left == -np.inf) == beside
+
+
+def test_a_triangle_is_before_the_plane_of_another_or_through_it(rng):
+    found = []
+    for _ in range(100):
+        corner = rng.normal(size=(2, 3, 3)) * 0.7 + [0.0, 0.0, 2.0]
+        side = np.linalg.inv(corner).swapaxes(1, 2)
+        normal = np.cross(corner[1, 1] - corner[1, 0], corner[1, 2] - corner[1, 0])
+        eye, own = -corner[1, 0] @ normal, (corner[0] - corner[1, 0]) @ normal
+        wanted = (own * eye >= 0.0).all()
+        assert edges._before.py_func(corner, side, 0, 1) == wanted
+        assert edges._before.py_func(corner, side, 1, 1)  # its own, to the last digits
+        found.append(wanted)
+    assert 10 < sum(found) < 90
 
 
 # -- areas in a pixel ------------------------------------------------------------------------------
@@ -377,3 +417,21 @@ def test_what_is_brighter_than_white_is_white_before_it_is_mixed(rng):
         found = np.array(rgb)
         textures.textured.py_func(planes, 0, texels(half), 0.0, 0.0, found)
         assert found == pytest.approx(wanted, abs=0.5)
+
+
+def test_a_texture_seen_aslant_is_the_mean_of_what_a_pixel_covers(rng):
+    """Waves along one direction; a pixel up to fifteen texels long, turned every way."""
+    at = 2.0 * np.pi * (np.arange(64) + 0.5) / 64
+    waves = np.rint(127.5 + 100.0 * np.cos(4.0 * at[None, :] + 2.0 * at[:, None]))
+    image = texels(np.repeat(waves[..., None], 3, axis=2))
+    x, y = (np.array(np.meshgrid(*[(np.arange(32) + 0.5) / 32 - 0.5] * 2))).reshape(2, -1)
+    for longer, turn, tilt in zip(rng.uniform(4.0, 15.0, 25), rng.uniform(0.0, np.pi, 25),
+                                  rng.uniform(0.0, np.pi, 25), strict=True):
+        turns = [np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in (turn, tilt)]
+        sides = turns[0] @ np.diag([longer, 1.0]) @ turns[1] / 64  # by a pixel along x, along y
+        planes = np.array([[*sides[0], 0.4], [*sides[1], 0.3], [0.0, 0.0, 1.0]])
+        u, v = sides @ [x, y] + [[0.4], [0.3]]
+        wanted = (127.5 + 100.0 * np.cos(2.0 * np.pi * (4.0 * u + 2.0 * v))).mean()
+        rgb = np.full(3, 200.0)
+        textures.textured.py_func(planes, 0, image, 0.0, 0.0, rgb)
+        assert rgb == pytest.approx([200.0 * wanted / 255.0] * 3, abs=6.0)

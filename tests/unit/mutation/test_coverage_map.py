@@ -112,6 +112,15 @@ def near(a):
     assert cover.tests_of(fault) == ["t.py::near", "t.py::far"]
 
 
+def test_quick_ones_of_files_that_import_the_module_come_before_quicker_ones() -> None:
+    recording = {"lines": {"src/shapes.py": {"7": ["t.py::a", "u.py::b", "u.py::c"]}}, "shared": {},
+                 "failed": {}, "seconds": {"t.py::a": 0.01, "u.py::b": 0.8, "u.py::c": 1.6}}
+    fault = next(f for f in faults_of(SHAPES, "src/shapes.py") if f.line == 7)
+    for text in (b"from room.shapes import Box", b"from room import shapes", b"import shapes"):
+        cover = CoverageMap({"t.py": recording}, SOURCES, {"t.py": b"", "u.py": text})
+        assert cover.tests_of(fault) == ["u.py::b", "t.py::a", "u.py::c"]
+
+
 def test_those_that_run_what_is_compiled_as_plain_python_come_first() -> None:
     source = b"""LIMIT = 3
 

@@ -133,7 +133,9 @@ def test_of_two_triangles_one_is_nearer_in_all_of_a_cone_or_neither_is(rng):
         assert cones.nearer.py_func(planes, 0, 1, cone(axis, angle), 0) == wanted
         seen.append(wanted)
     assert set(seen) == {-1, 0, 1}
-    assert cones.nearer.py_func(planes, 0, 1, cone(axis, 1.6), 0) == 0
+    ahead = np.array([2.0 * axis, axis])
+    assert cones.nearer.py_func(ahead, 0, 1, cone(axis, 1.5), 0) == 1
+    assert cones.nearer.py_func(ahead, 0, 1, cone(axis, 1.6), 0) == 0  # it sees backwards too
 
 
 def test_pairs_are_sorted_by_tile_and_by_number_in_each(rng):

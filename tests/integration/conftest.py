@@ -102,7 +102,9 @@ def ros_node(ros_master: RosMaster) -> str:
     """This process as a node of the session's graph; returns its name. Its clock is wall time."""
     import rospy
 
-    rospy.init_node("tests", anonymous=True, disable_signals=True)
+    # A launch file before may have set /use_sim_time: rospy would then hear /clock itself, and of
+    # ticks that come at once keep only the newest, for the tests' own subscribers too.
+    rospy.init_node("tests", anonymous=True, disable_signals=True, disable_rostime=True)
     return rospy.get_name()
 
 

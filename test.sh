@@ -47,11 +47,11 @@ for argument in "$@"; do
 done
 
 # Unit tests share nothing. Nor do graphs, each with a master of its own: a file of them has one process at a
-# time; more than four files of graphs at once would only wait for each other. Graph tests wait for time to go by
-# most of the while, so the unit tests run beside them, on what they leave.
+# time; more of them than cores, or than four, would only wait for each other. Graph tests wait for time to go by
+# a part of the while, so the unit tests run beside them, on what they leave.
 # What a graph does hangs on how the machine shares its time among a dozen processes: a graph test that
 # fails has a second try, and the summary names it (R).
-units=$(nproc) graphs=$(($(nproc) + 1))
+units=$(nproc) graphs=$(nproc)
 ((graphs <= 4)) || graphs=4
 interrupted=2 no_test=5 unit=0 graph=0
 log=build/unit_tests.log

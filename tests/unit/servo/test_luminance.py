@@ -188,14 +188,21 @@ def test_a_picture_that_looks_the_same_when_turned_says_so(sides, told, monkeypa
     assert feature.measure(seen, goal).up_to == told
 
 
-def test_another_lens_is_looked_through_at_once():
-    """Where the goal does not say with which one it was taught."""
-    feature, goal = at_goal("luminance")
+@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("before", ["lens", "goal"])
+def test_nothing_stays_of_the_camera_or_the_goal_before(name, before):
+    """Where the goal does not say with which camera it was taught."""
+    feature, goal = at_goal(name)
     anywhere = replace(goal, camera=None)
-    feature.measure(look(PINHOLE, VIEW, feature.needs), anywhere)
+    if before == "lens":
+        feature.measure(look(PINHOLE, VIEW, feature.needs), anywhere)
+    else:
+        seen = look(WIDE, moved(VIEW, np.array([0.1, 0.05, 0, 0, 0, 0.3])), feature.needs)
+        feature.measure(seen, replace(Goal.teach(Composed(feature), seen), camera=None))
     found = feature.measure(look(WIDE, VIEW, feature.needs), anywhere)
-    anew = create_feature("luminance").measure(look(WIDE, VIEW, feature.needs), anywhere)
+    anew = create_feature(name).measure(look(WIDE, VIEW, feature.needs), anywhere)
     np.testing.assert_array_equal(found.L, anew.L)
+    np.testing.assert_array_equal(found.error, anew.error)
 
 
 @pytest.mark.parametrize("size", [1e-6, 1e6])

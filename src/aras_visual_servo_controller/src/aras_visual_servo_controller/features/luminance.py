@@ -230,24 +230,21 @@ class LuminanceMap(Luminance):
     def __init__(self) -> None:
         super().__init__()
         self._basis: np.ndarray | None = None
+        self._basis_for: _Rays | None = None  # which are new with each goal and each camera
 
     def basis(self, rays: _Rays) -> np.ndarray:
         """B (count, pixels), of pixels inside the border."""
         raise NotImplementedError
-
-    def check(self, goal: Goal) -> None:
-        """See Feature.check."""
-        super().check(goal)
-        self._basis = None
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Feature.accuracy; the rows of the basis have length 1."""
         return GREY * np.eye(len(self._basis))
 
     def _reduced(self, error: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if self._basis is None:
+        if self._basis_for is not self._rays:
             basis = self.basis(self._rays)
             size = np.linalg.norm(basis, axis=1, keepdims=True)
+            self._basis_for = self._rays
             self._basis = np.ascontiguousarray(basis / size, np.float32)
         return (self._basis @ error).astype(float), (self._basis @ L.T).astype(float)
 

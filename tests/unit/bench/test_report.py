@@ -396,6 +396,23 @@ def test_two_processes_draw_the_figures_that_one_draws(fault, points, tmp_path, 
             assert path.read_bytes() == (tmp_path / "two/figures" / path.name).read_bytes()
 
 
+@pytest.mark.parametrize(("threads", "cores", "kinds", "copied"), [
+    (1, 2, ("png", "svg"), True), (1, 8, ("png", "svg", "pdf"), True),
+    (2, 2, ("png", "svg"), False), (1, 1, ("png", "svg"), False), (1, 2, ("svg",), False),
+])  # fmt: skip
+def test_copies_of_the_process_draw_where_that_is_safe_and_saves_time(
+    threads, cores, kinds, copied, points, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(threading, "active_count", lambda: threads)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
+    monkeypatch.setattr(write, "_drawn", lambda figure, kind: str(os.getpid()).encode())
+    monkeypatch.setattr(write, "PARTS", tuple(
+        (write.Chapter(name, name, "", lambda runs: plt.subplots()[0]),) for name in "abc"))
+    write_report([points], tmp_path, kinds)
+    drew = {int(path.read_text()) for path in (tmp_path / "figures").iterdir()}
+    assert (os.getpid() not in drew) == copied and len(drew) <= (2 if copied else 1)
+
+
 def test_headers_say_settings_in_plain_words_with_units(points):
     """They had CameraPose(pose=(0.06, …))."""
     settings = points.settings

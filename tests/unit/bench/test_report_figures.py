@@ -20,6 +20,7 @@ from aras_visual_servo_bench.recording.from_loop import with_pictures
 from aras_visual_servo_bench.recording.run import Run, Verdict, scaled
 from aras_visual_servo_bench.recording.tracks import milestones, tracks
 from aras_visual_servo_bench.report.write import PARTS
+from aras_visual_servo_bench.targets.geometry import PolygonTarget
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes.base import Decision
@@ -210,6 +211,23 @@ def test_a_target_s_corners_are_pale_and_its_centre_is_bold(runs, screen):
     np.testing.assert_array_equal(bare.pixels[:, 0], found.pixels[:, 4])
     assert tracks(replace(own, target=None, centres=measured[:-1])) is None
     assert tracks(replace(own, states=())) is None
+
+
+def test_what_is_behind_the_camera_is_nowhere_in_its_picture(runs):
+    whole, pose = tracks(runs[0]).pixels, runs[0].pose.copy()
+    pose[5, :3, :3] = pose[5, :3, :3] @ np.diag([1.0, -1.0, -1.0])
+    found = tracks(replace(runs[0], pose=pose)).pixels
+    assert np.isnan(found[5]).all() and np.isfinite(whole).all()
+    np.testing.assert_array_equal(np.delete(found, 5, 0), np.delete(whole, 5, 0))
+
+
+@pytest.mark.parametrize(("corners", "shown"), [(16, 16), (17, 0)])
+def test_corners_of_a_target_are_followed_while_they_are_few(runs, corners, shown):
+    turn = np.arange(corners) * 2.0 * np.pi / corners
+    rim = tuple(map(tuple, np.column_stack([0.04 * np.cos(turn), 0.03 * np.sin(turn)])))
+    target = replace(runs[0].target, shape=PolygonTarget(rim))
+    names = tracks(replace(runs[0], target=target)).names
+    assert names == (*(f"corner {i}" for i in range(shown)), "centre of gravity")
 
 
 def test_paths_of_several_runs_are_told_apart(runs, screen):
@@ -755,6 +773,20 @@ def test_several_runs_show_their_speeds(runs):
             np.testing.assert_allclose(curve.values, [max(one) / min(one) for one in told])
     scale = ratios["factor by which limits slowed the task"]
     assert scale.span == (-0.05, 1.1) and not scale.log and ratios["condition number of L"].log
+
+
+def test_intervals_are_those_of_the_pictures_where_three_of_these_are_known(runs):
+    run, record = runs[0], runs[0].images
+    for kept in (2, 3):
+        few = replace(record, stamp=record.stamp[11 : 11 + kept],
+                      arrival=record.arrival[11 : 11 + kept])  # fmt: skip
+        shown = panels.timing([replace(run, cameras={"camera": few})])[0].curves[0]
+        stamp = few.stamp if kept == 3 else run.stamp
+        np.testing.assert_array_equal(shown.time, stamp[1:] - run.stamp[0])
+        np.testing.assert_allclose(shown.values, [1e3 * (b - a) for a, b in zip(
+            stamp[:-1], stamp[1:], strict=True)])  # fmt: skip
+        less = replace(run, states=run.states[:kept], pose=run.pose[:kept])
+        assert bool(panels.timing([less])) == (kept == 3)
 
 
 def test_joints_of_another_run_are_found_by_their_names(runs):

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from matplotlib.colors import to_hex
-from scipy.stats import binomtest
+from scipy.stats import binomtest, spearmanr
 
 from aras_visual_servo_bench.pictures import figures, palette
 from aras_visual_servo_bench.study.results import Results
@@ -285,3 +285,76 @@ def test_pictures_are_of_what_varies_or_of_what_is_asked_for(tmp_path, monkeypat
     unknown = made(**{SETTLED: [1.0, np.nan] * 6, DISTANCE: [np.nan] * 12})
     figures.write_all([unknown], tmp_path)
     assert seen["boxes"][1] == []
+
+
+def test_bars_and_boxes_have_room_between_them_and_fine_lines_around():
+    """Bars and boxes take two thirds of their lines at most; what is beside them is finer."""
+    axis = bars([made(delays=(0.03,))])[2]
+    for bar in axis.patches:
+        assert bar.get_height() == pytest.approx(0.65)
+        assert to_hex(bar.get_facecolor()) == palette.BLUE
+    (spans,) = axis.collections
+    assert to_hex(spans.get_color()[0]) == palette.INK and spans.get_linewidth()[0] == 1.1
+    caps = [line for line in axis.lines if line.get_marker() == "|"]
+    assert len(caps) == 2 and {line.get_markersize() for line in caps} == {6.0}  # 3 to each side
+    assert axis.get_xlabel() == "runs with success (%), Wilson's 95 % interval"
+    assert axis.figure.get_figwidth() == 6.5
+
+    results = made()
+    axis = figures.boxes([results], results.chosen([SETTLED])).axes[0]
+    assert [np.ptp(box.get_path().vertices[:, 1]) for box in axis.patches] == [
+        pytest.approx(0.6)] * 4  # fmt: skip
+    assert {to_hex(box.get_edgecolor()) for box in axis.patches} == {palette.BLUE}
+    medians = [line for line in axis.lines if line.get_color() == palette.VERMILION]
+    others = [line for line in axis.lines if line.get_color() == palette.BLUE]
+    assert {line.get_linewidth() for line in medians} == {1.6}
+    assert (len(medians), len(others)) == (4, 16)  # of each box two whiskers and two caps
+    dots = [line for line in axis.lines if line.get_marker() == "."]
+    assert len(dots) == 4 and {line.get_markersize() for line in dots} == {4.0}
+
+
+def test_colour_bars_are_a_little_shorter_than_their_maps():
+    results = made(gains=(1.0, 2.0, 3.0))
+    for figure in (figures.success([results]), figures.sensitivity(results, results.chosen([]))):
+        figure.draw_without_rendering()
+        axis, bar = (one.get_position().height for one in figure.axes)
+        assert bar / axis == pytest.approx(0.9, abs=0.005)
+
+
+def test_correlations_want_four_runs_and_numbers_that_vary():
+    gains = (1.0, 2.0, 3.0, 5.0)
+    four = made(gains=gains, delays=(0.03,), each=1, **{SETTLED: [1.0, 4.0, 3.0, 7.0]})
+    axis = figures.sensitivity(four, four.chosen([SETTLED])).axes[0]
+    assert [text.get_text() for text in axis.texts] == ["+0.80"]  # 1 - 6 (1 + 1) / (4 * 15)
+    same = made(gains=gains, delays=(0.03,), each=1, **{SETTLED: [2.0] * 4})
+    assert not figures.sensitivity(same, same.chosen([SETTLED])).axes[0].texts
+
+    # Both settings are numbers of four values; one metric a line, one setting a column.
+    both = made(gains=gains, delays=(0.01, 0.02, 0.04, 0.08), each=1)
+    figure = figures.sensitivity(both, both.chosen([SETTLED, DISTANCE]))
+    assert figure.get_size_inches() == pytest.approx((2 * 1.1 + 3.6, 2 * 0.38 + 1.6))
+    axis = figure.axes[0]
+    assert texts(axis.get_xticklabels()) == ["gain", "delay"]
+    told = {text.get_position(): text.get_text() for text in axis.texts}
+    for i, name in enumerate((SETTLED, DISTANCE)):
+        for j, key in enumerate(("gain", "delay")):
+            rank = spearmanr(both.column(key), both.column(name)).statistic
+            assert told[j, i] == f"{rank:+.2f}"
+    assert axis.get_title("left") == "What follows what"
+    words = made(gains=("a", "b", "c", "d"), delays=(0.03,), each=1)
+    assert figures.sensitivity(words, words.chosen([SETTLED])) is None
+
+
+@pytest.mark.parametrize(("count", "turn"), [(3, 0.0), (4, 20.0)])
+def test_names_of_many_settings_are_turned(count, turn):
+    keys = ("gain", "delay", "duration", "linger")[:count]
+    rng = np.random.default_rng(3)
+    study = Study.from_mapping({
+        "experiment": {"plant": "free"}, "repeats": 5, "metrics": [SETTLED],
+        "vary": {key: {"uniform": [0.1, 0.2]} for key in keys},
+    })  # fmt: skip
+    table = {"run": list(range(5)), SETTLED: rng.uniform(size=5),
+             **{key: rng.uniform(0.1, 0.2, 5) for key in keys}}  # fmt: skip
+    results = Results("many", study, pa.table(table))
+    labels = figures.sensitivity(results, results.chosen([SETTLED])).axes[0].get_xticklabels()
+    assert texts(labels) == list(keys) and {label.get_rotation() for label in labels} == {turn}

@@ -47,7 +47,6 @@ STYLE = {
     "legend.handlelength": 1.6,
     "legend.columnspacing": 1.2,
     "axes.prop_cycle": matplotlib.cycler(color=COLOURS),
-    "svg.fonttype": "path",
     "svg.hashsalt": "aras",
 }
 # A column of a two-column paper is 3.5 inches, its captions are in 8 points, and its figures'
@@ -62,7 +61,6 @@ PAPER = {
     "font.size": 8,
     "axes.titlesize": 8,
     "axes.titleweight": "normal",
-    "axes.labelsize": 8,
     "xtick.labelsize": 7,
     "ytick.labelsize": 7,
     "legend.fontsize": 7,
@@ -71,7 +69,6 @@ PAPER = {
     "axes.linewidth": 0.6,
     "grid.linewidth": 0.4,
     "pdf.fonttype": 42,
-    "ps.fonttype": 42,
 }
 KINDS = ("png", "svg", "pdf")  # of files
 WIDE = 12.0  # inches, of figures over the page's whole width: letters as large as elsewhere

@@ -70,7 +70,7 @@ class Messages:
         lower, upper, greatest = told.limits()
         if not read.stamps:
             notes.append("the bag holds no pictures")
-        exposed, arrived = np.array([row[:2] for row in read.stamps]).reshape(-1, 2).T
+        exposed, arrived = (np.array([row[i] for row in read.stamps]) for i in range(2))
         run = Run(
             name=name, source=str(read.path), states=tuple(states),
             pose=poses[at] if len(poses) else np.full((len(stamp), 4, 4), np.nan),

@@ -106,7 +106,8 @@ class Publisher:
         return len(self.impl.connections)
 
     def unregister(self) -> None:
-        self.graph.publishers.pop(self.topic, None)
+        if self.graph.publishers.get(self.topic) is self:
+            del self.graph.publishers[self.topic]
         self.impl = None
 
 
@@ -123,6 +124,8 @@ class Graph:
         self.lines: list[str] = []
         self.periods: list[float] = []  # s, of lines that are written once in a while
         self.timers: list[tuple] = []
+        self.sources: dict[str, int] = {}  # how many publish on a topic to which a node listens
+        self.proxies: list[tuple[str, type, dict[str, object]]] = []  # of services that were asked
 
     def call(self, service: str, *args: object, **fields: object) -> object:
         """The answer of a service to a request of these fields, the first ones in their order."""
@@ -163,6 +166,20 @@ class Graph:
                 place[last] = value
         return below or default
 
+    def proxy(self, name: str, kind: type, **options: object) -> Callable[..., object]:
+        """As rospy.ServiceProxy."""
+
+        def ask(*args: object, **fields: object) -> object:
+            self.proxies.append((name, kind, options))
+            if rospy.resolve_name(name) not in self.services:
+                raise rospy.ServiceException(f"service [{name}] unavailable")
+            return self.call(name, *args, **fields)
+
+        return ask
+
+    def getPid(self) -> int:
+        """As the master's own."""
+        return 7
 
     def getParam(self, name: str) -> object:
         """As the parameter server's own."""
@@ -202,7 +219,8 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
 
     def subscriber(topic: str, kind: type, callback: Callable, **more: object) -> SimpleNamespace:
         it.subscribers[topic], it.heard[topic] = callback, (kind, more)
-        return SimpleNamespace(unregister=lambda: it.subscribers.pop(topic, None), impl=None)
+        return SimpleNamespace(unregister=lambda: it.subscribers.pop(topic, None), impl=None,
+                               get_num_connections=lambda: it.sources.get(topic, 0))
 
     def log(text: str, *args: object) -> None:
         it.lines.append(text % args if args else text)
@@ -218,9 +236,7 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     monkeypatch.setattr(
         rospy, "delete_param", lambda name: it.parameters.pop(rospy.resolve_name(name))
     )
-    monkeypatch.setattr(
-        rospy, "ServiceProxy", lambda name, _type: lambda *args: it.call(name, *args)
-    )
+    monkeypatch.setattr(rospy, "ServiceProxy", it.proxy)
     for name in ("loginfo", "logwarn", "logerr", "logfatal"):
         monkeypatch.setattr(rospy, name, log)
 
@@ -228,8 +244,62 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
         it.periods.append(period)
         it.lines.append(text)
 
-    monkeypatch.setattr(rospy, "logerr_throttle", throttled)
+    for name in ("logerr_throttle", "logwarn_throttle"):
+        monkeypatch.setattr(rospy, name, throttled)
     return it
+
+
+class Life:
+    """A node's: how it begins, the wall time that passes while it sleeps, and its end.
+
+    While it sleeps the next of `steps` is done; after the last one the node is shut down.
+    """
+
+    def __init__(self, graph: Graph, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.graph, self.down, self.now = graph, False, 100.0
+        self.begun: list[tuple[tuple[str, ...], dict[str, bool]]] = []
+        self.slept: list[float] = []
+        self.steps: list[Callable[[], object]] = []
+        self.ending: list[Callable[[], object]] = []
+        self.waited: list[tuple[str, float]] = []
+        self.threads: list[SimpleNamespace] = []
+        monkeypatch.setenv("ROS_PACKAGE_PATH", str(SOURCES))
+        monkeypatch.setattr("time.monotonic", lambda: self.now)
+        monkeypatch.setattr("time.sleep", self.sleep)
+        monkeypatch.setattr(rospy, "is_shutdown", lambda: self.down)
+        monkeypatch.setattr(rospy, "on_shutdown", self.ending.append)
+        monkeypatch.setattr(rospy, "get_time", lambda: self.now - 90.0)
+        monkeypatch.setattr(rospy, "wait_for_service", self._wait)
+
+    def sleep(self, seconds: float) -> None:
+        self.slept.append(seconds)
+        self.now += seconds
+        if self.steps:
+            self.steps.pop(0)()
+        else:
+            self.down = True
+
+    def begin(self, *given: str, **options: bool) -> None:
+        """In place of begin_node."""
+        self.begun.append((given, options))
+
+    def thread(self, **given: object) -> SimpleNamespace:
+        """In place of threading.Thread: what it would run is run by the test."""
+        it = SimpleNamespace(**given, started=False)
+        it.start = lambda: setattr(it, "started", True)
+        self.threads.append(it)
+        return it
+
+    def _wait(self, name: str, timeout: float) -> None:
+        self.waited.append((name, timeout))
+        if rospy.resolve_name(name) not in self.graph.services:
+            raise rospy.ROSException(f"timeout exceeded while waiting for service {name}")
+
+
+@pytest.fixture
+def life(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> Life:
+    """Of the one node that the test runs."""
+    return Life(graph, monkeypatch)
 
 
 @pytest.fixture
@@ -302,3 +372,11 @@ def another(call):
 def slider(call):
     """A cart of 2 kg on a level rail with damping 0.5."""
     call("spawn_urdf_model", "slider", SLIDER, "", Pose(), "")
+
+
+@pytest.fixture(scope="session")
+def shipped_arm() -> object:
+    """Of the ARAS robot."""
+    from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
+
+    return Robot(RobotSpec()).arm()

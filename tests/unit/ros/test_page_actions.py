@@ -1,0 +1,318 @@
+"""What the live page asks of a graph: services, nodes begun anew, the robot and target changed."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import rosnode
+import rospy
+import rosservice
+from aras_sim_bridge.srv import StepWorld
+from controller_manager_msgs.msg import ControllerState
+from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
+from dynamic_reconfigure.msg import Config, DoubleParameter
+from dynamic_reconfigure.srv import Reconfigure
+from gazebo_msgs.srv import DeleteModel, GetModelState, SpawnModel
+from geometry_msgs.msg import Point, Pose, Quaternion
+from std_srvs.srv import Empty, Trigger
+
+from aras_visual_servo_base.poses import transform
+from aras_visual_servo_bench.live.requests import RefusedError
+from aras_visual_servo_bench.ros import actions as page
+from aras_visual_servo_bench.ros.listener import listener_settings
+from aras_visual_servo_controller.goals.goal import Goal
+
+NODE, CAMERA = "/aras_visual_servo_controller", "/gazebo/cameras/labrob/camera"
+MANAGER = "/two/controller_manager"
+
+
+class Nodes:
+    """In place of roslaunch."""
+
+    made: list[Nodes] = []
+    dies = ""
+
+    def __init__(self, arguments, log, environment):
+        self.arguments, self.log, self.environment, self.stopped = arguments, log, environment, 0
+        assert log.parent.is_dir()
+        self.made.append(self)
+
+    def death(self):
+        return self.dies
+
+    def last_lines(self, count):
+        return "\n".join(["    the first", "    [FATAL] [17.5, 3.25]: no such scheme"][-count:])
+
+    def stop(self):
+        self.stopped += 1
+
+
+@pytest.fixture
+def asked(graph, life, monkeypatch, tmp_path):
+    """Actions of the robot `robo`, and the services that they find; `calls` is what was asked."""
+    settings = listener_settings({"namespace": "/two/"})
+    it = SimpleNamespace(graph=graph, life=life, calls=[], running={NODE, "/other"}, killed=[])
+    it.listener = SimpleNamespace(story=None)
+    it.actions = page.Actions(it.listener, settings, tmp_path / "kept", "robo")
+    it.settings = settings
+
+    def serve(name, kind, **answer):
+        def service(request):
+            it.calls.append((name, *(getattr(request, field) for field in request.__slots__)))
+            return kind._response_class(**answer)
+
+        rospy.Service(name, kind, service)
+
+    def kill(names):
+        it.killed.append(sorted(names))
+        life.steps = [lambda: None, lambda: it.running.difference_update(names)]
+
+    it.serve, Nodes.made, Nodes.dies = serve, [], ""
+    monkeypatch.setattr(page, "Launch", Nodes)
+    monkeypatch.setattr(rosnode, "get_node_names", lambda: sorted(it.running))
+    monkeypatch.setattr(rosnode, "kill_nodes", kill)
+    monkeypatch.setattr(rosservice, "get_service_node",
+                        lambda name: NODE if name == "/two/controller/start" else None)
+    return it
+
+
+def test_what_may_be_chosen(asked):
+    goals = asked.actions.directory / "goals"
+    goals.mkdir(parents=True)
+    (goals / "mine.yaml").touch()
+    (goals / "2016.yaml").touch()
+    found = asked.actions.choices()
+    assert {"stereo_points", "stereo_pose"}.isdisjoint(found["schemes"])
+    assert found["schemes"] == sorted(found["schemes"]) and "points" in found["schemes"]
+    assert found["laws"] == ["adaptive", "diagonal", "pi", "proportional", "sliding_mode"]
+    assert found["starts"] == ["none", "2015", "2016"]
+    assert found["goals"] == ["auto", "2015", "2016", "mine"]
+    assert found["cameras"] == ["calibrated", "fisheye", "noisy", "original", "rolling", "wide"]
+    assert found["targets"] == ["aras", "circle", "four_dots", "heptagon", "l_shape", "line_grid",
+                                "marker", "poster", "square", "triangle"]
+    assert found["gains"] == found["joints"] == []
+    asked.graph.parameters |= {f"{NODE}/{key}": f"my {key}"
+                               for key in ("scheme", "law", "start", "desired")}
+    asked.graph.subscribers[f"{NODE}/gains/parameter_updates"](Config(
+        doubles=[DoubleParameter("slope", 0.1 + 0.2), DoubleParameter("gain", 5.0)]))
+    asked.listener.story = SimpleNamespace(arm=SimpleNamespace(names=("slide", "elbow")))
+    found = asked.actions.choices()
+    assert [found[key][-1] for key in ("schemes", "laws", "starts", "goals")] == [
+        "my scheme", "my law", "my start", "my desired"]
+    assert found["gains"] == ["gain", "slope"] and found["joints"] == ["slide", "elbow"]
+    assert asked.actions.gains == {"slope": 0.3, "gain": 5.0}
+
+
+def test_what_runs_now(asked, monkeypatch):
+    actions, told = asked.actions, asked.graph.parameters
+    begin = {"scheme": "moments", "law": "proportional", "start": "2016", "goal": "auto"}
+    assert actions.given() == {**begin, "camera": "original"}
+    actions.chosen["target"] = "poster"
+    told |= {f"{NODE}/law": "pi", f"{NODE}/desired": 2015, f"{NODE}/gain": 3.0}
+    told |= {f"{CAMERA}/width": 321}
+    assert actions.given() == {**begin, "law": "pi", "goal": "2015", "camera": "",
+                               "target": "poster"}
+    told[NODE] = "no namespace"
+    assert actions.given() == {**begin, "camera": "", "target": "poster"}
+    looked = []
+    monkeypatch.setattr(page, "preset_of", lambda settings: looked.append(settings) or "wide")
+    told[f"{CAMERA}/width"] = 322
+    assert [actions.given()["camera"] for _ in range(3)] == ["wide"] * 3
+    assert looked == [{"width": 322}]  # files are read once for each
+
+    def gone(*_):
+        raise OSError
+
+    monkeypatch.setattr(rospy, "get_param", gone)
+    assert actions.given() == {}
+
+
+def test_the_loop_and_the_simulation_are_asked_by_their_services(asked):
+    actions = asked.actions
+    asked.serve("/two/controller/hold", Trigger, success=True, message="hold: holding")
+    assert actions.loop("hold") == "hold: holding"
+    assert asked.life.waited == [("/two/controller/hold", 5.0)]
+    words = {"pause_physics": "time stands still", "unpause_physics": "time goes on",
+             "reset_simulation": "everything begins anew, at time 0"}
+    for name, said in words.items():
+        with pytest.raises(RefusedError, match=rf"^/gazebo/{name} does not answer \(is the simul"):
+            actions.clock(name)
+        asked.serve(f"/gazebo/{name}", Empty)
+        assert actions.clock(name) == said
+    asked.serve("/gazebo/step_world", StepWorld, success=True, sim_time=rospy.Time(3, 5 * 10**8))
+    assert actions.step(17) == "17 steps, to 3.500 s" and asked.calls[-1][1] == 17
+    asked.serve("/gazebo/step_world", StepWorld, success=False, status_message="time goes on")
+    with pytest.raises(RefusedError, match="^time goes on$"):
+        actions.step(1)
+    for ask in (lambda: actions.loop("stop"), lambda: actions.gain("gain", 1.0)):
+        with pytest.raises(RefusedError, match=r"answer \(is the controller node running\?\)$"):
+            ask()
+    after = Config(doubles=[DoubleParameter("gain", 2.53217), DoubleParameter("slope", 9.0)])
+    asked.serve(f"{NODE}/gains/set_parameters", Reconfigure, config=after)
+    assert actions.gain("gain", 2.7) == "gain is 2.532"
+    assert asked.calls[-1][1].doubles == [DoubleParameter("gain", 2.7)]
+    with pytest.raises(RefusedError, match="the law that runs now has no zero"):
+        actions.gain("zero", 1.0)
+
+
+def test_nodes_that_servo_are_ended_and_begun_with_what_was_chosen(asked):
+    actions, life = asked.actions, asked.life
+    asked.graph.parameters[NODE] = {"scheme": "old"}
+    actions.gains = {"gain": 3.0}
+    assert actions.servo("points", "pi", "2015", "auto") == (
+        "servoing with points, law pi, from 2015 to auto")
+    assert asked.killed == [[NODE]] and life.slept == [0.1, 0.1]
+    assert NODE not in asked.graph.parameters and actions.gains == {}
+    first, = Nodes.made
+    assert first.arguments == [
+        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch", "scheme:=points", "law:=pi",
+        "start:=2015", "goal:=auto"]
+    assert first.log == actions.directory / "log" / "nodes.txt" and "PATH" in first.environment
+    own = actions.directory / "goals" / "mine.yaml"
+    own.parent.mkdir()
+    own.touch()
+    assert actions.servo("points", "pi", "none", "mine").endswith("from none to mine")
+    assert first.stopped == 1 and Nodes.made[1].arguments[-1] == f"goal:={own}"
+    actions.close()
+    assert [one.stopped for one in Nodes.made] == [1, 1]
+
+
+@pytest.mark.parametrize(("dies", "why", "seconds"), [
+    ("node x died", "no controller runs now: no such scheme", 0.0),
+    ("", "no controller runs now: they do not answer", 60.0),
+])
+def test_nodes_that_do_not_come_up_are_ended_and_why_is_said(asked, monkeypatch, dies, why,
+                                                             seconds):  # fmt: skip
+    Nodes.dies, began = dies, asked.life.now
+    asked.running.clear()
+    monkeypatch.setattr(rosservice, "get_service_node", lambda _name: "/another")
+    with pytest.raises(RefusedError, match=f"^{why}$"):
+        asked.actions.servo("points", "pi", "2015", "auto")
+    assert Nodes.made[0].stopped == 1
+    assert asked.life.now - began == pytest.approx(seconds, abs=0.2)
+    asked.actions.close()
+    assert Nodes.made[0].stopped == 1
+
+
+def test_whether_a_controller_is_there(asked, monkeypatch):
+    for found in ("rosrpc://one:1", None):
+        monkeypatch.setattr(rosservice, "get_service_uri", lambda name, found=found: (
+            found if name == "/two/controller/start" else "other"))
+        assert asked.actions.controller_is_there() is (found is not None)
+    for fault in (OSError, rosservice.ROSServiceException):
+        def gone(_name, fault=fault):
+            raise fault
+
+        monkeypatch.setattr(rosservice, "get_service_uri", gone)
+        monkeypatch.setattr(rosservice, "get_service_node", gone)
+        assert asked.actions.controller_is_there() is True
+        asked.running.clear()
+        with pytest.raises(RefusedError, match="they do not answer"):
+            asked.actions.servo("points", "pi", "2015", "auto")
+
+
+@pytest.fixture
+def arm(asked, shipped_arm):
+    asked.listener.story = SimpleNamespace(arm=shipped_arm)
+    return shipped_arm
+
+
+def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked, arm):
+    asked.graph.parameters |= {f"{NODE}/law": "pi", f"{NODE}/scheme": "points",
+                               f"{NODE}/desired": "2015", f"{NODE}/start": "2016"}
+    first = Goal.load(asked.settings.package / "config/goal_2015.yaml").for_arm(arm)
+    moved = (0.01, -0.02, -0.01)
+    assert asked.actions.goal(*moved, 0.0) == "servoing with points, law pi, from none to moved"
+    path = asked.actions.directory / "goals" / "moved.yaml"
+    assert Nodes.made[-1].arguments[2:] == ["scheme:=points", "law:=pi", "start:=none",
+                                            f"goal:={path}"]
+    assert path.read_text().startswith("# Moved on the live page.")
+    wanted = first.world_T_camera @ transform(moved, np.zeros(3))
+    made = Goal.load(path)
+    np.testing.assert_allclose(made.world_T_camera, wanted, atol=1e-4)
+    np.testing.assert_allclose(arm.pose(made.joint_values(arm.names)), wanted, atol=1e-4)
+    # The nodes have the moved goal now, and the next way begins where the first one did.
+    asked.graph.parameters |= {f"{NODE}/desired": str(path), f"{NODE}/start": "none"}
+    asked.actions.goal(0.0, 0.0, -0.01, 0.1)
+    wanted = first.world_T_camera @ transform((0.0, 0.0, -0.01), (0.0, 0.0, 0.1))
+    np.testing.assert_allclose(Goal.load(path).world_T_camera, wanted, atol=1e-4)
+    asked.actions.servo("points", "pi", "none", "2016")
+    asked.graph.parameters[f"{NODE}/desired"] = "2016"
+    asked.actions.goal(0.0, 0.0, 0.0, 0.0)
+    other = Goal.load(asked.settings.package / "config/goal_2016.yaml").for_arm(arm)
+    np.testing.assert_allclose(Goal.load(path).world_T_camera, other.world_T_camera, atol=1e-4)
+    with pytest.raises(RefusedError, match="^that goal cannot be: "):
+        asked.actions.goal(9.0, 0.0, 0.0, 0.0)
+
+
+def test_a_goal_needs_a_robot_and_a_place_to_keep_it(asked, shipped_arm):
+    with pytest.raises(RefusedError, match="^there is no robot yet$"):
+        asked.actions.goal(0.0, 0.0, 0.0, 0.0)
+    asked.listener.story = SimpleNamespace(arm=shipped_arm)
+    asked.actions.directory.write_text("a file")
+    with pytest.raises(RefusedError, match="cannot write"):
+        asked.actions.goal(0.0, 0.0, 0.0, 0.0)
+
+
+def serve_robot(asked, **answers):
+    there = [ControllerState("arm", "running", "t", []),
+             ControllerState("hand", "stopped", "t", [])]
+    asked.serve(f"{MANAGER}/list_controllers", ListControllers, controller=there)
+    asked.serve("/gazebo/delete_model", DeleteModel, success=True)
+    asked.serve("/gazebo/spawn_urdf_model", SpawnModel, success=answers.get("spawned", True),
+                status_message="no room")
+    asked.serve(f"{MANAGER}/load_controller", LoadController, ok=True)
+    asked.serve(f"{MANAGER}/switch_controller", SwitchController, ok=answers.get("switched", True))
+
+
+def test_a_robot_gets_another_camera_and_its_controllers_again(asked):
+    asked.graph.parameters |= {"/robot_description": "<robot/>", CAMERA: {"width": 1, "noise": 2}}
+    serve_robot(asked)
+    assert asked.actions.camera("wide") == "the robot has the camera wide"
+    assert asked.calls == [
+        (f"{MANAGER}/list_controllers",), ("/gazebo/delete_model", "robo"),
+        ("/gazebo/spawn_urdf_model", "robo", "<robot/>", "", Pose(), ""),
+        (f"{MANAGER}/load_controller", "arm"), (f"{MANAGER}/load_controller", "hand"),
+        (f"{MANAGER}/switch_controller", ["arm"], [], 2, False, 0.0),
+    ]
+    made = asked.graph.parameters[CAMERA]
+    assert made["camera_matrix"]["fx"] == 110.0 and "noise" not in made
+    assert asked.actions.chosen["camera"] == "wide"
+    serve_robot(asked, switched=False)
+    with pytest.raises(RefusedError, match="came back without its controllers: reset"):
+        asked.actions.camera("fisheye")
+    serve_robot(asked, spawned=False)
+    del asked.graph.parameters[CAMERA]
+    with pytest.raises(RefusedError, match="^the robot did not come back: no room$"):
+        asked.actions.camera("fisheye")
+    assert asked.actions.chosen["camera"] == "wide"
+    asked.graph.services.pop("/gazebo/delete_model")
+    with pytest.raises(RefusedError, match="^/gazebo/delete_model does not answer: timeout exc"):
+        asked.actions.camera("fisheye")
+    asked.graph.services.pop(f"{MANAGER}/list_controllers")
+    with pytest.raises(RefusedError, match=r"answer \(are the robot's controllers loaded\?\)$"):
+        asked.actions.camera("fisheye")
+
+
+def test_a_target_is_put_where_the_one_before_lay(asked):
+    lay = Pose(Point(0.1, 0.2, 0.3), Quaternion(0.1, 0.2, 0.3, 0.4))
+    asked.serve("/gazebo/get_model_state", GetModelState, success=True, pose=lay)
+    asked.serve("/gazebo/delete_model", DeleteModel, success=True)
+    asked.serve("/gazebo/spawn_urdf_model", SpawnModel, success=True)
+    assert asked.actions.target("poster") == "the target is poster"
+    text = asked.graph.parameters["/target_description"]
+    assert "poster" in text
+    assert asked.calls == [
+        ("/gazebo/get_model_state", "target", ""), ("/gazebo/delete_model", "target"),
+        ("/gazebo/spawn_urdf_model", "target", text, "", lay, "")]
+    assert asked.actions.chosen == {"target": "poster"}
+    asked.serve("/gazebo/spawn_urdf_model", SpawnModel, success=False, status_message="no room")
+    with pytest.raises(RefusedError, match="^no room$"):
+        asked.actions.target("circle")
+    asked.serve("/gazebo/get_model_state", GetModelState, success=False)
+    with pytest.raises(RefusedError, match="no model named target .* with target:=circle"):
+        asked.actions.target("circle")
+    assert asked.actions.chosen == {"target": "poster"}
+    assert asked.graph.parameters["/target_description"] == text

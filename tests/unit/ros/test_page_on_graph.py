@@ -1,0 +1,605 @@
+"""The live page's node and rviz's markers: what they hear, draw, drive and hand on."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+import rospy
+from gazebo_msgs.srv import GetModelState, GetWorldProperties
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from run_messages import ARM, JOINTS, made_state, position
+from sensor_msgs.msg import Image
+from std_msgs.msg import ColorRGBA
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import Marker
+
+from aras_visual_servo_base.poses import transform
+from aras_visual_servo_bench.live.requests import RefusedError, Request
+from aras_visual_servo_bench.live.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
+from aras_visual_servo_bench.live.story import Story
+from aras_visual_servo_bench.ros import dashboard, driving, markers, target_watch
+from aras_visual_servo_bench.ros.listener import Listener, listener_settings
+from aras_visual_servo_bench.ros.pictures import AS_FOUND, PLAIN, Pictures
+from aras_visual_servo_bench.ros.target_place import TargetPlace, moved
+from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.errors import ConfigurationError, ServoError
+
+GIVEN = {"namespace": "/two/", "camera_namespace": "/eye/camera/", "command_topic": "both"}
+SQUARE = """<robot name="t"><link name="t"><visual><geometry><box size="0.2 0.1 0.02"/></geometry>
+</visual></link></robot>"""
+LAY = Pose(Point(0.1, 0.2, 0.3), Quaternion(0.5, 0.5, 0.5, 0.5))
+
+
+@pytest.fixture
+def listener(graph, life):
+    """Of the arm of two joints, which has been heard."""
+    graph.parameters["/robot_description"] = ARM
+    it = Listener(listener_settings(GIVEN))
+    it.look()
+    it.positions, it.velocities = position(1.5), np.array([0.01, 0.02])
+    return it
+
+
+# -- pictures --------------------------------------------------------------------------------------
+
+
+def test_pictures_are_heard_while_somebody_looks(graph):
+    overlay, plain = "/two/camera/overlay", "/eye/camera/image_raw"
+    pictures = Pictures("/two", "/eye/camera")
+    pictures.choose()
+    assert not graph.subscribers and pictures.note == PLAIN
+    pictures.watched(2)
+    assert set(graph.subscribers) == {overlay}
+    pictures.choose()  # no camera node
+    assert set(graph.subscribers) == {overlay, plain} and pictures.note == PLAIN
+    plain_heard = graph.subscribers[plain]
+    pictures.watched(1)
+    pictures.choose()
+    assert graph.subscribers[plain] is plain_heard
+    kind, options = graph.heard[overlay]
+    assert kind is Image and options == {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
+    assert pictures.jpeg() is None
+    red_above = np.zeros((20, 30, 3), np.uint8)
+    red_above[:10, :, 0], red_above[10:, :, 2] = 220, 90
+    message = Image(height=20, width=30, step=90, encoding="rgb8", data=red_above.tobytes())
+    graph.subscribers[plain](message)
+    found = cv2.imdecode(np.frombuffer(pictures.jpeg(), np.uint8), cv2.IMREAD_COLOR)
+    assert found.shape == (20, 30, 3)
+    np.testing.assert_allclose(found[4, 15], [0, 0, 220], atol=9)
+    np.testing.assert_allclose(found[16, 15], [90, 0, 0], atol=9)
+    assert pictures.jpeg() is None  # each once
+    graph.subscribers[overlay](Image(encoding="none"))
+    assert pictures.jpeg() is None
+    graph.sources[overlay] = 1
+    pictures.choose()
+    assert set(graph.subscribers) == {overlay} and pictures.note == AS_FOUND
+    graph.subscribers[overlay](message)
+    pictures.watched(0)
+    assert not graph.subscribers and pictures.jpeg() is None
+    pictures.watched(0)
+    pictures.choose()
+    assert not graph.subscribers
+
+
+# -- the target ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def world(graph):
+    """Models of a simulation, and what it was asked for."""
+    it = SimpleNamespace(models=["ground", "target", "two"], asked=[], success=True)
+
+    def state(request):
+        it.asked.append((request.model_name, request.relative_entity_name))
+        answer = GetModelState._response_class(success=it.success, pose=LAY)
+        answer.header.frame_id = request.relative_entity_name
+        return answer
+
+    rospy.Service("/gazebo/get_model_state", GetModelState, state)
+    rospy.Service("/gazebo/get_world_properties", GetWorldProperties, lambda _: (
+        GetWorldProperties._response_class(model_names=it.models)))
+    return it
+
+
+def test_the_target_is_asked_for_where_there_is_one(graph, world):
+    place = TargetPlace()
+    assert place.answered is False
+    found = place.of("two")
+    assert (found.header.frame_id, found.pose) == ("two", LAY) and place.answered
+    assert place.of("three").header.frame_id == ""
+    assert world.asked == [("target", "two"), ("target", "")]
+    world.success = False
+    assert place.of("two") is None and place.answered
+    world.models.remove("target")
+    assert place.of("two") is None and place.answered and len(world.asked) == 3
+    graph.services.pop("/gazebo/get_world_properties")
+    assert place.of("two") is None and not place.answered
+
+
+def test_a_model_has_moved_when_one_of_its_numbers_has():
+    def pose(**more):
+        numbers = {"x": 0.1, "y": 0.2, "z": 0.3, "qx": 0.5, "qy": 0.5, "qz": 0.5, "qw": 0.5, **more}
+        return Pose(Point(*list(numbers.values())[:3]), Quaternion(*list(numbers.values())[3:]))
+
+    assert moved(None, pose()) and not moved(pose(), pose())
+    for name, value in (("x", 0.1), ("y", 0.2), ("z", 0.3), ("qx", 0.5), ("qw", 0.5)):
+        assert moved(pose(), pose(**{name: value + 1.1e-5}))
+        assert moved(pose(**{name: value + 1.1e-5}), pose())
+        assert not moved(pose(), pose(**{name: value - 0.9e-5}))
+
+
+def test_the_target_is_drawn_where_it_lies_twice_a_second(graph, life, world):
+    story, watch = Story(Arm.from_urdf(ARM, "camera_optical_frame")), target_watch.TargetWatch()
+    graph.parameters["/target_description"] = SQUARE
+    watch.tell(story, "two")
+    edges, *faces = story.target
+    a_T_b = transform((0.1, 0.2, 0.3), (0.0, 0.0, 0.0))
+    a_T_b[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]  # a third of a turn about (1, 1, 1)
+    half = np.array([0.1, 0.05, 0.01])
+    corners = np.array([half * (x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    corners = corners @ a_T_b[:3, :3].T + a_T_b[:3, 3]
+    for shape in (edges, *faces):
+        np.testing.assert_allclose(
+            np.unique(shape.points.round(6), axis=0), np.unique(corners.round(6), axis=0))
+    assert len(edges.points) == 24 and watch.missing == "" and len(world.asked) == 1
+    drawn, life.now = story.target, life.now + 0.5
+    watch.tell(story, "two")
+    assert len(world.asked) == 1 and story.target is drawn
+    life.now += 0.001
+    world.models.remove("target")
+    watch.tell(story, "two")
+    assert watch.missing == "no model named target is in the simulation"
+    assert len(story.target) == 1 and not len(story.target[0].points)
+    life.now += 0.6
+    graph.services.clear()  # a replay
+    watch.tell(story, "two")
+    assert watch.missing == "" and not len(story.target[0].points)
+    told = PoseStamped(pose=LAY)
+    graph.subscribers["/aras_visual_servo/target"](told)
+    life.now += 0.6
+    watch.tell(story, "two")
+    np.testing.assert_array_equal(story.target[0].points, drawn[0].points)
+    for description in ("", 7, "<robot", SQUARE.replace("0.02", "-1")):
+        graph.parameters["/target_description"] = description
+        life.now += 0.6
+        watch.tell(story, "two")
+        assert [len(shape.points) for shape in story.target] == [0]
+    graph.parameters["/target_description"] = SQUARE.replace("0.2", "0.4")
+    life.now += 0.6
+    watch.tell(story, "two")
+    assert np.ptp(story.target[0].points, axis=0) == pytest.approx([0.02, 0.4, 0.1])
+    story.arm = SimpleNamespace(target_frame="hand")  # the arm carries it
+    life.now += 0.6
+    watch.tell(story, "two")
+    assert [len(shape.points) for shape in story.target] == [0]
+
+
+# -- markers ---------------------------------------------------------------------------------------
+
+
+def test_each_kind_of_shape_is_a_marker():
+    points = np.array([(0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (0.7, 0.8, 0.9)])
+    colour = (0.1, 0.3, 0.5, 0.7)
+
+    def made(kind, width=0.02, points=points, text=""):
+        return markers.marker(Shape("it", kind, points, colour, width, text), "base")
+
+    for kind, number, scale in (
+        (LINES, Marker.LINE_LIST, (0.02, 0, 0)), (STRIP, Marker.LINE_STRIP, (0.02, 0, 0)),
+        (FACES, Marker.TRIANGLE_LIST, (1, 1, 1)), (ARROW, Marker.ARROW, (0.02, 0.044, 0.06)),
+    ):
+        marker = made(kind)
+        assert (marker.ns, marker.type, marker.action) == ("it", number, Marker.ADD)
+        assert marker.header.frame_id == "base" and marker.header.stamp == rospy.Time()
+        assert marker.color == ColorRGBA(*colour) and marker.pose.orientation.w == 1.0
+        assert (marker.scale.x, marker.scale.y, marker.scale.z) == pytest.approx(scale)
+        assert marker.points == [Point(*row) for row in points.tolist()]
+    text = made(TEXT, text="words")
+    assert (text.type, text.text, text.scale.z) == (Marker.TEXT_VIEW_FACING, "words", 0.02)
+    assert text.pose.position == Point(0.1, 0.2, 0.3) and not text.points and text.scale.x == 0.0
+    assert text.color == ColorRGBA(*colour)
+    gone = made(LINES, points=np.zeros((0, 3)))
+    assert gone.action == Marker.DELETE and not gone.points
+
+
+def test_markers_are_published_for_who_looks_and_taken_away_again(graph, life, world, monkeypatch):
+    begun = []
+    monkeypatch.setattr(markers, "node_main", lambda name, about, run, fault, **options: (
+        begun.append((name, about, fault, options)), run(), 5)[-1])
+    graph.parameters["/robot_description"] = ARM
+    for key, value in GIVEN.items():
+        rospy.set_param(f"~{key}", value)
+    graph.parameters["/target_description"] = SQUARE
+    shown = []
+    monkeypatch.setattr(Story, "shapes", lambda self: [*self.target, *shown])
+
+    def publisher():
+        return graph.publishers["/two/markers"]
+
+    def look():
+        publisher().impl.connections = [None]
+
+    def other():
+        publisher().sent.clear()
+        life.now += 1.0
+        world.models.remove("target")
+
+    def leave():
+        publisher().impl.connections = []
+
+    life.steps = [look, other, leave, lambda: None]
+    assert markers.main() == 5
+    assert begun == [("aras_visual_servo_markers", markers.__doc__, ConfigurationError,
+                      {"disable_rostime": True})]
+    assert set(life.slept) == {0.1} and world.asked == [("target", "two")]
+    assert publisher().kind is markers.MarkerArray and publisher().options["queue_size"] == 1
+    after, = publisher().sent
+    names = [(one.ns, one.action) for one in after.markers]
+    assert names == [("target", Marker.DELETE), ("target face 0", Marker.DELETE)]
+    assert {one.header.frame_id for one in after.markers[:1]} == {"base"}
+
+
+# -- driving ---------------------------------------------------------------------------------------
+
+
+class Wake:
+    """In place of threading.Event: waiting takes the node's own time."""
+
+    def __init__(self, life):
+        self.life, self.up = life, False
+
+    def set(self):
+        self.up = True
+
+    def clear(self):
+        self.up = False
+
+    def wait(self, limit):
+        if not self.up:
+            self.life.sleep(limit)
+
+
+@pytest.fixture
+def driven(graph, life, listener, monkeypatch):
+    monkeypatch.setattr(driving, "threading", SimpleNamespace(
+        Lock=threading.Lock, Event=lambda: Wake(life), Thread=life.thread))
+    it = driving.Driving(listener, listener.settings)
+    thread, = life.threads
+    assert (thread.name, thread.daemon, thread.started) == ("driving", True, True)
+
+    def sent():
+        topic = graph.publishers.get("/two/both")
+        return [] if topic is None else [list(one.data) for one in topic.sent]
+
+    def run(seconds):
+        """The thread, for so long, with joints that follow; what is sent."""
+        before, end, life.down = len(sent()), life.now + seconds, False
+
+        def on():
+            life.down = life.now >= end
+            if sent()[before:]:
+                listener.positions = np.array(sent()[-1])
+
+        life.steps = 200 * [on]
+        thread.target()
+        return sent()[before:]
+
+    it.run = run
+    return it
+
+
+def test_a_joint_is_driven_for_a_moment(graph, life, listener, driven):
+    stopped = []
+    rospy.Service("/two/controller/stop", Trigger, lambda _: stopped.append(life.now) or (
+        Trigger._response_class(True, "")))
+    assert driven.twist([0.0] * 6) == "" and not graph.publishers.get("/two/both")
+    assert driven.run(0.3) == []
+    listener.story.told = made_state(1.0, "stopped")
+    assert driven.joint("elbow", -0.5) == "" and not stopped
+    slide, elbow = listener.positions
+    sent = np.array(driven.run(0.8))
+    assert (sent[:, 0] == slide).all() and (np.diff(sent[:, 1]) <= 1e-12).all()
+    assert elbow - 0.5 < sent[-1, 1] < elbow - 0.1 and 10 < len(sent) < 40
+    assert life.slept.count(0.02) > 10
+    listener.story.told = made_state(1.0, "servoing")
+    driven.joint("slide", 0.5)
+    assert len(stopped) == 1 and life.waited == [("/two/controller/stop", 0.5)]
+    with pytest.raises(ConfigurationError, match="finger"):
+        driven.joint("finger", 1.0)
+
+
+def test_the_camera_is_driven_by_a_twist(graph, life, listener, driven):
+    way = listener.story.arm.pose(listener.positions)[:3, :3].T @ np.array([1.0, 0.0, 0.0])
+    driven.twist([*(0.1 * way), 0.0, 0.0, 0.0])
+    driven.twist([0.0] * 6)  # at once
+    assert np.ptp(driven.run(0.3), axis=0).max() < 1e-9
+    driven.twist([0.25, 0.1, -0.1, 0.3, 0.2, 0.5])
+    assert np.ptp(driven.run(0.3), axis=0).max() > 1e-3
+
+
+def test_another_robot_is_driven_by_topics_of_its_own(graph, life, listener, driven):
+    driven.joint("elbow", 0.5)
+    first = graph.publishers["/two/both"]
+    driven.joint("elbow", 0.5)
+    assert graph.publishers["/two/both"] is first
+    listener.story = Story(Arm.from_urdf(ARM.replace('"elbow"', '"wrist"'),
+                                         "camera_optical_frame"))
+    driven.joint("wrist", 0.5)
+    assert first.impl is None and driven.run(0.1) != []
+    listener.positions = None
+    with pytest.raises(RefusedError, match="^there are no joint states: is the robot there"):
+        driven.joint("wrist", 0.5)
+    listener.story = None
+    with pytest.raises(RefusedError, match="^there are no joint states"):
+        driven.twist([0.1] * 6)
+
+
+def test_joints_without_a_controller_are_not_driven(graph, life, monkeypatch):
+    monkeypatch.setattr(driving.threading, "Thread", life.thread)
+    graph.parameters |= {"/robot_description": ARM, "/two/s/type": "velocity_controllers/Joint"
+                         "VelocityController", "/two/s/joint": "slide"}
+    it = Listener(listener_settings({"namespace": "/two"}))
+    it.look()
+    it.positions = position(1.0)
+    with pytest.raises(RefusedError, match="slide"):
+        driving.Driving(it, it.settings).joint("slide", 1.0)
+
+
+# -- the page's node -------------------------------------------------------------------------------
+
+CALLS: list[tuple] = []
+
+
+class Told:
+    """In place of one of the page's parts: notes what it is asked, and answers its words."""
+
+    def __init__(self, *given):
+        self.made = given
+        CALLS.append((type(self).__name__, "made", *given))
+
+    def __getattr__(self, name):
+        if name.startswith("_"):
+            raise AttributeError(name)
+
+        def ask(*given, **named):
+            CALLS.append((type(self).__name__, name, *given, named) if named else
+                         (type(self).__name__, name, *given))
+            return self.ANSWERS.get(name, f"{name} is done")
+
+        return ask
+
+
+class Actions(Told):
+    ANSWERS = {"given": {"scheme": "points", "law": "pi"}, "controller_is_there": False,
+               "choices": {"laws": ["pi"]}}
+    robot, gains = "robo", {"gain": 3.0}
+
+
+class Keeping(Told):
+    ANSWERS = {"file": "a path", "trouble": "full"}
+    recording, recorded, report, ANSWER = "r.bag", None, "page.html", None
+
+
+class Driving(Told):
+    ANSWERS = {}
+
+
+class ThePictures(Told):
+    ANSWERS = {"jpeg": b"jpeg", "choose": None}
+    note = "as found"
+
+
+class TargetWatch(Told):
+    ANSWERS = {}
+    missing = "no target"
+
+
+@pytest.fixture
+def parts(monkeypatch):
+    CALLS.clear()
+    for name, part in (("actions.Actions", Actions), ("keeping.Keeping", Keeping),
+                       ("driving.Driving", Driving), ("pictures.Pictures", ThePictures),
+                       ("target_watch.TargetWatch", TargetWatch)):
+        monkeypatch.setattr(f"aras_visual_servo_bench.ros.{name}", part)
+
+
+@pytest.fixture
+def host(listener, parts, tmp_path):
+    it = dashboard.Dashboard(listener, "robo", tmp_path)
+    CALLS.clear()
+    return it
+
+
+def test_the_page_s_parts_are_told_where_the_robot_is(listener, parts, tmp_path):
+    page = dashboard.Dashboard(listener, "robo", tmp_path).page
+    made = [
+        ("Actions", "made", listener, listener.settings, tmp_path, "robo"),
+        ("Keeping", "made", tmp_path), ("TargetWatch", "made"),
+        ("Driving", "made", listener, listener.settings),
+        ("ThePictures", "made", "/two", "/eye/camera")]
+    assert made == CALLS
+    assert listener.hear == page.sample
+
+
+@pytest.mark.parametrize(("do", "given", "call"), [
+    *((name, {}, ("Actions", "loop", name)) for name in ("start", "stop", "hold")),
+    ("reset", {}, ("Actions", "clock", "reset_simulation")),
+    ("pause", {}, ("Actions", "clock", "pause_physics")),
+    ("resume", {}, ("Actions", "clock", "unpause_physics")),
+    *((name, {"a": 1, "b": 2}, ("Actions", name, {"a": 1, "b": 2}))
+      for name in ("step", "gain", "servo", "goal", "camera", "target")),
+    ("record", {}, ("Keeping", "record")), ("stop_record", {}, ("Keeping", "stop_record")),
+    ("report", {}, ("Keeping", "make_report")),
+    ("jog", dict(zip(("wz", "wy", "wx", "vz", "vy", "vx"), range(6), strict=True)),
+     ("Driving", "twist", [5, 4, 3, 2, 1, 0])),
+    ("jog_joint", {"speed": 0.5, "joint": "elbow"}, ("Driving", "joint", "elbow", 0.5)),
+])
+def test_each_request_is_one_s(host, do, given, call):
+    assert host.do(Request(do, given)) == f"{call[1]} is done"
+    assert [call] == CALLS
+
+
+def test_what_fails_is_refused_with_its_words(host, monkeypatch):
+    for fault in (ServoError, OSError, rospy.ROSException):
+        def fail(*_, fault=fault):
+            raise fault("why")
+
+        monkeypatch.setattr(Keeping, "record", fail, raising=False)
+        with pytest.raises(RefusedError, match="^why$"):
+            host.do(Request("record", {}))
+
+
+def test_teaching_is_refused_where_nothing_would_be_seen(host, listener):
+    teach = Request("teach", {"name": "mine"})
+    listener.story.factor = None
+    with pytest.raises(RefusedError, match="^time stands still, so that no images come"):
+        host.do(teach)
+    listener.story.factor, listener.unseen = 1.0, "dark"
+    with pytest.raises(RefusedError, match=r"could be taught \(dark\): bring the target into"):
+        host.do(teach)
+    for scheme in ("luminance", "matches"):
+        Actions.ANSWERS["given"]["scheme"] = scheme  # they look at the picture themselves
+        assert host.do(teach) == "teach is done" and CALLS[-1] == ("Keeping", "teach", "mine",
+                                                                   scheme)
+    Actions.ANSWERS["given"]["scheme"], listener.unseen = "points", ""
+    assert host.do(teach) == "teach is done"
+    listener.story = None
+    with pytest.raises(RefusedError, match="^time stands still"):
+        host.do(teach)
+
+
+def test_news_are_of_the_joints_that_were_heard(host, listener):
+    news = host.news()
+    assert news["joints"] == pytest.approx(position(1.5).tolist())
+    assert news["speeds"] == [0.01, 0.02] and news["stamp"] == 0.0
+    listener.stamp, listener.positions = 1.75, None
+    news = host.news()
+    assert "joints" not in news and news["stamp"] == 1.75
+
+
+def test_the_robot_is_drawn_once(host, graph, listener, monkeypatch):
+    drawn = []
+    whole = dashboard.robot_model
+    monkeypatch.setattr(dashboard, "robot_model", lambda urdf: drawn.append(1) or whole(urdf))
+    assert host.robot()["name"] == "two" and host.robot()["name"] == "two" and len(drawn) == 1
+    listener.urdf = "<robot"
+    empty = {"name": "", "root": "", "joints": [], "links": {}}
+    assert host.robot() == empty and host.robot() == empty and len(drawn) == 2
+    assert len(graph.lines) == 1 and graph.lines[0].startswith("the page does not draw the robot: ")
+    listener.urdf = ""
+    assert host.robot() is None
+
+
+def test_a_page_that_is_looked_at_is_kept_up_to_date(host, life, listener):
+    host.refresh()
+    assert not CALLS and not host.page.state
+    host.watched(2)
+    listener.story.told, listener.report = made_state(1.0), "a report"
+    host.refresh()
+    assert listener.story.told.phase == "" and listener.report is None  # its controller is gone
+    assert host.page.choices == {"laws": ["pi"]}
+    assert host.page.state == {
+        "scheme": Actions.ANSWERS["given"]["scheme"], "law": "pi", "gains": {"gain": 3.0},
+        "controller": False, "robot": 1, "picture": "as found", "recording": "r.bag",
+        "recorded": "", "trouble": "full", "no_target": "no target", "report": "page.html"}
+    assert ("ThePictures", "watched", 2) in CALLS and ("ThePictures", "choose") in CALLS
+    assert ("TargetWatch", "tell", listener.story, "robo") in CALLS
+    assert host.page.whole()["limits"] == {
+        "names": list(JOINTS), "lower": [-0.5, -1.5], "upper": [0.7, 2.0], "velocity": [0.3, 1.9],
+        "prismatic": [True, False]}
+    assert host.picture() == b"jpeg" and host.file("x") == "a path"
+    assert CALLS[-1] == ("Keeping", "file", "x")
+    host.close()
+    assert CALLS[-2:] == [("Actions", "close"), ("Keeping", "close")]
+    listener.story.told = made_state(1.0)
+    Actions.ANSWERS["controller_is_there"] = True
+    host.refresh()
+    assert listener.story.told.phase == "servoing" and host.page.state["controller"] is True
+    Actions.ANSWERS["controller_is_there"] = False
+    host.watched(0)
+    CALLS.clear()
+    host.refresh()
+    assert not CALLS
+
+
+def test_the_page_s_own_parameters_are_told_from_the_controller_s():
+    own, rest = dashboard.own_parameters({"port": 9000, "namespace": "/x", "token": "a" * 12})
+    assert (own.host, own.port, own.token, own.robot) == ("127.0.0.1", 9000, "a" * 12,
+                                                          "aras_visual_servo")
+    assert rest == {"namespace": "/x"}
+    for given, why in (({"token": "a" * 11}, "easy to guess"), ({"token": 12 * "\u00e4"}, "easy"),
+                       ({"port": 0}, "parameter ~port"), ({"port": 65536}, "parameter ~port")):
+        with pytest.raises(ServoError, match=why):
+            dashboard.own_parameters(given)
+    assert dashboard.own_parameters({})[0].port == 8080
+    assert dashboard.own_parameters({"port": 65535})[0].port == 65535
+
+
+@pytest.mark.parametrize(("urdf", "given", "directory", "status"), [
+    (ARM, {}, "ros/aras_dashboard", 0), (ARM, {"directory": "~/mine", "robot": "robo"}, "mine", 0),
+    (ARM.replace("camera_optical_frame", "eye"), {}, "ros/aras_dashboard", 1),
+])
+def test_the_page_is_served_until_the_node_ends(graph, life, parts, monkeypatch, tmp_path, capsys,
+                                                urdf, given, directory, status):  # fmt: skip
+    ended, done = [], []
+    thread = SimpleNamespace(name="shutdown", join=lambda limit: done.append(("joined", limit)))
+    other = SimpleNamespace(name="other", join=lambda limit: done.append("other"))
+
+    def leave(status):
+        ended.append(status)
+        raise SystemExit
+
+    def serve(host, address, port, token, say):
+        done.append((type(host), address, port, token, say))
+        return SimpleNamespace(access=SimpleNamespace(address="http://here"),
+                               close=lambda: done.append("closed"))
+
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))
+    monkeypatch.setattr(dashboard, "begin_node", life.begin)
+    monkeypatch.setattr(dashboard, "open_wide", lambda: done.append("open"))
+    monkeypatch.setattr(dashboard.threading, "enumerate", lambda: [other, thread])
+    monkeypatch.setattr(os, "_exit", leave)
+    monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.live.server",
+                        SimpleNamespace(serve=serve))
+    graph.parameters["/robot_description"] = urdf
+    for key, value in {**GIVEN, **given, "token": "t" * 12}.items():
+        rospy.set_param(f"~{key}", value)
+    life.steps = [lambda: None]
+    with pytest.raises(SystemExit):
+        dashboard.main()
+    assert life.begun == [(("aras_visual_servo_dashboard", dashboard.__doc__),
+                           {"disable_rostime": True})]
+    assert ended == [status] and set(life.slept) <= {0.5}
+    assert done == ["open", (dashboard.Dashboard, "127.0.0.1", 8080, "t" * 12, rospy.loginfo),
+                    "closed", ("joined", 5.0)]
+    assert capsys.readouterr().out == "\n    http://here\n\n"
+    made = next(call for call in CALLS if call[:2] == ("Actions", "made"))
+    assert made[4:] == (tmp_path / directory, given.get("robot", "aras_visual_servo"))
+    assert CALLS[-2:] == [("Actions", "close"), ("Keeping", "close")]
+    assert len(graph.lines) == status
+
+
+def test_a_page_that_cannot_be_served_says_why(graph, life, monkeypatch):
+    monkeypatch.setattr(dashboard, "begin_node", life.begin)
+    monkeypatch.setattr(dashboard, "open_wide", lambda: None)
+    monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.live.server",
+                        SimpleNamespace(serve=None))
+    rospy.set_param("~port", 0)
+    assert dashboard.main() == 1 and "parameter ~port" in graph.lines[-1]
+
+    class Missing:
+        def find_spec(self, name, *_):
+            if name.endswith("live.server"):
+                raise ModuleNotFoundError(name="websockets")
+
+    monkeypatch.delitem(sys.modules, "aras_visual_servo_bench.live.server")
+    monkeypatch.setattr(sys, "meta_path", [Missing(), *sys.meta_path])
+    assert dashboard.main() == 1
+    assert graph.lines[-1] == "the live page needs websockets: ./setup.sh --for bench installs it"

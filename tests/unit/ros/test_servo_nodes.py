@@ -1,0 +1,593 @@
+"""The nodes that servo: what they hear reaches the loop, and what is asked of them is done."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import rospy
+from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
+from run_messages import ARM, JOINTS, K, joint_states, made_state
+from sensor_msgs.msg import CameraInfo, Image, JointState
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from aras_visual_servo_base.poses import transform
+from aras_visual_servo_camera import node as camera_module
+from aras_visual_servo_camera.errors import ImageError, VisionError
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_camera.parameters import VisionParameters
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.loop.state import Source
+from aras_visual_servo_controller.ros import control, description, given, goal_topics, inputs, node
+from aras_visual_servo_controller.ros import pictures as picture_input
+from aras_visual_servo_controller.ros.commands import stop_controller
+from aras_visual_servo_controller.ros.depth import depth_of
+from aras_visual_servo_controller.ros.measurements import MeasurementInput
+from aras_visual_servo_controller.seeing.observation import Need
+from aras_visual_servo_controller.settings import CameraEntry, Settings
+
+STAMP = rospy.Time(3, 250_000_000)
+INFO = CameraInfo(width=64, height=48, K=K, D=[0.0] * 5, distortion_model="plumb_bob")
+ENTRY = CameraEntry("eye", "/eye/camera", "/two/camera", "")
+SQUARE = np.array([(-0.1, -0.1), (0.2, -0.1), (0.2, 0.15), (-0.1, 0.15)])
+
+
+class Heard:
+    """In place of the driver: what the loop is told."""
+
+    def __init__(self):
+        self.images, self.told, self.sources, self.stops = [], [], {}, []
+        self.rig = SimpleNamespace(observers={})
+
+    def comes_from(self, camera, source):
+        self.sources[camera] = source
+
+    def image(self, stamp, look, camera):
+        self.images.append((stamp, look("joints", "commands"), camera))
+
+    def joints(self, *given):
+        self.told.append(given)
+
+    def emergency_stop(self, pressed):
+        self.stops.append(pressed)
+
+
+def observer(*needs, labels=False):
+    kinds = ("image", "labels") if labels else ("image",)
+    segmentation = SimpleNamespace(kinds=kinds, label="box")
+    return SimpleNamespace(
+        name="left", needs=set(needs), of_moments=lambda *given, **more: (*given, more),
+        of_image=lambda *given: given,
+        pipeline=SimpleNamespace(settings=SimpleNamespace(segmentation=segmentation)))
+
+
+def moments(valid=True, stamp=STAMP, **more):
+    m = Moments.from_polygon(SQUARE, 3)
+    message = ImageMoments(valid=valid, order=3, m=m.m_array, mu=m.mu_array, width=64, height=48,
+                           K=K, D=[0.0] * 5, distortion_model="plumb_bob", pixel_count=77, **more)
+    message.header.stamp = stamp
+    return message
+
+
+# -- what the loop hears ---------------------------------------------------------------------------
+
+
+def test_moments_reach_the_loop(graph):
+    driver, eye = Heard(), observer(Need.MOMENTS)
+    MeasurementInput(ENTRY, driver, eye)
+    assert driver.sources == {"left": Source("features", "/two/camera/moments", "the camera node")}
+    assert set(graph.subscribers) == {"/two/camera/moments"}
+    assert graph.heard["/two/camera/moments"] == (
+        ImageMoments, {"queue_size": 1, "tcp_nodelay": True})
+    hear = graph.subscribers["/two/camera/moments"]
+    hear(moments(touches_border=True))
+    (stamp, seen, name), = driver.images
+    at, found, valid, reason, camera, joints, commands, more = seen
+    assert (stamp, at, name, valid, reason) == (3.25, 3.25, "left", True, "")
+    assert (camera.width, camera.K) == (64, K) and (joints, commands) == ("joints", "commands")
+    assert more == {"kernel": None, "pixel_count": 77, "touches": ("border",)}
+    np.testing.assert_allclose(found.m_array, Moments.from_polygon(SQUARE, 3).m_array)
+    for message, why in ((moments(valid=False, reason="dark"), "dark"),
+                         (moments(valid=False), "the target is not visible")):
+        hear(message)
+        _, found, valid, reason, *_, more = driver.images[-1][1]
+        assert (found, valid, reason, more["touches"]) == (None, False, why, ())
+    broken = moments()
+    broken.m = broken.m[:4]
+    hear(broken)
+    assert driver.images[-1][1][2] is False and "unusable moments" in driver.images[-1][1][3]
+    blind = moments()
+    blind.K = [0.0] * 9
+    hear(blind)
+    _, _, valid, reason, camera, *_ = driver.images[-1][1]
+    assert not valid and reason and camera.width == 1
+
+
+def test_moments_wait_for_their_kernel_features(graph):
+    driver, eye = Heard(), observer(Need.KERNEL, Need.MOMENTS)
+    MeasurementInput(ENTRY, driver, eye)
+    assert driver.sources["left"] == Source("features", "/two/camera/kernel", "the camera node")
+    hear, kernel = (graph.subscribers[f"/two/camera/{name}"] for name in ("moments", "kernel"))
+    assert graph.heard["/two/camera/kernel"][0] is KernelFeatures
+    numbers = KernelFeatures(data=np.arange(20.0))
+    numbers.header.stamp = STAMP
+    hear(moments())
+    assert not driver.images
+    kernel(numbers)
+    *_, valid, reason, _, _, _, more = driver.images[-1][1]
+    assert valid and not reason and list(more["kernel"]) == list(range(20))
+    later = rospy.Time(4)
+    kernel(KernelFeatures(header=rospy.Header(stamp=later), reason="too small"))
+    hear(moments(stamp=later))
+    assert driver.images[-1][0] == 4.0
+    assert driver.images[-1][1][2:4] == (False, "too small")
+    hear(moments(valid=False, stamp=rospy.Time(5)))  # of which there are none
+    assert driver.images[-1][0] == 5.0 and len(driver.images) == 3
+
+
+def picture(encoding="mono8", stamp=STAMP, value=7, **more):
+    data = np.full((48, 64), value, {"mono8": "u1", "16UC1": "<u2", "32FC1": "<f4"}[encoding])
+    message = Image(height=48, width=64, step=data.strides[0], encoding=encoding,
+                    data=data.tobytes(), **more)
+    message.header.stamp = stamp
+    return message
+
+
+def test_pictures_reach_the_loop_with_their_depth(graph):
+    driver = Heard()
+    heard = picture_input.PictureInput(ENTRY, driver, observer(Need.IMAGE, Need.DEPTH))
+    topics = [f"/eye/camera/{name}" for name in ("camera_info", "image_raw", "depth/image_raw")]
+    assert list(graph.subscribers) == topics and len(heard.subscribers) == 3
+    assert driver.sources["left"] == Source("image", topics[1], "the simulator or camera's driver")
+    plain = {"queue_size": 1, "tcp_nodelay": True}
+    assert [graph.heard[t] for t in topics] == [
+        (CameraInfo, plain), *[(Image, {**plain, "buff_size": 2**24})] * 2]
+    info, image, depth = (graph.subscribers[topic] for topic in topics)
+    image(picture(stamp=rospy.Time(1)))
+    assert not graph.lines
+    image(picture())
+    assert graph.lines == ["images wait for their camera_info"] and graph.periods == [5.0]
+    depth(picture("16UC1", value=1250))
+    bad = CameraInfo(width=64, height=48, K=[0.0] * 9)
+    info(bad)
+    assert graph.lines[-1].startswith("camera_info is of no use: ") and not driver.images
+    info(INFO)
+    (stamp, (at, seen, camera, joints, commands, metres), name), = driver.images
+    assert (stamp, at, name) == (3.25, 3.25, "left")
+    assert (joints, commands) == ("joints", "commands")
+    assert camera.K == K and metres.shape == (48, 64) and metres.dtype == np.float32
+    np.testing.assert_allclose(metres, 1.25, rtol=1e-6)
+    assert (seen.grey == 7).all()
+    info(INFO)
+    depth(picture("32FC1", rospy.Time(5), 0.5))
+    assert len(driver.images) == 1
+    image(picture(stamp=rospy.Time(5)))
+    np.testing.assert_allclose(driver.images[-1][1][5], 0.5)
+    depth(picture("mono8", rospy.Time(6)))
+    image(picture(stamp=rospy.Time(6)))
+    assert graph.lines[-1].startswith("image skipped: depth of encoding 'mono8'")
+    assert len(driver.images) == 2
+    info(bad)  # and images wait again
+    image(picture(stamp=rospy.Time(7)))
+    assert len(driver.images) == 2
+
+
+def test_pictures_without_depth_and_with_labels(graph, monkeypatch):
+    driver = Heard()
+    picture_input.PictureInput(ENTRY, driver, observer(Need.IMAGE, labels=True))
+    assert list(graph.subscribers) == ["/eye/camera/camera_info", "/eye/camera/image_raw"]
+    graph.subscribers["/eye/camera/camera_info"](INFO)
+    graph.subscribers["/eye/camera/image_raw"](picture())
+    assert driver.images[-1][1][5] is None and driver.images[-1][1][1].labelled is None
+    monkeypatch.setattr(picture_input.LabelTopics, "mask", lambda self, message: "the mask")
+    heard = picture_input.PictureInput(ENTRY, driver, observer(Need.CONTOUR, labels=True))
+    assert len(heard.subscribers) == 4
+    graph.subscribers["/eye/camera/camera_info"](INFO)
+    graph.subscribers["/eye/camera/image_raw"](picture())
+    assert len(driver.images) == 1
+    graph.subscribers["/eye/camera/segmentation/image_raw"](picture())
+    assert driver.images[-1][1][1].labelled == "the mask"
+
+
+def test_depth_images_of_either_kind_and_order():
+    message = Image(height=2, width=3, step=8, encoding="16UC1", is_bigendian=1)
+    rows = np.zeros((2, 4), ">u2")
+    rows[:, :3] = [[1000, 2000, 3000], [400, 500, 65535]]
+    message.data = rows.tobytes()
+    np.testing.assert_allclose(depth_of(message), [[1, 2, 3], [0.4, 0.5, 65.535]], rtol=1e-6)
+    message.data = message.data[:-1]
+    with pytest.raises(ImageError, match="15 bytes is too short"):
+        depth_of(message)
+    message.data, message.step = 16 * b"0", 5
+    with pytest.raises(ImageError, match="too short"):
+        depth_of(message)
+    message.encoding = "mono8"
+    with pytest.raises(ImageError, match="encoding 'mono8': send one of 32FC1, 16UC1"):
+        depth_of(message)
+
+
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_joints_images_and_the_emergency_stop_are_heard(graph, lockstep):
+    driver = Heard()
+    eyes = {"a": observer(Need.MOMENTS), "b": observer(Need.CONTOUR)}
+    driver.rig.observers = eyes
+    cameras = {"a": {"features": "/fa"}, "b": {"namespace": "/nb"}}
+    settings = Settings.from_mapping(
+        {"namespace": "/two/", "cameras": cameras, "lockstep": lockstep})
+    heard = inputs.Inputs(settings, driver, "/stop")
+    assert set(graph.subscribers) == {"/two/joint_states", "/fa/moments", "/nb/camera_info",
+                                      "/nb/image_raw", "/stop"}
+    assert graph.heard["/two/joint_states"] == (
+        JointState, {"tcp_nodelay": True, "queue_size": 10 if lockstep else 1})
+    message = joint_states(1.5)
+    graph.subscribers["/two/joint_states"](message)
+    assert driver.told == [(message.name, message.position, message.velocity, 1.5)]
+    assert graph.heard["/stop"][0] is Bool
+    for pressed in (True, False):
+        graph.subscribers["/stop"](Bool(pressed))
+    assert driver.stops == [True, False]
+    heard.close()
+    assert not graph.subscribers
+    inputs.Inputs(settings, driver)
+    assert "/stop" not in graph.subscribers
+
+
+# -- descriptions, parameters, goals ---------------------------------------------------------------
+
+
+def test_a_description_is_looked_for_now_and_then(graph, life, monkeypatch):
+    watch = description.DescriptionWatch("robo")
+    assert watch.new(None) == "" and watch.new(None) == ""
+    assert graph.lines == ["waiting: no robot description on parameter robo yet"]
+    graph.parameters["/robo"] = ARM
+    life.now += 0.19
+    assert watch.new(None) == ""
+    life.now += 0.01001
+    assert watch.new(None) == ARM
+    life.now += 1.0
+    assert watch.new(0) == ""  # nothing has begun since
+    graph.parameters["/robo"] = "<another/>"
+    assert watch.new(0) == ""
+    assert watch.new(1) == "<another/>"
+    life.now += 1.0
+    assert watch.new(1) == "" and watch.new(1) == ""
+    life.now += 1.0
+    graph.parameters["/robo"] = ARM
+    assert watch.new(1) == ""  # looked at for this beginning
+    assert watch.new(2) == ARM
+
+    def gone(*_):
+        raise OSError
+
+    monkeypatch.setattr(rospy, "get_param", gone)
+    life.now += 1.0
+    assert watch.new(3) == ""
+
+
+@pytest.mark.parametrize(("text", "topic"), [
+    ("/halt", "/halt"), (" halt\n", "/two/halt"), ("", ""), (None, "")])
+def test_the_emergency_stop_s_topic(text, topic):
+    plugin = "" if text is None else f"<plugin><eStopTopic>{text}</eStopTopic></plugin>"
+    urdf = f"<robot><gazebo>{plugin}</gazebo></robot>"
+    assert description.e_stop_topic(urdf, "/two/") == topic
+
+
+def test_the_node_s_parameters_are_checked_before_anything_begins(graph, life):
+    rospy.set_param("~scheme", "points")
+    rospy.set_param("~gains/gain", 7.0)
+    settings, mapping = given.given_settings()
+    assert mapping == {"scheme": "points", "lockstep": False}
+    assert settings.scheme == "points" and not settings.lockstep
+    assert (settings.package / "config" / "starts.yaml").is_file()
+    graph.parameters["/gazebo/speed_mode"] = "lockstep"
+    assert given.given_settings()[0].lockstep
+    rospy.set_param("~lockstep", False)
+    assert not given.given_settings()[0].lockstep
+    rospy.set_param("~desired", "missing.yaml")
+    with pytest.raises(ConfigurationError, match=r"missing\.yaml"):
+        given.given_settings()
+    rospy.set_param("~desired", "auto")
+    rospy.set_param("~scheme", "pints")
+    with pytest.raises(ConfigurationError, match="pints"):
+        given.given_settings()
+    with pytest.raises(ConfigurationError, match="no robot description on parameter robo$"):
+        given.robots_settings({"description": "robo"})
+    graph.parameters["/robo"] = ARM
+    settings, arm = given.robots_settings({"description": "robo", "gain": 3.5})
+    assert arm.names == JOINTS and settings.gain == 3.5
+
+
+def test_a_goal_is_announced(graph):
+    topics = goal_topics.GoalTopics("/two")
+    assert {t: (told[1:]) for t, told in graph.told().items()} == {
+        "/two/controller/goal": (1, True), "/two/controller/desired_outline": (1, True)}
+    pose = transform((0.1, 0.2, 0.3), (0.0, 0.0, np.pi / 2))
+    arm = SimpleNamespace(target_frame="", base_frame="base", camera_frame="eye")
+    goal = SimpleNamespace(outline=lambda: SQUARE)
+    servo = SimpleNamespace(beyond="", arm=arm, resolver=SimpleNamespace(goal=pose), goal=goal)
+    topics.announce(servo)
+    told, = graph.publishers["/two/controller/goal"].sent
+    assert told.header.frame_id == "base" and not graph.lines
+    assert (told.pose.position.x, told.pose.position.y, told.pose.position.z) == (0.1, 0.2, 0.3)
+    assert (told.pose.orientation.z, told.pose.orientation.w) == pytest.approx((0.5**0.5,) * 2)
+    outline, = graph.publishers["/two/controller/desired_outline"].sent
+    assert outline.header.frame_id == "eye"
+    points = [(p.x, p.y, p.z) for p in outline.polygon.points]
+    np.testing.assert_allclose(points, [(*row, 1.0) for row in SQUARE], atol=1e-7)
+    arm.target_frame, servo.beyond = "hand", "too far"
+    topics.announce(servo)
+    assert graph.publishers["/two/controller/goal"].sent[-1].header.frame_id == "hand"
+    assert graph.lines == ["too far; the arm goes as near as it can"]
+    servo.resolver.goal = None
+    topics.announce(servo)
+    assert len(graph.publishers["/two/controller/goal"].sent) == 2
+    assert len(graph.publishers["/two/controller/desired_outline"].sent) == 3
+
+
+def test_a_controller_is_stopped_where_there_is_one(graph, life):
+    assert stop_controller("/two") is False
+    asked = []
+    rospy.Service("/two/controller/stop", Trigger, lambda _: asked.append(1) or (
+        Trigger._response_class(True, "")))
+    assert stop_controller("/two") is True and asked == [1]
+    assert life.waited == [("/two/controller/stop", 0.5)] * 2
+
+
+# -- what others ask of the loop -------------------------------------------------------------------
+
+
+class Server:
+    """In place of actionlib's."""
+
+    def __init__(self, name, kind, execute, auto_start):
+        self.given, self.execute, self.started = (name, kind, auto_start), execute, False
+        self.ended, self.feedback, self.preempted, self.statuses = [], [], False, 0
+        self.action_server = SimpleNamespace(
+            status_timer=SimpleNamespace(shutdown=lambda: self.ended.append("timer")),
+            publish_status=self._status)
+
+    def _status(self):
+        self.statuses += 1
+        if self.statuses == 2:
+            raise rospy.ROSException("closed")
+
+    def start(self):
+        self.started = True
+
+    def is_preempt_requested(self):
+        return self.preempted
+
+    def publish_feedback(self, message):
+        self.feedback.append(message)
+
+    def __getattr__(self, name):
+        return lambda result: self.ended.append((name, result))
+
+
+@pytest.fixture
+def asked(graph, life, monkeypatch):
+    done = []
+    outcome = SimpleNamespace(kind="running", reason="", mend="")
+    servo = SimpleNamespace(phase="servoing", outcome=outcome, reason="")
+    driver = SimpleNamespace(servo=servo, done=done, **{
+        name: lambda *words, n=name: done.append((n, *words))
+        for name in ("start", "stop", "hold")})
+    owner = SimpleNamespace(driver=driver, face=SimpleNamespace(latest=None))
+    made = []
+    monkeypatch.setattr(control, "SimpleActionServer", lambda *given, **more: (
+        made.append(Server(*given, **more)), made[-1])[1])
+    monkeypatch.setattr(control, "threading", SimpleNamespace(Thread=life.thread))
+    control.Control("/two", owner)
+    owner.server, owner.life = made[0], life
+    return owner
+
+
+def goal(timeout=0.0):
+    return SimpleNamespace(timeout=timeout)
+
+
+def test_services_and_status_of_the_loop(graph, asked):
+    for name in ("start", "stop", "hold"):
+        answer = graph.call(f"/two/controller/{name}")
+        assert answer.success and answer.message == f"{name}: servoing"
+        assert graph.types[f"/two/controller/{name}"] is Trigger
+    assert asked.driver.done == [("start",), ("stop",), ("hold",)]
+    name, kind, auto = asked.server.given
+    assert (name, kind.__name__, auto) == ("/two/servo_to_target", "ServoToTargetAction", False)
+    assert asked.server.started and asked.server.ended == ["timer"]
+    thread, = asked.life.threads
+    assert (thread.name, thread.daemon, thread.started) == ("status", True, True)
+    asked.life.steps = [lambda: None] * 3
+    thread.target()
+    assert asked.server.statuses == 4 and asked.life.slept == [0.2] * 4
+
+
+def test_an_action_succeeds_when_the_loop_has_converged(asked):
+    state = made_state(1.0)
+    asked.face.latest = made_state(0.5, "converged")  # of before
+    asked.life.steps = [lambda: setattr(asked.face, "latest", state), lambda: None,
+                        lambda: setattr(asked.face, "latest", made_state(2.0, "converged",
+                                                                         outcome="converged"))]
+    asked.server.execute(goal())
+    assert asked.driver.done == [("start",)] and asked.life.slept == [0.05] * 3
+    (_, (name, result)) = asked.server.ended
+    assert (name, result.outcome, result.reason) == ("set_succeeded", "converged", "slow")
+    last = made_state(2.0).decision
+    assert list(result.feature_names) == list(last.names)
+    np.testing.assert_allclose(result.error, last.error)
+    first = asked.server.feedback[0]
+    assert (first.phase, first.outcome, first.rank) == ("servoing", "running", 2)
+    np.testing.assert_allclose(first.error, state.decision.error)
+    np.testing.assert_allclose(first.margins, state.resolution.margins)
+    assert list(first.feature_names) == list(state.decision.names)
+
+
+def test_an_action_ends_as_the_loop_or_somebody_wants(asked):
+    servo, server = asked.driver.servo, asked.server
+    server.preempted = True
+    server.execute(goal())
+    assert asked.driver.done == [("start",), ("stop", "preempted")]
+    name, result = server.ended[-1]
+    assert (name, result.outcome, result.reason, result.mend) == (
+        "set_preempted", "stopped", "preempted", "")
+    assert list(result.feature_names) == []
+    server.preempted, servo.phase, servo.reason = False, "stopped", "by hand"
+    servo.outcome.kind, servo.outcome.mend = "lost", "look"
+    server.execute(goal())
+    name, result = server.ended[-1]
+    assert (name, result.outcome, result.reason, result.mend) == (
+        "set_aborted", "lost", "by hand", "look")
+    servo.outcome.reason = "no image"
+    server.execute(goal())
+    assert server.ended[-1][1].reason == "no image"
+    assert not server.feedback
+
+
+@pytest.mark.parametrize(("kind", "reason", "told"), [
+    ("running", "", ("timed_out", "not converged within 0.2 s")),
+    ("stuck", "a limit", ("stuck", "a limit"))])
+def test_an_action_has_its_time(asked, kind, reason, told):
+    asked.driver.servo.outcome = SimpleNamespace(kind=kind, reason=reason, mend="mend it")
+    asked.life.steps = [lambda: None] * 9
+    asked.server.execute(goal(0.2))
+    name, result = asked.server.ended[-1]
+    assert (name, result.outcome, result.reason, result.mend) == ("set_aborted", *told, "mend it")
+    assert 4 <= len(asked.life.slept) <= 5
+    assert asked.driver.done[-1] == ("stop", "the time for it is over")
+
+
+# -- the controller node ---------------------------------------------------------------------------
+
+
+def test_the_controller_is_built_for_the_robot_and_anew_for_another(graph, life, monkeypatch):
+    made = []
+    monkeypatch.setattr(node, "Control", lambda *given: (
+        made.append(("control", *given)), "served")[1])
+    monkeypatch.setattr(node, "GainServer", lambda owner: made.append(("gains", owner)))
+    monkeypatch.setattr(node, "node_main", lambda name, about, run, fault: (
+        made.append((name, about, fault)), run(), 4)[-1])
+    monkeypatch.setattr(node, "compile_all", lambda: made.append("compiled"))
+    from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
+
+    urdf = Robot(RobotSpec()).urdf
+    stop = "<gazebo><plugin><eStopTopic>halt</eStopTopic></plugin></gazebo></robot>"
+    urdf = urdf.replace("</robot>", stop)
+    for key, value in {"namespace": "/two/", "command_topic": "both", "start": "none",
+                       "output": "velocity"}.items():
+        rospy.set_param(f"~{key}", value)
+    graph.parameters["/robot_description"] = ""
+
+    def appear():
+        graph.parameters["/robot_description"] = urdf
+        life.now += 1.0
+
+    def heard():
+        assert "/two/joint_states" in graph.subscribers and "/two/halt" in graph.subscribers
+        found["first"] = graph.publishers["/two/both"]
+
+    def another():
+        graph.parameters["/robot_description"] = urdf + " "
+        message = JointState(name=list(found["names"]), position=[0.0] * 6)
+        message.header.stamp = rospy.Time(11)
+        graph.subscribers["/two/joint_states"](message)
+        life.now += 1.0
+
+    def names():
+        (_, space, owner), = [one for one in made if one[0] == "control"]
+        assert space == "/two" and ("gains", owner) in made
+        found.update(names=owner.face.names, owner=owner, driver=owner.driver)
+
+    found = {}
+    life.steps = [appear, heard, names, another, lambda: None, lambda: None]
+    assert node.main() == 4
+    assert made[:2] == ["compiled", ("aras_visual_servo_controller", node.__doc__,
+                                     ConfigurationError)]
+    assert len([one for one in made if one[0] == "control"]) == 1
+    assert len([line for line in graph.lines if line.startswith("scheme moments, start none")]) == 2
+    assert "camera_optical_frame moved by gantry, J1" in "".join(graph.lines)
+    assert found["owner"].driver is not found["driver"] and found["first"].impl is None
+    assert 0.02 in life.slept and len(graph.publishers["/two/controller/goal"].sent) == 2
+    close, = life.ending
+    close()
+    assert graph.publishers["/two/both"].sent[-1].data == [0.0] * 6
+    assert found["owner"].driver.servo.phase == "stopped" and "/two/halt" not in graph.subscribers
+
+
+# -- the camera node -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def camera(graph, life, monkeypatch):
+    it = camera_module.CameraNode(VisionParameters.from_mapping({"log_period": 2.0}))
+    it.graph, it.life = graph, life
+    it.hear = lambda name, message: graph.subscribers[f"/labrob/camera/{name}"](message)
+    return it
+
+
+def dark_square(stamp=STAMP):
+    pixels = np.full((48, 64), 255, np.uint8)
+    pixels[10:30, 20:40] = 0
+    message = picture(stamp=stamp)
+    message.data = pixels.tobytes()
+    return message
+
+
+def told(graph):
+    return next(p for t, p in graph.publishers.items() if t.endswith("camera/moments")).sent
+
+
+def test_the_camera_node_measures_what_it_hears(camera, graph):
+    options = {"queue_size": 1, "tcp_nodelay": True, "buff_size": 2**24}
+    assert graph.heard["/labrob/camera/camera_info"] == (CameraInfo, options)
+    assert graph.heard["/labrob/camera/image_raw"] == (Image, options)
+    camera.hear("image_raw", dark_square())
+    assert not told(graph)[-1].valid
+    assert "no camera_info on /labrob/camera/camera_info yet" in told(graph)[-1].reason
+    camera.hear("camera_info", INFO)
+    camera.hear("image_raw", dark_square())
+    assert told(graph)[-1].valid and told(graph)[-1].pixel_count == 400
+    assert told(graph)[-1].header.stamp == STAMP
+    before, broken = len(told(graph)), dark_square()
+    broken.encoding = "none"
+    for wait in (0.0, 1.9, 0.2):
+        camera.life.now += wait
+        camera.hear("image_raw", broken)
+    assert len(told(graph)) == before
+    skipped = [line for line in graph.lines if line.startswith("image skipped: ")]
+    assert len(skipped) == 2
+    camera.hear("camera_info", CameraInfo(width=64, height=48, K=[0.0] * 9))
+    camera.hear("image_raw", dark_square())
+    assert not told(graph)[-1].valid and "yet" not in told(graph)[-1].reason
+
+
+def test_a_clock_that_goes_back_begins_the_pipeline_anew(camera, monkeypatch):
+    resets = []
+    monkeypatch.setattr(camera.pipeline, "reset", lambda: resets.append(1))
+    for stamp, count in ((3.0, 0), (3.0, 0), (4.0, 0), (2.0, 1), (3.0, 1)):
+        camera.hear("image_raw", dark_square(rospy.Time.from_sec(stamp)))
+        assert len(resets) == count
+
+
+def test_the_camera_node_says_what_it_waits_for(camera, graph, life):
+    life.steps = [lambda s=s: setattr(life, "now", life.now + s) for s in (1.7, 0.3, 0.0)]
+    camera.watch()
+    assert graph.lines == ["waiting for images on /labrob/camera/image_raw"]
+    assert set(life.slept) == {0.2}
+
+
+def test_the_camera_node_s_main(graph, life, monkeypatch):
+    made = []
+    monkeypatch.setattr(camera_module, "compile_all", lambda: made.append("compiled"))
+    monkeypatch.setattr(camera_module, "node_main", lambda *given: (
+        made.append((*given[:2], given[3])), given[2](), 3)[-1])
+    assert camera_module.main() == 3
+    assert made == ["compiled", ("aras_visual_servo_camera", camera_module.__doc__, VisionError)]
+    assert graph.lines[0].startswith("camera node ready, layout '")
+    rospy.set_param("~segmentation", "label")
+    rospy.set_param("~label", "box")
+    life.down, life.now = False, life.now + 6.0
+    life.steps = [lambda: setattr(life, "now", life.now + 6.0), lambda: None]
+    camera_module.main()
+    assert graph.lines[-1].endswith("image_raw and /labrob/camera/segmentation/image_raw")

@@ -211,6 +211,9 @@ def test_groups_are_those_of_pandas(look, table):
         assert one["failure"] in ([f"{n} × {end}" for end, n in ends.items() if n == ends.max()]
                                   or [""])  # fmt: skip
     assert groups == {}
+    (whole,) = queries.groups(look, queries.GroupsAsked())["groups"]
+    ends = table[table.success != 1].end.fillna("unknown").value_counts()
+    assert whole["failure"] == f"{ends.iloc[0]} × {ends.index[0]}"
     many = queries.groups(look, queries.GroupsAsked(by=("name", "word")))
     assert (many["count"], len(many["groups"])) == (
         table.dropna(subset=["word"]).groupby(["name", "word"]).ngroups, 200)  # fmt: skip

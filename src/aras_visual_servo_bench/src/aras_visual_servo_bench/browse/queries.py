@@ -327,8 +327,8 @@ def groups(look: Snapshot, asked: GroupsAsked) -> dict[str, Any]:
 def _failures(
     look: Snapshot, at: np.ndarray, group: np.ndarray, good: np.ndarray
 ) -> dict[int, str]:
-    """By group, how most of its runs without success ended, and how many."""
-    failed = (good != 1.0) & (group >= 0)
+    """By group, how most of its runs without success ended, and how many; -1: in no group."""
+    failed = good != 1.0
     if not failed.any():
         return {}
     ends = look.table[END].take(pa.array(at[failed]))

@@ -105,7 +105,7 @@ def _success_bars(all_results: Sequence[Results], keys: Sequence[str]) -> Figure
     axis.set_yticks(rows, names)
     axis.set(xlim=(0.0, 103.0), xlabel="runs with success (%), Wilson's 95 % interval",
              title=f"Success by {_named(keys[0])}" if keys else "Success")
-    axis.grid(axis="y", visible=False)
+    axis.yaxis.grid(False)
     return figure
 
 
@@ -200,7 +200,7 @@ def boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Figure |
         first = number_ % columns == 0
         axis.set_yticks(range(1, len(groups) + 1),
                         [name for name, *_ in groups[::-1]] if first else [])
-        axis.grid(axis="y", visible=False)
+        axis.yaxis.grid(False)
     return figure
 
 

@@ -96,9 +96,9 @@ def drawn(
     if alone and layout.beside:
         heading(axes[1], layout.beside)
     if not alone:
-        legend(axes[columns - 1], 3 if columns > 1 else 4, **(NARROW if columns > 1 else {}))
+        legend(axes[columns - 1], **(NARROW if columns > 1 else {}))
     elif columns > 1 and is_paper():
-        legend(axes[0], 2, **NARROW)
+        legend(axes[0], **NARROW)
     for axis, panel in zip(axes, panels, strict=True) if alone and columns == 1 else ():
         labels = axis.get_legend_handles_labels()[1]
         if len(labels) <= MOST_NAMES and labels != [symbol(panel.axis)]:

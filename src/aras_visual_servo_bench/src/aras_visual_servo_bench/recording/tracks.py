@@ -125,8 +125,8 @@ def milestones(run: Run, parts: Sequence[float] = (1.0, 0.7, 0.4, 0.2, 0.08, 0.0
     What happens is told by the way that is left, not by the clock: most of a run is waiting for
     its end.
     """
-    known = np.isfinite(run.error).all(axis=1) if run.error.size else np.zeros(0, bool)
-    if not known.any():
+    known = np.isfinite(run.error).all(axis=1)
+    if not run.names or not known.any():
         return [float(stamp) for stamp in run.stamp[[0, -1]]] if len(run.stamp) > 1 else []
     stamp, size = run.stamp[known], np.linalg.norm(scaled(run.error[known]), axis=1)
     size = size / max(size[0], 1e-300)

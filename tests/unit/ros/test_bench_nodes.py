@@ -1,0 +1,710 @@
+"""Smaller nodes and tools of the bench on a graph, and the programs that start them."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import runpy
+import signal
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+import rosbag
+import rosgraph
+import rospy
+from gazebo_msgs.srv import GetModelState, SetModelState
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from run_messages import ARM, joint_states
+from sensor_msgs.msg import CompressedImage
+from std_msgs.msg import Header, String
+
+from aras_visual_servo_bench.errors import BenchError
+from aras_visual_servo_bench.ros import (
+    decompress,
+    demo,
+    describe,
+    mcap,
+    move_target,
+    processes,
+    target_link,
+    target_place,
+    watch,
+)
+from aras_visual_servo_bench.study import versions
+from aras_visual_servo_controller.errors import ServoError
+from aras_visual_servo_ros import shutdown
+from conftest import SOURCES
+
+# -- programs --------------------------------------------------------------------------------------
+
+STARTED = {  # program: module whose main it runs
+    **{f"aras_visual_servo_bench/nodes/{name}": f"aras_visual_servo_bench.ros.{name}" for name in (
+        "dashboard", "decompress", "demo", "describe", "markers", "move_target", "target_link")},
+    "aras_visual_servo_bench/nodes/bench": "aras_visual_servo_bench.commands",
+    "aras_visual_servo_camera/nodes/aras_visual_servo_camera_node": "aras_visual_servo_camera.node",
+    "aras_visual_servo_controller/nodes/aras_visual_servo_controller_node":
+        "aras_visual_servo_controller.ros.node",
+    "aras_visual_servo_controller/nodes/aras_teleop": "aras_visual_servo_controller.ros.teleop",
+    "aras_visual_servo_controller/nodes/teach": "aras_visual_servo_controller.goals.teach",
+    **{f"aras_sim_bridge/nodes/{name}": f"aras_sim_bridge.ros.cli.{name}" for name in (
+        "controller_group", "controller_manager", "spawn_model", "spawner", "unspawner")},
+    "aras_sim_bridge/nodes/gazebo": "aras_sim_bridge.ros.runtime.node",
+    **{f"upstream_names/controller_manager/scripts/{name}": f"aras_sim_bridge.ros.cli.{name}"
+       for name in ("controller_group", "controller_manager", "spawner", "unspawner")},
+    **{f"upstream_names/gazebo_ros/scripts/{name}": f"aras_sim_bridge.ros.cli.{name}"
+       for name in ("gzclient", "gzserver", "spawn_model")},
+}
+
+
+@pytest.mark.parametrize("program", STARTED)
+def test_a_program_ends_with_the_status_of_its_module(monkeypatch, program):
+    module = importlib.import_module(STARTED[program])
+    before, heard = signal.getsignal(signal.SIGINT), []
+    monkeypatch.setattr(module, "main", lambda *_: (
+        heard.append(signal.getsignal(signal.SIGINT)), 7)[1])
+    try:
+        with pytest.raises(SystemExit) as ended:
+            runpy.run_path(str(SOURCES / program), run_name="__main__")
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert ended.value.code == 7
+    early = "signal.signal" in (SOURCES / program).read_text()
+    bench = program.startswith("aras_visual_servo_bench/") or program.endswith(("teleop", "teach"))
+    assert early is not bench  # of the others a Ctrl-C while they begin leaves no traceback
+    assert heard == [signal.SIG_DFL if early else before]
+
+
+XACRO = SOURCES / "upstream_names/xacro/scripts"
+
+
+@pytest.mark.parametrize("name", ["xacro", "xacro.py"])
+def test_xacro_finds_packages_and_takes_older_options(monkeypatch, capsys, tmp_path, name):
+    pytest.importorskip("xacro")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(SOURCES))
+    file = tmp_path / "a.xacro"
+    monkeypatch.setattr(sys, "argv", ["xacro", "--inorder", "-i", str(file)])
+    for key in ("ament_index_python", "ament_index_python.packages"):
+        monkeypatch.delitem(sys.modules, key, raising=False)
+    monkeypatch.setattr(sys, "path", [str(XACRO), *sys.path])
+    template = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="$(find {})"/>'
+    for package, status in (("aras_sim_bridge", None), ("no_such_package", 1)):
+        file.write_text(template.format(package))
+        with pytest.raises(SystemExit) as ended:
+            runpy.run_path(str(XACRO / name), run_name="__main__")
+        told = capsys.readouterr()
+        assert bool(ended.value.code) is bool(status)
+        if status:
+            assert f"there is no such package in {SOURCES}" in f"{ended.value.code}{told.err}"
+        else:
+            assert f'name="{SOURCES / "aras_sim_bridge"}"' in told.out
+    assert str(XACRO) not in sys.path
+
+
+def test_rviz_takes_the_program_s_place_where_there_is_a_display(monkeypatch, capsys):
+    path = str(SOURCES / "aras_visual_servo_bench/scripts/show_rviz")
+    run = runpy.run_path(path)
+    begun = []
+    monkeypatch.setattr(os, "execvp", lambda *given: begun.append(given))
+    monkeypatch.setattr(sys, "argv", ["show_rviz", "-d", "x"])
+    monkeypatch.setenv("DISPLAY", "far:10.0")  # over ssh
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    assert run["main"]() == 0 and not begun
+    assert capsys.readouterr().err == (
+        "show_rviz: no window: rviz is not installed; the run goes on without it\n")
+    monkeypatch.setattr("shutil.which", lambda name: "/usr/bin/rviz" if name == "rviz" else None)
+    assert run["main"]() == 1 and begun == [("rviz", ["rviz", "-d", "x"])]
+    monkeypatch.delenv("DISPLAY")
+    assert run["main"]() == 0 and len(begun) == 1
+    assert "DISPLAY is not set" in capsys.readouterr().err
+    asked = []
+
+    class Socket:
+        def __init__(self, family):
+            assert family == run["socket"].AF_UNIX
+
+        def __enter__(self):
+            return self
+        def __exit__(self, *_):
+            return None
+
+        def connect_ex(self, address):
+            asked.append(address)
+            return 0 if address == "\0/tmp/.X11-unix/X31" else 2
+
+    monkeypatch.setattr(run["socket"], "socket", Socket)
+    for display, why in ((":31", ""), ("unix:31.2", ""),
+                         (":32.0", "nobody answers on display :32.0")):
+        assert run["missing"](display) == why
+    assert asked[:2] == ["/tmp/.X11-unix/X31", "\0/tmp/.X11-unix/X31"]
+
+
+# -- shutdown --------------------------------------------------------------------------------------
+
+
+def test_a_node_runs_and_its_fault_is_one_line(graph, monkeypatch):
+    done = []
+    monkeypatch.setattr(shutdown, "begin_node", lambda *given, **more: done.append((given, more)))
+    monkeypatch.setattr(shutdown, "open_wide", lambda: done.append("open"))
+    run = lambda: done.append("run")  # noqa: E731
+    assert shutdown.node_main("n", "about", run, ValueError, anonymous=True) == 0
+    assert done == [(("n", "about"), {"anonymous": True}), "open", "run"]
+
+    def fail():
+        raise ValueError("why % not")
+
+    assert shutdown.node_main("n", "about", fail, ValueError) == 1
+    assert graph.lines == ["why % not"]
+    with pytest.raises(ValueError, match="why"):
+        shutdown.node_main("n", "about", fail, KeyError)
+
+
+def test_beats_go_on_until_the_node_or_the_master_ends(graph, life, monkeypatch, capsys):
+    life.steps = [lambda: None] * 3
+    assert len(list(shutdown.beats(0.25))) == 4 and set(life.slept) == {0.25}
+    life.down, ended = False, []
+    life.steps = [lambda: None] * 99
+    monkeypatch.setattr(rospy, "signal_shutdown", lambda why: ended.append(why) or (
+        setattr(life, "down", True)))
+
+    def gone():
+        raise OSError
+
+    monkeypatch.setattr(graph, "getPid", gone)
+    assert 1 < len(list(shutdown.beats(0.25))) < 9
+    assert ended == ["the ROS master does not answer any more"]
+    assert capsys.readouterr().err == f"{rospy.get_name()[1:]}: {ended[0]}: ending\n"
+
+
+def test_a_node_begins_with_our_signals_or_tells_what_it_is(monkeypatch, capsys):
+    begun = []
+    monkeypatch.setattr(shutdown, "end_on_signals", lambda: begun.append("signals"))
+    monkeypatch.setattr(rospy, "init_node", lambda name, **more: begun.append((name, more)))
+    monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: False)
+    monkeypatch.setattr(sys, "argv", ["n", "x"])
+    shutdown.begin_node("n", "about", anonymous=True)
+    assert begun == ["signals", ("n", {"disable_signals": True, "anonymous": True})]
+    monkeypatch.setattr(sys, "argv", ["n", "x", "--help"])
+    shutdown.begin_node("n")
+    assert len(begun) == 4
+    for word in ("-h", "--help"):
+        monkeypatch.setattr(sys, "argv", ["n", word])
+        with pytest.raises(SystemExit) as ended:
+            shutdown.begin_node("n", "\nabout\n")
+        assert ended.value.code == 0 and len(begun) == 4
+        assert capsys.readouterr().out == (
+            "about\n\nTakes no options: its parameters are ROS's (_name:=value).\n")
+
+    def fail(*_, **__):
+        raise rospy.ROSInitException("why")
+
+    monkeypatch.setattr(rospy, "init_node", fail)
+    with pytest.raises(rospy.ROSInitException):
+        shutdown.begin_node("n")
+    monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: True)
+    with pytest.raises(SystemExit) as ended:
+        shutdown.begin_node("n")
+    assert ended.value.code == 130
+    shutdown._began.set()
+
+
+# -- a moved target --------------------------------------------------------------------------------
+
+
+def test_a_target_is_moved_from_where_it_lies(graph, life, monkeypatch, capsys):
+    from aras_visual_servo_ros import shutdown as module
+
+    asked, faults = [], []
+    monkeypatch.setattr(module, "begin_node", life.begin)
+    monkeypatch.setattr(rospy, "Rate", lambda rate: SimpleNamespace(
+        sleep=lambda: life.sleep(1 / rate)))
+    words = ["velocity=[0.01, 0, 0, 0, 0, 0.1]", "__name:=x"]
+    monkeypatch.setattr(sys, "argv", ["move_target", *words])
+    assert move_target.main() == 1
+    assert capsys.readouterr().err.startswith("move_target: no simulation answers within 10 s: ")
+    assert life.waited == [("/gazebo/set_model_state", 10.0)]
+    half = 0.5**0.5
+    lay = Pose(Point(0.1, 0.2, 0.3), Quaternion(0, 0, half, half))
+
+    def put(request):
+        asked.append(request.model_state)
+        if faults:
+            raise faults.pop()
+        return SetModelState._response_class(success=True)
+
+    found = {"success": True, "pose": lay}
+    rospy.Service("/gazebo/get_model_state", GetModelState, lambda request: (
+        graph.lines.append(request.model_name),
+        GetModelState._response_class(**found))[1])
+    rospy.Service("/gazebo/set_model_state", SetModelState, put)
+    life.steps = [lambda: None] * 60
+    assert move_target.main() == 0
+    assert life.begun[0] == (("move_target",), {"anonymous": True})
+    assert graph.lines == ["target"] and len(asked) == 61
+    assert graph.proxies[-1][2] == {"persistent": True}
+    assert {(s.model_name, s.reference_frame) for s in asked} == {("target", "world")}
+    first, last = asked[0].pose, asked[-1].pose
+    assert (first.position.x, first.position.y) == pytest.approx((0.1, 0.2))
+    # A second at 0.01 m/s and 0.1 rad/s.
+    moved = np.hypot(last.position.x - 0.1, last.position.y - 0.2)
+    assert moved == pytest.approx(0.01, rel=1e-3) and last.position.z == pytest.approx(0.3)
+    turned = 2 * np.arctan2(last.orientation.z, last.orientation.w)
+    assert turned == pytest.approx(np.pi / 2 + 0.1)
+    life.down, life.steps = False, [lambda: None] * 9
+    faults.append(rospy.ServiceException("gone"))
+    assert move_target.main(["circle=0.02", "frequency=0.2", "--model", "box"]) == 0
+    assert len(asked) == 62 and asked[-1].model_name == graph.lines[-1] == "box"
+    found.update(success=False, status_message="none of them")
+    assert move_target.main(["circle=0.02", "frequency=0.2", "--model", "box"]) == 1
+    assert "has no model 'box' (none of them): launch it" in capsys.readouterr().err
+    for words, why in ((["circle=1"], "frequency"), (["begin=2"], "nothing moves: say velocity"),
+                       (["circl=1"], "circle"), (["nonsense"], "nonsense")):
+        assert move_target.main(words) == 1 and why in capsys.readouterr().err
+
+    def interrupted(*_):
+        raise rospy.ROSInterruptException
+
+    monkeypatch.setattr(rospy, "wait_for_service", interrupted)
+    assert move_target.main(["circle=0.02", "frequency=0.2"]) == 0
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(("module", "usage", "words", "example"), [
+    (move_target, "move_target [-h] [--model MODEL] [key=value ...]",
+     ["velocity, circle, ...", "name of the model"], "circle=0.02 frequency=0.2"),
+    (target_link, "target_link [-h] --world WORLD link {mesh,start}",
+     ["MODEL::LINK; MODEL where only one link of it is seen", "path of the file in which"],
+     "crate --world a.world start"),
+])
+def test_a_tool_s_help_has_an_example(module, usage, words, example, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "200")
+    with pytest.raises(SystemExit):
+        module.main(["--help"])
+    told, name = capsys.readouterr().out, usage.split()[0]
+    assert told.startswith(f"usage: {usage}\n")
+    assert all(word in told for word in (module.__doc__.splitlines()[0], *words))
+    assert told.strip().endswith(f"example: rosrun aras_visual_servo_bench {name} {example}")
+
+
+# -- pictures of a bag -----------------------------------------------------------------------------
+
+
+def test_compressed_pictures_are_passed_on_raw(graph, life, monkeypatch):
+    monkeypatch.setattr(decompress, "begin_node", life.begin)
+    spun = []
+    monkeypatch.setattr(rospy, "spin", lambda: spun.append(1))
+    rospy.set_param("~camera", "/eye/camera/")
+    assert decompress.main() == 0 and spun == [1]
+    assert life.begun == [(("decompress", decompress.__doc__), {})]
+    publisher = graph.publishers["/eye/camera/image_raw"]
+    assert publisher.options == {"queue_size": 2}
+    kind, options = graph.heard["/eye/camera/image_raw/compressed"]
+    assert kind is CompressedImage and options == {"queue_size": 2}
+    hear = graph.subscribers["/eye/camera/image_raw/compressed"]
+    header = Header(stamp=rospy.Time(3, 5), frame_id="eye")
+    colour = np.zeros((4, 6, 3), np.uint8)
+    colour[..., 0], colour[2:, :, 2] = 200, 90
+    alpha = np.dstack([colour, np.full((4, 6), 255, np.uint8)])
+    for pixels, encoding, raw in ((colour, "rgb8", colour[..., ::-1]),
+                                  (alpha, "rgb8", colour[..., ::-1]),
+                                  (colour[..., 0], "mono8", colour[..., 0])):
+        data = cv2.imencode(".png", pixels)[1].tobytes()
+        hear(CompressedImage(header=header, format="png", data=data))
+        sent = publisher.sent[-1]
+        assert (sent.header, sent.encoding, sent.height, sent.width) == (header, encoding, 4, 6)
+        assert bytes(sent.data) == raw.tobytes()
+    deep = cv2.imencode(".png", np.zeros((4, 6), np.uint16))[1].tobytes()
+    for data in (b"no picture", deep):
+        hear(CompressedImage(format="odd", data=data))
+    assert graph.lines == ["/eye/camera/image_raw/compressed: a picture (odd) cannot be read"] * 2
+    assert graph.periods == [5.0, 5.0] and len(publisher.sent) == 3
+    life.down = True
+    hear(CompressedImage(format="png", data=cv2.imencode(".png", colour)[1].tobytes()))
+    assert len(publisher.sent) == 3
+
+
+# -- what repeats a run ----------------------------------------------------------------------------
+
+
+def test_a_run_is_described_when_something_of_it_is_new(graph, life, monkeypatch):
+    from aras_visual_servo_ros import shutdown as module
+
+    near, far = (Pose(Point(x, 0.0, 0.0), Quaternion()) for x in (1e-6, 0.1))
+    places = iter([Pose(), near, *[far] * 10])
+    robots = []
+    monkeypatch.setattr(target_place.TargetPlace, "of", lambda self, robot: (
+        robots.append(robot), PoseStamped(pose=next(places)))[1])
+    monkeypatch.setattr(module, "begin_node", life.begin)
+    monkeypatch.setattr(versions, "versions", lambda: {"numpy": "1"})
+    monkeypatch.setattr(versions, "code", lambda: "abc")
+    monkeypatch.setattr(describe, "launches", lambda: [["pkg", "a.launch"]])
+    graph.parameters |= {"/robot_description": ARM, "/servo/desired": "2015"}
+    rospy.set_param("~controller", "/servo")
+    life.steps = [lambda: None] * 5 + [lambda: rospy.set_param("/more", 1)] + [lambda: None] * 5
+    assert describe.main() == 0
+    assert life.begun == [(("describe", describe.__doc__), {"disable_rostime": True})]
+    assert set(life.slept) == {0.2} and set(robots) == {"two"}
+    told = graph.told()
+    assert told["/aras_visual_servo/experiment"] == (String, 1, True)
+    assert told["/aras_visual_servo/target"] == (PoseStamped, 1, True)
+    first, second = (json.loads(one.data) for one in
+                     graph.publishers["/aras_visual_servo/experiment"].sent)
+    assert first["controller"] == "/servo" and first["format"] == 1
+    assert first["launch"] == [["pkg", "a.launch"]]
+    assert first["versions"] == {"numpy": "1", "code": "abc"}
+    assert set(first["goals"]) == {"goal_2015.yaml", "goal_2016.yaml"}
+    assert "more" not in first["parameters"] and second["parameters"]["more"] == 1
+    lay = [one.pose.position.x for one in graph.publishers["/aras_visual_servo/target"].sent]
+    assert lay == [0.0, 0.1]
+
+
+def test_launches_of_the_same_master_are_found(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_MASTER_URI", "http://here:1/")
+    for pid, words, master in (
+        (9, ["python3", "/opt/bin/roslaunch", "p", "a.launch", "x:=1"], "http://here:1"),
+        (10, ["/opt/bin/roslaunch", "p", "b.launch"], "http://here:1/"),
+        (11, ["roslaunch", "p", "c.launch"], "http://there:1"),
+        (12, ["vi", "a", "b", "roslaunch"], "http://here:1"),
+    ):
+        entry = tmp_path / str(pid)
+        entry.mkdir()
+        (entry / "cmdline").write_bytes("\0".join([*words, ""]).encode())
+        (entry / "environ").write_bytes(f"A=b=c\0ROS_MASTER_URI={master}\0".encode())
+    (tmp_path / "13").mkdir()
+    (tmp_path / "self").mkdir()
+    assert describe.launches(tmp_path) == [["p", "a.launch", "x:=1"], ["p", "b.launch"]]
+
+
+# -- the demo's watch ------------------------------------------------------------------------------
+
+
+def test_a_demo_follows_the_controller(graph, monkeypatch):
+    begun = []
+    monkeypatch.setattr(rospy, "init_node", lambda name, **more: begun.append((name, more)))
+    progress = watch.Watch().progress
+    assert begun == [("aras_visual_servo_demo", dict.fromkeys(
+        ("anonymous", "disable_signals", "disable_rostime"), True))]
+    assert progress == watch.WatchedRun()
+    graph.subscribers["/aras_visual_servo/joint_states"](joint_states(1.0))
+    assert progress.joints and "/aras_visual_servo/joint_states" not in graph.subscribers
+    hear = graph.subscribers["/aras_visual_servo/controller/state"]
+    for stamp, phase, began, converged in (
+        (1.5, "approaching", None, None), (2.5, "servoing", 2.5, None),
+        (3.5, "converged", 2.5, 3.5), (4.5, "converged", 2.5, 3.5), (5.5, "holding", 2.5, None),
+        (6.5, "converged", 2.5, 6.5),
+    ):
+        hear(SimpleNamespace(header=Header(stamp=rospy.Time.from_sec(stamp)), phase=phase,
+                             reason=f"for {phase}"))
+        assert (progress.phase, progress.reason) == (phase, f"for {phase}")
+        assert (progress.stamp, progress.began, progress.converged) == (stamp, began, converged)
+
+
+def test_a_master_is_waited_for_while_its_launch_runs(life, monkeypatch):
+    answers = [False, OSError(), True]
+
+    def online(uri):
+        assert uri == "http://x"
+        answer = answers.pop(0) if answers else False
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    monkeypatch.setattr(rosgraph, "is_master_online", online)
+    life.steps = [lambda: None] * 99
+    assert watch.wait_for_master("http://x", lambda: True, 5.0) is True
+    assert life.slept == [0.1, 0.1]
+    assert watch.wait_for_master("http://x", lambda: False, 5.0) is False and len(life.slept) == 2
+    assert watch.wait_for_master("http://x", lambda: True, 1.0) is False
+    assert 11 <= len(life.slept) <= 13
+
+
+def test_a_recorder_is_ended_and_its_bag_waited_for(life, monkeypatch, tmp_path):
+    bag = tmp_path / "run.bag"
+    assert watch.stop_recorder("http://x", bag) is False
+    bag.touch()
+    assert watch.stop_recorder("http://x", bag) is True and not life.slept
+    bag.unlink()
+    active, asked = tmp_path / "run.bag.active", []
+    active.touch()
+    monkeypatch.setattr(rosgraph, "Master", lambda *given: asked.append(given) or SimpleNamespace(
+        lookupNode=lambda node: f"http://{node}"))
+    monkeypatch.setattr(watch.xmlrpc.client, "ServerProxy", lambda uri: SimpleNamespace(
+        shutdown=lambda *given: asked.append((uri, *given))))
+    life.steps = [bag.touch, active.unlink]
+    assert watch.stop_recorder("http://x", bag) is True and life.slept == [0.1, 0.1]
+    assert asked == [("/aras_visual_servo_demo", "http://x"),
+                     ("http:///record", "/aras_visual_servo_demo", "the run has ended")]
+    active.touch()
+    began, life.steps = life.now, [lambda: None] * 400
+    assert watch.stop_recorder("http://x", bag) is False
+    assert life.now - began == pytest.approx(15.0, abs=0.2)
+
+
+# -- bags as MCAP ----------------------------------------------------------------------------------
+
+
+def test_a_bag_is_converted_message_by_message(tmp_path):
+    reader = pytest.importorskip("mcap.reader")
+    path, out, parts = tmp_path / "a.bag", tmp_path / "a.mcap", []
+    with rosbag.Bag(str(path), "w") as bag:
+        for k in range(501):
+            bag.write("/a", String(f"text {k}"), rospy.Time(10, 1000 * k))
+        bag.write("/joints", joint_states(1.5), rospy.Time(11))
+    assert mcap.convert(path, out, parts.append) == {"/a": 501, "/joints": 1}
+    assert parts == [0.0, 500 / 502] and not (tmp_path / "a.mcap.part").exists()
+    with out.open("rb") as stream:
+        found = reader.make_reader(stream)
+        rows = list(found.iter_messages())
+        header, metadata = found.get_header(), list(found.iter_metadata())
+    assert (header.profile, header.library) == ("ros1", "aras_visual_servo_bench")
+    assert [(one.name, one.metadata) for one in metadata] == [("bag", {"source": "a.bag"})]
+    assert len(rows) == 502
+    schema, channel, message = rows[-2]
+    assert (schema.name, schema.encoding) == ("std_msgs/String", "ros1msg")
+    assert "string data" in schema.data.decode() and channel.topic == "/a"
+    assert channel.message_encoding == "ros1" and channel.metadata == {
+        "md5sum": String._md5sum, "topic": "/a"}
+    assert (message.log_time, message.publish_time) == (10 * 10**9 + 500_000,) * 2
+    assert message.sequence == 500 and String().deserialize(message.data).data == "text 500"
+    path.write_bytes(b"no bag")
+    with pytest.raises(BenchError, match=r"^cannot convert .*a\.bag into .*b\.mcap: "):
+        mcap.convert(path, tmp_path / "b.mcap")
+    assert not list(tmp_path.glob("b.*"))
+    with rosbag.Bag(str(tmp_path / "e.bag"), "w"):
+        pass
+    assert mcap.convert(tmp_path / "e.bag", out) == {}
+
+
+# -- processes -------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def launch(tmp_path, monkeypatch):
+    """A roslaunch that is a script."""
+    def start(script):
+        tool = tmp_path / "roslaunch"
+        tool.write_text(f"#!/bin/bash\n{script}")
+        tool.chmod(0o755)
+        monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+        begun.append(processes.Launch(["a", "b:=1"], tmp_path / "the.log",
+                                      {**os.environ, "MINE": "yes"}))
+        return begun[-1]
+
+    begun = []
+    yield start
+    for one in begun:
+        one.stop(0.1)
+
+
+def until(condition):
+    end = time.monotonic() + 20.0
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.01)
+    return condition()
+
+
+def test_a_launch_says_what_died_and_its_last_words(launch):
+    one = launch('echo "$@ $MINE"; cat; echo; echo ended >&2; exec sleep 60')
+    assert until(lambda: "ended" in one.text()) and one.running and one.death() == ""
+    assert one.text() == "a b:=1 yes\n\nended\n" and one.last_lines() == "    a b:=1 yes\n    ended"
+    with one.log.open("a") as log:
+        log.write("\x1b[31m[ERROR] one\x1b[0m\n[FATAL] two\nthree\n"
+                  "[node-2] process has died [pid 1]\n")
+    assert one.death() == "node node-2 died"
+    assert one.last_lines() == "    [ERROR] one\n    [FATAL] two"
+    assert one.last_lines(1) == "    [FATAL] two"
+    one.stop()
+    assert not one.running and one.death() == "roslaunch (the) ended"
+
+
+def test_nothing_of_a_launch_is_left_behind(launch, monkeypatch):
+    monkeypatch.setattr(processes, "time", SimpleNamespace(
+        monotonic=lambda: 20.0 * time.monotonic(), sleep=time.sleep))  # less patient
+    one = launch("trap '' INT TERM; (trap '' INT TERM; echo $BASHPID; exec sleep 60) & wait; wait")
+    assert until(lambda: one.text().strip().isdigit())
+    child = int(one.text())
+    assert os.getsid(child) != os.getsid(0)
+    one.stop(0.1)
+    assert not one.running and until(lambda: not Path(f"/proc/{child}").exists() or (
+        "Z" in Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[:1]))
+
+
+def test_a_free_port_is_free():
+    import socket
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", processes.free_port()))
+
+
+# -- the demo --------------------------------------------------------------------------------------
+
+
+class Launched:
+    """In place of roslaunch."""
+
+    def __init__(self, arguments, log, environment):
+        self.arguments, self.log, self.environment = arguments, log, environment
+        self.running, self.died, self.stopped = True, "", 0
+
+    def death(self):
+        return self.died
+
+    def last_lines(self):
+        return "    its last line"
+
+    def stop(self):
+        self.stopped += 1
+
+
+@pytest.fixture
+def shown(graph, life, monkeypatch, tmp_path, capsys):
+    further = {name: {} for name in demo.STARTED}
+    further["aras_visual_servo.launch"]["gains"] = "g.yaml"
+    further["aras_visual_servo_nodes.launch"]["depth"] = "0.2"
+    arguments = argparse.Namespace(
+        out=tmp_path / "out", rviz=False, scheme="points", start="2015", goal="auto", taught=None,
+        law="pi", gain=None, tracker="", timeout=2.0, camera="wide", target="poster",
+        target_size="", urdf=None, camera_xyz="0 0 0.1", camera_rpy=None, further=further)
+    run = demo.Demo(arguments)
+    progress = watch.WatchedRun()
+    it = SimpleNamespace(run=run, progress=progress, arguments=arguments, life=life, stopped=[],
+                         out=tmp_path / "out", said=lambda: capsys.readouterr().out.splitlines())
+    monkeypatch.setattr(demo, "Launch", Launched)
+    monkeypatch.setattr(watch, "Watch", lambda: SimpleNamespace(progress=progress))
+    monkeypatch.setattr(watch, "wait_for_master", lambda uri, alive, timeout: (
+        uri == run.uri and alive() and timeout == 300.0))
+    monkeypatch.setattr(watch, "stop_recorder", lambda *given: it.stopped.append(given))
+    monkeypatch.setattr(signal, "signal", lambda *given: it.stopped.append(given))
+    monkeypatch.setattr(run, "_report", lambda: 5)
+    for name in ("ROS_MASTER_URI", "ROS_IP", "ROS_LOG_DIR"):
+        monkeypatch.setenv(name, "as before")
+    monkeypatch.setenv("ROS_HOSTNAME", "me")
+
+    def recorded():
+        (tmp_path / "out" / "run.bag.active").touch()
+        progress.joints = True
+
+    def on(phase, seconds=0.0, **more):
+        def step():
+            life.now += seconds
+            progress.phase = phase
+            for key, value in more.items():
+                setattr(progress, key, value)
+        return step
+
+    it.recorded, it.on = recorded, on
+    return it
+
+
+def test_a_demo_starts_servoes_and_stops(shown, graph):
+    on, out = shown.on, shown.out
+    shown.life.steps = [
+        shown.recorded, on("approaching"), on("servoing", began=3.0, stamp=3.0),
+        on("converged", converged=3.5, stamp=3.6), on("converged", stamp=4.01),
+        *[on("converged")] * 9]
+    out.mkdir()
+    (out / "run.bag").touch()
+    assert shown.run.run() == 5
+    world, nodes = shown.run.launches
+    port = shown.run.uri.rpartition(":")[2]
+    assert world.arguments == [
+        "-p", port, "aras_visual_servo_gazebo", "aras_visual_servo.launch", "record:=true",
+        f"bag:={out / 'run.bag'}", "camera:=wide", "target:=poster", "camera_xyz:=0 0 0.1",
+        "show_rviz:=false", "server_required:=true", "gains:=g.yaml"]
+    assert nodes.arguments == [
+        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch", "scheme:=points",
+        "start:=2015", "goal:=auto", "depth:=0.2"]
+    assert (world.log, nodes.log) == (out / "log/simulator.txt", out / "log/nodes.txt")
+    assert world.environment["ROS_MASTER_URI"] == shown.run.uri == f"http://localhost:{port}"
+    assert world.environment["ROS_IP"] == "127.0.0.1" and "ROS_HOSTNAME" not in world.environment
+    assert world.environment["ROS_LOG_DIR"] == str(out / "log")
+    node = "/aras_visual_servo_controller"
+    assert graph.parameters == {f"{node}/listeners": 2, f"{node}/law": "pi"}
+    assert shown.said() == ["[demo] starting the simulator",
+                            "[demo] starting the camera and controller nodes",
+                            "[demo] servoing", "[demo] converged", "[demo] stopping"]
+    assert (world.stopped, nodes.stopped) == (1, 1) and not (out / "run.bag").exists()
+    assert shown.stopped == [
+        (signal.SIGINT, signal.SIG_IGN), (signal.SIGTERM, signal.SIG_IGN),
+        (shown.run.uri, out / "run.bag"), (signal.SIGINT, signal.default_int_handler)]
+    assert set(shown.life.slept) == {0.05}
+
+
+@pytest.mark.parametrize(("last", "said"), [
+    ({"stamp": 5.1}, "not converged within 2 s of simulated time"),
+    ({"seconds": 12.1, "stamp": 4.0}, "gave up after 12 s")])
+def test_a_demo_has_its_time(shown, last, said):
+    on = shown.on
+    shown.life.steps = [shown.recorded, on("servoing", began=3.0, stamp=3.0, reason="slow"),
+                        on("servoing", **last), *[on("servoing")] * 9]
+    assert shown.run.run() == 5
+    assert f"[demo] {said}" in shown.said()
+
+
+def test_a_demo_says_what_it_waits_for_and_what_died(shown, monkeypatch):
+    shown.life.steps = [lambda: setattr(shown.life, "now", shown.life.now + 100.0)] * 9
+    with pytest.raises(ServoError, match=r"^after 300 s still waiting for the simulated robot and "
+                                         r"the recorder; logs are in .*/log$"):
+        shown.run.run()
+    waits = [line for line in shown.said() if "still waiting for" in line]
+    assert waits == ["[demo] still waiting for the simulated robot and the recorder; a first start "
+                     "may have to compile loops"]
+    assert shown.run.launches[0].stopped == 1
+    shown.run.launches[0].died = "node x died"
+    shown.life.now += 1.0
+    with pytest.raises(ServoError, match=r"^node x died; its last words:\n    its last line\nThe "
+                                         r"whole log: .*/log/simulator\.txt$"):
+        shown.run._check_running()
+    monkeypatch.setattr(watch, "wait_for_master", lambda *_: False)
+    with pytest.raises(ServoError, match=r"^the simulator did not start:\n    its last line$"):
+        shown.run.run()
+
+
+def test_a_controller_that_holds_before_it_has_begun_ends_the_demo(shown):
+    hold = shown.on("holding", seconds=2.0, reason="no images")
+    shown.life.steps = [shown.recorded, *[hold] * 20]
+    began = shown.life.now
+    with pytest.raises(ServoError, match=r"^the controller holds still: no images\nThe whole log: "
+                                         r".*nodes\.txt$"):
+        shown.run.run()
+    assert 7.0 < shown.life.now - began < 11.0
+
+
+def test_a_demo_s_goal_that_was_taught_is_kept(shown):
+    shown.out.mkdir()
+    assert shown.run._goal() == "auto"
+    shown.arguments.taught = SimpleNamespace(to_yaml=lambda told: f"# {told}\n")
+    assert shown.run._goal() == str(shown.out / "goal.yaml")
+    assert (shown.out / "goal.yaml").read_text() == (
+        "# Before the target poster, where the shipped goal has the camera.\n")
+
+
+@pytest.mark.parametrize(("ends", "status", "told"), [
+    (lambda: 0, 0, ""), (lambda: 1, 1, ""), (KeyboardInterrupt, 130, "[demo] interrupted"),
+    (BenchError("why"), 1, "[demo] failed: why"), (ServoError("why"), 1, "[demo] failed: why"),
+    (OSError("why"), 1, "[demo] failed: why")])
+def test_a_demo_s_status(monkeypatch, capsys, ends, status, told):
+    heard = []
+    monkeypatch.setattr(signal, "signal", lambda *given: heard.append(given))
+    monkeypatch.setattr(demo, "parse", lambda argv: argparse.Namespace(argv=argv))
+
+    def run():
+        if callable(ends) and not isinstance(ends, type):
+            return ends()
+        raise ends
+
+    monkeypatch.setattr(demo, "Demo", lambda arguments: (
+        heard.append(arguments.argv), SimpleNamespace(run=run))[1])
+    assert demo.main(["x"]) == status
+    captured = capsys.readouterr()
+    assert (captured.out if status == 130 else captured.err).strip() == told
+    (number, handler), argv = heard
+    assert number == signal.SIGTERM and argv == ["x"]
+    with pytest.raises(KeyboardInterrupt):
+        handler(15, None)

@@ -40,7 +40,8 @@ from aras_visual_servo_bench.ros import (
 from aras_visual_servo_bench.study import versions
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_ros import shutdown
-from conftest import SOURCES
+
+SOURCES = Path(__file__).parents[3] / "src"
 
 # -- programs --------------------------------------------------------------------------------------
 

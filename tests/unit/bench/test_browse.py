@@ -334,6 +334,7 @@ def test_studies_too_many_are_left_out_and_that_is_said(tmp_path, monkeypatch):
         monkeypatch.setattr(studies_module, "MOST", most)
         look = Studies([tmp_path]).look(now=True)
         assert ("".join(seen.name for seen in look.studies), look.note) == (names, note)
+        assert {(seen.runs, seen.of) for seen in look.studies} == {(0, 0)}  # as none can be read
 
 
 def test_folders_are_looked_at_once_a_second_and_four_deep(tmp_path, monkeypatch):

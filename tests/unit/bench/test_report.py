@@ -234,6 +234,10 @@ def test_a_curve_is_open_where_nothing_was_measured():
     np.testing.assert_array_equal(shown[np.isfinite(shown)], values)
     for whole in (np.arange(5.0), np.r_[0.0:1.0:0.1, 1.2], np.zeros(1)):  # slow, one lost, one
         np.testing.assert_array_equal(panels.Curve("", whole, whole).open(), (whole, whole))
+    for step, longest in ((0.01, 0.3), (0.2, 1.0)):  # five steps, three tenths of a second at least
+        for gap, opened in ((0.98 * longest, False), (1.02 * longest, True)):
+            time = np.cumsum([0.0, step, step, gap, step, step])
+            assert np.isnan(panels.Curve("", time, time).open()[1]).any() == opened
 
 
 def test_powers_of_ten_are_plain_letters():

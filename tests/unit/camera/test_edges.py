@@ -332,5 +332,8 @@ def test_depth_through_lenses_is_that_of_the_pixel_s_own_ray(bench):
 def test_tiles_are_numbered_row_by_row():
     tiles = Tiles.of_pinhole(20, 12, K)
     assert (tiles.columns, tiles.rows, TILE) == (3, 2, 8)
+    v, u = np.mgrid[:16, :24]
+    np.testing.assert_array_equal(tiles.valid, (v < 12) & (u < 20))
+    np.testing.assert_array_equal(tiles.axis, np.tile([0.0, 0.0, 1.0], (6, 1)))
     ray = tiles.matrices[4] @ np.array([3.0, 2.0, 1.0])
     np.testing.assert_allclose(ray, np.linalg.inv(K) @ [11.0, 10.0, 1.0])

@@ -21,7 +21,7 @@ from aras_sim_bridge.rendering import (
 )
 from aras_sim_bridge.rendering.crowd import FINE
 from aras_sim_bridge.rendering.sampling import BACKGROUND, NOTHING, SEVERAL
-from aras_sim_bridge.rendering.tiles import TILE
+from aras_sim_bridge.rendering.tiles import TILE, Tiles
 
 pytestmark = pytest.mark.usefixtures("plainly")
 CAMERA = np.array([[1 / 150.0, 0.0, -0.21], [0.0, 1 / 110.0, 0.13], [0.0, 0.0, 1.0]])
@@ -239,6 +239,76 @@ def test_what_pokes_into_a_pixel_before_what_it_shows_makes_it_an_edge(cells, be
     assert seen["poked"] > 50 and seen["not"] > 20 and (seen["slit"] > 5) != behind
 
 
+@pytest.mark.parametrize("ends", [0.3, 0.4, 0.51, 0.63])
+@pytest.mark.parametrize("axis", [AXIS, [0.2, 0.1, np.sqrt(0.95)]])
+def test_of_what_is_cut_off_no_pixel_is_an_edge(ends, axis):
+    """A wall square to the optical axis, which is aslant to the tile's, before the sky."""
+    side = np.linalg.inv(through(np.array([[-9.0, -7.0], [22.0, -8.0], [1.0, 23.0]]))).T[None]
+    along = np.array([through(place + ENDS) @ axis for place in PIXELS])
+    low, high = along.min(), along.max()
+    one, other = low + ends * (high - low), high - ends * (high - low)
+    for near, far, wanted in ((0.01, one, along.min(axis=1) < one),
+                              (other, 9.0, along.max(axis=1) > other)):
+        found = finding._thin(
+            *np.zeros((2, 1), np.uint64), np.array([SEVERAL]), np.full((8, 8), -1, np.int32),
+            np.array([0, 1]), np.array([0]), np.array([False]), np.array([~np.uint64(0)]),
+            np.array([0xFF0000FF], np.uint32), np.array([-1]), SKY,
+            np.ascontiguousarray(side),
+            np.array([True]), matrices_of(1, 1, 1), np.array([axis]), np.ones((8, 8), bool), 1, 1,
+            near, far)
+        np.testing.assert_array_equal(of_bits(found[0]), wanted)
+        assert 0 < wanted.sum() < 64
+
+
+@pytest.mark.parametrize(("cells", "through_it"), [(1, False), (2, False), (2, True)])
+def test_pixels_whose_corners_show_what_differs_are_edges(cells, through_it):
+    """Of one smooth part by the light that each of its triangles has in the pixel's middle."""
+    rng, count, n, columns = np.random.default_rng(4), 8, 4, 3
+    first = np.array([8, 8])
+    places = [[-9.0, -7.0], [22.0, -8.0], [1.0, 23.0]] + rng.uniform(-2.0, 2.0, (count, 3, 2))
+    corner = through(places.reshape(-1, 2), first).reshape(-1, 3, 3)
+    corner *= rng.uniform(0.8, 1.6, (count, 3, 1))
+    side = np.ascontiguousarray(np.linalg.inv(corner).swapaxes(1, 2))
+    light = 0.5 + rng.uniform(-0.1, 0.1, (count, 3)) * rng.choice([0.15, 1.0], (count, 1))
+    smooth, part = np.array([1, 1, 1, 1, 2, 2, -1, -1]), np.array([0, 0, 0, 1, 1, 1, 2, 3])
+    plain = np.array([0, 0, 0, 0, 0, 0xFF102030, 0xFF102030, 0xFF102033], np.uint32)
+    opaque = np.arange(count) != 7
+    tile = np.array([SEVERAL, 3, 4, BACKGROUND, SEVERAL, 1, 2, NOTHING, 0])
+    kinds = {True: 0, False: 0}
+    for _ in range(3):
+        pixel = rng.choice([0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, -1], (24, 24)).astype(np.int32)
+        pixel[first[1] + 3:first[1] + 6, first[0] + 2:first[0] + 7] = 1
+        valid = rng.random((24, 24)) < 0.95
+        member = np.array([7, 0, 1] if through_it else [0, 1, 2])
+        edge, mixed = finding._edges(
+            tile, pixel, np.where(np.arange(10) > n, 3, 0), member, opaque, plain, smooth, part,
+            SKY, side, light, matrices_of(9, columns, cells), valid, cells, columns)
+        shown = np.kron(tile.reshape(3, 3), np.ones((8, 8), int))
+        shown = np.where(shown == SEVERAL, pixel, shown)
+        wanted, mixes = np.zeros(64, bool), np.zeros(64, bool)
+        for k, (x, y) in enumerate(PIXELS.astype(int) + first):
+            m, others = shown[y, x], set(shown[y:y + 2, x:x + 2].ravel().tolist())
+            if not valid[y, x]:
+                continue
+            others.discard(m)
+            ray, wanted[k] = through([[x, y]])[0], through_it
+            for other in others:
+                mixes[k] |= m < 0 or other < 0 or part[m] != part[other]
+                if other == NOTHING:
+                    wanted[k] = True
+                elif m >= 0 and other >= 0 and smooth[m] == smooth[other] >= 0:
+                    lit = [light[j] @ side[j] @ ray / (side[j] @ ray).sum() for j in (m, other)]
+                    differs = abs(lit[0] - lit[1]) * 255.0 > 6.0
+                    wanted[k] |= differs and np.ptp(light[[m, other]]) * 255.0 > 6.0
+                    kinds[bool(differs)] += 1
+                else:
+                    one, two = (SKY if j == BACKGROUND else plain[j] for j in (m, other))
+                    wanted[k] |= one == 0 or two == 0 or apart(one, two)
+        np.testing.assert_array_equal(of_bits(edge[n]), wanted)
+        np.testing.assert_array_equal(of_bits(mixed[n]), mixes)
+    assert min(kinds.values()) > 10
+
+
 def fan(corners, depths):
     """Sides (N, 3, 3) of triangles from the second place on, all around the first."""
     rays = through(corners) * np.array(depths)[:, None]
@@ -434,6 +504,21 @@ def test_a_pixel_that_a_texture_is_repeated_in_shows_its_mean(at):
     planes[:2, 2] = at, 2.0 * at
     textures.textured(planes, 0, texels(image), 0.0, 0.0, rgb)
     assert rgb == pytest.approx([100.0, 60.0, 42.0], abs=0.6)  # each half is in whole levels
+
+
+@pytest.mark.parametrize(("size", "centre"), [((40, 88), (20.3, 21.7)), ((91, 38), (17.2, 20.6))])
+def test_a_lens_ends_where_its_rays_do_though_most_of_the_picture_is_inside(size, centre):
+    def unproject(pixels):
+        way = (pixels - centre) / [30.0, 31.0]
+        angle = np.hypot(*way.T)
+        ray = np.column_stack([way * np.sinc(angle / np.pi)[:, None], np.cos(angle)])
+        return np.where(angle[:, None] < 1.8, ray, np.nan)
+
+    v, u = np.mgrid[:size[1], :size[0]]
+    rays = unproject(np.column_stack([u.ravel(), v.ravel()]).astype(float))
+    inside = np.isfinite(rays[:, 0]).reshape(size[::-1])
+    assert 0.6 < inside.mean() < 0.98
+    np.testing.assert_array_equal(Tiles.of_lens(*size, unproject).valid[:size[1], :size[0]], inside)
 
 
 def test_a_cover_of_many_tiles_is_seen_where_it_crosses_what_covers_fewer(bench):

@@ -1,5 +1,7 @@
 """The demo's command line: refused in one line before anything starts, or understood."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,10 @@ def refused(words, capsys):
     assert usage.startswith("usage: demo")
     assert told.count("\n") == 1
     return told
+
+
+def test_results_go_into_a_folder():
+    assert parse([]).out == Path("out") and parse(["--out", "a/b"]).out == Path("a/b")
 
 
 @pytest.mark.parametrize(("words", "told"), [

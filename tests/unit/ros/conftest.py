@@ -175,6 +175,7 @@ class Graph:
                 raise rospy.ServiceException(f"service [{name}] unavailable")
             return self.call(name, *args, **fields)
 
+        ask.call = ask
         return ask
 
     def getPid(self) -> int:

@@ -126,6 +126,16 @@ def test_managers_are_found_by_their_services(monkeypatch):
     # One of a look before counts while it lists controllers.
     assert utils.get_controller_managers("/left", ["/left/controller_manager", "/left/none"]) == [
         "/left/controller_manager"]
+    assert utils.get_controller_managers("/left", ["/right/arm/controller_manager"]) == []
+
+
+def test_the_controllers_of_a_manager_are_listed(graph):
+    lister = utils.ControllerLister("/left/controller_manager")
+    assert lister.namespace == "/left/controller_manager" and lister() == []  # nobody answers
+    utils.rospy.Service("/left/controller_manager/list_controllers", utils.ListControllers,
+                        lambda _: utils.ListControllers._response_class(controller=ALL))
+    assert lister() == ALL
+    assert utils.ControllerLister().namespace == "/controller_manager"
 
 
 def test_a_manager_may_stand_at_the_root(monkeypatch):

@@ -30,8 +30,9 @@ def wall(monkeypatch):
     return now
 
 
-def test_a_master_that_answers_is_asked_no_more_often_than_said(wall):
-    watch = MasterWatch("/node", every=2.0)
+@pytest.mark.parametrize("said", [{}, {"every": 2.0}])
+def test_a_master_that_answers_is_asked_no_more_often_than_said(wall, said):
+    watch = MasterWatch("/node", **said)
     for _ in range(100):
         assert watch.lost() == ""
         wall[0] += 0.1

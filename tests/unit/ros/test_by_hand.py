@@ -1,0 +1,266 @@
+"""Teleoperation and teaching on a graph: keys, a gamepad, views of a pose."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import re
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import rospy
+from aras_visual_servo_camera.msg import ImageMoments
+from run_messages import ARM, joint_states, position
+from sensor_msgs.msg import JointState, Joy
+from std_srvs.srv import Trigger
+
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.errors import ConfigurationError, ServoError
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.hands.gamepad import FAST, HELP
+from aras_visual_servo_controller.ros import teach, teleop
+
+RIGHT, UP, DOWN = "\x1b[C", "\x1b[A", "\x1b[B"
+
+
+@pytest.fixture
+def person(graph, life, monkeypatch, capsys):
+    """Somebody at the keys; `type(...)` gives what is sent and said for lists of keys."""
+    it = SimpleNamespace(life=life, graph=graph, device=None, paths=[], raw=[],
+                         early=lambda: None)
+    monkeypatch.setattr(teleop, "JoyDevice", lambda path: it.opened(path))
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setattr(rospy, "init_node", lambda *given, **more: life.begin(*given, **more))
+    graph.parameters["/robot_description"] = ARM
+    kind = "position_controllers/JointPositionController"
+    for joint in ("slide", "elbow"):
+        graph.parameters |= {f"/aras_visual_servo/{joint[0]}/type": kind,
+                             f"/aras_visual_servo/{joint[0]}/joint": joint}
+
+    def opened(path):
+        it.paths.append(str(path))
+        if it.device is None:
+            raise OSError
+        return it.device
+
+    @contextlib.contextmanager
+    def raw():
+        it.raw.append("begun")
+        yield
+        it.raw.append("ended")
+
+    def type_(*keys):
+        left = list(keys)
+
+        def pressed(period):
+            assert period == 0.02
+            life.now += period
+            keys = left.pop(0) if left else ["q"]
+            return keys() or [] if callable(keys) else keys
+
+        monkeypatch.setattr(teleop.teleop, "pressed", pressed)
+        status = teleop.main()
+        return status, capsys.readouterr()
+
+    it.opened, it.type = opened, type_
+    monkeypatch.setattr(teleop.teleop, "raw_terminal", raw)
+    lock = teleop.threading.Lock
+    monkeypatch.setattr(teleop, "threading", SimpleNamespace(Event=lambda: Heard(it), Lock=lock))
+    return it
+
+
+class Heard:
+    """Joint states come while they are waited for the second time."""
+
+    def __init__(self, person):
+        self.person, self.waits, self.is_there = person, 0, False
+
+    def set(self):
+        self.is_there = True
+
+    def is_set(self):
+        return self.is_there
+
+    def wait(self, limit):
+        assert limit == 2.0
+        self.waits += 1
+        self.person.early()
+        if self.waits == 2:
+            hear = self.person.graph.subscribers["/aras_visual_servo/joint_states"]
+            hear(JointState(name=["finger"], position=[1.0]))
+            assert not self.is_there
+            hear(joint_states(1.5))
+        return self.is_there
+
+
+def sent(person):
+    topics = {j: f"/aras_visual_servo/{j[0]}/command" for j in ("slide", "elbow")}
+    return {j: [m.data for m in person.graph.publishers[t].sent] for j, t in topics.items()}
+
+
+def test_keys_step_joints_and_tell(person):
+    status, told = person.type([RIGHT, RIGHT], [], [DOWN, "h", " "], ["x", "q", RIGHT])
+    assert status == 0 and person.raw == ["begun", "ended"]
+    assert person.life.begun == [(("aras_teleop",), {"anonymous": True, "disable_signals": True})]
+    slide, elbow = position(1.5)
+    assert sent(person)["slide"] == pytest.approx([slide + 0.05, slide + 0.1])
+    assert sent(person)["elbow"] == pytest.approx([elbow - 0.05])
+    help_ = teleop.teleop.__doc__
+    assert told.out == (
+        f"{help_}\nwaiting for joint states on /aras_visual_servo/joint_states\n"
+        f"slide to {slide + 0.05:.3f}\nslide to {slide + 0.1:.3f}\nelbow to {elbow - 0.05:.3f}\n"
+        f"{help_}\nslide {slide:.3f}  elbow {elbow:.3f}\n")
+    assert person.paths == ["/dev/input/js0"] and "/joy" in person.graph.subscribers
+    assert person.graph.heard["/joy"] == (Joy, {"queue_size": 1})
+    assert person.graph.heard["/aras_visual_servo/joint_states"] == (JointState, {"queue_size": 1})
+    status, told = person.type(["\x04", RIGHT])
+    assert status == 0 and "slide to" not in told.out
+
+
+def test_a_held_key_stops_the_controller_and_drives(person):
+    stopped = []
+    rospy.Service("/aras_visual_servo/controller/stop", Trigger, lambda _: stopped.append(1) or (
+        Trigger._response_class(True, "")))
+    rospy.set_param("~across", "elbow")
+    status, told = person.type(["2"], *[["-"]] * 10, [], *[[]] * 40, [RIGHT])
+    assert status == 0 and stopped == [1]
+    assert told.out.count("the controller is stopped: its service start lets it go on") == 1
+    assert "+ and - move elbow" in told.out
+    slide, elbow = position(1.5)
+    ways = sent(person)
+    assert min(ways["elbow"]) < elbow - 0.01 and len(ways["slide"]) > 10
+    assert ways["slide"] == pytest.approx([slide] * len(ways["slide"]))
+    # The arrows step from where the arm is now.
+    assert ways["elbow"][-1] == pytest.approx(elbow + 0.05)
+    assert f"elbow to {elbow + 0.05:.3f}" in told.out
+
+
+def test_a_pad_drives_while_its_button_is_held(person):
+    person.device = SimpleNamespace(axes=[0.0] * 8, buttons=[0] * 16)
+    person.graph.parameters["/unnamed/joystick"] = "/dev/pad"
+    rospy.set_param("~joy", "/my/joy")
+    status, told = person.type(["h"], [], [])
+    assert not sent(person)["slide"] and told.out.count(HELP) == 2 and person.paths == ["/dev/pad"]
+    person.device.axes[1], person.device.buttons[FAST] = 1.0, 1
+    status, told = person.type(*[[]] * 20, [" "])
+    assert status == 0 and len(sent(person)["slide"]) > 15
+    person.device, count = None, len(sent(person)["slide"])
+    axes, buttons = [0.0] * 8, [0] * 16
+    axes[1], buttons[FAST] = 1.0, 1
+    person.early = lambda: person.graph.subscribers["/my/joy"](Joy(axes=axes, buttons=buttons))
+    assert not person.type()[1].out.count(HELP)
+    assert not sent(person)["slide"]  # nothing is known of the joints yet
+    person.early = lambda: None
+    person.type(lambda: person.graph.subscribers["/my/joy"](Joy(axes=axes, buttons=buttons)),
+                *[[]] * 10)
+    assert len(sent(person)["slide"]) > 8 and count > 15
+
+
+@pytest.mark.parametrize(("parameters", "why"), [
+    ({"~across": "finger"}, "unknown joint 'finger'"), ({"/robot_description": ""},
+                                                       "no robot description on parameter")])
+def test_what_cannot_be_driven_is_said(person, parameters, why):
+    for name, value in parameters.items():
+        rospy.set_param(name, value)
+    status, told = person.type()
+    assert status == 1 and told.err.startswith("aras_teleop: ") and why in told.err
+
+
+def test_a_terminal_is_needed_and_a_ctrl_c_ends(person, monkeypatch):
+    def end(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(teleop.Teleop, "run", end)
+    assert person.type()[0] == 0
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: False))
+    status, told = person.type()
+    assert status == 1 and "needs a terminal for its keys: start it with rosrun" in told.err
+
+
+# -- teaching --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def lesson(graph, life, monkeypatch, shipped_arm, tmp_path):
+    """A robot that stands where a goal has it, its camera node, and teaching's arguments."""
+    from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
+
+    monkeypatch.setattr(teach, "begin_node", life.begin)
+    graph.parameters["/robot_description"] = Robot(RobotSpec()).urdf
+    it = SimpleNamespace(life=life, graph=graph, arm=shipped_arm, stamp=0.0)
+    it.arguments = argparse.Namespace(scheme="moments", go="", timeout=30.0, images=3, depth=None,
+                                      file=tmp_path / "mine.yaml")
+    config = Path(__file__).parents[3] / "src/aras_visual_servo_controller/config"
+    goal = Goal.load(config / "goal_2016.yaml").for_arm(shipped_arm)
+    it.goal, it.q = goal, goal.joint_values(shipped_arm.names)
+    seen = Moments.from_polygon(goal.target.outline(goal.world_T_camera), 6)
+
+    def look(valid=True):
+        it.stamp += 0.1
+        message = JointState(name=list(shipped_arm.names), position=it.q.tolist())
+        message.header.stamp = rospy.Time.from_sec(it.stamp)
+        if "/aras_visual_servo/joint_states" in graph.subscribers:
+            graph.subscribers["/aras_visual_servo/joint_states"](message)
+            found = ImageMoments(
+                valid=valid, reason="" if valid else "dark", order=6, m=seen.m_array,
+                mu=seen.mu_array, width=320, height=240, D=[0.0] * 5,
+                K=[103.0, 0.0, 159.5, 0.0, 101.0, 119.5, 0.0, 0.0, 1.0],
+                distortion_model="plumb_bob", header=message.header)
+            graph.subscribers["/aras_visual_servo/camera/moments"](found)
+
+    it.look = look
+    return it
+
+
+def test_views_of_where_the_arm_stands_become_a_goal(lesson):
+    lesson.life.steps = [lesson.look] * 3 + [lambda: None] * 9
+    made = teach.live(lesson.arguments)
+    assert lesson.life.begun == [(("teach",), {"anonymous": True})]
+    assert made.name == "mine.yaml" and lesson.life.slept == [0.02] * 3
+    np.testing.assert_allclose(made.joint_values(lesson.arm.names), lesson.q)
+    assert made.depth == pytest.approx(lesson.goal.depth, rel=1e-6)  # by the shipped geometry
+    assert not lesson.graph.subscribers and not lesson.graph.publishers
+    lesson.arguments.depth, lesson.life.steps = 0.3, [lesson.look] * 4
+    assert teach.live(lesson.arguments).depth == pytest.approx(0.3)
+
+
+def test_the_arm_is_driven_to_a_pose_first(lesson):
+    goal, lesson.q = lesson.q, lesson.q + 0.02
+    names = lesson.arm.names
+    kind = "position_controllers/JointPositionController"
+    for joint in names:
+        lesson.graph.parameters |= {f"/aras_visual_servo/{joint}_c/type": kind,
+                                    f"/aras_visual_servo/{joint}_c/joint": joint}
+
+    def follow():
+        lesson.look()
+        sent = [lesson.graph.publishers[f"/aras_visual_servo/{n}_c/command"].sent for n in names]
+        lesson.q = np.array([one[-1].data for one in sent])
+
+    lesson.arguments.go = "2016"
+    lesson.life.steps = [follow] * 400
+    made = teach.live(lesson.arguments)
+    np.testing.assert_allclose(made.joint_values(names), goal, atol=4e-3)
+    lesson.arguments.go = " ".join(f"{v:.6f}" for v in goal + 0.01)
+    lesson.life.steps = [follow] * 400
+    np.testing.assert_allclose(teach.live(lesson.arguments).joint_values(names), goal + 0.01,
+                               atol=4e-3)
+
+
+def test_what_keeps_from_teaching_is_said(lesson):
+    lesson.life.steps = [lambda: lesson.look(False)] * 5
+    with pytest.raises(ServoError, match=re.escape(
+            "the last 3 images show nothing that could be taught (dark): bring the target")):
+        teach.live(lesson.arguments)
+    lesson.life.steps = [lesson.look] + [lambda: None] * 5000
+    with pytest.raises(ServoError, match=re.escape("after 30 s only 1 of 3 images (no images arr")):
+        teach.live(lesson.arguments)
+    lesson.life.steps = [lesson.look]
+    with pytest.raises(ServoError, match="only 1 of 3 images"):
+        teach.live(lesson.arguments)  # the node ends
+    lesson.arguments.go = "nowhere"
+    with pytest.raises(ConfigurationError, match="nowhere"):
+        teach.live(lesson.arguments)

@@ -1,5 +1,8 @@
 """What the live page keeps of a run, when its recorder ends by itself."""
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import pytest
 
 from aras_visual_servo_bench.live.requests import RefusedError
@@ -58,6 +61,87 @@ def test_of_a_recorder_that_died_the_unclosed_bag_is_kept_for_the_report(kept):
     with pytest.raises(RefusedError, match="Error writing to file.* is kept: recorded .*active"):
         kept.stop_record()
     assert kept.recorded.name.endswith(".bag.active") and kept.recording is None
+
+
+def test_what_is_not_recorded_is_neither_closed_nor_reported(kept):
+    with pytest.raises(RefusedError, match=f"^recording already, to {kept.recording}$"):
+        kept.record()
+    with pytest.raises(RefusedError, match="a bag is still being recorded: stop that first"):
+        kept.make_report()
+    kept._recorder.bag.with_name(kept._recorder.bag.name + ".active").rename(kept.directory / "x")
+    kept._recorder.stop = lambda patience=0.0: None
+    with pytest.raises(RefusedError, match="^the recorder left no bag: recording$"):
+        kept.stop_record()
+    with pytest.raises(RefusedError, match="^nothing is being recorded$"):
+        kept.stop_record()
+    with pytest.raises(RefusedError, match="^nothing has been recorded yet$"):
+        kept.make_report()
+
+
+def test_tools_are_run_to_their_end(kept, monkeypatch):
+    asked, status, pages = [], [0], ["b.html", "a.html"]
+
+    def run(command, timeout, **more):
+        asked.append((command, timeout))
+        assert more == {"capture_output": True, "text": True, "check": False,
+                        "stdin": keeping.subprocess.DEVNULL}
+        if status[0] == "late":
+            raise keeping.subprocess.TimeoutExpired(command, timeout)
+        for page in pages if "analyze" in command else ():
+            out = Path(command[command.index("--out") + 1])
+            out.mkdir(parents=True, exist_ok=True)
+            (out / page).touch()
+        return SimpleNamespace(returncode=status[0], stdout="one\n", stderr=status[-1])
+
+    monkeypatch.setattr(keeping.subprocess, "run", run)
+    goal = kept.directory / "goals" / "mine.yaml"
+    assert kept.teach("mine", "points") == f"the goal mine is what the camera sees now: {goal}"
+    assert goal.parent.is_dir() and asked.pop() == (
+        ["rosrun", "aras_visual_servo_controller", "teach", str(goal), "--scheme", "points",
+         "--timeout", "20.0"], 90.0)
+    kept.stop_record()
+    out = kept.directory / "report" / kept.recorded.stem
+    assert kept.make_report() == f"reported in {out}" and asked.pop() == (
+        ["rosrun", "aras_visual_servo_bench", "analyze", str(kept.recorded), "--out", str(out),
+         "--formats", ""], 180.0)
+    assert kept.report == f"{kept.recorded.stem}/a.html"
+    for ends, why in (([1, " two \n\n"], "^two$"), ([1, ""], "^one$"),
+                      (["late", ""], "^teach has not ended within 90 s$")):
+        status[:] = ends
+        with pytest.raises(RefusedError, match=why):
+            kept.teach("mine", "points")
+    status[:], pages[:] = [0, ""], []
+    for page in out.iterdir():
+        page.unlink()
+    with pytest.raises(RefusedError, match=f"^analyze left no page in {out}$"):
+        kept.make_report()
+
+
+def test_a_recorder_that_does_not_begin_is_ended(tmp_path, monkeypatch):
+    now, made = [100.0], []
+
+    class Silent(Recorder):
+        def __init__(self, arguments, log, environment):
+            self.log, self.arguments, self.ended = log, arguments, 0
+            log.write_text("no such disk\n")
+            made.append(self)
+
+        def stop(self, patience=0.0):
+            self.ended += 1
+
+    monkeypatch.setattr(keeping, "Launch", Silent)
+    monkeypatch.setattr(keeping, "time", SimpleNamespace(
+        strftime=lambda form: form, monotonic=lambda: now[0],
+        sleep=lambda seconds: now.__setitem__(0, now[0] + seconds)))
+    found = keeping.Keeping(tmp_path)
+    with pytest.raises(RefusedError, match="^the recorder did not start: no such disk$"):
+        found.record()
+    assert made[0].ended == 1 and now[0] == pytest.approx(115.0, abs=0.2)
+    bag = tmp_path / "bags" / "run_%Y-%m-%d_%H-%M-%S.bag"
+    assert made[0].arguments == ["aras_visual_servo_gazebo", "record.launch", f"bag:={bag}"]
+    assert found.recording is None and made[0].log == tmp_path / "log" / "record.txt"
+    found.close()
+    assert made[0].ended == 2
 
 
 @pytest.mark.parametrize("name", ["x\0", "a" * 5000, "../bags", "missing.html", ""])

@@ -183,6 +183,14 @@ def test_beats_go_on_until_the_node_or_the_master_ends(graph, life, monkeypatch,
     assert capsys.readouterr().err == f"{rospy.get_name()[1:]}: {ended[0]}: ending\n"
 
 
+def test_whether_a_master_is_gone_is_answered(monkeypatch, capsys):
+    monkeypatch.setattr(rospy, "signal_shutdown", lambda why: None)
+    for why in ("", "gone"):
+        gone = shutdown.end_without_master(SimpleNamespace(lost=lambda why=why: why))
+        assert gone is bool(why)
+    assert capsys.readouterr().err.endswith(": gone: ending\n")
+
+
 def test_a_node_begins_with_our_signals_or_tells_what_it_is(monkeypatch, capsys):
     begun = []
     monkeypatch.setattr(shutdown, "end_on_signals", lambda: begun.append("signals"))

@@ -146,6 +146,13 @@ def test_the_loop_and_the_simulation_are_asked_by_their_services(asked):
     asked.serve("/gazebo/step_world", StepWorld, success=False, status_message="time goes on")
     with pytest.raises(RefusedError, match="^time goes on$"):
         actions.step(1)
+    def gone(*_):
+        raise OSError("gone")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rospy, "wait_for_service", gone)
+        with pytest.raises(RefusedError, match="hold does not answer"):
+            actions.loop("hold")
     for ask in (lambda: actions.loop("stop"), lambda: actions.gain("gain", 1.0)):
         with pytest.raises(RefusedError, match=r"answer \(is the controller node running\?\)$"):
             ask()

@@ -96,6 +96,7 @@ def test_commands_reach_their_controllers_in_their_order(graph, face, monkeypatc
     monkeypatch.setattr("time.monotonic", lambda: now[0])
     group = graph.publishers["/two/both"]
     group.resolved_name = "/two/both"
+    assert group.options == {"queue_size": 10}
     for _ in range(3):
         face.send(Command(1.0, JOINTS, np.array([0.1, 0.2])))
         face.send(Command(1.0, JOINTS))
@@ -111,11 +112,13 @@ def test_commands_reach_their_controllers_in_their_order(graph, face, monkeypatc
                          "/two/all/joints": ["elbow", "slide"]}
     settings = Settings(namespace="/two")
     CommandTopics(settings, JOINTS, "position").put(np.array([0.1, 0.2]), "slide")
+    assert graph.publishers["/two/all/command"].options == {"queue_size": 10}
     assert [list(one.data) for one in graph.publishers["/two/all/command"].sent] == [[0.2, 0.1]]
     graph.parameters |= {"/two/s/type": kind.format("Position"), "/two/s/joint": "slide"}
     graph.parameters.pop("/two/all/type")
     topics = CommandTopics(settings, JOINTS, "position")
     each = [graph.publishers[f"/two/{name}/command"] for name in ("s", "elbow_position_controller")]
+    assert {one.options["queue_size"] for one in each} == {10}
     topics.put(np.array([0.3, 0.4]))
     topics.put(np.array([0.5, 0.6]), "elbow")
     assert [[m.data for m in one.sent] for one in each] == [[0.3], [0.4, 0.6]]

@@ -1,0 +1,124 @@
+"""What a bag says of its run: read as far as it can be, the rest in a note."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from run_messages import ARM, JOINTS
+
+from aras_visual_servo_bench.errors import BenchError
+from aras_visual_servo_bench.ros.described import Described, preset_of
+
+CONFIG = Path(__file__).parents[3] / "src/aras_visual_servo_controller/config"
+GOAL = (CONFIG / "goal_2015.yaml").read_text()
+
+
+def of(loop=None, simulator=None, **more):
+    given = {"controller": "/servo", "parameters": {
+        "servo": {"scheme": "points", "gains": {"gain": 2.0}, **(loop or {})},
+        "gazebo": simulator or {}, "robot_description": ARM}, **more}
+    return Described.of(json.dumps(given))
+
+
+@pytest.mark.parametrize(("text", "why"), [
+    ("", "the bag is of an older version, or of another recorder"), ("{", "cannot be read"),
+    ("[]", "it holds no parameters"), ("{}", "it holds no parameters"),
+    ('{"parameters": {}, "goals": []}', "its goals are none"),
+    ('{"parameters": {}, "versions": []}', "its versions are none"),
+    ('{"parameters": {}, "launch": {}}', "its launch are none"),
+])
+def test_a_description_that_is_none_is_a_note(text, why):
+    found = Described.of(text)
+    assert len(found.notes) == 1 and why in found.notes[0]
+    assert found.settings is found.arm is found.goal is None and found.text() == ""
+    assert [len(one) for one in found.limits()] == [0, 0, 0] and found.words() == {}
+    with pytest.raises(BenchError, match=why):
+        found.experiment()
+    assert len(found.notes) == 1
+
+
+def test_what_the_loop_was_set_to_is_read():
+    found = of({"desired": "2015", "gain": 2.5}, goals={"goal_2015.yaml": GOAL})
+    assert "gains" not in found.controller and found.urdf == ARM
+    assert (found.settings.scheme, found.settings.gain) == ("points", 2.5)
+    assert found.arm.names == JOINTS
+    lower, upper, velocity = found.limits()
+    np.testing.assert_allclose([lower, upper, velocity], [[-0.5, -1.5], [0.7, 2.0], [0.3, 1.9]])
+    assert not found.notes
+    named = of({"description": "robo"})
+    assert named.urdf == "" and named.arm is None and not named.notes
+    broken = of({"description": "robo"})
+    broken.given["parameters"]["robo"] = "<robot name='x'/>"
+    assert broken.arm is None and broken.notes[0].startswith("the recorded description cannot be")
+    assert [len(one) for one in broken.limits()] == [0, 0, 0] and len(broken.notes) == 1
+    wrong = of({"gain": "high"})
+    assert wrong.settings is None and wrong.arm is None and wrong.goal is None
+    assert len(wrong.notes) == 1 and "the recorded parameters cannot be used: " in wrong.notes[0]
+
+
+def test_the_recorded_goal_is_the_loop_s():
+    found = of({"desired": "2015", "description": "none"}, goals={"goal_2015.yaml": GOAL})
+    assert found.goal.joints["J2"] == yaml.safe_load(GOAL)["joints"]["J2"] and not found.notes
+    assert of({"desired": "2015"}).goal is None
+    missing = of({"desired": "2016"}, goals={"goal_2015.yaml": GOAL})
+    assert missing.goal is None and missing.notes == ["the goal goal_2016.yaml was not recorded"]
+    bad = of({"desired": "2015"}, goals={"goal_2015.yaml": "joints: 3"})
+    assert bad.goal is None and bad.notes[0].startswith("the recorded goal cannot be used: ")
+
+
+def test_units_of_features_are_the_scheme_s():
+    found = of({"description": "none"})
+    units, tolerances = found.features("theta_u", 3)
+    assert len(units) == len(tolerances) == 3 and set(units) == {"rad"}
+    assert found.features("theta_u", 4) == ((), ())
+    assert "'theta_u' has others here" in found.notes[-1]
+    assert found.features("nonsense", 4) == ((), ())
+    assert "units of the features are unknown: unknown scheme" in found.notes[-1]
+
+
+def test_a_run_s_experiment_says_what_differs():
+    launch = [["p", "a.launch", "camera:=noisy", "camera_xyz:=0 0.1 0"],
+              ["p", "b.launch", "camera:=wide", "joint_friction:=False", "camera_rpy:="]]
+    found = of({"law": "pi", "gain": 2.5, "start": "0.1 0 0.2 0 0 0.3", "desired": "2015",
+                "duration": 4, "listeners": 2, "stop_time": 0.3},
+               {"seed": 7}, launch=launch)
+    assert found.arguments == {"camera": "wide", "camera_xyz": "0 0.1 0", "camera_rpy": "",
+                               "joint_friction": "False"}
+    wanted = {"scheme": "points", "law": "pi", "gain": 2.5, "start": [0.1, 0.0, 0.2, 0.0, 0.0, 0.3],
+              "goal": "2015", "camera": "wide", "camera_xyz": [0.0, 0.1, 0.0], "friction": False,
+              "seed": 7, "duration": 4.0, "options": {"stop_time": 0.3}}
+    assert found.mapping() == wanted and yaml.safe_load(found.text()) == wanted
+    assert found.experiment().seed == 7
+    words = found.words()
+    assert (words["law"], words["seed"], words["camera_xyz"]) == ("pi", "7", "0 0.1 0")
+    assert words["launched by"] == "; ".join(" ".join(one) for one in launch)
+    assert "camera_rpy" not in words and "duration" not in words
+    plain = of({"start": 2015, "scheme": "moments", "law": ""},
+               launch=[["a", "urdf:=/r", "gains:=/g"]])
+    assert plain._experiment() == {
+        "scheme": "moments", "start": "2015", "camera": "original", "seed": 0, "duration": 8.0,
+        "robot": {"urdf": "/r", "config": "/g"}}
+    wide = yaml.safe_load((CONFIG.parents[1] / "aras_visual_servo_gazebo/config/cameras/wide.yaml")
+                          .read_text())
+    assert of({}, {"cameras": {"labrob": {"camera": wide}}}).mapping()["camera"] == "wide"
+    assert preset_of({**wide, "width": 5}) == {**wide, "width": 5}
+    bad = of({"gain": "high", "start": "2015"})
+    assert bad.text() == "" and "the bag's run is no experiment of the bench: " in bad.notes[0]
+    assert bad.words() == {"scheme": "points", "start": "2015"}
+
+
+def test_the_files_of_a_run():
+    found = of(goals={"mine.yaml": "a: 1", "../evil.yaml": "", "x/y.yaml": "", "b.txt": ""},
+               launch=[["p", "a.launch", "x:=1"], ["q"]], versions={"numpy": "2.1", "ros": "1"})
+    files = found.files()
+    assert set(files) == {"mine.yaml", "parameters.yaml", "robot.urdf", "launch.txt",
+                          "versions.txt"}
+    assert files["launch.txt"] == "roslaunch p a.launch x:=1\nroslaunch q\n"
+    assert files["versions.txt"] == "numpy 2.1\nros 1\n" and files["robot.urdf"] == ARM
+    assert yaml.safe_load(files["parameters.yaml"]) == found.given["parameters"]
+    assert found.notes == [f"a goal named {name!r} is left out: that is no file's name"
+                           for name in ("../evil.yaml", "x/y.yaml", "b.txt")]

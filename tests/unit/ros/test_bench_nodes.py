@@ -8,6 +8,7 @@ import json
 import os
 import runpy
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -495,7 +496,22 @@ def test_a_bag_is_converted_message_by_message(tmp_path):
 
 @pytest.fixture
 def launch(tmp_path, monkeypatch):
-    """A roslaunch that is a script."""
+    """A roslaunch that is a script; a signal to a process of any other session is a failure."""
+    begin, kill, sessions = subprocess.Popen, os.kill, set()
+
+    def popen(*given, **more):
+        made = begin(*given, **more)
+        sessions.add(made.pid)
+        return made
+
+    def guarded(pid, number):
+        if os.getsid(pid) not in sessions:
+            raise AssertionError(f"process {pid} is none of ours")
+        kill(pid, number)
+
+    monkeypatch.setattr(subprocess, "Popen", popen)
+    monkeypatch.setattr(os, "kill", guarded)
+
     def start(script):
         tool = tmp_path / "roslaunch"
         tool.write_text(f"#!/bin/bash\n{script}")
@@ -590,6 +606,7 @@ def shown(graph, life, monkeypatch, tmp_path, capsys):
         uri == run.uri and alive() and timeout == 300.0))
     monkeypatch.setattr(watch, "stop_recorder", lambda *given: it.stopped.append(given))
     monkeypatch.setattr(signal, "signal", lambda *given: it.stopped.append(given))
+    it.report = run._report
     monkeypatch.setattr(run, "_report", lambda: 5)
     for name in ("ROS_MASTER_URI", "ROS_IP", "ROS_LOG_DIR"):
         monkeypatch.setenv(name, "as before")
@@ -683,6 +700,31 @@ def test_a_controller_that_holds_before_it_has_begun_ends_the_demo(shown):
                                          r".*nodes\.txt$"):
         shown.run.run()
     assert 7.0 < shown.life.now - began < 11.0
+
+
+@pytest.mark.parametrize("converged", [True, False])
+def test_a_demo_reports_what_happened(shown, monkeypatch, converged):
+    from aras_visual_servo_bench.numbers import summary
+    from aras_visual_servo_bench.report import write
+    from aras_visual_servo_bench.ros import bag
+
+    record = SimpleNamespace(converged=converged, settings={"start": "of the bag", "law": "pi"})
+    asked = []
+    monkeypatch.setattr(bag, "read_bag", lambda path, name: asked.append((path, name)) or record)
+    monkeypatch.setattr(write, "write_report", lambda *given: asked.append(given) or ["a page"])
+    monkeypatch.setattr(summary, "summarise", lambda run: ("numbers", run is record))
+    monkeypatch.setattr(summary, "told", lambda run, numbers: f"{numbers} {run is record}")
+    shown.run.launches.append(SimpleNamespace(log="the log"))
+    assert shown.report() == (0 if converged else 1)
+    assert asked == [(shown.out / "run.bag", "out"), ([record], shown.out, ("png",))]
+    assert record.settings == {"scheme": "points", "start": "of the bag", "camera": "wide",
+                               "target": "poster", "camera_xyz": "0 0 0.1", "law": "pi"}
+    said = shown.said()
+    assert said[0] == "[demo] reading the bag, drawing the report"
+    assert ("[demo] the nodes' log: the log" in said) is not converged
+    assert said[-7:] == [
+        "", "Visual servoing by scheme 'points' from the initial pose 2015, camera 'wide':", "",
+        "('numbers', True) True", "", "  Report: a page", ""]
 
 
 def test_a_demo_s_goal_that_was_taught_is_kept(shown):

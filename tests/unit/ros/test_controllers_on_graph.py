@@ -350,6 +350,7 @@ def test_gains_are_told_and_changed_by_reconfigure(rig):
         "p": 7.0, "i": 1.0, "d": 1000.0, "i_clamp_max": 3.0, "i_clamp_min": -4.0
     }
     assert [(b.name, b.value) for b in answer.bools] == [("antiwindup", True)]
+    assert [(g.name, g.state, g.id, g.parent) for g in answer.groups] == [("Default", True, 0, 0)]
     assert rig.graph.parameters["/rig/go/pid/p"] == 7.0
     updates = rig.graph.publishers["/rig/go/pid/parameter_updates"].sent
     assert len(updates) == 2 and updates[-1] == answer

@@ -1,4 +1,5 @@
-"""What a process with a fault may do: so much memory and time, and write below its own folder."""
+"""What a process with a fault may do: so much memory and time, write below its own folder, and
+signal its own processes."""
 
 from __future__ import annotations
 
@@ -50,9 +51,10 @@ def limit_time(deadline: Deadline, cpu: float, wall: float) -> None:
 
 def confine(top: Path, outside: Path) -> None:
     """Limit this process's memory, give it a home and a temporary folder of its own below `top`,
-    and refuse what it would write elsewhere; what that was goes into `outside`.
+    and refuse what it would write elsewhere, and signals to processes that do not descend from its
+    parent; what that was goes into `outside`.
 
-    Processes that it starts inherit the first two and, if they are forks, the third.
+    Processes that it starts inherit the first two and, if they are forks, the others.
     """
     with open("/proc/self/statm") as file:
         taken = int(file.read().split()[5]) * resource.getpagesize()
@@ -85,8 +87,20 @@ def _refusing(top: str, outside: Path) -> Callable[[str, tuple], None]:
             os.write(noted, os.fsencode(f"{real}\n"))
             raise PermissionError(f"a test of a fault writes {real}, outside its folder {top}")
 
+    parent = os.getppid()
+
+    def refuse_signal(reached: list[int]) -> None:
+        for one in reached:
+            if parent not in _ancestors(one):
+                os.write(noted, f"process {one}\n".encode())
+                raise PermissionError(f"a test of a fault signals process {one}, not its own")
+
     def hook(event: str, arguments: tuple) -> None:
-        if event == "open":
+        if event in ("os.kill", "os.killpg"):
+            number, signalled = arguments
+            if signalled != 0:  # which only asks whether it is there
+                refuse_signal(_reached(number, event == "os.killpg"))
+        elif event == "open":
             path, mode, flags = arguments
             if (flags or 0) & _WRITES:
                 refuse(os.path.realpath(path) if isinstance(path, str | bytes) else path, None)
@@ -95,6 +109,33 @@ def _refusing(top: str, outside: Path) -> Callable[[str, tuple], None]:
                 refuse(arguments[place], None if folder is None else arguments[folder])
 
     return hook
+
+
+def _stat(number: int | str) -> list[str]:
+    """State, parent, group ... of a process; empty where there is none of this number."""
+    with contextlib.suppress(OSError), open(f"/proc/{number}/stat") as file:
+        return file.read().rpartition(")")[2].split()
+    return []
+
+
+def _reached(number: int, group: bool) -> list[int]:
+    """Processes that a signal to a process or a group goes to; -1 stands for all there are."""
+    if number > 0 and not group:
+        return [number]
+    if number == -1 and not group:
+        return [-1]
+    group = abs(number) or os.getpgrp()
+    return [number for number in (int(n) for n in os.listdir("/proc") if n.isdigit())
+            if (stat := _stat(number)) and int(stat[2]) == group]
+
+
+def _ancestors(number: int) -> set[int]:
+    """The parent of a process, and theirs."""
+    found = set()
+    while stat := _stat(number):
+        number = int(stat[1])
+        found.add(number)
+    return found
 
 
 def adopt_orphans() -> None:
@@ -108,11 +149,8 @@ def children() -> set[int]:
     """Of this process, those that have ended but were not waited for included."""
     found = set()
     for entry in os.scandir("/proc"):
-        with contextlib.suppress(OSError, ValueError):
-            number = int(entry.name)
-            with open(f"/proc/{number}/stat") as file:
-                if int(file.read().rpartition(")")[2].split()[1]) == os.getpid():
-                    found.add(number)
+        if entry.name.isdigit() and _stat(entry.name)[1:2] == [str(os.getpid())]:
+            found.add(int(entry.name))
     return found
 
 

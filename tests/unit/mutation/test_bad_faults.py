@@ -150,6 +150,28 @@ def test_one_that_removes_what_stands_outside_is_refused(plant: Callable, tmp_pa
     assert kept.read_text() == "kept"
 
 
+@pytest.mark.parametrize("how", ["kill({}, 15)", "kill(-{}, 15)", "killpg({}, 15)"])
+def test_one_that_signals_another_s_process_is_refused(plant: Callable, how: str) -> None:
+    with subprocess.Popen(["sleep", "60"], start_new_session=True) as other:
+        try:
+            outcome = plant("return a", f"return os.{how.format(other.pid)} or a")
+            assert other.poll() is None
+        finally:
+            other.kill()
+    assert (outcome.how, outcome.by) == ("signal", f"process {other.pid}")
+
+
+def test_one_that_signals_every_process_is_refused(plant: Callable) -> None:
+    outcome = plant("return a", "return os.kill(-1, __import__('signal').SIGCONT) or a")
+    assert (outcome.how, outcome.by) == ("signal", "process -1")
+
+
+@pytest.mark.parametrize("end", ["p.terminate()", "os.killpg(p.pid, 15)", "os.kill(1, 0)"])
+def test_one_that_signals_its_own_processes_may(plant: Callable, end: str) -> None:
+    begun = "subprocess.Popen(['sleep', '1'], start_new_session=True)"
+    assert not plant("return a", f"return (lambda p: ({end}, p.wait()) and a)({begun})").found
+
+
 def test_home_and_temporary_folder_are_its_own(plant: Callable, tmp_path: Path) -> None:
     before = set(Path.home().iterdir())
     outcome = plant('(folder / "note.txt")', '(Path.home() / "note.txt")')

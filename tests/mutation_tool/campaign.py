@@ -19,7 +19,8 @@ from .sources import all_sources
 from .workers import LIBRARIES, Worker, WorkerError, spread
 
 MISSED, NO_TEST = "missed", "no test"
-BAD = ("import", "time-out", "memory", "write", "signal", "crash")  # found, but by no test's own word
+# Found, but by no test's own word.
+BAD = ("import", "time-out", "memory", "write", "signal", "crash")
 # Seconds of the wall's clock for a processor second, as others use the machine, and besides.
 _SLOWNESS, _IDLE = 20.0, 30.0
 

@@ -250,8 +250,17 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked
     asked.actions.goal(0.0, 0.0, 0.0, 0.0)
     other = Goal.load(asked.settings.package / "config/goal_2016.yaml").for_arm(arm)
     np.testing.assert_allclose(Goal.load(path).world_T_camera, other.world_T_camera, atol=1e-4)
+    # A turn that this arm has but for 0.004 degrees: the goal is what is seen where it can be.
+    asked.actions.goal(0.0, 0.0, 0.0, 0.1)
+    made = Goal.load(path)
+    wanted = other.world_T_camera @ transform(np.zeros(3), (0.0, 0.0, 0.1))
+    np.testing.assert_allclose(made.world_T_camera, wanted, atol=2e-4)
+    reached = arm.pose(made.joint_values(arm.names))
+    np.testing.assert_allclose(made.world_T_camera, reached, rtol=0.0, atol=1e-9)
     with pytest.raises(RefusedError, match="^that goal cannot be: "):
         asked.actions.goal(9.0, 0.0, 0.0, 0.0)
+    with pytest.raises(RefusedError, match="the nearest posture found is 19.8 mm"):
+        asked.actions.goal(0.0, 0.0, 0.02, 0.0)
 
 
 def test_a_goal_needs_a_robot_and_a_place_to_keep_it(asked, shipped_arm):

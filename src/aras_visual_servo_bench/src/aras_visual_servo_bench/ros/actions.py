@@ -26,7 +26,7 @@ from std_srvs.srv import Empty, Trigger
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
-from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.goals.goal import REACHABLE, Goal
 from aras_visual_servo_controller.laws.registry import LAWS
 from aras_visual_servo_controller.schemes.registry import SCHEMES
 from aras_visual_servo_controller.settings import Settings
@@ -146,7 +146,10 @@ class Actions:
         return self._begin(scheme, law, start, str(own) if own.is_file() else goal)
 
     def goal(self, x: float, y: float, z: float, turn: float) -> str:
-        """Servo to the goal moved in the camera's frame, m, and turned about its axis, rad."""
+        """Servo to the goal moved in the camera's frame, m, and turned about its axis, rad.
+
+        An arm of few joints has most poses not exactly: it goes to the nearest within REACHABLE.
+        """
         given, story = self.given(), self._listener.story
         if story is None:
             raise RefusedError("there is no robot yet")
@@ -158,8 +161,8 @@ class Actions:
             before = self.chosen.get("goal before", str(settings.goal_path()))
             goal = Goal.load(before).for_arm(story.arm)
             moved = goal.world_T_camera @ transform((x, y, z), (0.0, 0.0, turn))
-            seen = goal.seen_from(moved)
-            joints = story.arm.inverse(moved, goal.joint_values(story.arm.names))
+            joints = story.arm.inverse(moved, goal.joint_values(story.arm.names), REACHABLE)
+            seen = goal.seen_from(story.arm.pose(joints))
         except (ServoError, ConfigurationError) as error:
             raise RefusedError(f"that goal cannot be: {error}") from error
         values = dict(zip(story.arm.names, joints.tolist(), strict=True))

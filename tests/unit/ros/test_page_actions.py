@@ -251,10 +251,15 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked
     other = Goal.load(asked.settings.package / "config/goal_2016.yaml").for_arm(arm)
     np.testing.assert_allclose(Goal.load(path).world_T_camera, other.world_T_camera, atol=1e-4)
     # A turn that this arm has but for 0.004 degrees: the goal is what is seen where it can be.
-    asked.actions.goal(0.0, 0.0, 0.0, 0.1)
+    said = asked.actions.goal(0.0, 0.0, 0.0, 0.1)
     made = Goal.load(path)
     wanted = other.world_T_camera @ transform(np.zeros(3), (0.0, 0.0, 0.1))
     np.testing.assert_allclose(made.world_T_camera, wanted, atol=2e-4)
+    left = wanted[:3, :3].T @ made.world_T_camera[:3, :3]
+    angle = np.degrees(np.linalg.norm(left - left.T) / np.sqrt(8.0))
+    assert 0.003 < angle < 0.006
+    assert said.endswith("to moved; the arm comes within 0.000 mm and "
+                         f"{angle:.3f} degrees of what was asked for")  # fmt: skip
     reached = arm.pose(made.joint_values(arm.names))
     np.testing.assert_allclose(made.world_T_camera, reached, rtol=0.0, atol=1e-9)
     with pytest.raises(RefusedError, match="^that goal cannot be: "):

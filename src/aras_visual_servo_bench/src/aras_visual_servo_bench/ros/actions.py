@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import threading
 import time
@@ -23,7 +24,7 @@ from gazebo_msgs.srv import DeleteModel, GetModelState, SpawnModel
 from geometry_msgs.msg import Pose
 from std_srvs.srv import Empty, Trigger
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import pose_difference, transform
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.goals.goal import REACHABLE, Goal
@@ -45,6 +46,7 @@ CAMERA_PARAMETERS = "/gazebo/cameras/labrob/camera"
 PATIENCE = 5.0  # s of wall time for a service to be there
 START = 60.0  # s of wall time for nodes to come up; their loops may have to be compiled first
 STRICT = 2
+EXACT = 1e-5  # m and rad: a pose this near is the one that was asked for
 BEGIN = {"scheme": "moments", "law": "proportional", "start": "2016", "goal": "auto"}
 
 
@@ -148,7 +150,8 @@ class Actions:
     def goal(self, x: float, y: float, z: float, turn: float) -> str:
         """Servo to the goal moved in the camera's frame, m, and turned about its axis, rad.
 
-        An arm of few joints has most poses not exactly: it goes to the nearest within REACHABLE.
+        Many an arm cannot hold the camera exactly there: the goal is then the nearest pose within
+        REACHABLE, and the answer says how far off it is.
         """
         given, story = self.given(), self._listener.story
         if story is None:
@@ -162,7 +165,8 @@ class Actions:
             goal = Goal.load(before).for_arm(story.arm)
             moved = goal.world_T_camera @ transform((x, y, z), (0.0, 0.0, turn))
             joints = story.arm.inverse(moved, goal.joint_values(story.arm.names), REACHABLE)
-            seen = goal.seen_from(story.arm.pose(joints))
+            reached = story.arm.pose(joints)
+            seen = goal.seen_from(reached)
         except (ServoError, ConfigurationError) as error:
             raise RefusedError(f"that goal cannot be: {error}") from error
         values = dict(zip(story.arm.names, joints.tolist(), strict=True))
@@ -170,7 +174,11 @@ class Actions:
             "Moved on the live page."))
         text = self._begin(given.get("scheme", "moments"), given["law"], "none", str(path))
         self.chosen["goal before"] = before
-        return text
+        distance, angle = pose_difference(moved, reached)
+        if max(distance, angle) < EXACT:
+            return text
+        return (f"{text}; the arm comes within {1e3 * distance:.3f} mm and "
+                f"{math.degrees(angle):.3f} degrees of what was asked for")
 
     def _begin(self, scheme: str, law: str, start: str, goal: str) -> str:
         with self._lock:

@@ -233,8 +233,7 @@ def _judged(fault: Fault, answer: dict, digest: str, before: Outcome | None = No
     """How the fault was found, and by which test; or that it was missed."""
     by = (answer.get("failed") or [""])[0]
     if answer.get("outside"):
-        by = answer["outside"]
-        how = "signal" if by.startswith("process ") else "write"
+        how, _, by = answer["outside"].partition(" ")
     elif answer["status"] != "ended":
         how = answer["status"].partition(" ")[0]
     elif answer.get("memory"):

@@ -52,7 +52,8 @@ def limit_time(deadline: Deadline, cpu: float, wall: float) -> None:
 def confine(top: Path, outside: Path) -> None:
     """Limit this process's memory, give it a home and a temporary folder of its own below `top`,
     and refuse what it would write elsewhere, and signals to processes that do not descend from its
-    parent; what that was goes into `outside`.
+    parent; what that was goes into `outside`: "write PATH" or
+    "signal process NUMBER" a line.
 
     Processes that it starts inherit the first two and, if they are forks, the others.
     """
@@ -84,7 +85,7 @@ def _refusing(top: str, outside: Path) -> Callable[[str, tuple], None]:
         real = os.path.join(os.path.realpath(os.path.dirname(os.path.abspath(text))),
                             os.path.basename(text))
         if not real.startswith((top, *_FREE)) and ":memory:" not in real:
-            os.write(noted, os.fsencode(f"{real}\n"))
+            os.write(noted, os.fsencode(f"write {real}\n"))
             raise PermissionError(f"a test of a fault writes {real}, outside its folder {top}")
 
     parent = os.getppid()
@@ -92,7 +93,7 @@ def _refusing(top: str, outside: Path) -> Callable[[str, tuple], None]:
     def refuse_signal(reached: list[int]) -> None:
         for one in reached:
             if parent not in _ancestors(one):
-                os.write(noted, f"process {one}\n".encode())
+                os.write(noted, f"signal process {one}\n".encode())
                 raise PermissionError(f"a test of a fault signals process {one}, not its own")
 
     def hook(event: str, arguments: tuple) -> None:

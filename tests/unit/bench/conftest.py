@@ -54,6 +54,28 @@ def pinhole(preset):
     return cameras.model_of(preset)
 
 
+@pytest.fixture(params=[False, True], ids=["screen", "paper"])
+def paper(request):
+    """Whether figures drawn meanwhile look as in a paper; both."""
+    yield from looking(request.param)
+
+
+@pytest.fixture
+def screen():
+    """Figures drawn meanwhile look as on a screen."""
+    yield from looking(False)
+
+
+def looking(paper):
+    import matplotlib.pyplot as plt
+
+    from aras_visual_servo_bench.pictures import style
+
+    with style.look(paper):
+        yield paper
+    plt.close("all")
+
+
 @pytest.fixture(scope="module")
 def browser():
     """A headless Chromium; without one the test is left out, but not in CI."""

@@ -61,20 +61,6 @@ def runs():
     return [filmed(made_run(3, 1.6)), filmed(made_run(4, 2.3))]
 
 
-@pytest.fixture(params=[False, True], ids=["screen", "paper"])
-def paper(request):
-    with style.look(request.param):
-        yield request.param
-    plt.close("all")
-
-
-@pytest.fixture
-def screen():
-    with style.look():
-        yield
-    plt.close("all")
-
-
 def same(line, points, **look):
     """Whether a line goes through these points (n, 2) or (n, 3) and looks so."""
     data = line.get_data_3d() if hasattr(line, "get_data_3d") else line.get_data()

@@ -29,20 +29,6 @@ def runs():
             made_run(4, 2.3)]  # fmt: skip
 
 
-@pytest.fixture(params=[False, True], ids=["screen", "paper"])
-def paper(request):
-    with style.look(request.param):
-        yield request.param
-    plt.close("all")
-
-
-@pytest.fixture
-def screen():
-    with style.look():
-        yield
-    plt.close("all")
-
-
 def check(artist, **look):
     """Whether something that is drawn looks so; colours in any notation."""
     for name, value in look.items():

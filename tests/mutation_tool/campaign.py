@@ -191,14 +191,16 @@ class Campaign:
 
     def _passes(self, worker: Worker, test: str, cover: CoverageMap) -> bool:
         """Whether a test that found something passes without a fault and without coverage; one
-        that does not is used no more."""
+        that does not twice is used no more."""
         if test in self._sound:
             return True
-        answer = worker.ask(self._common([test], cover, 10.0))
-        if answer["status"] == "ended" and answer.get("code") == 0:
-            self._sound.add(test)
-            return True
-        self._say(f"left out, as it fails without a fault: {test}\n{worker.output()[-3000:]}")
+        for left_out in ("again", "left out"):
+            answer = worker.ask(self._common([test], cover, 10.0))
+            if answer["status"] == "ended" and answer.get("code") == 0:
+                self._sound.add(test)
+                return True
+            self._say(f"{left_out}, as it fails without a fault ({answer['status']}): {test}\n"
+                      f"{worker.output()[-3000:]}")
         self._unsound.add(test)
         return False
 

@@ -8,7 +8,6 @@ import mmap
 import os
 import resource
 import signal
-import struct
 import sys
 import tempfile
 import time
@@ -31,14 +30,15 @@ class Deadline:
     """When a child is to be ended, kept in memory that it shares with its parent."""
 
     def __init__(self) -> None:
-        self._shared = mmap.mmap(-1, 8)
+        # struct.pack_into would write zero first, which the parent could read.
+        self._shared = memoryview(mmap.mmap(-1, 8)).cast("d")
 
     def set(self, seconds: float) -> None:
-        struct.pack_into("d", self._shared, 0, time.monotonic() + seconds)
+        self._shared[0] = time.monotonic() + seconds
 
     @property
     def over(self) -> bool:
-        return time.monotonic() > struct.unpack_from("d", self._shared, 0)[0]
+        return time.monotonic() > self._shared[0]
 
 
 def limit_time(deadline: Deadline, cpu: float, wall: float) -> None:

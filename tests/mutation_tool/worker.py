@@ -19,6 +19,7 @@ import shutil
 import signal
 import sys
 import time
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import TextIO
@@ -193,6 +194,8 @@ class Server:
             result = run(task, limit)
             answer.write_text(json.dumps(result))
             code = 0
+        except BaseException:  # `os._exit` would leave nothing of it
+            traceback.print_exc()
         finally:
             sys.stdout.flush()
             sys.stderr.flush()

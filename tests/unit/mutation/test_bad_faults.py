@@ -225,6 +225,22 @@ def test_nothing_is_compiled_while_test_files_are_imported(
     assert later(np.arange(3)) == 4 and later.signatures
 
 
+def test_a_deadline_is_read_whole_while_a_child_sets_it() -> None:
+    """`struct.pack_into` writes zero first: a parent that read it ended a child that had time."""
+    deadline = guard.Deadline()
+    deadline.set(600.0)
+    child = os.fork()
+    if child == 0:
+        try:
+            for _ in range(200_000):
+                deadline.set(600.0)
+        finally:
+            os._exit(0)
+    while not (done := os.waitpid(child, os.WNOHANG)[0]):
+        assert not any(deadline.over for _ in range(100))
+    assert done == child
+
+
 def test_a_limit_of_time_is_of_each_test(monkeypatch: pytest.MonkeyPatch) -> None:
     deadline = guard.Deadline()
     now = 100.0

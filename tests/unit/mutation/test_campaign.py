@@ -18,6 +18,7 @@ from mutation_tool.campaign import Campaign, CampaignError, Outcome
 from mutation_tool.equivalents import Equivalents, EquivalentsError
 from mutation_tool.faults import Fault, sample
 from mutation_tool.report import Report
+from mutation_tool.workers import Worker
 
 TOY = """def added(a, b):
     return a + b
@@ -270,7 +271,29 @@ def test_a_test_that_passes_under_coverage_alone_finds_nothing(top: Path) -> Non
     outcomes = {f.now: o for f, o in run.run(drawn("scaled"), run.record())}
     run.close()
     assert outcomes["return 2.5 * a"].how == "missed"
-    assert "left out, as it fails without a fault: tests/test_toy.py::test_traced" in said[-1]
+    assert "again, as it fails without a fault (ended): tests/test_toy.py::test_traced" in said[-2]
+    assert "left out, as it fails without a fault (ended): tests/test_toy.py" in said[-1]
+
+
+def test_one_that_fails_once_without_a_fault_is_asked_again(
+    top: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A machine under load ended it once, and a fault that it had found was counted as missed."""
+    ask, checks = Worker.ask, []
+
+    def ask_but_the_first_check(worker: Worker, task: dict) -> dict:
+        if "order" in task and "text" not in task:
+            checks.append(task["order"])
+            if len(checks) == 1:
+                return {"status": "time-out"}
+        return ask(worker, task)
+
+    monkeypatch.setattr(Worker, "ask", ask_but_the_first_check)
+    run = campaign(top)
+    outcomes = {f.now: o.how for f, o in run.run(drawn("scaled"), run.record())}
+    run.close()
+    assert outcomes["return 2.0 / a"] == "test"
+    assert checks[0] == checks[1]
 
 
 def test_a_copy_takes_over_what_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,

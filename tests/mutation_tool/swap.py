@@ -28,6 +28,7 @@ class Functions:
                 self._alive.setdefault(_identity(one.__code__), []).append(one)
         self._loops = _Loops()
         self._imported = {getattr(m, "__file__", None) for m in list(sys.modules.values())}
+        self._imported |= {file for file, _, _ in self._alive}  # of modules by no name too
 
     def plant(self, file: Path, was: bytes, now: bytes) -> bool:
         """Exchange what differs; False where the file must be imported anew instead."""

@@ -81,7 +81,7 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]
     import swapped_toy
 
     yield swapped_toy
-    del sys.modules["swapped_toy"]
+    sys.modules.pop("swapped_toy", None)
 
 
 def planted(toy: ModuleType, was: str, now: str) -> bool:
@@ -116,6 +116,12 @@ def test_what_the_import_makes_is_refused(toy: ModuleType, was: str, now: str) -
 
 def test_a_module_that_nobody_has_imported_needs_nothing(tmp_path: Path) -> None:
     assert Functions().plant(tmp_path / "not_yet.py", b"A = 1", b"A = 2")
+
+
+def test_a_module_that_a_test_keeps_to_itself_gets_the_fault_too(toy: ModuleType) -> None:
+    del sys.modules["swapped_toy"]
+    assert planted(toy, "return 3.0", "return 4.0") and toy.Arm().length == 4.0
+    assert not planted(toy, "LIMIT = 2.0", "LIMIT = 2.5")
 
 
 def test_compiled_functions_and_their_callers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,

@@ -129,6 +129,7 @@ def test_a_bag_s_run_has_every_number_that_was_recorded(graph, face, tmp_path):
     parts = []
     run = bags.read_bag(path, parts.append)
     assert run.name == tmp_path.name and run.source == str(path)
+    assert min(parts) > 0.0 and np.ptp(np.diff([0.0, *parts])) < 0.02 and parts[-1] == 1.0
     states = [made_state(stamp) for stamp in STAMPS[1:]]  # the first was the way to the start
     same(run.stamp, np.round(STAMPS[1:], 9))
     assert run.outcome == "running" and run.scheme == "points" and run.names == NAMES
@@ -210,6 +211,11 @@ def test_what_was_recorded_before_the_clock_went_back_is_another_run(graph, face
     (note,) = [note for note in run.notes if "clock" in note]
     assert note.startswith("the clock was put back once")
     assert bags.described(path).arguments == {"camera": "lab"}
+    with rosbag.Bag(str(path), "a") as bag:  # of a node that has not heard the clock yet
+        bag.write("/two/joint_states", joint_states(0.0), rospy.Time(40))
+    again = bags.read_bag(path)
+    assert again.notes == run.notes
+    same(again.joint_stamp, run.joint_stamp)
 
 
 def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(graph, face, tmp_path):

@@ -91,23 +91,20 @@ def test_nothing_loaded_is_said(manager, capsys):
     assert capsys.readouterr().out == "No controllers are loaded in mechanism control\n"
 
 
-@pytest.mark.parametrize(("found", "expected"), [
-    (utils.filter_by_name(ALL, "arm"), [ARM]),
-    (utils.filter_by_name(ALL, "a"), []),
-    (utils.filter_by_name(ALL, "a", match_substring=True), ALL),
-    (utils.filter_by_type(ALL, "Position", match_substring=True), [HAND]),
-    (utils.filter_by_state(ALL, "running"), [ARM, STATES]),
-    (utils.filter_by_hardware_interface(ALL, POSITION), [ARM, HAND]),
-    (utils.filter_by_hardware_interface(ALL, "Effort"), []),
-    (utils.filter_by_hardware_interface(ALL, "Effort", match_substring=True), [ARM]),
-    (utils.filter_by_resources(ALL, ["j1", "j3"]), [ARM]),
-    (utils.filter_by_resources(ALL, ["j1", "j3"], EFFORT), []),
-    (utils.filter_by_resources(ALL, ["j1", "j4"]), []),
-    (utils.filter_by_resources(ALL, ["j1", "j4"], match_any=True), [ARM, HAND]),
-    (utils.filter_by_resources(ALL, ["j3", "j9"], EFFORT, match_any=True), []),
-])
-def test_filters(found, expected):
-    assert found == expected
+@pytest.mark.parametrize(("by", "asked", "more", "expected"), [
+    ("name", "arm", {}, [ARM]), ("name", "a", {}, []),
+    ("name", "a", {"match_substring": True}, ALL), ("state", "running", {}, [ARM, STATES]),
+    ("type", "Position", {"match_substring": True}, [HAND]),
+    ("hardware_interface", POSITION, {}, [ARM, HAND]), ("hardware_interface", "Effort", {}, []),
+    ("hardware_interface", "Effort", {"match_substring": True}, [ARM]),
+    ("resources", ["j1", "j3"], {}, [ARM]), ("resources", ["j4"], {}, [HAND]),
+    ("resources", ["j1", "j3"], {"hardware_interface": EFFORT}, []),
+    ("resources", ["j1", "j4"], {}, []),
+    ("resources", ["j1", "j4"], {"match_any": True}, [ARM, HAND]),
+    ("resources", ["j3", "j9"], {"hardware_interface": EFFORT, "match_any": True}, []),
+])  # fmt: skip
+def test_filters(by, asked, more, expected):
+    assert getattr(utils, f"filter_by_{by}")(ALL, asked, **more) == expected
 
 
 def test_managers_are_found_by_their_services(monkeypatch):
@@ -147,7 +144,8 @@ def test_a_manager_may_stand_at_the_root(monkeypatch):
 
 
 def test_a_controller_is_what_has_a_text_for_its_type(monkeypatch):
-    values = {"one": {"type": "A"}, "no": {"type": {"a": "B"}}, "type": {"two": "C"}, "x": 1}
+    values = {"one": {"type": "A"}, "no": {"type": {"a": "B"}}, "yet": {}, "x": 1,
+              "type": {"two": "C"}}
     monkeypatch.setattr(utils.rospy, "get_param", {"/": values}.get)
     assert utils.get_rosparam_controller_names("/") == ["one"]
     assert utils.get_rosparam_controller_names("") == ["one"]

@@ -55,6 +55,11 @@ def test_what_the_loop_was_set_to_is_read():
     broken.given["parameters"]["robo"] = "<robot name='x'/>"
     assert broken.arm is None and broken.notes[0].startswith("the recorded description cannot be")
     assert [len(one) for one in broken.limits()] == [0, 0, 0] and len(broken.notes) == 1
+    endless = of()
+    unlimited = ARM.replace('<limit lower="-1.5" upper="2" effort="5" velocity="1.9"/>', "")
+    endless.given["parameters"]["robot_description"] = unlimited.replace("revolute", "continuous")
+    assert [len(one) for one in endless.limits()] == [0, 0, 0]
+    assert endless.notes[0].startswith("the recorded limits cannot be used: nothing limits the sp")
     wrong = of({"gain": "high"})
     assert wrong.settings is None and wrong.arm is None and wrong.goal is None
     assert len(wrong.notes) == 1 and "the recorded parameters cannot be used: " in wrong.notes[0]

@@ -118,6 +118,8 @@ class Messages:
         """Stamps (m,), positions and speeds (m, j) of the joint states that hold these joints."""
         stamps, places, speeds = [], [], []
         for message in self._read.joints:
+            if not message.header.stamp:  # of a node that had not heard the clock
+                continue
             at = {name: i for i, name in enumerate(message.name)}
             if not all(name in at and at[name] < len(message.position) for name in names):
                 continue

@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import io
 import struct
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from types import SimpleNamespace
@@ -126,7 +125,8 @@ def _reindexed(path: Path) -> rosbag.Bag:
     # Connections stand in the chunks; again behind them in a bag that was being closed.
     bag._reader._read_terminal_connection_records = lambda: None
     with contextlib.suppress(io.UnsupportedOperation):  # it would cut off what is behind them
-        deque(bag.reindex(), maxlen=0)
+        for _ in bag.reindex():
+            pass
     for entries in bag._connection_indexes.values():  # they are of the last, broken chunk too
         entries[:] = [entry for entry in entries if entry.chunk_pos in bag._chunk_headers]
     bag._connection_indexes_read = True
@@ -189,11 +189,11 @@ class Reader(Heard):
         always = (t.info, t.experiment, TF_STATIC)  # told once, or never another
         began = self._began()
         wanted = [topic for topic in (*takers, t.image) if topic in self._counts]
-        total, done = sum(self._counts[topic] for topic in wanted) or 1, 0
+        total = sum(self._counts[topic] for topic in wanted)
         asked: dict[str, bool] = {}
-        for topic, message, time in self._bag.read_messages(wanted, raw=True):
-            done += 1
-            if done % 500 == 0:
+        messages = self._bag.read_messages(wanted, raw=True)
+        for done, (topic, message, time) in enumerate(messages, 1):
+            if 100 * done // total > 100 * (done - 1) // total:
                 progress(done / total)
             _, data, _, place, _ = message
             if began is not None and place < began and topic not in always:
@@ -228,7 +228,7 @@ class Reader(Heard):
         topic, written = self._topics.joints or self._topics.state, []
         for _, (_, data, _, place, _), _ in self._bag.read_messages([topic], raw=True):
             written.append((place, _stamp(data)))
-        written = sorted(one for one in written if one[1] > 0)
+        written = sorted(one for one in written if one[1])
         back = [i for i in range(1, len(written)) if written[i][1] < written[i - 1][1] - BACK]
         if not back:
             return None
@@ -314,7 +314,7 @@ def _rgb(message: Any) -> np.ndarray | None:
     """(H, W, 3) uint8 of an image raw or compressed; None: of an unknown encoding."""
     if hasattr(message, "format"):
         image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR)
-        return None if image is None else image[..., ::-1].copy()
+        return None if image is None else image[..., ::-1]
     with contextlib.suppress(ImageError):
-        return decode(message).rgb.copy()
+        return decode(message).rgb
     return None

@@ -15,7 +15,7 @@ from ..loop.state import ServoState as State
 from ..msg import ServoReport, ServoState
 
 # Of an image that tells no intrinsics; it is not valid, and nothing is computed with it.
-UNKNOWN_CAMERA = CameraModel(1, 1, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
+UNKNOWN_CAMERA = CameraModel(1, 1, tuple(np.eye(3).flat))
 
 
 def camera_of(message: ImageMoments) -> tuple[CameraModel, str]:

@@ -65,7 +65,7 @@ def parts(robot: ArasRobot, count: int) -> dict[str, float]:
         simulation.time_ns += simulation.step_ns
         stamp = simulation.time_ns
         marks = [clock()]
-        loop.hardware.read(stamp, period)
+        loop.hardware.read()
         marks.append(clock())
         loop.manager.update(stamp, period)
         marks.append(clock())

@@ -81,7 +81,7 @@ class Bench:
             t = 1e-3 * self.k
             rig.model.q[:] = 0.3 * math.sin(31.0 * t), -0.45 * math.cos(23.0 * t) + push
             rig.model.v[:] = 9.3 * math.cos(31.0 * t), 10.35 * math.sin(23.0 * t) - 3.0 * push
-            rig.hardware.read(1_000_000 * self.k, 1e-3)
+            rig.hardware.read()
             rig.manager.update(1_000_000 * self.k, 1e-3)
             self.trace.append([h.row.tolist() for h in rig.hardware.handles.values()])
 

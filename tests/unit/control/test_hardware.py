@@ -27,7 +27,7 @@ class TestReading:
         rig = make_rig([make_joint("A"), make_joint("B", "continuous")])
         for q in (-2.5, 3.0, -3.0, 40.0):
             rig.model.q[:], rig.model.v[:], rig.model.tau[:] = [q, -q], [1.5, 2.5], [3.5, 4.5]
-            rig.hardware.read(0, 0.001)
+            rig.hardware.read()
             a, b = rig.hardware.handles.values()
             assert (a.position, a.velocity, a.effort) == (q, 1.5, 3.5)
             assert (b.position, b.velocity, b.effort) == (-q, 2.5, 4.5)
@@ -37,7 +37,7 @@ class TestReading:
     ):
         rig = make_rig([make_joint("A", type=""), make_joint("J")])
         rig.model.q, rig.model.v, rig.model.tau = [1.0, 2.0], [3.0, 4.0], [5.0, 6.0]
-        rig.hardware.read(0, 0.001)
+        rig.hardware.read()
         handle = rig.hardware.handles["J"]
         assert (handle.position, handle.velocity, handle.effort) == (2.0, 4.0, 6.0)
 
@@ -113,7 +113,7 @@ class TestWriting:
         limits = make_limits(lower, upper, 1e6, 25.0)
         rig = make_rig([make_joint("J", kind, POSITION, limits)], gains("J", p=10.0))
         rig.model.q[0] = position
-        rig.hardware.read(0, 0.001)
+        rig.hardware.read()
         rig.hardware.handles["J"].position_command = command
         rig.hardware.write(0, 0.001)
         assert only(rig)[0] == ("effort", pytest.approx(effort)), proves
@@ -122,7 +122,7 @@ class TestWriting:
     def test_velocity_pid(self, make_rig, make_joint):
         rig = make_rig([make_joint("J", interface=VELOCITY)], gains("J", p=10.0))
         rig.model.v[0] = 1.0
-        rig.hardware.read(0, 0.001)
+        rig.hardware.read()
         rig.hardware.handles["J"].velocity_command = 4.0
         rig.hardware.write(0, 0.001)
         assert only(rig) == [("effort", 30.0)]
@@ -174,7 +174,7 @@ def test_a_pid_drive_drives_no_joint_on_that_is_too_fast(make_rig, make_joint, i
     handle = rig.hardware.handles["J"]
     for speed, wanted, effort in ((4.9, 2.0, 100.0), (5.1, 2.0, 0.0), (5.1, -2.0, -100.0)):
         rig.model.v[0] = sign * (speed if interface == POSITION else speed)
-        rig.hardware.read(0, 0.001)
+        rig.hardware.read()
         if interface == POSITION:
             handle.position_command = handle.position + sign * wanted
             rig.hardware.drives[0].rule.reset()
@@ -236,7 +236,7 @@ class TestEmergencyStop:
         ])
         handles = rig.hardware.handles
         rig.model.q[2] = 0.3
-        rig.hardware.read(0, 0.001)
+        rig.hardware.read()
         rig.hardware.e_stop = True
         handles["E"].effort_command = 5.0
         handles["V"].velocity_command = 1.0
@@ -248,7 +248,7 @@ class TestEmergencyStop:
         rig.hardware.write(0, 0.001)
         assert only(rig, 3)[0] == ("effort", 5.0)
         rig.model.q[2] = 0.303  # as far as its velocity limit lets a command go
-        rig.hardware.read(0, 0.001)
+        rig.hardware.read()
         rig.hardware.e_stop = True
         rig.hardware.write(0, 0.001)
         # Each stop holds its own place.
@@ -257,7 +257,7 @@ class TestEmergencyStop:
     def test_velocity_pid_brakes(self, make_rig, make_joint):
         rig = make_rig([make_joint("J", interface=VELOCITY)], gains("J", p=10.0))
         rig.model.v[0] = 2.0
-        rig.hardware.read(0, 0.001)
+        rig.hardware.read()
         rig.hardware.handles["J"].velocity_command = 4.0
         rig.hardware.e_stop = True
         rig.hardware.write(0, 0.001)

@@ -49,6 +49,7 @@ def handle(soft=None, position=0.0, velocity=0.0, interface=EFFORT):
         ("braking beyond vmax", 0, 5.1, -60, -60),
         ("no speeding up beyond -vmax", 0, -5.1, -60, 0),
         ("on the limit counts as inside", 2.0, 5.0, 60, 60),
+        ("on the lower limit too", -2.0, -5.0, -60, -60),
     ],
 )
 def test_effort_saturation(proves, position, velocity, command, expected):

@@ -53,6 +53,19 @@ def test_an_emergency_stop_holds_the_joint_where_a_reset_has_put_it(make_rig, ma
         assert rig.model.calls[-1] == ("position", "a", pytest.approx(place))
 
 
+def test_a_clock_that_was_put_back_leaves_a_pid_what_it_has_gathered(make_rig, make_joint):
+    rig = make_rig([make_joint("a")], {"c": {
+        "type": "effort_controllers/JointPositionController", "joint": "a",
+        "pid": {"p": 0.0, "i": 10.0, "i_clamp": 9.0}}})
+    rig.model.stuck.add("a")
+    rig.run("c").set_command(0.5)
+    for begin, gathered in ((rig.loop.reset, 200), (rig.loop.begin_anew, 100)):
+        rig.step(100)
+        begin()
+        rig.step(100)
+        assert rig.model.tau[0] == pytest.approx(10.0 * 0.5 * 1e-3 * gathered)
+
+
 @pytest.mark.parametrize("step_ns", [500_000, 1_000_000, 4_000_000])
 def test_the_first_write_lasts_one_step_of_the_physics(make_rig, make_joint, step_ns):
     """A position joint may move by its velocity limit, 5 rad/s, times the step."""

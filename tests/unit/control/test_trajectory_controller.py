@@ -117,8 +117,11 @@ class TestFollowing:
         b.controller.set_command(Trajectory(["a"], points, b.rig.time_ns - S // 2))
         assert any("2 of 4" in text for text in b.rig.log)
         # Next cycle is 0.51 into it; the bridge reaches 1.0 another 0.51 later.
+        states = []
+        b.controller.on_state = states.append
         assert b.after(0.01) == pytest.approx(0.0)
         assert b.after(0.255 + 0.005) == pytest.approx(0.26 / 0.51)
+        assert states[-1].desired.time_from_start == pytest.approx(0.51)
         assert b.after(0.25) == pytest.approx(1.0)
         assert b.after(0.5) == pytest.approx(1.5)
 
@@ -344,18 +347,19 @@ class TestGoals:
         assert b.after(1.0) == pytest.approx(0.49)
         assert not b.controller.cancel_goal(handle)
 
-    def test_stopping_the_controller_ends_the_goal_and_later_ones_are_refused(self, bench):
+    def test_stopping_the_controller_ends_the_goal_and_who_does_not_run_refuses(self, bench, make):
         b = bench()
         handle = b.controller.submit_goal(TrajectoryGoal(line()))
         b.rig.manager.switch([], ["c"])
         b.rig.step(1)
         assert handle.status == "preempted"
-        late = b.controller.submit_goal(TrajectoryGoal(line()))
-        assert (late.status, late.result.error_code) == ("rejected", ErrorCode.INVALID_GOAL)
-        with pytest.raises(ControllerError, match="not running"):
-            b.controller.set_command(line())
-        with pytest.raises(ControllerError, match="not running"):
-            b.controller.query_state(b.rig.time_ns)
+        for controller in (b.controller, make().manager.load("c")):
+            late = controller.submit_goal(TrajectoryGoal(line()))
+            assert (late.status, late.result.error_code) == ("rejected", ErrorCode.INVALID_GOAL)
+            with pytest.raises(ControllerError, match="not running"):
+                controller.set_command(line())
+            with pytest.raises(ControllerError, match="not running"):
+                controller.query_state(b.rig.time_ns)
 
     def test_a_goal_without_points_succeeds_where_it_is(self, bench):
         b = bench(start=[0.3])
@@ -413,6 +417,15 @@ class TestStopping:
         assert steps[49:] == pytest.approx([0.0] * len(steps[49:]), abs=1e-3)
         # v t - v t³/(2 T²) + v t⁴/(8 T³), the symmetric quintic, is 5/8 v T at T.
         assert positions[-1] - begin == pytest.approx(0.625 * 2.0 * 0.5)
+
+    def test_who_is_started_while_it_runs_holds_at_once(self, bench):
+        b = bench(stop_trajectory_duration=0.5)
+        b.controller.set_command(line(2.0, 1.0))
+        b.rig.step(50)
+        b.rig.manager.switch(["c"], [], 1)
+        b.rig.step(2)
+        held = b.q()
+        assert b.after(0.5) == held == pytest.approx(0.98)
 
 
 class TestOutputsAndState:

@@ -126,5 +126,6 @@ def test_the_shipped_robot_bears_its_own_step_and_not_ten_of_it():
             robot.manager.switch([], [entry.name], 2)
         robot.simulation.step()
         assert told(0.01) == ""  # no loop is closed
+        assert not np.any(loop_gains(robot.hardware, (), robot.model.joint_names))
     finally:
         robot.simulation.close()

@@ -162,7 +162,7 @@ class RobotHardware:
         self.pids[joint] = pid
         return pid
 
-    def read(self, time_ns: int, period: float) -> None:
+    def read(self) -> None:
         """Bring the model's joint states into the handles; angles count full turns."""
         measured = np.array(self.model.read_joints())
         self.handle_rows[:, : TAU + 1] = measured[:, self._read].T
@@ -190,14 +190,14 @@ class RobotHardware:
 
     def start(self) -> None:
         """Be as new: the joints stay where they are until somebody commands them."""
-        self.read(0, 0.0)
+        self.read()
         for drive in self.drives:
             drive.start()
 
     def stay(self, joints: Iterable[str]) -> None:
         """Take the place where these joints were put for their last command; names without a
         transmission are passed over."""
-        self.read(0, 0.0)
+        self.read()
         for drive in self.drives:
             if drive.handle.name in joints:
                 drive.start()

@@ -62,7 +62,7 @@ class ControlLoop:
         elapsed_ns = self._step_ns if updated_ns is None else time_ns - updated_ns
         if updated_ns is None or elapsed_ns >= self._control_ns:
             period = elapsed_ns / _NS_PER_S
-            self.hardware.read(time_ns, period)
+            self.hardware.read()
             self.manager.update(time_ns, period)
             self._updated_ns = time_ns
         written_ns = self._written_ns

@@ -46,8 +46,6 @@ def swing(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> flo
         inverse: M⁻¹ (n, n). P, D: (n,). step: h, s.
     """
     root = np.sqrt(np.maximum(2.0 * step * D + step * step * P, 0.0))
-    if not root.any():
-        return 0.0
     return float(np.linalg.eigvalsh(root[:, None] * inverse * root)[-1])
 
 

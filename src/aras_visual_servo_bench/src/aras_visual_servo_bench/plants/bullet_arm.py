@@ -203,7 +203,7 @@ class BulletArm(Plant):
         self._robot.start([spec.joint_states, *self._controllers])
         # As the switching service does while time stands still: so controllers run, and commands
         # count, from the first step on, and joint states come in the graph's rhythm.
-        self._robot.hardware.read(simulation.time_ns, 0.0)
+        self._robot.hardware.read()
         self._robot.manager.carry_out(simulation.time_ns)
         self._joint_states, self._answers = spec.joint_states, None
         self._robot.manager.get(spec.joint_states).on_state = self._on_joints

@@ -165,7 +165,7 @@ class ManagerServices:
         """Do what is open while time stands still: no update will come, and nothing moves."""
         if self._thread.held:
             now = self._thread.simulation.time_ns
-            self._robot.hardware.read(now, 0.0)
+            self._robot.hardware.read()
             self._manager.carry_out(now)
 
     def _with_parameters(self, job: Callable[[], T]) -> T:

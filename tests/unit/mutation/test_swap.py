@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -78,9 +79,11 @@ def other(a):
 def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "swapped_toy.py").write_text(SOURCE)
+    gc.freeze()  # else a fault is looked for in all that the tests before have left
     import swapped_toy
 
     yield swapped_toy
+    gc.unfreeze()
     sys.modules.pop("swapped_toy", None)
 
 

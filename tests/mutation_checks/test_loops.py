@@ -28,7 +28,7 @@ def twice(a):
 def other(a):
     return a + 1.0
 """
-BASE = Path(__file__).parents[3] / "src" / "aras_visual_servo_base" / "src"
+BASE = Path(__file__).parents[2] / "src" / "aras_visual_servo_base" / "src"
 SCRIPT = """import sys; sys.path[:0] = ["src", sys.argv[1]]; import toy
 for f in (toy.scaled, toy.twice, toy.other):
     print(f.__name__, f(3.0), sum(f.stats.cache_hits.values()))

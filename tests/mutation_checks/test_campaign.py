@@ -21,7 +21,7 @@ from mutation_tool.report import Report
 from mutation_tool.sources import all_sources
 from mutation_tool.workers import Worker
 
-WORKSPACE = Path(__file__).parents[3]
+WORKSPACE = Path(__file__).parents[2]
 TOY = """def added(a, b):
     return a + b
 

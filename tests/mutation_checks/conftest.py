@@ -1,0 +1,6 @@
+"""The tool is beside the tests, in no package that is installed."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))

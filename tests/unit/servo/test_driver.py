@@ -330,6 +330,12 @@ def test_implausible_and_missing_joints_stop_the_arm():
     assert bench.servo.phase == "holding"
     assert any("joint states lack gantry" in state.reason for state in bench.states)
     assert bench.servo.reason.startswith("joint states lack gantry")  # and not that it was NaN
+    bench.step(60)
+    assert bench.servo.phase == "servoing"
+    bench.images = False  # the arm does not wait for the next one
+    bench.step(1, position=1e308)
+    assert bench.servo.phase == "holding"
+    assert bench.servo.reason.startswith("gantry measured at 1e+308: no position that it can have")
 
 
 def test_standing_by_sends_nothing():

@@ -241,12 +241,15 @@ def test_a_fault_in_reset_holds_the_arm_and_is_over_when_it_is():
 def test_a_compute_longer_than_the_image_period_is_named_with_its_time(seconds, slow):
     readings = iter(np.arange(10000) * seconds)
     servo = the_servo("2016", clock=lambda: float(next(readings)))
-    first, *_, state = Rig(servo, STARTS["2016"]).run(0.3)
+    rig = Rig(servo, STARTS["2016"])
+    first, *_, state = rig.run(0.3)
     assert "took" not in first.reason  # nobody knows the image period yet
     assert state.computing == pytest.approx(seconds)
     text = f"took {seconds:.3f} s, longer than the image period of {IMAGE_PERIOD:.3f} s"
     assert (text in state.reason) is slow
     assert state.phase == SERVOING
+    rig.servo.stop("enough")
+    assert rig.run(0.1)[-1].computing == 0.0
 
 
 class OwnJoints(JointController):

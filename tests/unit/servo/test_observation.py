@@ -11,6 +11,8 @@ from aras_visual_servo_base.poses import transform
 from aras_visual_servo_camera.contour import CORNER_ACCURACY
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_camera.pipeline import PipelineSettings
+from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.seeing.depth_image import LEAST, plane_of
@@ -100,6 +102,13 @@ def test_a_picture_of_another_size_than_the_camera():
     seen = Observer(None).of_image(0.0, picture(outline())[:200], CAMERA)
     assert not seen.valid
     assert "320 x 200" in seen.reason
+
+
+def test_a_picture_that_cannot_be_segmented_as_asked_says_why():
+    by_colour = PipelineSettings(Segmentation(method="nearest_colour", near_colour=(200, 30, 40)))
+    seen = Observer(None, vision=by_colour).of_image(0.0, picture(outline()), CAMERA)
+    assert not seen.valid and seen.moments is None
+    assert seen.reason == "segmentation 'nearest_colour' needs a colour image, this one is grey"
 
 
 @pytest.mark.parametrize("begin", [0.0, 31.5])

@@ -32,7 +32,8 @@ _DROPPED_CALLS = {"abs", "fabs", "sqrt", "radians", "degrees", "deg2rad", "rad2d
 _LOGGING = re.compile(r"(log)?(debug|info|warn|warning|err|error|exception|critical|fatal)(_once)?")
 _NOT_SWAPPED = {
     "isinstance", "issubclass", "getattr", "hasattr", "setattr", "cast",  # nobody mistakes them
-    "min", "max", "minimum", "maximum", "hypot", "logical_and", "logical_or", "gcd",  # the same
+    "min", "max", "minimum", "maximum", "hypot", "logical_and", "logical_or", "gcd",
+    "compare_digest",  # the same
 }
 _GUARDS = {"strict", "daemon"}
 _TINY = 1e-5
@@ -68,6 +69,10 @@ class Walk:
         self._line_starts = [0]
         for line in source.splitlines(keepends=True):
             self._line_starts.append(self._line_starts[-1] + len(line))
+        # numpy takes any negative length for what is left
+        self._lengths = {one.operand for call in ast.walk(self.tree) if isinstance(call, ast.Call)
+                         and _called(call) == "reshape" for one in call.args
+                         if isinstance(one, ast.UnaryOp)}
         self._attributes = {n.attr for n in ast.walk(self.tree) if isinstance(n, ast.Attribute)}
 
     def edits(self) -> Iterator[Edit]:
@@ -302,6 +307,8 @@ class Walk:
 
     def _of_constant(self, node: ast.Constant, place: Place) -> Iterator[Edit]:
         value = node.value
+        if node in self._lengths:
+            return
         if isinstance(value, bool):
             yield self._whole(place, "condition", node, str(not value))
         elif isinstance(value, int):
@@ -329,6 +336,7 @@ class Walk:
         for keyword in node.keywords:
             if keyword.arg in (None, *_GUARDS) or (
                 keyword.arg == "dtype" and self._text(keyword.value) == "float"
+                or keyword.arg == "name" and name == "Thread"
             ):
                 continue
             before = [a for a in everything if self._end(a) <= self._start(keyword)]

@@ -105,6 +105,16 @@ def test_a_name_that_no_report_has_is_answered_by_one_clear_line(server, host, t
     assert text.startswith(("There is n", "<html><title>400: Bad Request"))
 
 
+def test_a_report_is_a_page_with_scripts_and_pictures_of_its_own(server, host, tmp_path,
+                                                                 monkeypatch):  # fmt: skip
+    report = tmp_path / "report.html"
+    report.write_text("<title>run \u2116 3</title>", encoding="utf-8")
+    monkeypatch.setattr(host, "file", {"run/report.html": report}.get)
+    status, text, headers = get(server, f"/report/run/report.html?token={server.access.token}")
+    assert (status, text) == (200, "<title>run \u2116 3</title>")
+    assert "data:" in headers["Content-Security-Policy"]
+
+
 @pytest.mark.parametrize("host_name", ["127.0.0.1", "0.0.0.0", "::1", "::", ""])
 def test_the_address_that_is_printed_answers(host, host_name):
     try:
@@ -113,8 +123,11 @@ def test_the_address_that_is_printed_answers(host, host_name):
             port = probe.getsockname()[1]
     except OSError as error:
         pytest.skip(f"this machine has no IPv6: {error}")
-    served = serve(host, host_name, port, "a-token-of-sixteen", lambda _: None)
+    said = []
+    served = serve(host, host_name, port, "a-token-of-sixteen", said.append)
     try:
+        assert any("is not encrypted" in line for line in said) == (
+            host_name not in ("127.0.0.1", "::1"))
         with urllib.request.urlopen(served.access.address, timeout=20) as answer:
             assert answer.status == 200
     finally:
@@ -206,11 +219,15 @@ def test_an_end_is_told_to_the_viewers_and_leaves_no_thread(host):
         viewer = await opened(own)
         await asyncio.wait_for(viewer.read_message(), 20)
         before = {thread for thread in threading.enumerate() if thread.name == "page"}
+        at_work = [own.workers.submit(going_on.wait, 20) for _ in range(9)]
         own.close()
+        going_on.set()
+        assert at_work[-1].cancelled()  # what was only asked for
         while await asyncio.wait_for(viewer.read_message(), 20) is not None:
             pass
         return viewer.close_code, before
 
+    going_on = threading.Event()
     code, before = asyncio.run(run())
     assert code == 1001 and len(before & set(threading.enumerate())) == len(before) - 1
 

@@ -157,6 +157,11 @@ class TestLoading:
         assert request.done and not request.ok
 
 
+    def test_who_is_not_loaded_is_named(self, rig):
+        with pytest.raises(ControllerError, match="'zz' is not loaded"):
+            rig.manager.get("zz")
+
+
 class TestSwitching:
     def test_it_happens_at_the_end_of_the_next_update(self, rig):
         (recorder,) = load(rig, "r")

@@ -81,7 +81,8 @@ def test_a_goal_s_feedback_has_a_rhythm_of_its_own(trajectories):
 
 def test_the_state_of_the_start_can_be_asked_for(trajectories):
     rig, controller = trajectories
-    assert controller.query_state(rig.time_ns).positions == [0.0]
+    state = controller.query_state(rig.time_ns)
+    assert [*state.positions, *state.velocities, *state.accelerations] == [0.0, 0.0, 0.0]
 
 
 def test_result_codes_are_those_of_control_msgs():

@@ -70,10 +70,16 @@ def test_operators_inside_functions(body: str, operator: str, now: str) -> None:
     "line",
     ['"""Moves by 2 + 3."""', "a: Array[1 + 2]", "_log.warning('%s', 1 + 2)", "assert a < 1",
      "raised = f'{1 + 2} of 3'", "__all__ = ['a'] + [b]", "import a.b", "f(*a, strict=True)[b:]",
-     "a = Thread(daemon=True)"],
+     "a = Thread(name=b, daemon=True)", "compare_digest(b, c)[:]"],
 )
 def test_what_no_test_could_notice_is_left_out(line: str) -> None:
     assert changes(line) == set()
+
+
+def test_a_length_that_is_left_to_numpy_stays_so() -> None:
+    assert changes("a = b.reshape(-1, 3)") == {
+        ("arguments", "a = b.reshape(3, -1)"), ("sign", "a = b.reshape((1), 3)"),
+        ("constant", "a = b.reshape(-1, 4)")}
 
 
 def test_messages_of_refusals_stay() -> None:

@@ -215,6 +215,7 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
         return SimpleNamespace(shutdown=lambda _reason="": it.services.pop(name, None))
 
     def publisher(topic: str, kind: type, **options: object) -> Publisher:
+        assert "queue_size" in options, f"who sends {topic} waits for those who read it"
         it.publishers[topic] = Publisher(it, topic, kind, options)
         return it.publishers[topic]
 

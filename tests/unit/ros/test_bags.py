@@ -294,7 +294,8 @@ def test_a_run_ends_where_the_arm_goes_to_a_start_or_other_features_are_seen():
 
 def test_topics_are_found_by_their_types():
     kinds = {"/a/camera_info": bags.INFO, "/a/image_raw": bags.IMAGE, "/x/s": bags.STATE,
-             "/b/labrob/camera/image_raw/compressed": bags.COMPRESSED, "/q": "std_msgs/String",
+             "/c/compressed": bags.COMPRESSED, "/q": "std_msgs/String",
+             "/b/labrob/camera/image_raw/compressed": bags.COMPRESSED,
              "/x/experiment": "std_msgs/String", "/x/joint_states": bags.JOINTS,
              "/y/joints": bags.JOINTS, "/a/other": bags.IMAGE}  # fmt: skip
     found = bags._topics(kinds)
@@ -303,4 +304,7 @@ def test_topics_are_found_by_their_types():
     assert found.experiment == "/x/experiment"
     found = bags._topics({**kinds, "/b/labrob/camera/camera_info": bags.INFO})
     assert found.info == "/b/labrob/camera/camera_info"
+    assert found.image == "/b/labrob/camera/image_raw/compressed"
+    pictures = {topic: kind for topic, kind in kinds.items() if kind != bags.IMAGE}
+    found = bags._topics({**pictures, "/b/labrob/camera/camera_info": bags.INFO})
     assert found.image == "/b/labrob/camera/image_raw/compressed"

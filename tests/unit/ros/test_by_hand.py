@@ -118,6 +118,8 @@ def test_keys_step_joints_and_tell(person):
     assert person.graph.heard["/aras_visual_servo/joint_states"] == (JointState, {"queue_size": 1})
     status, told = person.type(["\x04", RIGHT])
     assert status == 0 and "slide to" not in told.out
+    status, told = person.type(lambda: setattr(person.life, "down", True), [RIGHT])
+    assert status == 0 and "slide to" not in told.out
 
 
 def test_a_held_key_stops_the_controller_and_drives(person):

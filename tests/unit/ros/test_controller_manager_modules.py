@@ -125,6 +125,12 @@ def test_managers_are_found_by_their_services(monkeypatch):
         "/left/controller_manager"]
     assert utils.get_controller_managers("/left", ["/right/arm/controller_manager"]) == []
 
+    def nobody():
+        raise utils.rosservice.ROSServiceIOException("no master")
+
+    monkeypatch.setattr(utils.rosservice, "get_service_list", nobody)
+    assert utils.get_controller_managers() == []
+
 
 def test_the_controllers_of_a_manager_are_listed(graph):
     lister = utils.ControllerLister("/left/controller_manager")

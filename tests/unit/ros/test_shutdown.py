@@ -6,8 +6,11 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 
 import pytest
+
+from aras_visual_servo_ros import shutdown
 
 NODE = """
 import os, sys, threading, time, rospy
@@ -41,6 +44,19 @@ def test_a_signal_ends_a_waiting_main_thread_and_hooks_come_to_their_end(number)
         node.kill()
     assert output == "main ends\ndone\n"
     assert node.returncode == 0
+
+
+def test_other_signals_end_nothing(monkeypatch):
+    hear, tell = os.pipe()
+    reasons, ended = [], threading.Event()
+    monkeypatch.setattr(shutdown.rospy, "signal_shutdown",
+                        lambda reason: (reasons.append(reason), ended.set()))
+    os.write(tell, bytes([signal.SIGCHLD, signal.SIGTERM, signal.SIGINT]))
+    shutdown._end(hear)
+    assert ended.wait(10.0) and reasons == ["SIGTERM"]
+    assert os.read(hear, 9) == bytes([signal.SIGINT])
+    os.close(hear)
+    os.close(tell)
 
 
 CALLBACK = """

@@ -927,6 +927,8 @@ def test_the_joint_that_does_not_arrive_at_the_start_is_named():
     assert pushed == pytest.approx([-0.05, 0.05, *pushed[2:4], 0.0, 0.0], abs=1e-12)
     assert (pushed[2:4] < -0.01).all() and (pushed[2:4] >= -0.05).all()
     assert servo.approaching
+    assert servo.tick(4.0, JointSample.of(4.0, servo.arm.names, start)).reason == ""
+    assert servo.approaching  # until it has settled
 
 
 # -- what it is told and tells ------------------------------------------------------------------

@@ -28,7 +28,7 @@ KEYS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup", "p
 class Gains(NamedTuple):
     """One consistent set of gains; `i_max` and `i_min` bound the integral *term*."""
 
-    p: float = 0.0
+    p: float
     i: float = 0.0
     d: float = 0.0
     i_max: float = 0.0

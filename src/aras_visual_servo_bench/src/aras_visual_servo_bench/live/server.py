@@ -105,8 +105,6 @@ class Server(WebServer):
 
     def went(self, viewer: Viewer) -> None:
         """A viewer less; without any, nothing is worked out."""
-        if viewer not in self.viewers:
-            return
         self.viewers.discard(viewer)
         if not self.viewers:
             self._tick.stop()

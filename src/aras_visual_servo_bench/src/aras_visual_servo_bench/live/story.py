@@ -237,7 +237,7 @@ class Story:
     @staticmethod
     def _line(name: str, points: np.ndarray, colour: Rgba, width: float) -> Shape:
         """A curve; one point alone is none."""
-        return Shape(name, STRIP, points if len(points) > 1 else np.zeros((0, 3)), colour, width)
+        return Shape(name, STRIP, points if len(points) > 1 else points[:0], colour, width)
 
 
 def _folded(text: str, width: int = 44) -> str:

@@ -373,9 +373,7 @@ class Servo:
     @property
     def goes_on(self) -> bool:
         """Whether the coming ticks do nothing but go after the task."""
-        return self.phase in (SERVOING, CONVERGED) and not (
-            self._fresh or self._jumped or self._held or self.approaching
-        )
+        return self.phase in (SERVOING, CONVERGED) and not (self._fresh or self._jumped)
 
     @property
     def answered(self) -> tuple[float, float]:

@@ -14,12 +14,10 @@ import pytest
 import rosbag
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
 from aras_visual_servo_controller.msg import ServoReport, ServoToTargetAction, ServoToTargetGoal
 from geometry_msgs.msg import TwistStamped
 from played_robot import (
     ARM,
-    CONFIG,
     CONTROLLERS,
     NAMESPACE,
     STARTS,
@@ -35,7 +33,6 @@ from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.goals.goal import Goal
 
 pytest_plugins = ["played_robot"]
 
@@ -96,33 +93,6 @@ def test_a_camera_moved_in_a_description_that_comes_later(plant, start, states):
     distance, angle = plant.off()
     assert distance < 0.5e-3
     assert angle < np.radians(0.3)
-
-
-def test_without_a_description_it_waits_for_one(plant, start, states):
-    rospy.delete_param("/robot_description")
-    node = start("_start:=2016")
-    wait_for(lambda: "no robot description on parameter" in node.output(), 20.0, "the complaint")
-    rospy.set_param("/robot_description", URDF)
-    wait_for(phase_is(states, "approaching"), 20.0, "the approach")
-
-
-def test_kernel_scheme_wants_its_twenty_numbers_of_the_same_image(plant, start, states, collect):
-    images = collect(f"{NAMESPACE}/camera/moments", ImageMoments)
-    kernel = rospy.Publisher(f"{NAMESPACE}/camera/kernel", KernelFeatures, queue_size=1)
-    plant.K = Goal.load(CONFIG / "goal_2015.yaml").kernel.K.ravel().tolist()
-    start("_scheme:=kernel", "_start:=none", "_desired:=2015")
-
-    def refused():
-        stamps = [m.header.stamp for m in images.messages[-3:]]
-        for stamp in stamps:
-            message = KernelFeatures(data=[0.1, 0.2, 900.0, 0.0])
-            message.header.stamp = stamp
-            kernel.publish(message)
-        time.sleep(0.05)
-        return states.messages and "got 4" in states.messages[-1].reason
-
-    wait_for(refused, 20.0, "the refusal of four numbers")
-    kernel.unregister()
 
 
 BROKEN = """
@@ -276,16 +246,6 @@ def test_a_group_gets_the_numbers_in_its_own_order(plant, start, states, control
     assert not plant.received
     distance, angle = plant.off()
     assert distance < 1e-3 and angle < 0.01
-
-
-def test_controllers_of_another_kind_end_the_node_in_one_line(plant, start, controllers):
-    controllers(CONTROLLERS["J2"], "Position", joint="J2")
-    node = start("_output:=velocity")
-    assert node.process.wait(20.0 * PATIENCE) == 1
-    lines = [line for line in node.output().splitlines() if line.strip()]
-    assert len(lines) == 1 and (
-        f"takes velocity commands for J2 ({CONTROLLERS['J2']} takes position)" in lines[0]
-    )
 
 
 def test_wrong_parameters_end_the_node_in_one_line(ros_node, start):

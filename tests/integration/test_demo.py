@@ -79,15 +79,6 @@ def test_converges_with_another_camera_mounting_and_target_and_reports(tmp_path)
     assert leftovers(out) == []
 
 
-def test_kernel_features_of_another_camera_end_the_demo_with_the_mend(tmp_path):
-    done = demo(tmp_path, "--scheme", "kernel", "--start", "2015", "--camera", "fisheye")
-    assert done.returncode == 1
-    assert "the controller holds still: the kernel features of goal_2015.yaml" in done.stderr
-    assert "were taught with another camera" in done.stderr
-    assert "teach them anew" in done.stderr
-    assert leftovers(tmp_path) == []
-
-
 def test_interrupt_leaves_no_process_behind(tmp_path):
     out = tmp_path / "out"
     demo = subprocess.Popen(

@@ -8,7 +8,10 @@ from scenes import looking
 from test_recomputed import AT, EYE, things
 
 from aras_sim_bridge.rendering import Sun, View, create_renderer
+from aras_sim_bridge.rendering.binning import Binning
+from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.rendering.tiles import TILE
+from aras_sim_bridge.rendering.triangles import Triangles
 
 LIGHT = Sun(direction=(-0.5, 0.4, -0.8), ambient=0.3, diffuse=0.9)
 # Over 16 tiles wide or high: three levels of tiles joined 4 x 4, the last ones in part.
@@ -122,3 +125,17 @@ def test_what_is_behind_all_that_covers_a_tile_is_left_out(seen_of, name):
             kept = np.maximum(ahead[members].max(axis=0), whole.max(axis=0))
             assert (kept >= ahead.max(axis=0) * (1.0 - 1e-6))[inside].all()
     assert left > 100 and (samples.tile >= 0).any()
+
+
+def test_a_pane_before_all_of_a_picture_is_listed_in_each_of_its_tiles(bench, plainly):
+    """16 x 16 of them, so that each node of the tree over them has as many as it can."""
+    bench.box([0.01, 1.0, 1.2], [1.0, 0.1, 0.0], "Gazebo/GreyTransparent", (0.1, 0.0, 0.0, 0.99))
+    scene = Scene(bench.world)
+    scene.refresh()
+    view = View(128, 128, looking([0.0, 0.0, 0.0], [1.0, 0.0, 0.0]),
+                np.array([[150.0, 0.0, 70.2], [0.0, 140.0, 60.4], [0.0, 0.0, 1.0]]))
+    seen = Binning(Triangles.of(scene.parts)).seen(
+        view.tiles(), view.optical_T_world @ scene.poses(), np.array([[0.0, 0.0, 1.0]]),
+        np.array([0.4, 0.8]), 0.02, 50.0)
+    assert (np.diff(seen.start) >= 1).all() and len(seen.start) == 257
+    assert not seen.opaque.any() and (seen.cover < 0).all()

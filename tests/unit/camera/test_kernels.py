@@ -436,4 +436,4 @@ def test_a_texture_seen_aslant_is_the_mean_of_what_a_pixel_covers(rng):
         wanted = (127.5 + 100.0 * np.cos(2.0 * np.pi * (4.0 * u + 2.0 * v))).mean()
         rgb = np.full(3, 200.0)
         textures.textured.py_func(planes, 0, image, 0.0, 0.0, rgb)
-        assert rgb == pytest.approx([200.0 * wanted / 255.0] * 3, abs=6.0)
+        assert rgb == pytest.approx([200.0 * wanted / 255.0] * 3, abs=1.5)

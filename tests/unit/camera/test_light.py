@@ -9,6 +9,8 @@ import pytest
 from scenes import BRIGHT, looking
 
 from aras_sim_bridge.description import Geometry, Light, parse_urdf, world_file
+from aras_sim_bridge.description.lights import SUN
+from aras_sim_bridge.description.types import Surroundings
 from aras_sim_bridge.errors import DescriptionError, WorldError
 from aras_sim_bridge.rendering import Sun, View, create_renderer
 from aras_sim_bridge.simulation import MOST_LIGHTS, Simulation, SimulationConfig
@@ -228,3 +230,60 @@ def test_a_ball_casts_no_shadow_on_itself(bench):
     side = Light("s", direction=(1.0, 0.2, 0.0), diffuse=(0.5,) * 4, cast_shadows=True)
     lit, shaded = (shown(bench, Sun(lights=(side,), shadows=s)) for s in ("none", "hard"))
     assert (lit == shaded).all()
+
+
+def test_lights_that_are_not_said_are_gazebo_s_sun_and_surroundings():
+    light, around = Sun(), Surroundings()
+    assert light.direction == SUN.direction == (-0.5, 0.1, -0.9)
+    assert (light.diffuse,) * 3 == SUN.diffuse[:3] == (0.8,) * 3
+    assert tuple(light.ambient * tint for tint in light.tint) == around.ambient[:3] == (0.4,) * 3
+    assert light.background == around.background == (0.7, 0.7, 0.7, 1.0)
+
+
+@pytest.mark.parametrize(("length", "dark"), [(2.9, False), (3.2, True)])
+def test_what_is_not_convex_shades_itself_from_three_pixels_on(
+    bench, tmp_path, plainly, monkeypatch, length, dark
+):  # fmt: skip
+    """Plates above a floor, all of one mesh; light goes on for `length` pixels between them. The
+    lens is so wide that rays within a tile are of unlike lengths."""
+    monkeypatch.setattr("aras_sim_bridge.rendering.shadows.FINE", 3)
+    K = np.array([[16.0, 0, 14.2], [0, 21.0, 8.7], [0, 0, 1.0]])
+    way = length / K[0, 0] * np.array([-0.75, 0.45, -0.5]) / np.linalg.norm([0.75, 0.45, 0.5])
+    plates = [(x, y) for x in (0.25, 0.62, 1.0) for y in (-0.6, -0.25)]
+    squares = [(0.0, 0.0, 0.0, 4.0)] + [(*at, -way[2], 0.065) for at in plates]
+    text = "".join(f"v {x + a * s} {y + b * s} {z}\n" for x, y, z, s in squares
+                   for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
+    text += "vn 0 0 1\n" + "".join("f " + " ".join(f"{4 * n + k}//1" for k in range(1, 5)) + "\n"
+                                   for n in range(len(squares)))
+    (tmp_path / "plates.obj").write_text(text)
+    bench.body(Geometry("mesh", filename=str(tmp_path / "plates.obj")))
+    sun = Light("s", direction=tuple(way), diffuse=(0.6,) * 4, cast_shadows=True)
+    view = View(33, 25, looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0)), K)  # the floor is 1 m away
+    picture = create_renderer("exact", bench.world, Sun(lights=(sun,), shadows="hard")).render(view)
+    lit = 255.0 * (0.4 + 0.6 * -way[2] / np.linalg.norm(way))
+    for x, y in plates + way[:2]:
+        u, v = K[0, 0] * x + K[0, 2], -K[1, 1] * y + K[1, 2]
+        assert picture[round(v), round(u), 0] == pytest.approx(102.0 if dark else lit, abs=1.0)
+
+
+def test_a_hard_shadow_is_in_a_pixel_by_as_much_as_covers_it(bench, plainly, monkeypatch):
+    """Of a turned plate, whose four borders lie in it as unlike as can be."""
+    monkeypatch.setattr("aras_sim_bridge.rendering.shadows.FINE", 40)
+    K = np.array([[70.0, 0, 8.3], [0, 60.0, 27.4], [0, 0, 1.0]])
+    bench.box([1.0, 1.0, 0.05], [0, 0, -0.05])
+    turn, half = 0.4, np.array([0.12, 0.09])
+    bench.box([*half, 1e-5], [-0.3, 0.0, 0.3], "Gazebo/Black",
+              (0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2)))
+    sun = Light("s", direction=(1.0, 0.5, -0.6), diffuse=(0.6,) * 4, cast_shadows=True)
+    view = View(33, 34, looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0)), K)  # the floor is 1 m away
+    picture = create_renderer("exact", bench.world, Sun(lights=(sun,), shadows="hard")).render(view)
+    fine = (np.arange(16) + 0.5) / 16 - 0.5
+    x = (np.add.outer(np.arange(33), fine).ravel() - K[0, 2]) / K[0, 0] - 0.2
+    y = (K[1, 2] - np.add.outer(np.arange(34), fine).ravel()) / K[1, 1] - 0.25
+    along, across = (np.add.outer(y * b, x * a) for a, b in (
+        (np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))))
+    dark = (np.abs(along) < half[0]) & (np.abs(across) < half[1])
+    share = dark.reshape(34, 16, 33, 16).mean(axis=(1, 3))
+    lit = picture.max() - 102.0
+    assert ((share > 0.1) & (share < 0.9)).sum() > 30
+    np.testing.assert_allclose((picture.max() - picture[..., 0]) / lit, share, atol=0.1)

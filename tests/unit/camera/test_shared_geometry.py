@@ -115,6 +115,9 @@ def test_every_triangle_is_in_one_group_of_few_that_face_one_side():
     halves = groups(strip, np.tile([0.0, 0, 1], (64, 1)), np.zeros(64, int))
     assert all(np.ptp(np.sort(group)) == len(group) - 1 for group in halves)
     assert groups(strip[:0], strip[:0, 0], np.zeros(0, int)) == []
+    for count, many in ((CLUSTER, 1), (CLUSTER + 1, 2)):  # all in one place
+        one = strip[np.zeros(count, int)]
+        assert len(groups(one, np.tile([0.0, 0, 1], (count, 1)), np.zeros(count, int))) == many
 
 
 def test_what_is_known_of_a_cluster_holds_all_its_triangles():

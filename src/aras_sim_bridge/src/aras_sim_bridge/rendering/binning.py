@@ -116,7 +116,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                            + T[r, 2, 3] * T[r, 2, k])
         gone[r] = row_half[r, 0] < 0.0 or off(T, r, row_centre, row_half, r, nodes, root)
     # A node waits with level, row, column, its triangles as bits, and its cover.
-    waiting = np.empty((16 * (top + 1) + 1, 5), np.int64)
+    waiting = np.empty((15 * (top - 1) + 1, 5), np.int64)
     touched = np.empty(16, np.bool_)
     # Of the cluster's triangles: sides, and their squared lengths.
     work = np.zeros((12, CLUSTER // LANES, LANES))

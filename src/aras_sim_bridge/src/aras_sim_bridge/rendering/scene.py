@@ -138,8 +138,8 @@ class Scene:
         self.parts, self._models = parts, models
         self._labels = np.array(labels, np.int32)
         self._previous = None
-        self._positions = np.zeros((len(names), 3))
-        self._quaternions = np.tile([0.0, 0.0, 0.0, 1.0], (len(names), 1))
+        self._positions = np.empty((len(names), 3))
+        self._quaternions = np.empty((len(names), 4))
 
     def _parts(self, row: int, link: Link, colour: Rgba | None) -> list[Part]:
         """As in Gazebo, a link's colour goes before those of its mesh files, white comes last."""

@@ -332,7 +332,7 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                 growth = lamps[lamp, RADIUS] if directional else 0.0
                 wide = radius if directional else max(radius, lamps[lamp, RADIUS])
                 for r in range(len(row_centre)):
-                    if row_half[r, 0] < 0.0 or not _beam_meets(
+                    if not _beam_meets(
                             T, r, row_centre, row_half, r, middle, wide, d, far, growth):
                         continue
                     for k in range(bounds[r], bounds[r + 1]):

@@ -273,8 +273,10 @@ def _scopes(body: list[ast.stmt], outer: str = "") -> list[_Scope]:
     for node in body:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             runs = not any(COMPILED.search(ast.unparse(d)) for d in node.decorator_list)
-            scopes.append(_Scope(node.body[0].lineno, node.end_lineno, (node.name,), runs,
-                                 compiled=not runs))
+            arguments = node.args
+            first = min((d.lineno for d in (*arguments.defaults, *arguments.kw_defaults) if d),
+                        default=node.body[0].lineno)
+            scopes.append(_Scope(first, node.end_lineno, (node.name,), runs, compiled=not runs))
         elif isinstance(node, ast.ClassDef):
             scopes += _scopes(node.body, node.name)
         else:

@@ -1,6 +1,7 @@
 """A short choice of what the bench's studies show in full."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from aras_visual_servo_bench.commands.running import study_file
 from aras_visual_servo_bench.numbers import decay, metrics
 from aras_visual_servo_bench.recording.run import Run
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.study import provoked
 from aras_visual_servo_bench.study.study import Study
 
 
@@ -65,6 +67,17 @@ def test_every_failure_of_the_study_is_provoked_by_itself():
     assert all(
         case.published == {"outcome": case.names["failure"]} for case in study.combinations
     )
+
+
+def test_the_contrary_feature_is_at_its_goal_nowhere():
+    seen = SimpleNamespace(moments=SimpleNamespace(xg=0.14, yg=-0.17, m00=4e-4))
+    goal = SimpleNamespace(moments=SimpleNamespace(xg=0.1, yg=-0.2, m00=1e-4), depth=0.6)
+    found = provoked.Contrary().measure(seen, goal)
+    np.testing.assert_allclose(found.error, [0.04, 0.03, 0.27])
+    along, across, both = found.L
+    np.testing.assert_allclose(along[:3], [-1.0 / 0.3, 0.0, 0.14 / 0.3])
+    np.testing.assert_allclose(across[:3], [0.0, -1.0 / 0.3, -0.17 / 0.3])
+    np.testing.assert_allclose(both, along + across)
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,21 @@ def test_a_constant_is_seen_where_it_is_used_through_other_constants() -> None:
     assert found_at(2) == ["brief", "user", "quick", "long"]
 
 
+def test_a_constant_is_seen_where_it_is_an_argument_s_default() -> None:
+    source = b"""STEP, LAST = 3, 4
+
+
+def up(a, step=STEP,
+       *, most: int | None = LAST):
+    return a + step
+"""
+    recording = {"lines": {"a.py": {"6": ["t.py::up"]}}, "shared": {}, "failed": {},
+                 "seconds": {"t.py::up": 0.01, "t.py::other": 0.01}}  # fmt: skip
+    cover = CoverageMap({"t.py": recording}, {"a.py": source})
+    fault = next(f for f in faults_of(source, "a.py") if f.line == 1)
+    assert cover.tests_of(fault) == ["t.py::up"]
+
+
 def test_a_compiled_function_is_seen_where_it_is_called_and_where_a_test_imports_it() -> None:
     assert found_at(16) == ["brief", "other"]
 

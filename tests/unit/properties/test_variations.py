@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.study import variations
 from aras_visual_servo_bench.study.variations import BLOCK, Axis, drawn, variation
 
 ENDS = st.tuples(st.floats(-1e3, 1e3), st.floats(1e-3, 1e3)).map(lambda t: (t[0], t[0] + t[1]))
@@ -45,6 +46,13 @@ def test_sobol_points_are_spread_and_never_come_again(entropy, dimensions, part)
         assert sorted((256 * column).astype(int)) == list(range(256))
     later = drawn(draws, "sobol", entropy, first + 2 * BLOCK)
     assert not any(np.allclose(list(later.values()), point, atol=1e-12) for point in points)
+
+
+def test_a_normal_ends_somewhere(monkeypatch):
+    """Though Sobol's points may begin at 0."""
+    monkeypatch.setattr(variations, "_sobol", lambda *key: np.zeros((BLOCK, key[0])))
+    found = drawn([variation("gain", {"normal": [3.0, 0.5]})], "sobol", 0, 7)["gain"]
+    assert found == pytest.approx(3.0 - 0.5 * 7.03, abs=0.01)  # what is less often than 1e-12
 
 
 @given(st.integers(0, 2**31), st.integers(1, 8), st.integers(0, 500), st.integers(0, 500))

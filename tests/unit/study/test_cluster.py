@@ -111,8 +111,8 @@ def test_without_a_number_there_is_a_worker_a_core(monkeypatch):
         raise StudyError("that is all")
 
     monkeypatch.setattr(distributed, "LocalCluster", cluster)
-    monkeypatch.setattr(os, "cpu_count", lambda: 7)
-    for given, wanted in (((), 7), ((3,), 3)):
+    for given, cores, wanted in (((), 7, 7), ((3,), 7, 3), ((), None, 1)):
+        monkeypatch.setattr(os, "cpu_count", lambda cores=cores: cores)
         with pytest.raises(StudyError, match="that is all"):
             DaskPool(*given)
         assert (asked["n_workers"], asked["threads_per_worker"]) == (wanted, 1)
@@ -144,6 +144,22 @@ def test_clusters_that_are_none(tmp_path, text, complaint):
         DaskPool(cluster=str(tmp_path / "cluster.yaml"))
 
 
+@pytest.mark.parametrize(("workers", "asked", "most"), [
+    ("", {}, 0), ("workers: 3\n", {"scale": (3,)}, 3), ("workers: [2, 2]\n", {"scale": (2,)}, 2),
+    ("workers: [1, 4]\n", {"adapt": {"minimum": 1, "maximum": 4}}, 4),
+    ("workers: [0, 4]\n", {"adapt": {"minimum": 0, "maximum": 4}}, 4),
+])  # fmt: skip
+def test_a_named_cluster_is_asked_for_its_workers(tmp_path, monkeypatch, workers, asked, most):
+    cluster = SimpleNamespace(scale=lambda *n: told.update(scale=n),
+                              adapt=lambda **keys: told.update(adapt=keys))
+    told = {}
+    monkeypatch.setattr(distributed, "Mine", lambda queue: {"long": cluster}[queue], False)
+    (tmp_path / "cluster.yaml").write_text(
+        f"class: distributed.Mine\narguments: {{queue: long}}\n{workers}")
+    assert pools._named_cluster(str(tmp_path / "cluster.yaml")) == (cluster, most)
+    assert told == asked
+
+
 def test_a_named_clusters_workers_are_used_when_they_come(tiny, tmp_path, monkeypatch):
     """It begins with none, and more are begun for chunks that wait: two for the first would do."""
     monkeypatch.setattr(pools, "LOOK", 0.0)
@@ -156,6 +172,7 @@ def test_a_named_clusters_workers_are_used_when_they_come(tiny, tmp_path, monkey
     study = tiny(chunk=1, repeats=8)
     made = Folder.create(tmp_path / "out", study, "")
     with DaskPool(cluster=str(file)) as pool:
+        assert pool._cluster.scheduler.WORKER_SATURATION == 1.0  # what waits is nobody's yet
         sent = 0
         while pool.room:
             pool.submit(work.StudyTask(json.dumps(study.to_mapping()), sent))

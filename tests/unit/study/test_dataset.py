@@ -187,6 +187,8 @@ def test_a_data_set_larger_than_the_disk_is_refused(monkeypatch, tmp_path):
     told = images.check_room(study, tmp_path / "not" / "there")
     size = float(re.match(r"([\d.]+) MB at most: 100 runs of up to 32 images", told).group(1))
     assert 3.0 < size < 20.0
+    first = Study.from_mapping({**study.to_mapping(), "pictures": "first"})
+    assert "100 runs of up to 1 image of" in images.check_room(first, tmp_path)
     quick = study_of({**study.experiment, "camera": {"update_rate": 60.0}})
     assert "up to 62 images" in images.check_room(quick, tmp_path)
     Usage = namedtuple("Usage", "total used free")

@@ -19,7 +19,7 @@ from types import SimpleNamespace
 import pyarrow.parquet as pq
 import pytest
 
-from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.errors import ExperimentError, StudyError
 from aras_visual_servo_bench.numbers.metrics import metric
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.study import engine, folder, rows, versions, work
@@ -250,6 +250,8 @@ def test_a_folder_of_which_no_run_was_kept_takes_another_study(tiny, tmp_path):
         Folder.create(tmp_path, tiny(repeats=3), "two")
     assert Folder.create(tmp_path, tiny(repeats=3), "two").study.repeats == 3
     assert (tmp_path / "study.yaml").read_text() == "two"
+    (tmp_path / "study.yaml").unlink()  # by whoever wanted to begin anew
+    assert Folder.create(tmp_path, tiny(repeats=4), "three").study.repeats == 4
 
 
 def test_a_study_file_that_was_edited_is_refused(tiny, tmp_path):
@@ -434,6 +436,65 @@ def test_a_run_that_kills_its_process_is_found_named_and_recorded(tiny, tmp_path
     assert table["killing"].to_pylist()[2] == 0.0 and table["gain"][1].as_py() == 2.0
 
 
+@pytest.mark.parametrize(("children", "begun", "lost"), [
+    ([(1, "killed"), (4, "done")], [0, 1], {}),
+    ([(1, "killed"), (0, "again"), (3, "done")], [0, 1, 2], {1: (rows.DIED, "again")}),
+    ([(0, "killed"), (3, "late"), (0, "late"), (1, "done")], [0, 0, 3, 4],
+     {3: (rows.DIED, "late")}),
+    ([(2, None), (2, "done")], [0, 3], {2: (rows.LATE, "not done after 9 s of wall time")}),
+])  # fmt: skip
+def test_a_run_is_lost_when_its_process_ends_twice_or_hangs_once(
+    tiny, monkeypatch, children, begun, lost
+):  # fmt: skip
+    """children: how many runs each process did, and how it ended; begun: the first of each."""
+    study, asked = tiny(repeats=5, vary={}, chunk=5, limit=9.0), []
+
+    def child(text, todo, limit):
+        asked.append(todo.start)
+        count, end = children[len(asked) - 1]
+        return rows.Rows([{"run": n, "outcome": "x"} for n in todo[:count]]), end
+
+    monkeypatch.setattr(work, "_in_child", child)
+    done = work._guarded(work.StudyTask(json.dumps(study.to_mapping()), 0, True))
+    assert asked == begun and [row["run"] for row in done.values] == list(range(5))
+    found = {row["run"]: (row["outcome"], row["reason"]) for row in done.values
+             if row["outcome"] != "x"}  # fmt: skip
+    assert found == lost and [row["run"] for row in done.times] == list(lost)
+
+
+def test_a_thread_s_run_that_takes_too_long_ends_its_process():
+    """As it does a worker of Dask; in a child here, which would end otherwise after 9 s."""
+    child = os.fork()
+    if not child:
+        def hang():
+            with rows.limited(0.05):
+                threading.Event().wait(9.0)
+            os._exit(0)
+
+        threading.Thread(target=hang).start()
+        threading.Event().wait(10.0)
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 1
+
+
+@pytest.mark.parametrize(("pictures", "eyes"), [("none", {"right"}), ("all", {"left", "right"})])
+def test_cameras_that_no_scheme_reads_see_nothing_where_no_pictures_are_kept(
+    monkeypatch, pictures, eyes
+):  # fmt: skip
+    experiment = {"plant": "free", "features": "pictures", "scheme": "points@right",
+                  "cameras": {"left": {}, "right": {"xyz": [0.05, 0.0, 0.0]}}}  # fmt: skip
+    seen, real = [], rows.assemble
+
+    def assemble(*given, **keys):
+        parts = real(*given, **keys)
+        seen.append(parts)
+        raise ExperimentError("seen enough")
+
+    monkeypatch.setattr(rows, "assemble", assemble)
+    rows.row_of(Study.from_mapping({"experiment": experiment, "pictures": pictures}), 0)
+    assert set(seen[0].eyes) == eyes
+
+
 def test_traces_are_beside_the_results(tiny, tmp_path):
     made = carried(tiny(traces=True), tmp_path)
     traces = made.results(folder.TRACES)
@@ -464,6 +525,9 @@ def test_the_line_of_progress():
     untimed = Progress(2, 1, io.StringIO())
     untimed.more(1, 0)
     assert untimed.line().endswith(" 2/2 runs, 0 without success, 0 s left")
+    quick = Progress(9, 0, io.StringIO(), clock=lambda: 0.0)  # sooner than any clock shows
+    quick.more(2, 0, walls("a", 0.0, 0.0))
+    assert quick.line().endswith(" 2/9 runs, 0 without success, 0 s left")
 
 
 @pytest.mark.parametrize(("seconds", "told"), [

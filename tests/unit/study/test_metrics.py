@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_bench.errors import StudyError, ViewError
-from aras_visual_servo_bench.numbers import metrics
+from aras_visual_servo_bench.numbers import metrics, summary
 from aras_visual_servo_bench.recording.run import CameraRecord, Run, Verdict
 from aras_visual_servo_controller.loop.state import ServoState
 from aras_visual_servo_controller.schemes import Decision
@@ -50,6 +50,14 @@ def measured(name, result):
 
 def decay(rate, first=(1.0, 0.5)):
     return np.array(first) * np.exp(-rate * STAMP)[:, None]
+
+
+def test_the_end_of_a_run_begins_with_the_image_that_is_as_long_before_its_last():
+    error = -np.arange(180.0, 0.0, -1.0).reshape(90, 2)
+    made = replace(run(error), states=tuple(map(state, np.arange(90) / 32.0, error)))
+    found = {one.key: one.value for one in summary.summarise(made)}
+    assert found["final_error_a"] == error[-33:, 0].mean()  # 1 s
+    assert found["worst_error_b"] == -error[-65, 1]  # 2 s
 
 
 def test_success_needs_the_loop_and_the_physics():

@@ -76,6 +76,7 @@ def test_numbers_beside_each_other_are_all_plain_or_all_raised():
     plain = printing.notation([0.002, 3e-5, 1e-12, np.nan, np.inf])
     assert [plain(v) for v in (0.002, 3e-5, -1e-12, 0.0)] == ["0.002", "0.00003", "≈0", "0"]
     assert printing.notation([2.7e-11, 0.28])(2.7e-11) == "≈0"  # it is not 0
+    assert printing.notation([0.0, np.nan])(0.25) == "0.25"  # nothing that it could be next to
     raised = printing.notation([0.0253, 6.33e-7])  # 0.000000633 cannot be read
     assert [raised(v) for v in (0.0253, 6.33e-7)] == ["2.53e-02", "6.33e-07"]
     raised = printing.notation([2e5, -1.0], 4)

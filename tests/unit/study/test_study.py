@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import datetime
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from scipy import stats
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.study import overrides
 from aras_visual_servo_bench.study.engine import check_study
+from aras_visual_servo_bench.study.folder import Folder
 from aras_visual_servo_bench.study.study import Study
 
 FREE = {"plant": "free"}
@@ -105,6 +107,9 @@ def test_chunks_cover_all_runs_once(tiny):
         covered = [run for c in range(study.chunks) for run in study.chunk_runs(c)]
         assert covered == list(range(study.runs))
     assert [tiny(repeats=n, chunk=None).chunk_size for n in (1, 400, 100_000)] == [1, 30, 100]
+    pictured = {"experiment": {**FREE, "features": "pictures"}, "repeats": 400, "chunk": None}
+    for pictures, size in (("all", 4), ("first", 30)):  # pictures are kept in memory
+        assert tiny(**pictured, pictures=pictures).chunk_size == size
 
 
 def test_a_mapping_makes_the_same_study_again(tiny):
@@ -149,7 +154,7 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     ({"cases": [{"gain": 2.0}]}, "'gain' stands both under vary and in cases"),
     ({"vary": {"gain": {"uniform": [float("nan"), 2.0]}}}, "uniform.0. is nan, must be a finite"),
     ({"vary": {"gain": {"normal": [1.0, float("inf")]}}}, "normal.1. is inf, must be a finite"),
-    ({"vary": {"gain": {"normal": [1.0, -0.1]}}}, "deviation is -0.1, must be above 0"),
+    ({"vary": {"gain": {"normal": [1.0, 0.0]}}}, "deviation is 0, must be above 0"),
     ({"vary": {"gain": {"uniform": [2.0, 1.0]}}}, "2 to 1, must rise"),
     ({"vary": {"gain": {"loguniform": [0.0, 1.0]}}}, "must rise from above 0"),
     ({"vary": {"gain": {"unifrom": [1.0, 2.0]}}}, "unknown 'unifrom': did you mean 'uniform'"),
@@ -175,6 +180,14 @@ def test_what_is_no_study_is_refused_in_a_line(tiny, changes, complaint):
     with pytest.raises(StudyError, match=complaint) as caught:
         tiny(**changes)
     assert "\n" not in str(caught.value)
+
+
+def test_what_yaml_has_and_no_study_is_refused_before_it_is_begun(tiny, tmp_path):
+    day = datetime.date(2026, 2, 1)
+    study = tiny(vary={}, cases={"a": [{"name": "b", "published": {"outcome": day}}]})
+    told = r"^datetime.date\(2026, 2, 1\) cannot stand in a study: give numbers, texts"
+    with pytest.raises(StudyError, match=told):
+        Folder.create(tmp_path / "out", study, "")
 
 
 @pytest.mark.parametrize(("changes", "complaint"), [

@@ -361,4 +361,5 @@ def _overridden(values: dict[str, Any], overrides: Mapping[str, Any]) -> dict[st
 def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return dict(value)
-    raise TypeError(f"{value!r} cannot stand in a study")  # a date, a set: YAML has such
+    told = f"{value!r} cannot stand in a study"  # a date, a set: YAML has such
+    raise StudyError(f"{told}: give numbers, texts, lists and mappings")

@@ -142,7 +142,7 @@ def drawn(draws: Sequence[Draw], sampling: str, entropy: int, sample: int) -> di
     else:
         seeds = np.random.SeedSequence(entropy, spawn_key=(POINTS, sample))
         unit = np.random.default_rng(seeds).random(len(draws))
-    inside = np.clip(unit, 1e-12, 1.0 - 1e-12).tolist()  # a normal's ends are infinite
+    inside = np.maximum(unit, 1e-12).tolist()  # of a normal 0 is infinite, and 1 never comes
     return {draw.key: draw.value(u) for draw, u in zip(draws, inside, strict=True)}
 
 

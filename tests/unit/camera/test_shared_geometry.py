@@ -120,6 +120,18 @@ def test_every_triangle_is_in_one_group_of_few_that_face_one_side():
         assert len(groups(one, np.tile([0.0, 0, 1], (count, 1)), np.zeros(count, int))) == many
 
 
+def test_flat_triangles_of_a_part_that_face_one_side_are_one_facet():
+    signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
+    solid = np.array([np.diag(one)[::int(one.prod())] for one in signs])  # of eight sides
+    faces = np.concatenate([solid, 2.0 * solid + 1.0])
+    made = Triangles.of([Part(0, from_corners(faces), (1.0, 0.0, 0.0, 1.0))] * 2)
+    facing = [(n, *way) for n, way in zip(
+        made.part, np.rint(1e3 * made.normals[:, 0]).astype(int).tolist(), strict=True)]
+    number = dict(zip(facing, made.facets, strict=True))
+    assert [number[one] for one in facing] == made.facets.tolist()
+    assert len(set(number.values())) == len(number) == 16
+
+
 def test_what_is_known_of_a_cluster_holds_all_its_triangles():
     draw = np.random.default_rng(4)
     corners = draw.normal(size=(200, 1, 3)) + 0.05 * draw.normal(size=(200, 3, 3))

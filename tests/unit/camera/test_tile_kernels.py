@@ -321,14 +321,15 @@ def resolved_of(side, corner, cells, u, v, **given):
     """Member, share, place of the fragments of pixel u, v in the first tile."""
     count = len(side)
     said = {"opaque": np.ones(count, bool), "cut": np.zeros(count, bool),
-            "hull": np.full(count, -1), "near": 0.01, "far": 50.0, **given}
+            "hull": np.full(count, -1), "near": 0.01, "far": 50.0,
+            "plain": np.zeros(count, np.uint32), **given}
     room = 3 * count
     start, member, share, at = (np.empty(2, np.int64), np.empty(room, np.int64), np.empty(room),
                                 np.empty((room, 2)))
     total = edges.resolved(
         np.array([v * TILE + u]), np.array([0, count]), np.arange(count), np.zeros(count, bool),
         np.full(count, ~np.uint64(0)), corner, np.ascontiguousarray(side), said["cut"],
-        said["opaque"], np.zeros(count, np.uint32), np.arange(count), said["hull"],
+        said["opaque"], said["plain"], np.arange(count), said["hull"],
         matrices_of(1, 1, cells), AXIS[None], cells, 1, said["near"], said["far"], start, member,
         share, at)
     assert start.tolist() == [0, total]
@@ -361,6 +362,20 @@ def test_of_one_convex_part_all_over_a_pixel_samples_say_which_is_where(cells):
     for m, place in zip(member, at, strict=True):
         np.testing.assert_allclose(place, [u % size, v % size] + SAMPLES[met[m]].mean(axis=0),
                                    atol=1e-6)
+
+
+@pytest.mark.parametrize(("words", "alike"), [([7, 7], True), ([7, 8], False), ([0, 0], False)])
+def test_what_is_of_one_colour_all_over_a_pixel_is_one_piece(words, alike):
+    """A triangle before a quarter of what fills it."""
+    u, v = 3, 6
+    corner = np.array([
+        through(np.array([[-30.0, -20.0], [35.0, -18.0], [4.0, 40.0]]) + [u, v]),
+        0.8 * through(np.array([[0.25, -50.0], [90.0, 0.0], [0.25, 50.0]]) + [u, v])])
+    side = np.linalg.inv(corner).swapaxes(1, 2)
+    member, share, at = resolved_of(side, corner, 1, u, v, plain=np.array(words, np.uint32))
+    wanted = {0: 1.0} if alike else {0: 0.75, 1: 0.25}
+    assert dict(zip(member.tolist(), share.tolist(), strict=True)) == pytest.approx(wanted)
+    assert not alike or at.tolist() == [[u, v]]
 
 
 @pytest.mark.parametrize("cells", [1, 2])

@@ -42,4 +42,4 @@ example.Hand = Watched
 off, turned = example.pick_and_place(example.with_gripper(out), seed=0)
 cv2.imwrite(str(out / "picture.png"), np.hstack(pictures))
 print(f"the box lies {1e3 * off:.1f} mm from its place; {out / 'picture.png'}")
-assert off < 5e-3 and turned < 0.05
+assert off < 5e-4 and turned < 0.005

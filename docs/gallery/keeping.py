@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import sys
 from pathlib import Path
 
@@ -18,7 +17,7 @@ EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
 def folder() -> Path:
     """Where the example that runs writes: the first word of its command, or out/gallery/NAME."""
-    name = Path(inspect.stack()[-1].filename).stem
+    name = Path(sys.argv[0]).stem
     out = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("out") / "gallery" / name
     out.mkdir(parents=True, exist_ok=True)
     return out

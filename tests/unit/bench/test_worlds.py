@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -50,26 +48,11 @@ def test_worlds_that_cannot_be_are_refused(asked, said):
 def test_grey_levels_lead_the_arm_home_on_the_workbench():
     poster = {"shape": "poster", "size": [0.12, 0.12], "pose": [0.05, 0.02, 0.5915, 0, 0, 0.3]}
     result = run(Experiment.from_mapping({
-        "world": "workbench", "scheme": "luminance", "camera": SMALL, "target": poster,
+        "world": "workbench", "scheme": "luminance", "target": poster, "linger": 0.0,
+        "camera": {**SMALL, "width": 80, "height": 60},
         "goal": [0.05, 0.0, -0.09, 0.045, 0.045, 0.0],
         "start": [0.055, 0.0, -0.085, 0.045, 0.045, 0.04]}))
     assert result.converged and result.verdict.reached
-
-
-def test_the_workbench_is_what_its_script_writes(tmp_path):
-    script = GAZEBO / "scripts" / "make_workbench.py"
-    subprocess.run([sys.executable, str(script), "--out", str(tmp_path)], check=True)
-    made = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file())
-    kept = GAZEBO / "world"
-    assert made == sorted(
-        path.relative_to(kept) for path in kept.rglob("*")
-        if path.is_file() and path.name != "aras_visual_servo.world")
-    for path in made:
-        if path.suffix in (".png", ".jpg"):  # another OpenCV may round otherwise
-            one, two = (cv2.imread(str(folder / path)).astype(int) for folder in (tmp_path, kept))
-            assert np.abs(one - two).mean() < 1.0
-        else:
-            assert (tmp_path / path).read_text() == (kept / path).read_text()
 
 
 def test_the_workbench_has_nothing_to_warn_of(caplog):

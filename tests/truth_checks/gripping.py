@@ -44,7 +44,7 @@ def _steps(world: World, hand: Model, press: float, count: int) -> None:
         world.step()
 
 
-@check("Coulomb's law", quick=True)
+@check("Coulomb's law")
 def gripping() -> Iterator[Row]:
     """A box of 0.2 kg between two fingers, upright and tilted, for 10 s; and one that slips."""
     for mu, press, tilt in ((0.5, 10.0, 0.0), (0.5, 10.0, 0.4), (1.0, 3.0, 0.2)):

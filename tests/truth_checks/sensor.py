@@ -147,7 +147,7 @@ def motion_blur() -> Iterator[Row]:
         yield Row(f"{what}, middle", "of the sharp picture", float(np.abs(off).max()), 0.02, "px")
 
 
-@check("a bar of known speed", quick=True)
+@check("a bar of known speed")
 def rolling_shutter() -> Iterator[Row]:
     """A bar that passes at 0.8 m/s leans: each row shows it where it was at the row's instant."""
     for row_time, together in ((5e-5, 1), (1.5e-4, 1), (1.5e-4, 8)):

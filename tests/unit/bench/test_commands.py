@@ -11,6 +11,7 @@ from aras_visual_servo_bench import commands
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.commands import EXAMPLES, main, parser
 from aras_visual_servo_bench.errors import BenchError, not_installed
+from aras_visual_servo_bench.pictures import style
 from aras_visual_servo_bench.running.loop import run
 
 
@@ -45,7 +46,10 @@ def test_a_file_may_be_named_like_an_override(experiment, capsys):
     assert capsys.readouterr().out.startswith("\ngain=4:\n")
 
 
-def test_the_report_of_an_experiment_is_written_where_out_says(experiment, tmp_path, capsys):
+def test_the_report_of_an_experiment_is_written_where_out_says(
+    experiment, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setitem(style.STYLE, "savefig.dpi", 30)
     out = tmp_path / "report"
     assert main(["run", str(experiment), "duration=0.3", "--out", str(out)]) == 0
     assert f"the page is {out / 'report.html'}" in capsys.readouterr().out
@@ -54,7 +58,7 @@ def test_the_report_of_an_experiment_is_written_where_out_says(experiment, tmp_p
 
 def test_names_that_are_no_text_are_written_and_printed(experiment, tmp_path):
     given = tmp_path / "bad\udcff<b>$x$.yaml"  # its name is no UTF-8
-    given.write_text(experiment.read_text())
+    given.write_text("plant: free\nduration: 0.3\n")
     out = tmp_path / "out\udcff"
     done = subprocess.run(
         [sys.executable, "-m", "aras_visual_servo_bench", "analyze", given, "--out", out,
@@ -88,7 +92,7 @@ def test_what_an_experiment_cannot_be_run_with_is_one_line(experiment, words, to
 def test_a_study_with_keys_of_both_kinds_stays_a_study(tmp_path, capsys):
     """seed is a key of studies as of experiments."""
     path = tmp_path / "study.yaml"
-    path.write_text("seed: 3\nexperiment: {plant: free}\nvary: {gain: [1.0, 2.0]}\n")
+    path.write_text("seed: 3\nexperiment: {plant: free, duration: 0.2}\nvary: {gain: [1.0, 2.0]}\n")
     assert main(["run", str(path), "--dry-run"]) == 0
     assert "2 runs" in capsys.readouterr().out
 

@@ -36,11 +36,11 @@ def test_a_network_learns_what_is_linear(tmp_path):
 
 def test_unseen_starts_converge():
     hits = 0
-    for seed in range(500, 510):
+    for seed in range(500, 505):
         experiment = Experiment(
             plant="ideal", features="exact", goal="2016", start=SAMPLER, scheme=SCHEME,
             gain=2.0, duration=8.0, seed=seed, reached=(1e-3, 0.01),
             options={"hold": 0.4},
         )  # fmt: skip
         hits += run(experiment).verdict.reached
-    assert hits >= 8
+    assert hits >= 4

@@ -509,7 +509,7 @@ def test_a_file_that_cannot_be_used_is_one_line(tmp_path, name, content, told):
 # -- in the loop -----------------------------------------------------------------------------------
 
 RUN = {
-    "plant": "ideal", "features": "pictures", "gain": 4.0, "duration": 4.0, "linger": 0.2,
+    "plant": "ideal", "features": "pictures", "gain": 4.0, "duration": 4.0, "linger": 0.0,
     "camera": {"width": 320, "height": 240, "horizontal_fov": 0.98, "update_rate": 25.0},
     "goal": {"pose": [0.0, 0.0, -0.35, 0.0, 0.0, 0.0]},
     "start": {"pose": [0.02, -0.015, -0.4, 0.05, -0.04, 0.2]},

@@ -118,7 +118,6 @@ def rms(errors):
 @pytest.mark.parametrize("renderer, count, lens", [
     *[("exact", 3, lens) for lens in LENSES],
     *[("exact", 2, name) for name in sorted({p.stem for p in PRESETS.glob("*.yaml")} - {"noisy"})],
-    ("tiny", 1, "off_centre"), ("tiny", 1, "kannala_brandt"),
 ])
 def test_chessboard_corners_lie_where_camera_info_says(bench, lens, renderer, count):
     board = chessboard(bench)
@@ -199,9 +198,3 @@ def test_centroid_and_area_of_the_target(bench):
     assert rms(centroids) <= 0.015
     assert np.sqrt((areas**2).mean()) <= 0.001
     assert abs(areas.mean()) <= 0.0003
-
-
-def test_target_by_tiny(bench):
-    table_and_target(bench)
-    centroids, _ = target_errors(create_renderer("tiny", bench.world), 5)
-    assert rms(centroids) <= 0.06

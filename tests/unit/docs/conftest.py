@@ -3,4 +3,14 @@
 import sys
 from pathlib import Path
 
+import pytest
+
+from aras_visual_servo_bench.pictures import style
+
 sys.path.insert(0, str(Path(__file__).parent))
+
+
+@pytest.fixture(autouse=True)
+def _figures_of_few_dots(monkeypatch):
+    """Drawing and packing all of them is half of a report's time."""
+    monkeypatch.setitem(style.STYLE, "savefig.dpi", 75)

@@ -24,7 +24,7 @@ LOCAL = {name + ":8080" for name in ("127.0.0.1", "localhost", "LOCALHOST")} | {
     "127.0.0.1:08080", "localhost:08080", "LOCALHOST:08080"}  # fmt: skip
 
 
-@settings(max_examples=300)
+@settings(max_examples=120)
 @given(HOSTS, st.none() | HOSTS.map("http://".__add__) | HOSTS | HOSTS.map("https://".__add__),
        st.sampled_from(["right", "", "rihgt", "Right", "right ", "réght"]))  # fmt: skip
 @example("127.0.0.1:8080", None, "right")

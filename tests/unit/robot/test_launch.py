@@ -145,11 +145,17 @@ def test_the_recording_holds_what_the_graph_carries():
     assert topics >= {f"/aras_visual_servo/controller/{t}" for t in ("state", "camera_twist")}
 
 
+def without_commands(roslaunch, patch):
+    """Commands that make parameters are not run."""
+    patch.setattr(roslaunch.xmlloader.XmlLoader, "param_value", lambda *_: "")
+
+
 def recorder(*given):
     """The recorder's arguments, as roslaunch works them out."""
     roslaunch = pytest.importorskip("roslaunch")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_PACKAGE_PATH", f"{PACKAGE.parent}:/usr/share")
+        without_commands(roslaunch, patch)
         launch = [(str(PACKAGE / "launch" / "record.launch"), ["bag:=/tmp/run.bag", *given])]
         config = roslaunch.config.load_config_default(launch, None, assign_machines=False)
     (args,) = [node.args for node in config.nodes if node.type == "record"]
@@ -231,6 +237,7 @@ def test_markers_come_with_rviz_or_when_asked_for(monkeypatch):
     roslaunch = pytest.importorskip("roslaunch")
     monkeypatch.setenv("ROS_PACKAGE_PATH", f"{PACKAGE.parent}:/usr/share")
     path = str(PACKAGE / "launch" / "aras_visual_servo_gazebo.launch")
+    without_commands(roslaunch, monkeypatch)
 
     def nodes(*given):
         config = roslaunch.config.load_config_default([(path, list(given))], None,
@@ -291,7 +298,7 @@ def test_a_moved_camera_is_moved_in_the_description(monkeypatch, moved):
 
 
 @pytest.mark.parametrize(("given", "moved"), [
-    ("false", []), ("False", ["camera_xyz:=0 -0.03 0"]), ("0", []), ("true", ["camera_rpy:=0 0 1"]),
+    ("False", ["camera_xyz:=0 -0.03 0"]), ("0", []), ("true", ["camera_rpy:=0 0 1"]),
 ])
 def test_joint_friction_can_be_left_out(monkeypatch, given, moved):
     roslaunch = pytest.importorskip("roslaunch")
@@ -336,9 +343,9 @@ LAUNCH_FILES = sorted(
 
 
 def addresses(monkeypatch, path, environment, arguments):
-    """The ROS_IP that a launch file gives to its nodes; its commands are not run."""
+    """The ROS_IP that a launch file gives to its nodes."""
     roslaunch = pytest.importorskip("roslaunch")
-    monkeypatch.setattr(roslaunch.xmlloader.XmlLoader, "param_value", lambda *_: "")
+    without_commands(roslaunch, monkeypatch)
     for name in ("ROS_IP", "ROS_HOSTNAME", "ROS_MASTER_URI"):
         monkeypatch.delenv(name, raising=False)
     for name, value in {"ROS_PACKAGE_PATH": f"{PACKAGE.parent}:/usr/share", **environment}.items():

@@ -423,8 +423,30 @@ def test_fail_fast_sends_nothing_more(tiny, tmp_path):
     assert "parts" not in made.manifest
 
 
+class Forked:
+    """In place of a Popen, which imports all anew: the child is a copy of this process."""
+
+    def __init__(self, *_, **__):
+        (told, stdin), (stdout, out) = os.pipe(), os.pipe()
+        self._pid = os.fork()
+        if not self._pid:
+            os.dup2(told, 0)
+            os.dup2(out, 1)
+            os.close(stdin)
+            sys.stdin = os.fdopen(0)
+            work._child()
+            os._exit(0)
+        os.close(told)
+        os.close(out)
+        self.stdin, self.stdout = os.fdopen(stdin, "wb"), os.fdopen(stdout, "rb")
+
+    def wait(self):
+        return os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1])
+
+
 def test_a_run_that_kills_its_process_is_found_named_and_recorded(tiny, tmp_path, monkeypatch):
     """In the middle of a chunk: the runs before and behind it are done all the same."""
+    monkeypatch.setattr(work, "subprocess", SimpleNamespace(Popen=Forked, PIPE=subprocess.PIPE))
     monkeypatch.setattr(work.sys, "path", [*work.sys.path, os.path.dirname(__file__)])
     name = "test_engine:killing"
     study = tiny(metrics=["success", name], chunk=3, repeats=1)

@@ -13,7 +13,7 @@ from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.numbers import printing, statistics
 from aras_visual_servo_bench.numbers.metrics import metric
-from aras_visual_servo_bench.pictures import figures
+from aras_visual_servo_bench.pictures import figures, style
 from aras_visual_servo_bench.study import compare, engine, replay, rows, tables
 from aras_visual_servo_bench.study.engine import carry_out
 from aras_visual_servo_bench.study.folder import Folder
@@ -307,7 +307,8 @@ def test_a_search_of_too_few_candidates_or_over_cases_is_none(tiny):
             searched(needed=needed)
 
 
-def test_a_run_is_shown_again_as_it_was(tiny, tmp_path):
+def test_a_run_is_shown_again_as_it_was(tiny, tmp_path, monkeypatch):
+    monkeypatch.setitem(style.STYLE, "savefig.dpi", 30)
     study = tiny()
     in_process(study, tmp_path / "out")
     run, changed = replay.replay(Folder.open(tmp_path / "out"), 3)
@@ -372,7 +373,8 @@ def test_runs_of_a_study_are_analyzed_beside_each_other(tiny, tmp_path, capsys):
     assert "say which run" in capsys.readouterr().err
 
 
-def test_the_command_line_from_file_to_table(tmp_path, capsys):
+def test_the_command_line_from_file_to_table(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(style.STYLE, "savefig.dpi", 75)
     file = tmp_path / "study.yaml"
     file.write_text("experiment: {plant: free, duration: 0.1}\nvary: {gain: [1.0, 2.0]}\n")
     out = tmp_path / "out"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -51,18 +52,26 @@ FLOORS = (
 PURE = ("control/pid.py", "camera/lens.py")
 
 
-def imports(file: Path) -> set[str]:
-    """Absolute names of all modules that `file` imports, wherever and however it does."""
-    names = set()
+@cache
+def imports_and_classes(file: Path) -> tuple[frozenset[str], tuple[str, ...]]:
+    """Absolute names of all modules that `file` imports, wherever and however it does, and the
+    names of its classes."""
+    names, classes = set(), []
     for node in ast.walk(ast.parse(file.read_text(), str(file))):
-        if isinstance(node, ast.Import):
+        if isinstance(node, ast.ClassDef):
+            classes.append(node.name)
+        elif isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             base = node.module or ""
             if node.level:
                 base = ".".join([*package_of(file, node.level), *filter(None, [node.module])])
             names |= {base} | {f"{base}.{alias.name}" for alias in node.names}
-    return names
+    return frozenset(names), tuple(classes)
+
+
+def imports(file: Path) -> frozenset[str]:
+    return imports_and_classes(file)[0]
 
 
 def package_of(file: Path, level: int) -> list[str]:
@@ -113,9 +122,8 @@ def test_there_is_one_class_a_name() -> None:
     """Whoever reads of a Geometry, a Light or Limits knows which, in the whole workspace."""
     places: dict[str, list[str]] = {}
     for file in SOURCES.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(), str(file))):
-            if isinstance(node, ast.ClassDef):
-                places.setdefault(node.name, []).append(str(file.relative_to(SOURCES)))
+        for name in imports_and_classes(file)[1]:
+            places.setdefault(name, []).append(str(file.relative_to(SOURCES)))
     assert {name: found for name, found in places.items() if len(found) > 1} == {}
 
 

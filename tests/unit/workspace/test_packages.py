@@ -3,6 +3,7 @@
 import ast
 import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -40,7 +41,8 @@ def programs(package: Path) -> list[Path]:
     return [*package.glob("src/**/*.py"), *(path for path in named if path.is_file())]
 
 
-def imported(path: Path) -> set[str]:
+@cache
+def imported(path: Path) -> frozenset[str]:
     """Top-level modules that a file imports, the standard library's left out."""
     names = set()
     for node in ast.walk(ast.parse(path.read_text())):
@@ -48,7 +50,7 @@ def imported(path: Path) -> set[str]:
             names.update(alias.name.split(".")[0] for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and not node.level:
             names.add(node.module.split(".")[0])
-    return names - set(sys.stdlib_module_names)
+    return frozenset(names - set(sys.stdlib_module_names))
 
 
 def named(package: Path) -> set[str]:

@@ -2,8 +2,18 @@
 
 import numpy as np
 import pytest
+import rospy
 import yaml
+from gazebo_msgs.msg import LinkState
+from gazebo_msgs.srv import (
+    GetLinkState,
+    GetLinkStateResponse,
+    GetWorldProperties,
+    GetWorldPropertiesResponse,
+)
+from geometry_msgs.msg import Point, Pose, Quaternion
 
+from aras_visual_servo_bench.ros import target_link
 from aras_visual_servo_bench.ros.target_link import main
 from aras_visual_servo_camera.model import read_solid
 
@@ -38,6 +48,25 @@ def test_its_mesh_is_kept_and_its_pose_is_that_of_the_file(asked):
     x, y, z, *rpy = yaml.safe_load(told.out)["pose"]
     assert (x, y, z) == pytest.approx((0.2, -0.1, 0.64), abs=1e-6)
     assert rpy == pytest.approx([0.0, 0.0, 0.6], abs=1e-6)
+
+
+@pytest.mark.parametrize(("models", "base"), [(["ground", "arm", "crate"], "arm"), (["crate"], "")])
+def test_where_a_simulation_has_it_its_pose_is_that_of_now(asked, graph, models, base):
+    graph.parameters["/robot_description"] = '<robot name="arm"/>'
+    there, found = Pose(Point(0.4, -0.2, 0.7), Quaternion(0.0, 0.0, np.sin(0.15), np.cos(0.15))), {}
+
+    def state(request):
+        found["asked"] = request.link_name, request.reference_frame
+        return GetLinkStateResponse(success=found["there"], link_state=LinkState(pose=there))
+
+    rospy.Service(target_link.WORLD, GetWorldProperties, lambda _: GetWorldPropertiesResponse(
+        model_names=models, success=True))
+    rospy.Service(target_link.STATE, GetLinkState, state)
+    for found["there"], pose in ((True, (0.4, -0.2, 0.7, 0.0, 0.0, 0.3)),
+                                 (False, (0.2, -0.1, 0.64, 0.0, 0.0, 0.6))):
+        status, told = asked("crate::body", "start")
+        assert status == 0 and found["asked"] == ("crate::body", base)
+        assert yaml.safe_load(told.out)["pose"] == pytest.approx(pose, abs=1e-6)
 
 
 @pytest.mark.parametrize(("link", "why"), [

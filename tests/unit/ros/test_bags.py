@@ -193,9 +193,13 @@ def test_where_nothing_is_described_the_camera_s_path_is_that_of_tf(graph, face,
 
 
 def test_a_film_ends_with_the_last_image_that_was_answered(graph, face, tmp_path):
-    run = bags.read_bag(write(tmp_path / "a.bag", graph, face, after=(0.0341, 0.5)))
+    path, unknown = write(tmp_path / "a.bag", graph, face, after=(0.0341, 0.5)), image(1.6, 3)
+    unknown.encoding = "yuv422"
+    with rosbag.Bag(str(path), "a") as bag:
+        bag.write("/labrob/camera/image_raw", unknown, rospy.Time.from_sec(1.601))
+    run = bags.read_bag(path)
     record = run.cameras["camera"]
-    assert len(record.stamp) == len(STAMPS) + 2
+    assert len(record.stamp) == len(STAMPS) + 3
     np.testing.assert_allclose([stamp for stamp, _ in record.film], STAMPS[1:], atol=1.1e-9)
     shown = cv2.imdecode(np.frombuffer(record.film[0][1], np.uint8), 1)[..., ::-1]
     assert np.abs(shown.astype(int) - picture(1)).max() < 8
@@ -234,11 +238,16 @@ def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(graph, face, tmp_pa
     cut.write_bytes(head[:200])
     with pytest.raises(BenchError, match="b.bag.active"):
         bags.read_bag(cut)
+    cut.write_bytes(head[9:])
+    for read in (bags.read_bag, bags.described):
+        with pytest.raises(BenchError, match="cannot read the bag .*b.bag.active"):
+            read(cut)
 
 
 @pytest.mark.parametrize(("skip", "said"), [
     (("diagnosis",), "no diagnosis: outcome and achieved twist are unknown"),
     (("image_raw",), "holds no pictures"), (("tf", "tf_static"), "no transforms of the camera"),
+    (("tf_static",), "no transforms of the camera"),
     (("joint_states",), "no joint states of slide, elbow"),
 ])  # fmt: skip
 def test_what_a_bag_lacks_is_noted(graph, face, tmp_path, skip, said):

@@ -67,7 +67,7 @@ AREAS = {
         Area("control", (f"{BRIDGE}/control/**/*.py",),
              (f"{_UNIT}/as_new", f"{_UNIT}/control", f"{_UNIT}/world/test_step_",
               f"{_UNIT}/world/test_cycle", f"{_UNIT}/world/test_foreign_robots",
-              f"{_UNIT}/world/test_command_streams")),
+              f"{_UNIT}/world/test_command_streams", f"{_UNIT}/world/test_hard_limits")),
         Area("world", (f"{BRIDGE}/world/**/*.py",), (f"{_UNIT}/world",)),
         Area("description", (f"{BRIDGE}/description/**/*.py",),
              (f"{_UNIT}/description", f"{_UNIT}/world", f"{_UNIT}/robot", f"{_UNIT}/camera")),

@@ -75,11 +75,12 @@ def test_the_effort_is_what_the_goal_allows(make):
     assert rig.hardware.handles["b"].effort_command == 0.0
 
 
-def test_what_is_held_ends_the_goal_as_stalled(make):
-    controller, rig = make(stall_timeout=0.2)
+@pytest.mark.parametrize(("given", "steps"), [({"stall_timeout": 0.2}, 21), ({}, 101)])
+def test_what_is_held_ends_the_goal_as_stalled(make, given, steps):
+    controller, rig = make(**given)
     rig.model.stuck.add("b")
     handle = controller.submit_goal(GripperGoal(0.9, 7.0))
-    rig.step(21)
+    rig.step(steps)
     assert handle.status == "active"
     rig.step()
     assert handle.status == "aborted"

@@ -26,6 +26,9 @@ def states_of(rig):
 
 def test_order_is_by_name_in_byte_order(make):
     rig = make()
+    with pytest.raises(ControllerError, match="controller 'jsc' takes no commands"):
+        rig.manager.load("jsc").set_command(1.0)
+    rig.manager.unload("jsc")
     rig.model.q[:] = [0.1, 0.2, 0.3]
     states = states_of(rig)
     rig.step(2)

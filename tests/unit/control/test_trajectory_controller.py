@@ -72,9 +72,12 @@ def bench(make):
 
 
 class TestFollowing:
-    def test_start_holds_the_measured_position(self, bench):
-        b = bench(start=[0.4])
-        assert b.after(0.5) == 0.4
+    def test_start_holds_the_measured_position(self, make):
+        rig = make(start=[0.4])
+        rig.hardware.handles["a"].position_command = 0.9  # somebody else's
+        rig.run("c")
+        rig.step(50)
+        assert {position for _, _, position in rig.model.calls} == {0.4}
 
     def test_a_line_begins_in_the_next_cycle_and_ends_on_the_point(self, bench):
         b = bench()
@@ -110,6 +113,15 @@ class TestFollowing:
         assert b.after(0.25) == pytest.approx(0.5)
         assert b.after(0.25) == pytest.approx(0.25)
         assert b.after(0.25) == pytest.approx(0.0, abs=1e-12)
+
+    def test_all_of_the_present_one_is_done_until_then(self, bench):
+        b = bench()
+        points = [point(0.2, [0.2]), point(0.4, [0.6]), point(1.0, [1.2])]
+        b.controller.set_command(Trajectory(["a"], points))
+        b.rig.step(1)
+        b.controller.set_command(line(0.0, 0.5, stamp_ns=b.rig.time_ns + 7 * S // 10))
+        assert [b.after(0.1) for _ in range(8)] == pytest.approx(
+            [0.1, 0.2, 0.4, 0.6, 0.7, 0.8, 0.9, 0.72])
 
     def test_a_stamp_in_the_past_drops_points_and_bridges_to_the_next(self, bench):
         b = bench()
@@ -502,6 +514,13 @@ class TestOutputsAndState:
         b.rig.step(101)
         assert len(seen) in (9, 10)
         assert seen[0].joint_names == ("a",)
+
+    def test_rates_of_zero_tell_nothing(self, bench):
+        b, seen = bench(state_publish_rate=0.0, action_monitor_rate=0.0), []
+        b.controller.on_state = seen.append
+        b.controller.submit_goal(TrajectoryGoal(line())).on_feedback = seen.append
+        b.rig.step(101)
+        assert not seen
 
     def test_query_state_at_an_absolute_time(self, bench):
         b = bench()

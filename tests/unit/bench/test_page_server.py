@@ -212,7 +212,8 @@ def test_one_viewer_goes_and_the_other_is_told_all_the_same(server, host):
     asyncio.run(run())
 
 
-def test_an_end_is_told_to_the_viewers_and_leaves_no_thread(host):
+def test_an_end_is_told_to_the_viewers_and_leaves_nothing_open(host):
+    open_before = len(os.listdir("/proc/self/fd"))
     own = serve(host, "127.0.0.1", 18700 + os.getpid() % 1000, say=lambda _: None)
 
     async def run():
@@ -230,6 +231,7 @@ def test_an_end_is_told_to_the_viewers_and_leaves_no_thread(host):
     going_on = threading.Event()
     code, before = asyncio.run(run())
     assert code == 1001 and len(before & set(threading.enumerate())) == len(before) - 1
+    assert len(os.listdir("/proc/self/fd")) == open_before
 
 
 def test_a_fault_of_ours_is_said_and_closes_nothing(server):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from aras_visual_servo_bench.live.story import FRUSTUM, LETTERS, LINE, LONGEST, 
 from aras_visual_servo_bench.live.track import MOST, Track
 from aras_visual_servo_bench.live.units import feature_units
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.errors import ServoError
 
 GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
 STRAIGHT = np.array([0.1, 0.0, 0.3, -0.2, -0.1, 0.4])
@@ -180,8 +182,11 @@ def test_words_and_page_have_the_units_of_what_ships_and_load_nobodys_class(monk
     assert feature_units("points", 8) == ("",) * 8
     assert feature_units("luminance", 3) == ("grey level",) * 3
     assert feature_units("moments", 2) == feature_units("none", 1) == feature_units("", 0) == ()
-    monkeypatch.setattr(units.Settings, "make_scheme", None)  # would be called
-    assert feature_units("os:system", 1) == ()
+    for number, error in enumerate((ServoError, ValueError, TypeError, KeyError)):
+        monkeypatch.setattr(units.Settings, "make_scheme", Mock(side_effect=error))
+        if error is not KeyError:
+            assert feature_units("moments", 90 + number) == ()
+    assert feature_units("os:system", 1) == ()  # it is not called
 
 
 def test_words_have_their_units(story):

@@ -238,11 +238,11 @@ class TestResolving:
 
     def test_urdf_alone(self, make_joint):
         limits, _ = self.resolve(make_joint("J")[0], {})
-        assert limits == JointBounds(-2.0, 2.0, 5.0, None, 100.0, False)
+        assert limits == JointBounds(-2.0, 2.0, 5.0, None, 100.0)
 
-    def test_continuous_has_no_range_but_wraps(self, make_joint):
+    def test_continuous_has_no_range(self, make_joint):
         limits, _ = self.resolve(make_joint("J", "continuous")[0], {})
-        assert limits == JointBounds(None, None, 5.0, None, 100.0, True)
+        assert limits == JointBounds(None, None, 5.0, None, 100.0)
 
     def test_nothing_known_is_none(self, make_joint):
         assert self.resolve(make_joint("J", limits="none")[0], {})[0] is None
@@ -256,7 +256,7 @@ class TestResolving:
                 "max_acceleration": 3.0, "has_effort_limits": True, "max_effort": 7.0,
             },
         )
-        assert limits == JointBounds(-1.0, 1.0, None, 3.0, 7.0, False)
+        assert limits == JointBounds(-1.0, 1.0, None, 3.0, 7.0)
 
     def test_values_without_their_switch_are_ignored_aloud(self, make_joint):
         limits, said = self.resolve(make_joint("J")[0], {"max_effort": 7.0})

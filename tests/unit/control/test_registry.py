@@ -88,10 +88,14 @@ def test_a_slash_in_a_users_type_may_nest(users_module, make_rig, make_joint, cl
     assert ("mine/sub/Mine", "controller_interface::ControllerBase") in rig.manager.list_types()
 
 
-def test_a_users_type_without_a_class_is_named(users_module, make_rig, make_joint):
+@pytest.mark.parametrize(("classes", "why"), [
+    ({"mine": {"Mine": 7}}, "'mine/Mine': '7' is not of the form"),
+    (7, "/robot/controller_classes must map type names to 'package.module:Class', found 7"),
+])
+def test_a_users_type_without_a_class_is_named(users_module, make_rig, make_joint, classes, why):
     rig = make_rig([make_joint("a")], {
-        "controller_classes": {"mine": {"Mine": 7}}, "own": {"type": "mine/Mine"}})
-    with pytest.raises(ControllerError, match="'mine/Mine': '7' is not of the form"):
+        "controller_classes": classes, "own": {"type": "mine/Mine"}})
+    with pytest.raises(ControllerError, match=why):
         rig.manager.load("own")
 
 

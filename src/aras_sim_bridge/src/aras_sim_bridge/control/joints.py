@@ -86,7 +86,6 @@ class JointBounds:
     max_velocity: float | None = None
     max_acceleration: float | None = None
     max_effort: float | None = None
-    angle_wraparound: bool = False
 
     @property
     def has_position(self) -> bool:
@@ -111,30 +110,25 @@ def resolve_limits(
     has_..._limits: true is ignored, as upstream does, but not silently.
     Raises HardwareError on ill-typed, negative or crossed limits.
     """
-    values: dict[str, float | bool] = {}
+    values: dict[str, float] = {}
     if joint.limits is not None:
         values["max_velocity"] = joint.limits.velocity
         values["max_effort"] = joint.limits.effort
         if joint.kind in ("revolute", "prismatic"):
             values["min_position"] = joint.limits.lower or 0.0
             values["max_position"] = joint.limits.upper or 0.0
-        values["angle_wraparound"] = joint.kind == "continuous"
     if joint.limits is None and not overrides:
         return None
     _override(values, overrides, "position", ("min_position", "max_position"), where, warn)
     for quantity, keys in _OVERRIDES.items():
         _override(values, overrides, quantity, keys, where, warn)
-    if "min_position" not in values:
-        wrap = read(overrides, "angle_wraparound", bool, where, HardwareError, None)
-        if wrap is not None:
-            values["angle_wraparound"] = wrap
     limits = JointBounds(**values)
     _check(limits, joint.name, where)
     return limits
 
 
 def _override(
-    values: dict[str, float | bool],
+    values: dict[str, float],
     overrides: Mapping,
     quantity: str,
     keys: tuple[str, ...],

@@ -59,8 +59,7 @@ _UNIT = "tests/unit"
 AREAS = {
     area.name: area
     for area in (
-        Area("rendering", (f"{BRIDGE}/rendering/**/*.py",),
-             (f"{_UNIT}/camera", f"{_UNIT}/truth/test_shadows")),
+        Area("rendering", (f"{BRIDGE}/rendering/**/*.py",), (f"{_UNIT}/camera",)),
         Area("camera", (f"{BRIDGE}/camera/**/*.py", f"{BRIDGE}/sensors/**/*.py"),
              (f"{_UNIT}/camera", f"{_UNIT}/world/test_sensors", f"{_UNIT}/world/test_stereo",
               f"{_UNIT}/bench/test_camera_sensors")),

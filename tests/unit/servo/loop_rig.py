@@ -116,15 +116,18 @@ class Rig:
         names = self.servo.arm.names
         look = self.look or self.exact
         while self.now < end - 1e-9:
-            seen = JointSample.of(self.now, names, self.believe(self.now, self.q), self._speed)
-            if self.now >= self._next_tick - 1e-9:
+            ticks, looks = (self.now >= due - 1e-9 for due in (self._next_tick, self._next_image))
+            if ticks or looks:
+                believed = self.believe(self.now, self.q)
+                seen = JointSample.of(self.now, names, believed, self._speed)
+            if ticks:
                 self._next_tick += TICK
                 command = self.servo.tick(self.now, seen)
                 self.commands.append(command)
                 self.joints.append(self.q.copy())
                 if command.positions is not None:
                     self._target = command.positions
-            if self.now >= self._next_image - 1e-9:
+            if looks:
                 self._next_image += self.image_period
                 self._pending.append(look(self.observer, self.now, seen))
             while self._pending and self._pending[0].stamp + self.latency <= self.now + 1e-9:

@@ -26,10 +26,11 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[2]
 FAILED = pytest.StashKey[bool]()
 LONGEST = (  # files whose tests take longest, these first
-    "test_dashboard", "test_runner_equals_graph", "test_demo", "test_solid_on_the_graph",
-    "test_controller_node", "test_several_cameras_on_the_graph", "test_faults",
-    "test_bridge_lockstep", "test_install_space", "test_bridge_controller_manager",
-    "test_user_schemes_on_the_graph", "test_any_arm", "test_controller_disturbed", "test_docs",
+    "test_dashboard", "test_solid_on_the_graph", "test_controller_node",
+    "test_several_cameras_on_the_graph", "test_demo", "test_bridge_lockstep",
+    "test_runner_equals_graph", "test_any_arm", "test_camera_node", "test_faults",
+    "test_controller_disturbed", "test_user_schemes_on_the_graph", "test_docs",
+    "test_bridge_controller_manager", "test_stock_robots", "test_bridge_scene",
 )  # fmt: skip
 
 

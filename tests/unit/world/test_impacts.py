@@ -58,9 +58,10 @@ def rebound(world, model, height, speed, count=120):
     return fastest / before, lowest
 
 
-@pytest.mark.parametrize("ground", ["plane", "box"])
-@pytest.mark.parametrize("what", ["ball", "block", "plate"])
-@pytest.mark.parametrize("speed", [0.6, 5.9])
+@pytest.mark.parametrize(("what", "ground", "speed"), [
+    ("ball", "plane", 5.9), ("ball", "box", 0.6), ("block", "plane", 0.6), ("block", "box", 5.9),
+    ("plate", "plane", 5.9), ("plate", "box", 0.6),
+])
 def test_what_falls_stays_where_it_fell(make, ground, what, speed):
     """Wherever in a step it strikes; Bullet alone throws it back at up to 0.14 of its speed."""
     size = (0.3, 0.2, 0.02) if what == "plate" else (0.05, 0.03, 0.04)
@@ -77,9 +78,10 @@ def test_what_falls_stays_where_it_fell(make, ground, what, speed):
             assert model.pose().xyz[2] == pytest.approx(height, abs=1e-4)
 
 
-@pytest.mark.parametrize("coefficient", [0.3, 0.8, 1.0])
-@pytest.mark.parametrize("what", ["ball", "block"])
-@pytest.mark.parametrize("speed", [0.5, 5.9])
+@pytest.mark.parametrize(("what", "coefficient", "speed"), [
+    ("ball", 0.3, 5.9), ("ball", 0.8, 0.5), ("ball", 1.0, 5.9),
+    ("block", 0.3, 0.5), ("block", 0.8, 5.9), ("block", 1.0, 0.5),
+])
 def test_what_bounces_leaves_at_its_share_of_the_speed(make, coefficient, what, speed):
     size = (0.05, 0.03, 0.04)
     described = ball(make, coefficient) if what == "ball" else block(make, size, coefficient)

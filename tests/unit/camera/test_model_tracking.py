@@ -36,8 +36,10 @@ def solid_of(name):
     return Solid.of(corners_of(name), name)
 
 
-@pytest.mark.parametrize("condition", CONDITIONS)
-@pytest.mark.parametrize("name", SOLIDS)
+@pytest.mark.parametrize(("name", "condition"), [
+    (name, condition) for i, name in enumerate(SOLIDS) for j, condition in enumerate(CONDITIONS)
+    if (i + j) % 2 == 0
+])
 def test_a_pose_is_found_from_nearby_to_a_fraction_of_a_millimetre(folder, name, condition):
     sequence, tracking = Sequence(name, condition, folder), ModelTracking(solid_of(name))
     for i in PICTURES:

@@ -68,12 +68,12 @@ def closed(name, start, **options):
     ("name", "part", "seconds", "distance", "angle"),
     [
         ("own_corners:OwnCorners", 1.0, 5.0, 0.5e-3, 0.5),
-        ("photometric:Photometric", 0.1, 6.0, 0.3e-3, 0.3),
         ("second_order:SecondOrder", 1.0, 5.0, 0.2e-3, 0.1),
         ("joint_mpc:JointMPC", 1.0, 5.0, 0.1e-3, 0.1),
     ],
 )
 def test_the_goal_is_reached(name, part, seconds, distance, angle):
+    """Photometric needs pictures; bench/test_user_schemes_run has it."""
     goal = np.array(the_goal("2016").joint_values(the_arm().names))
     start = goal + part * (np.array(STARTS["2016"]) - goal)
     rig = closed(name, start)

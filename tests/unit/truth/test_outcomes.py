@@ -121,9 +121,9 @@ def test_an_unknown_kind_is_named(capsys):
 
 def test_runs_of_the_kept_seed_are_told_right():
     """`tests/outcomes` runs each kind often enough to judge it."""
-    found = list(cli.carried_out(cli.trials((cli.KEPT,), 2)[:40:4], workers=1))
+    found = list(cli.carried_out(cli.trials((cli.KEPT,), 2)[:40:8], workers=1))
     numbers = summary(found)
     wrong = [f"{f.kind} {f.number}: {f.said} ({f.reason})" for f in found if not f.right]
     assert numbers["right"] >= 0.95, wrong
-    assert numbers["converged"] >= 5 and numbers["worst"] <= 1.0
+    assert numbers["converged"] >= 2 and numbers["worst"] <= 1.0
     assert not any(f.mended is False for f in found if f.kind != "target_covered")

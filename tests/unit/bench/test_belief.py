@@ -43,7 +43,8 @@ def flying(away=NEAR, **changes):
     return Experiment.from_mapping({
         "plant": "free", "features": "exact", "camera": CAMERA, "scheme": "points",
         "target": {"shape": [list(corner) for corner in SHAPE]}, "goal": posed(GOAL),
-        "start": posed(GOAL @ exponential(away)), "duration": 12.0, "gain": 2.0, **changes,
+        "start": posed(GOAL @ exponential(away)), "duration": 12.0, "linger": 0.0,
+        "gain": 2.0, **changes,
     })  # fmt: skip
 
 

@@ -36,7 +36,7 @@ def asked(order=BOTH, left=None, **changes):
     """The example, or with the cameras in another order, or with another left camera."""
     cameras = {**ASKED["cameras"], "left": {**ASKED["cameras"]["left"], **(left or {})}}
     changes.setdefault("cameras", {name: cameras[name] for name in order})
-    return Experiment.from_mapping({**ASKED, **changes})
+    return Experiment.from_mapping({**ASKED, "linger": 0.0, **changes})
 
 
 @pytest.mark.parametrize("scheme", ["points@palm+points@left", "points@left", "moments@left"])

@@ -19,8 +19,8 @@ from aras_visual_servo_controller.features import Feature
 from aras_visual_servo_controller.features.base import Measured
 from aras_visual_servo_controller.schemes import Scheme
 
-CHAIN = Experiment(plant="chain")
-FREE = Experiment(plant="free", lag=0.0)
+CHAIN = Experiment(plant="chain", linger=0.0)
+FREE = Experiment(plant="free", lag=0.0, linger=0.0)
 
 
 class TwoMeans(Feature):

@@ -45,7 +45,7 @@ def flying(**changes):
     return Experiment.from_mapping({
         "plant": "free", "features": "exact", "target": {"shape": SHAPE}, "goal": posed(GOAL),
         "start": posed(GOAL @ exponential((0.01, 0.005, -0.03, 0.02, 0.03, 0.2))),
-        "duration": 8.0, "gain": 2.0, "scheme": BOTH, "cameras": two(), **changes,
+        "duration": 8.0, "linger": 0.0, "gain": 2.0, "scheme": BOTH, "cameras": two(), **changes,
     })  # fmt: skip
 
 
@@ -195,7 +195,7 @@ def portal(tmp_path):
     return Experiment.from_mapping({
         "plant": "chain", "target": {"shape": CARRIED}, "scheme": "points@above+points@beside",
         "robot": {"urdf": str(path), "target_frame": "hand"}, "goal": [0.02, -0.03, 0.1, 0.3],
-        "start": [0.1, 0.05, -0.02, -0.4],
+        "start": [0.1, 0.05, -0.02, -0.4], "linger": 0.0,
         "cameras": {"above": {"model": LEFT, "pose": [0, 0, 1.0, 3.141592653589793, 0, 0.4]},
                     "beside": BESIDE},
     })  # fmt: skip
@@ -249,7 +249,8 @@ def test_a_camera_that_watches_changes_nothing_and_is_recorded(plant):
 )
 @pytest.mark.parametrize("name", ["left", "right"])
 def test_the_camera_that_is_not_as_believed_is_named(name, wrong):
-    result = run(flying(start=posed(FAR), cameras=two(**{name: {"believed": wrong}})))
+    cameras = two(**{name: {"believed": wrong}})
+    result = run(flying(start=posed(FAR), cameras=cameras, linger=0.5))
     assert "wrong_camera_model" in result.outcomes
     assert result.verdict.reached  # a goal that was shown is
     assert "yet camera " in result.reason

@@ -486,15 +486,19 @@ def test_a_run_is_lost_when_its_process_ends_twice_or_hangs_once(
 
 def test_a_thread_s_run_that_takes_too_long_ends_its_process():
     """As it does a worker of Dask; in a child here, which would end otherwise after 9 s."""
+    def limited(may, takes):
+        with rows.limited(may):
+            threading.Event().wait(takes)
+
+    def within(may, takes):
+        thread = threading.Thread(target=limited, args=(may, takes))
+        thread.start()
+        thread.join()
+
+    within(9.0, 0.0)
     child = os.fork()
     if not child:
-        def hang():
-            with rows.limited(0.05):
-                threading.Event().wait(9.0)
-            os._exit(0)
-
-        threading.Thread(target=hang).start()
-        threading.Event().wait(10.0)
+        within(0.05, 9.0)
         os._exit(0)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 1
 

@@ -74,6 +74,7 @@ def test_the_contrary_feature_is_at_its_goal_nowhere():
     goal = SimpleNamespace(moments=SimpleNamespace(xg=0.1, yg=-0.2, m00=1e-4), depth=0.6)
     found = provoked.Contrary().measure(seen, goal)
     np.testing.assert_allclose(found.error, [0.04, 0.03, 0.27])
+    np.testing.assert_allclose(found.s - found.desired, found.error)
     along, across, both = found.L
     np.testing.assert_allclose(along[:3], [-1.0 / 0.3, 0.0, 0.14 / 0.3])
     np.testing.assert_allclose(across[:3], [0.0, -1.0 / 0.3, -0.17 / 0.3])

@@ -343,6 +343,8 @@ def test_every_file_that_decides_a_run_is_in_the_digest_of_the_code(tmp_path, mo
     assert len(seen) == 21
     (share / "README.md").write_text("words")
     assert digest() in seen
+    (code / "law.py").rename(code / "lore.py")
+    assert digest() not in seen
     versions.sources.cache_clear()
 
 

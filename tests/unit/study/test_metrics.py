@@ -60,6 +60,15 @@ def test_the_end_of_a_run_begins_with_the_image_that_is_as_long_before_its_last(
     assert found["worst_error_b"] == -error[-65, 1]  # 2 s
 
 
+def test_a_camera_that_never_came_near_is_told_from_one_whose_goal_is_unknown():
+    far, none = run(x=np.full(len(TIME), 0.1)), Verdict("", np.nan, np.nan)
+    for made, near, off in ((far, "never", "2.00 mm"),
+                            (replace(far, verdict=none), "unknown", "unknown")):
+        words = summary.told(made, summary.summarise(made))
+        assert f"Camera within 2 % after  {near}\n" in words
+        assert f"Camera off its goal by   {off}" in words
+
+
 def test_success_needs_the_loop_and_the_physics():
     assert measured("success", run()) == 1.0
     assert measured("success", run(outcome="converged, drifting")) == 1.0

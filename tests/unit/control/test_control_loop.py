@@ -67,6 +67,20 @@ def test_periods_must_be_positive(step, control):
         ControlLoop(None, None, step, control)
 
 
+@pytest.mark.parametrize("slower", [False, True])
+def test_compiled_cycles_follow_one_another_and_have_the_controllers_period(
+    make_rig, make_joint, slower
+):
+    rig = make_rig([make_joint("a")], {"c": {
+        "type": "effort_controllers/JointEffortController", "joint": "a"}},
+        control_period_ns=3 * STEP if slower else None)
+    rig.run("c")
+    rig.step(4)
+    assert (rig.loop.begin(rig.time_ns + STEP, STEP) is not None) is not slower
+    assert rig.loop.begin(rig.time_ns + 2 * STEP, STEP) is None  # a step was left out
+    assert rig.loop.begin(rig.time_ns, STEP) is None
+
+
 PID = {"p": 100.0, "i": 10.0, "d": 20.0, "i_clamp": 0.05}
 
 

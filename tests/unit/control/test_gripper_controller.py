@@ -163,6 +163,11 @@ def test_a_goal_of_no_number_is_refused(make, goal):
     assert handle.status == "rejected" and "not finite" in handle.result.text
     assert not handle.result.stalled and not handle.result.reached_goal
     assert present.status == "active"
+    rig.manager.switch([], ["c"])
+    rig.step()
+    rig.manager.unload("c")
+    early = rig.manager.load("c").submit_goal(GripperGoal(0.9, 5.0))
+    assert early.status == "rejected" and "is not running; start it first" in early.result.text
 
 
 @pytest.mark.parametrize("parameters, word", [

@@ -101,9 +101,10 @@ class TestWriting:
         [
             ("revolute: p · error", "revolute", -2.0, 2.0, 0.5, 1.0, 5.0),
             ("effort clamped", "revolute", -20.0, 20.0, 0.0, 3.0, 25.0),
-            ("prismatic: plain difference", "prismatic", -9.0, 9.0, -2.0, -4.0, -20.0),
+            ("prismatic: plain difference", "prismatic", -9.0, 9.0, 2.0, -2.0, -25.0),
             ("continuous: the short way", "continuous", None, None, 3.0, -3.0, 10 * (2 * pi - 6)),
             ("revolute between +-3: the long way", "revolute", -3.0, 3.0, 2.9, -2.9, -25.0),
+            ("between +-4: the short way", "revolute", -4.0, 4.0, 3.0, -3.0, 10 * (2 * pi - 6)),
         ],
     )
     def test_position_pid(

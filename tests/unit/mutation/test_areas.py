@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from mutation_tool.areas import AREAS, LEFT_OUT, TESTS_LEFT_OUT, Area
+from mutation_tool.equivalents import Equivalents
 from mutation_tool.sources import all_sources, is_source
 
 TOP = Path(__file__).parents[3]
@@ -84,3 +85,13 @@ def test_a_file_of_tests_is_among_those_of_the_area_that_it_uses_most() -> None:
         if not ran.get(file) or most and not most & ran[file]:
             wrong[str(file.relative_to(TOP))] = sorted(most)
     assert wrong == {}, "uses these areas most, and is among the tests of none of them"
+
+
+def test_what_the_kept_list_was_made_for_still_stands() -> None:
+    texts: dict[str, str] = {}
+    for name in all_sources(TOP):
+        text = " ".join((TOP / name).read_text().split())
+        texts[Path(name).name] = texts.get(Path(name).name, "") + text
+    gone = [(file, was) for file, _, was, _ in Equivalents.load().reasons
+            if was not in texts.get(file, "")]
+    assert gone == []

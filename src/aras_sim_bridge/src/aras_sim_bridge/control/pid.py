@@ -74,7 +74,7 @@ class Pid:
 
     def __init__(
         self,
-        p: float = 0.0,
+        p: float,
         i: float = 0.0,
         d: float = 0.0,
         i_max: float = 0.0,

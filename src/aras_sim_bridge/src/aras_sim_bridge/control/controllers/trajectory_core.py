@@ -49,7 +49,6 @@ class _Timer:
 
     def __init__(self, rate: float) -> None:
         self._step_ns = _NS_PER_S / rate if rate > 0.0 else 0.0
-        self._last_ns = 0.0
 
     def start(self, now_ns: int) -> None:
         self._last_ns = float(now_ns)

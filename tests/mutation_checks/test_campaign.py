@@ -120,6 +120,20 @@ def test_found_and_missed(top: Path) -> None:
     assert outcome.by == "tests/test_toy.py::test_more"
 
 
+def test_what_tests_load_by_its_path_and_keep_from_the_collector_gets_the_fault(top: Path) -> None:
+    (top / "tests" / "test_toy.py").write_text(
+        "import gc, importlib.util\nfrom pathlib import Path\n"
+        "spec = importlib.util.spec_from_file_location('own', Path(__file__).parents[1] / "
+        "'src/toy.py')\ntoy = importlib.util.module_from_spec(spec)\n"
+        "spec.loader.exec_module(toy)\ngc.freeze()\n"
+        "def test_added():\n    assert toy.added(1, 2) == 3\n")
+    run = campaign(top)
+    cover = run.record()
+    ((_, outcome),) = run.run([f for f in drawn("added") if f.now == "return a - b"], cover)
+    run.close()
+    assert outcome.how == "test"
+
+
 def test_what_a_shared_fixture_takes_is_recorded_apart(top: Path) -> None:
     run = campaign(top)
     cover = run.record()

@@ -88,6 +88,7 @@ class Collected:
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         self._items = {item.nodeid: item for item in session.items}
+        gc.unfreeze()  # what tests have put out of the collector's sight is looked for
         self._functions = Functions()
         self._session = session
         self._server.serve(self._run)

@@ -85,11 +85,13 @@ def test_effort_soft_without_position_limits_bounds_velocity_only(make_soft):
     assert joint.effort_command == pytest.approx(20.0)  # -20 (4 - 5)
 
 
-def test_a_soft_limit_that_is_not_given_does_not_bind(make_soft):
-    joint = handle(make_soft(lower=None, upper=None), position=1.9)
-    joint.effort_command = 60.0
-    LimitRule(EFFORT_SOFT, LIMITS, joint).enforce(joint, DT)
-    assert joint.effort_command == 60.0
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_soft_limit_that_is_not_given_does_not_bind(make_soft, side):
+    for soft, bound in (({}, 60.0), ({side: 1.5 * side}, 20.0), ({-side: -1.5 * side}, 60.0)):
+        joint = handle(make_soft(lower=soft.get(-1.0), upper=soft.get(1.0)), position=1.4 * side)
+        joint.effort_command = 60.0 * side
+        LimitRule(EFFORT_SOFT, LIMITS, joint).enforce(joint, DT)
+        assert joint.effort_command == pytest.approx(bound * side)
 
 
 def test_position_saturation_steps_from_the_measured_position_then_from_its_own_command():

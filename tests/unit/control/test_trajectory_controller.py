@@ -143,6 +143,9 @@ class TestFollowing:
         b.controller.set_command(Trajectory(["a"], [point(0.0, [9.0]), point(1.0, [1.4])]))
         assert not b.rig.log
         assert b.after(0.51) == pytest.approx(0.9)
+        points = [point(0.0, [9.0]), point(1.0, [1.4])]
+        b.controller.set_command(Trajectory(["a"], points, b.rig.time_ns - STEP))  # as it was meant
+        assert "1 of 2 trajectory points are past" in b.rig.log[0]
 
     def test_all_points_past_are_refused_and_the_present_one_goes_on(self, bench):
         b = bench()
@@ -364,10 +367,11 @@ class TestGoals:
 
     def test_stopping_the_controller_ends_the_goal_and_who_does_not_run_refuses(self, bench, make):
         b = bench()
-        handle = b.controller.submit_goal(TrajectoryGoal(line()))
+        handle, told = b.controller.submit_goal(TrajectoryGoal(line())), []
+        handle.on_done = told.append
         b.rig.manager.switch([], ["c"])
         b.rig.step(1)
-        assert handle.status == "preempted"
+        assert handle.status == "preempted" and told == [handle]
         for controller in (b.controller, make().manager.load("c")):
             late = controller.submit_goal(TrajectoryGoal(line()))
             assert (late.status, late.result.error_code) == ("rejected", ErrorCode.INVALID_GOAL)
@@ -491,6 +495,7 @@ class TestOutputsAndState:
         assert state.joint_names == ("a",)
         assert state.desired.positions[0] == pytest.approx(1.5, abs=0.011)
         assert state.desired.velocities == [1.0]
+        assert (state.actual.positions, state.actual.velocities) == ([0.25], [0.0])
         assert state.desired.time_from_start == 1.0
         assert state.actual.time_from_start == pytest.approx(1.5, abs=0.011)
         assert state.error.time_from_start == pytest.approx(0.5, abs=0.011)

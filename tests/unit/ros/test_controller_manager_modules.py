@@ -95,6 +95,7 @@ def test_nothing_loaded_is_said(manager, capsys):
     ("name", "arm", {}, [ARM]), ("name", "a", {}, []),
     ("name", "a", {"match_substring": True}, ALL), ("state", "running", {}, [ARM, STATES]),
     ("type", "Position", {"match_substring": True}, [HAND]),
+    ("state", "run", {}, []), ("type", "joint_", {}, []),
     ("hardware_interface", POSITION, {}, [ARM, HAND]), ("hardware_interface", "Effort", {}, []),
     ("hardware_interface", "Effort", {"match_substring": True}, [ARM]),
     ("resources", ["j1", "j3"], {}, [ARM]), ("resources", ["j4"], {}, [HAND]),

@@ -275,8 +275,6 @@ class Reader(Heard):
     def pictures(self, stamps: Iterable[float]) -> Iterator[tuple[float, np.ndarray]]:
         """The pictures that are next to these exposures, as rgb, read in one pass."""
         stamps = np.array(list(stamps))
-        if not self.stamps or not len(stamps):
-            return
         exposures = np.array([row[0] for row in self.stamps])
         wanted = {self.stamps[i][2].to_nsec(): exposures[i]
                   for i in nearest(exposures, stamps).tolist()}  # fmt: skip

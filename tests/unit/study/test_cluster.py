@@ -217,12 +217,3 @@ def test_workers_of_another_version_or_with_threads_are_refused(monkeypatch, oth
     monkeypatch.setattr(distributed.Client, "nthreads", lambda self: {"one": 2})
     with pytest.raises(StudyError, match="several threads each: start them with --nthreads 1"):
         DaskPool(scheduler=address)
-
-
-def test_a_study_whose_last_worker_has_gone_says_so(tiny, monkeypatch, other):
-    with DaskPool(scheduler=other.scheduler_address) as pool:
-        monkeypatch.setattr(pools, "LOOK", 0.0)
-        monkeypatch.setattr(pools, "APPEAR", 0.0)
-        monkeypatch.setattr(pool._client, "nthreads", dict)
-        with pytest.raises(StudyError, match="no worker has been there for 0 s"):
-            pool._look()

@@ -151,7 +151,14 @@ def test_the_card_says_of_each_camera_what_it_is_and_where(tmp_path, place, fram
             "distortion_coefficients": [0.1, -0.02, 0.003, 0.0, 0.0]}  # fmt: skip
     left = place or {"xyz": [-0.05, 0.01, -0.02]}
     several = {**SEVERAL, "cameras": {"left": {"model": lens, **left}, "right": {"rate": 15.0}}}
-    first, other = card._cameras(Folder.create(tmp_path, study_of(several), ""))
+    study = study_of(several, repeats=5)
+    folder = Folder.create(tmp_path, study, "")
+    ends = ("joint_limit", "timed_out", "timed_out", "converged", "timed_out")
+    folder.write(0, rows.Rows([{**rows.blank(study, run), "outcome": end}
+                               for run, end in enumerate(ends)]))
+    told = card.card(folder)
+    assert "Outcomes: timed_out 3, converged 1, joint_limit 1." in told
+    first, other = (line for line in told.splitlines() if "pixels, " in line)
     assert first.startswith("- right: 320 x 240 pixels, 15 Hz, K row by row 102.735, 0, 159.5, 0, ")
     assert first.endswith(", plumb_bob with coefficients 0, 0, 0, 0, 0")
     assert other.startswith("- left: 200 x 100 pixels, 30 Hz, K row by row 173.245, 0, 99.5, 0, ")

@@ -84,7 +84,7 @@ def test_settling_is_of_the_cameras_way():
 
 def test_overshoot_is_of_the_worst_feature_in_parts_of_its_first():
     error = decay(2.0)
-    assert measured("overshoot", run(error)) == 0.0
+    assert measured("overshoot", run(error)) == measured("overshoot", run()) == 0.0
     error[40, 1] = -0.1
     assert measured("overshoot", run(error)) == pytest.approx(0.2)
     error[50, 0] = 0.0
@@ -108,6 +108,9 @@ def test_what_is_summed_over_time_needs_two_joint_states(count):
     lasted = 0.01 * (count - 1) if count > 1 else np.nan
     assert measured("limit_time", found) == pytest.approx(lasted, nan_ok=True)
     assert measured("energy", found) == pytest.approx(9.0 * lasted, nan_ok=True)
+    # Limits of which nothing is known are never reached.
+    assert measured("limit_time", replace(found, limits=(np.zeros(0),) * 2)) == (
+        pytest.approx(0.0 * lasted, nan_ok=True))
 
 
 def test_decay_is_what_the_error_has():
@@ -115,6 +118,19 @@ def test_decay_is_what_the_error_has():
     apart = np.column_stack([decay(1.7)[:, 0], np.full(90, 1e-3)])
     assert measured("decay_rate", run(apart)) == pytest.approx(1.7, rel=1e-6)
     assert np.isnan(measured("decay_rate", run(np.full((90, 2), np.nan))))
+    # By four images from 80 to 15 % at least; the next is below, and the rest counts for none.
+    for between in ((0.79, 0.5, 0.2), (0.79, 0.5, 0.3, 0.2)):
+        few = np.array([1.0, 0.81, *between, *[0.14] * 88])[:90, None] * [1.0, 0.5]
+        slope = -np.polyfit(STAMP[2:6], np.log(between), 1)[0] if len(between) == 4 else np.nan
+        assert measured("decay_rate", run(few)) == pytest.approx(slope, nan_ok=True)
+
+
+def test_an_image_is_late_from_one_and_a_half_periods_after_its_exposure():
+    exposed = STAMP[[0, 1, 2, 4, 5]]  # and one is missing
+    arrival = exposed + np.array([0.4, 1.45, 1.55, 2.0, 1.0]) / 30.0
+    shown = run(cameras={"camera": CameraRecord(None, exposed, arrival)})
+    assert measured("images_late", shown) == 3.0
+    assert measured("delay", shown) == pytest.approx(6.4 / 5.0 / 30.0 * 1e3)
 
 
 def test_excursion_is_the_farthest_corner_in_half_sizes_of_the_image():

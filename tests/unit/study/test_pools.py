@@ -27,11 +27,12 @@ class Dask:
 
     def __init__(self, workers=1):
         self.ends, self.sent, self.log, self._ready = deque(), [], [], deque()
-        self.loop, self._workers = None, workers
+        self.loop, self.workers, self.nannies, self.looks, self._asked = None, workers, {}, 0, 0
 
     def LocalCluster(self, n_workers, **keys):
-        assert n_workers == self._workers
-        return SimpleNamespace(workers={}, close=lambda timeout: self.log.append("cluster"))
+        assert n_workers == self.workers
+        return SimpleNamespace(workers=self.nannies,
+                               close=lambda timeout: self.log.append("cluster"))
 
     def Client(self, cluster, timeout, set_as_default):
         return self
@@ -43,39 +44,50 @@ class Dask:
         assert count == 1
 
     def run(self, function):
-        return {f"tcp://{n}": versions.versions() for n in range(self._workers)}
+        return {f"tcp://{n}": versions.versions() for n in range(self.workers)}
 
     def nthreads(self):
-        return dict.fromkeys(range(self._workers), 1)
+        self.looks += 1
+        return dict.fromkeys(range(self.workers), 1)
 
     def submit(self, function, task, key, pure):
         end = self.ends.popleft() if self.ends else DONE
         self.sent.append((key, task.guarded))
         status = "finished" if end is DONE else CANCELLED if end is CANCELLED else "error"
-        return SimpleNamespace(key=key, status=status, result=lambda timeout: end,
-                               exception=lambda timeout: end)
+        told = {60: end}  # by the timeout, s
+        return SimpleNamespace(key=key, status=status, result=lambda timeout: told[timeout],
+                               exception=lambda timeout: told[timeout])
 
     def add(self, future):
         self._ready.append(future)
 
     def has_ready(self):
+        self._asked += 1
+        assert self._asked < 100  # one would wait for ever
         return bool(self._ready)
 
     def is_empty(self):
         return not self._ready
 
     def __next__(self):
+        self._asked = 0
         if not self._ready:
             raise StopIteration
         return self._ready.popleft()
 
     def scheduler_info(self, n_workers):
-        return {"workers": {"one": {"nanny": "tcp://n"}, "two": {"nanny": None}}}
+        there = {"one": "tcp://n", "two": None, "three": "tcp://m"}
+        count = len(there) if n_workers == -1 else n_workers
+        return {"workers": {name: {"nanny": nanny} for name, nanny in [*there.items()][:count]}}
 
     def restart_workers(self, addresses, timeout, raise_for_error):
+        assert timeout <= 60 and not raise_for_error
         self.log.append((addresses, len(self.sent), len(self._ready)))
+        if len(self.log) == 2:
+            raise TimeoutError("some are slow")
 
     def close(self, timeout):
+        assert timeout <= 10
         self.log.append("client")
 
 
@@ -84,9 +96,13 @@ def pool_of(monkeypatch):
     """Makes a Dask and a pool of it."""
     made = []
 
+    async def answering(address):
+        return
+
     def make(workers=1, **keys):
         dask = Dask(workers)
         monkeypatch.setattr(pools, "_configured", lambda: dask)
+        monkeypatch.setattr(pools, "_answering", answering)
         made.append(DaskPool(workers, **keys))
         return dask, made[-1]
 
@@ -107,7 +123,7 @@ def test_every_worker_has_one_chunk_waiting_and_is_made_anew_after_so_many(pool_
         done.append(task.chunk)
     assert done == list(range(30)) and most == 6
     # Those that a nanny begins again, and only while nothing is under way.
-    assert dask.log == [(["one"], 12, 0), (["one"], 24, 0)]
+    assert dask.log == [(["one", "three"], 12, 0), (["one", "three"], 24, 0)]
     pool.close()
     assert dask.log[2:] == ["client", "cluster"]
 
@@ -143,6 +159,49 @@ def test_what_went_wrong_with_a_chunk_is_told(pool_of, end, told):
         pool.next()
     with pytest.raises(StudyError, match="nothing left to do"):
         pool.next()
+
+
+@pytest.mark.parametrize("keys", [{}, {"scheduler": "tcp://there"}])
+def test_the_last_worker_may_be_gone_for_five_minutes_or_as_long_as_a_nanny_begins_it(
+    pool_of, monkeypatch, keys
+):  # fmt: skip
+    now = [1000.0]
+    monkeypatch.setattr(pools, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    dask, pool = pool_of(**keys)
+
+    def after(seconds, workers):
+        now[0], dask.workers = now[0] + seconds, workers
+        return pool.room and pool.workers
+
+    assert after(1.9, 2) == 1 and dask.looks == 1  # it looks every two seconds
+    assert after(0.1, 2) == 2 and dask.looks == 2
+    assert [after(seconds, 0) for seconds in (2.0, 298.0)] == [2, 2]
+    assert after(2.0, 1) == 1  # and is there again
+    assert after(300.0, 0) == 1
+    if not keys:
+        dask.nannies["one"] = SimpleNamespace(status=SimpleNamespace(name="starting"))
+        assert after(600.0, 0) == 1
+        dask.nannies["one"].status.name = "failed"
+    with pytest.raises(StudyError, match="^no worker has been there for 300 s: look at the"):
+        after(2.0, 0)
+
+
+@pytest.mark.parametrize(("keys", "left"), [
+    ({}, ["client", "cluster"]), ({"scheduler": "tcp://there"}, ["client"]),
+])  # fmt: skip
+def test_a_pool_to_which_no_worker_comes_is_none_and_leaves_nothing(
+    pool_of, monkeypatch, keys, left
+):
+    asked = []
+
+    def none(dask, count, timeout):
+        asked.append(dask)
+        raise TimeoutError(f"not within {timeout:g} s")
+
+    monkeypatch.setattr(Dask, "wait_for_workers", none)
+    with pytest.raises(StudyError, match="^the scheduler at .* has no workers$"):
+        pool_of(**keys)
+    assert asked[0].log == left
 
 
 @pytest.mark.parametrize("call", ["submit", "nthreads", "__next__", "scheduler_info"])

@@ -89,23 +89,24 @@ def test_a_table_says_why_runs_failed():
     columns = {
         "outcome": ["converged", *["target_lost"] * 2, "joint_limit", "converged"] + ["x"] * 5,
         "verdict": ["goal_reached", "", "", "", "goal_missed"] + [""] * 5,
-        "reason": ["", lost.format(0.31), lost.format(0.4), "J2", ""] + ["a | b " * 30] * 5,
+        "reason": ["", lost.format(0.31), lost.format(0.4), "J2", ""] + ["ca | b " * 15] * 5,
     }
     table = results.table.drop_columns(list(columns))
     for name, values in columns.items():
         table = table.append_column(name, pa.array(values))
     found = tables.tabulated([Results("one", results.study, table)])
     assert found.failures[0] == "2 of 4 target_lost: over the left border at 0.31 s"
-    assert found.failures[1].startswith("1 of 1 x: a | b a") and found.failures[1].endswith(" …")
-    assert len(found.failures[1]) < 110
-    assert r"| 1 of 1 x: a \| b a" in tables.written(found, "md")
+    assert found.failures[1].startswith("1 of 1 x: ca | b ca")
+    assert found.failures[1].endswith("b ca | …") and len(found.failures[1]) == 100
+    assert r"| 1 of 1 x: ca \| b ca" in tables.written(found, "md")
     assert "2 of 4 target_lost: over" in tables.written(found, "csv")
     assert r"2 of 4 target\_lost: over" in tables.written(found, "tex")
-    missed = results.table.take([4]).drop_columns(list(columns))
-    for name, values in columns.items():
-        missed = missed.append_column(name, pa.array(values[4:5]))
-    found = tables.tabulated([Results("one", results.study, missed)])
-    assert found.failures == ("1 of 1 converged, goal_missed",)
+    for reason, told in (("", ""), ("a b" * 30, ": " + "a b" * 30)):
+        missed = results.table.take([4]).drop_columns(list(columns))
+        for name, values in {**columns, "reason": [reason] * 5}.items():
+            missed = missed.append_column(name, pa.array(values[4:5]))
+        found = tables.tabulated([Results("one", results.study, missed)])
+        assert found.failures == ("1 of 1 converged, goal_missed" + told,)
 
 
 def test_a_map_has_the_units_of_its_settings():
@@ -445,6 +446,21 @@ def test_a_study_is_judged_by_the_metric_that_it_names(tiny, tmp_path):
         tiny(judged="reached")
 
 
-def test_one_run_is_one_run(tiny):
-    assert engine.dry_run(tiny(repeats=1, vary={}, chunk=1), 1)[0] == (
-        "1 run: 1 point, 1 of each; 1 chunk of 1")  # fmt: skip
+def test_what_a_study_would_take_is_told_by_a_run_that_loads_nothing(tiny, monkeypatch):
+    def told(workers, **changes):
+        walls = iter((80.0, 2.5))
+        monkeypatch.setattr(engine.rows, "row_of", lambda study, run: rows.Rows(
+            [{"outcome": rows.FAULT if workers == 1 else "x", "reason": "mine"}],
+            [{"wall": next(walls)}]))
+        return engine.dry_run(tiny(**changes), workers)
+
+    assert told(1, repeats=1, vary={}, chunk=1) == [
+        "1 run: 1 point, 1 of each; 1 chunk of 1", "about 2 s on 1 core: a run takes 2.5 s here",
+        "run 0: as it is; seed " + str(tiny(repeats=1, vary={}, chunk=1).seed_of(0)),
+        "run 0 as tried: fault: mine"]
+    some = told(4, repeats=80)
+    assert some[0] == "240 runs: 3 points, 80 of each; 120 chunks of 2"
+    assert some[1] == "about 2 min on 4 cores: a run takes 2.5 s here"
+    assert some[2:] == [f"run {run}: gain=1.0; seed {tiny(repeats=80).seed_of(run)}"
+                        for run in range(3)]
+    assert "about 8 s on 0 core" in told(0, repeats=1)[1]

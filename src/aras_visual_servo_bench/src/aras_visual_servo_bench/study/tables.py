@@ -145,7 +145,7 @@ def _tex(text: str) -> str:
 def _power(number: str) -> str:
     """A number in a formula, where 1e-04 would be read as a product with e."""
     digits, e, exponent = number.partition("e")
-    return f"{digits} \\cdot 10^{{{int(exponent)}}}" if e and exponent else digits + e
+    return f"{digits} \\cdot 10^{{{int(exponent)}}}" if e else number
 
 
 def _latex(table: Table) -> str:

@@ -83,6 +83,11 @@ def test_the_state_of_the_start_can_be_asked_for(trajectories):
     rig, controller = trajectories
     state = controller.query_state(rig.time_ns)
     assert [*state.positions, *state.velocities, *state.accelerations] == [0.0, 0.0, 0.0]
+    # And a trajectory that begins with it has all its points, be they soon.
+    points = [TrajectoryPoint(1, [0.5]), TrajectoryPoint(S, [1.5])]
+    controller.set_command(Trajectory(["a"], points, rig.time_ns))
+    rig.step(50)
+    assert rig.hardware.handles["a"].position_command == pytest.approx(1.0) and not rig.log
 
 
 def test_result_codes_are_those_of_control_msgs():

@@ -71,7 +71,11 @@ def test_the_effort_is_what_the_goal_allows(make):
     controller.submit_goal(GripperGoal(-0.9, 3.0))
     rig.step()
     assert rig.hardware.handles["b"].effort_command == -3.0
-    controller.submit_goal(GripperGoal(0.9))  # upstream: without effort it does nothing
+    last = controller.submit_goal(GripperGoal(0.9))  # upstream: without effort it does nothing
+    rig.step()
+    assert rig.hardware.handles["b"].effort_command == 0.0
+    controller.cancel_goal(last)  # and what it holds, it holds with max_effort: 0
+    rig.model.q[1] += 0.5
     rig.step()
     assert rig.hardware.handles["b"].effort_command == 0.0
 
@@ -92,15 +96,17 @@ def test_what_is_held_ends_the_goal_as_stalled(make, given, steps):
     assert rig.hardware.handles["b"].effort_command == 7.0
 
 
-def test_a_joint_that_creeps_has_not_stalled(make):
-    controller, rig = make(stall_timeout=0.1, stall_velocity_threshold=0.05)
+@pytest.mark.parametrize(("given", "slow"), [({"stall_velocity_threshold": 0.05}, 0.05),
+                                             ({}, 0.001)])
+def test_a_joint_that_creeps_has_not_stalled(make, given, slow):
+    controller, rig = make(stall_timeout=0.1, **given)
     rig.model.stuck.add("b")
     handle = controller.submit_goal(GripperGoal(0.9, 7.0))
     for k in range(40):
-        rig.model.v[1] = 0.06 if k % 8 == 0 else 0.04
+        rig.model.v[1] = slow * (1.1 if k % 8 == 0 else 0.8)
         rig.step()
     assert handle.status == "active"
-    rig.model.v[1] = 0.05  # not faster
+    rig.model.v[1] = slow  # not faster
     rig.step(12)
     assert handle.status == "aborted"
 

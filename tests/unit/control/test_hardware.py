@@ -188,11 +188,12 @@ def test_a_pid_drive_drives_no_joint_on_that_is_too_fast(make_rig, make_joint, i
 
 
 class TestReporting:
-    def test_after_a_reset_a_trouble_is_news_again(self):
+    def test_after_a_second_without_it_or_a_reset_a_trouble_is_news_again(self):
         trouble = Occurrence()
         assert trouble.note(5) and not trouble.note(6)
+        assert not trouble.note(1_000_000_006) and trouble.note(2_000_000_007)
         trouble.reset()
-        assert trouble.note(7) and not trouble.note(8)
+        assert trouble.note(2_000_000_008) and not trouble.note(2_000_000_009)
 
     def test_a_position_beyond_the_range_is_told_once_an_occurrence(self, make_rig, make_joint):
         rig = make_rig([make_joint("J", interface=POSITION)])

@@ -124,6 +124,7 @@ def test_every_run_is_a_row_with_what_was_set_and_measured(tiny, tmp_path):
     times = made.results(folder.TIMES)
     assert times["run"].to_pylist() == list(range(6)) and min(times["wall"].to_pylist()) > 0.0
     assert (tmp_path / "out" / "study.yaml").read_text() == "as given"
+    assert not (tmp_path / "out" / folder.TRACES).exists()
 
 
 def test_the_order_of_chunks_changes_nothing(tiny, tmp_path):

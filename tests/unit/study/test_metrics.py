@@ -118,9 +118,9 @@ def test_decay_is_what_the_error_has():
     apart = np.column_stack([decay(1.7)[:, 0], np.full(90, 1e-3)])
     assert measured("decay_rate", run(apart)) == pytest.approx(1.7, rel=1e-6)
     assert np.isnan(measured("decay_rate", run(np.full((90, 2), np.nan))))
-    # By four images from 80 to 15 % at least; the next is below, and the rest counts for none.
-    for between in ((0.79, 0.5, 0.2), (0.79, 0.5, 0.3, 0.2)):
-        few = np.array([1.0, 0.81, *between, *[0.14] * 88])[:90, None] * [1.0, 0.5]
+    # By four images at least, which are from below 80 % down to 15 %.
+    for between in ((0.79, 0.5, 0.15), (0.79, 0.5, 0.3, 0.15)):
+        few = np.array([1.0, 0.8, *between, *[0.14] * 88])[:90, None] * [1.0, 0.0]
         slope = -np.polyfit(STAMP[2:6], np.log(between), 1)[0] if len(between) == 4 else np.nan
         assert measured("decay_rate", run(few)) == pytest.approx(slope, nan_ok=True)
 

@@ -173,9 +173,9 @@ def test_the_last_worker_may_be_gone_for_five_minutes_or_as_long_as_a_nanny_begi
         now[0], dask.workers = now[0] + seconds, workers
         return pool.room and pool.workers
 
-    assert after(1.9, 2) == 1 and dask.looks == 1  # it looks every two seconds
-    assert after(0.1, 2) == 2 and dask.looks == 2
-    assert [after(seconds, 0) for seconds in (2.0, 298.0)] == [2, 2]
+    assert after(1.5, 2) == 1 and dask.looks == 1  # it looks every two seconds
+    assert after(0.5, 2) == 2 and after(1.5, 3) == 2 and dask.looks == 2
+    assert [after(seconds, 0) for seconds in (2.0, 296.0)] == [2, 2]
     assert after(2.0, 1) == 1  # and is there again
     assert after(300.0, 0) == 1
     if not keys:

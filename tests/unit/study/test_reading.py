@@ -155,8 +155,12 @@ def test_differences_that_are_more_than_chance_are_told_with_their_direction():
     assert found["gain=2.0", "settled"].verdict == compare.WORSE
     assert found["gain=1.0", "success"].verdict == compare.CHANCE
     assert found["gain=1.0", "settled"].found.paired
-    told = compare.told(list(found.values()))
-    assert "better" in told and "WORSE" in told and "2 of 4 comparisons" in told
+    found = list(found.values())
+    sure = sorted((d for d in found if d.verdict != compare.CHANCE), key=lambda d: d.p)
+    for shown in (sure, found):
+        *lines, last = compare.told(found, shown is found).splitlines()
+        assert [line.split()[:2] for line in lines] == [[d.verdict, d.metric] for d in shown]
+        assert last.startswith("2 of 4 comparisons")
     prompt, late = made([1] * 40, times, delay=0.0), made([1] * 40, faster, "two", delay=0.1)
     assert all(d.found.paired and d.found.count == 20
                for d in compare.differences(prompt, late, by=["gain"]))
@@ -331,6 +335,8 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path, monkeypatch):
     assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(30.0, abs=0.01)
     with pytest.raises(StudyError, match="no run 6: .* has runs 0 to 5"):
         replay.replay(Folder.open(tmp_path / "out"), 6)
+    with pytest.raises(StudyError, match="cannot write the video .*nowhere/video.mp4"):
+        replay._video(run, tmp_path / "nowhere" / "video.mp4")
 
 
 @metric("", "smaller", "these tests")
@@ -417,17 +423,20 @@ def test_the_command_line_from_file_to_table(tmp_path, capsys, monkeypatch):
 
 @pytest.mark.parametrize(("metric", "cheapest"), [("settled", 1.0), ("decay_rate", 2.0)])
 def test_candidates_cost_what_their_runs_show(monkeypatch, metric, cheapest):
-    """Two candidates, two runs of each; the second once left the image, and once failed."""
+    """Three candidates, two runs of each; the second once left the image, and once failed; of the
+    third nothing was ever seen."""
     study = Study.from_mapping({"experiment": {"plant": "free"}, "repeats": 2})
     table = pa.table({
-        "gain": [1.0, 1.0, 2.0, 2.0], "success": [1.0, 1.0, 0.0, 1.0], metric: [3.0, 4.0, 5.0, 8.0],
-        "image_excursion": [0.4, 0.9, 1.3, 0.2], "outcome": ["x"] * 4,
+        "gain": [1.0, 1.0, 2.0, 2.0, 3.0, 3.0], "success": [1.0, 1.0, 0.0, 1.0, 0.0, 0.0],
+        metric: [3.0, 4.0, 5.0, 8.0, np.nan, np.nan],
+        "image_excursion": [0.4, 0.9, 1.3, 0.2, 0.1, np.nan], "outcome": ["x"] * 6,
     })  # fmt: skip
     monkeypatch.setattr(Results, "read", lambda path: Results("one", study, table))
     tuner = Tuner(study, [Range("gain", 0.5, 4.0)], metric, figures.Path("x"),
                   lambda made, path: None)  # fmt: skip
-    tuner._run([(1.0,), (2.0,)])
-    first, second = tuner.tried
+    tuner._run([(1.0,), (2.0,), (3.0,)])
+    first, second, third = tuner.tried
+    assert (third.cost, third.violation, third.excursion) == (np.inf, 11.0, np.inf)
     assert (first.violation, first.success, first.excursion) == (0.0, 1.0, 0.9)
     assert second.violation == pytest.approx(0.3 + 0.5) and second.success == 0.5
     assert min(tuner.tried, key=lambda c: c.cost).values == (cheapest,)

@@ -106,7 +106,7 @@ def test_chunks_cover_all_runs_once(tiny):
         study = tiny(repeats=repeats, chunk=chunk)
         covered = [run for c in range(study.chunks) for run in study.chunk_runs(c)]
         assert covered == list(range(study.runs))
-    assert [tiny(repeats=n, chunk=None).chunk_size for n in (1, 400, 100_000)] == [1, 30, 100]
+    assert [tiny(repeats=n, chunk=None).chunk_size for n in (1, 410, 100_000)] == [1, 31, 100]
     pictured = {"experiment": {**FREE, "features": "pictures"}, "repeats": 400, "chunk": None}
     for pictures, size in (("all", 4), ("first", 30)):  # pictures are kept in memory
         assert tiny(**pictured, pictures=pictures).chunk_size == size

@@ -66,7 +66,7 @@ def differences(
     ]
 
 
-def told(found: Sequence[Difference], all_of_them: bool = False) -> str:
+def told(found: Sequence[Difference], all_of_them: bool) -> str:
     """The differences in lines, the surest first; those that chance explains are only counted."""
     sure = [d for d in found if d.verdict != CHANCE]
     shown = list(found) if all_of_them else sorted(sure, key=lambda d: d.p)

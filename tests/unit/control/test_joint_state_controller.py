@@ -29,11 +29,16 @@ def test_order_is_by_name_in_byte_order(make):
     with pytest.raises(ControllerError, match="controller 'jsc' takes no commands"):
         rig.manager.load("jsc").set_command(1.0)
     rig.manager.unload("jsc")
-    rig.model.q[:] = [0.1, 0.2, 0.3]
+    rig.model.q[:], rig.model.v[:] = [0.1, 0.2, 0.3], [0.4, 0.5, 0.6]
+    rig.model.stuck |= {"gantry", "J2", "J1"}
+    for handle, effort in zip(rig.hardware.handles.values(), (0.7, 0.8, 0.9), strict=True):
+        handle.effort_command = effort
     states = states_of(rig)
     rig.step(2)
     assert states[0].names == ("J1", "J2", "gantry")
     assert states[0].positions == [0.3, 0.2, 0.1]
+    assert states[0].velocities == [0.6, 0.5, 0.4]
+    assert states[0].efforts == [0.9, 0.8, 0.7]
 
 
 def test_first_sample_in_the_first_cycle_then_every_ten_ms(make):

@@ -66,6 +66,26 @@ def test_a_clock_that_was_put_back_leaves_a_pid_what_it_has_gathered(make_rig, m
         assert rig.model.tau[0] == pytest.approx(10.0 * 0.5 * 1e-3 * gathered)
 
 
+@pytest.mark.parametrize("compiled", [False, True])
+def test_a_restarted_loop_has_forgotten_the_way_that_it_went(make_rig, make_joint, compiled):
+    """Also once its row has moved to where compiled cycles have it."""
+    rig = make_rig([make_joint("a")], {"c": {
+        "type": "effort_controllers/JointPositionController", "joint": "a", "pid": {"p": 1.0},
+        "interpolate": True}}, physics=False)
+    controller = rig.run("c")
+    rig.step()
+    if compiled:
+        assert rig.loop.begin(rig.time_ns + rig.step_ns, rig.step_ns)
+    controller.set_command(0.9)
+    rig.step(9)
+    assert 0.0 < rig.model.tau[0] < 0.9
+    for start, stop in (([], ["c"]), (["c"], [])):
+        rig.manager.switch(start, stop)
+        rig.step()
+    rig.step(9)
+    assert rig.model.tau[0] == 0.0
+
+
 @pytest.mark.parametrize("step_ns", [500_000, 1_000_000, 4_000_000])
 def test_the_first_write_lasts_one_step_of_the_physics(make_rig, make_joint, step_ns):
     """A position joint may move by its velocity limit, 5 rad/s, times the step."""

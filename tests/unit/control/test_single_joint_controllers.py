@@ -80,6 +80,13 @@ class TestPosition:
         controller.set_command(-5.0)
         rig.step(3)
         assert len([line for line in rig.log if "beyond" in line]) == 2
+        rig.manager.switch([], ["c"])
+        rig.step()
+        rig.manager.switch(["c"], [])
+        rig.step()
+        controller.set_command(-5.0)  # as soon, but it began anew
+        rig.step()
+        assert len([line for line in rig.log if "beyond" in line]) == 3
 
     @pytest.mark.parametrize(
         ("proves", "kind", "bounds", "position", "command", "error"),

@@ -36,7 +36,8 @@ def test_every_option_of_the_demo_is_explained(capsys, monkeypatch):
 
 
 def test_results_go_into_a_folder():
-    assert parse([]).out == Path("out") and parse(["--out", "a/b"]).out == Path("a/b")
+    given = parse(["--out", "a/b", "--timeout", "0.01"])
+    assert parse([]).out == Path("out") and (given.out, given.timeout) == (Path("a/b"), 0.01)
 
 
 @pytest.mark.parametrize(("words", "told"), [
@@ -49,7 +50,7 @@ def test_results_go_into_a_folder():
     (["--goal", "2017"], "unknown goal '2017': did you mean '201"),
     (["--start", "2017"], "'2017' must be 6 finite numbers"),
     (["--start", "0 0 0 0 0 nan"], "must be 6 finite numbers"),
-    (["--timeout", "-1"], "--timeout must be above 0"),
+    (["--timeout", "0"], "--timeout must be above 0"),
     (["--nonsense"], "unrecognized arguments: --nonsense"),
     (["--camera-xyz", "0 0"], "'0 0' must be 3 finite numbers"),
     (["--target", "l_shap"], "--target is 'l_shap': did you mean 'l_shape'?"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -208,8 +209,11 @@ def test_a_film_ends_with_the_last_image_that_was_answered(graph, face, tmp_path
 def test_what_was_recorded_before_the_clock_went_back_is_another_run(graph, face, tmp_path):
     path = write(tmp_path / "a.bag", graph, face, experiment=described())
     write(path, graph, face, shift=-1.4, append=True, skip=("camera_info",))
-    run = bags.read_bag(path)
+    parts = []
+    run = bags.read_bag(path, parts.append)
+    assert len(parts) == 100  # of some 200 messages
     same(run.stamp, np.round(STAMPS[1:] - 1.4, 9))
+    assert run.joint_stamp[0] == pytest.approx(STAMPS[0] - 1.45)  # the first one after it
     assert run.cameras["camera"].model.width == 64 and run.limits[0][0] == -0.5  # told once
     assert len(run.cameras["camera"].stamp) == 9
     (note,) = [note for note in run.notes if "clock" in note]
@@ -234,6 +238,7 @@ def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(graph, face, tmp_pa
     run = bags.read_bag(cut)
     assert run.notes[0].startswith("the bag was not closed") and run.name == "b"
     same(run.stamp, bags.read_bag(path).stamp)
+    same(run.joint_stamp, bags.read_bag(path).joint_stamp)
     assert cut.read_bytes() == head
     cut.write_bytes(head[:200])
     with pytest.raises(BenchError, match="b.bag.active"):
@@ -242,6 +247,22 @@ def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(graph, face, tmp_pa
     for read in (bags.read_bag, bags.described):
         with pytest.raises(BenchError, match="cannot read the bag .*b.bag.active"):
             read(cut)
+
+
+@pytest.mark.parametrize("fault", [
+    OSError, rosbag.ROSBagException, struct.error, ValueError, RuntimeError])
+def test_whatever_rosbag_raises_of_a_damaged_bag_is_told(monkeypatch, tmp_path, fault):
+    pytest.importorskip("mcap")
+    from aras_visual_servo_bench.ros import mcap
+
+    def fail(path):
+        raise fault("why")
+
+    for module in (bags, mcap):
+        monkeypatch.setattr(module, "opened", fail)
+    for read in (bags.read_bag, bags.described, lambda bag: mcap.convert(bag, tmp_path / "a.mcap")):
+        with pytest.raises(BenchError, match="cannot .* a.bag.*: why"):
+            read(Path("a.bag"))
 
 
 @pytest.mark.parametrize(("skip", "said"), [

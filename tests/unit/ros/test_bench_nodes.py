@@ -49,7 +49,9 @@ SOURCES = Path(__file__).parents[3] / "src"
 STARTED = {  # program: module whose main it runs
     **{f"aras_visual_servo_bench/nodes/{name}": f"aras_visual_servo_bench.ros.{name}" for name in (
         "dashboard", "decompress", "demo", "describe", "markers", "move_target", "target_link")},
-    "aras_visual_servo_bench/nodes/bench": "aras_visual_servo_bench.commands",
+    **{f"aras_visual_servo_bench/nodes/{name}": "aras_visual_servo_bench.commands"
+       for name in ("analyze", "bench", "protocol")},
+    "aras_visual_servo_bench/nodes/target_files": "aras_visual_servo_bench.targets.files",
     "aras_visual_servo_camera/nodes/aras_visual_servo_camera_node": "aras_visual_servo_camera.node",
     "aras_visual_servo_controller/nodes/aras_visual_servo_controller_node":
         "aras_visual_servo_controller.ros.node",
@@ -62,15 +64,27 @@ STARTED = {  # program: module whose main it runs
        for name in ("controller_group", "controller_manager", "spawner", "unspawner")},
     **{f"upstream_names/gazebo_ros/scripts/{name}": f"aras_sim_bridge.ros.cli.{name}"
        for name in ("gzclient", "gzserver", "spawn_model")},
+    "upstream_names/gazebo_ros/scripts/gazebo": "aras_sim_bridge.ros.cli.gzserver",
 }
+OTHERS = {"upstream_names/xacro/scripts/xacro", "upstream_names/xacro/scripts/xacro.py"}
+
+
+def test_no_program_is_left_out():
+    found = [*SOURCES.glob("*/nodes/*"), *SOURCES.glob("upstream_*/*/scripts/*")]
+    names = {str(one.relative_to(SOURCES)) for one in found if one.is_file()}
+    assert names == OTHERS | set(STARTED)
 
 
 @pytest.mark.parametrize("program", STARTED)
 def test_a_program_ends_with_the_status_of_its_module(monkeypatch, program):
     module = importlib.import_module(STARTED[program])
-    before, heard = signal.getsignal(signal.SIGINT), []
-    monkeypatch.setattr(module, "main", lambda *_: (
-        heard.append(signal.getsignal(signal.SIGINT)), 7)[1])
+    before, heard, name = signal.getsignal(signal.SIGINT), [], program.rpartition("/")[2]
+    words = ([name, "a", "b"],) if name in ("analyze", "protocol") else ()
+    monkeypatch.setattr(sys, "argv", [name, "a", "b"])
+    monkeypatch.setattr(module, "main", lambda *given: (
+        heard.append((signal.getsignal(signal.SIGINT), given)), 7)[1])
+    if STARTED[program].endswith("commands"):  # whose workers import it too
+        runpy.run_path(str(SOURCES / program), run_name="__mp_main__")
     try:
         with pytest.raises(SystemExit) as ended:
             runpy.run_path(str(SOURCES / program), run_name="__main__")
@@ -80,7 +94,7 @@ def test_a_program_ends_with_the_status_of_its_module(monkeypatch, program):
     early = "signal.signal" in (SOURCES / program).read_text()
     bench = program.startswith("aras_visual_servo_bench/") or program.endswith(("teleop", "teach"))
     assert early is not bench  # of the others a Ctrl-C while they begin leaves no traceback
-    assert heard == [signal.SIG_DFL if early else before]
+    assert heard == [(signal.SIG_DFL if early else before, words)]
 
 
 XACRO = SOURCES / "upstream_names/xacro/scripts"
@@ -403,7 +417,10 @@ def test_a_demo_follows_the_controller(graph, monkeypatch):
     progress = watch.Watch().progress
     assert begun == [("aras_visual_servo_demo", dict.fromkeys(
         ("anonymous", "disable_signals", "disable_rostime"), True))]
-    assert progress == watch.WatchedRun()
+    assert vars(progress) == {"phase": "", "reason": "", "began": None, "converged": None,
+                              "stamp": 0.0, "joints": False}
+    waiting = {topic.rpartition("/")[2]: more for topic, (_, more) in graph.heard.items()}
+    assert waiting == {"joint_states": {"queue_size": 1}, "state": {"queue_size": 10}}
     graph.subscribers["/aras_visual_servo/joint_states"](joint_states(1.0))
     assert progress.joints and "/aras_visual_servo/joint_states" not in graph.subscribers
     hear = graph.subscribers["/aras_visual_servo/controller/state"]

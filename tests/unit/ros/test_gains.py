@@ -47,3 +47,4 @@ def test_what_the_law_was_given_lies_within_what_may_be_set(served):
     for name, given in (("gain", 400.0), ("reach", 0.05), ("width", 5e-4)):
         assert fields[name].coerce(given) == given
     assert fields["gain"].coerce(5000.0) == 1000.0
+    assert [fields[name].coerce(0.0) for name in ("reach", "width")] == [1e-3, 5e-4]

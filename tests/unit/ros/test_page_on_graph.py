@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 import threading
@@ -161,6 +162,7 @@ def test_the_target_is_drawn_where_it_lies_twice_a_second(graph, life, world):
     watch.tell(story, "two")
     assert watch.missing == "" and not len(story.target[0].points)
     told = PoseStamped(pose=LAY)
+    assert graph.heard["/aras_visual_servo/target"] == (PoseStamped, {"queue_size": 1})
     graph.subscribers["/aras_visual_servo/target"](told)
     life.now += 0.6
     watch.tell(story, "two")
@@ -545,8 +547,8 @@ def test_the_page_s_own_parameters_are_told_from_the_controller_s():
     (ARM, {}, "ros/aras_dashboard", 0), (ARM, {"directory": "~/mine", "robot": "robo"}, "mine", 0),
     (ARM.replace("camera_optical_frame", "eye"), {}, "ros/aras_dashboard", 1),
 ])
-def test_the_page_is_served_until_the_node_ends(graph, life, parts, monkeypatch, tmp_path, capsys,
-                                                urdf, given, directory, status):  # fmt: skip
+def test_the_page_is_served_until_the_node_ends(graph, life, parts, monkeypatch, tmp_path, urdf,
+                                                given, directory, status):  # fmt: skip
     ended, done = [], []
     thread = SimpleNamespace(name="shutdown", join=lambda limit: done.append(("joined", limit)))
     other = SimpleNamespace(name="other", join=lambda limit: done.append("other"))
@@ -558,7 +560,7 @@ def test_the_page_is_served_until_the_node_ends(graph, life, parts, monkeypatch,
     def serve(host, address, port, token, say):
         done.append((type(host), address, port, token, say))
         return SimpleNamespace(access=SimpleNamespace(address="http://here"),
-                               close=lambda: done.append("closed"))
+                               close=lambda: done.extend(("closed", written.getvalue())))
 
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))
@@ -572,14 +574,15 @@ def test_the_page_is_served_until_the_node_ends(graph, life, parts, monkeypatch,
     for key, value in {**GIVEN, **given, "token": "t" * 12}.items():
         rospy.set_param(f"~{key}", value)
     life.steps = [lambda: None]
+    written = io.BytesIO()  # as by a pipe
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written))
     with pytest.raises(SystemExit):
         dashboard.main()
     assert life.begun == [(("aras_visual_servo_dashboard", dashboard.__doc__),
                            {"disable_rostime": True})]
     assert ended == [status] and set(life.slept) <= {0.5}
     assert done == ["open", (dashboard.Dashboard, "127.0.0.1", 8080, "t" * 12, rospy.loginfo),
-                    "closed", ("joined", 5.0)]
-    assert capsys.readouterr().out == "\n    http://here\n\n"
+                    "closed", b"\n    http://here\n\n", ("joined", 5.0)]
     made = next(call for call in CALLS if call[:2] == ("Actions", "made"))
     assert made[4:] == (tmp_path / directory, given.get("robot", "aras_visual_servo"))
     assert CALLS[-2:] == [("Actions", "close"), ("Keeping", "close")]

@@ -46,6 +46,8 @@ def test_every_part_of_a_state_comes_back_from_its_two_messages(graph, face):
           lost.angular.z], state.resolution.lost)  # fmt: skip
     assert (report.rank, report.rank_lj) == (3, 2)
     same(report.singular_values_lj, message.singular_values)
+    said = {topic: one for topic, one in graph.told().items() if "/controller/" in topic}
+    assert len(said) == 3 and {one[1:] for one in said.values()} == {(5, False)}
     twist = graph.publishers["/two/controller/camera_twist"].sent[-1]
     assert twist.twist == message.camera_twist and twist.header == message.header
 
@@ -186,6 +188,11 @@ def test_a_listener_knows_what_the_graph_said_last(graph, listener, face):
     story = listener.look_again()
     same(listener.positions, position(1.5))
     same(listener.velocities, [-0.11, 0.2])
+    waiting = {topic: more.pop("queue_size") for topic, (_, more) in graph.heard.items()}
+    each = {"/two/controller/state", "/two/camera/moments"}  # of which a path is drawn
+    assert {topic for topic, many in waiting.items() if many == 10} == each
+    assert {many for topic, many in waiting.items() if topic not in each} == {1}
+    assert all(more == {"tcp_nodelay": True} for _, more in graph.heard.values())
     same(story.pose, story.arm.pose(position(1.5)))
     assert listener.stamp == 1.5
     goal = np.eye(4)

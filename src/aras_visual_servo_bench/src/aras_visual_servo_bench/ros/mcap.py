@@ -54,7 +54,7 @@ def _copy(
         )
 
     topics = source.get_type_and_topic_info().topics
-    total = sum(one.message_count for one in topics.values()) or 1
+    total = sum(one.message_count for one in topics.values())
     counts: Counter[str] = Counter()
     for number, (topic, raw, time) in enumerate(source.read_messages(list(topics), raw=True)):
         kind, data, md5, _, made = raw

@@ -60,7 +60,7 @@ class Teleop:
             print(HELP)
         while not self._heard.wait(2.0):
             print(f"waiting for joint states on {self._space}/joint_states")
-        command = self._measured.copy()
+        command = self._measured
         with teleop.raw_terminal():
             while not rospy.is_shutdown():
                 for key in teleop.pressed(PERIOD):
@@ -70,7 +70,7 @@ class Teleop:
                 if self._device is not None:
                     self._drive(self._device.axes, self._device.buttons)
                 if self._move():
-                    command = self._measured.copy()
+                    command = self._measured
         return 0
 
     def _press(self, key: str, command: np.ndarray) -> np.ndarray:

@@ -46,7 +46,7 @@ def test_results_go_into_a_folder():
     (["--scheme", "my_module:MyScheme"], "my_module"),
     (["--law", "proportionel"], "did you mean 'proportional'?"),
     (["--gain", "5000"], "gain is 5000 1/s, more than 1000"),
-    (["--gain", "-1"], "-1 must be above 0"),
+    (["--gain", "0"], "0 must be above 0"),
     (["--goal", "2017"], "unknown goal '2017': did you mean '201"),
     (["--start", "2017"], "'2017' must be 6 finite numbers"),
     (["--start", "0 0 0 0 0 nan"], "must be 6 finite numbers"),

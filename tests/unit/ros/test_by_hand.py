@@ -263,6 +263,12 @@ def test_what_keeps_from_teaching_is_said(lesson):
     lesson.life.steps = [lesson.look]
     with pytest.raises(ServoError, match="only 1 of 3 images"):
         teach.live(lesson.arguments)  # the node ends
+    for name in ("left", "right"):
+        rospy.set_param(f"~cameras/{name}", {"frame": "camera_optical_frame"})
+    lesson.arguments.scheme, lesson.life.steps = "points@left+area@right", []
+    with pytest.raises(ServoError, match="only 0 of 3 images"):
+        teach.live(lesson.arguments)
+    assert any("right" in topic for topic in lesson.graph.subscribers)
     lesson.arguments.go = "nowhere"
     with pytest.raises(ConfigurationError, match="nowhere"):
         teach.live(lesson.arguments)

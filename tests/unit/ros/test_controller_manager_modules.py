@@ -139,6 +139,12 @@ def test_the_controllers_of_a_manager_are_listed(graph):
     utils.rospy.Service("/left/controller_manager/list_controllers", utils.ListControllers,
                         lambda _: utils.ListControllers._response_class(controller=ALL))
     assert lister() == ALL
+
+    def gone(_):
+        raise utils.rospy.ROSException
+
+    graph.services["/left/controller_manager/list_controllers"] = gone
+    assert lister() == []
     assert utils.ControllerLister().namespace == "/controller_manager"
 
 

@@ -104,6 +104,7 @@ def test_a_run_s_experiment_says_what_differs():
     assert words["launched by"] == "; ".join(" ".join(one) for one in launch)
     assert "camera_rpy" not in words and "duration" not in words
     assert of({"start": "2015"}).mapping()["start"] == "2015"
+    assert of({"start": "0.1 -0.2"}).mapping()["start"] == [0.1, -0.2]
     plain = of({"start": 2015, "scheme": "moments", "law": ""},
                launch=[["a", "urdf:=/r", "gains:=/g"]])
     assert plain._experiment() == {

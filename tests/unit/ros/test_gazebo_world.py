@@ -235,10 +235,13 @@ def test_all_of_physics_is_told_as_it_is_and_as_it_was_set(api, call):
               "gravity_z": 3.0, "sor_pgs_w": 1.5, "sor_pgs_rms_error_tol": 0.5, "cfm": 0.1,
               "erp": 0.3, "contact_surface_layer": 0.25, "contact_max_correcting_vel": 7.0}
     whole = {"sor_pgs_precon_iters": 4, "sor_pgs_iters": 33, "max_contacts": 5}
-    api.graph.call("/gazebo/set_parameters", Config(
-        doubles=[DoubleParameter(*one) for one in wanted.items()],
-        ints=[IntParameter(*one) for one in whole.items()],
-        bools=[BoolParameter("auto_disable_bodies", True)]))
+    asked = Config(doubles=[DoubleParameter(*one) for one in wanted.items()],
+                   ints=[IntParameter(*one) for one in whole.items()],
+                   bools=[BoolParameter("auto_disable_bodies", True)])
+    answer = api.graph.call("/gazebo/set_parameters", asked).config
+    for kind in ("doubles", "ints", "bools"):
+        told = {one.name: one.value for one in getattr(answer, kind)}
+        assert told == {one.name: one.value for one in getattr(asked, kind)}
     told = call("get_physics_properties")
     assert told.ode_config == ODEPhysics(True, 4, 33, 1.5, 0.5, 0.25, 7.0, 0.1, 0.3, 5)
     assert (told.time_step, told.max_update_rate, *xyz(told.gravity)) == (0.002, 70.0, 1, 2, 3)

@@ -10,7 +10,7 @@ from aras_visual_servo_base.poses import transform
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.judging.arrival import Arrival
+from aras_visual_servo_controller.judging.arrival import Arrival, _averaged
 from aras_visual_servo_controller.judging.left_open import (
     SECOND,
     THIRD,
@@ -195,6 +195,37 @@ def test_errors_are_brought_to_where_the_camera_is_now(heading):
         errors = np.array(errors) + 0.2 * noisy(last + 1)
         found = of_camera(errors, L, poses=poses)
         assert (not found.short) == there, (last, found.short)
+
+
+@pytest.mark.parametrize("seed", [3, 8])
+def test_many_rows_say_of_the_camera_what_few_of_them_say(seed):
+    """A picture's rows are many; here one direction, a turn with some of y, changes none."""
+    random = np.random.default_rng(seed)
+    L = random.normal(size=(6, 6))
+    L[:, 5] = 2.0 * L[:, 3] - L[:, 1]
+    moves = 2e-2 * random.normal(size=(40, 6))
+    poses = [at(0.3) @ transform(way[:3], way[3:]) for way in moves]
+    errors = (moves + 0.1) @ L.T
+    few, many = (of_camera(np.tile(errors, count), np.tile(L, (count, 1)), poses=poses).short
+                 for count in (1, 12))
+    assert few == many and ("degrees off" if seed == 8 else "but scatter") in few
+
+
+def test_a_step_is_known_as_well_as_the_latest_images_scatter():
+    """By 1 mm in the last of twelve: its 0.25 mm are within what such a step leaves open."""
+    x = np.array([1.25] * 11 + [0.25])[:, None] * np.eye(6)[0]
+    assert of_camera(x, STRONG, tolerance=3.0).reached
+    assert not of_camera(np.tile(x[-1], (12, 1)), STRONG, tolerance=3.0).reached
+
+
+@pytest.mark.parametrize("still", [True, False])
+def test_offsets_are_averaged_alike_compiled_or_not(still):
+    random = np.random.default_rng(5)
+    poses = [at(0.01 * still * k, 0.0, 0.3) for k in range(9)]
+    rows = np.hstack([1e-3 * random.normal(size=(9, 6)), np.reshape(poses, (9, 16))])
+    given = rows, np.diag([1.0, 1.0, 0.0, 1.0, 1.0, 1.0]), 5, np.array([1e-3, 7e-4])
+    for one, other in zip(_averaged(*given), _averaged.py_func(*given), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-18)
 
 
 def test_a_motion_that_kinematics_have_wrong_does_not_hide_where_the_camera_is():
@@ -467,6 +498,9 @@ def test_a_symmetric_target_is_the_same_from_round_its_axis(up_to, turn):
     assert symmetric(up_to, goal) == pytest.approx((2.0 * beside * np.sin(turn / 2.0), turn))
     left = left_by([np.zeros(6)] * 6, STRONG, up_to=up_to, goal=goal)
     assert left.up_to == up_to and left.angle == pytest.approx(min(turn + TURNS, np.pi))
+    without = Arrival(0.3)  # the features' L is not known
+    left = [shown(without, 0.1 * i, [0.1], up_to=up_to, goal=goal) for i in range(6)][-1].open
+    assert (left.distance, left.angle) == symmetric(up_to, goal)
     assert symmetric("", goal) == (0.0, 0.0)
     assert symmetric("something else", goal) == (np.inf, np.pi)
 
@@ -541,6 +575,9 @@ def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
             for view in seen
         ]
         assert said == expected
+    # a direction that nothing measures may be why
+    blind = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 0.0])
+    assert not of_camera([np.zeros(6)] * 6, blind, goal=goal, moments=other).last.other_view
     # what was seen before an arrival ended is forgotten
     arrival = Watched(0.0)
     for view, error in ((other, 0.0), (other, 9.0), (other, 0.0), (other, 0.0)):

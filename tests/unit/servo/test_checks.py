@@ -51,6 +51,17 @@ def test_the_frequency_of_a_lasting_wave_is_told_to_a_hundredth(frequency, secon
     assert rings(wave) == pytest.approx(frequency, rel=0.01)
 
 
+def test_a_wave_is_told_beside_a_drift_from_twelve_images_on_and_no_longer_once_it_has_ended():
+    times = np.arange(0.0, 2.0, 1.0 / 30.0)
+    drifting = 20.0 * times + 9.0 * np.sin(4.0 * np.pi * times)
+    assert rings(list(zip(times, drifting, strict=True))) == pytest.approx(2.0, rel=0.02)
+    few = [(0.1 * k, 9.0 * np.sin(0.5 * np.pi * k)) for k in range(12)]
+    assert rings(few) == pytest.approx(2.5) and rings(few[:-1]) is None
+    swings = 0, 9, 0, 9, 0, 9, 4
+    assert rings(zigzag(*swings, half=0.2)) is not None
+    assert rings(zigzag(*swings, 4, half=0.2)) is None  # for 0.4 s
+
+
 def test_five_swings_that_take_longer_than_twelve_seconds_are_none():
     oscillation = Oscillation()
     for t in np.arange(0.0, 24.0, 1.0 / 30.0):

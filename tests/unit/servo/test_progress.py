@@ -120,6 +120,7 @@ def test_an_error_that_no_motion_takes_away_is_a_local_minimum(reached, kind):
     across, along = np.array([1.0, -1.0]), np.array([1.0, 1.0])
     column = np.sqrt(1.0 - reached**2) * across + reached * along
     L = np.outer(column * TOLERANCES, np.eye(6)[0])
+    L += 1e-8 * np.outer(along * TOLERANCES, np.eye(6)[1])  # which no arm could make use of
     direction = [np.eye(6)[0], np.eye(6)[2]]
     progress, state = watched(
         STILL, L=L, told=lambda i: {"null_direction": direction[i == 19]}, rank=2)

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import transform
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.judging.target_check import TargetCheck
 
 DT, ROW = 1 / 30, 4 / 30  # s: four images are more than the 0.12 s of a row
@@ -110,6 +112,20 @@ def test_other_features_and_images_without_any_begin_anew():
     for part in range(20):  # no row is whole between interruptions
         assert not any(watched(4, STEADY, check=check, begin=0.2 * part))
         check.interrupt()
+
+
+def test_what_has_no_centre_or_no_depth_is_not_judged_by_it():
+    seen = Moments.from_polygon(np.array([(-0.1, -0.05), (0.12, -0.04), (0.08, 0.06)]), 2)
+    none = Moments(2, "dense", 0.0, 0.0, 0.0, np.zeros((3, 3)))
+    error = SimpleNamespace(error=np.zeros(4), L=None, rate=0.0)
+    for now, goal in ((seen, Goal(moments=seen)), (none, Goal(moments=seen, depth=0.5)),
+                      (None, Goal(moments=seen, depth=0.5)), (seen, Goal(depth=0.5))):  # fmt: skip
+        check = TargetCheck()
+        for k in range(3):
+            image = SimpleNamespace(stamp=k * DT, dt=DT, motion=swaying(k * DT),
+                                    world_T_camera=POSE, moments=now)  # fmt: skip
+            assert not check.add(error, image, goal, np.ones(4), False)
+        assert check._before[0].shape == (0,)
 
 
 @pytest.mark.parametrize("unknown", ["motion", "world_T_camera"])

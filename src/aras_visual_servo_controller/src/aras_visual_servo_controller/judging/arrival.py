@@ -244,11 +244,11 @@ def offset_of(decision: Decision) -> np.ndarray | None:
 
 def _seen(decision: Decision) -> np.ndarray:
     """L^+ L (6, 6): the part of a camera's motion that the modelled columns of L see."""
-    L = np.where(decision.task.modelled, decision.L, 0.0)
+    L, blind = np.where(decision.task.modelled, decision.L, 0.0), BLIND
     if len(L) > TALL:
-        L = np.linalg.cholesky(L.T @ L + np.finfo(float).tiny * np.eye(6)).T
+        L, blind = L.T @ L, BLIND**2
     _, s, vt = svd(L)
-    vt = vt[s > BLIND * s[0]]
+    vt = vt[s > blind * s[0]]
     return vt.T @ vt
 
 

@@ -70,6 +70,7 @@ def test_samples_and_keys_are_drawn_apart(entropy, count, one, other):
 def test_a_choice_is_one_of_its_values_and_each_has_its_share(values, u):
     draw = variation("scheme", {"choice": values})
     assert draw.value(u) == values[min(int(u * len(values)), len(values) - 1)]
+    assert draw.value(1.0) == values[-1]
     shares = [draw.value((k + 0.5) / len(values)) for k in range(len(values))]
     assert shares == values
 

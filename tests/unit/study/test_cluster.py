@@ -103,6 +103,17 @@ def test_workers_have_one_thread_for_each_library_and_seldom_look_at_themselves(
         assert set(looks) == {"tick", "monitor"} and min(looks.values()) >= 1000.0
 
 
+def test_dask_neither_moves_chunks_nor_tries_them_again_nor_ends_workers():
+    pools._configured()
+    told = dask.config.get("distributed")
+    assert told["scheduler"]["allowed-failures"] == 0
+    assert told["scheduler"]["worker-ttl"] is None
+    watched = ("target", "spill", "pause", "terminate")
+    assert [told["worker"]["memory"][key] for key in watched] == [False] * 4
+    assert not told["worker"]["profile"]["enabled"] and not told["scheduler"]["work-stealing"]
+    assert told["worker"]["daemon"]
+
+
 def test_without_a_number_there_is_a_worker_a_core(monkeypatch):
     asked = {}
 

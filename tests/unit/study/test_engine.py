@@ -327,6 +327,16 @@ def test_changed_code_of_a_user_does_not_go_on_with_a_study(tiny, tmp_path, monk
         work.carry_out(task)
 
 
+def test_a_module_or_library_without_a_file_is_unknown(monkeypatch):
+    named = {"metrics": ["nowhere.at_all:it", "sys:exit"], "scheme": "moments"}
+    monkeypatch.setattr(versions, "LIBRARIES", ("numpy", "no-such-library"))
+    versions.versions.cache_clear()
+    found = versions.of_study(named)
+    versions.versions.cache_clear()
+    assert [name for name, told in found.items() if told == versions.UNKNOWN] == [
+        "no-such-library", "nowhere.at_all", "sys"]
+
+
 def test_every_file_that_decides_a_run_is_in_the_digest_of_the_code(tmp_path, monkeypatch):
     """Of a workspace, and of an install, where code and data stand apart."""
     def digest():

@@ -183,14 +183,26 @@ def test_contradiction_is_a_word_against_the_physics(outcome, verdict, expected)
     assert measured("reached", found) == float(verdict == "goal_reached")
 
 
-def test_reduced_wants_both_distance_and_angle():
-    x = np.where(TIME < 0.0, 5.0, 0.03)
-    assert measured("reduced", run(x=x)) == 0.0  # 2 mm of 30 are little, 0.03 rad of 0 are not
-    turned = run(x=x)
-    turned.true_pose[:, :2, :2] = [[0.8, -0.6], [0.6, 0.8]]
-    assert measured("reduced", turned) == 1.0
-    turned.true_pose[:, 0, 3] = 0.01
-    assert measured("reduced", turned) == 0.0
+@pytest.mark.parametrize(("x", "angle", "reduced"), [
+    (0.021, 0.31, 1.0), (0.019, 0.31, 0.0), (0.021, 0.29, 0.0), (0.021, 0.0, 0.0),
+])  # fmt: skip
+def test_reduced_wants_a_tenth_of_both_distance_and_angle(x, angle, reduced):
+    """2 mm and 0.03 rad are left."""
+    found = run(x=np.where(TIME < 0.0, 5.0, x))
+    c, s = np.cos(angle), np.sin(angle)
+    found.true_pose[:, :2, :2] = [[c, -s], [s, c]]
+    assert measured("reduced", found) == reduced
+
+
+def test_a_run_that_ended_before_its_first_image_has_what_numbers_it_can():
+    nothing, none = np.zeros((0, 1)), np.zeros((0, 4, 4))
+    found = replace(run(), states=(), pose=none, joint_stamp=np.zeros(0), measured=nothing,
+                    measured_speed=nothing, commanded=nothing, true_pose=none)  # fmt: skip
+    known = {name: measured(name, found) for name in metrics.TABLE}
+    zero = ("reduced", "contradicts", "iterations", "servoing_time", "top_speed", "images",
+            "images_late")
+    told = {"success": 1.0, "reached": 1.0, "final_distance": 0.002, "final_angle": 0.03}
+    assert {k: v for k, v in known.items() if v == v} == {**dict.fromkeys(zero, 0.0), **told}
 
 
 def test_nothing_is_a_success_where_the_goal_is_unknown():

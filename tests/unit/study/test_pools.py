@@ -125,6 +125,7 @@ def test_every_worker_has_one_chunk_waiting_and_is_made_anew_after_so_many(pool_
     # Those that a nanny begins again, and only while nothing is under way.
     assert dask.log == [(["one", "three"], 12, 0), (["one", "three"], 24, 0)]
     pool.close()
+    pool.close()
     assert dask.log[2:] == ["client", "cluster"]
 
 

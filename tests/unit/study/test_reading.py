@@ -314,9 +314,17 @@ def test_a_search_of_too_few_candidates_or_over_cases_is_none(tiny):
 
 def test_a_run_is_shown_again_as_it_was(tiny, tmp_path, monkeypatch):
     monkeypatch.setitem(style.STYLE, "savefig.dpi", 30)
-    study = tiny()
+    study, closed = tiny(), []
+
+    class Closing(replay.Loop):
+        def close(self):
+            closed.append(self)
+            super().close()
+
+    monkeypatch.setattr(replay, "Loop", Closing)
     in_process(study, tmp_path / "out")
     run, changed = replay.replay(Folder.open(tmp_path / "out"), 3)
+    assert len(closed) == 1
     row = rows.told(study, run)
     assert changed == {} and run.experiment.gain == 2.0
     pictures = [picture for _, picture in run.images.pictures]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import dataclasses
 import datetime
 
 import numpy as np
@@ -180,6 +181,11 @@ def test_what_is_no_study_is_refused_in_a_line(tiny, changes, complaint):
     with pytest.raises(StudyError, match=complaint) as caught:
         tiny(**changes)
     assert "\n" not in str(caught.value)
+
+
+def test_a_study_that_was_changed_is_looked_at_again(tiny):
+    with pytest.raises(StudyError, match="samples is 0, must be >= 1"):
+        dataclasses.replace(tiny(), samples=0)
 
 
 def test_what_yaml_has_and_no_study_is_refused_before_it_is_begun(tiny, tmp_path):

@@ -25,7 +25,7 @@ from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.study import engine, folder, rows, versions, work
 from aras_visual_servo_bench.study.folder import Folder
 from aras_visual_servo_bench.study.pools import ThisProcess
-from aras_visual_servo_bench.study.progress import Progress, duration
+from aras_visual_servo_bench.study.progress import Bar, Progress, duration
 from aras_visual_servo_bench.study.study import Study
 
 
@@ -573,6 +573,25 @@ def test_the_line_of_progress():
     quick = Progress(9, out=io.StringIO(), clock=lambda: 0.0)  # sooner than any clock shows
     quick.more(2, 0, walls("a", 0.0, 0.0))
     assert quick.line().endswith(" 2/9 runs, 0 without success, 0 s left")
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_on_a_terminal_a_line_is_drawn_over_itself_until_it_is_gone(terminal):
+    out = io.StringIO()
+    out.isatty = lambda: terminal
+    shown = Bar(out)
+    shown.show(0.25, "the first " + "x" * 40)
+    shown.show(1.0, "the second")
+    shown.close()
+    quarter = f"\r[{'#' * 6}{'.' * 18}]  25 % e first {'x' * 40}\x1b[K"
+    whole = f"\r[{'#' * 24}] 100 % the second\x1b[K\r\x1b[K"
+    assert out.getvalue() == (quarter + whole if terminal else "")
+    progress = Progress(4, 0, out, clock=lambda: 0.0)
+    out.truncate(0)
+    for _ in range(3):
+        progress.more(1, 0)
+    assert out.getvalue().count("\r") == 3 * terminal
+    assert out.getvalue().count("\n") == 1 - terminal
 
 
 @pytest.mark.parametrize(("seconds", "told"), [

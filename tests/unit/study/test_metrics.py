@@ -49,7 +49,7 @@ def measured(name, result):
 
 
 def decay(rate, first=(1.0, 0.5)):
-    return np.array(first) * np.exp(-rate * STAMP)[:, None]
+    return np.atleast_1d(first) * np.exp(-rate * STAMP)[:, None]
 
 
 def test_the_end_of_a_run_begins_with_the_image_that_is_as_long_before_its_last():
@@ -91,8 +91,8 @@ def test_overshoot_is_of_the_worst_feature_in_parts_of_its_first():
     assert measured("overshoot", run(-error)) == pytest.approx(0.2)
     error[60] = np.nan  # not seen for an image
     assert measured("overshoot", run(error)) == pytest.approx(0.2)
-    still = np.column_stack([decay(2.0)[:, 0], np.zeros(90)])
-    still[30, 1] = -1e-3  # began at its goal: there is nothing to compare with
+    still = np.column_stack([decay(2.0, 3.0), np.full(90, 0.05)])
+    still[30, 1] = -0.05  # began at its goal: there is nothing to compare with
     assert measured("overshoot", run(still)) == 0.0
 
 
@@ -115,7 +115,7 @@ def test_what_is_summed_over_time_needs_two_joint_states(count):
 
 def test_decay_is_what_the_error_has():
     assert measured("decay_rate", run(decay(1.7))) == pytest.approx(1.7, rel=1e-6)
-    apart = np.column_stack([decay(1.7)[:, 0], np.full(90, 1e-3)])
+    apart = np.column_stack([decay(1.7, 3.0), np.full(90, 0.05)])
     assert measured("decay_rate", run(apart)) == pytest.approx(1.7, rel=1e-6)
     assert np.isnan(measured("decay_rate", run(np.full((90, 2), np.nan))))
     # By four images at least, which are from below 80 % down to 15 %.

@@ -167,6 +167,10 @@ def test_differences_that_are_more_than_chance_are_told_with_their_direction():
     other_seeds = made([1] * 40, faster, "two", seeds=range(100, 140))
     found = compare.differences(one, other_seeds)
     assert not any(d.found.paired for d in found)
+    found = [made([1, 1], [1, 2], name, seeds=[seed] * 2)
+             for name, seed in (("one", 7), ("two", 7), ("three", 8))]
+    for other, paired in zip(found[1:], (True, False), strict=True):
+        assert all(d.found.paired is paired for d in compare.differences(found[0], other))
     with pytest.raises(StudyError, match="no settings .* in common"):
         compare.differences(one, made([1, 1], [1, 1], gains=(7.0, 8.0)))
 
@@ -454,9 +458,12 @@ def test_candidates_cost_what_their_runs_show(monkeypatch, metric, cheapest):
 def test_a_study_is_judged_by_the_metric_that_it_names(tiny, tmp_path):
     study = tiny(judged="reduced", metrics=["success", "reduced"], repeats=1, vary={}, chunk=1)
     folder = Folder.create(tmp_path / "out", study, "")
-    row = {**rows.blank(study, 0), "outcome": "timed_out", "success": 0.0, "reduced": 1.0}
-    folder.write(0, rows.Rows([row], [{"run": 0, "wall": 1.0, "processor": 1.0, "worker": "w"}]))
-    assert Results.read(tmp_path / "out").successes().tolist() == [1.0]
+    row = {**rows.blank(study, 0), "outcome": "timed_out", "success": 0.0, "reduced": 1.0,
+           "simulated": 2.0}  # fmt: skip
+    folder.write(0, rows.Rows([row], [{"run": 0, "wall": 0.0, "processor": 1.0, "worker": "w"}]))
+    found = Results.read(tmp_path / "out")
+    assert found.successes().tolist() == [1.0]
+    assert np.isnan(found.numbers("real_time_multiple"))  # sooner than any clock shows
     assert engine.succeeded(row, study.judged) and not engine.succeeded(row)
     assert study.digest == tiny(metrics=["success", "reduced"], repeats=1, vary={}, chunk=1).digest
     with pytest.raises(StudyError, match="judged is 'reached', which is not among"):

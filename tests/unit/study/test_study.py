@@ -135,7 +135,9 @@ def test_overrides_replace_what_varies_and_the_studys_own_keys(tmp_path):
 def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     (tmp_path / "base.yaml").write_text("plant: free\ngain: 3.0\n")
     (tmp_path / "study.yaml").write_text("experiment: base.yaml\nrepeats: 2\n")
-    assert Study.from_yaml(tmp_path / "study.yaml").experiment_of(1).gain == 3.0
+    for study in (Study.from_yaml(tmp_path / "study.yaml"),
+                  Study(experiment=str(tmp_path / "base.yaml"), repeats=2)):
+        assert study.experiment_of(1).gain == 3.0
     (tmp_path / "base.yaml").write_text("- 3.0\n")
     with pytest.raises(StudyError, match="experiment must be keys with values, or the path"):
         Study.from_mapping({"experiment": str(tmp_path / "base.yaml")})
@@ -151,6 +153,7 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     ({"vary": {"believed.focus": [1.0]}}, "no 'believed.focus'"),
     ({"vary": {"gain.deeper": [1.0]}}, "gain has no keys below it"),
     ({"cases": [{"laws": "PI"}], "vary": {}}, "no 'laws': did you mean law"),
+    ({"cases": {"it": [{"name": "a", "set": {"laws": "PI"}}]}, "vary": {}}, "no 'laws': did you"),
     ({"cases": {"lens": [{"name": "a", "sett": {}}]}}, "'cases.lens.0..sett': did you mean 'set'"),
     ({"cases": [{"gain": 2.0}]}, "'gain' stands both under vary and in cases"),
     ({"vary": {"gain": {"uniform": [float("nan"), 2.0]}}}, "uniform.0. is nan, must be a finite"),

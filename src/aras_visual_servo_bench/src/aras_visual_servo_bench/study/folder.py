@@ -314,7 +314,7 @@ def _write(path: Path, data: bytes) -> None:
         os.replace(new, path)
     except OSError:
         with contextlib.suppress(OSError):
-            new.unlink(missing_ok=True)
+            new.unlink()
         raise
 
 

@@ -81,6 +81,14 @@ def test_the_order_of_runs_and_what_is_unknown_tell_nothing(pairs, order):
             (other.before, other.after, other.p), nan_ok=True)
 
 
+@pytest.mark.parametrize("paired", [True, False])
+@pytest.mark.parametrize("compare", [statistics.compare_rates, statistics.compare_values])
+def test_of_what_is_unknown_nothing_can_be_told(compare, paired):
+    for before, after in (([], []), ([1.0], [math.nan]), ([math.nan], [0.0])):
+        found = compare(before, after, paired)
+        assert (found.p, found.count) == (1.0, 0)
+
+
 @given(st.lists(st.floats(0.0, 1.0), max_size=12))
 def test_holm_is_the_step_down_of_its_definition(p):
     found = statistics.holm(p)

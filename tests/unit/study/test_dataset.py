@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections import namedtuple
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -103,6 +104,32 @@ def test_depth_is_kept_in_tenths_of_a_millimetre(arm):
         wanted = T[2, 3] - 0.591
         rows_, columns = np.nonzero(np.abs(depth * images.DEPTH_STEP - wanted) < 3e-4)
         assert len(rows_) > 80
+
+
+def test_a_depth_beyond_what_two_bytes_hold_is_none():
+    depth = np.array([[0.5, 65535 * images.DEPTH_STEP, 6.6, np.inf, np.nan]])
+    found = pixels(images._depth(SimpleNamespace(depth=depth)))
+    assert found.tolist() == [[5000, 65535, 0, 0, 0]]
+
+
+def test_of_each_camera_the_latest_image_is_kept_with_a_row():
+    control = SimpleNamespace(name="camera")
+    loop = SimpleNamespace(parts=SimpleNamespace(rig=SimpleNamespace(control=control)))
+    kept = images.Keeper(pictures=True)
+    for k, stamp in enumerate((0.1, 0.2)):
+        kept.add(loop, SimpleNamespace(camera="left", stamp=stamp, image=None,
+                                       depth=np.full((2, 2), 1.0 + k)))  # fmt: skip
+    for stamp, depth in ((0.0998, None), (0.1, 10000), (0.1995, 10000), (0.2, 20000)):
+        found = kept._at(stamp)
+        assert found["picture_left"] is None
+        assert depth == (found["depth_left"] and pixels(found["depth_left"])[0, 0])
+
+
+@pytest.mark.parametrize(("count", "told"), [
+    (999.0, "999 bytes"), (1000.0, "1 kB"), (1.5e6, "1.5 MB"), (2e12, "2 TB"),
+])  # fmt: skip
+def test_room_is_told_in_a_unit_that_fits(count, told):
+    assert images._size(count) == told
 
 
 def test_what_is_kept_changes_no_run(arm):

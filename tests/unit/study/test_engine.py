@@ -8,6 +8,7 @@ import importlib.util
 import io
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -475,6 +476,36 @@ def test_a_run_that_kills_its_process_is_found_named_and_recorded(tiny, tmp_path
     assert table["killing"].to_pylist()[2] == 0.0 and table["gain"][1].as_py() == 2.0
 
 
+@metric("", "smaller", "these tests")
+def chatty(finished):
+    """Prints, as a user's code does."""
+    print("chatter")
+    return 1.0
+
+
+def test_a_child_tells_rows_on_its_standard_output_and_nothing_else(tiny, tmp_path, monkeypatch):
+    study = tiny(metrics=["success", f"{__name__}:chatty"], repeats=1)
+    asked = pickle.dumps((json.dumps(study.to_mapping()), 1, 3))
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(asked)))
+    kept = {number: os.dup(number) for number in (1, 2)}
+    monkeypatch.setattr(sys, "stdout", os.fdopen(os.dup(1), "w"))
+    try:
+        for number in kept:
+            with open(tmp_path / str(number), "wb") as file:
+                os.dup2(file.fileno(), number)
+        work._child()
+        os.write(1, b"more\n")
+    finally:
+        for number, saved in kept.items():
+            os.dup2(saved, number)
+            os.close(saved)
+    with open(tmp_path / "1", "rb") as pipe:
+        found = list(work._pickles(pipe))
+    assert [row["run"] for one in found for row in one.values] == [1, 2]
+    assert {row["worker"] for one in found for row in one.times} == {work.worker_name()}
+    assert (tmp_path / "2").read_text().endswith("more\n")
+
+
 @pytest.mark.parametrize(("children", "begun", "lost"), [
     ([(1, "killed"), (4, "done")], [0, 1], {}),
     ([(1, "killed"), (0, "again"), (3, "done")], [0, 1, 2], {1: (rows.DIED, "again")}),
@@ -564,9 +595,13 @@ def test_the_line_of_progress():
     assert "40/100 runs, 2/s, 3 without success, 30 s left" in out.getvalue()
     progress.more(1, 0)
     assert out.getvalue().count("\n") == 1  # nobody wants a line a chunk in a log
+    now[0] = 20.0
+    progress.more(1, 0)
+    assert out.getvalue().count("\n") == 2
     now[0] = 21.0
-    progress.more(59, 0)
+    progress.more(58, 0)
     assert "100/100" in out.getvalue() and "0 s left" in out.getvalue()
+    assert Progress(0).line().endswith("#] 0/0 runs, 0 without success, 0 s left")
     untimed = Progress(2, 1, io.StringIO())
     untimed.more(1, 0)
     assert untimed.line().endswith(" 2/2 runs, 0 without success, 0 s left")

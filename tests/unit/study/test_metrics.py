@@ -8,7 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import StudyError, ViewError
+from aras_visual_servo_bench.numbers import decay as decays
 from aras_visual_servo_bench.numbers import metrics, summary
 from aras_visual_servo_bench.recording.run import CameraRecord, Run, Verdict
 from aras_visual_servo_controller.loop.state import ServoState
@@ -79,6 +81,9 @@ def test_success_needs_the_loop_and_the_physics():
 def test_settling_is_of_the_cameras_way():
     x = 0.1 * np.exp(-2.0 * np.maximum(TIME, 0.0))
     assert measured("settled", run(x=x)) == pytest.approx(np.log(50.0) / 2.0, abs=0.011)
+    assert measured("path_length", run(x=x)) == pytest.approx(0.1 - x[-1])
+    assert measured("path_ratio", run(x=x)) == pytest.approx(1.0 - 10.0 * x[-1])
+    assert np.isnan(measured("path_ratio", run(x=1e-6 * x)))  # it began at its goal
     assert np.isnan(measured("settled", run(x=np.full(len(TIME), 0.1))))
 
 
@@ -90,7 +95,8 @@ def test_overshoot_is_of_the_worst_feature_in_parts_of_its_first():
     error[50, 0] = 0.0
     assert measured("overshoot", run(-error)) == pytest.approx(0.2)
     error[60] = np.nan  # not seen for an image
-    assert measured("overshoot", run(error)) == pytest.approx(0.2)
+    for made in (error, 0.01 * error):
+        assert measured("overshoot", run(made)) == pytest.approx(0.2)
     still = np.column_stack([decay(2.0, 3.0), np.full(90, 0.05)])
     still[30, 1] = -0.05  # began at its goal: there is nothing to compare with
     assert measured("overshoot", run(still)) == 0.0
@@ -114,7 +120,8 @@ def test_what_is_summed_over_time_needs_two_joint_states(count):
 
 
 def test_decay_is_what_the_error_has():
-    assert measured("decay_rate", run(decay(1.7))) == pytest.approx(1.7, rel=1e-6)
+    for size in (1.0, 0.01):
+        assert measured("decay_rate", run(size * decay(1.7))) == pytest.approx(1.7, rel=1e-6)
     apart = np.column_stack([decay(1.7, 3.0), np.full(90, 0.05)])
     assert measured("decay_rate", run(apart)) == pytest.approx(1.7, rel=1e-6)
     assert np.isnan(measured("decay_rate", run(np.full((90, 2), np.nan))))
@@ -192,6 +199,35 @@ def test_reduced_wants_a_tenth_of_both_distance_and_angle(x, angle, reduced):
     c, s = np.cos(angle), np.sin(angle)
     found.true_pose[:, :2, :2] = [[c, -s], [s, c]]
     assert measured("reduced", found) == reduced
+    there = replace(run(), verdict=Verdict("goal_reached", 0.0, 0.0))  # all the time
+    assert measured("reduced", there) == 1.0
+
+
+@pytest.mark.parametrize(("limits", "place", "part"), [
+    ((-1.0, 2.0), 1.9972, 1.0), ((-1.0, 2.0), 1.9968, 0.0), ((-1.0, 2.0), -0.9972, 1.0),
+    ((-1.0, 2.0), -0.9968, 0.0), ((-np.inf, 2.0), 1.9999, 0.0), ((-np.inf, 2.0), 2.0, 1.0),
+    ((-1.0, np.inf), -1.0, 1.0),
+])  # fmt: skip
+def test_a_joint_is_at_a_limit_within_a_thousandth_of_its_range(limits, place, part):
+    found = replace(run(joints=np.full(len(TIME), place)), limits=tuple(np.array([limits]).T))
+    assert measured("limit_time", found) == pytest.approx(2.99 * part)
+
+
+def test_the_predicted_decay_needs_two_images_and_a_gain_that_is_known():
+    asked = Experiment(plant="free", gain=2.0, delay=0.02, lag=0.005)
+    assert decays.delay_of(asked) == pytest.approx(0.03)
+    assert decays.delay_of(asked.with_(plant="bullet")) == pytest.approx(0.028)
+    for count, known in ((0, False), (1, False), (2, True), (3, True)):
+        found = replace(run(), states=run().states[:count], experiment=asked)
+        told = measured("decay_predicted", found)
+        assert told == pytest.approx(decays.predicted(2.0, 0.03)) if known else np.isnan(told)
+        unknown = replace(found, experiment=asked.with_(gain=None))
+        assert np.isnan(measured("decay_predicted", unknown))
+
+
+def test_the_real_time_factor_is_the_mean_since_the_first_image():
+    pace = np.array([[-0.1, 9.0], [0.0, 2.0], [1.0, 4.0], [2.0, np.nan]])
+    assert measured("real_time_factor", run(pace=pace)) == 3.0
 
 
 def test_a_run_that_ended_before_its_first_image_has_what_numbers_it_can():

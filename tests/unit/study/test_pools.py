@@ -125,7 +125,8 @@ def test_every_worker_has_one_chunk_waiting_and_is_made_anew_after_so_many(pool_
     assert done == list(range(30)) and most == 6
     # Those that a nanny begins again, and only while nothing is under way.
     assert dask.log == [(["one", "three"], 12, 0), (["one", "three"], 24, 0)]
-    pool.close()
+    with pool:
+        assert len(dask.log) == 2
     pool.close()
     assert dask.log[2:] == ["client", "cluster"]
 

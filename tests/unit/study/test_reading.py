@@ -66,7 +66,7 @@ def test_a_column_is_written_in_one_notation():
     (0.0, "0"), (-0.0, "0"), (0.5, "0.5"), (2.0, "2"), (0.015, "0.015"), (123.4, "123"),
     (1234.4, "1234"), (12345.6, "12346"), (99999.9, "100000"), (123456.0, "1.23e+05"),
     (0.00123, "0.00123"), (0.000999, "9.99e-04"), (-0.0021, "-0.0021"), (np.nan, "–"),
-    (np.inf, "∞"),
+    (np.inf, "∞"), (-np.inf, "-∞"), (0.001, "0.001"), (100000.0, "1.00e+05"),
 ])  # fmt: skip
 def test_numbers_have_three_digits_and_no_more_zeros_than_they_need(value, shown):
     assert printing.number(value) == shown
@@ -76,6 +76,8 @@ def test_numbers_beside_each_other_are_all_plain_or_all_raised():
     plain = printing.notation([0.002, 3e-5, 1e-12, np.nan, np.inf])
     assert [plain(v) for v in (0.002, 3e-5, -1e-12, 0.0)] == ["0.002", "0.00003", "≈0", "0"]
     assert printing.notation([2.7e-11, 0.28])(2.7e-11) == "≈0"  # it is not 0
+    for value, shown in ((4e-8, "≈0"), (6e-8, "6.00e-08"), (1e-5, "0.00001"), (9e-6, "9.00e-06")):
+        assert printing.notation([value, 0.28])(value) == shown
     assert printing.notation([0.0, np.nan])(0.25) == "0.25"  # nothing that it could be next to
     raised = printing.notation([0.0253, 6.33e-7])  # 0.000000633 cannot be read
     assert [raised(v) for v in (0.0253, 6.33e-7)] == ["2.53e-02", "6.33e-07"]
@@ -167,6 +169,11 @@ def test_differences_that_are_more_than_chance_are_told_with_their_direction():
     other_seeds = made([1] * 40, faster, "two", seeds=range(100, 140))
     found = compare.differences(one, other_seeds)
     assert not any(d.found.paired for d in found)
+    for shift, paired in ((1, True), (2, False)):  # nine of ten must have a partner
+        found = [made([1] * 10, range(10), name, range(first, first + 10), gains=[1.0])
+                 for name, first in (("one", 0), ("two", shift))]  # fmt: skip
+        assert {(d.found.paired, d.found.count) for d in compare.differences(*found)} == {
+            (paired, 10 - paired)}
     found = [made([1, 1], [1, 2], name, seeds=[seed] * 2)
              for name, seed in (("one", 7), ("two", 7), ("three", 8))]
     for other, paired in zip(found[1:], (True, False), strict=True):
@@ -466,8 +473,21 @@ def test_a_study_is_judged_by_the_metric_that_it_names(tiny, tmp_path):
     assert np.isnan(found.numbers("real_time_multiple"))  # sooner than any clock shows
     assert engine.succeeded(row, study.judged) and not engine.succeeded(row)
     assert study.digest == tiny(metrics=["success", "reduced"], repeats=1, vary={}, chunk=1).digest
+    assert engine.succeeded({"outcome": "x"}) and not engine.succeeded({"outcome": rows.FAULT})
     with pytest.raises(StudyError, match="judged is 'reached', which is not among"):
         tiny(judged="reached")
+
+
+def test_where_a_number_is_published_a_row_says_whether_it_is_met(tiny, tmp_path):
+    pace = [{"name": "slow", "set": {"gain": 0.5}, "published": {"outcome": "x", "images": 7}},
+            {"name": "fast", "set": {"gain": 2.0}}]  # fmt: skip
+    study = tiny(vary={}, cases={"pace": pace}, chunk=4)
+    folder = Folder.create(tmp_path / "out", study, "")
+    done = [{**rows.blank(study, run), "outcome": "x", "images": 7 + run} for run in range(4)]
+    folder.write(0, rows.Rows(done, [{"run": 0, "wall": 1.0, "worker": "w"}]))
+    table = Results.read(tmp_path / "out").table
+    assert table["published"].to_pylist() == ["outcome x, images 7"] * 2 + [""] * 2
+    assert table["met"].to_pylist() == [True, False, None, None]
 
 
 def test_what_a_study_would_take_is_told_by_a_run_that_loads_nothing(tiny, monkeypatch):

@@ -262,7 +262,7 @@ def decay_rate(run: Run) -> float:
     """How fast the norm of the features' error, each in parts of its first, decays."""
     known = _measured(run)
     stamp, error = run.stamp[known], run.error[known]
-    if len(stamp) < 4:
+    if not len(stamp):
         return np.nan
     first = np.abs(error[0])
     error = error[:, first > SETTLED * first.max()]

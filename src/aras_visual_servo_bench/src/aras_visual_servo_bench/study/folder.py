@@ -139,7 +139,7 @@ class Folder:
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
         """For one who writes at a time; StudyError where another does."""
-        with _writing(self.path), open(self.path / LOCK, "w", encoding="utf-8") as file:
+        with _writing(self.path), open(self.path / LOCK, "wb") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:

@@ -71,6 +71,11 @@ def test_every_failure_of_the_study_is_provoked_by_itself():
     )
 
 
+def test_a_broken_scheme_raises_at_every_image():
+    with pytest.raises(RuntimeError, match="on purpose"):
+        provoked.Broken.compute(None, None, None, 0.0)
+
+
 def test_the_contrary_feature_is_at_its_goal_nowhere():
     seen = SimpleNamespace(moments=SimpleNamespace(xg=0.14, yg=-0.17, m00=4e-4))
     goal = SimpleNamespace(moments=SimpleNamespace(xg=0.1, yg=-0.2, m00=1e-4), depth=0.6)

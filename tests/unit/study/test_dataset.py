@@ -217,7 +217,7 @@ def test_what_cannot_be_kept_is_refused(changes, complaint):
 
 
 def test_a_data_set_larger_than_the_disk_is_refused(monkeypatch, tmp_path):
-    study = study_of({"plant": "free", "features": "pictures", "duration": 1.0}, repeats=100)
+    study = study_of({"plant": "free", "features": "pictures", "duration": 0.99}, repeats=100)
     told = images.check_room(study, tmp_path / "not" / "there")
     size = float(re.match(r"([\d.]+) MB at most: 100 runs of up to 32 images", told).group(1))
     assert 3.0 < size < 20.0

@@ -13,6 +13,7 @@ from aras_visual_servo_bench.errors import StudyError, ViewError
 from aras_visual_servo_bench.numbers import decay as decays
 from aras_visual_servo_bench.numbers import metrics, summary
 from aras_visual_servo_bench.recording.run import CameraRecord, Run, Verdict
+from aras_visual_servo_bench.study.results import REAL_TIME
 from aras_visual_servo_controller.loop.state import ServoState
 from aras_visual_servo_controller.schemes import Decision
 
@@ -247,8 +248,10 @@ def test_nothing_is_a_success_where_the_goal_is_unknown():
 
 
 def test_metrics_say_what_they_are():
-    for name, metric in metrics.TABLE.items():
-        assert metric.name == name and metric.text.endswith(".")
+    for metric in (*metrics.TABLE.values(), REAL_TIME):
+        assert metric is REAL_TIME or metrics.find(metric.name) is metric
+        assert metric is REAL_TIME or metric.text.endswith(".")
+        assert isinstance(metric.source, str) and callable(metric.measure)
         assert metric.better in ("smaller", "greater", "") and metric.source
     with pytest.raises(StudyError, match="better is 'less'"):
         metrics.metric("m", "less", "here")

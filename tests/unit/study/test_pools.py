@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -31,6 +32,7 @@ class Dask:
 
     def LocalCluster(self, n_workers, **keys):
         assert n_workers == self.workers
+        self.scratch = Path(keys["local_directory"])
         return SimpleNamespace(workers=self.nannies,
                                close=lambda timeout: self.log.append("cluster"))
 
@@ -126,8 +128,9 @@ def test_every_worker_has_one_chunk_waiting_and_is_made_anew_after_so_many(pool_
     # Those that a nanny begins again, and only while nothing is under way.
     assert dask.log == [(["one", "three"], 12, 0), (["one", "three"], 24, 0)]
     with pool:
-        assert len(dask.log) == 2
+        assert len(dask.log) == 2 and dask.scratch.is_dir()
     pool.close()
+    assert not dask.scratch.exists()
     assert dask.log[2:] == ["client", "cluster"]
 
 

@@ -78,6 +78,7 @@ def test_numbers_beside_each_other_are_all_plain_or_all_raised():
     assert printing.notation([2.7e-11, 0.28])(2.7e-11) == "≈0"  # it is not 0
     for value, shown in ((4e-8, "≈0"), (6e-8, "6.00e-08"), (1e-5, "0.00001"), (9e-6, "9.00e-06")):
         assert printing.notation([value, 0.28])(value) == shown
+    assert printing.notation([np.nan])(1e-7) == "0.0000001"
     assert printing.notation([0.0, np.nan])(0.25) == "0.25"  # nothing that it could be next to
     raised = printing.notation([0.0253, 6.33e-7])  # 0.000000633 cannot be read
     assert [raised(v) for v in (0.0253, 6.33e-7)] == ["2.53e-02", "6.33e-07"]
@@ -89,9 +90,9 @@ def test_a_table_says_why_runs_failed():
     results = made([1, 0, 0, 0, 0, 0, 1, 1, 1, 1], [1.0] * 10)
     lost = "over the left border at {} s"
     columns = {
-        "outcome": ["converged", *["target_lost"] * 2, "joint_limit", "converged"] + ["x"] * 5,
+        "outcome": ["converged", "joint_limit", *["target_lost"] * 2, "converged"] + ["x"] * 5,
         "verdict": ["goal_reached", "", "", "", "goal_missed"] + [""] * 5,
-        "reason": ["", lost.format(0.31), lost.format(0.4), "J2", ""] + ["ca | b " * 15] * 5,
+        "reason": ["", *map(lost.format, (0.2, 0.31, 0.4)), ""] + ["ca | b " * 15] * 5,
     }
     table = results.table.drop_columns(list(columns))
     for name, values in columns.items():
@@ -250,6 +251,7 @@ def test_the_tuner_finds_the_gain_and_goes_on_where_it_was(tiny, tmp_path):
     ranges = [Range.parsed("gain=0.5:4")]
     tuner = Tuner(study, ranges, "final_distance", tmp_path, carry, needed=0.0)
     best = tuner.search(24)
+    assert all(0.5 <= one.values[0] <= 4.0 for one in tuner.tried)
     assert best.values[0] > 3.5 and best.violation == 0.0
     assert len(folders) <= 4  # the first and two generations, and what their last steps ask again
     assert best.cost == min(c.cost for c in tuner.tried)
@@ -336,6 +338,7 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path, monkeypatch):
     in_process(study, tmp_path / "out")
     run, changed = replay.replay(Folder.open(tmp_path / "out"), 3)
     assert len(closed) == 1
+    assert (run.name, run.source) == ("run 3", f"run 3 of the study {tmp_path / 'out'}")
     row = rows.told(study, run)
     assert changed == {} and run.experiment.gain == 2.0
     pictures = [picture for _, picture in run.images.pictures]

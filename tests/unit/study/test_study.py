@@ -79,6 +79,10 @@ def test_values_are_drawn_as_numpy_says_so_that_anyone_can_work_them_out():
         first, second = np.random.default_rng(state).random(2)
         assert found["seed"][k] == int(first * (10**6 + 1))
         assert found["delay"][k] == pytest.approx(0.01 + 0.02 * second, rel=1e-12)
+    state = np.random.SeedSequence(0, spawn_key=(int.from_bytes(b"poin", "big"),))
+    points = stats.qmc.Sobol(1, rng=np.random.default_rng(state)).random(4)
+    found = drawn(4, "sobol", delay={"uniform": [0.01, 0.03]})["delay"]
+    assert found == pytest.approx((0.01 + 0.02 * points[:, 0]).tolist(), rel=1e-12)
 
 
 def test_seeds_are_of_the_runs_number_and_the_studys_seed():

@@ -1,5 +1,6 @@
 """Camera settings: what they give, and what is refused and how."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ def test_the_laboratory_camera_of_2015():
     info = config.intrinsics()
     assert info.K[0, 0] == info.K[1, 1] == pytest.approx(160 / np.tan(1.0))
     assert (info.K[0, 2], info.K[1, 2]) == (159.5, 119.5)
-    assert info.model == "plumb_bob"
+    assert (info.width, info.height, info.model) == (320, 240, "plumb_bob")
     assert info.D == (0.0,) * 5
     assert info.P[0, 3] == pytest.approx(-info.K[0, 0] * 0.07)
     assert config.encoding == "rgb8"
@@ -59,11 +60,13 @@ def test_legacy_camera_info_is_gazebos():
     assert info.D == (-0.1, 0.02, 0.001, -0.002, 0.0)
 
 
-def test_sensor_tags_are_rendered():
-    config = CameraConfig.from_description(description(
-        distortion=(-0.1, 0.02, 0.0, 0.001, -0.002),
-        noise=Noise("gaussian", mean=0.02, stddev=0.01),
-    ))
+def test_sensor_tags_are_rendered(caplog):
+    tags = description(distortion=(-0.1, 0.02, 0.0, 0.001, -0.002),
+                       noise=Noise("gaussian", mean=0.02, stddev=0.01))
+    config = CameraConfig.from_description(tags)
+    assert not caplog.records
+    CameraConfig.from_description(replace(tags, distortion_center=(0.5, 0.4)))
+    assert "the distortion's center (0.5, 0.4) is not used" in caplog.text
     assert config.distortion_coefficients == (-0.1, 0.02, 0.001, -0.002, 0.0)
     assert config.effects.noise_stddev == pytest.approx(2.55)
     assert config.effects.noise_mean == pytest.approx(5.1)

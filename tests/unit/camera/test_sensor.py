@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scenes import BRIGHT, link_pose, looking, table_and_target
 
-from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.camera import CameraConfig, CameraSensor, effects
 from aras_sim_bridge.camera.effects import EffectChain, Effects, SensorModel
 from aras_sim_bridge.camera.formats import read_out, shape_of, widened
 from aras_sim_bridge.errors import CameraError
@@ -320,6 +320,19 @@ def test_noise_has_the_asked_statistics_and_a_seed():
     assert (again.apply(grey, 33) == first).all()
 
 
+def test_noise_is_added_to_each_value_within_what_a_byte_holds(monkeypatch):
+    """As plain Python does it as well, of which a few are enough."""
+    levels, out, plain = np.tile(np.uint8([0, 100, 255]), 40), *np.empty((2, 120), np.uint8)
+    effects._add_noise(levels, 3.0, 6.0, np.uint64(77), out)
+    monkeypatch.setattr(effects, "_deviate", effects._deviate.py_func)
+    with np.errstate(over="ignore"):
+        effects._add_noise.py_func(levels, 3.0, 6.0, np.uint64(77), plain)
+    assert np.abs(out.astype(int) - plain).max() <= 1
+    dark, grey, bright = plain.reshape(-1, 3).T
+    assert dark.max() < 30 and bright.min() > 225 and bright.max() == 255
+    assert grey.mean() == pytest.approx(103.0, abs=2.5) and 4.0 < grey.std() < 8.0
+
+
 @pytest.mark.parametrize("stddev", [1.0, 5.0, 20.0])
 def test_noise_is_as_strong_as_asked(stddev):
     grey = np.full((240, 320, 3), 128, np.uint8)
@@ -483,6 +496,14 @@ def test_a_black_picture_is_explained_once(caplog):
         frames(sensor, 500)
     assert len(caplog.records) == 1
     assert "inside robot::link6" in caplog.text
+    caplog.clear()
+
+    class Half(Nothing):
+        def render(self, view, blend=1.0):
+            return super().render(view) * (np.arange(view.width) > 9)[:, None].astype(np.uint8)
+
+    frames(camera(Half(), update_rate=10.0, link="link6", width=32), 300)
+    assert not caplog.records
 
 
 def test_a_camera_inside_a_body_says_so_unless_it_is_its_own(caplog):

@@ -1,6 +1,6 @@
 """The same experiment of the Bullet arm in the runner, on a graph in lockstep and from its bag.
 
-They are compared by `tests/one_run`; two in test_runner_equals_graph.py.
+They are compared by `tests/one_run`; one in test_runner_equals_graph.py.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A UR10 and a Panda of a public registry servoed on the graph: launch arguments and one YAML."""
+"""A Panda of a public registry servoed on the graph: launch arguments and one YAML."""
 
 from __future__ import annotations
 
@@ -23,17 +23,10 @@ from aras_visual_servo_controller.seeing.observation import Need, Observer
 from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
 
 REGISTRY = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix/share/example-robot-data/robots")
-ARMS = {
-    "ur10": ("ur_description/urdf/ur10_robot.urdf", "tool0", [0.2, -1.4, 1.9, -2.07, -1.57, 0.3]),
-    "panda": (
-        "panda_description/urdf/panda.urdf", "panda_hand_tcp", [0.2, 0.0, 0.0, -2.0, 0.0, 2.0, 0.8]
-    ),
-}  # fmt: skip
-# p and d by joint: 3600 / s² and 120 / s times the inertia that the joint has to itself, between
-# 3 and 0.0005 kg m².
-GAINS = [(9000, 300), (9000, 300), (6000, 200), (47, 1.6), (22, 0.73), (1.9, 0.063)]
+FILE, HAND = REGISTRY / "panda_description/urdf/panda.urdf", "panda_hand_tcp"
+NEAR = [0.2, 0.0, 0.0, -2.0, 0.0, 2.0, 0.8]
 # Joint 4 cannot be at 0, where joints that nobody puts elsewhere begin.
-PLACES = {"panda": {"panda_joint4": -1.5, "panda_joint6": 1.6}}
+PLACES = {"panda_joint4": -1.5, "panda_joint6": 1.6}
 SPACE = "/aras_visual_servo"
 SURFACE = 0.05  # m, height of the table's top
 PLATE = (0.2, 0.12, 0.0004)  # m
@@ -53,13 +46,12 @@ SENSOR = """<robot>
 </robot>""".replace("{space}", SPACE)
 
 
-def description(name: str) -> str:
+def description() -> str:
     """The registry's arm without its meshes, a camera in its hand, a plate on a table below."""
-    path = REGISTRY / ARMS[name][0]
-    if not path.is_file():
-        missing = f"{path} is missing: install the packages of requirements/developing.txt"
+    if not FILE.is_file():
+        missing = f"{FILE} is missing: install the packages of requirements/developing.txt"
         (pytest.fail if os.environ.get("ARAS_REQUIRE_GRAPH") else pytest.skip)(missing)
-    robot = ElementTree.fromstring(path.read_text())
+    robot = ElementTree.fromstring(FILE.read_text())
     for link in robot.findall("link"):
         for part in (*link.findall("visual"), *link.findall("collision")):
             link.remove(part)
@@ -77,7 +69,7 @@ def description(name: str) -> str:
         elif joint.get("type") != "fixed":
             robot.append(_transmission(joint.get("name")))
     ElementTree.SubElement(robot, "link", name="camera_link")
-    _fixed(robot, ARMS[name][1], "camera_link", "0 0 0.02", f"0 {-np.pi / 2!r} 0")
+    _fixed(robot, HAND, "camera_link", "0 0 0.02", f"0 {-np.pi / 2!r} 0")
     _box(robot, "table", (2.0, 2.0, 0.02), (0.6, 0.0, SURFACE - 0.01))
     _box(robot, "plate", PLATE, (*CENTRE, SURFACE + 0.5 * PLATE[2]))
     robot.extend(ElementTree.fromstring(SENSOR))
@@ -101,18 +93,18 @@ def _box(robot, name: str, size, place) -> None:
 def _transmission(joint: str) -> ElementTree.Element:
     return ElementTree.fromstring(
         f'<transmission name="{joint}_t"><type>transmission_interface/SimpleTransmission</type>'
-        f'<joint name="{joint}"><hardwareInterface>hardware_interface/PositionJointInterface'
+        f'<joint name="{joint}"><hardwareInterface>hardware_interface/VelocityJointInterface'
         f'</hardwareInterface></joint><actuator name="{joint}_motor"/></transmission>'
     )
 
 
-def goal_of(arm: Arm, near: list[float]) -> Goal:
+def goal_of(arm: Arm) -> Goal:
     """What an exact camera sees of the plate, straight from above and a little aside."""
     focal = 160.0 / np.tan(1.0)
     camera = CameraModel(320, 240, (focal, 0, 159.5, 0, focal, 119.5, 0, 0, 1))
     x, y = CENTRE
     above = transform((x + 0.02, y + 0.01, SURFACE + DEPTH), (np.pi, 0.0, 0.2))
-    joints = arm.inverse(above, np.array(near))
+    joints = arm.inverse(above, np.array(NEAR))
     half = 0.5 * np.array(PLATE[:2])
     low = (*(np.array(CENTRE) - half), SURFACE)
     high = (*(np.array(CENTRE) + half), SURFACE + PLATE[2])
@@ -124,21 +116,14 @@ def goal_of(arm: Arm, near: list[float]) -> Goal:
     return Goal.teach(create_scheme("points"), observation, "above", target=target)
 
 
-def controllers_of(joints: tuple[str, ...], kind: str) -> dict[str, dict[str, object]]:
-    """Velocity controllers of odd names for each joint, beside others; or one group of PIDs for
-    efforts, which has the joints in another order."""
-    states = {"type": "joint_state_controller/JointStateController", "publish_rate": 100}
-    if kind == "effort":
-        made = {"type": "effort_controllers/JointGroupPositionController",
-                "joints": list(reversed(joints)),
-                **{joint: {"pid": {"p": p, "i": 5.0 * p, "d": d, "i_clamp": 200.0}}
-                   for joint, (p, d) in zip(joints, GAINS, strict=True)}}  # fmt: skip
-        return {"all_joints": made, "joint_state_controller": states}
+def controllers_of(joints: tuple[str, ...]) -> dict[str, dict[str, object]]:
+    """Velocity controllers of odd names for each joint, beside others."""
     each = {
         f"speed_{i}": {"type": "velocity_controllers/JointVelocityController", "joint": joint}
         for i, joint in enumerate(joints)
     }
     unused = {"type": "position_controllers/JointPositionController", "joint": joints[1]}
+    states = {"type": "joint_state_controller/JointStateController", "publish_rate": 100}
     return {f"{joints[1]}_position_controller": unused, **each, "joint_state_controller": states}
 
 
@@ -147,16 +132,11 @@ def _stands(joints, joint: str) -> float:
     return joints.messages[-1].position[joints.messages[-1].name.index(joint)]
 
 
-@pytest.mark.parametrize(
-    ("name", "scheme", "kind"), [("ur10", "points", "effort"), ("panda", "moments", "velocity")]
-)
-def test_another_arm_is_servoed(name, scheme, kind, launch, ros_node, collect, tmp_path):
-    urdf = tmp_path / f"{name}.urdf"
-    urdf.write_text(description(name).replace(
-        "PositionJointInterface", f"{kind.capitalize()}JointInterface"
-    ))  # fmt: skip
+def test_another_arm_is_servoed(launch, ros_node, collect, tmp_path):
+    urdf = tmp_path / "panda.urdf"
+    urdf.write_text(description())
     arm = Arm.from_urdf(urdf.read_text())
-    goal = goal_of(arm, ARMS[name][2])
+    goal = goal_of(arm)
     (tmp_path / "goal.yaml").write_text(goal.to_yaml("for a test"))
     reached = goal.joint_values(arm.names)
     away = arm.pose(reached).copy()
@@ -164,8 +144,7 @@ def test_another_arm_is_servoed(name, scheme, kind, launch, ros_node, collect, t
     turn = transform((0, 0, 0), (0.0, 0.0, 0.3))
     away[:3, :3] = turn[:3, :3] @ away[:3, :3]
     start = arm.inverse(away, reached)
-    entries = controllers_of(arm.names, kind)
-    controllers = [one for one in entries if one.startswith(("speed_", "all_"))]
+    entries = controllers_of(arm.names)
     gains = tmp_path / "controllers.yaml"
     gains.write_text(yaml.safe_dump({SPACE[1:]: entries}))
     states = collect(f"{SPACE}/controller/state", ServoState)
@@ -173,21 +152,21 @@ def test_another_arm_is_servoed(name, scheme, kind, launch, ros_node, collect, t
     joints = collect(f"{SPACE}/joint_states", JointState)
     robot = launch(
         "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
-        urdf=str(urdf), gains=str(gains), controllers=" ".join(controllers), robot=name,
-        robot_place=" ".join(f"-J {joint} {q}" for joint, q in PLACES.get(name, {}).items()),
+        urdf=str(urdf), gains=str(gains), robot="panda",
+        controllers=" ".join(one for one in entries if one.startswith("speed_")),
+        robot_place=" ".join(f"-J {joint} {q}" for joint, q in PLACES.items()),
         target="none",  # its own plate is part of the description
     )  # fmt: skip
     try:
         wait_for(lambda: joints.messages, 40.0, "joint states")
-        for joint, position in PLACES.get(name, {}).items():
+        for joint, position in PLACES.items():
             wait_for(lambda j=joint, q=position: abs(_stands(joints, j) - q) < 1e-3, 5.0, joint)
     finally:
         print(robot.log.read_text()[-3000:] if not joints.messages else "")
     nodes = launch(
         "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
-        nodes=["/aras_visual_servo_controller"], scheme=scheme, goal=str(tmp_path / "goal.yaml"),
-        start=str([round(float(q), 6) for q in start]), gain=3.0,
-        output="velocity" if kind == "velocity" else "position",
+        nodes=["/aras_visual_servo_controller"], scheme="moments", goal=str(tmp_path / "goal.yaml"),
+        start=str([round(float(q), 6) for q in start]), gain=3.0, output="velocity",
     )  # fmt: skip
     try:
         wait_for(
@@ -195,10 +174,9 @@ def test_another_arm_is_servoed(name, scheme, kind, launch, ros_node, collect, t
         )
         q = arm.sample(joints.messages[-1].name, joints.messages[-1].position).positions
         distance, angle = pose_difference(arm.pose(reached), arm.pose(q))
-        print(name, scheme, distance, np.degrees(angle))
         assert distance < 1e-3 and angle < np.radians(0.4)
         assert "unstable" not in robot.log.read_text()  # nothing is said of gains that do
-        assert reports.messages[-1].rank_lj == (6 if scheme == "points" else 4)
+        assert reports.messages[-1].rank_lj == 4
     finally:
         if states.messages:
             print(states.messages[-1].phase, states.messages[-1].reason, states.messages[-1].error)

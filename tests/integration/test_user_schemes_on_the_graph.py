@@ -1,6 +1,5 @@
-"""Schemes of docs/examples on one graph, of pictures and of joints: each by one launch argument, to
-the goal that the runner taught for it (`unit/bench/test_user_schemes_run.py` runs all four there,
-unchanged)."""
+"""A scheme of docs/examples on a graph, by one launch argument, to the goal that the runner taught
+for it (`unit/bench/test_user_schemes_run.py` runs all four there, unchanged)."""
 
 from __future__ import annotations
 
@@ -27,10 +26,7 @@ ARM = Arm.from_urdf(
 )
 GOAL = Goal.load(ROOT / "src/aras_visual_servo_controller/config/goal_2016.yaml")
 AWAY = np.array([-0.1, 0.0, 0.349, -0.262, -0.0873, 0.1745])
-SCHEMES = {  # and from which part of the way to AWAY
-    "own_corners:OwnCorners": 1.0,
-    "joint_mpc:JointMPC": 0.4,
-}
+SCHEME, PART = "joint_mpc:JointMPC", 0.4  # from which part of the way to AWAY
 
 
 @pytest.fixture(scope="module")
@@ -44,16 +40,15 @@ def robot(launch, ros_node, ros_master):
     patch.undo()
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_a_users_scheme_servoes_by_one_launch_argument(scheme, robot, launch, collect, tmp_path):
+def test_a_users_scheme_servoes_by_one_launch_argument(robot, launch, collect, tmp_path):
     reached = GOAL.joint_values(ARM.names)
-    start = tuple((reached + SCHEMES[scheme] * (AWAY - reached)).tolist())
-    goal = assemble(Experiment(scheme=scheme, start=start, goal="2016")).goal
+    start = tuple((reached + PART * (AWAY - reached)).tolist())
+    goal = assemble(Experiment(scheme=SCHEME, start=start, goal="2016")).goal
     (tmp_path / "goal.yaml").write_text(goal.to_yaml("for a test"))
     states = collect(f"{SPACE}/controller/state", ServoState)
     joints = collect(f"{SPACE}/joint_states", JointState)
     nodes = launch(
-        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch", scheme=scheme,
+        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch", scheme=SCHEME,
         nodes=[f"{SPACE}_controller"], start=str(list(start)), goal=str(tmp_path / "goal.yaml"),
     )  # fmt: skip
     try:
@@ -67,4 +62,4 @@ def test_a_users_scheme_servoes_by_one_launch_argument(scheme, robot, launch, co
         goal.world_T_camera, ARM.pose(ARM.sample(last.name, last.position).positions)
     )
     assert distance < 1e-3 and angle < np.radians(0.6)
-    assert all(state.scheme == scheme for state in states.messages)
+    assert all(state.scheme == SCHEME for state in states.messages)

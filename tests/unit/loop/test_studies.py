@@ -74,6 +74,7 @@ def test_every_failure_of_the_study_is_provoked_by_itself():
 def test_a_broken_scheme_raises_at_every_image():
     with pytest.raises(RuntimeError, match="on purpose"):
         provoked.Broken.compute(None, None, None, 0.0)
+    assert provoked.Dependent.directions == (True,) * 6  # what its L cannot
 
 
 def test_the_contrary_feature_is_at_its_goal_nowhere():

@@ -109,6 +109,30 @@ class Dying(ThisProcess):
         self.died = 0
 
 
+class Forked:
+    """In place of a Popen, which imports all anew: the child is a copy of this process."""
+
+    def __init__(self, *_, **__):
+        (told, stdin), (stdout, out) = os.pipe(), os.pipe()
+        self._pid = os.fork()
+        if not self._pid:
+            os.dup2(told, 0)
+            os.dup2(out, 1)
+            os.close(stdin)
+            sys.stdin = os.fdopen(0)
+            work._child()
+            os._exit(0)
+        os.close(told)
+        os.close(out)
+        self.stdin, self.stdout = os.fdopen(stdin, "wb"), os.fdopen(stdout, "rb")
+
+    def kill(self):
+        os.kill(self._pid, signal.SIGKILL)
+
+    def wait(self):
+        return os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1])
+
+
 def test_every_run_is_a_row_with_what_was_set_and_measured(tiny, tmp_path):
     study = tiny()
     made = carried(study, tmp_path / "out")
@@ -137,31 +161,6 @@ def test_the_order_of_chunks_changes_nothing(tiny, tmp_path):
     carried(study, tmp_path / "two", Backwards())
     assert hashes(tmp_path / "one") == hashes(tmp_path / "two")
     assert Folder.open(tmp_path / "one").manifest == Folder.open(tmp_path / "two").manifest
-
-
-def test_resuming_does_what_is_missing_and_ends_with_the_same_bytes(tiny, tmp_path):
-    study = tiny()
-    carried(study, tmp_path / "whole")
-    made = carried(study, tmp_path / "cut")
-    made.part(1).unlink()
-    made.part(2).write_bytes(made.part(2).read_bytes()[:-7])
-    (tmp_path / "cut" / "parts" / ".000001.parquet.new").write_bytes(b"half")
-    stamps = made.part(0).stat().st_mtime_ns
-    again = Folder.open(tmp_path / "cut")
-    assert again.missing() == [1, 2] and again.done() == 2
-    engine.carry_out(again, ThisProcess(), quiet(study))
-    assert hashes(tmp_path / "cut") == hashes(tmp_path / "whole")
-    assert made.part(0).stat().st_mtime_ns == stamps
-    assert again.missing() == []
-    assert not list((tmp_path / "cut").glob("*/.*"))
-
-
-def test_a_part_that_was_changed_is_noticed(tiny, tmp_path):
-    made = carried(tiny(), tmp_path)
-    table = pq.read_table(made.part(1))
-    pq.write_table(table, made.part(1), compression="gzip")
-    with pytest.raises(StudyError, match="000001.parquet is not as it was written"):
-        Folder.open(tmp_path).results()
 
 
 def test_a_part_of_other_runs_is_run_again_and_not_taken_for_its_own(tiny, tmp_path):
@@ -204,6 +203,7 @@ def test_a_part_that_is_no_table_is_run_again_whatever_its_hash_says(tiny, tmp_p
 
 def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, monkeypatch):
     """Here, and in a process of its own that does not hear its alarm."""
+    monkeypatch.setattr(work, "subprocess", SimpleNamespace(Popen=Forked, PIPE=subprocess.PIPE))
     monkeypatch.setattr(work.sys, "path", [*work.sys.path, os.path.dirname(__file__)])
     hangs, asked = tmp_path / "hangs", {}
     monkeypatch.setenv("DEAF", str(hangs))
@@ -232,7 +232,7 @@ def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, m
 
     monkeypatch.setattr(work, "threading", SimpleNamespace(Timer=Watch, Event=threading.Event))
     rows.row_of(tiny(), 0)  # what the first run of a process loads counts for none
-    for name, pool, limit in (("hanging", ThisProcess(), 4.0), ("deaf", Dying(), 600.0)):
+    for name, pool, limit in (("hanging", ThisProcess(), 2.0), ("deaf", Dying(), 600.0)):
         study = tiny(metrics=["success", f"test_engine:{name}"], chunk=3, repeats=1, limit=limit)
         table = carried(study, tmp_path / name, pool).results()
         assert table["outcome"].to_pylist() == ["timed_out", rows.LATE, "timed_out"]
@@ -367,6 +367,27 @@ def test_every_file_that_decides_a_run_is_in_the_digest_of_the_code(tmp_path, mo
     versions.sources.cache_clear()
 
 
+def test_code_that_is_installed_is_beside_its_data(tmp_path, monkeypatch):
+    installed, share = tmp_path / "python", tmp_path / "share"
+    monkeypatch.setattr(versions, "INSTALLED", installed)
+    found = {"one": share / "one", "two": share / "two", "here": tmp_path}
+    monkeypatch.setattr(versions, "PackagePath", lambda: SimpleNamespace(find=places(found)))
+    (installed / "one").mkdir(parents=True)
+    assert versions._folders("one") == [share / "one", installed / "one"]
+    assert versions._folders("two") == [share / "two"]  # data alone
+    assert versions._folders("here") == [tmp_path]  # a workspace
+    assert versions._folders("lost") == [installed / "lost"]
+
+
+def places(found):
+    def find(package):
+        if package not in found:
+            raise ExperimentError("not there")
+        return str(found[package])
+
+    return find
+
+
 def test_the_code_of_all_packages_is_found():
     for package in versions.PACKAGES:
         files = {path.name for folder in versions._folders(package) for path in folder.rglob("*")}
@@ -442,27 +463,6 @@ def test_fail_fast_sends_nothing_more(tiny, tmp_path):
     assert done.stopped["run"] == 0 and done.stopped["outcome"] == "timed_out"
     assert (done.runs, done.failed, made.missing()) == (4, 4, [1])
     assert "parts" not in made.manifest
-
-
-class Forked:
-    """In place of a Popen, which imports all anew: the child is a copy of this process."""
-
-    def __init__(self, *_, **__):
-        (told, stdin), (stdout, out) = os.pipe(), os.pipe()
-        self._pid = os.fork()
-        if not self._pid:
-            os.dup2(told, 0)
-            os.dup2(out, 1)
-            os.close(stdin)
-            sys.stdin = os.fdopen(0)
-            work._child()
-            os._exit(0)
-        os.close(told)
-        os.close(out)
-        self.stdin, self.stdout = os.fdopen(stdin, "wb"), os.fdopen(stdout, "rb")
-
-    def wait(self):
-        return os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1])
 
 
 def test_a_run_that_kills_its_process_is_found_named_and_recorded(tiny, tmp_path, monkeypatch):

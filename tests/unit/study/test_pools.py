@@ -53,7 +53,7 @@ class Dask:
         self.looks += 1
         return dict.fromkeys(range(self.workers), 1)
 
-    def submit(self, function, task, key, pure):
+    def submit(self, function, task, key):
         end = self.ends.popleft() if self.ends else DONE
         self.sent.append((key, task.guarded))
         status = "finished" if end is DONE else CANCELLED if end is CANCELLED else "error"

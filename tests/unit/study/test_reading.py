@@ -251,6 +251,7 @@ def test_the_tuner_finds_the_gain_and_goes_on_where_it_was(tiny, tmp_path):
     ranges = [Range.parsed("gain=0.5:4")]
     tuner = Tuner(study, ranges, "final_distance", tmp_path, carry, needed=0.0)
     best = tuner.search(24)
+    assert [path.name for path in folders] == [f"generation-{k:03d}" for k in range(len(folders))]
     assert all(0.5 <= one.values[0] <= 4.0 for one in tuner.tried)
     assert best.values[0] > 3.5 and best.violation == 0.0
     assert len(folders) <= 4  # the first and two generations, and what their last steps ask again

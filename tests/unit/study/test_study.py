@@ -164,6 +164,7 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     ({"vary": {"gain": {"normal": [1.0, float("inf")]}}}, "normal.1. is inf, must be a finite"),
     ({"vary": {"gain": {"normal": [1.0, 0.0]}}}, "deviation is 0, must be above 0"),
     ({"vary": {"gain": {"uniform": [2.0, 1.0]}}}, "2 to 1, must rise"),
+    ({"vary": {"gain": {"uniform": [1.0, 1.0]}}}, "1 to 1, must rise"),
     ({"vary": {"gain": {"loguniform": [0.0, 1.0]}}}, "must rise from above 0"),
     ({"vary": {"gain": {"unifrom": [1.0, 2.0]}}}, "unknown 'unifrom': did you mean 'uniform'"),
     ({"vary": {"gain": {"linear": [1.0, 2.0, 1]}}}, "1 is no count"),

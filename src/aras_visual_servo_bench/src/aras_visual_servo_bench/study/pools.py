@@ -152,7 +152,7 @@ class DaskPool(Pool):
         try:
             future = self._client.submit(
                 work.carry_out, replace(task, guarded=tries > 0 or task.guarded),
-                key=f"chunk-{task.chunk}-{tries}", pure=False,
+                key=f"chunk-{task.chunk}-{tries}",
             )  # fmt: skip
         except Exception as error:
             raise self._lost(error) from error

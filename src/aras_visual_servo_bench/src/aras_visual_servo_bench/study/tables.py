@@ -125,10 +125,7 @@ def _csv(table: Table) -> str:
     writer.writerow([*table.keys, *columns, *([FAILURE] if table.failures else [])])
     for row, (values, estimates) in enumerate(table.rows):
         numbers = [n for e in estimates for n in (e.value, e.low, e.high, e.count)]
-        writer.writerow([
-            *values, *(repr(n) if isinstance(n, float) else n for n in numbers),
-            *table.failures[row : row + 1],
-        ])  # fmt: skip
+        writer.writerow([*values, *numbers, *table.failures[row : row + 1]])
     return out.getvalue()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import shutil
 from collections import namedtuple
@@ -11,13 +12,14 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import yaml
 
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.running.loop import Loop
-from aras_visual_servo_bench.study import card, engine, images, rows
+from aras_visual_servo_bench.study import card, engine, images, replay, rows
 from aras_visual_servo_bench.study.folder import TRACES, Folder
 from aras_visual_servo_bench.study.study import Study
 from aras_visual_servo_camera.images import Image
@@ -166,6 +168,10 @@ def test_each_camera_has_columns_of_its_own():
     assert pixels(row["picture_left"]).shape == (100, 200)
     assert pixels(row["picture_right"]).shape == (240, 320)
     assert images.schema(study).names[-2:] == ["picture_left", "picture_right"]
+    run = replay.carried_out("again", study.experiment_of(0).with_(duration=0.05), "here")
+    assert (run.name, run.source) == ("again", "here")
+    assert run.cameras["left"].film and not run.cameras["left"].pictures
+    assert len(run.images.pictures) == len(run.stamp)
 
 
 @pytest.mark.parametrize(("place", "frame", "row"), [
@@ -185,6 +191,9 @@ def test_the_card_says_of_each_camera_what_it_is_and_where(tmp_path, place, fram
                                for run, end in enumerate(ends)]))
     told = card.card(folder)
     assert "Outcomes: timed_out 3, converged 1, joint_limit 1." in told
+    assert f"```\n\nCode {folder.labels['code']}; {folder.labels['versions']}.\n" in told
+    made = re.search(r"## How it was made\n\n```yaml\n(.*?)```", told, re.S).group(1)
+    assert yaml.safe_load(made) == study.to_mapping()
     first, other = (line for line in told.splitlines() if "pixels, " in line)
     assert first.startswith("- right: 320 x 240 pixels, 15 Hz, K row by row 102.735, 0, 159.5, 0, ")
     assert first.endswith(", plumb_bob with coefficients 0, 0, 0, 0, 0")
@@ -221,6 +230,8 @@ def test_a_data_set_larger_than_the_disk_is_refused(monkeypatch, tmp_path):
     told = images.check_room(study, tmp_path / "not" / "there")
     size = float(re.match(r"([\d.]+) MB at most: 100 runs of up to 32 images", told).group(1))
     assert 3.0 < size < 20.0
+    deep = images.check_room(dataclasses.replace(study, depth=True), tmp_path)
+    assert float(deep.partition(" MB")[0]) > size + 1.0
     first = Study.from_mapping({**study.to_mapping(), "pictures": "first"})
     assert "100 runs of up to 1 image of" in images.check_room(first, tmp_path)
     quick = study_of({**study.experiment, "camera": {"update_rate": 60.0}})

@@ -64,12 +64,25 @@ def test_the_end_of_a_run_begins_with_the_image_that_is_as_long_before_its_last(
 
 
 def test_a_camera_that_never_came_near_is_told_from_one_whose_goal_is_unknown():
-    far, none = run(x=np.full(len(TIME), 0.1)), Verdict("", np.nan, np.nan)
+    far = run(np.ones((90, 2)), np.full(len(TIME), 0.1))
+    none = Verdict("", np.nan, np.nan)
     for made, near, off in ((far, "never", "2.00 mm"),
                             (replace(far, verdict=none), "unknown", "unknown")):
         words = summary.told(made, summary.summarise(made))
         assert f"Camera within 2 % after  {near}\n" in words
+        assert "Error under 2 % after    never\n" in words
         assert f"Camera off its goal by   {off}" in words
+
+
+def test_what_is_of_the_features_is_best_within_a_scheme_alone():
+    one = run()
+    other = replace(one, states=tuple(replace(s, scheme="another") for s in one.states))
+    for of_features, found in ((True, set()), (False, {0})):
+        columns = [[summary.Quantity("overshoot", value, "", "-", "smaller", of_features)]
+                   for value in (0.1, 0.5)]  # fmt: skip
+        assert summary.best([one, other], columns, "overshoot") == found
+        assert summary.best([one, one], columns, "overshoot") == {0}
+    assert summary.best([], [], "overshoot") == set()
 
 
 def test_success_needs_the_loop_and_the_physics():
@@ -134,11 +147,11 @@ def test_decay_is_what_the_error_has():
 
 
 def test_an_image_is_late_from_one_and_a_half_periods_after_its_exposure():
-    exposed = STAMP[[0, 1, 2, 4, 5]]  # and one is missing
-    arrival = exposed + np.array([0.4, 1.45, 1.55, 2.0, 1.0]) / 30.0
+    exposed = np.array([0.0, 1.0, 2.0, 4.0, 5.0]) / 32.0  # and one is missing
+    arrival = exposed + np.array([0.4, 1.5, 1.55, 2.0, 1.0]) / 32.0
     shown = run(cameras={"camera": CameraRecord(None, exposed, arrival)})
     assert measured("images_late", shown) == 3.0
-    assert measured("delay", shown) == pytest.approx(6.4 / 5.0 / 30.0 * 1e3)
+    assert measured("delay", shown) == pytest.approx(6.45 / 5.0 / 32.0 * 1e3)
 
 
 def test_excursion_is_the_farthest_corner_in_half_sizes_of_the_image():

@@ -192,6 +192,17 @@ def test_the_last_worker_may_be_gone_for_five_minutes_or_as_long_as_a_nanny_begi
         after(2.0, 0)
 
 
+def test_nobody_is_kept_busy_by_waiting_for_a_chunk(pool_of, monkeypatch):
+    dask, pool = pool_of()
+    sent = []
+    monkeypatch.setattr(dask, "add", sent.append)
+    monkeypatch.setattr(dask, "is_empty", lambda: False)
+    monkeypatch.setattr(pools, "time", SimpleNamespace(
+        monotonic=lambda: 0.0, sleep=lambda seconds: dask._ready.extend(sent)))
+    pool.submit(StudyTask("", 3))
+    assert pool.next() == (StudyTask("", 3), DONE)  # it came while it slept
+
+
 @pytest.mark.parametrize(("keys", "patience", "left"), [
     ({}, 300.0, ["client", "cluster"]), ({"scheduler": "tcp://there"}, 10.0, ["client"]),
 ])  # fmt: skip

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -147,6 +149,15 @@ def test_words_are_safe_in_latex_and_markdown():
     assert r"$2.00 \cdot 10^{-5}$" in tables.written(small, "tex")
 
 
+@pytest.mark.parametrize(("numbers", "told"), [
+    ((5e4, 4e4, 2e5), "5.00e+04 [4.00e+04, 2.00e+05]"), ((0.5, 2e-6, 0.6), "5.00e-01 [2.00e-06,"),
+    ((3e5, 2e4, 3e4), "3.00e+05 [2.00e+04, 3.00e+04]"), ((5e4, 4e4, 6e4), "50000 [40000, 60000]"),
+])  # fmt: skip
+def test_a_number_and_its_interval_are_written_alike(numbers, told):
+    table = tables.Table((), (("settled", "s"),), (((), (statistics.Estimate(*numbers, 3),)),))
+    assert f"| {told}" in tables.written(table, "md")
+
+
 def test_differences_that_are_more_than_chance_are_told_with_their_direction():
     rng = np.random.default_rng(1)
     times = rng.uniform(1.0, 2.0, 40)
@@ -253,6 +264,7 @@ def test_the_tuner_finds_the_gain_and_goes_on_where_it_was(tiny, tmp_path):
     best = tuner.search(24)
     assert [path.name for path in folders] == [f"generation-{k:03d}" for k in range(len(folders))]
     assert all(0.5 <= one.values[0] <= 4.0 for one in tuner.tried)
+    assert 16 < len(tuner.tried) <= 24
     assert best.values[0] > 3.5 and best.violation == 0.0
     assert len(folders) <= 4  # the first and two generations, and what their last steps ask again
     assert best.cost == min(c.cost for c in tuner.tried)
@@ -351,8 +363,6 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path, monkeypatch):
     assert study.metric_names
     for name in study.metric_names:
         assert told[name] == row[rows.column(name)], name
-    import cv2
-
     video = cv2.VideoCapture(str(tmp_path / "show" / "video.mp4"))
     assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == len(pictures)
     assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(30.0, abs=0.01)
@@ -360,6 +370,18 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path, monkeypatch):
         replay.replay(Folder.open(tmp_path / "out"), 6)
     with pytest.raises(StudyError, match="cannot write the video .*nowhere/video.mp4"):
         replay._video(run, tmp_path / "nowhere" / "video.mp4")
+
+
+def test_a_video_has_the_colours_and_the_rate_of_its_pictures(tmp_path):
+    red = np.zeros((32, 48, 3), np.uint8)
+    red[..., 0] = 220
+    for stamp, rate in (([0.0], 30.0), ([0.0, 0.1], 10.0)):
+        made = SimpleNamespace(stamp=np.array(stamp), images=SimpleNamespace(
+            pictures=[(at, red) for at in stamp]))  # fmt: skip
+        video = cv2.VideoCapture(str(replay._video(made, tmp_path / "video.mp4")))
+        assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(rate)
+        blue, green, red_there = video.read()[1].mean(axis=(0, 1))
+        assert red_there > 180.0 and max(blue, green) < 40.0
 
 
 @metric("", "smaller", "these tests")
@@ -474,6 +496,8 @@ def test_a_study_is_judged_by_the_metric_that_it_names(tiny, tmp_path):
     folder.write(0, rows.Rows([row], [{"run": 0, "wall": 0.0, "processor": 1.0, "worker": "w"}]))
     found = Results.read(tmp_path / "out")
     assert found.successes().tolist() == [1.0]
+    with pytest.raises(StudyError, match="outcome holds words, not numbers"):
+        found.numbers("outcome")
     assert np.isnan(found.numbers("real_time_multiple"))  # sooner than any clock shows
     assert engine.succeeded(row, study.judged) and not engine.succeeded(row)
     assert study.digest == tiny(metrics=["success", "reduced"], repeats=1, vary={}, chunk=1).digest

@@ -7,12 +7,13 @@ import dataclasses
 import datetime
 
 import numpy as np
+import pyarrow as pa
 import pytest
 import yaml
 from scipy import stats
 
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.study import overrides
+from aras_visual_servo_bench.study import overrides, rows
 from aras_visual_servo_bench.study.engine import check_study
 from aras_visual_servo_bench.study.folder import Folder
 from aras_visual_servo_bench.study.study import Study
@@ -115,6 +116,17 @@ def test_chunks_cover_all_runs_once(tiny):
     pictured = {"experiment": {**FREE, "features": "pictures"}, "repeats": 400, "chunk": None}
     for pictures, size in (("all", 4), ("first", 30)):  # pictures are kept in memory
         assert tiny(**pictured, pictures=pictures).chunk_size == size
+
+
+@pytest.mark.parametrize(("values", "kind"), [
+    ([True, False], pa.bool_()), ([1, 2], pa.int64()), ([1, 2.5], pa.float64()),
+    ([None, 2.5], pa.float64()), ([1, True], pa.string()), (["a", 1], pa.string()),
+    ({"integers": [1, 3]}, pa.int64()), ({"normal": [1, 3]}, pa.float64()),
+    ({"choice": [[1], [2]]}, pa.string()),
+])  # fmt: skip
+def test_a_column_has_the_type_of_what_varies(tiny, values, kind):
+    study = tiny(vary={"options.mine": values})
+    assert rows.schema(study, {}).field("options.mine").type == kind
 
 
 def test_a_mapping_makes_the_same_study_again(tiny):

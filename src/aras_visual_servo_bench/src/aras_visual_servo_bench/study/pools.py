@@ -56,7 +56,6 @@ class Pool(ABC):
 
     def close(self) -> None:
         """End what it began; safe to call twice."""
-        return
 
     def __enter__(self) -> Pool:
         return self

@@ -193,28 +193,18 @@ def test_ur5(namespace, robot, collect):
     assert (image.width, image.height, infos.wait(1, 10.0).width) == (96, 64, 96)
 
 
-@pytest.mark.parametrize(
-    ("interface", "gains"),
-    [
-        ("effort", EFFORT_GAINS),
-        ("velocity", {j: {"p": 15.0} for j in PANDA}),
-    ],
-    ids=["effort", "velocity"],
-)
-def test_panda_and_its_gripper(interface, gains, robot):
+def test_panda_and_its_gripper(robot):
     """The fingers by an effort PID; the second mimics the first."""
     panda = robot("panda", "/panda")
-    kind = f"{interface.capitalize()}JointInterface"
     text = shipped(
         "panda_description/urdf/panda.urdf",
-        *(transmission(joint, kind) for joint in PANDA),
-        transmission(FINGER, "EffortJointInterface"), PLUGIN,
+        *(transmission(joint, "EffortJointInterface") for joint in (*PANDA, FINGER)), PLUGIN,
         '<link name="world"/><joint name="foot" type="fixed"><parent link="world"/>'
         '<child link="panda_link0"/></joint>',
     )  # fmt: skip
     panda.spawn(text, {
         "joint_state_controller": STATES,
-        "arm": trajectory(interface, PANDA, gains=gains),
+        "arm": trajectory("effort", PANDA, gains=EFFORT_GAINS),
         "hand": {"type": "effort_controllers/JointPositionController", "joint": FINGER,
                  "pid": {"p": 300.0, "d": 30.0, "i": 20.0, "i_clamp": 5.0}},
     })  # fmt: skip

@@ -194,10 +194,19 @@ def test_the_last_part_is_counted_by_its_own_runs_and_read_as_it_is_now(tiny, tm
 
 def test_a_part_that_is_no_table_is_run_again_whatever_its_hash_says(tiny, tmp_path):
     made = carried(tiny(), tmp_path)
-    made.part(1).write_bytes(b"no table")
-    with open(tmp_path / folder.SUMS, "a") as sums:
-        print(f"{hashlib.sha256(b'no table').hexdigest()}  parts/000001.parquet", file=sums)
-    assert Folder.open(tmp_path).missing() == [1]
+    for content, told in ((b"no table", "^cannot read .*000001.parquet: "),
+                          (made.part(0).read_bytes(), ""), (None, "000001.parquet is no file: ")):
+        made.part(1).unlink()
+        if content is None:
+            made.part(1).mkdir()
+        else:
+            made.part(1).write_bytes(content)
+            with open(tmp_path / folder.SUMS, "a") as sums:
+                print(f"{hashlib.sha256(content).hexdigest()}  parts/000001.parquet", file=sums)
+        assert Folder.open(tmp_path).missing() == [1]
+        if told:
+            with pytest.raises(StudyError, match=told):
+                Folder.open(tmp_path).results()
 
 
 def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, monkeypatch):
@@ -297,6 +306,8 @@ def test_runs_that_a_folder_keeps_are_counted(tiny, tmp_path):
     assert folder.kept_runs(tmp_path) == 0
     made = Folder.create(tmp_path, tiny(), "")
     assert folder.kept_runs(tmp_path) == 0
+    with pytest.raises(StudyError, match="has no parts yet"):
+        made.results()
     made.write(2, work.carry_out(work.StudyTask(json.dumps(tiny().to_mapping()), 2)))
     assert folder.kept_runs(tmp_path) == 2
 
@@ -338,6 +349,16 @@ def test_a_module_or_library_without_a_file_is_unknown(monkeypatch):
     versions.versions.cache_clear()
     assert [name for name, told in found.items() if told == versions.UNKNOWN] == [
         "no-such-library", "nowhere.at_all", "sys"]
+
+
+@pytest.mark.parametrize("git", [
+    lambda *given, **keys: SimpleNamespace(stdout="\n"), lambda *given, **keys: os.stat("/nowhere"),
+    lambda command, timeout, **keys: subprocess.run(["sleep", "9"], timeout=0.01),
+])  # fmt: skip
+def test_the_commit_is_unknown_where_git_tells_none(monkeypatch, git):
+    monkeypatch.setattr(versions, "subprocess", SimpleNamespace(
+        run=git, TimeoutExpired=subprocess.TimeoutExpired))
+    assert versions.code() == versions.UNKNOWN
 
 
 def test_every_file_that_decides_a_run_is_in_the_digest_of_the_code(tmp_path, monkeypatch):
@@ -509,6 +530,16 @@ def test_a_child_tells_rows_on_its_standard_output_and_nothing_else(tiny, tmp_pa
     assert [row["run"] for one in found for row in one.values] == [1, 2]
     assert {row["worker"] for one in found for row in one.times} == {work.worker_name()}
     assert (tmp_path / "2").read_text().endswith("more\n") and cv2.getNumThreads() == 1
+
+
+def test_a_child_that_ended_before_it_was_told_anything_is_known_by_its_end(monkeypatch):
+    told, stdin = os.pipe()
+    os.close(told)
+    ended = SimpleNamespace(stdin=os.fdopen(stdin, "wb"), stdout=io.BytesIO(), wait=lambda: 3)
+    monkeypatch.setattr(work, "subprocess", SimpleNamespace(
+        Popen=lambda *given, **keys: ended, PIPE=None))
+    done, how = work._in_child("{}", range(3), 60.0)
+    assert not done.values and how == "its process ended by itself with 3"
 
 
 @pytest.mark.parametrize(("children", "begun", "lost"), [

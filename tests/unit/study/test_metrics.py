@@ -138,7 +138,8 @@ def test_decay_is_what_the_error_has():
         assert measured("decay_rate", run(size * decay(1.7))) == pytest.approx(1.7, rel=1e-6)
     apart = np.column_stack([decay(1.7, 3.0), np.full(90, 0.05)])
     assert measured("decay_rate", run(apart)) == pytest.approx(1.7, rel=1e-6)
-    assert np.isnan(measured("decay_rate", run(np.full((90, 2), np.nan))))
+    for nothing in (np.full((90, 2), np.nan), np.zeros((90, 2))):
+        assert np.isnan(measured("decay_rate", run(nothing)))
     # By four images at least, which are from below 80 % down to 15 %.
     for between in ((0.79, 0.5, 0.15), (0.79, 0.5, 0.3, 0.15)):
         few = np.array([1.0, 0.8, *between, *[0.14] * 88])[:90, None] * [1.0, 0.0]

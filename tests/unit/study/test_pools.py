@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections import deque
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.errors import BenchError, StudyError
 from aras_visual_servo_bench.study import pools, rows, versions
 from aras_visual_servo_bench.study.pools import DEATHS, DaskPool
 from aras_visual_servo_bench.study.work import StudyTask
@@ -188,8 +189,32 @@ def test_the_last_worker_may_be_gone_for_five_minutes_or_as_long_as_a_nanny_begi
         dask.nannies["one"] = SimpleNamespace(status=SimpleNamespace(name="starting"))
         assert after(600.0, 0) == 1
         dask.nannies["one"].status.name = "failed"
-    with pytest.raises(StudyError, match="^no worker has been there for 300 s: look at the"):
-        after(2.0, 0)
+    monkeypatch.setattr(dask, "is_empty", lambda: False)
+    for ask in (lambda: pool.room, pool.next):
+        now[0] += 2.0
+        with pytest.raises(StudyError, match="^no worker has been there for 300 s: look at the"):
+            ask()
+    dask.workers = 1
+    monkeypatch.setattr(dask, "nthreads", lambda: {"one": 1, "two": 2})
+    now[0] += 2.0
+    with pytest.raises(StudyError, match="^the workers have several threads each"):
+        pool.next()
+
+
+def test_workers_that_cannot_load_the_package_and_dask_that_is_not_there_are_told(
+    pool_of, monkeypatch
+):  # fmt: skip
+    def alien(dask, function):
+        raise ModuleNotFoundError("No module named 'mine'")
+
+    real = pools._configured
+    monkeypatch.setattr(Dask, "run", alien)
+    told = "^the workers cannot load this package .No module named 'mine'.: install it there, or"
+    with pytest.raises(StudyError, match=told):
+        pool_of()
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(BenchError, match="^distributed is not installed: "):
+        real()
 
 
 def test_nobody_is_kept_busy_by_waiting_for_a_chunk(pool_of, monkeypatch):

@@ -351,6 +351,7 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path, monkeypatch):
     in_process(study, tmp_path / "out")
     run, changed = replay.replay(Folder.open(tmp_path / "out"), 3)
     assert len(closed) == 1
+    assert replay.replay(Folder.create(tmp_path / "none", study, ""), 0)[1] == {}
     assert (run.name, run.source) == ("run 3", f"run 3 of the study {tmp_path / 'out'}")
     row = rows.told(study, run)
     assert changed == {} and run.experiment.gain == 2.0

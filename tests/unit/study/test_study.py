@@ -122,7 +122,7 @@ def test_chunks_cover_all_runs_once(tiny):
     ([True, False], pa.bool_()), ([1, 2], pa.int64()), ([1, 2.5], pa.float64()),
     ([None, 2.5], pa.float64()), ([1, True], pa.string()), (["a", 1], pa.string()),
     ({"integers": [1, 3]}, pa.int64()), ({"normal": [1, 3]}, pa.float64()),
-    ({"choice": [[1], [2]]}, pa.string()),
+    ({"choice": [[1], [2]]}, pa.string()), ([np.int64(1), np.int64(2)], pa.int64()),
 ])  # fmt: skip
 def test_a_column_has_the_type_of_what_varies(tiny, values, kind):
     study = tiny(vary={"options.mine": values})
@@ -155,6 +155,8 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
                   Study(experiment=str(tmp_path / "base.yaml"), repeats=2)):
         assert study.experiment_of(1).gain == 3.0
     (tmp_path / "base.yaml").write_text("- 3.0\n")
+    with pytest.raises(StudyError, match="base.yaml holds no keys with values: it is no study"):
+        Study.from_yaml(tmp_path / "base.yaml")
     with pytest.raises(StudyError, match="experiment must be keys with values, or the path"):
         Study.from_mapping({"experiment": str(tmp_path / "base.yaml")})
 

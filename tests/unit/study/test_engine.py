@@ -254,6 +254,9 @@ def test_a_folder_of_another_study_is_refused_with_the_difference(tiny, tmp_path
     Folder.create(tmp_path, tiny(), "")
     with pytest.raises(StudyError, match="holds another study: repeats was 2, is 3"):
         Folder.create(tmp_path, tiny(repeats=3), "")
+    many = {"repeats": 3, "seed": 1, "limit": 5.0, "seeds": "repeats", "chunk": 3}
+    assert folder.difference(tiny(), tiny(**many)).count(";") == 4
+    assert folder.difference(tiny(), tiny(**many, traces=True)).endswith("; and 1 more")
     other = tiny(experiment={"plant": "free", "duration": 0.2})
     told = "experiment.duration was 0.1, is 0.2.*lag was 0.0, is not"
     with pytest.raises(StudyError, match=told):

@@ -77,8 +77,8 @@ def test_a_camera_that_never_came_near_is_told_from_one_whose_goal_is_unknown():
 def test_what_is_of_the_features_is_best_within_a_scheme_alone():
     one = run()
     other = replace(one, states=tuple(replace(s, scheme="another") for s in one.states))
-    for of_features, found in ((True, set()), (False, {0})):
-        columns = [[summary.Quantity("overshoot", value, "", "-", "smaller", of_features)]
+    for of_features, found in (((True,), set()), ((), {0})):
+        columns = [[summary.Quantity("overshoot", value, "", "-", "smaller", *of_features)]
                    for value in (0.1, 0.5)]  # fmt: skip
         assert summary.best([one, other], columns, "overshoot") == found
         assert summary.best([one, one], columns, "overshoot") == {0}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections import deque
 from pathlib import Path
@@ -31,8 +32,8 @@ class Dask:
         self.ends, self.sent, self.log, self._ready = deque(), [], [], deque()
         self.loop, self.workers, self.nannies, self.looks, self._asked = None, workers, {}, 0, 0
 
-    def LocalCluster(self, n_workers, **keys):
-        assert n_workers == self.workers
+    def LocalCluster(self, n_workers, silence_logs, **keys):
+        assert n_workers == self.workers and silence_logs == logging.CRITICAL
         self.scratch = Path(keys["local_directory"])
         return SimpleNamespace(workers=self.nannies,
                                close=lambda timeout: self.log.append("cluster"))
@@ -220,10 +221,14 @@ def test_workers_that_cannot_load_the_package_and_dask_that_is_not_there_are_tol
 def test_nobody_is_kept_busy_by_waiting_for_a_chunk(pool_of, monkeypatch):
     dask, pool = pool_of()
     sent = []
+
+    def sleep(seconds):
+        assert seconds <= 0.02
+        dask._ready.extend(sent)
+
     monkeypatch.setattr(dask, "add", sent.append)
     monkeypatch.setattr(dask, "is_empty", lambda: False)
-    monkeypatch.setattr(pools, "time", SimpleNamespace(
-        monotonic=lambda: 0.0, sleep=lambda seconds: dask._ready.extend(sent)))
+    monkeypatch.setattr(pools, "time", SimpleNamespace(monotonic=lambda: 0.0, sleep=sleep))
     pool.submit(StudyTask("", 3))
     assert pool.next() == (StudyTask("", 3), DONE)  # it came while it slept
 

@@ -139,13 +139,14 @@ def test_a_mapping_makes_the_same_study_again(tiny):
 def test_overrides_replace_what_varies_and_the_studys_own_keys(tmp_path):
     file = tmp_path / "study.yaml"
     file.write_text(yaml.safe_dump({
-        "experiment": {**FREE, "start": {"side": 0.02}}, "vary": {"gain": [1, 2]}, "repeats": 3}))
+        "experiment": {**FREE, "start": {"side": 0.02}}, "repeats": 3,
+        "vary": {"gain": [1, 2], "delay": [0.0, 0.1]}}))  # fmt: skip
     study = Study.from_yaml(file, overrides.parsed(["gain=5", "repeats=4", "start.turn=0.3"]))
-    assert study.runs == 4
+    assert study.runs == 8 and study.keys == ("delay",)
     made = study.experiment_of(0)
     assert (made.gain, made.start.side, made.start.turn) == (5, 0.02, 0.3)
     study = Study.from_yaml(file, overrides.parsed(["vary.gain=[3, 4, 5]"]))
-    assert study.runs == 9
+    assert study.runs == 18
 
 
 def test_an_experiment_in_a_file_beside_the_study(tmp_path):

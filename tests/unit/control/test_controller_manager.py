@@ -284,6 +284,7 @@ class TestSwitching:
         first = rig.manager.switch(["a1"], [], STRICT)
         second = rig.manager.switch(["a2"], ["a1"], STRICT)
         third = rig.manager.switch(["a1"], [], STRICT)
+        assert not any(request.ok or request.done for request in (first, second))
         rig.step()
         assert (first.ok, second.ok, third.ok) == (True, True, False)
         assert "'a' by a1, a2" in third.reason

@@ -102,7 +102,7 @@ def test_a_joint_begins_at_rest_at_zero_with_no_command():
     assert commands == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("periods", [(0, 1000), (1000, 0), (-1, 1000), (1000, -1)])
+@pytest.mark.parametrize("periods", [(0, 1000), (1000, 0), (-1, 1000), (1000, -1), (0,)])
 def test_periods_must_be_positive(periods):
     with pytest.raises(HardwareError, match="must be positive"):
         ControlLoop(None, None, *periods)

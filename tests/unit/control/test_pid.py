@@ -122,6 +122,9 @@ def test_state_listener_sees_the_terms():
 )
 def test_parameters_are_read_as_control_toolbox_does(parameters, expected):
     assert Pid.from_parameters(parameters, "/r/c/pid").gains == expected
+    for told in (False, True):
+        pid = Pid.from_parameters({**parameters, "publish_state": told}, "/r/c/pid")
+        assert pid.publish_state is told
 
 
 @pytest.mark.parametrize(
@@ -151,4 +154,4 @@ def test_bad_gains_are_refused_and_the_old_ones_stay():
     for gains in (Gains(nan), Gains(1, inf), Gains(1, 1, 0, -1, 1)):
         with pytest.raises(ControllerError):
             pid.set_gains(gains)
-    assert pid.gains == Gains(1)
+    assert pid.gains == Gains(1) and not pid.publish_state

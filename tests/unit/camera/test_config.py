@@ -158,7 +158,8 @@ def given(path, value):
 @pytest.mark.parametrize(("path", "fits", "beyond"), [
     ("width", 1, 0), ("width", 16384, 16385), ("height", 1, 0), ("height", 16384, 16385),
     ("update_rate", 1e-6, 0.0), ("near", 1e-9, 0.0), ("far", 0.101, 0.1), ("latency", 0.0, -1e-9),
-    ("seed", 0, -1), ("effects.noise_mean", -255.0, -255.1), ("effects.noise_mean", 255.0, 255.1),
+    ("depth_topics.nearest", 0.0, -1e-9), ("seed", 0, -1),
+    ("effects.noise_mean", -255.0, -255.1), ("effects.noise_mean", 255.0, 255.1),
     ("effects.noise_stddev", 0.0, -1e-9), ("effects.shot_noise", 0.0, -1e-9),
     ("effects.exposure", 1e-9, 0.0), ("effects.gain", 1e-9, 0.0),
     ("effects.vignetting", 0.0, -1e-9), ("effects.vignetting", 1.0, 1.001),

@@ -1,6 +1,7 @@
 """The <gazebo> tags of a URDF: plugins, cameras, flags of links; what is not known warns."""
 
 import math
+from dataclasses import astuple
 
 import pytest
 
@@ -11,6 +12,8 @@ from aras_sim_bridge.description import (
     Noise,
     parse_urdf,
 )
+from aras_sim_bridge.description.types import Light, SensorDescription
+from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import DescriptionError
 
 
@@ -52,7 +55,29 @@ def test_what_a_camera_leaves_open():
         image = f"<image><width>{size}</width><height>{size}</height></image>"
         assert (camera(image).width, camera(image).height) == (size, size)
     assert camera("<noise/>").noise == Noise("gaussian", 0.0, 0.0)
-    assert camera("<distortion/>").distortion == (0, 0, 0, 0, 0)
+    made = camera("<distortion/>")
+    assert (made.distortion, made.distortion_center) == ((0, 0, 0, 0, 0), (0.5, 0.5))
+
+
+def test_what_gazebo_takes_where_a_file_says_nothing():
+    world, lens, sensor = WorldFile(), LensDescription(), SensorDescription("wrench", "t")
+    assert (world.time_step, world.gravity, world.update_rate) == (0.001, (0.0, 0.0, -9.8), 1000.0)
+    assert (lens.kind, lens.scale_to_hfov) == ("gnomonical", True)
+    assert lens.cutoff_angle == math.pi / 2
+    assert (sensor.measured_in, sensor.on_child, sensor.rate) == ("child", False, 0.0)
+    assert astuple(Light("l"))[1:12] == (
+        "directional", (0.0, 0.0, 10.0), (0.0,) * 3, (0.8, 0.8, 0.8, 1.0), (0.2, 0.2, 0.2, 1.0),
+        (-0.4834, 0.0967, -0.8701), 0.9, 0.01, 0.001, 1000.0, 0.6)
+
+
+def test_a_joint_s_own_sensor_needs_no_name_of_it():
+    made = parse_urdf(
+        "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='fixed'><parent "
+        "link='a'/><child link='b'/></joint><gazebo reference='j'><sensor type='force_torque' "
+        "name='s'><plugin filename='libgazebo_ros_ft_sensor.so'><topicName>t</topicName></plugin>"
+        "<plugin filename='libnone.so'/></sensor></gazebo></robot>")
+    assert [(one.kind, one.joint, one.topic) for one in made.sensors] == [("wrench", "j", "t")]
+    assert len(made.warnings) == 1 and "sensor 's' on joint 'j'" in made.warnings[0]
 
 
 @pytest.mark.parametrize(("kind", "widest"), [

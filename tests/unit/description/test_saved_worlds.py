@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.description import world_file
+from aras_sim_bridge.description.model_folders import folder_of
 from aras_sim_bridge.description.shapes import triangles
 from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -100,6 +101,14 @@ def test_models_in_models_are_one(folders, read):
     joint = cart.joints["axle"]
     assert joint.origin_xyz == pytest.approx((0, 0.5, 0.1))
     assert joint.origin_rpy == pytest.approx((0, 0, math.pi / 2))
+
+
+def test_a_relative_folder_is_beside_its_file(tmp_path):
+    egg = tmp_path / "egg"
+    egg.mkdir()
+    for uri, base in (("egg", tmp_path), ("file://egg", tmp_path), (f"file://{egg}", "/nowhere"),
+                      (str(egg), None)):  # fmt: skip
+        assert folder_of(uri, base) == str(egg)
 
 
 @pytest.mark.parametrize(("uri", "reason"), [
@@ -236,13 +245,13 @@ def test_what_a_state_says_in_vain_is_named(folders, read):
 
 
 def test_frames_of_a_world_and_what_is_left_out_of_one(read):
-    box = "<model name='m'><pose relative_to='b'>0 0 1 0 0 0</pose>" + SOLID.format("") + "</model>"
+    box = "<model name='m'><pose relative_to='b'>1 0 1 0 0 0</pose>" + SOLID.format("") + "</model>"
     found = read(
         "<frame name='a'><pose>1 2 0 0 0 1.5707963267948966</pose></frame>"
         "<frame name='b' attached_to='a'><pose>3 0 0 0 0 0</pose></frame>" + box
         + "<joint name='j' type='fixed'/><actor name='walks'/>")
     xyz, rpy = found.models[0].initial_pose
-    assert xyz == pytest.approx((1, 5, 1))
+    assert xyz == pytest.approx((1, 6, 1))
     assert rpy == pytest.approx((0, 0, math.pi / 2))
     assert found.warnings == (
         "SDF: <joint> 'j' of the world is left out: there is no link ''",

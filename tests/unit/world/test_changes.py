@@ -87,7 +87,7 @@ def test_a_model_with_mimic_joints_can_be_changed_and_deleted(make):
 
 @pytest.mark.parametrize(("change", "reason"), [
     (lambda d: with_link(d, "nose", 1.0, (0, 0, 0), (1, 0, 0, 1, 0, 1), True), "'nose'"),
-    (lambda d: with_link(d, "bob", -1.0, (0, 0, 0), (1, 0, 0, 1, 0, 1), True), "positive"),
+    (lambda d: with_link(d, "bob", 0.0, (0, 0, 0), (1, 0, 0, 1, 0, 1), True), "positive"),
     (lambda d: with_link(d, "bob", math.nan, (0, 0, 0), (1, 0, 0, 1, 0, 1), True), "not finite"),
     (lambda d: with_link(d, "bob", 1.0, (0, 0, math.inf), (1, 0, 0, 1, 0, 1), True), "com"),
     (lambda d: with_link(d, "bob", 1.0, (0, 0, 0), (1, 0, 0, -1, 0, 1), True), "negative"),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.description import Geometry, parse_urdf, shapes
 from aras_sim_bridge.world import Pose, Twist, World, islands, standing
 from aras_sim_bridge.world.changes import with_joint
 
@@ -178,6 +178,12 @@ def test_a_push_of_the_arm_that_would_tip_the_base_frees_it(world, make, height)
     assert model.fixed_base is (height == 0.5)
     tilt = abs(model.twist().angular[1])
     assert tilt == 0.0 if height == 0.5 else tilt > 0.05
+
+
+def test_a_box_stands_on_the_corners_of_its_triangles():
+    box = Geometry("box", size=(0.2, 0.4, 0.6))
+    (own,), (mesh,) = standing._corners(box), shapes.triangles(box)
+    np.testing.assert_allclose(np.unique(own, axis=0), np.unique(mesh.positions, axis=0), rtol=1e-6)
 
 
 def test_a_blow_that_the_ground_cannot_take_reaches_the_base(world, make):

@@ -181,7 +181,18 @@ def test_each_camera_has_columns_of_its_own():
     ({"pose": [0.1, 0.2, 0.6, 3.141592653589793, 0.0, 0.0]},
      "the frame in which the first camera's target stands", "1, 0, 0, 0.1, 0, -1, "),
 ])  # fmt: skip
-def test_the_card_says_of_each_camera_what_it_is_and_where(tmp_path, place, frame, row):
+def test_the_card_says_of_each_camera_what_it_is_and_where(
+    tmp_path, monkeypatch, place, frame, row
+):  # fmt: skip
+    closed = []
+
+    def watched(experiment):
+        parts = assemble(experiment)
+        real = parts.plant.close
+        parts.plant.close = lambda: (closed.append(experiment), real())
+        return parts
+
+    monkeypatch.setattr(card, "assemble", watched)
     lens = {"width": 200, "height": 100, "distortion_model": "plumb_bob",
             "distortion_coefficients": [0.1, -0.02, 0.003, 0.0, 0.0]}  # fmt: skip
     left = place or {"xyz": [-0.05, 0.01, -0.02]}
@@ -192,7 +203,7 @@ def test_the_card_says_of_each_camera_what_it_is_and_where(tmp_path, place, fram
     folder.write(0, rows.Rows([{**rows.blank(study, run), "outcome": end}
                                for run, end in enumerate(ends)]))
     told = card.card(folder)
-    assert "Outcomes: timed_out 3, converged 1, joint_limit 1." in told
+    assert "Outcomes: timed_out 3, converged 1, joint_limit 1." in told and len(closed) == 1
     assert f"```\n\nCode {folder.labels['code']}; {folder.labels['versions']}.\n" in told
     made = re.search(r"## How it was made\n\n```yaml\n(.*?)```", told, re.S).group(1)
     assert yaml.safe_load(made) == study.to_mapping()

@@ -65,6 +65,9 @@ def test_the_end_of_a_run_begins_with_the_image_that_is_as_long_before_its_last(
 
 def test_a_camera_that_never_came_near_is_told_from_one_whose_goal_is_unknown():
     far = run(np.ones((90, 2)), np.full(len(TIME), 0.1))
+    more = [summary.Quantity(f"final_error_{k}", 0.1, "m", "") for k in range(8)]
+    words = summary.told(far, [*summary.summarise(far), *more])
+    assert words.count("Error of ") == 8  # of ten
     none = Verdict("", np.nan, np.nan)
     for made, near, off in ((far, "never", "2.00 mm"),
                             (replace(far, verdict=none), "unknown", "unknown")):

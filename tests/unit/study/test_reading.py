@@ -301,6 +301,23 @@ def test_what_leaves_the_image_is_never_the_best():
     assert tuner.best.cost == 3.0
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_search_ends_where_the_image_does(monkeypatch, seed):
+    """Greater gains are better here, and those above 2 leave the image."""
+    made = []
+
+    def carry(study, path):
+        gains = np.array([case["gain"] for case in study.cases])
+        made.append(Results("one", study, pa.table({
+            "gain": gains, "success": [1.0] * len(gains), "settled": 10.0 - gains,
+            "image_excursion": gains / 2.0, "outcome": ["x"] * len(gains)})))  # fmt: skip
+
+    monkeypatch.setattr(Results, "read", lambda path: made[-1])
+    study = Study.from_mapping({"experiment": {"plant": "free"}, "seed": seed})
+    tuner = Tuner(study, [Range("gain", 0.5, 4.0)], "settled", figures.Path("x"), carry)
+    assert 1.95 < tuner.search(48).values[0] <= 2.0
+
+
 @pytest.mark.parametrize(("text", "part", "value"), [
     ("gain=0.5:8", 0.0, 0.5), ("gain=0.5:8", 0.5, 2.0), ("gain=0.5:8", 1.0, 8.0),
     ("gain=1:10", 0.5, 3.16228), ("gain=1:9", 0.5, 5.0), ("delay=0:0.1", 0.25, 0.025),

@@ -112,6 +112,7 @@ def test_dask_neither_moves_chunks_nor_tries_them_again_nor_ends_workers():
     assert [told["worker"]["memory"][key] for key in watched] == [False] * 4
     assert not told["worker"]["profile"]["enabled"] and not told["scheduler"]["work-stealing"]
     assert told["worker"]["daemon"]
+    assert told["admin"]["log-length"] == told["admin"]["low-level-log-length"] == 100
 
 
 def test_without_a_number_there_is_a_worker_a_core(monkeypatch):

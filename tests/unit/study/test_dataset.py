@@ -114,6 +114,14 @@ def test_a_depth_beyond_what_two_bytes_hold_is_none():
     assert found.tolist() == [[5000, 65535, 0, 0, 0]]
 
 
+def test_a_picture_keeps_its_colours():
+    rgb = np.array([[[220, 130, 40]]], np.uint8)
+    for colour, kept in ((True, [[[40, 130, 220]]]), (False, [[90]])):  # OpenCV's order
+        picture = SimpleNamespace(has_colour=colour, rgb=rgb, grey=np.array([[90]], np.uint8))
+        reading = SimpleNamespace(image=rgb, picture=picture)
+        assert pixels(images._picture(reading)).tolist() == kept
+
+
 def test_of_each_camera_the_latest_image_is_kept_with_a_row():
     control = SimpleNamespace(name="camera")
     loop = SimpleNamespace(parts=SimpleNamespace(rig=SimpleNamespace(control=control)))

@@ -325,6 +325,8 @@ def test_other_code_does_not_go_on_with_a_study(tiny, tmp_path, monkeypatch):
     monkeypatch.setattr(folder.versions, "versions", lambda: there)
     with pytest.raises(StudyError, match="begun with other code .numpy 1.0 here and"):
         made.check_code()
+    with pytest.raises(StudyError, match="another version: numpy"):
+        engine.carry_out(made, ThisProcess(), quiet(tiny()))
     task = work.StudyTask("{}", 0, versions=tuple(made.manifest["versions"].items()))
     with pytest.raises(StudyError, match="a worker has another version: numpy"):
         work.carry_out(task)
@@ -358,7 +360,8 @@ def test_a_module_or_library_without_a_file_is_unknown(monkeypatch):
 
 
 @pytest.mark.parametrize("git", [
-    lambda *given, **keys: SimpleNamespace(stdout="\n"), lambda *given, **keys: os.stat("/nowhere"),
+    lambda command, **keys: subprocess.run(["false"], **keys),
+    lambda command, **keys: os.stat("/nowhere"),
     lambda command, timeout, **keys: subprocess.run(["sleep", "9"], timeout=0.01),
 ])  # fmt: skip
 def test_the_commit_is_unknown_where_git_tells_none(monkeypatch, git):
@@ -470,6 +473,7 @@ def test_a_full_disk_keeps_what_was_done(tiny, tmp_path, monkeypatch):
 
 def test_what_goes_wrong_in_a_run_is_its_outcome_and_the_others_go_on(tiny, tmp_path):
     study = tiny(metrics=["success", f"{__name__}:failing"], chunk=6)
+    assert rows._line("two\n lines " + "x" * 600) == "two lines " + "x" * 490
     table = carried(study, tmp_path).results()
     assert table["outcome"].to_pylist() == ["timed_out"] * 4 + [rows.FAULT] * 2
     assert table["reason"][5].as_py() == "ZeroDivisionError: two lines"
@@ -589,6 +593,10 @@ def test_a_thread_s_run_that_takes_too_long_ends_its_process():
         thread.join()
 
     within(9.0, 0.0)
+    before = signal.getsignal(signal.SIGALRM)
+    limited(9.0, 0.0)  # nor is anything left of it where signals come
+    assert signal.getitimer(signal.ITIMER_REAL)[0] == 0.0
+    assert signal.getsignal(signal.SIGALRM) is before
     children = {}
     for takes, after, code in ((9.0, 0.0, 1), (0.0, 0.2, 0)):
         child = os.fork()

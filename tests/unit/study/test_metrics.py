@@ -117,6 +117,8 @@ def test_overshoot_is_of_the_worst_feature_in_parts_of_its_first():
     still = np.column_stack([decay(2.0, 3.0), np.full(90, 0.05)])
     still[30, 1] = -0.05  # began at its goal: there is nothing to compare with
     assert measured("overshoot", run(still)) == 0.0
+    still[[0, 30], 1] = 0.0675, -0.0675  # more than 2 % of the largest
+    assert measured("overshoot", run(still)) == 1.0
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])

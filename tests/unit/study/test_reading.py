@@ -329,7 +329,7 @@ def test_a_range_of_ten_times_or_more_is_searched_by_factors_in_six_digits(text,
 
 @pytest.mark.parametrize(("words", "complaint"), [
     (["gain"], "is no range"),
-    (["gain=2:1"], "must rise"),
+    (["gain=2:1"], "must rise"), (["gain=2:inf"], "must rise"), (["gain=-inf:2"], "must rise"),
     (["gian=1:2"], "did you mean gain"),
     ([], "say what is looked for"),
     (["gain=1:2", "gain=1:3"], "given twice"),

@@ -221,7 +221,7 @@ def test_gains_up_to_a_thousand_are_taken(law):
         (lambda: SlidingMode(reach=10.0, width=1e-3), "widen"),
         (lambda: create_law("proportionl"), "did you mean 'proportional'"),
         (lambda: create_law("proportional", gian=3.0), "takes no 'gian': did you mean 'gain'"),
-        (lambda: create_law("diagonal"), "missing a required argument: 'values'"),
+        (lambda: create_law("diagonal"), "law 'diagonal': missing a required argument: 'values'"),
         (lambda: create_law("numpy:ndarray"), "not a class derived from Law"),
     ],
 )

@@ -25,16 +25,16 @@ class ContinuousStart(Law):
     def reset(self) -> None:
         """See Law.reset."""
         self.law.reset()
-        self._began = 0.0
-        self._first: np.ndarray | None = None
+        self._first: tuple[float, np.ndarray] | None = None  # time and rotated error
 
     def rate(
         self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
     ) -> np.ndarray:
         """See Law.rate."""
         if self._first is None:
-            self._began, self._first = t, np.array(rotated_error)
-        held = np.exp(-self.mu * max(t - self._began, 0.0)) * self._first
+            self._first = t, np.array(rotated_error)
+        began, first = self._first
+        held = np.exp(-self.mu * max(t - began, 0.0)) * first
         return self.law.rate(error - L @ held, L, rotated_error, t, dt)
 
 

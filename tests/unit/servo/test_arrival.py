@@ -158,6 +158,7 @@ def test_noise_ends_nothing_that_has_converged():
         for error in noisy(400, seed=100 + seed):
             of_camera([error], L, begin=arrival)
             assert arrival.reached, seed
+        assert len(arrival._views) == arrival.kept == 120
 
 
 @pytest.mark.parametrize(("axis", "limit", "unknown"), [(0, 2e-4, 1.5e-4), (4, 3.5e-3, 3e-3)])

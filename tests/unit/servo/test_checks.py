@@ -135,6 +135,18 @@ def test_noise_that_is_louder_than_the_tolerances_is_no_oscillation(way, seed):
 
 
 
+@pytest.mark.parametrize(("half", "heights", "swings", "grows"), [
+    (4, (9, -9, 9, -9), True, False), (3, (9, -9, 9, -9), False, False),  # noise is as quick
+    (4, (8, -9, 10, -11), True, True), (4, (8, -9, 10, -10), True, False),
+    (4, (20, 9, 20, 9), False, False), (4, (1, -1, 1, -1), False, False),
+])  # fmt: skip
+def test_swings_too_seldom_for_a_frequency_are_told(half, heights, swings, grows):
+    oscillation = Oscillation()
+    for t, e in zigzag(*heights, half=0.3 * half, rate=1.0 / 0.3):
+        assert oscillation.add(t, np.array([e, 0.0])) is None
+    assert (oscillation.swings, oscillation.grows) == (swings, grows)
+
+
 @pytest.mark.parametrize("growth", [0.0, 2.0])
 def test_an_oscillation_is_told_in_noise_and_while_it_grows(growth):
     random, oscillation = np.random.default_rng(1), Oscillation()

@@ -1,6 +1,6 @@
 """Provoked failures get the right word, healthy runs none."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +12,7 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature, Measured, Stack
 from aras_visual_servo_controller.judging.arrival import Arrived
-from aras_visual_servo_controller.judging.diagnosis import Diagnosis
+from aras_visual_servo_controller.judging.diagnosis import Diagnosis, _by_camera, _shown
 from aras_visual_servo_controller.judging.left_open import LeftOpen
 from aras_visual_servo_controller.judging.outcomes import ADVICE, KINDS, outcome
 from aras_visual_servo_controller.laws import Proportional
@@ -483,6 +483,36 @@ def test_a_camera_far_behind_start_and_goal_has_retreated(first, then, kind):
     found = diagnosis.see(*seen_at(1.0), None)
     assert found.kind == kind
     assert (f"{then:.1f} times its goal's distance" in found.reason) == (kind != "running")
+
+
+@dataclass
+class Features:
+    """Of a decision."""
+
+    names: tuple
+    error: np.ndarray
+    L: np.ndarray
+    rate: np.ndarray
+
+
+def test_features_are_judged_by_the_camera_whose_name_they_have():
+    names = ("left.x", "right.x", "left.y", "size")
+    seen = SimpleNamespace(others={"right": 1}, cameras={"left": 0, "right": 1})
+    L = np.arange(24.0).reshape(4, 6)
+    whole = Features(names, 1.0 + np.arange(4.0), L, np.array([0.5]))
+    parts = {camera: (part.error.tolist(), part.L.tolist(), tolerances.tolist())
+             for camera, part, tolerances in _by_camera(whole, seen, np.arange(9.0, 5.0, -1.0))}
+    assert parts == {"left": ([1, 3], L[[0, 2]].tolist(), [9, 7]),
+                     "right": ([2], L[[1]].tolist(), [8]), "": ([4], L[[3]].tolist(), [6])}
+    assert not list(_by_camera(replace(whole, L=None), seen, np.ones(4)))
+
+
+def test_a_goal_that_one_of_the_cameras_has_not_shown_is_not_shown():
+    view, goal = SimpleNamespace(camera="a"), SimpleNamespace(camera="b")
+    for right, shown in ((view, True), (goal, False)):
+        seen = SimpleNamespace(cameras={"left": view, "right": right})
+        assert _shown(seen, SimpleNamespace(cameras={"left": view, "right": view})) is shown
+        assert not _shown(seen, SimpleNamespace(cameras={"left": view}))
 
 
 def test_without_the_outline_of_goal_or_view_no_retreat_is_told():

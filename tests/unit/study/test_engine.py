@@ -15,7 +15,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 
 import cv2
 import pytest
@@ -473,6 +473,7 @@ def test_a_full_disk_keeps_what_was_done(tiny, tmp_path, monkeypatch):
 
 def test_what_goes_wrong_in_a_run_is_its_outcome_and_the_others_go_on(tiny, tmp_path):
     study = tiny(metrics=["success", f"{__name__}:failing"], chunk=6)
+    assert rows._cell(MappingProxyType({"b": [1], "a": 2})) == '{"a": 2, "b": [1]}'
     assert rows._line("two\n lines " + "x" * 600) == "two lines " + "x" * 490
     table = carried(study, tmp_path).results()
     assert table["outcome"].to_pylist() == ["timed_out"] * 4 + [rows.FAULT] * 2

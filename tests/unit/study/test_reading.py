@@ -287,18 +287,19 @@ def test_a_key_that_is_looked_for_no_longer_varies(tmp_path, capsys):
     assert (tmp_path / "out" / "best.yaml").read_text().startswith("gain: ")
 
 
-def test_what_leaves_the_image_is_never_the_best():
+def test_what_leaves_the_image_is_never_the_best(tmp_path):
     def candidate(cost, violation):
         from aras_visual_servo_bench.study.tuner import Candidate
 
-        return Candidate((cost,), cost, violation, 1.0, 1.0 + violation)
+        return Candidate((0.5, cost), cost, violation, 1.0, 1.0 + violation)
 
     tuner = Tuner(
-        Study.from_mapping({"experiment": {"plant": "free"}}), [Range("gain", 1.0, 2.0)],
-        "settled", None, None,
+        Study.from_mapping({"experiment": {"plant": "free"}}),
+        [Range("lag", 0.0, 1.0), Range("gain", 1.0, 2.0)], "settled", tmp_path, None,
     )  # fmt: skip
     tuner._known = {(c.cost,): c for c in (candidate(1.0, 0.2), candidate(3.0, 0.0))}
     assert tuner.best.cost == 3.0
+    assert tuner.write().read_text() == "lag: 0.5\ngain: 3.0\n"
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -230,6 +230,7 @@ def test_what_yaml_has_and_no_study_is_refused_before_it_is_begun(tiny, tmp_path
     ({"vary": {"goal": ["2015", "/nowhere.yaml"]}}, "cannot read the goal /nowhere.yaml"),
     ({"vary": {"start": ["2015", "2051"]}}, "2051"),
     ({"vary": {}, "cases": [{"delay": 0.0}, {"delay": -1.0}]}, "delay is -1"),
+    ({"vary": {"delay": {"uniform": [-0.001, 9.0]}}}, "delay is -0.001"),
     ({"vary": {"delay": {"uniform": [-0.1, 0.1]}}}, "delay is -0.0"),
 ])  # fmt: skip
 def test_every_value_is_tried_before_the_first_run(tiny, changes, complaint):

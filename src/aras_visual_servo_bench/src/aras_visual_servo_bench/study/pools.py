@@ -215,7 +215,7 @@ class DaskPool(Pool):
             if self._cluster is None:
                 asyncio.run(_answering(address))
             client = self._distributed.Client(address, timeout=ANSWER, set_as_default=False)
-        except (OSError, ValueError, TimeoutError) as error:
+        except (OSError, ValueError) as error:  # a timeout is the former
             told = first_line(error)
             raise StudyError(f"no scheduler answers at {address}: {told}") from None
         try:

@@ -120,6 +120,19 @@ def test_found_and_missed(top: Path) -> None:
     assert outcome.by == "tests/test_toy.py::test_more"
 
 
+def test_what_test_files_make_when_they_are_collected_goes_with_the_copy_s_processes(
+    top: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (top / "tests" / "test_toy.py").write_text(f"import tempfile\ntempfile.mkdtemp()\n{TESTS}")
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
+    run = campaign(top)
+    assert {o.how for _, o in run.run(drawn("added"), run.record())} == {"test"}
+    run.close()
+    left = [*(tmp_path / "temporary").iterdir(), *(top.parent / "out").rglob(".temporary")]
+    assert left == []
+
+
 def test_what_tests_load_by_its_path_and_keep_from_the_collector_gets_the_fault(top: Path) -> None:
     (top / "tests" / "test_toy.py").write_text(
         "import gc, importlib.util\nfrom pathlib import Path\n"

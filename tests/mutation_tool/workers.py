@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import queue
+import shutil
 import subprocess
 import sys
 import threading
@@ -60,6 +61,7 @@ class Worker:
                 "PYTHONPATH": str(Path(__file__).parents[1]), "OMP_NUM_THREADS": "1",
                 "OPENBLAS_NUM_THREADS": "1", "LP_NUM_THREADS": "1",
                 "MUTATION_PYTHONPATH": os.environ.get("PYTHONPATH", ""),
+                "TMPDIR": str(self._temporary()),  # what it made while it collected stays there
             }
             process = subprocess.Popen(
                 [sys.executable, "-m", "mutation_tool.worker", str(self.copy)],
@@ -77,6 +79,11 @@ class Worker:
             raise WorkerError(f"{self.copy}: {why}:\n{self.output()[-3000:]}")
         return json.loads(line)
 
+    def _temporary(self) -> Path:
+        folder = self.copy / ".temporary"
+        folder.mkdir(exist_ok=True)
+        return folder
+
     def output(self) -> str:
         """What the tests of the last task printed."""
         file = self.copy / ".output.txt"
@@ -88,6 +95,7 @@ class Worker:
             process.wait()
             process.stdout.close()
         self._processes.clear()
+        shutil.rmtree(self._temporary(), ignore_errors=True)
         self._lock.close()
 
 

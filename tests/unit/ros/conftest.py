@@ -6,8 +6,11 @@ here from their .msg and .srv files.
 
 from __future__ import annotations
 
+import atexit
 import importlib.util
 import math
+import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -74,8 +77,15 @@ def generate(folder: Path) -> None:
             (out / "__init__.py").write_text("".join(lines))
 
 
+def remove(folder: Path, owner: int) -> None:
+    """The folder, by the process that made it, and not by its forks."""
+    if os.getpid() == owner:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
 if importlib.util.find_spec("gazebo_msgs") is None:
     made = Path(tempfile.mkdtemp(prefix="aras_messages_"))
+    atexit.register(remove, made, os.getpid())
     generate(made)
     sys.path.append(str(made))
     for name in OURS:

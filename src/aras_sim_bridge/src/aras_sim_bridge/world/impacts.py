@@ -9,7 +9,7 @@ restitution is right only where two bodies begin a step as they touch.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection
 
 from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model import Model
@@ -32,6 +32,10 @@ _TILT, _SIDES = 5e-3, 9  # rad: a third of what Bullet forgets corners at; to ho
 _Part = tuple[int, int]  # Bullet's numbers of body and link
 
 
+def _dot(a: Vector3, b: Vector3) -> float:
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
 class Impacts:
     """Watches the loose bodies of a world."""
 
@@ -40,12 +44,14 @@ class Impacts:
         self._links: dict[int, list[int]] = {}  # that may touch, by loose body
         self._clear: dict[int, int] = {}  # steps in which nothing is near
         self._planes: set[int] = set()
+        self._jointed: set[int] = set()
         self._bounce: dict[_Part, tuple[float, float]] = {}
         self._bouncing: list[_Part] = []
 
-    def models_changed(self, models: Iterable[Model]) -> None:
+    def models_changed(self, models: Collection[Model]) -> None:
         """Models came, went or were loaded anew."""
         self._links, self._planes, self._bounce, self._bouncing = {}, set(), {}, []
+        self._jointed = {model.body_id for model in models if model.joint_names}
         for model in models:
             body = model.body_id
             shapes = {model.link_index(name): link.collisions
@@ -56,7 +62,7 @@ class Impacts:
                     self._bounce[body, index] = bounce
             if any(one.geometry.kind == "plane" for ones in shapes.values() for one in ones):
                 self._planes.add(body)
-            if not (model.fixed_base or model.joint_names):
+            if not (model.fixed_base or body in self._jointed):
                 self._links[body] = list(shapes)
         self.pushed()
 
@@ -92,10 +98,10 @@ class Impacts:
                     first = found
         if first is None:
             return
-        time, link, part, elastic, normal = first
-        for one in (body, part[0]):
-            if one in self._links:
-                self._advance(one, time)
+        time, link, part, elastic, normal, drift = first
+        self._advance(body, time, drift)
+        if part[0] in self._links:
+            self._advance(part[0], time)
         if elastic > 0.0:
             self._set((body, link), elastic)
             self._set(part, 1.0)
@@ -108,14 +114,18 @@ class Impacts:
         return tuple(map(min, *lows, lows[0])), tuple(map(max, *highs, highs[0]))
 
     def _strike(self, body: int, linear: Vector3, angular: Vector3, point: tuple, dt: float
-                ) -> tuple[float, int, _Part, float, Vector3] | None:
-        """When a point strikes (s from now), its link, what it strikes, the restitution and the
-        normal; None where it does not within the step."""
+                ) -> tuple[float, int, _Part, float, Vector3, Vector3] | None:
+        """When a point strikes (s from now), its link, what it strikes, the restitution, the normal
+        and how fast that moves which is not put elsewhere itself; None where it does not within the
+        step."""
         other = point[2]
-        speed = self._towards(body, linear, angular, point[5], point[7])
+        speed, drift = self._towards(body, linear, angular, point[5], point[7]), (0.0, 0.0, 0.0)
         if other in self._links:
             twist = pybullet.getBaseVelocity(other, self._client)
             speed -= self._towards(other, *twist, point[6], point[7])
+        elif other in self._jointed:
+            drift = self._velocity((other, point[4]), point[6])
+            speed += _dot(drift, point[7])
         if speed < _SLOWEST or point[8] < -_SINK:
             return None
         bounces = [self._bounce[part] for part in ((body, point[3]), (other, point[4]))
@@ -126,22 +136,33 @@ class Impacts:
         time = (point[8] + _SINK) / speed
         if time >= _AHEAD * dt:
             return None
-        return time, point[3], (other, point[4]), elastic, point[7]
+        return time, point[3], (other, point[4]), elastic, point[7], drift
 
     def _towards(self, body: int, linear: Vector3, angular: Vector3, point: Vector3,
                  normal: Vector3) -> float:
         """Speed of a body's point against a normal, m/s."""
         centre = pybullet.getBasePositionAndOrientation(body, self._client)[0]
-        velocity = add(linear, cross(angular, subtract(point, centre)))
-        return -sum(a * b for a, b in zip(velocity, normal, strict=True))
+        return -_dot(add(linear, cross(angular, subtract(point, centre))), normal)
 
-    def _advance(self, body: int, time: float) -> None:
-        """Let a body fly on for a while, s."""
+    def _velocity(self, part: _Part, point: Vector3) -> Vector3:
+        """Of a point of a link of a body with joints, m/s."""
+        body, link = part
+        if link < 0:
+            centre = pybullet.getBasePositionAndOrientation(body, self._client)[0]
+            linear, angular = pybullet.getBaseVelocity(body, self._client)
+        else:
+            state = pybullet.getLinkState(body, link, computeLinkVelocity=1,
+                                          physicsClientId=self._client)
+            centre, linear, angular = state[0], state[6], state[7]
+        return add(linear, cross(angular, subtract(point, centre)))
+
+    def _advance(self, body: int, time: float, drift: Vector3 = (0.0, 0.0, 0.0)) -> None:
+        """Let a body fly on for a while, s, as seen from what moves at `drift`."""
         centre, quat = pybullet.getBasePositionAndOrientation(body, self._client)
         linear, angular = pybullet.getBaseVelocity(body, self._client)
         turned = normalised(multiply((*scaled(angular, 0.5 * time), 1.0), quat))
-        pybullet.resetBasePositionAndOrientation(body, add(centre, scaled(linear, time)), turned,
-                                                 physicsClientId=self._client)
+        there = add(centre, scaled(subtract(linear, drift), time))
+        pybullet.resetBasePositionAndOrientation(body, there, turned, physicsClientId=self._client)
         pybullet.resetBaseVelocity(body, linear, angular, physicsClientId=self._client)
 
     def _show_corners(self, body: int, normal: Vector3) -> None:

@@ -136,6 +136,24 @@ def test_of_two_triangles_one_is_nearer_in_all_of_a_cone_or_neither_is(rng):
     ahead = np.array([2.0 * axis, axis])
     assert cones.nearer.py_func(ahead, 0, 1, cone(axis, 1.5), 0) == 1
     assert cones.nearer.py_func(ahead, 0, 1, cone(axis, 1.6), 0) == 0  # it sees backwards too
+    same = np.array([axis, axis])  # one on the other
+    assert cones.nearer.py_func(same, 0, 1, cone(axis, 0.3), 0) == 0
+
+
+def test_a_point_in_a_pixel_stands_before_its_triangle_by_more_the_farther_it_is(rng):
+    matrices = np.array([[[2.0, 0.1, 0.2], [-0.1, 1.5, 0.3], [0.05, 0.2, 1.0]]])
+    x, y = 0.3, -0.2
+    ray = matrices[0] @ (x, y, 1.0)
+    for distance in (0.02, 3.0, 80.0):
+        normal, there = unit(rng), distance * ray / np.linalg.norm(ray)
+        normal *= np.sign(normal @ ray)
+        corners = there + np.cross(normal, rng.normal(size=(3, 3)))
+        side, p, g = np.linalg.inv(corners.T)[None], np.empty(3), np.empty(3)
+        assert shadows._point.py_func(matrices, 0, side, 0, x, y, p, g)
+        off = shadows.OFF + shadows.OFF_FAR * np.abs(there).sum()
+        assert g == pytest.approx(-normal)
+        assert (p - there) @ g == pytest.approx(off, rel=1e-3)
+        assert not shadows._point.py_func(matrices, 0, -side, 0, x, y, p, g)
 
 
 def test_pairs_are_sorted_by_tile_and_by_number_in_each(rng):

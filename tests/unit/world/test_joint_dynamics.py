@@ -180,7 +180,7 @@ def test_what_the_root_has_to_bear_is_pinocchio_s(make):
         np.testing.assert_allclose(load, expected, atol=1e-4 * abs(expected).max())
 
 
-def conditions(space, described, dt, before, effort):
+def conditions(space, described, dt, before, effort, goals):
     """Check the step from `before` (q, v) to the space's state; how many joints did what."""
     names = described.moving_joints()
     joints = [described.joints[name] for name in names]
@@ -201,8 +201,8 @@ def conditions(space, described, dt, before, effort):
         lower, upper = (joint.limits.lower, joint.limits.upper) if bounded else (-1e9, 1e9)
         place = q[k] + dt * after[k]
         assert lower - 1e-9 <= place <= upper + 1e-9
-        rubs = (-hold, -hold) if after[k] < -1e-12 else (hold, hold)
-        if abs(after[k]) <= 1e-12:
+        rubs = (-hold, -hold) if after[k] < goals[k] else (hold, hold)
+        if abs(after[k] - goals[k]) <= 1e-12:
             rubs, stood[0] = (-hold, hold), stood[0] + 1
         low = -math.inf if place < lower + 1e-9 else 0.0
         high = math.inf if place > upper - 1e-9 else 0.0
@@ -214,7 +214,8 @@ def conditions(space, described, dt, before, effort):
 
 @pytest.mark.parametrize("dt", [0.001, 0.005])
 def test_friction_stops_and_damping_fulfil_their_conditions(make, dt):
-    """Shaken by random efforts from stop to stop, with joints coupled, damped and rubbing."""
+    """Shaken by random efforts from stop to stop, with joints coupled, damped, rubbing and driven
+    to a speed by what holds them else."""
     rng = np.random.default_rng(11)
     text = tree_xml(make, 5).replace('lower="-10.0" upper="10.0"',
                                      f'lower="{-40 * dt}" upper="{50 * dt}"')
@@ -223,8 +224,9 @@ def test_friction_stops_and_damping_fulfil_their_conditions(make, dt):
         text = text.replace("DAMP", str(rng.choice([0.0, 0.5, 60.0])), 1)
         text = text.replace("RUB", str(rng.choice([0.0, 0.5, 8.0])), 1)
     space, described = space_of(text)
+    goals = np.array([0.0, 0.3, 0.0, -0.2, 0.0, 0.0, 0.1, -0.4])
     for slot, name in enumerate(described.moving_joints()):
-        space.set_motor(slot, 0.0, described.joints[name].friction)
+        space.set_motor(slot, goals[slot], described.joints[name].friction)
     total, push = np.zeros(3, dtype=int), np.zeros(8)
     for k in range(400):
         before = space.state[:2].copy()
@@ -233,7 +235,7 @@ def test_friction_stops_and_damping_fulfil_their_conditions(make, dt):
         effort = push + 3.0 * rng.normal(size=8)
         space.state[2] = effort
         assert space.advance(dt) == -1
-        total += conditions(space, described, dt, before, effort)
+        total += conditions(space, described, dt, before, effort, goals)
     assert (total > 50).all(), "joints stuck, and stood at either stop"
 
 

@@ -1,5 +1,6 @@
 """What a step works out: contacts only where links can get, joints to the last digit."""
 
+import ctypes
 import math
 import os
 
@@ -249,9 +250,31 @@ def test_bullet_s_remarks_stay_off_the_standard_output(robot, make, capfd):
     assert (captured.out, captured.err) == ("after\n", "")
 
 
+def test_what_c_code_said_before_bullet_was_kept_quiet_is_heard(capfd):
+    c = ctypes.CDLL(None)
+    c.setvbuf(ctypes.c_void_p.in_dll(c, "stdout"), None, 0, 4096)  # as for a pipe or file
+    c.puts(b"before")
+    with bullet.quiet():
+        c.puts(b"meanwhile")
+    assert capfd.readouterr().out == "before\n"
+
+
 def test_keeping_bullet_quiet_leaves_no_descriptor_open():
     before = os.listdir("/proc/self/fd")
     for _ in range(3):
         with bullet.quiet():
             pass
     assert os.listdir("/proc/self/fd") == before
+
+
+def test_only_a_bullet_that_made_no_step_serves_another_world(make):
+    stone = parse_urdf(make.robot(make.link("stone")))
+    for steps in (1, 0):
+        with World() as world:
+            client = world.client
+            world.spawn(stone, "stone")
+            for _ in range(steps):
+                world.step()
+        assert bool(pybullet.getConnectionInfo(client)["isConnected"]) == (steps == 0)
+    with World() as world:
+        assert world.client == client

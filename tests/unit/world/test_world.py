@@ -72,16 +72,20 @@ def test_root_rules(make):
         free = world.spawn(parse_urdf(make.robot(make.link("a"))), "free")
         bolted = world.spawn(parse_urdf(make.pendulum()), "bolted")
         massless = world.spawn(parse_urdf(make.robot('<link name="a"/>')), "massless")
+        below = world.spawn(parse_urdf(make.robot(
+            '<link name="a"/><link name="b"/>', make.link("c"),
+            make.joint("ab", "a", "b", "fixed"), make.joint("bc", "b", "c", "fixed"))), "below")
         asked = world.spawn(parse_urdf(make.robot(make.link("a"))), "asked", fixed_base=True)
         still = world.spawn(parse_urdf(
             make.pendulum().replace("</robot>", "<gazebo><static>1</static></gazebo></robot>")
         ), "still")
         assert (free.fixed_base, bolted.fixed_base, massless.fixed_base, asked.fixed_base,
-                still.fixed_base) == (False, True, True, True, True)
+                still.fixed_base, below.fixed_base) == (False, True, True, True, True, False)
         assert still.joint_names == ()
         for _ in range(20):
             world.step()
         assert free.pose().xyz[2] < 0
+        assert below.pose().xyz == pytest.approx(free.pose().xyz)
         assert asked.pose().xyz == (0, 0, 0)
 
 

@@ -328,7 +328,6 @@ class FreeBases:
     def release(self) -> None:
         """Set all free again."""
         held, self.held = self.held, []
-        self._countdown = LOOK_EVERY
         for standing in held:
             standing.model.let_go = None
             standing.model.bolt(False)

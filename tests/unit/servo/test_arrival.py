@@ -10,7 +10,7 @@ from aras_visual_servo_base.poses import transform
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.judging.arrival import Arrival, _averaged
+from aras_visual_servo_controller.judging.arrival import Arrival, _averaged, _noise
 from aras_visual_servo_controller.judging.left_open import (
     SECOND,
     THIRD,
@@ -210,6 +210,20 @@ def test_many_rows_say_of_the_camera_what_few_of_them_say(seed):
     few, many = (of_camera(np.tile(errors, count), np.tile(L, (count, 1)), poses=poses).short
                  for count in (1, 12))
     assert few == many and ("degrees off" if seed == 8 else "but scatter") in few
+    # nor is a direction that changes them by a thousandth of another's overlooked in many
+    weak, error = np.diag([1e4, 10.0, 1e4, 573.0, 573.0, 573.0]), (0, 0.5, 0, 0, 0, 0)
+    assert "50.00 mm" in of_camera(np.tile(error, (6, 12)), np.tile(weak, (12, 1))).short
+
+
+@pytest.mark.parametrize("count", [2, 3, 20_000])
+def test_noise_is_told_by_steps_whatever_steady_motion_is_beside_it(count):
+    drawn = np.random.default_rng(1).normal(size=(count, 6)) * np.arange(1.0, 7.0)
+    step = np.abs(drawn[1] - drawn[0]) / np.sqrt(2.0)
+    if count > 2:
+        step = np.abs(drawn[2] - 2.0 * drawn[1] + drawn[0]) / np.sqrt(6.0)
+        drawn += 9.0 * np.arange(count)[:, None]
+    wanted = step if count < 4 else np.arange(1.0, 7.0)
+    np.testing.assert_allclose(_noise(drawn), wanted, rtol=0.03 if count > 3 else 1e-6)
 
 
 def test_a_step_is_known_as_well_as_the_latest_images_scatter():
@@ -487,6 +501,8 @@ def test_an_arm_of_few_joints_leaves_open_what_it_can_move_alone():
     L = np.diag([1e3, 0.0, 1e3, 0.0, 0.0, 573.0])
     assert left_by([np.zeros(6)] * 6, L, resolution=arm).up_to == ""
     assert left_by([np.zeros(6)] * 6, L).up_to == "3 directions"
+    arm.jacobian = jacobian[:, :1]
+    assert left_by([np.zeros(6)] * 6, L, resolution=arm).up_to == ""
 
 
 @pytest.mark.parametrize(
@@ -569,6 +585,7 @@ def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
         ((other, other, wanted), [False] * 3),
         (noise * 3, [False] * 6),
         ((shaped(wanted, 3, 1, 1.2 * THIRD),) * 3, [False, False, True]),
+        ((shaped(wanted, 3, 1, -1.2 * THIRD),) * 3, [False, False, True]),
     ):
         arrival = Watched(0.0)
         said = [

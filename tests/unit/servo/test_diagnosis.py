@@ -658,18 +658,30 @@ def test_a_retreat_of_a_camera_that_swings_is_the_gain_s():
 
 
 def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal():
-    def arrived(fault):
+    def arrived(fault, phase=CONVERGED, moves="", others=()):
         diagnosis = Diagnosis(ServoSettings())
         diagnosis._cameras["camera"] = doubtful(fault)
         goal = replace(the_goal("2016"), camera=CAMERA)
         seen = one_camera(valid=True, touches=(), moments=None, camera=CAMERA,
-                          motion=None, world_T_camera=None, dt=0.03)  # fmt: skip
-        decision = SimpleNamespace(error=np.zeros(1), L=None, rate=0.0, task=None)
+                          motion=None, world_T_camera=None, dt=0.03, joints=None)  # fmt: skip
+        for name in others:
+            seen.others[name] = seen.cameras[name] = one_camera(moments=None, touches=())
+        decision = SimpleNamespace(error=np.zeros(1), L=None, rate=0.0, task=None, names=("x",))
         left = Arrived(True, open=LeftOpen(1e-4, 2e-3))
-        state = SimpleNamespace(stamp=1.0, phase=CONVERGED, decision=decision, reason="",
-                                arrived=left, resolution=None)  # fmt: skip
-        return diagnosis.see(state, seen, goal, SimpleNamespace(tolerances=(1.0,)))
+        state = SimpleNamespace(stamp=1.0, phase=phase, decision=decision, reason="",
+                                arrived=left, resolution=None, rank=1)  # fmt: skip
+        scheme = SimpleNamespace(tolerances=(1.0,))
+        if moves:
+            diagnosis._target._moves = moves
+            assert diagnosis.see(state, seen, goal, scheme).kind == "target_moves"
+            diagnosis._target._moves = ""
+        return diagnosis.see(state, seen, goal, scheme)
 
     plain, other = arrived(""), arrived("the features move otherwise")
     assert (plain.open_distance, plain.open_angle) == (1e-4, 2e-3) and not plain.mend
     assert (other.open_distance, other.open_angle) == (2e-4, 4e-3) and "calibrate" in other.mend
+    # not where one of the cameras has no goal that it has shown
+    assert arrived("it moves otherwise", others=["right"]).kind == "wrong_camera_model"
+    # and what was seen while the target moved is not held against the camera
+    assert arrived("it moves otherwise", "servoing").kind == "wrong_camera_model"
+    assert arrived("it moves otherwise", "servoing", "it turns").kind == "running"

@@ -20,8 +20,13 @@ def test_a_joint_that_swings_by_itself_is_told_at_once_and_before_what_it_does_t
         return 0.3, 0.3 + 16.0 * np.cos(40.0 * k / 30.0)
 
     assert not watched(10, lambda k: (0.3, 0.3), swing).reason  # 0.3 s have not passed
-    check = watched(15, lambda k: (0.3, 0.3), swing, lambda k: (True, False))
-    assert check.joints == "J2" and check.reason == "J2 moves at up to 16.3 rad/s or m/s on its own"
+    assert not watched(14, lambda k: (0.3, 0.3), swing).reason  # every fifth image is looked at
+    for check in (
+        watched(15, lambda k: (0.3, 0.3), swing, lambda k: (True, False)),
+        watched(15, lambda k: (-0.3, -0.3), lambda k: -np.array(swing(k))),
+    ):
+        assert check.joints == "J2"
+        assert check.reason == "J2 moves at up to 16.3 rad/s or m/s on its own"
     late = watched(60, lambda k: [np.cos(0.3 * k)] * 2, lambda k: [np.cos(0.3 * k - 1.0)] * 2)
     assert not late.reason  # one that follows a swinging command, late
 
@@ -53,6 +58,10 @@ def test_joints_are_named_together_once_the_loop_has_waited_for_a_second_and_a_h
     for images, named in ((40, ""), (60, "J1 and J2")):
         waiting = watched(images, lambda k: (0.3, -0.2), lambda k: (0, 0), lambda k: (True, True))
         assert waiting.joints == named
+    for late, named in ((np.arange(60) >= 33, ""), (np.arange(60) >= 32, "J2")):  # of 46 images
+        check = watched(60, lambda k: (0.3, -0.2), lambda k: (0.3, -0.2),
+                        lambda k, late=late: (False, late[k]))  # fmt: skip
+        assert check.joints == named
     # and only of the last 1.5 s
     over = watched(90, lambda k: (0.3, 0.3), lambda k: (0.3, 0.3), lambda k: (k < 45, False))
     assert not over.joints

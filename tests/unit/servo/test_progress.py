@@ -8,7 +8,7 @@ import pytest
 from aras_visual_servo_controller.judging.progress_check import ProgressCheck
 
 TOLERANCES = np.array([2e-3, 1e-3])
-TWIST = np.array([0.002, 0.0, 0.0, 0.0, 0.01, 0.0])
+TWIST = np.array([0.002, 0.0, 0.0, 0.006, 0.008, 0.0])
 NOTHING = {"stopped": (), "lost": np.zeros(6), "reasons": (), "scale": 1.0, "slowing": "J3",
            "null_direction": None}  # fmt: skip
 
@@ -165,3 +165,8 @@ def test_noise_of_a_tolerance_is_worth_a_word(size, kind):
 @pytest.mark.parametrize(("dt", "kind"), [(0.19, "no_progress"), (0.21, "too_few_images")])
 def test_images_that_come_seldom_are_told_first(dt, kind):
     assert watched(STILL, dt=dt)[0].unfinished("the time is over").kind == kind
+
+
+@pytest.mark.parametrize(("images", "kind"), [(1, "timed_out"), (2, "no_progress")])
+def test_one_image_alone_shows_no_lack_of_progress(images, kind):
+    assert watched(STILL[:images])[0].unfinished("the time is over").kind == kind

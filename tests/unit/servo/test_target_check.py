@@ -28,7 +28,7 @@ def swaying(t):
 
 
 def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=None, begin=0.0,
-            **seen):  # fmt: skip
+            wraps=(), **seen):  # fmt: skip
     """What is said after each of so many images of a target that moves by a twist (6,)."""
     check = check or TargetCheck()
     draw = np.random.default_rng(4)
@@ -42,6 +42,8 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
         motion = camera(t)
         if k:
             error = error + L @ motion + own * DT
+        if k in wraps:
+            error = error + 2.0 * np.pi * np.eye(count)[1]
         said.append(check.add(
             SimpleNamespace(error=error, L=L, rate=known * own),
             SimpleNamespace(**{"stamp": t, "dt": DT, "motion": motion, "world_T_camera": POSE,
@@ -52,6 +54,7 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
 
 def test_a_steady_target_s_speed_is_told():
     assert watched(60, STEADY)[-1] == "it moves at 22.9 mm/s"
+    assert watched(60, STEADY, wraps=(20,))[-1] == "it moves at 22.9 mm/s"  # an angle
     assert not any(watched(120, STILL))
 
 

@@ -58,6 +58,10 @@ def test_legacy_camera_info_is_gazebos():
                        distortion=(-0.1, 0.02, 0.0, 0.001, -0.002))
     info = CameraConfig.from_description(auto, {"legacy_camera_info": True}).intrinsics()
     assert info.D == (-0.1, 0.02, 0.001, -0.002, 0.0)
+    straight = description(dict(auto_distortion=True, distortion=(9.0,) * 5))
+    legacy = {"legacy_camera_info": True}
+    assert CameraConfig.from_description(straight, legacy).intrinsics().D == (0.0,) * 5
+    assert CameraConfig.from_mapping(legacy).intrinsics().D == (0.0,) * 5
 
 
 def test_sensor_tags_are_rendered(caplog):
@@ -68,6 +72,8 @@ def test_sensor_tags_are_rendered(caplog):
     CameraConfig.from_description(replace(tags, distortion_center=(0.5, 0.4)))
     assert "the distortion's center (0.5, 0.4) is not used" in caplog.text
     assert config.distortion_coefficients == (-0.1, 0.02, 0.001, -0.002, 0.0)
+    with pytest.raises(CameraError, match="'plumb_bob' does not go with lens 'equidistant'"):
+        CameraConfig.from_description(replace(tags, kind="wideanglecamera"))
     assert config.effects.noise_stddev == pytest.approx(2.55)
     assert config.effects.noise_mean == pytest.approx(5.1)
     silent = CameraConfig.from_description(description(noise=Noise("none", 0.1, 0.1)))
@@ -127,6 +133,7 @@ def test_every_shipped_preset_is_valid(preset):
     ({"width": 16385, "height": 1}, "width is 16385, must be <= 16384 px"),
     ({"hack_baseline": float("nan")}, "hack_baseline is nan, must be a finite number"),
     ({"cutoff_angle": 0.5}, "cutoff_angle is for wide-angle lenses"),
+    ({"lens": "equidistant", "cutoff_angle": 0.0}, "cutoff_angle 0.0 rad"),
     ({"xyz": [0.0, float("nan"), 0.0]}, "xyz[1] is nan, must be a finite number"),
     ({"camera_name": "my camera"}, "camera_name 'my camera' is no name"),
     ({"image_topic": ""}, "image_topic ''"),
@@ -181,6 +188,21 @@ def test_settings_hold_up_to_their_bounds_and_no_further(path, fits, beyond):
     assert given(path, fits).name == "camera"
     with pytest.raises(CameraError, match="camera|effects|shake"):
         given(path, beyond)
+
+
+@pytest.mark.parametrize("across", [0, 1])
+def test_a_picture_may_reach_up_to_the_fold_and_no_further(across):
+    """The radius r - 0.8 r^3 grows up to 43.03 pixels."""
+    lens = {"camera_matrix": {"fx": 100.0, "fy": 100.0, "cx": 0.0, "cy": 0.0},
+            "distortion_coefficients": [-0.8, 0.0, 0.0, 0.0, 0.0]}  # fmt: skip
+    for size, fits in ((44, True), (45, False)):
+        settings = {**lens, **dict(zip(("width", "height"), (size, 1)[:: 1 - 2 * across],
+                                       strict=True))}  # fmt: skip
+        if fits:
+            CameraConfig.from_mapping(settings)
+            continue
+        with pytest.raises(CameraError, match="fold the picture over inside the image"):
+            CameraConfig.from_mapping(settings)
 
 
 def test_what_is_not_set_is_gazebos_or_nothing():

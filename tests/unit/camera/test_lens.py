@@ -141,14 +141,18 @@ def test_fisheye_unprojection_takes_newton_s_few_steps(D):
     assert np.abs(FisheyeLens(D, 1.6).project(rays) - points).max() < 1e-15
 
 
-def test_fisheye_unprojection_inverts_projection_behind_the_camera_too():
-    lens = FisheyeLens((0.02, -0.01, 0.003, -0.0005), np.radians(110))
-    theta = np.linspace(0.0, np.radians(109.9), 200)
+@pytest.mark.parametrize(("D", "cutoff"), [
+    ((0.02, -0.01, 0.003, -0.0005), 110.0),
+    ((-0.4, 0.09, 0.02, 0.0), 86.0),  # of slopes that send Newton's method out of the picture
+])  # fmt: skip
+def test_fisheye_unprojection_inverts_projection_behind_the_camera_too(D, cutoff):
+    lens = FisheyeLens(D, np.radians(cutoff))
+    theta = np.linspace(0.0, np.radians(cutoff - 0.1), 200)
     turn = np.linspace(0.0, 20.0, 200)
     expected = np.stack([np.sin(theta) * np.cos(turn), np.sin(theta) * np.sin(turn),
                          np.cos(theta)], axis=1)
     np.testing.assert_allclose(lens.unproject(lens.project(expected)), expected, atol=1e-9)
-    edge = float(lens.radius(np.radians(110)))
+    edge = float(lens.radius(np.radians(cutoff)))
     assert np.isnan(lens.unproject(np.array([[edge * 1.001, 0.0]]))).all()
 
 

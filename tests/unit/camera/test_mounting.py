@@ -56,7 +56,11 @@ def test_triggers_count_from_when_somebody_looks():
     camera.enabled = False
     camera.enabled = True  # between two steps
     trigger_and_step(2)
-    assert [frame.stamp_ns for frame in frames] == [7 * MS]
+    camera.trigger(simulation.time_ns, simulation.step_ns)
+    camera.enabled = True  # another one looks as well
+    simulation.step()
+    simulation.step()
+    assert [frame.stamp_ns for frame in frames] == [7 * MS, 9 * MS]
     simulation.close()
 
 
@@ -121,6 +125,9 @@ def test_ways_to_write_a_pose(pose):
     _, placed = mounting.world_camera("cam", {**PLACE, "pose": pose}, {}, 0)
     assert placed.xyz == (1, 2, 3)
     assert placed.quat == pytest.approx((0, 0, np.sin(0.25), np.cos(0.25)))
+    for part in ("xyz", "rpy"):  # what is left out is zero
+        _, placed = mounting.world_camera("cam", {**PLACE, "pose": {part: [0, 0, 0]}}, {}, 0)
+        assert (placed.xyz, placed.quat) == ((0, 0, 0), (0, 0, 0, 1))
 
 
 def test_what_cannot_be_drawn_costs_its_frames_only(caplog):

@@ -329,8 +329,11 @@ def test_noise_is_added_to_each_value_within_what_a_byte_holds(monkeypatch):
         effects._add_noise.py_func(levels, 3.0, 6.0, np.uint64(77), plain)
     assert np.abs(out.astype(int) - plain).max() <= 1
     dark, grey, bright = plain.reshape(-1, 3).T
-    assert dark.max() < 30 and bright.min() > 225 and bright.max() == 255
+    assert dark.max() < 30 and dark.min() == 0 and bright.min() > 225 and bright.max() == 255
     assert grey.mean() == pytest.approx(103.0, abs=2.5) and 4.0 < grey.std() < 8.0
+    # and the same for a seed in every version, with which pictures of a study are made again
+    effects._add_noise(np.full(12, 100, np.uint8), 3.0, 20.0, np.uint64(77), out[:12])
+    assert out[:12].tolist() == [123, 102, 93, 93, 125, 95, 123, 73, 94, 124, 108, 117]
 
 
 @pytest.mark.parametrize("stddev", [1.0, 5.0, 20.0])
@@ -470,6 +473,7 @@ def test_exposure_gain_and_vignetting():
     assert after(grey) is grey
     # Gain after a full well, and no bands where the exposure is short.
     assert after(grey, exposure=4.0, gain=0.5, vignetting=0.1)[120, 160, 0] == 128
+    assert after(grey, exposure=4.0, gain=1.2, vignetting=0.1)[120, 160, 0] == 255
     assert len(np.unique(after(grey, exposure=0.1, gain=10.0, vignetting=0.4))) > 35
 
 

@@ -111,8 +111,13 @@ def test_a_pose_in_a_frame_that_moves_and_with_an_offset(make):
     tags = plugin("p3d", {"bodyName": "tool", "topicName": "t", "frameName": "upper"})
     tags += plugin("p3d", {"bodyName": "tool", "topicName": "u", "xyzOffset": "1 2 3",
                            "rpyOffset": "0 0 1.5707963267948966"})
-    simulation, model, (inside, offset) = make(arm(tags=tags))
+    tags += plugin("p3d", {"bodyName": "base", "topicName": "v", "frameName": "tool"})
+    simulation, model, (inside, offset, back) = make(arm(tags=tags))
     steps(simulation, 50)
+    (tool, moving), base = model.link_state("tool"), model.link_pose("base")
+    assert back[-1].twist.angular == pytest.approx(-turned(tool, moving.angular))
+    assert back[-1].twist.linear == pytest.approx(-turned(tool, np.add(
+        moving.linear, np.cross(moving.angular, np.subtract(base.xyz, tool.xyz)))))
     np.testing.assert_allclose(inside[-1].pose.matrix(), Pose.from_rpy(
         (0.05, 0.1, -0.4), (0.7, 0.2, -0.1)).matrix(), atol=1e-12)
     np.testing.assert_allclose(inside[-1].twist, np.zeros((2, 3)), atol=1e-12)
@@ -259,7 +264,7 @@ def test_a_wrench_contains_what_the_ground_bears_of_it(make):
       <inertial><mass value="1.5"/>{INERTIA}</inertial><collision><geometry>
       <box size="0.2 0.01 0.1"/></geometry></collision></link>{wrench_of(side)}"""
                    for side, y in (("left", 0.2), ("right", -0.2)))
-    simulation, _, readings = make(f"""<robot name="stack"><link name="body"><inertial>
+    simulation, model, readings = make(f"""<robot name="stack"><link name="body"><inertial>
       <origin xyz="0.01 0.1 0"/><mass value="4"/>{INERTIA}</inertial></link>{feet}</robot>""",
                                    pose=Pose((0, 0, 0.351)), ground=True)
     steps(simulation, 1500)
@@ -267,6 +272,11 @@ def test_a_wrench_contains_what_the_ground_bears_of_it(make):
     # The moment about the feet's line: 0.1 m of 0.2 m to the left.
     assert left[2] == pytest.approx(3 * G, abs=1.0) and right[2] == pytest.approx(G, abs=1.0)
     assert np.add(left, right) == pytest.approx((0, 0, 4 * G), abs=0.02)
+    for _ in range(60):  # and the friction that holds it against a push
+        model.apply_force("body", (4.0, -3.0, 0.0), model.link_pose("body").xyz, (0, 0, 0))
+        simulation.step()
+    held = np.sum([np.mean([r.force for r in one[-40:]], axis=0) for one in readings], axis=0)
+    assert held == pytest.approx((-4.0, 3.0, 4 * G), abs=0.2)
 
 
 # ------------------------------------------------------------------ rates and noise

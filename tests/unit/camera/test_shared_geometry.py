@@ -14,6 +14,7 @@ from aras_sim_bridge.rendering.scene import Part
 from aras_sim_bridge.rendering.triangles import Triangles
 from aras_sim_bridge.world import World
 from aras_visual_servo_base.meshes.mesh import from_corners
+from aras_visual_servo_base.poses import rotation_from_rpy
 
 CORNERS = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 0, 1], [0, 1, 1]]])
 
@@ -99,7 +100,8 @@ def parted(low, high, of) -> list[frozenset]:
 def test_every_triangle_is_in_one_group_of_few_that_face_one_side():
     """Of each part and side by itself, cut where that makes the boxes smaller."""
     draw = np.random.default_rng(3)
-    corners = draw.normal(size=(900, 1, 3)) + 0.7 * draw.normal(size=(900, 3, 3))
+    large = draw.choice([0.1, 0.7, 4.0], (900, 1, 1))
+    corners = draw.normal(size=(900, 1, 3)) + large * draw.normal(size=(900, 3, 3))
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     part = np.repeat([0, 4, 7], 300)
@@ -146,6 +148,18 @@ def test_what_is_known_of_a_cluster_holds_all_its_triangles():
             seen.radius[n])
         assert (plane[:, :3] @ seen.axis[n]).min() == pytest.approx(seen.cosine[n])
         assert (plane[:, 3] - plane[:, :3] @ seen.centre[n]).min() == pytest.approx(seen.height[n])
+
+
+@pytest.mark.parametrize("size", [1e-3, 0.1, 30.0])
+def test_two_triangles_are_a_quad_where_they_lie_in_one_plane(size):
+    """Where they fold, one does not stand for both, though their normals are said to be alike."""
+    turn = rotation_from_rpy(0.1, -0.2, 0.5)
+    for fold, told in ((0.0, True), (0.002, False)):
+        outline = np.array([[0.0, 0, 0], [1, 0, 0], [0.8, 0.9, fold], [0, 1, 0]]) + [3.0, -2.0, 1.0]
+        faces = size * np.float32(outline @ turn.T)[[[0, 1, 3], [1, 2, 3]]]
+        made = Triangles.of([Part(0, replace(from_corners(faces), normals=np.tile(
+            np.float32(turn[:, 2]), (6, 1))), (1.0, 0.0, 0.0, 1.0))])
+        assert made.clusters.quad.tolist() == [told]
 
 
 def test_of_nothing_nothing_is_known():

@@ -205,8 +205,9 @@ def _quad(corners: np.ndarray) -> tuple[int, int] | None:
     side = np.roll(outline, -1, axis=0) - outline
     turn = np.cross(side, np.roll(side, -1, axis=0))
     normal = turn.sum(axis=0)
-    size = np.abs(outline - outline[0]).max()
-    flat = abs((outline[2] - outline[0]) @ normal) <= 1e-6 * size * np.linalg.norm(normal)
+    # The normal is square to both diagonals; a mesh's numbers have seven digits.
+    near = 1e-6 * np.abs(side).max() + 2e-7 * np.abs(outline).max()
+    flat = abs(side[0] @ normal) <= near * np.linalg.norm(normal)
     return (i, j) if flat and (turn @ normal > 0.0).all() else None
 
 

@@ -472,6 +472,7 @@ def test_a_stack_has_the_parts_one_under_the_other_with_their_weights():
     np.testing.assert_array_equal(measured.error, [*one.error, *two.error])
     np.testing.assert_array_equal(measured.L, np.vstack([one.L, two.L]))
     np.testing.assert_array_equal(stack.weights, [2.0] * 4 + [0.5] * 16)
+    np.testing.assert_array_equal(Stack(parts, [2.0, 0.0]).weights, [2.0] * 4 + [0.0] * 16)
     assert len(scheme.tolerances) == len(scheme.names) == 20
     assert stack.needs == {Need.MOMENTS, Need.CORNERS}
     assert stack.directions == (True,) * 6
@@ -494,7 +495,7 @@ def test_a_part_that_sees_the_whole_turn_is_enough():
     assert scheme.compute(look(scheme.needs, GOAL), with_direction, 0.0).up_to == ""
 
 
-@pytest.mark.parametrize("weights", [[1.0], [1.0, -1.0], [1.0, np.nan]])
+@pytest.mark.parametrize("weights", [[1.0], [1.0, -1.0], [1.0, np.nan], [0, 0]])
 def test_wrong_weights_are_refused(weights):
     with pytest.raises(ConfigurationError, match="weights"):
         Stack([create_feature("moments"), create_feature("points")], weights)

@@ -35,6 +35,8 @@ def test_the_laboratory_camera_of_2015():
     assert info.D == (0.0,) * 5
     assert info.P[0, 3] == pytest.approx(-info.K[0, 0] * 0.07)
     assert config.encoding == "rgb8"
+    assert not any(np.asarray(part).flags.writeable for part in (info.K, info.P, info.R))
+    assert not CameraConfig.from_mapping({}).intrinsics().P[:, 3].any()  # of one eye
     assert (config.frame_name, config.camera_name) == ("camera_link", "labrob/camera")
 
 
@@ -76,6 +78,8 @@ def test_sensor_tags_are_rendered(caplog):
         CameraConfig.from_description(replace(tags, kind="wideanglecamera"))
     assert config.effects.noise_stddev == pytest.approx(2.55)
     assert config.effects.noise_mean == pytest.approx(5.1)
+    assert not config.depth
+    assert CameraConfig.from_description(description(kind="depth")).depth
     silent = CameraConfig.from_description(description(noise=Noise("none", 0.1, 0.1)))
     assert silent.effects == Effects()
 
@@ -87,6 +91,7 @@ def test_wide_angle_camera():
     )
     assert config.lens == "stereographic"
     assert config.cutoff_angle == 1.5
+    assert CameraConfig.from_mapping({"lens": "equidistant", "cutoff_angle": 0.6}).model
     assert config.intrinsics().model == "equidistant"
     unscaled = LensDescription("equidistant", scale_to_hfov=False)
     config = CameraConfig.from_description(description(kind="wideanglecamera", lens=unscaled))

@@ -469,6 +469,7 @@ def test_exposure_gain_and_vignetting():
     out = after(grey, vignetting=0.4)
     assert out[120, 160, 0] == 100
     assert out[0, 0, 0] == pytest.approx(60, abs=1)
+    assert (out == out[::-1]).all() and (out == out[:, ::-1]).all()
     assert (after(grey[..., 0], vignetting=0.4) == out[..., 0]).all()
     assert after(grey) is grey
     # Gain after a full well, and no bands where the exposure is short.

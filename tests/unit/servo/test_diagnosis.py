@@ -680,6 +680,7 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
     plain, other = arrived(""), arrived("the features move otherwise")
     assert (plain.open_distance, plain.open_angle) == (1e-4, 2e-3) and not plain.mend
     assert (other.open_distance, other.open_angle) == (2e-4, 4e-3) and "calibrate" in other.mend
+    assert other.reason.endswith("has shown it; yet the features move otherwise")
     # not where one of the cameras has no goal that it has shown
     assert arrived("it moves otherwise", others=["right"]).kind == "wrong_camera_model"
     # and what was seen while the target moved is not held against the camera

@@ -78,7 +78,8 @@ class CoverageMap:
         it imports does. Of these, tests that import it or run something of its folder come first;
         of what is compiled then those that call it through the fewest others, which are compiled
         again. Before all of them, those that run what numba would compile as plain Python, which
-        leaves a trace; then quick ones of files that import the faulty module or something of it.
+        leaves a trace; then quick ones of files that import the faulty module or something of it,
+        or are named after it.
         """
         steps: dict[str, int] = {}
         near: set[str] = set()
@@ -152,9 +153,10 @@ class CoverageMap:
 
     @cache  # noqa: B019  one map a run
     def _about(self, file: str) -> set[str]:
-        """The quick tests of files that import a module, or something of it."""
+        """The quick tests of files that import a module, or something of it, or have its name."""
         stem = file.rpartition("/")[2].removesuffix(".py")
-        files = {test for test, words in self._test_words.items() if stem in words.modules}
+        files = {test for test, words in self._test_words.items()
+                 if stem in words.modules or test.endswith(f"/test_{stem}.py")}
         return {name for name in self.seconds
                 if _file_of(name) in files and self.alone(name) < _CLASSES_S[-1]}
 

@@ -127,13 +127,19 @@ def near(a):
     assert cover.tests_of(fault) == ["t.py::near", "t.py::far"]
 
 
-def test_quick_ones_of_files_that_import_the_module_come_before_quicker_ones() -> None:
-    recording = {"lines": {"src/shapes.py": {"7": ["t.py::a", "u.py::b", "u.py::c"]}}, "shared": {},
-                 "failed": {}, "seconds": {"t.py::a": 0.01, "u.py::b": 0.8, "u.py::c": 1.6}}
+@pytest.mark.parametrize(("name", "text"), [
+    ("u.py", b"from room.shapes import Box"), ("u.py", b"from room import shapes"),
+    ("u.py", b"import shapes"), ("room/test_shapes.py", b"from room import Box"),
+])
+def test_quick_ones_of_files_about_the_module_come_before_quicker_ones(
+    name: str, text: bytes
+) -> None:
+    b, c = f"{name}::b", f"{name}::c"
+    recording = {"lines": {"src/shapes.py": {"7": ["t.py::a", b, c]}}, "shared": {},
+                 "failed": {}, "seconds": {"t.py::a": 0.01, b: 0.8, c: 1.6}}
     fault = next(f for f in faults_of(SHAPES, "src/shapes.py") if f.line == 7)
-    for text in (b"from room.shapes import Box", b"from room import shapes", b"import shapes"):
-        cover = CoverageMap({"t.py": recording}, SOURCES, {"t.py": b"", "u.py": text})
-        assert cover.tests_of(fault) == ["u.py::b", "t.py::a", "u.py::c"]
+    cover = CoverageMap({"t.py": recording}, SOURCES, {"t.py": b"", name: text})
+    assert cover.tests_of(fault) == [b, "t.py::a", c]
 
 
 def test_those_that_run_what_is_compiled_as_plain_python_come_first() -> None:

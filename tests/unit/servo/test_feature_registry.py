@@ -108,10 +108,13 @@ def test_tolerances_are_between_a_tenth_of_a_millimetre_and_what_one_sees_at_a_g
 
 
 def test_what_features_share_has_one_tolerance():
-    """As xn of the gravity centre alone, and among six moments."""
+    """As xn of the gravity centre alone, and among six moments; and x has that of y."""
     tolerances = {}
     for name in NAMES:
         feature, _ = at_goal(name)
+        pairs = dict(zip(feature.names, feature.tolerances, strict=True))
+        for part, tolerance in pairs.items():
+            assert pairs.get(part.replace("x", "y").replace("X", "Y"), tolerance) == tolerance
         for part, tolerance in zip(feature.names, feature.tolerances, strict=True):
             tolerances.setdefault((part, feature.units), set()).add(tolerance)
             if part in ("xn", "yn", "an", "alpha", "Sx", "Sy", "xg", "yg"):

@@ -9,12 +9,14 @@ from free_camera import exponential, pose
 
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import kernel_features, kernel_of_outline
+from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import Feature, Measured, Stack, create_feature
+from aras_visual_servo_controller.features.base import wrap
 from aras_visual_servo_controller.features.moments import displaced
 from aras_visual_servo_controller.features.of_camera import OfCamera
-from aras_visual_servo_controller.features.points import PointFeature
+from aras_visual_servo_controller.features.points import PointFeature, at_plane
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.schemes import Composed, create_scheme
@@ -109,6 +111,12 @@ def test_moments_know_the_whole_turn_of_a_target_with_a_direction(turn):
     measured = feature.measure(seen, goal)
     assert measured.error[3] == pytest.approx(np.radians(turn), abs=1e-6)
     assert measured.up_to == ""
+    for order, count in ((4, 15), (3, 10)):  # the least that tells it, and one less
+        m, mu = seen.moments.m_array[:count], seen.moments.mu_array[:count]
+        lower = Moments.from_arrays(m, mu, order, seen.moments.kind)
+        found = feature.measure(replace(seen, moments=lower), goal)
+        half = 0.5 * wrap(2.0 * np.radians(turn))
+        assert found.error[3] == pytest.approx(half if order < 4 else np.radians(turn), abs=1e-6)
 
 
 def test_moments_say_that_half_a_turn_of_a_symmetric_target_stays_open():
@@ -374,6 +382,8 @@ def test_a_plane_behind_the_camera_is_refused_where_points_are_to_lie_in_it(name
     goal = taught(feature)
     with pytest.raises(MeasurementError, match="behind the camera"):
         feature.measure(replace(look(feature.needs, GOAL), plane=Plane(0.0, 0.0, -5.0)), goal)
+    with pytest.raises(MeasurementError, match="behind the camera"):  # infinitely far away
+        at_plane(Plane(2.0, 0.0, 1.0), np.array([[0.3, 0.1], [-0.5, 0.1]]))
 
 
 def test_moments_take_the_depth_from_the_area_where_no_plane_is_measured():

@@ -11,6 +11,7 @@ from loop_rig import CAMERA, CONFIG, the_arm, the_goal
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import pose_difference, to_xyz_rpy, transform
+from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
@@ -39,6 +40,7 @@ def mapping(**changes):
 def test_the_shipped_goals_are_what_an_exact_camera_sees(year):
     goal = Goal.load(CONFIG / f"goal_{year}.yaml")
     assert goal.moments.order == 6
+    assert not (goal.kernel.K.flags.writeable or goal.kernel.features.flags.writeable)  # shared
     fitted = goal.for_arm(the_arm())
     again = fitted.seen_from(fitted.world_T_camera)
     np.testing.assert_allclose(again.moments.m_array, goal.moments.m_array, rtol=1e-6, atol=1e-12)
@@ -81,6 +83,13 @@ def test_teaching_what_is_not_seen_or_at_no_depth():
         Goal.teach(scheme, seen)
     with pytest.raises(ConfigurationError, match="no corners"):
         Goal.teach(scheme, replace(seen, corners=None), depth=0.2)
+
+    class Own:
+        def teach(self, observation):
+            raise ModelError("no plane fits the outline")
+
+    with pytest.raises(ConfigurationError, match=r"^mine: no plane fits the outline$"):
+        Goal.teach(Own(), seen, "mine", depth=0.2)
 
 
 WRONG = {

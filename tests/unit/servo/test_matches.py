@@ -9,7 +9,7 @@ from aras_visual_servo_bench.targets.pictures import seen
 from aras_visual_servo_bench.targets.textures import poster
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features.registry import create_feature
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
@@ -80,3 +80,28 @@ def test_the_pose_of_matches_is_the_cameras(picture):
     assert found.s[3:] == pytest.approx(rotation_vector(g_T_c[:3, :3]), abs=8e-3)
     assert found.error == pytest.approx(found.s)
     assert found.L[:3, :3] == pytest.approx(g_T_c[:3, :3], abs=8e-3)
+
+
+def test_keypoints_are_where_they_are_in_the_picture_that_is_turned_by_half(picture):
+    """Read a quarter of a pixel aside, as SIFT does by default, they are not."""
+    feature = create_feature("matches")
+    image = look(feature, picture, GOAL).image[60:180, 80:240]
+    upright, turned = (feature._detected(np.ascontiguousarray(one))[0]
+                       for one in (image, image[::-1, ::-1]))  # fmt: skip
+    off = [159, 119] - upright[:, None] - turned
+    nearest = off[np.arange(len(off)), np.linalg.norm(off, axis=2).argmin(axis=1)]
+    same = nearest[np.linalg.norm(nearest, axis=1) < 2.0]
+    assert len(same) > 50
+    assert same.mean(axis=0) == pytest.approx(0.0, abs=0.05)
+
+
+def test_eight_keypoints_that_agree_are_enough(picture, monkeypatch):
+    feature = create_feature("matches")
+    seen = look(feature, picture, GOAL)
+    goal = Goal.teach(Composed(feature), seen)
+    all_of = feature._detected(seen.image)
+    monkeypatch.setattr(feature, "_detected", lambda grey: [part[:281:40] for part in all_of])
+    assert feature.measure(seen, goal).error == pytest.approx(np.zeros(16))
+    monkeypatch.setattr(feature, "_detected", lambda grey: [part[:280:40] for part in all_of])
+    with pytest.raises(ConfigurationError, match="7 keypoints in its picture, 8 are needed"):
+        feature.check(goal)

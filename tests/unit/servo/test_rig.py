@@ -16,6 +16,7 @@ from aras_visual_servo_controller.errors import ConfigurationError, MeasurementE
 from aras_visual_servo_controller.features import Stack
 from aras_visual_servo_controller.features.of_camera import OfCamera
 from aras_visual_servo_controller.features.points import Points
+from aras_visual_servo_controller.features.stereo import triangulated
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
@@ -225,7 +226,7 @@ def test_where_one_camera_is_tells_nothing_of_another(known):
 # -- features of cameras -----------------------------------------------------------------------
 
 
-def goal_of(scheme):
+def goal_of(scheme, target=None):
     """Shown with both cameras."""
     made, q = rig(), np.zeros(6)
 
@@ -237,11 +238,13 @@ def goal_of(scheme):
 
     views = {n: view(o, 1.0, q, plane(o.arm.pose(q))) for n, o in made.observers.items()}
     shown = made.together(views["left"], {"right": views["right"]})
-    return Goal.teach(scheme, shown)
+    return Goal.teach(scheme, shown, target=target)
 
 
 def test_the_goal_of_each_camera_is_kept_and_comes_back_from_a_file():
-    goal = goal_of(create_scheme("points@left+points@right"))
+    target = the_goal("2016").target
+    goal = goal_of(create_scheme("points@left+points@right"), target)
+    assert goal.target is goal.others["right"].target is target
     assert list(goal.cameras) == ["left", "right"]
     assert set(goal.features) == {"points@left", "points@right"}
     again = Goal.from_mapping(yaml.safe_load(goal.to_yaml()))
@@ -276,6 +279,8 @@ def test_L_of_another_camera_is_that_of_the_control_camera_s_twist(name, rtol):
     ]
     np.testing.assert_allclose(before.L, np.transpose(columns), rtol=rtol, atol=2e-5)
     assert feature.names[0].startswith("right.")
+    at_goal = feature.measure(together(rig(made.control.needs, goal=goal), np.zeros(6)), goal)
+    np.testing.assert_allclose(feature.desired_interaction(goal), at_goal.L, rtol=rtol, atol=1e-4)
 
 
 def test_an_older_view_s_features_are_brought_to_the_control_camera_s_exposure():
@@ -291,6 +296,10 @@ def test_an_older_view_s_features_are_brought_to_the_control_camera_s_exposure()
     assert np.abs(old.s - true.s).max() > 2e-3
     np.testing.assert_allclose(found.s, true.s, atol=1e-4)  # to first order
     np.testing.assert_allclose(found.error, true.error, atol=1e-4)
+    measure = feature.feature.measure  # of a target that moves: 0.02 s of it are still to come
+    feature.feature.measure = lambda *given: replace(measure(*given), rate=0.3)
+    moving = feature.measure(together(made, now, then=then), goal)
+    np.testing.assert_allclose(moving.s, found.s + 0.02 * 0.3)
 
 
 def test_directions_of_another_camera_are_the_control_camera_s_that_move_it_so():
@@ -348,10 +357,10 @@ def test_wrong_names_are_refused(name, words):
 
 
 def test_a_goal_of_one_camera_has_no_view_of_another():
-    scheme = create_scheme("points@left+points@right")
-    goal = goal_of(scheme)
-    with pytest.raises(ConfigurationError, match="has no view of camera 'right': teach it"):
-        scheme.check(replace(goal, others={}))
+    for name in ("points@left+points@right", "stereo_pose@left,right"):
+        scheme = create_scheme(name)
+        with pytest.raises(ConfigurationError, match="has no view of camera 'right': teach it"):
+            scheme.check(replace(goal_of(scheme), others={}))
 
 
 def test_a_stack_needs_of_each_camera_what_its_features_do():
@@ -422,6 +431,36 @@ def test_places_of_two_cameras_are_the_target_s():
     wanted = (np.column_stack([SHAPE, np.ones(4)]) @ inverse(LEFT.pose(np.zeros(6))).T)[:, :3]
     shown = scheme.feature.measure(together(rig(), q), goal).desired
     np.testing.assert_allclose(shown.reshape(-1, 3), wanted, atol=1e-9)
+    alike = [create_scheme("points_3d").feature, scheme.feature]  # by a plane, by two cameras
+    assert alike[0].tolerances == alike[1].tolerances and alike[0].units == alike[1].units
+
+
+@pytest.mark.parametrize("apart", [1.0, -1.0])
+def test_a_point_behind_either_of_two_cameras_is_refused(apart):
+    """The other stands before it, or behind."""
+    place = np.array([0.1, -0.05, -0.5 * apart])
+    other = place + [0.02, 0.0, apart]
+    beside = transform((0.02, 0.0, apart), (0.0, 0.0, 0.0))
+    with pytest.raises(MeasurementError, match="lies behind one"):
+        triangulated(place[None, :2] / place[2], other[None, :2] / other[2], beside)
+
+
+def test_two_cameras_forget_the_turn_to_which_a_square_was_followed(monkeypatch):
+    square = 0.04 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]])
+    monkeypatch.setitem(globals(), "SHAPE", square)
+    scheme, made = create_scheme("stereo_points@left,right"), rig()
+    goal = goal_of(scheme)
+
+    def places(turn):
+        q = (0.0, 0.0, 0.0, 0.0, 0.0, turn)
+        left, right = (replace(view(o, 1.0, q), numbered=False) for o in made.observers.values())
+        return scheme.feature.measure(made.together(left, {"right": right}), goal).s
+
+    begun = places(1.0)  # a square that is turned by less than half a quarter back
+    followed = [places(turn) for turn in (0.0, 0.5, 1.0)][-1]
+    assert np.abs(followed - begun).max() > 0.05
+    scheme.reset()
+    np.testing.assert_array_equal(places(1.0), begun)
 
 
 def test_a_goal_of_one_camera_tells_the_others_views_by_the_target_s_geometry():
@@ -435,6 +474,8 @@ def test_a_goal_of_one_camera_tells_the_others_views_by_the_target_s_geometry():
     np.testing.assert_allclose(there.world_T_camera, wall.pose(q), atol=1e-12)
     np.testing.assert_allclose(there.outline(), alone.target.outline(wall.pose(q)))
     assert (goal.joints, there.joints, there.camera) == (alone.joints, {}, None)
+    unknown = replace(alone, target=None).for_cameras({"left": arm, "wall": wall})
+    assert unknown.others == {}  # nothing tells what the other sees
 
 
 def test_an_arm_of_one_camera_is_known_without_its_scheme():

@@ -167,7 +167,7 @@ def test_the_predictive_scheme_predicts_points_up_to_its_margin(way):
     assert room @ np.abs(across) == pytest.approx(scheme.margin, abs=0.01)
 
 
-@pytest.mark.parametrize("name", ["numbered_points", "partitioned", "predictive"])
+@pytest.mark.parametrize("name", ["numbered_points", "partitioned", "predictive", "pose", "lines"])
 def test_each_scheme_says_what_a_square_leaves_open(name):
     scheme = create_scheme(name)
     square = 0.1 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
@@ -175,6 +175,25 @@ def test_each_scheme_says_what_a_square_leaves_open(name):
     goal = Goal.teach(scheme, look(observer, GOAL, corners=square))
     seen = replace(look(observer, START, corners=square), numbered=False)
     assert scheme.compute(seen, goal, 0.0).up_to == "90°"
+    measure = scheme.feature.measure  # a feature's own word, as of a user's
+    scheme.feature.measure = lambda *given: replace(measure(*given), notes=("blurred",))
+    assert scheme.compute(seen, goal, 0.0).notes[0] == "blurred"
+
+
+def test_the_error_is_smoothed_over_the_time_that_passed_and_begins_anew_after_a_gap():
+    """An image of the same time as the last one brings nothing new."""
+    scheme = create_scheme("numbered_points", smoothing=0.2)
+    observer = Observer(None, scheme.needs)
+    goal = Goal.teach(scheme, look(observer, GOAL))
+    further, smoothed = moved(START, np.array([0.1, -0.2, 0.1, 0.0, 0.1, 0.2])), None
+    for place, stamp, passed in (
+        (START, 0.0, np.inf), (further, 0.125, 0.125), (START, 0.125, 0.0), (START, 0.375, 0.25),
+        (further, 0.75, np.inf), (START, 0.625, np.inf),
+    ):  # fmt: skip
+        found = scheme.compute(look(observer, place, stamp), goal, stamp)
+        new = 1.0 - np.exp(-passed / 0.2)
+        smoothed = found.error if new == 1.0 else smoothed + new * (found.error - smoothed)
+        np.testing.assert_allclose(found.filtered_error, smoothed, atol=1e-12)
 
 
 def test_the_predictive_scheme_keeps_to_its_speeds():

@@ -13,7 +13,8 @@ from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.goals.teach import main
-from aras_visual_servo_controller.goals.teaching import Teacher, goal_of, mean_of
+from aras_visual_servo_controller.goals.teaching import Teacher, by_geometry, goal_of, mean_of
+from aras_visual_servo_controller.loop.state import ServoSettings
 from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.seeing.observation import Observer
 from aras_visual_servo_controller.seeing.rig import Rig
@@ -62,6 +63,49 @@ def test_at_the_pose_without_images_it_is_images_that_are_missed():
     assert "on the way" in reasons[0] and reasons[-1] == "no images arrive"
 
 
+def test_a_joint_that_hangs_is_pushed_by_the_time_that_passed_and_rests_a_second():
+    """Not by how many joint states came: a gap counts as 0.1 s, a way back as none."""
+    arm, sent = the_arm(), []
+    wanted = the_goal("2016").joint_values(arm.names)
+    teacher = Teacher(arm, Rig([Observer(arm)]), wanted, sent.append)
+    hangs = wanted - [0.0, 0.0, 0.02, 0.0, 0.0, 0.03]
+    for stamp in (5.0, 5.5, 5.51, 5.51, 5.4, 5.43, 9.0):
+        teacher.joints(arm.names, hangs, np.zeros(6), stamp)
+    pushes = np.outer([0.01, 0.0, 0.0, 0.03], ServoSettings.push * (wanted - hangs))
+    np.testing.assert_allclose(np.diff(sent[1:-1], axis=0), pushes, atol=1e-12)
+    assert sent[-1].max() - wanted.max() < 0.1 and "waiting" in teacher.reason
+    for stamp, there in ((10.0, False), (10.99, False), (11.0, True)):
+        teacher.joints(arm.names, wanted, np.zeros(6), stamp)
+        assert teacher.there is there
+
+
+def test_the_way_to_the_pose_is_slow_and_as_long_as_the_farthest_joint_s():
+    """0.3 rad/s at the most, of joints that could be faster."""
+    arm, sent = the_arm(), []
+    arm.velocity = np.full(6, 4.0)
+    teacher = Teacher(arm, Rig([Observer(arm)]), np.array([0.2, 0, 0, -0.6, 0, 0]), sent.append)
+    for i in range(320):
+        teacher.joints(arm.names, np.zeros(6), np.zeros(6), 0.01 * i)
+    assert np.abs(np.diff(sent, axis=0)).max() == pytest.approx(0.3 * 0.01, rel=0.01)
+
+
+def test_what_a_users_feature_keeps_of_the_plane_is_told_by_the_target_s_geometry():
+    class Own:
+        needs = frozenset()
+
+        def check(self, goal):
+            if "own" not in goal.features:
+                raise ConfigurationError("to be taught")
+
+        def teach(self, observation):
+            return {"own": {"plane": list(observation.plane), "stamp": observation.stamp}}
+
+    goal = the_goal("2016").for_arm(the_arm())
+    known = by_geometry(goal, Own())
+    assert known.features["own"]["plane"] == list(goal.plane)
+    assert by_geometry(known, Own()) is known  # it holds that already
+
+
 def test_views_are_averaged():
     arm, scheme = the_arm(), create_scheme("moments")
     observer = Observer(arm, scheme.needs)
@@ -100,11 +144,17 @@ def test_bad_views_and_bad_joints_are_not_kept():
     teacher.joints(arm.names, the_goal("2016").joint_values(arm.names), [], 0.3)
     teacher.image(0.3, lambda joints, _: view_at(teacher.rig.control, 0.3, joints))
     assert (len(teacher.views), teacher.refused) == (1, 0)
+    two = Teacher(arm, Rig([Observer(arm, name="left"), Observer(arm, name="right")]))
+    two.joints(arm.names, np.zeros(6), [], 0.0)
+    two.image(0.0, lambda *_: pytest.fail("alone"), "left")
+    assert two.reason == "no image of camera right of the same time arrives"
 
 
 def test_the_command_line_that_is_written_works(tmp_path):
     one, two = tmp_path / "my goal.yaml", tmp_path / "two.yaml"
-    arguments = ["--geometry", str(CONFIG / "goal_2016.yaml"), "--urdf", str(URDF), str(one)]
+    least = ["--images", "1", "--timeout", "1e-3", "--depth", "1e-3"]
+    given = ["--geometry", str(CONFIG / "goal_2016.yaml"), "--urdf", str(URDF)]
+    arguments = [*given, *least, str(one)]
     assert main(arguments) == 0
     line = one.read_text().splitlines()[1]
     assert line.startswith("# Made by: teach ")

@@ -43,7 +43,9 @@ class Matches(Luminance):
     def __init__(self) -> None:
         super().__init__()
         if self.detector == "sift":
-            self._detector, norm = cv2.SIFT_create(nfeatures=self.count), cv2.NORM_L2
+            # as it is by default, SIFT finds all of it a quarter of a pixel aside
+            self._detector = cv2.SIFT_create(nfeatures=self.count, enable_precise_upscale=True)
+            norm = cv2.NORM_L2
         else:
             self._detector, norm = cv2.ORB_create(nfeatures=self.count), cv2.NORM_HAMMING
         self._matcher = cv2.BFMatcher(norm)

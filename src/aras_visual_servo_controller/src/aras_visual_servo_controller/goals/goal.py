@@ -392,7 +392,7 @@ class Goal:
         })  # fmt: skip
         data = {name: value for name, value in data.items() if value not in (None, {})}
         comment = "".join(f"# {line}\n" for line in heading.splitlines())
-        return comment + yaml.safe_dump(data, sort_keys=False, width=96)
+        return comment + yaml.safe_dump(data, sort_keys=False)
 
 
 def plain(value: Any) -> Any:

@@ -58,7 +58,7 @@ class Predictive(OfFeature):
         return Decision(
             names=self.names, features=measured.s, desired=measured.desired,
             error=measured.error, task=Task.of_twist(twist), L=measured.L,
-            up_to=measured.up_to, notes=(note,) if note else (),
+            up_to=measured.up_to, notes=(*measured.notes, note) if note else measured.notes,
         )  # fmt: skip
 
     def _planned(

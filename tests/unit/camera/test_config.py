@@ -134,7 +134,7 @@ def test_every_shipped_preset_is_valid(preset):
     ({"effects": {"exposure_time": 0.1}}, "shorter than the period"),
     ({"update_rate": "fast"}, "update_rate is 'fast', must be a finite number"),
     ({"latency": -1e-3}, "latency is -0.001, must be >= 0 s"),
-    ({"width": 16000, "height": 16000}, "make width and height smaller"),
+    ({"width": 16384, "height": 2049}, "make width and height smaller"),
     ({"width": 16385, "height": 1}, "width is 16385, must be <= 16384 px"),
     ({"hack_baseline": float("nan")}, "hack_baseline is nan, must be a finite number"),
     ({"cutoff_angle": 0.5}, "cutoff_angle is for wide-angle lenses"),
@@ -193,6 +193,7 @@ def test_settings_hold_up_to_their_bounds_and_no_further(path, fits, beyond):
     assert given(path, fits).name == "camera"
     with pytest.raises(CameraError, match="camera|effects|shake"):
         given(path, beyond)
+    assert CameraConfig.from_mapping({"width": 16384, "height": 2048}).height == 2048
 
 
 @pytest.mark.parametrize("across", [0, 1])

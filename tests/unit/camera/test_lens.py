@@ -93,7 +93,7 @@ def test_brown_unprojection_takes_newton_s_few_steps(D, monkeypatch):
     points = lens.project(rays())
     monkeypatch.setattr(BrownLens, "_distort", lambda self, p: asked.append(p) or distort(self, p))
     lens.unproject(points)
-    assert len(asked) <= 15  # two for each quarter of the way, then until it is exact
+    assert len(asked) <= 12  # two for each quarter of the way, then until it is exact
 
 
 def test_brown_has_no_ray_beyond_the_fold():

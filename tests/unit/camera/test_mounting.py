@@ -74,6 +74,7 @@ def test_settings_are_found_by_name_and_the_rest_is_told():
     assert mounting.unused(only_effects, {"a/b"}) == []
     assert mounting.unused(only_effects, {"a"}) == []
     assert mounting.unused(only_effects, {"b"}) == ["a/b/effects"]
+    assert mounting.unused({"seed": 3, "e": {"width": 3, "effects": {"gain": 2.0}}}, set()) == ["e"]
     with pytest.raises(CameraError, match="width"):
         mounting.below({"a": "width"}, "a")
 

@@ -153,6 +153,9 @@ def test_with_steps_longer_than_the_period_only_the_newest_picture_is_taken(capl
     told = [r.getMessage() for r in caplog.records if "leaves out frames" in r.getMessage()]
     assert len(told) == 1
     assert "30 Hz are above the physics rate" in told[0]
+    # also where a step ends with a picture's instant, to the nanosecond
+    assert [f.stamp_ns for _, f in frames(camera(update_rate=30.0), 1, step=133_333_333)] == [
+        133_333_333]  # fmt: skip
 
 
 def test_latency_delays_publication_not_the_stamp():
@@ -177,6 +180,8 @@ def test_dropped_frames_are_seeded_and_keep_the_grid():
     first = run(1)
     assert first == run(1) != run(2)
     assert 180 < len(first) < 240
+    # the same ones in every version, with which a study is made again
+    assert sorted({*range(10, 200, 10)} - {*first}) == [60, 80, 150, 180, 190]
     assert all(stamp % 10 == 0 for stamp in first)
 
 
@@ -307,6 +312,11 @@ def test_depth_is_measured_in_the_middle_of_the_exposure():
     (_, frame), = frames(sensor, 150)
     assert frame.depth is not None
     assert renderer.measured == (3,)
+    sensor.depth = False
+    assert not frames(sensor, 52, start=150 * MS)
+    sensor.depth = True  # too late for this picture, which has no earlier one's
+    (_, frame), = frames(sensor, 20, start=202 * MS)
+    assert frame.depth is None
 
 
 def test_noise_has_the_asked_statistics_and_a_seed():

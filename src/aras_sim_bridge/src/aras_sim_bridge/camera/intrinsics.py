@@ -62,7 +62,7 @@ def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
     return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
 
-def projection_matrix(K: np.ndarray, baseline: float = 0.0) -> np.ndarray:
+def projection_matrix(K: np.ndarray, baseline: float) -> np.ndarray:
     """P (3, 4) of an unrectified camera; `baseline` m is Gazebo's hackBaseline."""
     P = np.zeros((3, 4))
     P[:, :3] = K

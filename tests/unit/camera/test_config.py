@@ -37,6 +37,8 @@ def test_the_laboratory_camera_of_2015():
     assert config.encoding == "rgb8"
     assert not any(np.asarray(part).flags.writeable for part in (info.K, info.P, info.R))
     assert not CameraConfig.from_mapping({}).intrinsics().P[:, 3].any()  # of one eye
+    for told, rate in ((12.0, 12.0), (45.0, 30.0), (0.0, 30.0)):  # the plugin only leaves some out
+        assert CameraConfig.from_description(description({"update_rate": told})).update_rate == rate
     assert (config.frame_name, config.camera_name) == ("camera_link", "labrob/camera")
 
 
@@ -196,19 +198,32 @@ def test_settings_hold_up_to_their_bounds_and_no_further(path, fits, beyond):
     assert CameraConfig.from_mapping({"width": 16384, "height": 2048}).height == 2048
 
 
-@pytest.mark.parametrize("across", [0, 1])
-def test_a_picture_may_reach_up_to_the_fold_and_no_further(across):
+@pytest.mark.parametrize(("fits", "beyond"), [
+    ((44, 1), (45, 1)), ((1, 44), (1, 45)), ((31, 31), (32, 32)),
+])
+def test_a_picture_may_reach_up_to_the_fold_and_no_further(fits, beyond):
     """The radius r - 0.8 r^3 grows up to 43.03 pixels."""
     lens = {"camera_matrix": {"fx": 100.0, "fy": 100.0, "cx": 0.0, "cy": 0.0},
             "distortion_coefficients": [-0.8, 0.0, 0.0, 0.0, 0.0]}  # fmt: skip
-    for size, fits in ((44, True), (45, False)):
-        settings = {**lens, **dict(zip(("width", "height"), (size, 1)[:: 1 - 2 * across],
-                                       strict=True))}  # fmt: skip
-        if fits:
-            CameraConfig.from_mapping(settings)
-            continue
-        with pytest.raises(CameraError, match="fold the picture over inside the image"):
-            CameraConfig.from_mapping(settings)
+    CameraConfig.from_mapping({**lens, **dict(zip(("width", "height"), fits, strict=True))})
+    with pytest.raises(CameraError, match="fold the picture over inside the image"):
+        CameraConfig.from_mapping({**lens, **dict(zip(("width", "height"), beyond, strict=True))})
+
+
+@pytest.mark.parametrize(("lens", "reach"), [
+    ("pinhole", 90.0), ("equidistant", 110.0), ("stereographic", 110.0), ("equisolid", 110.0),
+    ("orthographic", 90.0),
+])
+def test_a_picture_may_reach_up_to_what_its_lens_sees(lens, reach):
+    """Degrees from the axis."""
+    widest = 2.0 * np.radians(reach) - (1e-9 if lens == "pinhole" else 0.0)
+    CameraConfig.from_mapping({"lens": lens, "horizontal_fov": widest})
+    with pytest.raises(CameraError, match=f"lens {lens} reaches above 0 and below"):
+        CameraConfig.from_mapping({"lens": lens, "horizontal_fov": widest + 1e-6})
+    if lens != "pinhole":
+        CameraConfig.from_mapping({"lens": lens, "cutoff_angle": widest / 2.0})
+        with pytest.raises(CameraError, match=f"lens {lens} reaches above 0 and up to"):
+            CameraConfig.from_mapping({"lens": lens, "cutoff_angle": widest / 2.0 + 1e-6})
 
 
 def test_what_is_not_set_is_gazebos_or_nothing():

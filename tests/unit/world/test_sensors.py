@@ -302,6 +302,11 @@ def test_readings_come_at_the_first_tick_of_each_period(make, rate, expected):
     sensor.on_state = None
     steps(simulation, 100)
     assert [r.stamp_ns // MS for r in readings] == expected and not sensor.enabled
+    steps(simulation, 5)
+    readings.clear()
+    sensor.on_state = readings.append  # who looks again begins with the next period
+    steps(simulation, 95)
+    assert [r.stamp_ns // MS - 200 for r in readings] == [at for at in expected if at > 6]
 
 
 NOISE = ("<angular_velocity><y><noise type='gaussian'><mean>0.1</mean><stddev>0.02</stddev></noise>"
@@ -357,7 +362,9 @@ def box(mass=10.0, size="0.4 0.3 0.2", centre="0.05 -0.02 0", tags=""):
 
 def test_a_bumper_tells_the_weight_that_the_ground_bears(make):
     simulation, model, (readings,) = make(box(tags=bumper_on("link", "link_collision")),
-                                          Pose.from_rpy((0.3, 0.2, 0.0), (0.0, 0.0, 0.5)), True)
+                                          Pose.from_rpy((0.3, 0.2, 0.004), (0.0, 0.0, 0.5)), True)
+    steps(simulation, 5)
+    assert readings[-1].contacts == {}  # near, and no more
     steps(simulation, 400)
     (pair, touches), = readings[-1].contacts.items()
     assert pair == ("m::link::link_collision", "ground_plane::link::collision")
@@ -420,7 +427,6 @@ def test_a_bumper_is_of_its_collisions_alone_and_of_lumped_ones(make):
       </robot>"""
     simulation, model, (low, high) = make(xml, Pose(), True)
     steps(simulation, 400)
-    print(model.read_joints(), low[-1], high[-1])
     (names, touches), = low[-1].contacts.items()
     assert names == ("m::tip::low", "ground_plane::link::collision") and high[-1].contacts == {}
     assert np.sum([one.force for one in touches], axis=0)[2] == pytest.approx(1.5 * G, abs=0.05)

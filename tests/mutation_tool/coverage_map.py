@@ -93,6 +93,8 @@ class CoverageMap:
             found = found or self._tests(fault.file, 1, 10**9)
             found = found or self._importing(fault.file, 1, 10**9)
             near = self._near(fault.file) | naming
+            if self._files[fault.file].of_classes.issuperset(fault.names):
+                plain = set()  # what is compiled reads nothing that a class declares
         else:
             found = self._tests(fault.file, *fault.lines)
             found |= self._importing(fault.file, *fault.lines)

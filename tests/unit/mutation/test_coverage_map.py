@@ -162,6 +162,27 @@ def near(a):
         assert cover.tests_of(fault) == ["t.py::plain", "t.py::near"]
 
 
+def test_what_a_class_declares_is_nothing_to_those_that_run_compiled_code_as_plain_python() -> None:
+    source = b"""class Box:
+    size: int = 3
+
+
+@compiled("f8(f8)")
+def least(size):
+    return size
+
+
+def near(box):
+    return box.size
+"""
+    lines = {"7": ["t.py::plain"], "11": ["t.py::plain", "t.py::near"]}
+    recording = {"lines": {"a.py": lines}, "shared": {}, "failed": {},
+                 "seconds": {"t.py::near": 0.01, "t.py::plain": 0.8}}
+    cover = CoverageMap({"t.py": recording}, {"a.py": source})
+    fault = next(f for f in faults_of(source, "a.py") if f.line == 2)
+    assert cover.tests_of(fault) == ["t.py::near", "t.py::plain"]
+
+
 def test_those_that_run_something_of_its_folder_come_first() -> None:
     sources = {"room/kernel.py": b"@inlined\ndef kernel(a):\n    return a + 2\n",
                "room/draw.py": b"from .kernel import kernel\n\n\ndef draw(a):\n    return a - 1\n",

@@ -111,6 +111,31 @@ def test_glass_dims_what_is_behind_it_by_its_opacity(bench):
     assert image[60, 50].tolist() == [255, 255, 255]
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_panes_before_an_edge_are_looked_through_from_far_to_near(bench, side):
+    """Made in no order, seen from above or from below."""
+    panes = {"Yellow": 0.15, "Red": -0.15, "Blue": 0.05, "Green": -0.05}
+    for name, height in panes.items():
+        bench.box([1.0, 1.0, 1e-3], [0.0, 0.0, height], f"Gazebo/{name}Transparent")
+    bench.box([0.5, 0.5, 1e-3], [0.5, 0.0, -0.3 * side], "Gazebo/White")
+    pose = looking([0.0, 0.0, 1.5 * side], [0.0, 0.0, 0.0], (0, 1, 0))
+    K = np.array([[60.0, 0, 10.0], [0, 60.0, 5.0], [0, 0, 1]])
+    renderer = create_renderer("exact", bench.world)
+    row = renderer.render(View(21, 11, pose, K, 0.02))[5].astype(float)
+    lit = 0.4 + 0.72 / np.sqrt(1.07) if side > 0.0 else 0.4
+    rgb = {"Red": (1, 0, 0), "Green": (0, 1, 0), "Blue": (0, 0, 1), "Yellow": (1, 1, 0)}
+    free, white = (255.0 * np.array(grey) for grey in (renderer.light.background[:3], [lit] * 3))
+    ends = []
+    for seen in (free, np.minimum(white, 255.0)):
+        for name in sorted(panes, key=lambda name: side * panes[name]):
+            seen = 0.5 * seen + 0.5 * np.minimum(255.0 * lit * np.array(rgb[name]), 255.0)
+        ends.append(seen)
+    middle = np.mean(ends, axis=0)
+    assert row[10] == pytest.approx(middle, abs=1.5)
+    assert sorted(map(tuple, row[[3, 17]])) == [pytest.approx(end, abs=1.5)
+                                                for end in sorted(map(tuple, ends))]
+
+
 def test_a_chessboard_is_drawn_in_hd(bench):
     size = (1280, 960)
     chessboard(bench)

@@ -42,6 +42,30 @@ def test_what_differs_is_prepared_anew(other):
     assert Triangles.of(other()) is not Triangles.of([part()])
 
 
+@pytest.mark.parametrize("away", [(0.0, 0.0, 0.0), (3e3, -2e3, 0.0)])
+def test_each_links_box_is_as_large_as_it_is_and_a_dent_is_none_less_far_from_its_origin(away):
+    """A tetrahedron, with and without a dent of a tenth of a millimetre; the origin is one of
+    a CAD program's."""
+    whole = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 4]]) * 1e-1
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    dented = np.vstack([whole, whole[1:].mean(axis=0) * (1 - 1e-3)])
+    parts = [
+        Part(row, replace(from_corners(corners[faces]), positions=corners, triangles=faces,
+                          normals=np.zeros_like(corners)), (1.0, 0.0, 0.0, 1.0))
+        for row, corners, faces in (
+            (2, whole + away, faces),
+            (0, dented + away, np.vstack([faces[:3], [[1, 2, 4], [2, 3, 4], [3, 1, 4]]])),
+        )
+    ]  # fmt: skip
+    made = Triangles.of(parts)
+    convex = {int(row): set(made.hull[made.row == row] >= 0) for row in (0, 2)}
+    assert convex == {2: {True}, 0: {False}}
+    for row in (0, 2):
+        np.testing.assert_allclose(made.row_centre[row], away + np.array([0.05, 0.1, 0.2]))
+        np.testing.assert_allclose(made.row_half[row], [0.05, 0.1, 0.2], rtol=1e-6)
+    assert (made.row_half[1] == -1.0).all()  # has none
+
+
 def test_a_texture_that_was_painted_over_is_read_again(tmp_path):
     file = tmp_path / "texture.png"
     cv2.imwrite(str(file), np.zeros((4, 4, 3), np.uint8))

@@ -213,10 +213,11 @@ def test_a_square_is_followed_corner_by_corner():
 
 def test_a_rectangle_far_aside_leaves_half_a_turn_open_and_no_quarter():
     feature, shape = create_feature("points"), SQUARE * (1.5, 1.0)
-    goal = taught(feature, shape, pose((0, 0, 0.2), (0, 0, 0)))
-    feature.check(goal)
-    seen = look(feature.needs, pose((0.3, -0.2, 0.2), (0, 0, 0.2)), shape)
-    assert feature.measure(seen, goal).up_to == "180°"
+    for at, there in ((0.0, 0.3), (0.3, 0.0)):
+        goal = taught(feature, shape, pose((at, 0, 0.2), (0, 0, 0)))
+        feature.check(goal)
+        seen = look(feature.needs, pose((there, -0.2, 0.2), (0, 0, 0.2)), shape)
+        assert feature.measure(seen, goal).up_to == "180°"
 
 
 @pytest.mark.parametrize("name", ["points", "numbered_points", "segments", "polar_points", "pose"])
@@ -238,6 +239,8 @@ def test_accuracy_of_corners_goes_through_the_feature(name):
         np.testing.assert_allclose(
             found[:, k], feature.measure(seen, goal).error, atol=2e-3 * np.abs(found).max()
         )
+    beside = Stack([Moving(), feature]).accuracy(replace(view, corner_accuracy=size), goal)
+    np.testing.assert_array_equal(beside, np.vstack([np.zeros((2, corners.size)), found]))
 
 
 def test_a_goal_that_this_camera_has_shown_has_the_errors_of_the_same_view():
@@ -337,6 +340,7 @@ def test_a_point_of_a_goal_that_is_not_finite_is_refused():
 def test_a_ratio_is_a_number_above_0_for_each_feature(ratio):
     with pytest.raises(ConfigurationError, match="one number above 0 for each of xn, yn"):
         Composed(create_feature("moments"), ratio=ratio)
+    assert Composed(create_feature("moments"), ratio=(1.0, 0.5, 1e-3, 7.0)).ratio[1] == 0.5
 
 
 TILTED = pose((0.012, -0.02, 0.3), (0.25, -0.3, 0.4))

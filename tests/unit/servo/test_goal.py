@@ -188,6 +188,9 @@ def test_a_goal_for_a_camera_mounted_elsewhere():
     from aras_visual_servo_camera.moments import Moments
 
     np.testing.assert_allclose(moved.moments.m_array, Moments.from_polygon(exact, 6).m_array)
+    there, back = moved.kernel.features, moved.seen_from(goal.world_T_camera).kernel.features
+    assert np.abs(there / goal.kernel.features - 1.0).max() > 0.05
+    np.testing.assert_allclose(back, goal.kernel.features, rtol=1e-3)
     # what was taught is of the view it was taught from
     taught = replace(goal, mounting=np.eye(4), features={"points": {}}).for_arm(arm)
     assert taught.mounting is None and not taught.features
@@ -200,6 +203,10 @@ def test_a_pose_that_is_the_joints_to_a_rounding_is_exactly_theirs():
     near = goal.world_T_camera @ transform((5e-5, -3e-5, 2e-5), (2e-4, -1e-4, 0.0))
     again = replace(goal, world_T_camera=near, target=None).for_arm(the_arm())
     np.testing.assert_array_equal(again.world_T_camera, goal.world_T_camera)
+    for off, turn in ((1.2e-4, 0.0), (0.0, 1.2e-3)):  # more than a tenth of a millimetre, a mrad
+        moved = goal.world_T_camera @ transform((off, 0.0, 0.0), (0.0, turn, 0.0))
+        with pytest.raises(ConfigurationError, match="camera elsewhere"):
+            replace(goal, world_T_camera=moved, target=None).for_arm(the_arm())
 
 
 def test_goals_that_do_not_fit_the_arm():

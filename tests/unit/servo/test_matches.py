@@ -71,6 +71,7 @@ def test_judged_is_the_root_of_the_mean_squared_distance(picture):
     found = measured("matches", picture)
     away = np.linalg.norm((found.s - found.desired).reshape(-1, 2), axis=1)
     assert found.judged == pytest.approx(np.sqrt(np.mean(away**2)))
+    assert create_feature("matches").tolerances == create_feature("points").tolerances[:1]
 
 
 def test_the_pose_of_matches_is_the_cameras(picture):

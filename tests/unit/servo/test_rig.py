@@ -13,12 +13,12 @@ from loop_rig import the_arm, the_goal
 from aras_visual_servo_base.poses import exponential, inverse, logarithm, transform
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
-from aras_visual_servo_controller.features import Stack
+from aras_visual_servo_controller.features import Feature, Measured, Stack
 from aras_visual_servo_controller.features.of_camera import OfCamera
 from aras_visual_servo_controller.features.points import Points
 from aras_visual_servo_controller.features.stereo import triangulated
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.schemes import create_scheme
+from aras_visual_servo_controller.schemes import Composed, create_scheme
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.seeing.observation import Need, Observer
 from aras_visual_servo_controller.seeing.rig import Rig, StandingCamera
@@ -326,6 +326,17 @@ def test_a_camera_where_the_target_is_lost_is_named():
     with pytest.raises(MeasurementError, match="camera right: the target is not in view"):
         scheme.compute(seen, goal, 0.0)
 
+    class Wanting(Feature):
+        """A user's, which wants no target to be found in its camera's picture."""
+
+        names, tolerances, needs = ("x",), (1.0,), frozenset((Need.IMAGE,))
+
+        def measure(self, observation, goal):
+            return Measured(np.ones(1), np.zeros(1), np.ones(1), np.ones((1, 6)))
+
+    scheme = Composed([OfCamera(Points(), "left"), OfCamera(Wanting(), "right")])
+    assert len(scheme.compute(seen, goal, 0.0).error) == 9
+
 
 # -- names -------------------------------------------------------------------------------------
 
@@ -345,6 +356,7 @@ def test_a_scheme_says_which_cameras_it_reads():
     [
         ("points@rihgt", "reads the camera 'rihgt': did you mean 'right'"),
         ("points@", "a camera's name is missing behind the @"),
+        ("stereo_points@left,", "a camera's name is missing behind the @"),
         ("points@left,right", "scheme 'points' reads 1 camera: name one, as points@left"),
         ("partitioned@left,right", "scheme 'partitioned' reads one camera"),
     ],

@@ -196,6 +196,22 @@ def test_the_error_is_smoothed_over_the_time_that_passed_and_begins_anew_after_a
         np.testing.assert_allclose(found.filtered_error, smoothed, atol=1e-12)
 
 
+def test_the_predictive_scheme_does_nothing_of_which_the_points_tell_nothing():
+    """Three on a line see no turn about it."""
+    scheme = create_scheme("predictive")
+    line = np.array([[-0.1, 0.0, 0.0, 1.0], [0.02, 0.0, 0.0, 1.0], [0.1, 0.0, 0.0, 1.0]])
+
+    def seen(place):
+        P = line @ place[:3].T
+        view = look(Observer(None, scheme.needs), place)
+        return replace(view, corners=P[:, :2] / P[:, 2:])
+
+    decision = scheme.compute(seen(START), Goal.teach(scheme, seen(GOAL)), 0.0)
+    blind = np.linalg.svd(decision.L)[2][5]
+    assert np.abs(decision.L @ blind).max() < 1e-9
+    assert blind @ decision.task.twist == pytest.approx(0.0, abs=1e-6)
+
+
 def test_the_predictive_scheme_keeps_to_its_speeds():
     far = pose((0.3, 0.2, 2.5), (0.1, 0.1, 0.3))
     way, _ = fly("predictive", far, images=20, gain=20.0)

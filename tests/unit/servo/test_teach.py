@@ -183,15 +183,16 @@ def test_its_help_says_what_each_argument_is(capsys):
         (["--geometry", str(CONFIG / "goal_2016.yaml"), "--urdf", "/none"], "cannot read"),
         (["--depth", "-1"], "--depth"),
         (["--images", "0"], "--images"),
+        (["--geometry", str(CONFIG / "goal_2016.yaml"), "--urdf", str(URDF)], "No such file"),
     ],
 )
 def test_what_cannot_be_taught_is_one_line(arguments, words, tmp_path, capsys):
-    assert main([*arguments, str(tmp_path / "x.yaml")]) == 1
+    assert main([*arguments, str(tmp_path / "no" / "x.yaml")]) == 1
     said = capsys.readouterr().err
     assert said.startswith("teach: ")
     assert words in said
     assert said.count("\n") == 1
-    assert not (tmp_path / "x.yaml").exists()
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_view_that_cannot_be_taught_is_refused_with_its_reason():

@@ -8,7 +8,8 @@ import pytest
 import yaml
 
 from aras_sim_bridge.camera import CameraConfig
-from aras_sim_bridge.camera.effects import Effects
+from aras_sim_bridge.camera.effects import AutoExposure, Effects, SensorModel
+from aras_sim_bridge.camera.shaking import Shake
 from aras_sim_bridge.description import CameraDescription
 from aras_sim_bridge.description.types import CameraPlugin, LensDescription, Noise
 from aras_sim_bridge.errors import CameraError
@@ -80,6 +81,9 @@ def test_sensor_tags_are_rendered(caplog):
         CameraConfig.from_description(replace(tags, kind="wideanglecamera"))
     assert config.effects.noise_stddev == pytest.approx(2.55)
     assert config.effects.noise_mean == pytest.approx(5.1)
+    for mean, stddev in ((0.02, 0.0), (0.0, 0.01)):
+        one = CameraConfig.from_description(replace(tags, noise=Noise("gaussian", mean, stddev)))
+        assert (one.effects.noise_mean, one.effects.noise_stddev) == (255 * mean, 255 * stddev)
     assert not config.depth
     assert CameraConfig.from_description(description(kind="depth")).depth
     silent = CameraConfig.from_description(description(noise=Noise("none", 0.1, 0.1)))
@@ -196,6 +200,16 @@ def test_settings_hold_up_to_their_bounds_and_no_further(path, fits, beyond):
     with pytest.raises(CameraError, match="camera|effects|shake"):
         given(path, beyond)
     assert CameraConfig.from_mapping({"width": 16384, "height": 2048}).height == 2048
+
+
+@pytest.mark.parametrize("made", [
+    lambda: Effects(gain=0.0), lambda: AutoExposure(target=0.0), lambda: Shake(frequency=0.0),
+    lambda: SensorModel(gain=0.02, full_well=9000.0, read_noise=-1.0),
+    lambda: CameraConfig(width=0), lambda: CameraConfig(seed=-1),
+])  # fmt: skip
+def test_bounds_hold_in_code_as_well(made):
+    with pytest.raises(CameraError, match="must be >"):
+        made()
 
 
 @pytest.mark.parametrize(("fits", "beyond"), [

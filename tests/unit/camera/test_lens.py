@@ -143,6 +143,7 @@ def test_fisheye_unprojection_takes_newton_s_few_steps(D):
 
 @pytest.mark.parametrize(("D", "cutoff"), [
     ((0.02, -0.01, 0.003, -0.0005), 110.0),
+    ((0.48, -0.18, 0.18, -0.06), 85.9),
     ((-0.4, 0.09, 0.02, 0.0), 86.0),  # of slopes that send Newton's method out of the picture
 ])  # fmt: skip
 def test_fisheye_unprojection_inverts_projection_behind_the_camera_too(D, cutoff):

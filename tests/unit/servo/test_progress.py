@@ -21,7 +21,8 @@ def watched(errors, dt=0.075, rank=2, twist=TWIST, task=None, L=None, told=lambd
     progress = ProgressCheck()
     for i, error in enumerate(np.asarray(errors, float)):
         tolerances = np.resize(TOLERANCES, len(error))
-        decision = SimpleNamespace(error=error * tolerances, task=task, L=L)
+        decision = SimpleNamespace(error=error * tolerances, task=task,
+                                   L=L(i) if callable(L) else L)
         said = told(i)
         state = SimpleNamespace(
             stamp=3.0 + dt * i, phase="servoing", decision=decision, reason="", twist=twist,
@@ -114,16 +115,21 @@ def test_within_the_tolerances_is_each_error_s_mean_but_not_the_mean_of_all():
     assert not watched(noise + [0.0, 1.5], **told)[0].shrinks
 
 
-@pytest.mark.parametrize(("reached", "kind"), [(0.09, "local_minimum"), (0.11, "running")])
-def test_an_error_that_no_motion_takes_away_is_a_local_minimum(reached, kind):
-    """Of the error (10, 10), in tolerances, L reaches the part along (1, r) beside (1, -1)."""
+@pytest.mark.parametrize(("reached", "since", "kind"), [
+    (0.09, 0, "local_minimum"), (0.11, 0, "running"), (0.09, 10, "local_minimum"),
+    (0.09, 11, "running"),
+])  # fmt: skip
+def test_an_error_that_no_motion_takes_away_is_a_local_minimum(reached, since, kind):
+    """Of the error (10, 10), in tolerances, L reaches the part along (1, r) beside (1, -1); since
+    that image of twenty, and all of it before."""
     across, along = np.array([1.0, -1.0]), np.array([1.0, 1.0])
     column = np.sqrt(1.0 - reached**2) * across + reached * along
     L = np.outer(column * TOLERANCES, np.eye(6)[0])
     L += 1e-8 * np.outer(along * TOLERANCES, np.eye(6)[1])  # which no arm could make use of
     direction = [np.eye(6)[0], np.eye(6)[2]]
     progress, state = watched(
-        STILL, L=L, told=lambda i: {"null_direction": direction[i == 19]}, rank=2)
+        STILL, L=lambda i: L if i >= since else np.diag(TOLERANCES) @ np.eye(2, 6),
+        told=lambda i: {"null_direction": direction[i == 19]}, rank=2)
     found = progress.stalled(state)
     assert found.kind == kind
     if kind == "local_minimum":

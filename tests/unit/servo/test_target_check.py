@@ -28,9 +28,10 @@ def swaying(t):
 
 
 def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=None, begin=0.0,
-            wraps=(), **seen):  # fmt: skip
+            wraps=(), sits=None, noise=0.0, **seen):  # fmt: skip
     """What is said after each of so many images of a target that moves by a twist (6,)."""
     check = check or TargetCheck()
+    sits = np.eye(3) if sits is None else sits
     draw = np.random.default_rng(4)
     L = draw.normal(size=(count, 6)) if L is None else L
     tolerances = np.resize([1e-3, 2e-3, 1e-3, 3e-3], count)
@@ -41,11 +42,12 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
         own = -np.hstack([L[:, :3] @ camera_R_world, L[:, 3:] @ camera_R_world]) @ moves(t)
         motion = camera(t)
         if k:
-            error = error + L @ motion + own * DT
+            error = error + L[:, :3] @ sits @ motion[:3] + L[:, 3:] @ motion[3:] + own * DT
         if k in wraps:
             error = error + 2.0 * np.pi * np.eye(count)[1]
         said.append(check.add(
-            SimpleNamespace(error=error, L=L, rate=known * own),
+            SimpleNamespace(error=error + noise * tolerances * draw.normal(size=count), L=L,
+                            rate=known * own),
             SimpleNamespace(**{"stamp": t, "dt": DT, "motion": motion, "world_T_camera": POSE,
                                **seen}), None, tolerances, True,
         ))  # fmt: skip
@@ -142,6 +144,14 @@ def test_what_is_long_ago_is_forgotten():
     assert not any(watched(120, STILL, check=check))
     check.interrupt()
     assert watched(190, STEADY, check=check, begin=4.0)[-1]
+
+
+@pytest.mark.parametrize("scale", [0.7, 1.0, 2.0])
+def test_a_camera_that_sits_turned_is_no_target_that_moves(scale):
+    """Though one that moves would look the same while the camera goes straight on."""
+    sits = scale * transform((0.0, 0.0, 0.0), (0.2, -0.3, 0.7))[:3, :3]
+    ahead = STEADY(0.0) * DT
+    assert not any(watched(120, STILL, lambda t: ahead, sits=sits, noise=0.1))
 
 
 @pytest.mark.parametrize(("known", "said"), [(1.0, False), (0.5, True), (0.0, True), (-1.0, True)])

@@ -75,6 +75,7 @@ def test_small_motions_wraps_and_gaps_teach_nothing():
         (1e-6 * along, [0.5], image(DT, 1e-6 * along)),  # noise
         (along, [3.0], image(DT, along)),  # an angle that wrapped
         (along, [0.5], image(5 * DT, along)),  # its image before was not measured
+        (along, [0.5], image(DT, along, dt=2 * DT)),  # nor is this the one since which it moved
         (along, [0.5, 0.5], image(DT, along)),  # of another length
     ):
         estimator = Broyden(1.0)

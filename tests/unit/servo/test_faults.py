@@ -399,6 +399,10 @@ class Loose(Unnamed):
     names, tolerances = ("x", "y"), (1.0,)
 
 
+class Never(Unnamed):
+    names, tolerances = ("x", "y"), (1.0, 0.0)
+
+
 HERE = __name__
 
 
@@ -412,6 +416,7 @@ HERE = __name__
         ("test_faults:Exits", "its constructor raised SystemExit: no GPU"),
         ("test_faults:Unnamed", "Unnamed has no names"),
         ("test_faults:Loose", "2 names but tolerances"),
+        ("test_faults:Never", "one number above 0 for each feature is needed"),
         ("moments+moments_2016", "'moments_2016' is no feature"),
         ("", "unknown scheme ''"),
         ("moments:", "unknown scheme"),

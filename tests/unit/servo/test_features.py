@@ -150,8 +150,13 @@ class Moving(Feature):
 
 def test_the_motion_of_the_target_is_fed_forward():
     scheme = Composed(Moving(), Proportional(2.0))
-    task = scheme.compute(look(frozenset(), GOAL), Goal(), 0.0).task
-    np.testing.assert_allclose(task.rate, [-2.0 - 0.3, -2.0 + 0.1])
+    decision = scheme.compute(look(frozenset(), GOAL), Goal(), 0.0)
+    np.testing.assert_allclose(decision.task.rate, [-2.0 - 0.3, -2.0 + 0.1])
+    np.testing.assert_allclose(decision.rate, [0.3, -0.1])
+    assert decision.residual is None
+    judged = Composed(Photo()).compute(look(frozenset(), GOAL), Goal(), 0.0)
+    np.testing.assert_array_equal(judged.residual, 2.0 * np.ones(6))
+    assert (judged.error, judged.features, judged.desired, judged.rate) == (1.0, 1.0, 0.0, 0.0)
 
 
 def test_the_motion_of_the_target_is_that_of_each_part_of_a_stack():
@@ -518,10 +523,11 @@ def test_wrong_weights_are_refused(weights):
 class Photo(Feature):
     """A user's: six rows for the law, one number to be judged by; it does not say so before."""
 
-    names, tolerances = ("rms",), (1.0,)
+    names, tolerances, needs = ("rms",), (1.0,), frozenset()
 
     def measure(self, observation, goal):
-        return Measured(np.ones(6), np.zeros(6), np.ones(6), np.eye(6), judged=np.ones(1))
+        s = 3.0 * np.ones(6)
+        return Measured(s, s / 3.0, s / 1.5, np.eye(6), rate=0.1, judged=np.ones(1))
 
 
 def test_what_is_judged_by_other_numbers_than_its_rows_is_in_no_stack():

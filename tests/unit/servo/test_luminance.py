@@ -154,6 +154,20 @@ def test_at_the_goal_nothing_is_left(name):
     assert found.judged == pytest.approx(0.0, abs=1e-6)
 
 
+def test_accuracy_is_that_of_grey_levels_and_of_neighbours_that_are_off_together():
+    """Of a picture that is brighter all over, which no motion explains."""
+    feature, goal = at_goal("luminance")
+    seen = look(PINHOLE, GOAL, feature.needs)
+    found = []
+    for brighter in (0, 4, 8):
+        feature.measure(replace(seen, image=seen.image + np.uint8(brighter)), goal)
+        found.append(feature.accuracy(seen, goal))
+    grey = found[0][0, 0]
+    assert 0.1 < grey < 1.0
+    for brighter, size in zip((0, 4, 8), found, strict=True):
+        assert size == pytest.approx(np.hypot(grey, 3.5 * brighter) * np.eye(6), rel=1e-3)
+
+
 @pytest.mark.parametrize("name", ALL)
 def test_the_camera_flies_to_where_the_picture_was_taken(name):
     feature, goal = at_goal(name)

@@ -96,6 +96,16 @@ def test_keypoints_are_where_they_are_in_the_picture_that_is_turned_by_half(pict
     assert same.mean(axis=0) == pytest.approx(0.0, abs=0.05)
 
 
+def test_of_a_picture_that_is_too_wide_keypoints_are_those_of_the_smaller_one(picture):
+    """Of the same width and height in pixels of the wide one."""
+    feature = create_feature("matches")
+    image = look(feature, picture, GOAL).image[60:180, 80:240]
+    feature.widest = 160
+    small, wide = (feature._detected(one)[0]
+                   for one in (image, image.repeat(3, axis=0).repeat(3, axis=1)))  # fmt: skip
+    np.testing.assert_allclose(wide, 3.0 * small + 1.0, atol=1e-4)
+
+
 def test_eight_keypoints_that_agree_are_enough(picture, monkeypatch):
     feature = create_feature("matches")
     seen = look(feature, picture, GOAL)

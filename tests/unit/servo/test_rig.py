@@ -433,6 +433,7 @@ def test_accuracy_of_stereo_goes_through_the_feature(name):
 
 def test_places_of_two_cameras_are_the_target_s():
     scheme = create_scheme("stereo_points@left,right")
+    assert scheme.names == tuple(f"{axis}{i}" for i in range(4) for axis in "XYZ")  # no goal yet
     goal = goal_of(scheme)
     scheme.check(goal)
     q = np.array([0.01, -0.02, 0.03, 0.05, -0.04, 0.2])

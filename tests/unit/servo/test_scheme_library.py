@@ -74,6 +74,26 @@ def test_what_sees_less_than_the_pose_comes_to_its_own_goal(name):
 def test_points_with_another_interaction_matrix(interaction):
     way, decision = fly("numbered_points", interaction=interaction)
     assert distance(way[-1]) < 5e-3 * distance(way[0])
+    now, then = (fly("numbered_points", images=1, interaction=which)[1].L
+                 for which in ("current", "desired"))  # fmt: skip
+    began = fly("numbered_points", images=1, interaction=interaction)[1].L
+    np.testing.assert_allclose(began, then if interaction == "desired" else (now + then) / 2)
+
+
+@pytest.mark.parametrize("name", ["moments_2016", "partitioned", "numbered_points"])
+def test_each_scheme_tells_its_law_the_time_and_that_since_the_last_image(name):
+    told = []
+
+    class Own(Proportional):
+        def rate(self, error, L, rotated, t, dt):
+            told.append((t, dt))
+            return super().rate(error, L, rotated, t, dt)
+
+    scheme = create_scheme(name, Own(1.0))
+    observer = Observer(None, scheme.needs)
+    goal = Goal.teach(scheme, look(observer, GOAL))
+    scheme.compute(replace(look(observer, START), dt=0.25), goal, 7.0)
+    assert told == [(7.0, 0.25)]
 
 
 def centres(way):
@@ -187,7 +207,7 @@ def test_the_error_is_smoothed_over_the_time_that_passed_and_begins_anew_after_a
     goal = Goal.teach(scheme, look(observer, GOAL))
     further, smoothed = moved(START, np.array([0.1, -0.2, 0.1, 0.0, 0.1, 0.2])), None
     for place, stamp, passed in (
-        (START, 0.0, np.inf), (further, 0.125, 0.125), (START, 0.125, 0.0), (START, 0.375, 0.25),
+        (START, 0.0, np.inf), (further, 0.3, 0.3), (START, 0.3, 0.0), (START, 0.425, 0.125),
         (further, 0.75, np.inf), (START, 0.625, np.inf),
     ):  # fmt: skip
         found = scheme.compute(look(observer, place, stamp), goal, stamp)

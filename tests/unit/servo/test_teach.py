@@ -2,6 +2,7 @@
 
 import re
 import shlex
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -120,6 +121,10 @@ def test_views_are_averaged():
     np.testing.assert_allclose(goal.world_T_camera, arm.pose(q + 0.002), atol=1e-12)
     expected = np.mean([v.moments.mu_array for v in views], axis=0)
     np.testing.assert_allclose(goal.moments.mu_array, expected)
+    numbers = np.array([np.arange(20.0), np.arange(20.0) ** 2, np.ones(20)])
+    kernels = [replace(v, kernel=one) for v, one in zip(views, numbers, strict=True)]
+    found = goal_of(kernels, scheme, arm, "mine", depth=0.2).kernel.features
+    np.testing.assert_allclose(found, numbers.mean(axis=0)[16:])
     assert mean_of([{"a": [1.0, 2.0], "b": "x"}, {"a": [3.0, 2.0], "b": "y"}]) == {
         "a": [2.0, 2.0], "b": "y",
     }  # fmt: skip
@@ -181,7 +186,7 @@ def test_its_help_says_what_each_argument_is(capsys):
         (["--geometry", "/dev/zero", "--urdf", str(URDF)], "no ordinary file"),
         (["--geometry", str(CONFIG / "goal_2016.yaml")], "needs --urdf"),
         (["--geometry", str(CONFIG / "goal_2016.yaml"), "--urdf", "/none"], "cannot read"),
-        (["--depth", "-1"], "--depth"),
+        (["--depth", "0"], "--depth"),
         (["--images", "0"], "--images"),
         (["--geometry", str(CONFIG / "goal_2016.yaml"), "--urdf", str(URDF)], "No such file"),
     ],

@@ -100,8 +100,9 @@ def test_wide_angle_camera():
     assert CameraConfig.from_mapping({"lens": "equidistant", "cutoff_angle": 0.6}).model
     assert config.intrinsics().model == "equidistant"
     unscaled = LensDescription("equidistant", scale_to_hfov=False)
-    config = CameraConfig.from_description(description(kind="wideanglecamera", lens=unscaled))
-    assert config.K[0].tolist() == [160.0, 0.0, 159.5]
+    config = CameraConfig.from_description(
+        description(kind="wideanglecamera", horizontal_fov=2.5, lens=unscaled))
+    assert config.K[:2].tolist() == [[160.0, 0.0, 159.5], [0.0, 160.0, 119.5]]
 
 
 @pytest.mark.parametrize("preset", sorted(PRESETS.glob("*.yaml")), ids=lambda p: p.stem)
@@ -128,7 +129,7 @@ def test_every_shipped_preset_is_valid(preset):
       "horizontal_fov": 3.0}, "fold the picture over at"),
     ({"update_rate": 0.0}, "update_rate is 0.0, must be > 0 Hz"),
     ({"near": 1.0, "far": 0.5}, "0 < near < far"),
-    ({"camera_matrix": {"fx": -1, "fy": 1, "cx": 0, "cy": 0}}, "focal lengths above 0"),
+    ({"camera_matrix": {"fx": 0, "fy": 1, "cx": 0, "cy": 0}}, "focal lengths above 0"),
     ({"camera_matrix": {"fx": 1, "fy": 0, "cx": 0, "cy": 0}}, "focal lengths above 0"),
     ({"camera_matrix": {"fx": 1, "fy": 1, "cx": 0, "cy": float("nan")}},
      "camera_matrix.cy is nan, must be a finite number"),

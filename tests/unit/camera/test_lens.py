@@ -144,11 +144,12 @@ def test_fisheye_unprojection_takes_newton_s_few_steps(D):
 @pytest.mark.parametrize(("D", "cutoff"), [
     ((0.02, -0.01, 0.003, -0.0005), 110.0),
     ((0.48, -0.18, 0.18, -0.06), 85.9),
+    ((0.39, 0.15, -0.09, 0.0), np.degrees(1.5)),  # or to and fro between the same two angles
     ((-0.4, 0.09, 0.02, 0.0), 86.0),  # of slopes that send Newton's method out of the picture
 ])  # fmt: skip
 def test_fisheye_unprojection_inverts_projection_behind_the_camera_too(D, cutoff):
     lens = FisheyeLens(D, np.radians(cutoff))
-    theta = np.linspace(0.0, np.radians(cutoff - 0.1), 200)
+    theta = np.append(np.linspace(0.0, np.radians(cutoff - 0.1), 199), 1.01)
     turn = np.linspace(0.0, 20.0, 200)
     expected = np.stack([np.sin(theta) * np.cos(turn), np.sin(theta) * np.sin(turn),
                          np.cos(theta)], axis=1)

@@ -284,7 +284,7 @@ def test_auto_exposure_brings_the_mean_to_its_target(gain, vignetting, shot):
     def means(level, **auto):
         effects = {"auto_exposure": {"target": 90.0, **auto}, "gain": gain, "shot_noise": shot,
                    "vignetting": vignetting}  # fmt: skip
-        sensor = camera(Nothing(level), update_rate=100.0, effects=effects, width=64, height=64)
+        sensor = camera(Nothing(level), update_rate=100.0, effects=effects, width=64, height=48)
         return [frame.image.mean() for _, frame in frames(sensor, 200)]
 
     for level in (30, 160):

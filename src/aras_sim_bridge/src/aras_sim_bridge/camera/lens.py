@@ -134,8 +134,9 @@ class FisheyeLens:
             error = self.radius(theta) - target
             high, low = np.where(error > 0, theta, high), np.where(error > 0, low, theta)
             new = theta - error / np.maximum(self.slope(theta), 1e-9)
-            # Bounds included: an exact angle is one of them and must not be left again.
-            new = np.where((new >= low) & (new <= high), new, (low + high) / 2)
+            # The angle is one of the bounds. A step of more than half the way to the other one may
+            # go to and fro between them; an exact angle must not be left again.
+            new = np.where(np.abs(new - theta) <= (high - low) / 2, new, (low + high) / 2)
             done = np.abs(new - theta).max(initial=0.0) < 1e-14
             theta = new
             if done:

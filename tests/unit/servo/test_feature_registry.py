@@ -162,6 +162,19 @@ def test_vanishing_points_refuse_a_triangle():
         feature.check(goal)
 
 
+def test_vanishing_points_may_lie_along_either_side_of_the_picture():
+    """Of a rectangle that is seen square on, or turned about one side."""
+    feature, goal = at_goal("vanishing_points")
+    rectangle = np.array([[-0.1, -0.05, 0], [0.1, -0.05, 0], [0.1, 0.05, 0], [-0.1, 0.05, 0.0]])
+    for turn in (np.zeros(6), 0.3 * np.eye(6)[3], 0.3 * np.eye(6)[4]):
+        place = moved(np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.7], [0, 0, 0, 1]]), turn)
+        seen = look(Observer(None, feature.needs), place, corners=rectangle)
+        expected = [place[:3, 0], place[:3, 1]]
+        found = feature.measure(seen, goal).s.reshape(2, 2)
+        np.testing.assert_allclose(
+            found, [(d[2] / np.hypot(*d[:2]), np.arctan2(d[1], d[0])) for d in expected], atol=1e-9)
+
+
 @pytest.mark.parametrize("along", [(0.0, 0.9, 1.3, 0.4), (0.0, 1.0, 2.1, 0.7), (0.0,) * 4])
 def test_vanishing_points_refuse_a_target_seen_edge_on(along):
     """Its sides lie on one line of the image then, which meets itself anywhere."""

@@ -463,6 +463,39 @@ def test_points_that_do_not_fit_the_goal_are_refused():
         feature.check(Goal(depth=0.2))
 
 
+ON_A_LINE = np.array([[-0.05, 0.01], [0.0, 0.01], [0.02, 0.01], [0.06, 0.01]])
+
+
+@pytest.mark.parametrize(("name", "corners", "words"), [
+    ("polar_points", [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]], "it has no polar angle"),
+    ("lines", [[0.1, 0.2], [0.1, 0.2], [0.3, 0.1]], "coincide: they make no edge"),
+    ("pose", ON_A_LINE, "goal: a pose needs four points that are not on one line: it has 4"),
+    ("pose", [[0.1, 0.2], [0.1, 0.3], [0.3, 0.1]], "a pose needs four points .* it has 3"),
+    ("points", "far away", "goal holds no points of the feature 'points': teach it"),
+    ("points", [[0.1, 0.2], [0.3, 0.1]], "goal holds no points of the feature 'points': teach it"),
+])  # fmt: skip
+def test_a_goal_of_points_that_are_no_such_feature_is_refused(name, corners, words):
+    feature = create_feature(name)
+    told = {"points": corners if isinstance(corners, str) else np.array(corners).tolist()}
+    with pytest.raises(ConfigurationError, match=words):
+        feature.check(Goal(depth=0.5, features={name: told}))
+
+
+@pytest.mark.parametrize("name", ["points", "moments", "kernel"])
+def test_a_goal_without_the_depth_of_its_target_is_refused(name):
+    feature = create_feature(name)
+    lens = CameraModel(320, 240, (102.7, 0, 159.5, 0, 102.7, 119.5, 0, 0, 1))
+    by_kernel = Goal.teach(None, kernel_view(lens, GOAL), depth=0.2)
+    goal = replace(taught(feature), kernel=by_kernel.kernel)
+    feature.check(goal)
+    with pytest.raises(ConfigurationError, match="goal does not say the target's depth"):
+        feature.check(replace(goal, depth=None, plane=None))
+    nothing = replace(goal.kernel, features=np.array([1.0, 1.0, 0.0, 0.1]))
+    if name == "kernel":
+        with pytest.raises(ConfigurationError, match="kernel features 0 to 2 must be above 0"):
+            feature.check(replace(goal, kernel=nothing))
+
+
 class TwoSpots(PointFeature):
     """A user's points, in a known order."""
 
@@ -492,6 +525,9 @@ def test_a_stack_has_the_parts_one_under_the_other_with_their_weights():
     np.testing.assert_array_equal(measured.L, np.vstack([one.L, two.L]))
     np.testing.assert_array_equal(stack.weights, [2.0] * 4 + [0.5] * 16)
     np.testing.assert_array_equal(Stack(parts, [2.0, 0.0]).weights, [2.0] * 4 + [0.0] * 16)
+    rows = [part.desired_interaction(goal) for part in parts]
+    np.testing.assert_array_equal(stack.desired_interaction(goal), np.vstack(rows))
+    assert stack.accuracy(view, goal) is None  # exact
     assert len(scheme.tolerances) == len(scheme.names) == 20
     assert stack.needs == {Need.MOMENTS, Need.CORNERS}
     assert stack.directions == (True,) * 6

@@ -210,6 +210,18 @@ def test_a_pose_that_is_the_joints_to_a_rounding_is_exactly_theirs():
             replace(goal, world_T_camera=moved, target=None).for_arm(the_arm())
 
 
+def test_the_posture_of_a_goal_is_its_joints_or_found_for_its_pose():
+    arm, goal = the_arm(), the_goal("2016")
+    q = goal.joint_values(arm.names)
+    np.testing.assert_array_equal(goal.posture(arm), q)
+    by_pose = replace(goal, joints={})
+    found = by_pose.posture(arm)
+    np.testing.assert_allclose(arm.pose(found), goal.world_T_camera, atol=3e-3)
+    away = transform((9.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert replace(by_pose, world_T_camera=away).posture(arm) is None
+    assert replace(by_pose, world_T_camera=None).posture(arm) is None
+
+
 def test_goals_that_do_not_fit_the_arm():
     goal = Goal.load(CONFIG / "goal_2016.yaml")
     with pytest.raises(ConfigurationError, match=r"no value for the joint\(s\) J6"):

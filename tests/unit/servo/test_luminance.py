@@ -144,6 +144,10 @@ def test_cosines_are_orthogonal():
     B = feature._basis.astype(float)
     assert pytest.approx(np.eye(len(B)), abs=1e-4) == B @ B.T
     assert B.sum(axis=1) == pytest.approx(0.0, abs=1e-3)
+    down, across = (np.cos(np.pi * (np.arange(n - 2 * BORDER) + 0.5) / (n - 2 * BORDER))
+                    for n in (PINHOLE.height, PINHOLE.width))  # fmt: skip
+    both = np.outer(down, across).ravel()  # one of the lowest orders
+    assert np.linalg.norm(B @ both) == pytest.approx(np.linalg.norm(both), rel=1e-4)
 
 
 @pytest.mark.parametrize("name", ALL)

@@ -1,5 +1,7 @@
 """A camera in the hand and one that stands before the hand: what the arm's motion is to each."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -99,6 +101,17 @@ def test_a_goal_keeps_each_cameras_own_plane():
     observation = together(PALM, WALL, Q)
     goal = Goal.teach(None, observation, depth=0.5)
     assert goal.others["second"].plane == FAR
+    first, second = (replace(one, joints=goal.joints) for one in (goal, goal.others["second"]))
+    for name, control, other, own in (
+        ("second", PALM, WALL, first), ("first", WALL, PALM, second)
+    ):  # fmt: skip
+        beside_it = beside(ROBOT, control, other, name)
+        fitted = goal.for_cameras({own.seen_by: control, name: beside_it})
+        assert list(fitted.cameras) == [own.seen_by, name]
+        np.testing.assert_allclose(fitted.world_T_camera, control.pose(Q), atol=1e-12)
+        there = fitted.others[name].world_T_camera
+        np.testing.assert_allclose(there, other.pose(Q), atol=1e-12)
+    assert fitted.plane == FAR and fitted.others["first"].plane == goal.for_arm(PALM).plane
     np.testing.assert_allclose(goal.others["second"].world_T_camera, WALL.pose(Q), atol=1e-12)
 
 

@@ -16,7 +16,7 @@ from aras_visual_servo_controller.errors import ConfigurationError, MeasurementE
 from aras_visual_servo_controller.features import Feature, Measured, Stack
 from aras_visual_servo_controller.features.of_camera import OfCamera
 from aras_visual_servo_controller.features.points import Points
-from aras_visual_servo_controller.features.stereo import triangulated
+from aras_visual_servo_controller.features.stereo import rigid_motion, triangulated
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed, create_scheme
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
@@ -446,6 +446,24 @@ def test_places_of_two_cameras_are_the_target_s():
     np.testing.assert_allclose(shown.reshape(-1, 3), wanted, atol=1e-9)
     alike = [create_scheme("points_3d").feature, scheme.feature]  # by a plane, by two cameras
     assert alike[0].tolerances == alike[1].tolerances and alike[0].units == alike[1].units
+
+
+def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
+    scheme = create_scheme("stereo_pose@left,right")
+    goal = goal_of(scheme)
+    one, other = goal.features["stereo_pose"]["points"]
+    line = (np.column_stack([SHAPE * [1, 0, 0], np.ones(4)]) @ inverse(SEAT).T)[:, :3] + [0, 0, 0.4]
+    for points, words in (
+        ([one], "goal holds no points of two cameras: teach it with stereo_pose"),
+        ([one, other[:3]], "holds no points of two cameras"),
+        ([one[0], other[0]], "holds no points of two cameras"),
+        ([one, [[x + 0.5, y] for x, y in other]], "goal: .* lies behind one"),
+    ):
+        wrong = replace(goal, features={"stereo_pose": {"points": points}})
+        with pytest.raises(ConfigurationError, match=words):
+            scheme.check(wrong)
+    with pytest.raises(MeasurementError, match="on one line: they give no pose"):
+        rigid_motion(line, line + [0.1, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("apart", [1.0, -1.0])

@@ -7,6 +7,7 @@ import pytest
 from feature_scenes import CAMERA, CORNERS, GOAL, look, moved
 from free_camera import pose
 
+from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.schemes import create_scheme
@@ -226,7 +227,10 @@ def test_the_predictive_scheme_does_nothing_of_which_the_points_tell_nothing():
         view = look(Observer(None, scheme.needs), place)
         return replace(view, corners=P[:, :2] / P[:, 2:])
 
-    decision = scheme.compute(seen(START), Goal.teach(scheme, seen(GOAL)), 0.0)
+    goal = Goal.teach(scheme, seen(GOAL))
+    with pytest.raises(MeasurementError, match="on one line: it has no area"):
+        create_scheme("partitioned").compute(seen(START), goal, 0.0)
+    decision = scheme.compute(seen(START), goal, 0.0)
     blind = np.linalg.svd(decision.L)[2][5]
     assert np.abs(decision.L @ blind).max() < 1e-9
     assert blind @ decision.task.twist == pytest.approx(0.0, abs=1e-6)

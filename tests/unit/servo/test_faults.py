@@ -7,7 +7,12 @@ import pytest
 from loop_rig import IMAGE_PERIOD, STARTS, TICK, Rig, the_goal, the_servo
 
 from aras_visual_servo_controller.arm.task import Task
-from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError, TaskError
+from aras_visual_servo_controller.errors import (
+    ConfigurationError,
+    MeasurementError,
+    SchemeError,
+    TaskError,
+)
 from aras_visual_servo_controller.features import Feature, Measured
 from aras_visual_servo_controller.judging.outcomes import ADVICE
 from aras_visual_servo_controller.laws import Law, Proportional
@@ -19,6 +24,7 @@ from aras_visual_servo_controller.schemes import (
     Scheme,
     create_scheme,
 )
+from aras_visual_servo_controller.schemes.answer_checks import checked_joints
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
 GOOD_FROM, GOOD_TO = 0.1, 0.4  # s between which the scheme goes wrong
@@ -133,6 +139,17 @@ def test_whole_numbers_and_lists_are_numbers_too_and_a_record_may_have_any_shape
     for odd in (in_whole_numbers, answering(L=np.zeros((4, 5))), answering(L=[[0] * 6] * 4)):
         states = Rig(the_servo("2016", Spoiled(odd)), STARTS["2016"]).run(0.3)
         assert {s.phase for s in states if s.stamp > GOOD_FROM} == {SERVOING}
+
+
+@pytest.mark.parametrize(("answer", "words"), [
+    ([0.0, np.nan, 1.0], "mine answered joints that are not finite"),
+    ([0.0, 1.0], r"mine answered joints of shape \(2,\), \(3,\) is needed"),
+    ("left", "mine answered joints of no numbers"),
+])  # fmt: skip
+def test_joints_are_a_finite_number_each(answer, words):
+    with pytest.raises(SchemeError, match=words):
+        checked_joints("mine", answer, 3)
+    np.testing.assert_array_equal(checked_joints("mine", [0, 1, 2], 3), [0.0, 1.0, 2.0])
 
 
 def test_joints_of_another_arm_hold_it():

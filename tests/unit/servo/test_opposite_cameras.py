@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from loop_rig import the_goal
 
 from aras_visual_servo_base.poses import logarithm, relative
 from aras_visual_servo_camera.interaction import Plane
@@ -101,13 +102,12 @@ def test_a_goal_keeps_each_cameras_own_plane():
     observation = together(PALM, WALL, Q)
     goal = Goal.teach(None, observation, depth=0.5)
     assert goal.others["second"].plane == FAR
-    first, second = (replace(one, joints=goal.joints) for one in (goal, goal.others["second"]))
-    for name, control, other, own in (
-        ("second", PALM, WALL, first), ("first", WALL, PALM, second)
-    ):  # fmt: skip
-        beside_it = beside(ROBOT, control, other, name)
-        fitted = goal.for_cameras({own.seen_by: control, name: beside_it})
-        assert list(fitted.cameras) == [own.seen_by, name]
+    known = replace(goal, target=the_goal("2016").target)
+    for control, other, names in ((PALM, WALL, ["first", "second"]),
+                                  (WALL, PALM, ["second", "first"])):  # fmt: skip
+        name = names[1]
+        fitted = known.for_cameras({names[0]: control, name: beside(ROBOT, control, other, name)})
+        assert list(fitted.cameras) == names and fitted.target is known.target
         np.testing.assert_allclose(fitted.world_T_camera, control.pose(Q), atol=1e-12)
         there = fitted.others[name].world_T_camera
         np.testing.assert_allclose(there, other.pose(Q), atol=1e-12)

@@ -102,7 +102,7 @@ def judged(seed, jacobian=None):
     evidence, rows = CameraCheck(None if jacobian is None else lambda q: jacobian), Rows()
     tolerances = 1e-3 * random.uniform(0.5, 2.0, 4)
     scale = np.ones(6)
-    scale[:3] *= random.choice([-0.3, 0.6, 1.0, 1.5], p=[0.1, 0.3, 0.3, 0.3])
+    scale[:3] *= random.choice([-0.3, 0.25, 1.0, 2.5], p=[0.1, 0.3, 0.3, 0.3])
     scale[random.integers(6)] *= random.choice([1.0, 0.93, 1.1, 1.4])
     noise = random.choice([0.0, 0.3, 1.0, 4.0, 20.0], p=[0.1, 0.3, 0.3, 0.2, 0.1])
     size = random.choice([1e-3, 1e-2, 3e-2])

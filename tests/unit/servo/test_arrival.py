@@ -414,6 +414,10 @@ def test_noise_leaves_its_mean_s_deviation_open():
     assert left.angle == pytest.approx(TURNS, abs=1e-9)
     counted = 3e-4 / np.sqrt(32) * 2.99  # as many images as hold and scatter ask for
     assert 0.3 * counted < left.distance - MOVES < 1.5 * counted
+    # Of a turn as much, however deep the target.
+    turns = [left_by(np.roll(errors, 3, axis=1), STRONG, goal=Goal(depth=depth)).angle
+             for depth in (0.5, 1.0, 2.0)]
+    assert turns[0] > TURNS and turns == pytest.approx(turns[:1] * 3)
 
 
 def test_accuracy_counts_for_the_goal_too_and_in_pictures_noise_does_not_vanish():

@@ -148,6 +148,7 @@ def test_an_error_that_no_motion_takes_away_is_a_local_minimum(reached, since, k
         (lambda t, noise: 30.0 - t, "timed_out"),  # by 2.4 % from one half to the other
         (lambda t, noise: 30.0 - 0.6 * t, "no_progress"),  # by 1.5 %
         (lambda t, noise: 30.0 + 5.0 * (-1.0) ** round(30.0 * t), "no_progress"),  # a swing
+        (lambda t, noise: 30.0 + 5.0 * (-1.0) ** round(30.0 * t) + 3.4 * noise, "no_progress"),
     ],
 )
 def test_noise_that_hides_the_goal_is_told_when_the_time_is_over(error, kind):

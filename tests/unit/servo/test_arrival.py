@@ -522,6 +522,11 @@ def test_a_symmetric_target_is_the_same_from_round_its_axis(up_to, turn):
     without = Arrival(0.3)  # the features' L is not known
     left = [shown(without, 0.1 * i, [0.1], up_to=up_to, goal=goal) for i in range(6)][-1].open
     assert (left.distance, left.angle) == symmetric(up_to, goal)
+    slope = np.array([0.3, -0.5, 4.0])
+    place, normal = np.array([0.2, 0.1, 1.0]) / 4.01, slope / np.linalg.norm(slope)
+    goal = Goal(features=goal.features, plane=Plane(*slope))
+    beside = np.linalg.norm(place - place @ normal * normal)  # of its axis
+    assert symmetric(up_to, goal) == pytest.approx((2.0 * beside * np.sin(turn / 2.0), turn))
     assert symmetric("", goal) == (0.0, 0.0)
     assert symmetric("something else", goal) == (np.inf, np.pi)
 

@@ -162,7 +162,6 @@ class Arrival:
         least = LEAST if self.hold > 0.0 else 1
         seen.drop(max(min(before - 1, len(seen) - least), 0))
         if len(seen) < least or stamp - seen.stamps[0] < self.hold - ROUNDING:
-            self._reached = False
             return False
         limit = tolerances * (STAYS if self._reached else 1.0)
         if not _within(seen.errors, limit):

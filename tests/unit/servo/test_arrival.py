@@ -605,8 +605,12 @@ def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
     # a direction that nothing measures may be why
     blind = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 0.0])
     assert not of_camera([np.zeros(6)] * 6, blind, goal=goal, moments=other).last.other_view
-    # what was seen before an arrival ended is forgotten
-    arrival = Watched(0.0)
-    for view, error in ((other, 0.0), (other, 9.0), (other, 0.0), (other, 0.0)):
-        found = of_camera([np.full(6, error)], STRONG, begin=arrival, goal=goal, moments=view)
-        assert not found.last.other_view
+    # what was seen before an arrival ended, or the loop was interrupted, is forgotten
+    for errors in ((0.0, 9.0, 0.0, 0.0), (0.0, 0.0, None, 0.0, 0.0)):
+        arrival = Watched(0.0)
+        for error in errors:
+            if error is None:
+                arrival.clear()
+                continue
+            of_camera([np.full(6, error)], STRONG, begin=arrival, goal=goal, moments=other)
+            assert not arrival.last.other_view

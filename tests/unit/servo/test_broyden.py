@@ -62,6 +62,12 @@ def test_one_motion_changes_no_more_than_it_showed():
     assert np.abs(found[:, 1:5]).max() < 1e-9
     # a radian weighs as 0.3 m, squared
     np.testing.assert_allclose(found[:, 5], 0.09 * found[:, 0], rtol=1e-9)
+    every = Broyden(gain=1.0, floor=1e-9, start=wrong)
+    every(image(0.0, np.zeros(6)), seen(np.zeros(4), wrong))
+    all_ways = 0.01 * np.ones(6)
+    found = every(image(DT, all_ways), seen(truth @ all_ways, wrong))
+    weights = [1.0, 1.0, 1.0, 0.09, 0.09, 0.09]
+    np.testing.assert_allclose(found, np.outer(found[:, 0], weights), rtol=1e-9)
     half = Broyden(gain=0.5, floor=1e-9, start=wrong)
     half(image(0.0, np.zeros(6)), seen(np.zeros(4), truth))
     found = half(image(DT, twist), seen(truth @ twist, truth))

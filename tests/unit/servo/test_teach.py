@@ -155,7 +155,7 @@ def test_bad_views_and_bad_joints_are_not_kept():
     assert two.reason == "no image of camera right of the same time arrives"
 
 
-def test_the_command_line_that_is_written_works(tmp_path):
+def test_the_command_line_that_is_written_works(tmp_path, capsys):
     one, two = tmp_path / "my goal.yaml", tmp_path / "two.yaml"
     least = ["--images", "1", "--timeout", "1e-3", "--depth", "1e-3"]
     given = ["--geometry", str(CONFIG / "goal_2016.yaml"), "--urdf", str(URDF)]
@@ -167,6 +167,8 @@ def test_the_command_line_that_is_written_works(tmp_path):
     assert again == arguments
     assert main([*again[:-1], str(two)]) == 0
     a, b = Goal.load(one), Goal.load(two)
+    said = f"wrote {two}: depth {b.depth:.4f} m, area {b.moments.m00:.6f}"
+    assert capsys.readouterr().out.splitlines()[1] == said
     np.testing.assert_array_equal(a.moments.mu_array, b.moments.mu_array)
     np.testing.assert_allclose(a.moments.mu_array, the_goal("2016").moments.mu_array, atol=1e-15)
 

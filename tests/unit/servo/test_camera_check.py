@@ -265,7 +265,7 @@ def test_motion_the_other_way_and_motion_of_its_own_are_faults():
     assert "4 % of the motion is not explained" in seen_by(ONE, 40, drift=8.0).fault()
     assert not seen_by(ONE, 40, drift=7.0).fault()
     assert not seen_by(ONE, 40, noise=20.0).fault()  # which is as loud, and goes on in no row
-    assert not seen_by(ONE, 40, drift=20.0, rate=20.0 * 30.0 * 1e-3).fault()  # as the scheme knows
+    assert not seen_by(ONE, 40, drift=60.0, rate=60.0 * 30.0 * 1e-3).fault()  # as the scheme knows
     assert seen_by(ONE, 40, rate=20.0 * 30.0 * 1e-3).fault()
 
 

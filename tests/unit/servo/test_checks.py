@@ -62,6 +62,15 @@ def test_a_wave_is_told_beside_a_drift_from_twelve_images_on_and_no_longer_once_
     assert rings(zigzag(*swings, 4, half=0.2)) is None  # for 0.4 s
 
 
+def test_a_wave_that_something_else_went_before_is_told_once_it_lasts():
+    """Of five seconds two swung from stop to stop; in the last two there are too few swings."""
+    times = np.arange(0.0, 5.0, 1.0 / 30.0)
+    stops = 15.0 * np.sign(np.sin(2.0 * np.pi * 1.3 * times))
+    later = 12.0 * np.sin(2.0 * np.pi * 0.8 * times)
+    samples = list(zip(times, np.where(times < 2.0, stops, later), strict=True))
+    assert rings(samples) == pytest.approx(0.8, rel=0.01)
+
+
 def test_five_swings_that_take_longer_than_twelve_seconds_are_none():
     oscillation = Oscillation()
     for t in np.arange(0.0, 24.0, 1.0 / 30.0):

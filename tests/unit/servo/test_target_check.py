@@ -28,7 +28,7 @@ def swaying(t):
 
 
 def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=None, begin=0.0,
-            wraps=(), sits=None, noise=0.0, **seen):  # fmt: skip
+            wraps=(), sits=None, noise=0.0, turns=0.0, **seen):  # fmt: skip
     """What is said after each of so many images of a target that moves by a twist (6,)."""
     check = check or TargetCheck()
     sits = np.eye(3) if sits is None else sits
@@ -36,11 +36,12 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
     L = draw.normal(size=(count, 6)) if L is None else L
     tolerances = np.resize([1e-3, 2e-3, 1e-3, 3e-3], count)
     error, said = np.zeros(count), []
-    camera_R_world = POSE[:3, :3].T
     for k in range(images):
         t = begin + k * DT
+        pose = POSE @ transform((0.0, 0.0, 0.0), (0.0, 0.0, turns * t))
+        camera_R_world = pose[:3, :3].T
         own = -np.hstack([L[:, :3] @ camera_R_world, L[:, 3:] @ camera_R_world]) @ moves(t)
-        motion = camera(t)
+        motion = camera(t) + [0.0, 0.0, 0.0, 0.0, 0.0, turns * DT]
         if k:
             error = error + L[:, :3] @ sits @ motion[:3] + L[:, 3:] @ motion[3:] + own * DT
         if k in wraps:
@@ -48,7 +49,7 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
         said.append(check.add(
             SimpleNamespace(error=error + noise * tolerances * draw.normal(size=count), L=L,
                             rate=known * own),
-            SimpleNamespace(**{"stamp": t, "dt": DT, "motion": motion, "world_T_camera": POSE,
+            SimpleNamespace(**{"stamp": t, "dt": DT, "motion": motion, "world_T_camera": pose,
                                **seen}), None, tolerances, True,
         ))  # fmt: skip
     return said
@@ -57,6 +58,7 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
 def test_a_steady_target_s_speed_is_told():
     assert watched(60, STEADY)[-1] == "it moves at 22.9 mm/s"
     assert watched(60, STEADY, wraps=(20,))[-1] == "it moves at 22.9 mm/s"  # an angle
+    assert watched(60, STEADY, turns=0.5)[-1] == "it moves at 22.9 mm/s"  # seen in turning
     assert not any(watched(120, STILL))
 
 

@@ -15,6 +15,7 @@ from aras_visual_servo_controller.judging.left_open import (
     SECOND,
     THIRD,
     symmetric,
+    unexplained,
     view_difference,
     within,
 )
@@ -231,6 +232,10 @@ def test_a_step_is_known_as_well_as_the_latest_images_scatter():
     x = np.array([1.25] * 11 + [0.25])[:, None] * np.eye(6)[0]
     assert of_camera(x, STRONG, tolerance=3.0).reached
     assert not of_camera(np.tile(x[-1], (12, 1)), STRONG, tolerance=3.0).reached
+    scatter = np.diag([1e-3**2 / 10 / 6, 0.0, 0.0])  # one of ten differences of steps is not 0
+    assert left_by(x, STRONG, tolerance=3.0).distance == pytest.approx(
+        MOVES + within(1.7 * 0.25e-3 * np.eye(3)[0], scatter), rel=1e-4
+    )
 
 
 @pytest.mark.parametrize("still", [True, False])
@@ -241,6 +246,18 @@ def test_offsets_are_averaged_alike_compiled_or_not(still):
     given = rows, np.diag([1.0, 1.0, 0.0, 1.0, 1.0, 1.0]), 5, np.array([1e-3, 7e-4])
     for one, other in zip(_averaged(*given), _averaged.py_func(*given), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-18)
+
+
+@pytest.mark.parametrize(("sways", "shakes"), [(0, 5), (5, 0)])
+def test_offsets_are_brought_along_where_that_scatters_less_beside_what_is_asked(sways, shakes):
+    """A way of 1 mm, or a turn of 1 mrad, that kinematics tell; of the other they tell a tenth."""
+    ways = np.zeros((9, 6))
+    ways[:, sways] = 1e-3 * np.sin(np.arange(9))
+    poses = [transform(way[:3], way[3:]) for way in ways + 1e-4 * np.eye(6)[shakes] * (
+        (-1.0) ** np.arange(9)[:, None])]  # fmt: skip
+    rows = np.hstack([ways, np.reshape(poses, (9, 16))])
+    mean, _, count, enough = _averaged(rows, np.eye(6), 9, np.array([1e-3, 7e-4]))
+    assert mean[sways] == pytest.approx(ways[-1, sways], rel=1e-3) and count == 9 and enough
 
 
 def test_a_motion_that_kinematics_have_wrong_does_not_hide_where_the_camera_is():
@@ -456,6 +473,10 @@ def test_what_no_motion_explains_makes_the_accuracy_worse():
     bad = left_by([error] * 6, L, accuracy=accuracy)
     rest = np.hypot(0.2, 0.2) / (np.sqrt(2.0) * 0.02)
     assert bad.distance - MOVES == pytest.approx(rest * (good.distance - MOVES), rel=1e-6)
+    # a direction that changes features by less than a millionth of another explains nothing
+    for weak, times in ((0.9e-6, 5.0 / np.sqrt(2.0)), (1.1e-6, 0.0)):
+        L = 1e3 * np.diag([1.0, weak])
+        assert unexplained(L, np.array([0.3, -0.2]), 0.04 * np.eye(2)) == pytest.approx(times)
 
 
 def test_directions_that_are_held_count_as_kinematics_has_them():
@@ -490,9 +511,14 @@ def test_a_direction_that_nothing_measures_is_left_open():
     lever[0, 5] = -20.0
     left = left_by([np.zeros(6)] * 6, lever)
     assert left.distance == pytest.approx(0.04 + MOVES) and left.angle == np.pi
+    for beside, far in ((-9.9, 19.8 + MOVES), (-10.1, np.inf)):  # 20 times the depth: straight on
+        lever[0, 5] = 1e3 * beside
+        assert left_by([np.zeros(6)] * 6, lever).distance == pytest.approx(far)
     along = left_by([np.zeros(6)] * 6, np.diag([1e3, 0.0, 1e3, 573.0, 573.0, 573.0]))
     assert along.up_to == "1 direction" and along.distance == np.inf
-    assert left_by([np.zeros(4)] * 6, STRONG[[0, 1, 3, 4]]).up_to == "2 directions"
+    for rows in ([0, 1, 3, 4], [0, 1, 2, 3]):  # two turns go anywhere as well
+        left = left_by([np.zeros(4)] * 6, STRONG[rows])
+        assert (left.up_to, left.distance, left.angle) == ("2 directions", np.inf, np.pi)
     # what a direction changes is less than what the features are measured to
     weak = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 0.05])
     left = left_by([np.zeros(6)] * 6, weak, accuracy=0.01 * np.eye(6))

@@ -265,8 +265,19 @@ def test_motion_the_other_way_and_motion_of_its_own_are_faults():
     assert "4 % of the motion is not explained" in seen_by(ONE, 40, drift=8.0).fault()
     assert not seen_by(ONE, 40, drift=7.0).fault()
     assert not seen_by(ONE, 40, noise=20.0).fault()  # which is as loud, and goes on in no row
-    assert not seen_by(ONE, 40, drift=60.0, rate=60.0 * 30.0 * 1e-3).fault()  # as the scheme knows
+    for known in (60.0, np.array([60.0, -40.0, 20.0, 80.0])):  # as the scheme knows
+        assert not seen_by(ONE, 40, drift=known, rate=known * 30.0 * 1e-3).fault()
     assert seen_by(ONE, 40, rate=20.0 * 30.0 * 1e-3).fault()
+
+
+@pytest.mark.parametrize(("off", "goes_on"), [((3, 3, -3, -3), True), ((5, 1, -1, -5), False)])
+def test_what_is_not_explained_has_to_go_on_from_one_row_to_the_next(off, goes_on):
+    """By a fifth: here it does by a quarter, and by 0.17. Of four rows, each counts."""
+    evidence, error, way = CameraCheck(), np.zeros(1), 0.012 * np.eye(6)[0]
+    for tolerances in (0.0, *off):
+        shown(evidence, error := error + 6e-3 + 1e-3 * tolerances, np.eye(6)[:1], way,
+              np.full(1, 1e-3))  # fmt: skip
+    assert bool(evidence.fault()) is goes_on
 
 
 def test_noise_hides_what_it_hides_and_is_no_fault():

@@ -71,6 +71,26 @@ def test_a_wave_that_something_else_went_before_is_told_once_it_lasts():
     assert rings(samples) == pytest.approx(0.8, rel=0.01)
 
 
+@pytest.mark.parametrize(("span", "frequency"), [(2.0, 2.0), (5.0, 0.75), (12.0, 0.28)])
+def test_a_swing_after_a_great_step_is_told_once_the_step_is_long_enough_ago(span, frequency):
+    """Beside a step no swing stands out: how far back is looked depends on how slow it is."""
+    oscillation, told = Oscillation(), None
+    for t in np.arange(-0.5, 14.0, 1.0 / 30.0):
+        error = 9.0 * np.sin(2.0 * np.pi * frequency * t) if t >= 0.0 else 90.0
+        if oscillation.add(t, np.array([error])) is not None:
+            told = t
+            break
+    assert told == pytest.approx(span + 0.2, abs=0.25)
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.25])
+def test_of_few_images_a_wave_that_grows_from_nothing_is_told(phase):
+    times = np.arange(29) / 30.0
+    turns = 4.0 * (times - times.mean()) / times[-1] + phase
+    growing = 200.0 * times * np.sin(2.0 * np.pi * turns)
+    assert rings(list(zip(times, growing, strict=True))) == pytest.approx(30 / 7, rel=0.03)
+
+
 def test_five_swings_that_take_longer_than_twelve_seconds_are_none():
     oscillation = Oscillation()
     for t in np.arange(0.0, 24.0, 1.0 / 30.0):
@@ -96,6 +116,10 @@ def test_it_dies_away_where_two_swings_halve_it(shrinks, rung):
     swings = 60.0 * shrinks ** np.arange(5)
     extremes = np.cumsum([0.0, *swings * [1, -1, 1, -1, 1]])
     assert (rings(zigzag(*extremes)) is not None) is rung
+    # and a half is no less than a half
+    for first, rung in ((20, True), (21, False)):
+        said = rings(zigzag(0, first, first - 10, first, first - 10, first, half=0.375, rate=16.0))
+        assert (said is not None) is rung
 
 
 def test_the_loudest_of_the_later_half_is_looked_at():

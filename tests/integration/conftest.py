@@ -29,7 +29,7 @@ LONGEST = (  # files whose tests take longest, these first
     "test_dashboard", "test_solid_on_the_graph", "test_controller_node",
     "test_several_cameras_on_the_graph", "test_demo", "test_bridge_lockstep",
     "test_runner_equals_graph", "test_any_arm", "test_camera_node", "test_faults",
-    "test_controller_disturbed", "test_user_schemes_on_the_graph", "test_docs",
+    "test_docs", "test_controller_disturbed",
     "test_bridge_controller_manager", "test_stock_robots", "test_bridge_scene",
 )  # fmt: skip
 

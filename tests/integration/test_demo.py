@@ -91,12 +91,3 @@ def test_interrupt_leaves_no_process_behind(tmp_path):
     assert demo.returncode == 130, output
     assert "Traceback" not in output
     assert leftovers(out) == []
-
-
-def test_wrong_words_are_told_before_anything_starts(tmp_path):
-    """All of them: tests/unit/bench/test_demo_words.py."""
-    done = demo(tmp_path / "out", "--scheme", "momments", timeout=30.0)
-    assert done.returncode == 2
-    assert "unknown scheme 'momments': did you mean 'moments'?" in done.stderr
-    assert "Traceback" not in done.stderr
-    assert not (tmp_path / "out").exists()

@@ -138,17 +138,3 @@ def test_a_camera_that_is_silent_is_named(portal, launch, tmp_path):
         wait_for(lambda: "no image on /nowhere/image_raw" in nodes.output(), 20.0, "its name")
     finally:
         nodes.interrupt()
-
-
-def test_what_cannot_be_is_one_line(portal, launch, tmp_path):
-    files(tmp_path, "points@left+points@right", {**NAMED, "right": {"namespace": "/left"}})
-    nodes = launch(
-        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch", start="none",
-        scheme="points@left+points@right", goal=tmp_path / "goal.yaml",
-        cameras=tmp_path / "cameras.yaml",
-    )  # fmt: skip
-    words = "left and right both listen to /left/image_raw"
-    try:
-        wait_for(lambda: words in nodes.output(), 20.0, words)
-    finally:
-        nodes.interrupt()

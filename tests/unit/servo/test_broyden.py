@@ -68,7 +68,7 @@ def test_one_motion_changes_no_more_than_it_showed():
     found = every(image(DT, all_ways), seen(truth @ all_ways, wrong))
     weights = [1.0, 1.0, 1.0, 0.09, 0.09, 0.09]
     np.testing.assert_allclose(found, np.outer(found[:, 0], weights), rtol=1e-9)
-    half = Broyden(gain=0.5, floor=1e-9, start=wrong)
+    half = Broyden(floor=1e-9, start=wrong)
     half(image(0.0, np.zeros(6)), seen(np.zeros(4), truth))
     found = half(image(DT, twist), seen(truth @ twist, truth))
     np.testing.assert_allclose(found @ twist, 0.5 * (truth @ twist), rtol=1e-6)
@@ -82,6 +82,7 @@ def test_small_motions_wraps_and_gaps_teach_nothing():
         (along, [3.0], image(DT, along)),  # an angle that wrapped
         (along, [0.5], image(5 * DT, along)),  # its image before was not measured
         (along, [0.5], image(DT, along, dt=2 * DT)),  # nor is this the one since which it moved
+        (along, [0.5], image(2 * DT, along, dt=DT)),
         (along, [0.5, 0.5], image(DT, along)),  # of another length
     ):
         estimator = Broyden(1.0)

@@ -8,7 +8,7 @@ import pytest
 from free_camera import exponential, pose
 
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.kernel import kernel_features, kernel_of_outline
+from aras_visual_servo_camera.kernel import DELTA_X, DELTA_Y, kernel_features, kernel_of_outline
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
@@ -289,12 +289,14 @@ def test_accuracy_of_moments_is_that_of_the_outline(name):
     assert middle.shape == (2,)
 
 
+@pytest.mark.parametrize("turn", [0.0, 0.7])
 @pytest.mark.parametrize(("wide", "as_shown"), [(0.0556, 0.12), (0.055, 1.0)])
-def test_alpha_of_a_nearly_round_outline_gains_nothing_by_the_same_view(wide, as_shown):
+def test_alpha_of_a_nearly_round_outline_gains_nothing_by_the_same_view(wide, as_shown, turn):
     """Rectangles 0.05 m high: (w^2 - h^2) / (w^2 + h^2) is 0.106 and 0.095."""
+    c, s = np.cos(turn), np.sin(turn)
     feature = create_feature("moments")
     w, h = 0.5 * wide, 0.025
-    outline = np.array([[-w, -h], [w, -h], [w, h], [-w, h]])
+    outline = np.array([[-w, -h], [w, -h], [w, h], [-w, h]]) @ np.array([[c, s], [-s, c]])
     goal = replace(taught(feature, outline), camera=None)
     feature.check(goal)
     view = replace(look(feature.needs, GOAL, dense(outline)), pixel_count=900)
@@ -593,24 +595,29 @@ def kernel_view(camera, camera_T_object, stamp=0.0):
     )
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2, 5])
-def test_the_kernels_interaction_matrix_is_the_derivative(axis):
+@pytest.mark.parametrize(
+    ("way", "turn", "fx", "fy", "rows"),
+    [((1, 1, 0, 0, 0, 0), -0.5, 380.0, 460.0, 3), ((0, 0, 1, 0, 0, 0), -0.5, 380.0, 460.0, 3),
+     ((0, 0, 0, 0, 0, 1), -0.5, 380.0, 460.0, 3),
+     ((0, 0, 0, 0, 0, 1), 0.5, 400.0, 410.0, 4)],  # k3 is the angle where pixels are square
+)  # fmt: skip
+def test_the_kernels_interaction_matrix_is_the_derivative(way, turn, fx, fy, rows):
     """On a picture of 800 x 600, over several pixels of motion."""
-    camera = CameraModel(800, 600, (400.0, 0, 399.5, 0, 410.0, 299.5, 0, 0, 1))
+    camera = CameraModel(800, 600, (fx, 0, 99.5, 0, fy, 119.5, 0, 0, 1))
     feature = create_feature("kernel")
     goal = Goal.teach(None, kernel_view(camera, pose((0.01, 0.02, 0.2), (0, 0, 0.3))), depth=0.2)
     feature.check(goal)
-    view = pose((0.02, 0.01, 0.2), (0, 0, 0.5))
+    view = pose((0.01, 0.005, 0.2), (0, 0, turn))
     # the depth that the area tells, where the target lies square on
     measured = feature.measure(kernel_view(camera, view), goal)
-    step = 4e-3 if axis < 3 else 2e-2
+    step = 2e-2 if way[5] else 4e-3
     sides = []
     for sign in (1.0, -1.0):
-        moved = np.linalg.inv(exponential(sign * step * np.eye(6)[axis])) @ view
+        moved = np.linalg.inv(exponential(sign * step * np.array(way))) @ view
         sides.append(feature.measure(kernel_view(camera, moved), goal).error)
-    found = (sides[0] - sides[1]) / (2.0 * step)
+    found, told = (sides[0] - sides[1]) / (2.0 * step), measured.L @ way
     np.testing.assert_allclose(
-        found, measured.L[:, axis], rtol=0.02, atol=0.02 * np.abs(measured.L[:, axis]).max()
+        found[:rows], told[:rows], rtol=0.02, atol=0.02 * np.abs(told[:rows]).max()
     )
 
 
@@ -622,7 +629,10 @@ def test_kernel_features_refuse_another_camera_a_dirty_ground_and_emptiness():
     view = kernel_view(camera, pose((0.01, 0.02, 0.2), (0, 0, 0.3)))
     goal = Goal.teach(None, view, depth=0.2)
     feature.check(goal)
-    np.testing.assert_allclose(feature.measure(view, goal).error, 0.0, atol=1e-12)
+    half = round(view.kernel[18] / (DELTA_X * DELTA_Y)) / 2.0
+    for counted in (view.pixel_count, half):  # twice the target's pixels is not yet too many
+        found = feature.measure(replace(view, pixel_count=counted), goal)
+        np.testing.assert_allclose(found.error, 0.0, atol=1e-12)
     other = replace(camera, K=(110.0, 0, 159.5, 0, 110.0, 119.5, 0, 0, 1))
     for change, words in (
         ({"camera": other}, "taught with another camera"),

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from feature_scenes import CORNERS, GOAL, VIEWS, places
+from free_camera import pose
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -34,3 +35,6 @@ def test_noisy_points_give_the_pose_of_least_squares(view):
     best = least_squares(lambda x: offsets(moved(x), there, points), np.zeros(6), **exactly)
     assert np.abs(found - moved(best.x)).max() < 2e-6
     assert np.abs(found - exact).max() > 1e-5  # the noise is felt
+    frame = pose((1.5, -2.0, 0.7), (0.6, -1.1, 2.3))  # whichever the places are told in
+    elsewhere = there @ frame[:3, :3].T + frame[:3, 3]
+    assert np.abs(pose_of_plane(elsewhere, points) @ frame - found).max() < 1e-9

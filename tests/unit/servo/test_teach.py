@@ -103,7 +103,7 @@ def test_what_a_users_feature_keeps_of_the_plane_is_told_by_the_target_s_geometr
 
     goal = the_goal("2016").for_arm(the_arm())
     known = by_geometry(goal, Own())
-    assert known.features["own"]["plane"] == list(goal.plane)
+    assert known.features["own"] == {"plane": list(goal.plane), "stamp": 0.0}
     assert by_geometry(known, Own()) is known  # it holds that already
 
 

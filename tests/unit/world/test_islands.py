@@ -4,6 +4,7 @@ import math
 from functools import cache
 
 import numpy as np
+import pybullet
 import pytest
 from aras_robot import ArasRobot
 
@@ -294,6 +295,11 @@ def test_a_loose_body_that_is_put_beside_the_arm_is_felt_at_once(make):
         for _ in range(5):
             world.step()
         assert model.joints.own and world._islands.wait > 50
+        before = pybullet.getJointState(model.body_id, 0, world.client)[:2]
+        pybullet.setJointMotorControl2(model.body_id, 0, pybullet.TORQUE_CONTROL, force=5.0,
+                                       physicsClientId=world.client)
+        pybullet.stepSimulation(world.client)  # of what moves by itself Bullet moves nothing
+        assert pybullet.getJointState(model.body_id, 0, world.client)[:2] == before
         body.set_pose(Pose((0.4, 0.08, 0.5)))
         world.step()
         world.step()

@@ -11,6 +11,7 @@ from aras_sim_bridge.errors import (
 )
 from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import World
+from aras_sim_bridge.world.labels import links_by_label
 
 INERTIAL = (
     '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
@@ -71,6 +72,7 @@ def test_unknown_names_carry_what_there_is(make):
     """For programs that want more than the line."""
     with World() as world:
         model = world.spawn(parse_urdf(make.pendulum()), "swing")
+        numbers = links_by_label({"first": model})
         with pytest.raises(UnknownJointError) as joint:
             model.apply_effort("elbow", 1.0)
         with pytest.raises(UnknownLinkError) as link:
@@ -80,5 +82,7 @@ def test_unknown_names_carry_what_there_is(make):
     assert (joint.value.model, joint.value.joint, joint.value.known) == (
         "swing", "elbow", ("swing",))
     assert (link.value.link, link.value.known) == ("hand", ("world", "bob"))
+    # as Bullet numbers pixels: the body, and above it the link, 0 for the root
+    assert numbers == {model.body_id: "first::world", model.body_id + (1 << 24): "first::bob"}
     assert (other.value.name, other.value.known) == ("arm", ("swing",))
     assert str(joint.value) == "model 'swing' has no moving joint 'elbow'; it has: swing"

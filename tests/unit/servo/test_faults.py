@@ -136,7 +136,11 @@ def in_whole_numbers(scheme, decision):
 
 
 def test_whole_numbers_and_lists_are_numbers_too_and_a_record_may_have_any_shape():
-    for odd in (in_whole_numbers, answering(L=np.zeros((4, 5))), answering(L=[[0] * 6] * 4)):
+    def in_lists(scheme, decision):
+        told = {key: getattr(decision, key).tolist() for key in ("features", "desired", "error")}
+        return replace(decision, L=[[0] * 6] * 4, **told)
+
+    for odd in (in_whole_numbers, answering(L=np.zeros((4, 5))), in_lists):
         states = Rig(the_servo("2016", Spoiled(odd)), STARTS["2016"]).run(0.3)
         assert {s.phase for s in states if s.stamp > GOOD_FROM} == {SERVOING}
 

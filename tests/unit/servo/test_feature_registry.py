@@ -13,6 +13,7 @@ from feature_scenes import CORNERS, GOAL, PERIODS, TARGETS, VALUES, VIEWS, look,
 from aras_visual_servo_controller.arm.task import DIRECTIONS
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import Feature
+from aras_visual_servo_controller.features.points import Points
 from aras_visual_servo_controller.features.registry import FEATURES, create_feature
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
@@ -187,8 +188,25 @@ def test_vanishing_points_refuse_a_target_seen_edge_on(along):
 
 def test_a_feature_that_knows_no_desired_l_names_the_mend():
     class Own(Feature):
+        names, tolerances, units = ("x",), (1.0,), ("",)
+
         def measure(self, observation, goal):
             raise NotImplementedError
 
     with pytest.raises(ConfigurationError, match="Own has no interaction.*interaction 'current'"):
         Own().desired_interaction(Goal(depth=0.2))
+    for interaction in ("desired", "mean"):  # before anything moves
+        with pytest.raises(ConfigurationError, match="Own has no interaction"):
+            Composed(Own(), interaction=interaction).check(Goal(depth=0.2))
+    Composed(Own()).check(Goal(depth=0.2))
+
+
+class Broken(Points):
+    def __init__(self):
+        raise ValueError("no such file")
+
+
+def test_a_feature_that_cannot_be_made_is_named():
+    name = f"{__name__}:Broken"
+    with pytest.raises(ConfigurationError, match=f"feature '{name}': its constructor raised Value"):
+        create_feature(name)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -452,6 +453,12 @@ def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
     scheme = create_scheme("stereo_pose@left,right")
     goal = goal_of(scheme)
     one, other = goal.features["stereo_pose"]["points"]
+    seen = together(rig(), np.zeros(6))
+    right = seen.cameras["right"]  # there the corners are found in another order
+    right = replace(right, corners=np.roll(right.corners, 1, axis=0))
+    views = {"left": seen.cameras["left"], "right": right}
+    found = scheme.teach(SimpleNamespace(cameras=views))
+    np.testing.assert_allclose(found["stereo_pose"]["points"], [one, other], atol=1e-12)
     line = (np.column_stack([SHAPE * [1, 0, 0], np.ones(4)]) @ inverse(SEAT).T)[:, :3] + [0, 0, 0.4]
     for points, words in (
         ([one], "goal holds no points of two cameras: teach it with stereo_pose"),

@@ -455,7 +455,7 @@ def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
     one, other = goal.features["stereo_pose"]["points"]
     seen = together(rig(), np.zeros(6))
     right = seen.cameras["right"]  # there the corners are found in another order
-    right = replace(right, corners=np.roll(right.corners, 1, axis=0))
+    right = replace(right, corners=np.roll(right.corners, 1, axis=0), numbered=False)
     views = {"left": seen.cameras["left"], "right": right}
     found = scheme.teach(SimpleNamespace(cameras=views))
     np.testing.assert_allclose(found["stereo_pose"]["points"], [one, other], atol=1e-12)
@@ -486,8 +486,11 @@ def test_a_point_behind_either_of_two_cameras_is_refused(apart):
     place = np.array([0.1, -0.05, -0.5 * apart])
     other = place + [0.02, 0.0, apart]
     beside = transform((0.02, 0.0, apart), (0.0, 0.0, 0.0))
+    good = np.array([0.2, 0.1, 3.0])  # before both of them
+    good_there = good + beside[:3, 3]
     with pytest.raises(MeasurementError, match="lies behind one"):
-        triangulated(place[None, :2] / place[2], other[None, :2] / other[2], beside)
+        triangulated(*(np.array([before[:2] / before[2], one[:2] / one[2]])
+                       for before, one in ((good, place), (good_there, other))), beside)
 
 
 def test_two_cameras_forget_the_turn_to_which_a_square_was_followed(monkeypatch):

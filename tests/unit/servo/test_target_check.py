@@ -8,7 +8,7 @@ import pytest
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.judging.target_check import TargetCheck
+from aras_visual_servo_controller.judging.target_check import TargetCheck, _left
 
 DT, ROW = 1 / 30, 4 / 30  # s: four images are more than the 0.12 s of a row
 POSE = transform((0.3, -0.2, 0.5), (2.9, 0.2, -0.4))
@@ -28,7 +28,7 @@ def swaying(t):
 
 
 def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=None, begin=0.0,
-            wraps=(), sits=None, noise=0.0, turns=0.0, **seen):  # fmt: skip
+            wraps=(), sits=None, noise=0.0, turns=0.0, dt=DT, **seen):  # fmt: skip
     """What is said after each of so many images of a target that moves by a twist (6,)."""
     check = check or TargetCheck()
     sits = np.eye(3) if sits is None else sits
@@ -37,19 +37,19 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
     tolerances = np.resize([1e-3, 2e-3, 1e-3, 3e-3], count)
     error, said = np.zeros(count), []
     for k in range(images):
-        t = begin + k * DT
+        t = begin + k * dt
         pose = POSE @ transform((0.0, 0.0, 0.0), (0.0, 0.0, turns * t))
         camera_R_world = pose[:3, :3].T
         own = -np.hstack([L[:, :3] @ camera_R_world, L[:, 3:] @ camera_R_world]) @ moves(t)
-        motion = camera(t) + [0.0, 0.0, 0.0, 0.0, 0.0, turns * DT]
+        motion = camera(t) + [0.0, 0.0, 0.0, 0.0, 0.0, turns * dt]
         if k:
-            error = error + L[:, :3] @ sits @ motion[:3] + L[:, 3:] @ motion[3:] + own * DT
+            error = error + L[:, :3] @ sits @ motion[:3] + L[:, 3:] @ motion[3:] + own * dt
         if k in wraps:
             error = error + 2.0 * np.pi * np.eye(count)[1]
         said.append(check.add(
             SimpleNamespace(error=error + noise * tolerances * draw.normal(size=count), L=L,
                             rate=known * own),
-            SimpleNamespace(**{"stamp": t, "dt": DT, "motion": motion, "world_T_camera": pose,
+            SimpleNamespace(**{"stamp": t, "dt": dt, "motion": motion, "world_T_camera": pose,
                                **seen}), None, tolerances, True,
         ))  # fmt: skip
     return said
@@ -86,10 +86,12 @@ def test_a_target_that_the_camera_follows_moves():
     assert watched(60, twist(0.02, 0, 0, 0, 0, 0), follow)[-1] == "it moves at 20.0 mm/s"
 
 
-@pytest.mark.parametrize(("count", "rows"), [(6, 10), (5, 15), (12, 10)])
-def test_how_much_has_to_be_seen(count, rows):
-    """Ten rows that hold sixty numbers; every fifth row is looked at."""
-    said = watched(4 * rows + 1, STEADY, count=count)
+@pytest.mark.parametrize(("count", "rows", "images"), [
+    (6, 10, 4), (5, 15, 4), (12, 10, 4), (6, 10, 1),
+])  # fmt: skip
+def test_how_much_has_to_be_seen(count, rows, images):
+    """Ten rows that hold sixty numbers; every fifth row is looked at. A row is 0.12 s."""
+    said = watched(images * rows + 1, STEADY, count=count, dt=DT if images > 1 else 0.12)
     assert not any(said[:-1]) and said[-1]
 
 
@@ -108,6 +110,15 @@ def test_one_direction_alone_has_no_place_of_a_target():
     L = np.zeros((6, 6))
     L[:, 0] = [5.0, 4.0, -3.0, 2.0, 1.0, -6.0]
     assert not any(watched(120, twist(0.05, 0.02, 0.0, 0, 0, 0), L=L))
+
+
+@pytest.mark.parametrize("scale", [1e3, 1e-3])
+def test_columns_that_are_all_but_alike_explain_nothing(scale):
+    """To a millionth: by factors as large as that would take. To a thousandth is no matter."""
+    for apart, left in ((1e-6, 1.0), (1e-3, 0.0)):
+        found, factors = _left(scale * np.array([[1.0, 1.0], [0.0, apart]]), np.array([0.0, 1.0]))
+        assert left - 1e-3 < found < left + 1e-3 and found < 1.0 and factors[0] < 0.0 < factors[1]
+    assert _left(np.zeros((2, 2)), np.array([0.6, 0.8]))[0] == pytest.approx(1.0)
 
 
 def test_other_features_and_images_without_any_begin_anew():

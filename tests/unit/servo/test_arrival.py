@@ -24,13 +24,14 @@ DEEP = Goal(depth=0.5)
 
 
 def shown(arrival, stamp, error, L=None, modelled=(True,) * 6, pose=None, goal=DEEP, tolerance=1.0,
-          up_to="", accuracy=None, moments=None, resolution=None):  # fmt: skip
+          up_to="", accuracy=None, moments=None, resolution=None, others=None):  # fmt: skip
     """What an Arrival says of one image with an error (k,), its L (k, 6), seen from a pose."""
     error = np.asarray(error, float)
     task = None if L is None else SimpleNamespace(modelled=np.array(modelled))
     L = None if L is None else np.asarray(L, float)
     decision = SimpleNamespace(L=L, task=task, error=error, residual=None, up_to=up_to)
-    seen = SimpleNamespace(others={}, stamp=stamp, world_T_camera=pose, moments=moments)
+    seen = SimpleNamespace(others=others or {}, stamp=stamp, world_T_camera=pose, moments=moments)
+    seen.cameras = {"left": seen, **seen.others}
     scheme = SimpleNamespace(
         tolerances=tolerance * np.ones(len(error)), accuracy=lambda *_: accuracy
     )
@@ -628,6 +629,13 @@ def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
             for view in seen
         ]
         assert said == expected
+    # of several cameras each is held against its own goal, or against the first's if it has none
+    for told, expected in (({"right": Goal(moments=other)}, False), ({}, True)):
+        both, arrival = Goal(depth=0.5, moments=wanted, seen_by="left", others=told), Watched(0.0)
+        for _ in range(3):
+            of_camera([np.zeros(6)], STRONG, begin=arrival, goal=both, moments=wanted,
+                      others={"right": SimpleNamespace(moments=other)})  # fmt: skip
+        assert arrival.last.other_view is expected
     # a direction that nothing measures may be why
     blind = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 0.0])
     assert not of_camera([np.zeros(6)] * 6, blind, goal=goal, moments=other).last.other_view

@@ -276,12 +276,15 @@ def test_equivalents_are_known_by_what_they_change(tmp_path: Path) -> None:
     assert reasons == {"return 2.5 * a": "toys have no scale", "return 2.0 / a": None}
 
 
-@pytest.mark.parametrize("text", ["- {file: toy.py}", "- why", "- {file: 1, in: a, was: b, now: c, "
-                                  "why: d}"])
-def test_a_wrong_list_of_equivalents_is_refused(text: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("text", "why"), [
+    ("- {file: toy.py}", "1: needs the texts file"), ("- why", "1: needs the texts file"),
+    ("- {file: 1, in: a, was: b, now: c, why: d}", "1: needs the texts file"),
+    (2 * "- {file: e.py, in: a, was: b, now: c, why: d}\n", "2: it stands there twice"),
+])
+def test_a_wrong_list_of_equivalents_is_refused(text: str, why: str, tmp_path: Path) -> None:
     file = tmp_path / "equivalents.yaml"
     file.write_text(text)
-    with pytest.raises(EquivalentsError, match=r"equivalents.yaml, entry 1: needs the texts file"):
+    with pytest.raises(EquivalentsError, match=f"equivalents.yaml, entry {why}"):
         Equivalents.load(file)
 
 

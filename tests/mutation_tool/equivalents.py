@@ -39,7 +39,10 @@ class Equivalents:
                     f"{file.name}, entry {number}: needs the texts {', '.join(sorted(_KEYS))}"
                 )
             was, now = (" ".join(entry[key].split()) for key in ("was", "now"))
-            reasons[entry["file"], entry["in"], was, now] = entry["why"]
+            edit = entry["file"], entry["in"], was, now
+            if edit in reasons:
+                raise EquivalentsError(f"{file.name}, entry {number}: it stands there twice")
+            reasons[edit] = entry["why"]
         return cls(reasons)
 
     def reason(self, fault: Fault) -> str | None:

@@ -341,13 +341,23 @@ def test_a_point_of_a_goal_that_is_not_finite_is_refused():
     points = [[0.1, 0.1], [0.1, float("nan")], [-0.1, -0.1], [0.2, 0.0]]
     with pytest.raises(ConfigurationError, match="a point is not finite"):
         feature.check(replace(goal, features={"points": {"points": points}}))
+    # those on one line turn neither way round
+    line = np.array([[-0.1, 0.0], [0.02, 0.0], [0.1, 0.0], [0.16, 0.0]])
+    goal = replace(goal, features={"points": {"points": line}})
+    seen = replace(look(feature.needs, GOAL, SQUARE), corners=line + 0.01, numbered=False)
+    np.testing.assert_allclose(feature.measure(seen, goal).error, 0.01)
 
 
 @pytest.mark.parametrize("ratio", [(1.0, 1.0, 1.0), (1.0, 0.0, 1.0, 1.0), (1.0, -1.0, 1.0, 1.0)])
 def test_a_ratio_is_a_number_above_0_for_each_feature(ratio):
     with pytest.raises(ConfigurationError, match="one number above 0 for each of xn, yn"):
         Composed(create_feature("moments"), ratio=ratio)
-    assert Composed(create_feature("moments"), ratio=(1.0, 0.5, 1e-3, 7.0)).ratio[1] == 0.5
+    feature, rates = create_feature("moments"), []
+    for ratio in (None, (1.0, 0.5, 1e-3, 7.0)):
+        scheme = Composed(feature, Proportional(0.8), ratio=ratio)
+        seen = look(feature.needs, VIEWS["near"])
+        rates.append(scheme.compute(seen, taught(feature), 0.0).task.rate)
+    np.testing.assert_allclose(rates[1], rates[0] * ratio, rtol=1e-12)
 
 
 TILTED = pose((0.012, -0.02, 0.3), (0.25, -0.3, 0.4))

@@ -180,6 +180,9 @@ def test_its_help_says_what_each_argument_is(capsys):
     assert said.startswith("usage: teach ") and "  --geometry GEOMETRY" in said
     assert "\nexample: rosrun aras_visual_servo_controller teach goal.yaml --scheme" in said
     assert re.findall(r"^  (\S+(?: \S+)?)\n(?! {10})", said, re.MULTILINE) == []
+    assert re.findall(r"^  (--\w+)", said, re.MULTILINE) == [
+        "--geometry", "--go", "--urdf", "--scheme", "--images", "--depth", "--timeout",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

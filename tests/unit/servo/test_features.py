@@ -164,6 +164,15 @@ def test_the_motion_of_the_target_is_that_of_each_part_of_a_stack():
     np.testing.assert_allclose(found.rate, [0.3, -0.1, 0.3, -0.1])
 
 
+def test_moments_of_too_low_an_order_are_refused():
+    feature = create_feature("sx_sy")
+    view = look(feature.needs, GOAL)
+    values, central = view.moments.m_array[:6], view.moments.mu_array[:6]
+    low = replace(view, moments=Moments.from_arrays(values, central, 2, view.moments.kind))
+    with pytest.raises(MeasurementError, match="Sx, Sy need moments up to order 4"):
+        feature.measure(low, taught(feature))
+
+
 def test_a_square_has_no_angle():
     feature = create_feature("moments")
     with pytest.raises(ConfigurationError, match="alpha is undefined"):

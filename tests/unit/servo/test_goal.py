@@ -235,6 +235,8 @@ def test_goals_that_do_not_fit_the_arm():
         Goal().seen_from(np.eye(4))
     with pytest.raises(ConfigurationError, match="not to be seen"):
         goal.seen_from(transform((0, 0, 1.0), (0, 0, 0)))  # looks up
+    with pytest.raises(ConfigurationError, match="not to be seen from there .*there is no target"):
+        goal.seen_from(transform((3.0, 0, 0), (0, 0, 0)) @ goal.world_T_camera)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -7,6 +7,7 @@ import pytest
 from feature_scenes import CAMERA, CORNERS, GOAL, look, moved
 from free_camera import pose
 
+from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
@@ -174,18 +175,19 @@ def test_the_predictive_scheme_keeps_the_points_in_the_picture():
 
 @pytest.mark.parametrize("way", [(-1, 0), (1, 0), (0, -1), (0, 1)])
 def test_the_predictive_scheme_predicts_points_up_to_its_margin(way):
-    """On each side of the picture, with goals beyond it: 12 pixels within are left."""
+    """At the middle of each side of a lens's picture, with goals beyond it: 12 pixels are left."""
+    lens = CameraModel(CAMERA.width, CAMERA.height, CAMERA.K, (-0.2, 0.05, 0.004, -0.003))
     scheme = create_scheme("predictive", Proportional(5.0))
     across = np.array(way)
     begun = pose((*(0.1 * across * (2.0, 1.5)), 0.9), (0.0, 0.0, 0.3))
     beyond = pose((*(0.6 * across), 0.9), (0.0, 0.0, 0.3))
     goal = Goal.teach(scheme, look(Observer(None, scheme.needs), beyond))
-    decision = scheme.compute(look(Observer(None, scheme.needs), begun), goal, 0.0)
+    seen = replace(look(Observer(None, scheme.needs), begun), camera=lens)
+    decision = scheme.compute(seen, goal, 0.0)
     ahead = decision.features + scheme.horizon * decision.L @ decision.task.twist
-    pixels = np.transpose(CAMERA.project(*ahead.reshape(-1, 2).T))
-    last = np.array([CAMERA.width, CAMERA.height]) - 1
-    room = np.minimum(pixels, last - pixels).min(axis=0)
-    assert room @ np.abs(across) == pytest.approx(scheme.margin, abs=0.01)
+    middle = 0.5 * (np.array([lens.width, lens.height]) - 1)
+    edge = np.ravel(lens.normalise(*(middle + across * (middle - scheme.margin))[:, None])[:2])
+    assert (ahead.reshape(-1, 2) @ across).max() == pytest.approx(edge @ across, abs=1e-5)
 
 
 @pytest.mark.parametrize("name", ["numbered_points", "partitioned", "predictive", "pose", "lines"])

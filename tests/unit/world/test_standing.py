@@ -4,6 +4,7 @@ import itertools
 import math
 
 import numpy as np
+import pybullet
 import pytest
 from scipy.optimize import linprog
 
@@ -291,9 +292,15 @@ def test_a_stop_pushes_back_no_longer_than_the_push_lasts_where_bullet_steps_too
     assert model.read_joints()[1][0] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_base_is_held_where_bullet_s_window_shows_it(world, make):
+def test_a_base_is_held_where_bullet_s_window_shows_it(world, make, monkeypatch):
     world._gui = world._islands._window = True  # a window has no say in what is simulated
-    model = world.spawn(cart(make), "cart")
+    drawn = []
+    with monkeypatch.context() as shown:
+        shown.setattr(pybullet, "getConnectionInfo", lambda _: {"connectionMethod": pybullet.GUI})
+        shown.setattr(pybullet, "configureDebugVisualizer",
+                      lambda what, on, physicsClientId: drawn.append((what, on)))
+        model = world.spawn(cart(make), "cart")
+    assert drawn == [(pybullet.COV_ENABLE_RENDERING, on) for on in (0, 1)]  # shapes come at once
     steps(world, 50, model, 3.0)
     assert model.fixed_base and not model.joints.own
     assert model.read_joints()[1][0] == pytest.approx(50e-3 * 3.0 / 2.0, rel=1e-3)

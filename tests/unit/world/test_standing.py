@@ -580,8 +580,8 @@ def test_a_base_is_held_up_to_what_the_ground_can_bear_and_no_further():
 
 
 def test_a_push_along_the_ground_is_borne_up_to_nine_tenths_of_its_friction():
-    """Through the centre of pressure, on ground of any slant, along axes and diagonals of the root
-    too, where all is known exactly."""
+    """And a weight up to nine tenths of the way to a side; on ground of any slant, along axes and
+    diagonals of the root too, where all is known exactly."""
     rng = np.random.default_rng(8)
     grid = [one for one in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(one)]
     for normal in (*grid, *rng.normal(size=(14, 3))):
@@ -602,6 +602,13 @@ def test_a_push_along_the_ground_is_borne_up_to_nine_tenths_of_its_friction():
                 np.array([[0, -1, 0, 0]]), np.zeros((1, 46)), np.zeros((3, 1)), np.zeros(1),
                 -G * normal, ground, corners, touch, np.zeros(6), 1e-3,
             )  # fmt: skip
+            for side in (aside, -across):  # and its weight up to nine tenths of the way to a side
+                ground[1:4] = point + share * side + 0.4 * normal
+                assert borne == standing.bears(
+                    np.array([[0, -1, 0, 0]]), np.zeros((1, 46)), np.zeros((3, 1)), np.zeros(1),
+                    -G * normal, ground, corners, np.zeros(6), np.zeros(6), 1e-3,
+                )  # fmt: skip
+            ground[1:4] = point + 0.4 * normal
 
 
 def test_the_base_s_mass_is_that_of_all_that_is_fixed_to_it(world, make):

@@ -85,6 +85,7 @@ def test_words_and_joints_are_shown(page, host):
 
 def test_what_is_pressed_is_asked_for_and_answered(page, host):
     host.asked.clear()
+    assert page.js("document.querySelector('#gains output').textContent") == "5.00"
     page.js("document.querySelector('[data-do=start]').click()")
     page.wait("document.getElementById('answer').textContent === 'done: start'")
     page.js("""(() => { const s = document.querySelector("#gains input"); s.value = Math.log10(2);

@@ -22,7 +22,7 @@ from .pose import PoseInGoalFrame, pose_of_plane
 RATIO = 0.8  # of the distances of the best and the second best match (Lowe 2004)
 LEAST = 8  # matches that agree, below which a picture tells nothing
 APART = 3.0  # px by which a match may miss the homography
-ASIDE = 0.25  # px by which SIFT, of a picture that it doubles, finds everything right and below
+ASIDE = 0.25  # px that SIFT finds keypoints too far right and down: it doubles the picture first
 FARTHEST = 1e-3  # 1/m that a match counts as near at least: one may lie beyond the horizon
 
 

@@ -321,7 +321,10 @@ function gains(given) {
     }
   }
   for (const row of box.querySelectorAll("[data-gain]")) {
-    if (document.activeElement !== row.input) { row.input.value = Math.log10(given[row.dataset.gain]); row.show(); }
+    if (document.activeElement === row.input) continue;
+    const gain = given[row.dataset.gain];
+    row.input.value = Math.log10(gain);  // to the next of its steps
+    row.querySelector("output").textContent = gain.toPrecision(3);
   }
 }
 

@@ -244,8 +244,7 @@ class ModelJoints:
             WorldError: unknown joint or a number that is not finite; nothing is changed then.
         """
         self._place({joint: position})
-        low, high = self._stops[self._slot[joint]]
-        return min(max(position, low), high)
+        return self._within_stops(self._slot[joint], position)
 
     def set_joint_positions(self, positions: dict[str, float]) -> None:
         """Put joints at `positions` (rad or m), at rest, at their stops where those are beyond;
@@ -263,15 +262,19 @@ class ModelJoints:
     def _place(self, positions: dict[str, float]) -> None:
         slots = {}
         for joint, position in positions.items():
-            slots[self._require(joint)] = float(position)
+            slot = self._require(joint)
             if not math.isfinite(position):
                 raise WorldError(
                     f"model '{self.body.name}', joint '{joint}': position {position} is not finite"
                 )
+            slots[slot] = self._within_stops(slot, float(position))
         for slot, value in self._with_followers(slots).items():
-            low, high = self._stops[slot]
-            self._set_state(slot, min(max(value, low), high))
+            self._set_state(slot, value)
         self._cache = None
+
+    def _within_stops(self, slot: int, position: float) -> float:
+        low, high = self._stops[slot]
+        return min(max(position, low), high)
 
     def _with_followers(self, slots: dict[int, float]) -> dict[int, float]:
         if not self._gears:
@@ -282,7 +285,8 @@ class ModelJoints:
                 if mimic is not None and i not in slots:
                     leader = self._slot[mimic.joint]
                     if leader in result:
-                        result[i] = mimic.multiplier * result[leader] + mimic.offset
+                        follows = mimic.multiplier * result[leader] + mimic.offset
+                        result[i] = self._within_stops(i, follows)
         return result
 
     def stop_joints(self) -> None:

@@ -1,0 +1,151 @@
+"""The joints of a model, whoever makes their steps: reading, placing, motors, what is refused."""
+
+import math
+
+import pybullet
+import pytest
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.world import Pose, World
+
+NAMES = ("turn", "slide", "follow")
+
+
+def described(make, root="hull", **options):
+    """A turning joint, one that slides, one that follows the second: unlike in everything."""
+    hull = f'<link name="{root}"/>' if root == "world" else make.link(
+        root, 8.0, "0.1 0 0", (0.3, 0.4, 0.5, 0, 0, 0))
+    return parse_urdf(make.robot(
+        hull, make.link("a", 1.0, "0.1 0 0"), make.link("b", 2.0), make.link("c", 0.5),
+        make.joint("turn", root, "a", axis="0 0 1", lower=-0.5, upper=1.5, effort=0.1, **options),
+        make.joint("slide", "a", "b", "prismatic", axis="1 0 0", lower=-0.2, upper=0.3,
+                   effort=0.1, **options),
+        make.joint("follow", root, "c", axis="0 1 0", xyz="1 0 0", lower=-2.0, upper=2.0,
+                   extra='<mimic joint="slide" multiplier="3" offset="0.1"/>')))
+
+
+@pytest.fixture(params=["own", "bullet", "free"])
+def model(make, request):
+    """Bolted and by its own dynamics, bolted but in Bullet's hands, or free."""
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        if request.param == "bullet":
+            world._islands._window = True
+        root = "hull" if request.param == "free" else "world"
+        it = world.spawn(described(make, root), "m", Pose((1.0, 2.0, 3.0)))
+        world.step()
+        assert it.joint_names == NAMES
+        assert it.joints.own is (request.param == "own")
+        it.step = world.step
+        yield it
+
+
+def values(model):
+    return [list(part) for part in model.read_joints()[:2]]
+
+
+def test_joints_are_put_at_rest_at_their_stops_and_followers_follow(model):
+    model.joints.restore([(0.4, 2.0), (0.1, -1.0), (0.4, -3.0)])
+    assert model.joints.states() == [(0.4, 2.0), (0.1, -1.0), (0.4, -3.0)]
+    model.set_joint_positions({"turn": -0.3})
+    assert values(model) == [[-0.3, 0.1, 0.4], [0.0, -1.0, -3.0]]
+    model.set_joint_positions({"slide": 0.2})
+    assert model.read_joints()[0] == pytest.approx([-0.3, 0.2, 0.7])
+    model.set_joint_positions({"slide": -0.1, "follow": 1.0})  # asked for itself
+    assert values(model) == [[-0.3, -0.1, 1.0], [0.0, 0.0, 0.0]]
+    for asked, put in ((1.4, 1.4), (1.6, 1.5), (-0.7, -0.5)):
+        assert model.set_position("turn", asked) == put
+        assert model.read_joints()[0][0] == put
+    assert model.set_position("slide", 7.0) == 0.3  # and what follows it is where that is
+    assert model.read_joints()[0] == pytest.approx([-0.5, 0.3, 1.0])
+    model.joints.restore([(0.4, 2.0), (0.1, -1.0), (0.4, -3.0)])
+    model.joints.stop_joints()
+    assert values(model) == [[0.4, 0.1, 0.4], [0.0, 0.0, 0.0]]
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_what_is_no_number_or_no_joint_changes_nothing(model, bad):
+    model.joints.restore([(0.4, 2.0), (0.1, -1.0), (0.4, -3.0)])
+    before = values(model)
+    for positions in ({"turn": 0.1, "slide": bad}, {"turn": 0.1, "nose": 0.0}):
+        with pytest.raises(WorldError, match="'slide': position .* is not finite|'nose'"):
+            model.set_joint_positions(positions)
+        with pytest.raises(WorldError):
+            model.set_position(*list(positions.items())[1])
+    for velocity, effort in ((bad, 1.0), (1.0, -1e-9), (1.0, math.nan)):
+        with pytest.raises(WorldError, match="'turn': velocity .* finite and a non-negative"):
+            model.set_velocity_motor("turn", velocity, effort)
+    assert values(model) == before
+    model.apply_effort("turn", bad)
+    with pytest.raises(WorldError, match=r"model 'm', joint \['turn'\]: the effort is not finite"):
+        model.check_efforts()
+    model.check_efforts()  # they were dropped
+    assert values(model) == before
+
+
+def test_a_motor_holds_a_speed_up_to_its_effort_and_can_be_taken_away(model):
+    model.set_velocity_motor("turn", 0.7, math.inf)
+    model.step()
+    assert model.read_joints()[1][0] == pytest.approx(0.7, rel=1e-6)
+    model.set_velocity_motor("turn", -5.0, 0.0)  # which is none
+    model.step()
+    assert model.read_joints()[1][0] == pytest.approx(0.7, rel=1e-4)
+
+
+def test_efforts_add_up_for_one_step(model):
+    for effort in (3.0, -1.0):
+        model.apply_effort("turn", effort)
+    model.apply_effort("slide", 4.0)
+    assert model.read_joints()[2] == [0.0] * 3
+    model.step()
+    first = model.read_joints()[1]
+    assert model.read_joints()[2] == [2.0, 4.0, 0.0]
+    assert (first[0] > 1e-4, first[1] > 1e-4) == (True, True)
+    model.step()
+    assert model.read_joints()[2] == [0.0] * 3
+    assert model.read_joints()[1] == pytest.approx(first, rel=0.01)
+
+
+def test_stops_are_as_strong_as_it_takes_whatever_effort_the_file_allows(model):
+    for _ in range(3):
+        model.joints.restore([(1.49, 30.0), (0.29, 40.0), (0.97, 120.0)])
+        for _ in range(100):
+            model.apply_effort("turn", 200.0)
+            model.apply_effort("slide", 300.0)
+            model.step()
+        assert model.read_joints()[0][:2] == pytest.approx([1.5, 0.3], abs=2e-3)
+
+
+def test_a_joint_that_runs_away_is_named(model):
+    assert model.read_joints()[0]
+    if model.joints.own:
+        model.joints.restore([(0.0, 0.0), (math.nan, 0.0), (0.1, 0.0)])
+        with pytest.raises(WorldError, match="'m', joint 'slide': the simulation diverged"):
+            model.step()
+        return
+    for slot, position, velocity in ((0, 0.1, -1.1e6), (1, math.nan, 0.0), (2, 0.0, 1.2e6),
+                                     (2, math.inf, 0.0)):
+        pybullet.resetJointState(model.body_id, model.joints._indices[slot], position, velocity,
+                                 physicsClientId=model.client)
+        model.joints.after_step()
+        with pytest.raises(WorldError, match=f"joint '{NAMES[slot]}': the simulation diverged"):
+            model.read_joints()
+        pybullet.resetJointState(model.body_id, model.joints._indices[slot], 0.0, 0.9e6,
+                                 physicsClientId=model.client)
+        model.joints.after_step()
+        assert model.read_joints()[1][slot] == 0.9e6
+        pybullet.resetJointState(model.body_id, model.joints._indices[slot], 0.0, 0.0,
+                                 physicsClientId=model.client)
+        model.joints.after_step()
+
+
+@pytest.mark.parametrize("bound", [0.0, -1.0, math.nan])
+def test_a_bound_on_speed_needs_a_bolted_root_and_a_positive_number(model, bound):
+    if model.fixed_base:
+        with pytest.raises(WorldError, match="joint 'turn': a hard velocity limit of .* lock it"):
+            model.bound_speed("turn", bound)
+    else:
+        with pytest.raises(WorldError, match="joint 'turn': .* bolted down"):
+            model.bound_speed("turn", 1.0)
+    with pytest.raises(WorldError, match="'nose'"):
+        model.bound_speed("nose", 1.0)

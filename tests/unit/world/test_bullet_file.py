@@ -7,8 +7,9 @@ import numpy as np
 import pybullet
 import pytest
 
-from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.world import World, bullet_file
+from aras_sim_bridge.description import Collision, Geometry, parse_urdf
+from aras_sim_bridge.description.inertia import tensor
+from aras_sim_bridge.world import Pose, World, body, bullet_file
 
 INERTIAL = ('<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
             "</inertial>")
@@ -69,3 +70,69 @@ def test_a_world_without_a_window_makes_no_pictures_in_bullet(tmp_path):
         assert all(s[3] == (0, 0, 0) for s in shown)
         low, high = pybullet.getAABB(model.body_id, -1, physicsClientId=world.client)
         assert np.subtract(high, low) == pytest.approx([2, 1, 1], abs=0.05)
+
+
+@pytest.mark.parametrize("radius, length", [(0.3, 0.8), (0.004, 0.0015)])
+@pytest.mark.parametrize("kind", ["cylinder", "capsule"])
+def test_what_rolls_touches_by_two_rims_that_are_as_far_out_as_the_shape(kind, radius, length):
+    """Between them it is thinner by 0.1 mm, of what is small by a hundredth."""
+    whole = Collision("c", (0.1, 0.2, 0.3), (0.4, -0.5, 0.6),
+                      Geometry(kind, radius=radius, length=length))
+    middle, *rims = bullet_file._rolling(whole)
+    assert middle.pose == whole.pose and middle.geometry.kind == kind
+    assert middle.geometry.radius == pytest.approx(radius - min(1e-4, 0.01 * radius))
+    assert middle.geometry.length == pytest.approx(length * (1.0 if kind == "capsule" else 0.98))
+    places = [whole.pose.inverse().apply(rim.pose.xyz) for rim in rims]
+    wide = 0.0 if kind == "capsule" else min(1e-3, length / 2)
+    out = length / 2 - wide / 2
+    assert places == [pytest.approx((0.0, 0.0, z), abs=1e-12) for z in (-out, out)]
+    for rim in rims:
+        assert rim.geometry.kind == ("sphere" if kind == "capsule" else "cylinder")
+        assert (rim.geometry.radius, rim.geometry.length) == (radius, pytest.approx(wide))
+        assert rim.pose.quat == pytest.approx(whole.pose.quat)
+    box = Collision("b", (0.1, 0.2, 0.3), (0.4, -0.5, 0.6), Geometry("box", size=(1, 2, 3)))
+    assert list(bullet_file._rolling(box)) == [box]
+
+
+def test_a_massless_root_takes_the_heaviest_inertial_that_is_fixed_to_it(make):
+    """Over two fixed joints, where it stands; not what a joint moves, however heavy."""
+    tilted = (0.3, 0.4, 0.5, 0.05, -0.04, 0.03)
+    text = make.robot(
+        '<link name="base_link"/>', make.link("plate", 2.0),
+        make.link("chassis", 5.0, "0.1 0.2 0.3", tilted), make.link("boom", 50.0),
+        make.joint("a", "base_link", "plate", "fixed", "1 0 0", rpy="0 0 0.5"),
+        make.joint("b", "plate", "chassis", "fixed", "0 2 0", rpy="0.3 0 0"),
+        make.joint("c", "base_link", "boom", "revolute"))
+    described = parse_urdf(text)
+    found = bullet_file.with_massive_root(described)
+    lent, lender = found.links["base_link"].inertial, described.links["chassis"].inertial
+    at = Pose.from_rpy((1, 0, 0), (0, 0, 0.5)) @ Pose.from_rpy((0, 2, 0), (0.3, 0, 0))
+    assert lent.mass == 5.0 and found.links["chassis"].inertial is None
+    assert lent.origin_xyz == pytest.approx(at.apply((0.1, 0.2, 0.3)))
+    turn = lent.pose.matrix()[:3, :3]
+    world = at.matrix()[:3, :3] @ lender.pose.matrix()[:3, :3]
+    np.testing.assert_allclose(turn @ tensor(lent.inertia) @ turn.T,
+                               world @ tensor(lender.inertia) @ world.T, atol=1e-12)
+    for name in ("plate", "boom"):
+        assert found.links[name] is described.links[name]
+    assert [bullet_file.root_is_fixed(described, asked) for asked in (None, True, False)] == [
+        False, True, False]
+    named = parse_urdf(text.replace("base_link", "world"))
+    assert bullet_file.with_massive_root(named) is named
+    assert bullet_file.root_is_fixed(named)
+
+
+def test_only_links_that_joints_with_stops_move_may_hold_something(make):
+    """With what is fixed to them; neither wheels nor what hangs on the root."""
+    names = ("finger", "tip", "pad", "wheel", "tyre", "slide", "post", "endless", "hand")
+    text = make.robot(
+        make.link("base"), *map(make.link, names),
+        make.joint("grip", "base", "finger", "revolute", lower=0.0, upper=1.0),
+        make.joint("f1", "finger", "tip", "fixed"), make.joint("f2", "tip", "pad", "fixed"),
+        make.joint("axle", "finger", "wheel", "continuous"),
+        make.joint("f3", "wheel", "tyre", "fixed"),
+        make.joint("rail", "wheel", "slide", "prismatic", lower=-1.0, upper=0.0),
+        make.joint("f4", "base", "post", "fixed"),
+        make.joint("turn", "base", "endless", "continuous"),
+        make.joint("f5", "endless", "hand", "fixed"))
+    assert body._gripping(parse_urdf(text)) == {"finger", "tip", "pad", "slide"}

@@ -6,11 +6,15 @@ import random
 import subprocess
 import sys
 
+import pybullet
 import pytest
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world import Pose, Twist, World
+from aras_sim_bridge.world.model_joints import ModelJoints
+
+G = 9.8
 
 
 def test_reset_simulation_restores_spawns_and_their_configurations(make):
@@ -89,6 +93,31 @@ def test_root_rules(make):
         assert asked.pose().xyz == (0, 0, 0)
 
 
+def test_a_root_without_mass_is_bolted_whatever_is_asked(make):
+    """Bullet nails it; as a free one it ended its first step with an IndexError if damped."""
+    with World() as world:
+        model = world.spawn(parse_urdf(make.pendulum(damping=0.1)), "m", Pose((1, 2, 3)),
+                            {"swing": 0.5}, fixed_base=False)
+        heavy = world.spawn(parse_urdf(make.robot(make.link("world"))), "heavy", fixed_base=False)
+        assert (model.fixed_base, heavy.fixed_base) == (True, False)
+        world.step()
+        expected = -(G * 0.5 * math.sin(0.5)) * 1e-3 / (0.26 + 1e-3 * 0.1)
+        assert model.read_joints()[1][0] == pytest.approx(expected)
+
+
+def test_the_ground_plane_is_gazebo_s():
+    """Grey, a hundred metres wide to the eye, and rougher than what stands on it."""
+    with World() as world:
+        model = world.spawn_ground_plane("floor")
+        assert (model.name, model.fixed_base, model.description.static) == ("floor", True, True)
+        (link,) = model.description.links.values()
+        assert link.name == model.description.root and link.mu == 100.0
+        for (part,) in (link.visuals, link.collisions):
+            assert (part.geometry.kind, part.geometry.size) == ("plane", (100.0, 100.0, 0.0))
+            assert part.pose == Pose() and part.geometry.normal == (0.0, 0.0, 1.0)
+        assert model.description.colours == {link.name: (0.7, 0.7, 0.7, 1.0)}
+
+
 def test_links_without_gravity_float(make):
     tag = '<gazebo reference="a"><gravity>false</gravity></gazebo>'
     with World() as world:
@@ -117,6 +146,22 @@ def test_bad_spawns_are_refused_and_leave_the_world_alone(make, arguments, text)
         with pytest.raises(WorldError, match=text):
             world.spawn(description, **{"name": "m", **arguments})
         assert list(world.models) == ["taken"]
+
+
+def test_of_a_model_that_bullet_took_but_the_world_cannot_use_nothing_stays(make, monkeypatch):
+    def fail(*_):
+        raise WorldError("no")
+
+    with World() as world:
+        other = world.spawn(parse_urdf(make.robot(make.link("a"))), "other")
+        with monkeypatch.context() as broken:
+            broken.setattr(ModelJoints, "load", fail)
+            with pytest.raises(WorldError, match="no"):
+                world.spawn(parse_urdf(make.pendulum()), "m")
+        assert pybullet.getNumBodies(physicsClientId=world.client) == 1
+        assert list(world.models) == ["other"]
+        world.step()
+        assert other.twist().linear[2] < 0.0
 
 
 def test_what_cannot_move_is_refused(make):

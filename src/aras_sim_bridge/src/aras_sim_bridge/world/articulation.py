@@ -22,6 +22,7 @@ class Articulation:
             origin), 30:33 axis, mass 33, first moment 34:37 and second 37:43 (xx xy xz yy yz zz) in
             the joint's frame, about its origin; 43:47 mass and first moment that gravity pulls at;
             47:50 axis in the parent's frame.
+        base (50,): the same of all that no joint moves, in the root's frame.
         tree (n, 4): see joint_dynamics.py.
         link_joint: by link, the joint that moves it, by number; -1: none does.
     """
@@ -30,7 +31,7 @@ class Articulation:
         self.names = tuple(names)
         number = {name: k for k, name in enumerate(self.names)}
         count = len(self.names)
-        self.bodies = np.zeros((count, _BODY))
+        self.bodies, self.base = np.zeros((count, _BODY)), np.zeros(_BODY)
         self.tree = np.zeros((count, 4), dtype=np.int64)
         self.link_joint: dict[str, int] = {}
         children: dict[str, list] = {}
@@ -43,8 +44,9 @@ class Articulation:
             name, mover, pose = pending.pop()
             self.link_joint[name] = mover
             link = description.links[name]
-            if mover >= 0 and link.inertial is not None:
-                self._add_mass(mover, link.inertial, pose, link.gravity)
+            if link.inertial is not None:
+                row = self.base if mover < 0 else self.bodies[mover]
+                _add_mass(row, link.inertial, pose, link.gravity)
             for joint in children.get(name, ()):
                 at = pose @ joint.pose
                 if joint.name not in number:
@@ -59,23 +61,6 @@ class Articulation:
         self.tree[:, 0] = order
         self.tree[:, 3] = range(count)
 
-    def _add_mass(self, body: int, inertial: Inertial, pose: Pose, gravity: bool) -> None:
-        """Add a link's inertia to the body's; `pose` is the link's frame in the joint's."""
-        frame = pose @ inertial.pose
-        turn = frame.matrix()[:3, :3]
-        centre = np.array(frame.xyz)
-        about_centre = turn @ tensor(inertial.inertia) @ turn.T
-        second = about_centre + inertial.mass * (
-            centre @ centre * np.eye(3) - np.outer(centre, centre)
-        )
-        row = self.bodies[body]
-        row[33] += inertial.mass
-        row[34:37] += inertial.mass * centre
-        row[37:43] += second[np.triu_indices(3)]
-        if gravity:
-            row[43] += inertial.mass
-            row[44:47] += inertial.mass * centre
-
     def _set_frame(self, body: int, at: Pose, axis: Vector3) -> None:
         """Put the joint's frame at `at` in the parent's."""
         turn, u = at.matrix()[:3, :3], np.array(axis)
@@ -87,6 +72,23 @@ class Articulation:
         row[27:30] = at.xyz
         row[30:33] = u
         row[47:50] = turn @ u
+
+
+def _add_mass(row: np.ndarray, inertial: Inertial, pose: Pose, gravity: bool) -> None:
+    """Add a link's inertia to the body's; `pose` is the link's frame in the joint's."""
+    frame = pose @ inertial.pose
+    turn = frame.matrix()[:3, :3]
+    centre = np.array(frame.xyz)
+    about_centre = turn @ tensor(inertial.inertia) @ turn.T
+    second = about_centre + inertial.mass * (
+        centre @ centre * np.eye(3) - np.outer(centre, centre)
+    )
+    row[33] += inertial.mass
+    row[34:37] += inertial.mass * centre
+    row[37:43] += second[np.triu_indices(3)]
+    if gravity:
+        row[43] += inertial.mass
+        row[44:47] += inertial.mass * centre
 
 
 def joint_rows(description: RobotDescription, names: Sequence[str], tree: np.ndarray) -> np.ndarray:

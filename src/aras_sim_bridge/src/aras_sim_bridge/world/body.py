@@ -22,7 +22,7 @@ class Body:
     Attributes:
         body_id: Bullet's, another one after each load.
         links: Bullet's index by link; -1 is the root.
-        joint_indices, dofs: Bullet's index, and place among the degrees of freedom, by joint.
+        joint_indices: Bullet's index by joint.
         inertial_poses: link_T_principal, Bullet's frame of a link, by link.
         asleep: whether Bullet's steps leave it alone.
         weightless: mass of the links that gravity does not pull at, kg.
@@ -94,19 +94,16 @@ class Body:
     def _number(self, description: RobotDescription) -> None:
         links: dict[str, int] = {description.root: -1}
         joints: dict[str, int] = {}
-        dof: dict[str, int] = {}
         for index in range(pybullet.getNumJoints(self.body_id, physicsClientId=self.client)):
             info = pybullet.getJointInfo(self.body_id, index, physicsClientId=self.client)
             if info[1].decode() not in description.joints:
                 continue  # Bullet's first link, see bullet_file.py
             joints[info[1].decode()] = index
             links[info[12].decode()] = index
-            if info[3] >= 0:
-                dof[info[1].decode()] = len(dof)
         missing = set(description.links) - set(links)
         if missing:
             raise WorldError(f"model '{self.name}': Bullet lost the links {sorted(missing)}")
-        self.links, self.joint_indices, self.dofs = links, joints, dof
+        self.links, self.joint_indices = links, joints
         coefficients = {links[name]: link.mu for name, link in description.links.items()}
         self.friction = {index: DEFAULT_FRICTION if mu is None else mu
                          for index, mu in coefficients.items()}

@@ -38,8 +38,8 @@ _NOTHING = '<visual><geometry><box size="0 0 0"/></geometry></visual>'
 _RIM, _THINNER = 1e-3, 1e-4  # m: width of the rims of what rolls; what is between them is thinner
 
 
-def root_is_fixed(description: RobotDescription) -> bool:
-    """Whether the model's root link stays where it is put.
+def root_is_fixed(description: RobotDescription, asked: bool | None = None) -> bool:
+    """Whether the model's root link stays where it is put: as `asked`, if it has mass.
 
     True for a root named 'world' (ROS's way to bolt a robot down), a root without mass, of its own
     or of links fixed to it (no free body is without), a root that the file calls kinematic
@@ -47,7 +47,9 @@ def root_is_fixed(description: RobotDescription) -> bool:
     model.
     """
     root = with_massive_root(description).links[description.root]
-    return description.static or root.name == "world" or root.kinematic or root.inertial is None
+    if asked is None:
+        asked = description.static or root.name == "world" or root.kinematic
+    return asked or root.inertial is None
 
 
 def with_massive_root(description: RobotDescription) -> RobotDescription:

@@ -16,9 +16,6 @@ from typing import Protocol
 
 import numpy as np
 
-from aras_sim_bridge.world.body import Body
-from aras_sim_bridge.world.bullet import pybullet
-
 EXPLICIT_BOUND = 0.5
 CHECK_EVERY = 200  # steps; inertia changes with the configuration, slowly at 1 ms
 
@@ -27,11 +24,9 @@ class DampedJoints(Protocol):
     """What is needed of a model's joints: ModelJoints, which holds the damping. Joints are named
     by their index in `damping_coefficients`, Nms/rad or Ns/m."""
 
-    body: Body
     damping_coefficients: list[float]
-    dof_order: list[int]
 
-    def bullet_positions(self) -> list[float]: ...
+    def inverse_inertia(self) -> np.ndarray: ...
     def restore_friction(self, slot: int) -> None: ...
     def set_bullet_damping(self, slot: int, damping: float) -> None: ...
     def set_damping_motor(self, slot: int, share: float) -> None: ...
@@ -56,21 +51,12 @@ class FreeDamping:
         """Configuration, inertia or time step jumped: choose again at the next step."""
         self._countdown = 0
 
-    def inverse_inertia(self) -> np.ndarray:
-        """(n, n): accelerations of the joints by their efforts, 1/(kg m²) or 1/kg."""
-        joints = self._joints
-        matrix = np.array(pybullet.calculateMassMatrix(
-            joints.body.body_id, joints.bullet_positions(), physicsClientId=joints.body.client))
-        order = [*range(6), *(6 + i for i in joints.dof_order)]
-        count = len(joints.dof_order)
-        return np.linalg.pinv(matrix[np.ix_(order, order)])[-count:, -count:]
-
     def _choose(self, dt: float) -> None:
         d = np.array(self._joints.damping_coefficients)
         stiffness = np.zeros(len(d))
         largest = 0.0
         if d.any():
-            inverse = self.inverse_inertia()
+            inverse = self._joints.inverse_inertia()
             root = np.sqrt(d)
             stiffness = d * dt * np.diag(inverse)
             largest = dt * float(np.linalg.eigvalsh(root[:, None] * inverse * root)[-1])

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from aras_sim_bridge.description.inertia import tensor
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.world import joint_dynamics
 from aras_sim_bridge.world.articulation import Articulation, joint_rows
@@ -50,6 +51,7 @@ class JointSpace:
         self._wrenches = np.zeros((count, 6))
         self.gravity = np.zeros(3)
         self.tree, self.frames = tree.tree, np.zeros((count, 46))
+        self._base = tree.base
         self._rows = np.zeros((9, count))
         self.before = self._rows[BEFORE]
         self._matrices = np.zeros((3, count, count))
@@ -119,3 +121,24 @@ class JointSpace:
         """Joint-space inertia (n, n), kg m² or kg, of every joint as if none mimicked another."""
         joint_dynamics.dynamics(*self._arrays)
         return self._matrices[0].copy()
+
+    def free_mass_matrix(self) -> np.ndarray:
+        """The same with the root let go (6 + n, 6 + n): first its twist, angular part first, in its
+        own axes about its own origin."""
+        mass, base = self.mass_matrix(), self._base
+        whole = np.zeros((6 + len(mass), 6 + len(mass)))
+        whole[:6, :6] = _spatial(base[33], base[34:37], base[37:43])
+        whole[6:, 6:] = mass
+        for j, frame in enumerate(self.frames, 6):
+            carried = _spatial(frame[30], frame[31:34], frame[34:40])  # by the joint
+            whole[:6, j] = whole[j, :6] = carried @ frame[12:18]
+            if self.tree[j - 6, 1] < 0:
+                whole[:6, :6] += carried
+        return whole
+
+
+def _spatial(mass: float, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Spatial inertia (6, 6), angular part first, of mass and moments about an origin."""
+    x, y, z = first
+    cross_first = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.block([[tensor(second), cross_first], [-cross_first, mass * np.eye(3)]])

@@ -43,13 +43,13 @@ class ModelJoints:
         joints = [description.joints[name] for name in self.names]
         self.damping_coefficients = [joint.damping for joint in joints]
         self.friction = [joint.friction for joint in joints]
-        self.dof_order = [body.dofs[name] for name in self.names]
         self._mimics = [joint.mimic for joint in joints]
         self._slot = {name: slot for slot, name in enumerate(self.names)}
         self._indices = [body.joint_indices[name] for name in self.names]
         self._stops = [joint.stops for joint in joints]
         jointed = bool(self.names)
-        self.space = JointSpace(description, self.names) if jointed and body.fixed_base else None
+        space = JointSpace(description, self.names) if jointed else None
+        self.space, self._loose = (space, None) if body.fixed_base else (None, space)
         for slot, index in enumerate(self._indices):
             pybullet.changeDynamics(body.body_id, index, jointLimitForce=NO_LIMIT_FORCE,
                                     physicsClientId=body.client)
@@ -339,14 +339,6 @@ class ModelJoints:
             raise UnknownJointError(self.body.name, joint, self.names)
         return slot
 
-    def bullet_positions(self) -> list[float]:
-        """Joint positions in Bullet's order of degrees of freedom."""
-        positions = self.read()[0]
-        ordered = [0.0] * len(positions)
-        for index, value in zip(self.dof_order, positions, strict=True):
-            ordered[index] = value
-        return ordered
-
     def bias_efforts(self) -> list[float]:
         """Efforts that gravity, Coriolis and centrifugal forces ask of each joint, N m or N.
 
@@ -360,7 +352,8 @@ class ModelJoints:
     def inverse_inertia(self) -> np.ndarray:
         """(n, n): accelerations of the joints by their efforts, 1/(kg m²) or 1/kg."""
         if self.space is None:
-            return self.damping.inverse_inertia()
+            self._loose.state[0] = self.read()[0]
+            return np.linalg.inv(self._loose.free_mass_matrix())[6:, 6:]
         if not self.own:
             self.take_note()
         return np.linalg.inv(self.space.mass_matrix())

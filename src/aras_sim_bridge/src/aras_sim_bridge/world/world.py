@@ -77,7 +77,7 @@ class World:
         self._gui = self._stepped = gui
         if gui:  # without panels of sliders and empty previews, and shadows: half a picture's cost
             for part in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_SHADOWS):
-                pybullet.configureDebugVisualizer(part, 0, physicsClientId=self.client)
+                pybullet.configureDebugVisualizer(part, False, physicsClientId=self.client)
         self._direct = False
         self._friction = ContactFriction(self.client)
         self._sliding = SlidingFriction(self.client)
@@ -87,11 +87,11 @@ class World:
     def _configure(self) -> None:
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=self._time_step, numSolverIterations=self._iterations,
-            solverResidualThreshold=SOLVER_RESIDUAL, deterministicOverlappingPairs=1,
+            solverResidualThreshold=SOLVER_RESIDUAL, deterministicOverlappingPairs=True,
             # Meshes and files are read anew for each model: they may have changed.
-            enableFileCaching=0,
+            enableFileCaching=False,
             # Split impulses leave a joint beyond its limit by more than 4 cm (bullet3#2944).
-            useSplitImpulse=0,
+            useSplitImpulse=False,
             restitutionVelocityThreshold=0.0,  # impacts.py decides
             # Both sides of a pair have to want it; Bullet is content with one.
             collisionFilterMode=0,
@@ -157,7 +157,8 @@ class World:
             pose: world_T_root.
             joint_positions: rad or m; absent joints start at 0 (mimicking ones follow).
             fixed_base: bolt the root link where it is put; None follows the description: a root
-                named 'world' or without mass, `<kinematic>` on it, or `<static>` fix it.
+                named 'world' or without mass, `<kinematic>` on it, or `<static>` fix it. One
+                without mass is bolted in any case.
 
         Raises:
             WorldError: name taken or empty, pose or position impossible, joint kinds or masses
@@ -174,7 +175,7 @@ class World:
         if math.hypot(*pose.xyz) > LARGEST:
             raise WorldError(f"model '{name}': position {pose.xyz} is beyond {LARGEST:.0e} m")
         start = _start_positions(description, name, joint_positions or {})
-        fixed = bullet_file.root_is_fixed(description) if fixed_base is None else fixed_base
+        fixed = bullet_file.root_is_fixed(description, fixed_base)
         bodies = pybullet.getNumBodies(physicsClientId=self.client)
         try:
             model = Model(self.client, description, name, pose, start, fixed,

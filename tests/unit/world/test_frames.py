@@ -48,6 +48,12 @@ def test_link_frames_are_those_of_the_urdf(make):
         for name, expected in (("hull", hull), ("arm", arm), ("tip", tip)):
             np.testing.assert_allclose(model.link_pose(name).matrix(), expected, atol=1e-12)
         assert list(model.link_states()) == ["hull", "arm", "tip"]
+        asked = (lambda: model.link_state("arm")[0], lambda: model.link_states()["arm"][0],
+                 lambda: Pose(*(values[0] for values in model.frames(("arm",)))))
+        for turned, ask in zip((-1.1, 0.4, 2.0), asked, strict=True):  # no step is made
+            model.set_joint_positions({"turn": turned})
+            arm = hull @ transform((0.2, 0, 0.5), (0.1, 0.2, 0.3), axis, turned)
+            np.testing.assert_allclose(ask().matrix(), arm, atol=1e-6)
         assert model.pose().xyz == pytest.approx((1, -2, 3), abs=1e-15)
 
 

@@ -3,10 +3,12 @@
 import math
 
 import numpy as np
+import pybullet
 import pytest
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.world import Pose, Twist, World
+from aras_sim_bridge.world.impacts import Impacts
 
 G = 9.8
 
@@ -269,3 +271,133 @@ def test_a_block_that_lands_askew_turns_over_the_edge_that_strikes(make):
         assert model.pose().xyz[2] == pytest.approx(0.05, abs=1e-4)
         assert max(np.diff(energies)) < 0.02
         assert math.hypot(*model.pose().quat[:2]) < 1e-3
+
+
+def watched(make, world, coefficient=0.5, threshold=1.0):
+    """A ball that flies and spins, its Impacts, and what may be struck: a jointed model's moving
+    link and its root, another ball, a block that is bolted."""
+    ball_ = world.spawn(ball(make, coefficient, threshold, gravity=False), "ball",
+                        Pose.from_rpy((0.1, 0.2, 0.3), (0.3, -0.2, 0.5)))
+    ball_.set_twist(Twist((1.0, -2.0, 3.0), (4.0, 5.0, -6.0)))
+    other = world.spawn(ball(make, 0.8, 0.4, gravity=False), "other", Pose((4.0, 0.0, 0.0)))
+    other.set_twist(Twist((0.5, 0.25, -0.7), (1.0, 2.0, 3.0)))
+    jointed = world.spawn(parse_urdf(make.robot(
+        make.link("hull", 3.0, "0.1 0 0"), make.link("arm", 1.0, "0.2 0 0"),
+        make.joint("turn", "hull", "arm", "continuous", "0 0 0.5", "0 0.6 0.8"),
+        f'<gazebo reference="arm">{bouncing(0.3, 0.2)}</gazebo>')), "jointed", Pose((0, 7, 0)))
+    jointed.set_twist(Twist((0.4, 0.3, 0.2), (0.1, 0.2, 0.3)))
+    jointed.joints.restore([(0.3, 2.0)])
+    bolted = world.spawn(floor(make), "floor", Pose((0.0, 0.0, -9.0)))
+    impacts = Impacts(world.client)
+    impacts.models_changed(world.models.values())
+    return impacts, ball_, other, jointed, bolted
+
+
+def of_point(model, link, point):
+    pose, twist = model.link_state(link)
+    return np.array(twist.linear) + np.cross(twist.angular, np.subtract(point, pose.xyz))
+
+
+def test_when_and_how_a_point_strikes_is_known_from_both_points_speeds(make):
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        impacts, body, other, jointed, bolted = watched(make, world)
+        rng = np.random.default_rng(8)
+        parts = [(other, -1, "ball", (0.8, 0.4)), (jointed, -1, "hull", None),
+                 (jointed, 0, "arm", (0.3, 0.2)), (bolted, -1, "world", None)]
+        linear, angular = body.twist()
+        found = 0
+        for k in range(80):
+            model, index, link, bounce = parts[k % 4]
+            normal = rng.normal(size=3)
+            normal /= np.linalg.norm(normal)
+            own, its, gap = *rng.normal(size=(2, 3)), rng.uniform(0.0, 3e-3)
+            speed = (of_point(model, link, its) - of_point(body, "ball", own)) @ normal
+            point = (0, body.body_id, model.body_id, -1, index, tuple(own), tuple(its),
+                     tuple(normal), gap, 0.0)
+            strikes = impacts._strike(body.body_id, linear, angular, point, 1e-3)
+            time = (gap + 1e-5) / speed
+            assert (strikes is not None) == (speed >= 0.05 and time < 1.25e-3)
+            if strikes is None:
+                continue
+            found += 1
+            bounces = [(0.5, 1.0), *([bounce] if bounce else [])]
+            elastic = min(e for e, _ in bounces) if speed >= min(v for _, v in bounces) else 0.0
+            drift = of_point(model, link, its) if model is jointed else np.zeros(3)
+            assert strikes[0] == pytest.approx(time)
+            assert strikes[1:4] == (-1, (model.body_id, index), elastic)
+            assert strikes[4] == tuple(normal)
+            assert strikes[5] == pytest.approx(drift, abs=1e-12)
+            deep = (*point[:8], -1.1e-5, 0.0)  # it is in the other already
+            assert impacts._strike(body.body_id, linear, angular, deep, 1e-3) is None
+        assert found > 15
+
+
+@pytest.mark.parametrize("drift", [(0.0, 0.0, 0.0), (0.3, -0.1, 0.7)])
+def test_a_body_that_is_put_where_it_strikes_has_flown_on(make, drift):
+    """Seen from what moves itself; place, orientation to second order, and speeds stay."""
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        impacts, body, *_ = watched(make, world)
+        pose, twist = body.link_state("ball")
+        impacts._advance(body.body_id, 2e-3, *([drift] if any(drift) else []))
+        expected = np.add(pose.xyz, 2e-3 * np.subtract(twist.linear, drift))
+        assert body.pose().xyz == pytest.approx(expected, abs=1e-12)
+        turn = body.pose().matrix()[:3, :3] @ pose.matrix()[:3, :3].T
+        turned = np.array((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0],
+                           turn[1, 0] - turn[0, 1])) / 2
+        assert turned == pytest.approx(2e-3 * np.array(twist.angular), rel=1e-3)
+        assert body.twist() == twist
+
+
+def test_what_lands_on_a_plane_is_shown_tilted_to_all_sides(make, monkeypatch):
+    """Nine of them, about axes along the plane; then it is as it was."""
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        impacts, body, *_ = watched(make, world)
+        before = body.link_state("ball")
+        real, shown = pybullet.performCollisionDetection, []
+        monkeypatch.setattr(pybullet, "performCollisionDetection",
+                            lambda client: (shown.append(body.pose()), real(client)))
+        rng = np.random.default_rng(3)
+        for normal in (*np.eye(3), *rng.normal(size=(20, 3))):
+            normal /= np.linalg.norm(normal)
+            shown.clear()
+            impacts._show_corners(body.body_id, tuple(normal))
+            pose, twist = body.link_state("ball")
+            assert (pose.xyz, twist) == (before[0].xyz, before[1])
+            assert pose.quat == pytest.approx(before[0].quat, abs=1e-14)
+            assert {pose.xyz for pose in shown} == {before[0].xyz}
+            turns = [one.matrix()[:3, :3] @ before[0].matrix()[:3, :3].T for one in shown]
+            axes = np.array([(r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1])
+                             for r in turns]) / 2
+            assert axes @ normal == pytest.approx([0.0] * 9, abs=1e-12)
+            size = np.linalg.norm(axes, axis=1)
+            assert size == pytest.approx([size[0]] * 9, rel=1e-4)
+            assert 0.7 * 5e-3 < size[0] < 1.001 * 5e-3
+            ahead = np.einsum("ij,ij->i", axes, np.roll(axes, -1, axis=0)) / size**2
+            assert ahead == pytest.approx([math.cos(2 * math.pi / 9)] * 9, abs=1e-3)
+
+
+def test_what_has_nothing_near_is_looked_at_every_seventh_step(make, monkeypatch):
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        impacts, body, *_ = watched(make, world)
+        real, boxes = pybullet.getOverlappingObjects, []
+        monkeypatch.setattr(pybullet, "getOverlappingObjects",
+                            lambda low, high, client: (boxes.append((low, high)),
+                                                       real(low, high, client))[1])
+        looked = []
+        for k in range(20):
+            impacts.watch(body.body_id, *body.twist(), 1e-3)
+            if boxes:
+                looked.append(k)
+                low, high = np.array(pybullet.getAABB(body.body_id, -1, world.client))
+                speed = math.sqrt(14) + 0.5 * math.sqrt(77) * np.linalg.norm(high - low)
+                assert boxes[0][0] == pytest.approx(low - 10 * speed * 1e-3)
+                assert boxes[0][1] == pytest.approx(high + 10 * speed * 1e-3)
+                boxes.clear()
+        assert looked == [0, 7, 14]
+        impacts.pushed()
+        impacts.watch(body.body_id, *body.twist(), 1e-3)
+        assert boxes
+        boxes.clear()
+        impacts.pushed()
+        impacts.watch(body.body_id, (0.0, 0.0, 0.049), (0.0, 0.0, 0.0), 1e-3)  # too slow to strike
+        assert not boxes

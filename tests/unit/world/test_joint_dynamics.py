@@ -12,7 +12,8 @@ import pytest
 from aras_robot import URDF, ArasRobot, description
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.world import World, islands, standing
+from aras_sim_bridge.world import World, islands, joint_dynamics, standing
+from aras_sim_bridge.world.articulation import joint_rows
 from aras_sim_bridge.world.changes import with_joint
 from aras_sim_bridge.world.joint_space import JointSpace
 from aras_visual_servo_base.poses import Pose
@@ -209,6 +210,8 @@ def conditions(space, described, dt, before, effort, goals):
         stood[1] += place < lower + 1e-9
         stood[2] += place > upper - 1e-9
         assert rubs[0] + low - slack <= taken[k] <= rubs[1] + high + slack, names[k]
+        beside = {abs(space.state[0, k] - bound) for bound in (lower, upper)}
+        assert min(beside) == 0.0 or min(beside) > 1e-13  # onto a stop, not beside it by rounding
     return stood
 
 
@@ -407,3 +410,129 @@ def test_a_mimicking_joint_s_losses_are_its_leader_s_too(make):
         space.state[2] = 10.0, 0.0
         space.advance(DT)
     assert space.state[1, 0] == pytest.approx(8.5 / 10.0, rel=0.05)
+
+
+@pytest.mark.parametrize("solve", ["sweeps", "sets"])
+def test_both_ways_to_solve_a_step_fulfil_its_conditions(solve):
+    """For three joints and a follower between them, coupled, rubbing, driven and at stops."""
+    rng = np.random.default_rng(3)
+    tree, leads, settled = np.zeros((4, 4), dtype=np.int64), [0, 1, 3], 0
+    tree[:, 3] = 0, 1, 0, 3
+    stood = np.zeros(5, dtype=int)
+    for _ in range(60):
+        half = rng.normal(size=(3, 3))
+        a = half @ half.T + 0.2 * np.eye(3)
+        matrices, rows = np.full((3, 4, 4), np.nan), np.full((9, 4), 0.5)
+        right, hold = rng.normal(size=3) * 3.0, rng.choice([0.0, 0.4, 1.5], 3)
+        scale = 10.0 ** rng.integers(-9, 10)  # of masses and forces: speeds are the same
+        a, right, hold = scale * a, scale * right, scale * hold
+        matrices[1] = 0.0
+        matrices[1][np.ix_(leads, leads)] = a
+        goal = rng.choice([0.0, 0.3, -0.2], 3)
+        bottom, top = rng.choice([-np.inf, -0.5, -0.1], 3), rng.choice([0.1, 0.7, np.inf], 3)
+        for row, values in ((joint_dynamics._RIGHT, right), (joint_dynamics._HOLD, hold),
+                            (joint_dynamics._GOAL, goal), (joint_dynamics._BOTTOM, bottom),
+                            (joint_dynamics._TOP, top)):
+            rows[row, leads] = values
+        modes = rng.integers(0, 3, 4)
+        if solve == "sweeps":
+            joint_dynamics._sweep(tree, modes, matrices, rows)
+        else:
+            for _ in range(20):
+                joint_dynamics._speeds_of(tree, modes, matrices, rows)
+                if not joint_dynamics._correct(tree, modes, matrices, rows):
+                    break
+            else:
+                continue  # round and round: that is what sweeps are for
+        settled += 1
+        v = rows[joint_dynamics.SPEED]
+        assert v[2] == 0.0
+        v, kinds, taken = v[leads], modes[leads], right - a @ v[leads]
+        low, high = v == bottom, v == top
+        assert ((bottom <= v) & (v <= top)).all()
+        least, most = np.where(v > goal, hold, -hold), np.where(v < goal, -hold, hold)
+        least[low], most[high] = -np.inf, np.inf
+        assert ((least - 1e-9 * scale <= taken) & (taken <= most + 1e-9 * scale)).all()
+        expected = np.select([low, high, v > goal, v < goal], [3, 4, 1, 2])
+        np.testing.assert_array_equal(kinds, expected)
+        np.add.at(stood, kinds, 1)
+    assert settled > 50 and stood.min() > 5
+
+
+def test_what_damping_and_stops_push_makes_of_a_free_step_the_one_with_them(make):
+    """`react` for Bullet's steps against `advance`: less what friction takes of them."""
+    rng = np.random.default_rng(12)
+    text = tree_xml(make, 5).replace('lower="-10.0" upper="10.0"', 'lower="-0.2" upper="0.3"')
+    while 'damping="0.0" friction="0.0"' in text:
+        text = text.replace('damping="0.0" friction="0.0"',
+                            f'damping="{rng.choice([0.0, 5.0])}" friction="0.1"', 1)
+    space, described = space_of(text)
+    other, _ = space_of(text)
+    hold = np.array([0.0, 2.0, 0.0, 4.0, 9.0, 0.0, 1.0, 3.0])
+    goals = np.array([0.0, 0.3, 0.0, -0.2, 0.0, 0.0, 0.0, 0.0])
+    for slot in range(8):
+        for one in (space, other):
+            one.set_motor(slot, goals[slot], hold[slot])
+    stopped = 0
+    for k in range(200):
+        if k % 40 == 0:
+            push = rng.normal(size=8) * 60.0
+        space.state[2] = push + rng.normal(size=8)
+        other.state[:] = space.state
+        before = space.state.copy()
+        mass, bias = space.mass_matrix(), np.array(space.bias_efforts())
+        found = np.array(other.react(DT))
+        np.testing.assert_array_equal(other.state, before)
+        assert space.advance(DT) == -1
+        after = space.state[1]
+        rubbed = before[2] - bias + found - mass @ (after - before[1]) / DT
+        slides = np.abs(after - goals) > 1e-9
+        size = 1e-6 * (1.0 + abs(before[2]) + abs(found))
+        assert (abs(rubbed - np.sign(after - goals) * hold)[slides] <= size[slides]).all()
+        assert (abs(rubbed) <= hold + size).all()
+        damped = np.array([described.joints[n].damping for n in described.moving_joints()]) * after
+        stops = abs(found + damped) > size
+        stopped += stops.sum()
+        # A stop pushes inwards, and only as long as friction does not suffice.
+        outside = np.where(space.state[0] > 0.05, -1.0, 1.0)
+        assert ((found + damped)[stops] * outside[stops] > 0.0).all()
+        still = stops & ~slides
+        assert (abs(abs(rubbed) - hold)[still] <= size[still]).all()
+    assert stopped > 60
+
+
+def test_the_numbers_of_joints_are_those_of_the_file(make):
+    """With and without limits; a follower's are its first leader's, through all between them."""
+    joints = [make.joint("m2", "world", "a", "prismatic", lower=-0.3, upper=0.4,
+                         extra='<mimic joint="m1" multiplier="3" offset="0.5"/>'),
+              make.joint("bare", "world", "b", "continuous").replace(
+                  '<limit lower="-10.0" upper="10.0" effort="1000.0" velocity="100"/>', ""),
+              make.joint("m1", "world", "c", extra='<mimic joint="lead" multiplier="-2" '
+                                                   'offset="0.25"/>'),
+              make.joint("slow", "world", "d", lower=-1.0, upper=2.0).replace('"100"', '"0"'),
+              make.joint("lead", "world", "e", lower=-3.0, upper=2.5).replace('"100"', '"7"')]
+    robot = parse_urdf(make.robot('<link name="world"/>', *map(make.link, "abcde"), *joints))
+    names = ("m2", "bare", "m1", "slow", "lead")
+    tree = np.zeros((5, 4), dtype=np.int64)
+    rows = joint_rows(robot, names, tree)
+    assert tree[:, 3].tolist() == [4, 1, 4, 3, 4] and not tree[:, :3].any()
+    expected = {"DAMPING": [0.0] * 5, "FORCE": [0.0] * 5, "TARGET": [0.0] * 5,
+                "LOWER": [-0.3, -math.inf, -10.0, -1.0, -3.0],
+                "UPPER": [0.4, math.inf, 10.0, 2.0, 2.5],
+                "RETURN": [100.0, 1.0, 100.0, 1.0, 7.0], "FASTEST": [math.inf] * 5,
+                "RATIO": [-6.0, 1.0, -2.0, 1.0, 1.0],
+                "OFFSET": [0.5 + 3 * 0.25, 0.0, 0.25, 0.0, 0.0]}
+    for name, values in expected.items():
+        assert rows[:, getattr(joint_dynamics, name)].tolist() == values, name
+
+
+def test_a_joint_that_meets_its_stop_stands_on_it_and_not_beside_it_by_rounding(make):
+    space, _ = space_of(make.pendulum(kind="revolute"))
+    joints = space.arrays[8]
+    rng = np.random.default_rng(2)
+    for bound in rng.uniform(0.05, 3.0, 200):
+        joints[0, [joint_dynamics.LOWER, joint_dynamics.UPPER]] = -bound / 2, bound
+        for sign, stop in ((1, bound), (-1, -bound / 2)):
+            space.state[:, 0] = stop - sign * rng.uniform(0.1, 0.4), sign * 9e3, 0.0
+            space.advance(DT)
+            assert space.state[0, 0] == stop

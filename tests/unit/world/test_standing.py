@@ -329,6 +329,34 @@ def test_a_reset_of_poses_alone_finds_it_standing_at_the_next_step(world, held):
     assert held.fixed_base and held.pose() == at
 
 
+@pytest.mark.parametrize("which", ["the ground of one", "one of two"])
+def test_both_of_two_bases_are_let_go_where_one_has_to_be(world, make, which):
+    block = make.robot(f'<link name="world">{make.box("2 2 0.2", "0 0 -0.1")}</link>')
+    world.spawn(parse_urdf(block), "block", Pose((0.0, 5.0, 1.0)))
+    models = [world.spawn(cart(make), name, at)
+              for name, at in (("a", Pose()), ("b", Pose((0.0, 5.0, 1.0))))]
+    steps(world, 300)
+    assert [one.fixed_base for one in models] == [True, True]
+    if which == "one of two":
+        models[0].set_pose(Pose((0.0, 0.0, 0.5)))
+    else:
+        world.delete("block")
+    assert [one.fixed_base for one in models] == [False, False]
+
+
+def test_who_was_held_once_and_is_free_now_frees_nobody_else(world, make, held):
+    small = world.spawn(cart(make, mass=0.02, load=0.01), "small", Pose((3.0, 0.0, 0.0)))
+    steps(world, 300)
+    assert held.fixed_base and small.fixed_base
+    small.set_pose(Pose((3.0, 0.0, 4.0)))
+    assert not held.fixed_base and not small.fixed_base
+    steps(world, 200)
+    assert held.fixed_base and not small.fixed_base  # it falls
+    small.apply_force("base", (0.0, 0.0, 0.1), small.pose().xyz)
+    small.set_twist(Twist((0.1, 0.0, 0.0)))
+    assert held.fixed_base
+
+
 def test_another_model_leaves_it_held_unless_it_is_heavy_and_loose(world, make, held):
     shelf = make.robot('<link name="world">' + make.box("0.1 0.1 0.1", "0 0 8") + "</link>")
     world.spawn(parse_urdf(shelf), "shelf", Pose((0.0, 5.0, 0.0)))
@@ -405,6 +433,10 @@ def test_an_arm_that_lies_on_the_ground_is_moved_by_bullet_and_the_base_stands(w
     steps(world, 3000)
     assert model.fixed_base and model.pose() == at
     assert model.link_pose("arm").apply((1.0, 0.0, 0.0))[2] > 0.0
+    model.apply_force("base", (1.0, 0.0, 0.0), at.xyz)
+    assert not model.fixed_base
+    steps(world, 400)  # and is held again with the arm on the ground
+    assert model.fixed_base
 
 
 def loose_box(make, world, name, mass, at, side=0.1, mu=0.5, speed=(0.0, 0.0, 0.0)):
@@ -622,3 +654,71 @@ def test_the_base_s_mass_is_that_of_all_that_is_fixed_to_it(world, make):
     mass, centre = standing._mass_of_base(model, model.pose())
     assert mass == 9.0
     assert centre == pytest.approx([(6 * 0.1 + 3 * 0.5) / 9, 3 * 0.4 / 9, (6 * 0.2 + 3 * 0.4) / 9])
+
+
+@pytest.mark.parametrize("ground", ["plane", "box"])
+def test_what_a_base_stands_on_is_known_by_its_corners(world, make, ground):
+    """Five feet without any symmetry, two of them within the others' hull, on a slope of friction
+    0.4; what hangs higher is none of them, the smallest friction counts."""
+    slope = Pose.from_rpy((0.2, -0.1, 0.3), (0.1, -0.2, 0.5))
+    feet = [(-0.31, -0.22), (0.42, -0.17), (0.05, 0.36), (0.1, 0.02), (0.0, -0.1)]
+    shapes = "".join(make.box("0.02 0.02 0.1", f"{x} {y} 0.05") for x, y in feet)
+    text = make.robot(
+        make.link("base", 30.0, "0.03 0.01 0.1", (1, 1, 1, 0, 0, 0),
+                  shapes + make.box("0.1 0.1 0.1", "0.9 0 0.3")),
+        make.link("slide", 2.0), make.joint("rail", "base", "slide", "prismatic", "0 0 0.5"),
+        '<gazebo reference="base"><mu1>0.6</mu1></gazebo>')
+    shape = '<collision><geometry><plane normal="0 0 1"/></geometry></collision>'
+    floor = shape if ground == "plane" else make.box("4 4 0.2", "0 0 -0.1")
+    below = world.spawn(parse_urdf(make.robot(
+        f'<link name="world">{floor}</link>',
+        '<gazebo reference="world"><mu1>0.4</mu1></gazebo>')), "slope", slope)
+    world.delete("ground_plane")
+    model = world.spawn(parse_urdf(text), "table", slope @ Pose((0.0, 0.0, -5e-6)))
+    for _ in range(5):
+        pybullet.performCollisionDetection(physicsClientId=world.client)
+    found = standing.StandingBase.found(model, {m.body_id: m for m in world.models.values()})
+    assert found.grounds == {below.body_id} and found.mass == 30.0
+    numbers, corners = found._ground, found._corners
+    assert numbers[1:4] == pytest.approx([0.03, 0.01, 0.1])
+    assert numbers[4:7] == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
+    assert numbers[10] == 0.4
+    assert corners[:, :3].mean(axis=0) == pytest.approx([0.0] * 3, abs=1e-9)
+    hull = {(-0.32, -0.23), (-0.32, -0.21), (-0.3, -0.23), (0.43, -0.18), (0.43, -0.16),
+            (0.06, 0.37), (0.04, 0.37)}
+    at = corners[:, :3] + numbers[7:10]
+    if ground == "plane":  # of what touches a box Bullet tells some corners
+        assert {tuple(np.round(one, 3).tolist()) for one in at[:, :2]} == hull
+    assert np.abs(at[:, 2]).max() < 2e-5
+    ahead = np.roll(at, -1, axis=0) - at
+    assert np.linalg.norm(corners[:, 3:], axis=1) == pytest.approx([1.0] * len(at))
+    assert np.einsum("ij,ij->i", ahead, corners[:, 3:]) == pytest.approx([0.0] * len(at), abs=1e-6)
+    # Each edge has all corners on its inner side.
+    assert (np.einsum("ik,ijk->ij", corners[:, 3:], at[None] - at[:, None]) < 1e-6).all()
+
+
+def test_a_pose_is_still_where_neither_place_nor_orientation_has_changed_by_a_millionth():
+    at = Pose.from_rpy((1.0, 2.0, 3.0), (0.4, -0.3, 1.0))
+    for share, still in ((0.95, True), (1.05, False)):
+        for axis in np.eye(3) * share * 1e-6:
+            assert standing._still(at, Pose(tuple(np.add(at.xyz, axis)), at.quat)) is still
+            turned = at @ Pose.from_rpy((0.0, 0.0, 0.0), tuple(axis))
+            assert standing._still(at, turned) is still
+
+
+def test_a_base_that_was_held_or_let_go_is_not_put_on_the_ground_again(world, make, held):
+    """That is for what was spawned; another that cannot be held is looked at now and then."""
+    ball = make.link("ball", 0.01, "0 0 0", (1e-5,) * 3 + (0, 0, 0),
+                     collision('<sphere radius="0.1"/>', "0 0 0"))
+    fin = make.link("fin", 0.01, "0 0 0", (1e-5,) * 3 + (0, 0, 0))
+    other = world.spawn(parse_urdf(make.robot(ball, fin, make.joint("j", "ball", "fin"))), "ball",
+                        Pose((3.0, 0.0, 0.1)))
+    assert world._bases.fresh
+    world.step()
+    assert held.fixed_base and not other.fixed_base and not world._bases.fresh
+    held.apply_force("base", (1.0, 0.0, 0.0), held.pose().xyz)
+    assert not held.fixed_base and not world._bases.fresh
+    steps(world, 60)
+    assert not held.fixed_base  # not before two looks
+    steps(world, 60)
+    assert held.fixed_base and not world._bases.fresh

@@ -151,7 +151,7 @@ class Impacts:
             centre = pybullet.getBasePositionAndOrientation(body, self._client)[0]
             linear, angular = pybullet.getBaseVelocity(body, self._client)
         else:
-            state = pybullet.getLinkState(body, link, computeLinkVelocity=1,
+            state = pybullet.getLinkState(body, link, computeLinkVelocity=True,
                                           physicsClientId=self._client)
             centre, linear, angular = state[0], state[6], state[7]
         return add(linear, cross(angular, subtract(point, centre)))

@@ -178,7 +178,7 @@ class Model:
             com = self._com_pose(index)
             linear, angular = pybullet.getBaseVelocity(self.body_id, self.client)
         else:
-            state = pybullet.getLinkState(self.body_id, index, 1, 1, self.client)
+            state = pybullet.getLinkState(self.body_id, index, True, True, self.client)
             com, linear, angular = Pose(state[0], state[1]), state[6], state[7]
         return _frame_state(com, linear, angular, inertial)
 
@@ -186,7 +186,8 @@ class Model:
         """`link_state` of every link in file order, in one call to Bullet."""
         names = [n for n in self.link_names if self.body.links[n] >= 0]
         indices = [self.body.links[n] for n in names]
-        states = pybullet.getLinkStates(self.body_id, indices, 1, 1, self.client) if names else ()
+        states = (pybullet.getLinkStates(self.body_id, indices, True, True, self.client) if names
+                  else ())
         found = {
             n: _frame_state(Pose(s[0], s[1]), s[6], s[7], self.body.inertial_poses[n])
             for n, s in zip(names, states, strict=True)
@@ -200,7 +201,7 @@ class Model:
         if self.joints.own:
             return self.joints.space.link_frames(names)
         indices = [self.body.links[name] for name in names]
-        states = pybullet.getLinkStates(self.body_id, indices, 0, 1, self.client)
+        states = pybullet.getLinkStates(self.body_id, indices, False, True, self.client)
         return [state[4] for state in states], [state[5] for state in states]
 
     @property
@@ -229,7 +230,7 @@ class Model:
     def _com_pose(self, index: int) -> Pose:
         if index == -1:
             return Pose(*pybullet.getBasePositionAndOrientation(self.body_id, self.client))
-        state = pybullet.getLinkState(self.body_id, index, 0, 1, self.client)
+        state = pybullet.getLinkState(self.body_id, index, False, True, self.client)
         return Pose(state[0], state[1])
 
     def set_pose(self, pose: Pose) -> None:

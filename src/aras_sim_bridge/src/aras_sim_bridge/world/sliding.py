@@ -92,7 +92,7 @@ class SlidingFriction:
     def _speed(self, body: int, link: int, point: Vector3) -> Vector3:
         """Velocity of the point of a body's link that is there, m/s."""
         if link >= 0:
-            state = pybullet.getLinkState(body, link, 1, 1, self._client)
+            state = pybullet.getLinkState(body, link, True, True, self._client)
             centre, linear, angular = state[0], state[6], state[7]
         elif body in self._fixed:
             return (0.0, 0.0, 0.0)

@@ -2,6 +2,8 @@
 
 import os
 import tempfile
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pybullet
@@ -136,3 +138,71 @@ def test_only_links_that_joints_with_stops_move_may_hold_something(make):
         make.joint("turn", "base", "endless", "continuous"),
         make.joint("f5", "endless", "hand", "fixed"))
     assert body._gripping(parse_urdf(text)) == {"finger", "tip", "pad", "slide"}
+
+
+def same_inertial(one, other):
+    turn, turned = one.pose.matrix()[:3, :3], other.pose.matrix()[:3, :3]
+    np.testing.assert_allclose(turn @ tensor(one.inertia) @ turn.T,
+                               turned @ tensor(other.inertia) @ turned.T, atol=1e-12)
+    return one.mass == other.mass and one.origin_xyz == pytest.approx(other.origin_xyz)
+
+
+@pytest.mark.parametrize("static", [False, True])
+def test_what_bullet_is_given_is_the_model_but_for_what_the_world_does(make, tmp_path, static):
+    """Read again by our own parser: links, inertia, shapes, frames, axes and limits; no friction,
+    damping or mimicking, and principal axes."""
+    mesh = tmp_path / "m.obj"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    tilted = (0.3, 0.4, 0.5, 0.05, -0.04, 0.03)
+    shapes = "".join(
+        f'<collision><origin xyz="{k} 0.5 0.2" rpy="0.1 {k} 0.3"/><geometry>{shape}</geometry>'
+        "</collision>" for k, shape in enumerate((
+            '<box size="0.1 0.2 0.3"/>', '<sphere radius="0.4"/>',
+            f'<mesh filename="file://{mesh}" scale="1 2 3"/>', f'<mesh filename="file://{mesh}"/>',
+        )))
+    described = parse_urdf(make.robot(
+        make.link("base", 3.0, "0.1 0.2 0.3", tilted, shapes),
+        make.link("arm", 2.0, "0 0 1", tilted), make.link("car", 1.0), '<link name="bare"/>',
+        make.joint("turn", "base", "arm", "revolute", "1 2 3", "0.6 0 0.8", -1.0, 2.5, 7.0, 0.5,
+                   0.25, "0.1 0.2 0.3"),
+        make.joint("rail", "arm", "car", "prismatic", "0 0 1", "0 1 0", -0.25, 0.75,
+                   extra='<mimic joint="turn" multiplier="2"/>'),
+        make.joint("spin", "car", "bare", "continuous"), name="a &amp; b"))
+    described = replace(described, static=static)
+    with bullet_file.BulletFiles(described, False, False) as files:
+        text = Path(files.urdf).read_text()
+        assert text.count(".stl") == 2 and len(files._meshes) == 1  # one file for both
+        # Bullet alone reads shapes of no size, and meshes in their own unit.
+        found = parse_urdf(text.replace(bullet_file._NOTHING, ""))
+        assert found.name == "a & b" and list(found.links) == list(described.links)
+        for name, link in found.links.items():
+            was = described.links[name]
+            if was.inertial is None:
+                assert link.inertial is None
+                continue
+            assert same_inertial(link.inertial, was.inertial)
+            assert link.inertial.inertia[1::3] == (0.0, 0.0) and link.inertial.inertia[2] == 0.0
+            assert len(link.collisions) == len(was.collisions) and not link.visuals
+            for part, old in zip(link.collisions, was.collisions, strict=True):
+                assert (part.origin_xyz, part.origin_rpy) == (old.origin_xyz, old.origin_rpy)
+                assert replace(part.geometry, filename=None) == replace(old.geometry, filename=None)
+    for name, joint in found.joints.items():
+        was = described.joints[name]
+        assert (joint.parent, joint.child) == (was.parent, was.child)
+        assert (joint.origin_xyz, joint.origin_rpy) == (was.origin_xyz, was.origin_rpy)
+        assert joint.kind == ("fixed" if static else was.kind)
+        assert (joint.damping, joint.friction, joint.mimic) == (0.0, 0.0, None)
+        if not static:
+            assert joint.axis == pytest.approx(was.axis) and joint.stops == was.stops
+        if not static and joint.kind != "continuous":
+            assert joint.limits == was.limits
+
+
+def test_a_tensor_that_bullet_would_not_take_is_a_sphere_s_in_its_file(make):
+    """body.py tells Bullet the true moments; those it takes are as they are."""
+    for moments, written in (((1.0, 2.0, 4.0), (4.0, 4.0, 4.0)), ((1.0, 3.0, 4.0), (1.0, 3.0, 4.0)),
+                             ((1.0, 2.0, 2.5), (1.0, 2.0, 2.5))):
+        described = parse_urdf(make.robot(make.link("a", inertia=(*moments, 0, 0, 0))))
+        with bullet_file.BulletFiles(described, False, False) as files:
+            found = parse_urdf(Path(files.urdf).read_text()).links["a"].inertial.inertia
+        assert (found[0], found[3], found[5]) == written

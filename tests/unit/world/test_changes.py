@@ -1,6 +1,7 @@
 """Masses, damping and stops changed at run time; the state goes on."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -101,3 +102,47 @@ def test_a_model_with_mimic_joints_can_be_changed_and_deleted(make):
 def test_impossible_changes_are_refused(make, change, reason):
     with pytest.raises(SimError, match=reason):
         change(parse_urdf(make.pendulum()))
+
+
+def test_a_changed_description_is_the_same_but_for_what_was_asked(make):
+    arm = make.robot(
+        '<link name="world"/>', make.link("a", 1.0, "0 0 0.1"), make.link("b", 2.0),
+        make.joint("turn", "world", "a", lower=-1.0, upper=2.0, damping=0.5, friction=0.25),
+        make.joint("spin", "a", "b", "continuous", effort=7.0),
+        make.joint("bare", "b", "c", "continuous").replace(
+            '<limit lower="-10.0" upper="10.0" effort="1000.0" velocity="100"/>', ""),
+        make.link("c", 3.0))
+    before = parse_urdf(arm)
+    for joint, given, kind, stops in (
+        ("turn", {"damping": 3}, "revolute", (-1.0, 2.0)),
+        ("turn", {"friction": 0}, "revolute", (-1.0, 2.0)),
+        ("turn", {"lower": -0.5}, "revolute", (-0.5, 2.0)),
+        ("turn", {"upper": -1}, "revolute", (-1.0, -1.0)),
+        ("spin", {"lower": -0.5, "upper": 0.25}, "revolute", (-0.5, 0.25)),
+        ("bare", {"lower": 0.0, "upper": 0.0, "damping": 0.0}, "revolute", (0.0, 0.0)),
+        ("spin", {"damping": 0.5}, "continuous", (-math.inf, math.inf)),
+    ):
+        after, old = with_joint(before, joint, **given), before.joints[joint]
+        new = after.joints[joint]
+        assert (new.kind, new.stops) == (kind, stops)
+        for name in ("damping", "friction"):
+            assert getattr(new, name) == given.get(name, getattr(old, name))
+        if old.limits is not None:
+            assert (new.limits.effort, new.limits.velocity) == (
+                old.limits.effort, old.limits.velocity)
+        elif "lower" in given:
+            assert (new.limits.effort, new.limits.velocity) == (math.inf, math.inf)
+        assert replace(new, kind=old.kind, limits=old.limits, damping=old.damping,
+                       friction=old.friction) == old
+        assert list(after.joints) == list(before.joints)
+        assert replace(after, joints=before.joints) == before
+        assert all(after.joints[n] is before.joints[n] for n in before.joints if n != joint)
+    after = with_link(before, "b", 4, (1, 2, 3), (6, 0.1, 0.2, 5, 0.3, 4), False)
+    new = after.links["b"]
+    assert (new.inertial.mass, new.inertial.origin_xyz) == (4.0, (1.0, 2.0, 3.0))
+    assert (new.inertial.inertia, new.gravity) == ((6.0, 0.1, 0.2, 5.0, 0.3, 4.0), False)
+    assert replace(after, links=before.links) == before
+    assert replace(new, inertial=before.links["b"].inertial, gravity=True) == before.links["b"]
+    assert all(after.links[n] is before.links[n] for n in before.links if n != "b")
+    with pytest.raises(SimError, match="joint 'nose' is not a moving joint; there are: turn, spin"):
+        with_joint(before, "nose", damping=1.0)

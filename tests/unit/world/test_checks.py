@@ -6,9 +6,10 @@ from types import MappingProxyType
 
 import pytest
 
-from aras_sim_bridge.description import Geometry, parse_urdf
+from aras_sim_bridge.description import Geometry, Visual, parse_urdf
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world import Pose, World
+from aras_sim_bridge.world.checks import check_simulable
 
 
 @pytest.fixture
@@ -147,3 +148,38 @@ def test_a_static_model_needs_no_dynamics(world, make):
     far = replace(weighed(make, mass=1e-20), static=True)
     world.spawn(far, "m")
     world.step()
+
+
+@pytest.mark.parametrize("build", [
+    lambda make: weighed(make, mass=1e9, inertia=(1e9, 0, 0, 1e9, 0, 1e9)),
+    lambda make: weighed(make, mass=1e-9, inertia=(1e-9, 0, 0, 1e-9, 0, 1e-9)),
+    lambda make: weighed(make, inertia=(1.0, 0, 0, 1.0, 0, -0.9e-9)),
+    lambda make: weighed(make, inertia=(1e18, 0, 0, 1e18, 0, 1e18)),
+    lambda make: weighed(make, inertia=(1.0, 0, 0, 0.0, 0, 0.0)),
+    lambda make: weighed(make, origin_xyz=(0.0, 0.0, -1e9)),
+    lambda make: shaped(make, "collisions", Geometry("box", size=(1e9, 1e-9, 1.0))),
+    lambda make: shaped(make, "visuals", Geometry("mesh", scale=(-1e9, 1e-9, 1.0))),
+    lambda make: shaped(make, "visuals", Geometry("capsule", radius=0.5, length=0.0)),
+    lambda make: shaped(make, "collisions", Geometry("plane", size=(1.0, 1.0, 0.0))),
+])
+def test_what_is_just_within_the_bounds_is_simulated(make, build):
+    check_simulable(build(make), "m")
+
+
+@pytest.mark.parametrize("build", [
+    lambda make: weighed(make, inertia=(1.0, 0, 0, 1.0, 0, -1.1e-9)),
+    lambda make: weighed(make, inertia=(1.1e18, 0, 0, 1.1e18, 0, 1.1e18)),
+    lambda make: weighed(make, mass=0.9e-9),
+    lambda make: weighed(make, mass=1.1e9, inertia=(1e9, 0, 0, 1e9, 0, 1e9)),
+    lambda make: weighed(make, inertia=(0.9e-18, 0, 0, 0.9e-18, 0, 0.9e-18)),
+    lambda make: weighed(make, origin_xyz=(0.8e9, 0.0, -0.8e9)),
+    lambda make: shaped(make, "visuals", Geometry("cylinder", radius=0.9e-9, length=1.0)),
+    lambda make: shaped(make, "visuals", Geometry("capsule", radius=1.0, length=1.1e9)),
+    lambda make: shaped(make, "collisions", Geometry("mesh", scale=(1.0, 1.0, -0.9e-9))),
+    lambda make: replace(chain(make, 2), links={**chain(make, 2).links, "l1": replace(
+        chain(make, 2).links["l1"], visuals=(Visual("v", (0, 1.1e9, 0), (0, 0, 0),
+                                                    Geometry("sphere", radius=1.0)),))}),
+])
+def test_what_is_just_beyond_the_bounds_is_not(make, build):
+    with pytest.raises(WorldError, match="model 'm', link"):
+        check_simulable(build(make), "m")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.world import Pose, Twist, World
+from aras_sim_bridge.world import Pose, Twist, World, bullet
 
 DT = 0.001
 G = 9.8
@@ -250,3 +250,29 @@ def test_what_is_fixed_to_a_bolted_model_s_first_link_stands_on_what_never_moves
             world.step()
         assert model.read_joints()[0][0] == pytest.approx(0.0, abs=1e-4)
         assert set(model.link_indices) == set(model.description.links)
+
+
+def test_contacts_are_told_as_each_of_the_two_feels_them(monkeypatch):
+    """Forces on the body that is asked for, at its own point; of itself it feels nothing."""
+    rng = np.random.default_rng(5)
+
+    def point(body, link, other, its):
+        vectors = [tuple(v) for v in rng.normal(size=(5, 3))]
+        here, there, normal, one, two = vectors
+        return (0, body, other, link, its, here, there, normal, *rng.normal(size=2),
+                rng.normal(), one, rng.normal(), two)
+
+    told = [point(7, -1, 3, 2), point(3, 5, 7, 4), point(7, 0, 7, 1), point(3, 0, 4, 1)]
+    monkeypatch.setattr(bullet.pybullet, "getContactPoints", lambda physicsClientId: told)
+    first, second = bullet.contacts_of(7, 0)
+    assert (first[:3], second[:3]) == ((-1, 3, 2), (4, 3, 5))
+    for (*_, numbers), seen, here, sign in ((first, told[0], 5, 1.0), (second, told[1], 6, -1.0)):
+        assert len(numbers) == 16 and numbers[:3] == seen[here] and numbers[15] == -seen[8]
+        for at, force, along in ((3, seen[9], seen[7]), (7, seen[10], seen[11]),
+                                 (11, seen[12], seen[13])):
+            felt = numbers[at] * np.array(numbers[at + 1:at + 4])
+            assert felt == pytest.approx(sign * force * np.array(along))
+    (*_, other), = [one for one in bullet.contacts_of(3, 0) if one[0] == 2]
+    assert other[:3] == told[0][6]
+    for at in (3, 7, 11):  # to every force one that is as large
+        assert other[at] == -first[3][at] and other[at + 1:at + 4] == first[3][at + 1:at + 4]

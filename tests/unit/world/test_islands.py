@@ -10,7 +10,10 @@ from aras_robot import ArasRobot
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
-from aras_sim_bridge.world import Pose, Twist, World, islands
+from aras_sim_bridge.world import Pose, Twist, World, islands, reach
+from aras_sim_bridge.world.reach import Box
+
+DT = 0.001
 
 POSES = ((0.1, 0.2, 0.25, -0.1, -0.1, 0.3), (-0.2, -0.4, 0.1, 0.3, 0.2, -0.5))
 
@@ -309,3 +312,115 @@ def test_a_loose_body_that_is_put_beside_the_arm_is_felt_at_once(make):
         assert model.joints.own
         body.apply_force("ball", (0.0, 0.0, 1e5), body.pose().xyz)
         assert world._islands.wait == 0
+
+
+def in_steps(boxes, solid, speed, dt=0.001):
+    """Steps until two of them are 20 mm from each other, with 5 m/s more than is known."""
+    gap = min(solid.gap(one) for one in boxes)
+    return (gap - 0.02) / ((speed + 5.0) * dt)
+
+
+def test_steps_until_something_may_touch_are_by_gaps_and_speeds(make):
+    """What is loose, within reach of the lever or not; another robot and a post that are bolted."""
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
+        (alone,) = world._islands._islands
+        assert alone.steps_alone([], 0.0, DT) == islands._NEVER
+        low, high = alone.reach[0]
+        assert low[0] < -0.6 and high[1] > 0.6  # it turns all around, with a margin
+        model.joints.restore([(0.3, -7.0)])
+        (now,), speed = alone.now()
+        at = Pose.from_rpy((0, 0, 0.5), (0, 0, 0.3))
+        ends = np.array([at.apply((x, y, z)) for x in (0.0, 0.5) for y in (-0.025, 0.025)
+                         for z in (-0.025, 0.025)])
+        assert now.low == pytest.approx(ends.min(axis=0), abs=3e-3)
+        assert now.high == pytest.approx(ends.max(axis=0), abs=3e-3)
+        assert speed == 7.0  # by no less than a metre
+        for x, far in ((0.9, 30.0), (2.0, 30.0), (9.0, 0.0), (90.0, 0.0)):
+            solid = Box((x, -0.1, 0.4), (x + 0.2, 0.1, 0.6))
+            steps = alone.steps_alone([[solid]], far, DT)
+            ever = in_steps(alone.reach, solid, far)
+            near = min(in_steps([now], solid, speed + far), 20)
+            assert steps == (100 if ever >= 100 else pytest.approx(near))
+        solids = [[Box((x, 0.0, 0.0), (x + 1.0, 1.0, 1.0))] for x in (3.0, 0.8, 5.0)]
+        assert alone.steps_alone(solids, 40.0, DT) == pytest.approx(
+            in_steps([now], solids[1][0], 47.0))
+        other = world.spawn(lever(make), "other", Pose((0.9, 0.0, 0.5)))
+        other.joints.restore([(2.0, 3.0)])
+        first, _ = world._islands._islands
+        assert first.grounds == (other,)
+        around = [reach.solids(other, [index])[0] for index in other.link_indices.values()
+                  if index >= 0]
+        expected = min(in_steps([now], solid, 7.0 + 3.0 * 2.0) for solid in around)
+        assert first.steps_alone([], 0.0, DT) == pytest.approx(min(expected, 20))
+
+
+def test_a_long_arm_s_ends_are_faster_than_its_joint(make):
+    """By the diagonal of the box around its links and its root."""
+    with World() as world:
+        model = world.spawn(lever(make, 4.0), "lever", Pose((1.0, 2.0, 0.5)))
+        (island,) = world._islands._islands
+        model.joints.restore([(math.pi / 4, -2.0)])
+        (box,), speed = island.now()
+        low = np.minimum(box.low, (1.0, 2.0, 0.5))
+        assert speed == pytest.approx(2.0 * math.dist(low, np.maximum(box.high, (1.0, 2.0, 0.5))))
+        assert 4.0 < speed / 2.0 < 4.1
+
+
+def test_what_is_put_elsewhere_is_another_s_ground_only_within_its_reach(make):
+    with World() as world:
+        one, two = (world.spawn(lever(make), name, Pose((x, 0, 0.5)))
+                    for name, x in (("one", 0.0), ("two", 9.0)))
+        post = world.spawn(shelf(make, "0.1 0.1 1.0"), "post", Pose((4.0, 0.0, 0.5)))
+        shown = {island.model: island for island in world._islands._islands}
+        assert [shown[m].grounds for m in (one, two)] == [(), ()]
+        for x, grounds in ((0.4, [(post,), ()]), (9.0, [(), (post,)]), (9.2, [(), (post,)]),
+                           (4.0, [(), ()])):
+            world._islands.wait = 7
+            post.set_pose(Pose((x, 0.0, 0.5)))
+            assert [shown[m].grounds for m in (one, two)] == grounds
+            assert world._islands.wait == 0
+        two.set_pose(Pose((0.9, 0.0, 0.5)))
+        assert [i.grounds for i in world._islands._islands] == [(two,), (one,)]
+
+
+@pytest.mark.parametrize(("linear", "angular"), [((3.0, 0.0, 4.0), (0.0, 0.0, 0.0)),
+                                                 ((0.0, 0.0, 0.0), (2.0, 3.0, 6.0)),
+                                                 ((0.0, 1.0, 0.0), (0.0, 0.0, 2.0))])
+def test_what_is_loose_is_waited_for_as_if_it_were_twice_as_fast(make, linear, angular):
+    """One may strike another; the fastest of them counts, by its turning too."""
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
+        slow, fast = (world.spawn(ball(make, gravity=False), name, Pose((x, 0.0, 0.5)))
+                      for name, x in (("slow", 0.75), ("fast", 1.5)))
+        fast.set_twist(Twist(linear, angular))
+        slow.set_twist(Twist((0.1, 0.0, 0.0)))
+        world._islands.look(DT)
+        speed = 2.0 * (math.hypot(*linear) + math.hypot(*angular))
+        (box,) = reach.solids(slow, [-1])
+        (arm,), _ = world._islands._islands[0].now()
+        steps = in_steps([arm], box, speed)
+        assert steps > 8 and world._islands.wait == max(1, int(min(steps, 20)))
+        assert model.joints.own
+        slow.set_pose(Pose((0.61, 0.0, 0.5)))
+        world._islands.look(DT)
+        (box,) = reach.solids(slow, [-1])
+        steps = in_steps([arm], box, speed)
+        assert model.joints.own is (steps >= 1) and world._islands.wait == max(1, int(steps))
+
+
+def test_a_model_makes_its_own_steps_again_where_eight_of_them_are_free(make):
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
+        body = world.spawn(ball(make, gravity=False), "ball", Pose((0.56, 0.0, 0.5)))
+        for _ in range(2):
+            world.step()
+        assert not model.joints.own
+        (arm,), _ = world._islands._islands[0].now()
+        (box,) = reach.solids(body, [-1])
+        for steps, own in ((7.9, False), (8.1, True), (1.1, True), (0.9, False), (7.9, False)):
+            body.set_pose(Pose((0.56 + 0.02 + 5.0 * DT * steps - box.gap(arm), 0.0, 0.5)))
+            for _ in range(2):  # it takes Bullet a step to wake the body up
+                world._islands.look(DT)
+            assert model.joints.own is own and model.body.asleep is own
+            assert world._islands.wait == (max(1, int(steps)) if own else 10)

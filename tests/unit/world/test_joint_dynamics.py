@@ -536,3 +536,50 @@ def test_a_joint_that_meets_its_stop_stands_on_it_and_not_beside_it_by_rounding(
             space.state[:, 0] = stop - sign * rng.uniform(0.1, 0.4), sign * 9e3, 0.0
             space.advance(DT)
             assert space.state[0, 0] == stop
+
+
+def with_bounds(array):
+    """A copy of an array with numbers behind it that are none, and a function that tells whether
+    they are as they were."""
+    bound = math.nan if array.dtype == float else 1 << 40
+    room = np.full(array.size + 64, bound, array.dtype)
+    room[:array.size] = array.ravel()
+    return room[:array.size].reshape(array.shape), lambda: (
+        np.array_equal(room[array.size:], np.full(64, bound), equal_nan=True))
+
+
+@pytest.mark.parametrize("call", ["advance", "react"])
+def test_compiled_steps_keep_to_their_arrays(make, call):
+    """They know no bounds: what they read or wrote behind an array would be somebody else's."""
+    text = tree_xml(make, 5).replace('lower="-10.0" upper="10.0"', 'lower="-0.1" upper="0.1"')
+    space, other = (space_of(text)[0] for _ in range(2))
+    arrays, kept = zip(*map(with_bounds, other.arrays), strict=True)
+    rng = np.random.default_rng(1)
+    for k in range(20):
+        state, wrenches = rng.normal(size=(3, 8)), rng.normal(size=(8, 6))
+        for one in (space.arrays, arrays):
+            one[2][:], one[3][:] = state, wrenches
+        made = [getattr(joint_dynamics, call)(*one, DT) for one in (space.arrays, arrays)]
+        assert made in ([-1, -1], [None, None])
+        for one, bounded in zip(space.arrays, arrays, strict=True):
+            np.testing.assert_array_equal(one, bounded)
+        assert all(same() for same in kept), k
+    assert not arrays[3].any()
+
+
+def test_a_follower_of_multiplier_0_stands_at_its_offset_and_hinders_nobody(make):
+    """Though its own stop is there; as if it were fixed there."""
+    text = gripper(make, 0.0, damping=0.1).replace('lower="-1.6"', 'lower="0.3"')
+    space, _ = space_of(text)
+    fixed, _ = space_of(make.robot(
+        '<link name="world"/>', make.link("a", 1.0, "0 0 -0.3"), make.link("b", 0.5, "0.1 0 0"),
+        make.joint("leader", "world", "a", "revolute", "0 0 0", "0 1 0", -1.0, 1.0, damping=0.1),
+        make.joint("follower", "a", "b", "fixed", "0 0 -0.5", rpy="0 0.3 0")))
+    space.set_motor(1, 0.5, 3.0)  # of what does not move
+    space.state[0] = 0.4, 0.3
+    fixed.state[0] = 0.4
+    for _ in range(20):
+        space.state[2], fixed.state[2] = (2.0, 7.0), 2.0
+        assert (space.advance(DT), fixed.advance(DT)) == (-1, -1)
+        assert space.state[:2, 0] == pytest.approx(fixed.state[:2, 0], rel=1e-9)
+        assert space.state[:2, 1].tolist() == [0.3, 0.0]

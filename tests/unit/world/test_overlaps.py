@@ -46,3 +46,18 @@ def test_a_posture_is_judged_by_itself():
             robot.set_joint_positions({"rail": x})
             depths.append(max(one.depth for one in overlaps(world, robot, posed=True)))
         assert depths == pytest.approx([1.1e-3, 0.2e-3, 1.1e-3], abs=1e-6)
+
+
+def test_without_a_posture_contacts_are_those_of_the_last_step():
+    plate = parse_urdf('<robot name="plate"><link name="l"><collision><geometry>'
+                       '<box size="0.02 0.4 0.4"/></geometry></collision></link></robot>')
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        robot = world.spawn(parse_urdf(ROBOT), "robot")
+        world.spawn(plate, "plate", Pose((0.61, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)))
+        robot.set_joint_positions({"rail": 0.0515})
+        assert overlaps(world, robot) == []  # none was made
+        (first, *_) = overlaps(world, robot, posed=True)
+        assert (first.link, first.model, first.depth) == ("slide", "plate", pytest.approx(1.5e-3))
+        robot.set_joint_positions({"rail": -0.2})
+        assert overlaps(world, robot)[0] == first
+        assert overlaps(world, robot, posed=True) == []

@@ -640,6 +640,17 @@ def test_a_push_along_the_ground_is_borne_up_to_nine_tenths_of_its_friction():
                     np.array([[0, -1, 0, 0]]), np.zeros((1, 46)), np.zeros((3, 1)), np.zeros(1),
                     -G * normal, ground, corners, np.zeros(6), np.zeros(6), 1e-3,
                 )  # fmt: skip
+            # And a torque about the normal as far as the nearest corner can bear it, wherever the
+            # weight leans to.
+            lean = 0.5 * aside - 0.3 * across
+            ground[1:4] = point + lean + 0.4 * normal
+            away = np.linalg.norm(square - lean, axis=1)
+            most = friction * mass * G * away.min() ** 2 / away.max()
+            touch = np.concatenate([share * most * normal, np.zeros(3)])
+            assert borne == standing.bears(
+                np.array([[0, -1, 0, 0]]), np.zeros((1, 46)), np.zeros((3, 1)), np.zeros(1),
+                -G * normal, ground, corners, touch, np.zeros(6), 1e-3,
+            )  # fmt: skip
             ground[1:4] = point + 0.4 * normal
 
 

@@ -188,6 +188,57 @@ def test_impossible_steps_are_refused(step):
         assert (world.time_step, world.gravity) == (0.001, (0, 0, -9.8))
 
 
+def test_steps_gravity_and_sweeps_are_taken_up_to_their_bounds():
+    with World() as world:
+        for name, values in (("time_step", (1e-6, 0.1)), ("solver_iterations", (1, 10000)),
+                             ("gravity", ((100.0, -100.0, 0.0), (0.0, 0.0, 0.0)))):
+            for value in values:
+                world.set_physics(**{name: value})
+                assert getattr(world, name) == value
+        for name, reason, values in (
+            ("time_step", "time step", (0.99e-6, 0.101, "0.001")),
+            ("gravity", "gravity", ((100.1, 0.0, 0.0), (0.0, -100.1, 0.0), (0, 0, math.nan))),
+            ("solver_iterations", "solver iterations", (0, 10001, 1.5)),
+        ):
+            for value in values:
+                with pytest.raises(WorldError, match=reason):
+                    world.set_physics(**{name: value})
+                with pytest.raises(WorldError, match=reason):
+                    World(**{name: value})
+        assert (world.time_step, world.gravity, world.solver_iterations) == (
+            0.1, (0.0, 0.0, 0.0), 10000)
+
+
+def test_bullet_has_the_numbers_of_the_world():
+    with World(0.002, (0.5, 1.0, -5.0), solver_iterations=7) as world:
+        for step, gravity, sweeps in ((0.002, (0.5, 1.0, -5.0), 7), (0.004, (0.0, 2.0, 0.0), 9)):
+            asked = pybullet.getPhysicsEngineParameters(physicsClientId=world.client)
+            assert (asked["fixedTimeStep"], asked["numSolverIterations"]) == (step, sweeps)
+            assert [asked[f"gravityAcceleration{axis}"] for axis in "XYZ"] == list(gravity)
+            world.set_physics(0.004, (0.0, 2.0, 0.0), 9)
+            world.reset_simulation()
+
+
+def test_joints_that_mimic_begin_where_their_leaders_do(make):
+    """Over two others, in an order in which leaders come last; one that is given stays."""
+    def follows(leader, multiplier, offset):
+        return f'<mimic joint="{leader}" multiplier="{multiplier}" offset="{offset}"/>'
+
+    text = make.robot(
+        '<link name="world"/>', *map(make.link, "abcd"),
+        make.joint("last", "world", "a", extra=follows("middle", 2, 0.1)),
+        make.joint("middle", "world", "b", extra=follows("first", -0.5, 0.2)),
+        make.joint("other", "world", "c", extra=follows("first", 3, 0.0)),
+        make.joint("first", "world", "d"))
+    with World() as world:
+        for name, given, expected in (
+            ("none", {}, (0.5, 0.2, 0.0, 0.0)), ("one", {"first": 0.6}, (-0.1, -0.1, 1.8, 0.6)),
+            ("two", {"first": 0.6, "middle": 1.0}, (2.1, 1.0, 1.8, 0.6)),
+        ):
+            model = world.spawn(parse_urdf(text), name, joint_positions=given)
+            assert model.read_joints()[0] == pytest.approx(expected)
+
+
 def test_efforts_that_are_no_numbers_never_reach_a_motor(make):
     with World() as world:
         model = world.spawn(parse_urdf(make.pendulum()), "m", joint_positions={"swing": 0.5})

@@ -1,0 +1,119 @@
+"""A model as a whole: who is told of what is done to it, and what outlives a load."""
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.world import Pose, Twist, World
+
+AT = Pose.from_rpy((1.0, 2.0, 3.0), (0.3, -0.4, 0.5))
+TURN = {"axis": "0 0.6 0.8", "xyz": "0.2 0 0.5"}
+
+
+def described(make, root="hull"):
+    """Fixed links at the root and on what a joint moves, in no order."""
+    hull = f'<link name="{root}"/>' if root == "world" else make.link(
+        root, 5.0, "0.1 -0.2 0.05", (0.3, 0.4, 0.5, 0.02, -0.03, 0.01))
+    return parse_urdf(make.robot(
+        make.link("tip", 0.5), make.link("arm", 1.0, "0.1 0 0.2"), make.link("bolt", 0.25), hull,
+        make.link("nut", 0.125), make.joint("f3", "bolt", "nut", "fixed", "0 0 0.1"),
+        make.joint("f1", "arm", "tip", "fixed", "0 0.3 0"),
+        make.joint("f2", root, "bolt", "fixed", "0.1 0 0"),
+        make.joint("turn", root, "arm", "continuous", damping=0.2, **TURN)))
+
+
+@pytest.fixture(params=["hull", "world"])
+def model(make, request):
+    """Free, or bolted down; without gravity. `told`: what the world was told of it."""
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        it = world.spawn(described(make, request.param), "m", AT)
+        it.world, it.told = world, []
+        tell = it._on_moved
+        it._on_moved = lambda model, put: (it.told.append((model is it, put)), tell(model, put))
+        yield it
+
+
+def test_the_base_is_the_root_and_what_is_fixed_to_it(model):
+    names = {index: name for name, index in model.link_indices.items()}
+    root = model.description.root
+    assert {names[index] for index in model.base_links()} == {root, "bolt", "nut"}
+    assert model.mass == pytest.approx(1.875 + (5.0 if root == "hull" else 0.0))
+    assert names[-1] == root and model.link_index("tip") == model.link_indices["tip"]
+
+
+def test_the_world_is_told_of_all_that_moves_it(model):
+    free = not model.fixed_base
+    moved, put = (True, False), (True, True)
+    for act, told in (
+        (lambda: model.set_pose(Pose((0.0, 1.0, 2.0))), [put]),
+        (lambda: model.set_twist(Twist((1.0, 0.0, 0.0))), [moved] * free),
+        (lambda: model.set_joint_positions({"turn": 0.3}), [moved]),
+        (lambda: model.apply_force("arm", (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)), [moved] * free),
+        (lambda: model.apply_effort("turn", 1.0), []),
+        (lambda: model.set_position("turn", 0.1), []),
+    ):
+        model.told.clear()
+        act()
+        assert model.told == told
+
+
+def test_what_it_is_pushed_with_is_kept_for_whoever_looks(model):
+    assert not model.pushed and not model.pushes
+    pushes = [("arm", (float(k), 0.0, 1.0), (0.0, float(k), 0.0), (0.0, 0.0, 2.0))
+              for k in range(105)]
+    for push in pushes:
+        model.apply_force(*push)
+    assert model.pushed and list(model.pushes) == pushes[5:]
+    model.pushes.clear()
+    model.apply_force("tip", (0.0, 0.0, 1.0), (1.0, 2.0, 3.0))
+    assert list(model.pushes) == [("tip", (0.0, 0.0, 1.0), (1.0, 2.0, 3.0), (0.0, 0.0, 0.0))]
+
+
+def test_its_state_goes_on_where_it_is_loaded_anew(model):
+    model.set_twist(Twist((0.1, 0.2, 0.3), (0.4, 0.5, -0.6)))
+    model.joints.restore([(0.7, 2.0)])
+    for _ in range(3):
+        model.world.step()
+    before, state = model.link_states(), model.joints.states()[0]
+    model.rebuild(model.description)
+    assert model.joints.states()[0] == pytest.approx(state)
+    for name, (pose, twist) in model.link_states().items():
+        np.testing.assert_allclose(pose.matrix(), before[name][0].matrix(), atol=1e-6)
+        np.testing.assert_allclose(np.ravel(twist), np.ravel(before[name][1]), atol=1e-5)
+    assert any(before["tip"][1].linear)
+
+
+@pytest.mark.parametrize("root", ["hull", "world"])
+def test_bolting_keeps_the_efforts_of_the_last_step_and_of_the_next(make, root):
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        model = world.spawn(described(make, root), "m", AT)
+        model.apply_effort("turn", 3.0)
+        world.step()
+        model.apply_effort("turn", 5.0)
+        model.bolt(True)
+        assert list(model.read_joints()[2]) == [3.0]
+        assert model.joints.pending_efforts == [5.0]
+        speed = model.read_joints()[1][0]
+        world._models_changed()
+        world.step()
+        assert list(model.read_joints()[2]) == [5.0]
+        inverse = model.joints.inverse_inertia()[0, 0]
+        expected = (speed + 5.0 * 1e-3 * inverse) / (1 + 0.2 * 1e-3 * inverse)
+        assert model.read_joints()[1][0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_what_has_no_joints_and_all_its_weight_needs_nothing_before_a_step(make):
+    light = '<gazebo reference="b"><gravity>false</gravity></gazebo>'
+    plain = make.link("a") + make.link("b") + make.joint("f", "a", "b", "fixed", "0 1 0")
+    with World() as world:
+        still, floats, jointed = (world.spawn(parse_urdf(text), str(k), Pose((0.0, 3.0 * k, 1.0)))
+                                  for k, text in enumerate((
+                                      make.robot(plain), make.robot(plain, light),
+                                      make.robot(plain.replace("fixed", "continuous")))))
+        assert [m.needs_steps for m in (still, floats, jointed)] == [False, True, True]
+        world.step()
+        assert still.twist().linear[2] == pytest.approx(-9.8e-3)
+        # One of two kilograms weighs nothing: it tips about what they share, half a metre off.
+        tips = 9.8e-3 * 0.5 / (2 * 0.1 + 2 * 0.25)
+        assert floats.twist().angular[0] == pytest.approx(tips, rel=1e-6)
+        assert floats.twist().linear[2] == pytest.approx(-4.9e-3 - 0.5 * tips, rel=1e-3)

@@ -5,15 +5,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from loop_rig import scaled
+from scipy.spatial.transform import Rotation
+from scipy.stats import norm
 
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.arm.held import held_at
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.judging.arrival import Arrival, _averaged, _noise
+from aras_visual_servo_controller.judging.arrival import Arrival, _averaged, _far, _noise
 from aras_visual_servo_controller.judging.left_open import (
     SECOND,
     THIRD,
+    Margin,
+    Offsets,
     symmetric,
     unexplained,
     view_difference,
@@ -249,6 +254,154 @@ def test_offsets_are_averaged_alike_compiled_or_not(still):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-18)
 
 
+def brought(rows, seen):
+    """Offsets (m, 6) of rows, brought to where the last image's camera is; NaN without poses."""
+    offsets = rows[:, :6].copy()
+    here = rows[-1, 6:].reshape(4, 4)
+    for offset, row in zip(offsets, rows, strict=True):
+        there = row[6:].reshape(4, 4)
+        turn = Rotation.from_matrix(there[:3, :3].T @ here[:3, :3]).as_rotvec()
+        turn *= np.sinc(np.linalg.norm(turn) / np.pi)
+        offset += seen @ np.concatenate([here[:3, :3].T @ (here[:3, 3] - there[:3, 3]), turn])
+    return offsets
+
+
+def wandering(seed, count, noise=2e-4, way=(1e-3, 2e-3), wrong=0.0):
+    """Rows of a camera that goes to and fro somewhere, tilted, as noisy images tell its offsets."""
+    random = np.random.default_rng(seed)
+    base = transform((0.4, -0.7, 0.9), (2.5, 0.4, -0.8))
+    ways = np.sin(0.7 * np.arange(count)[:, None] + random.uniform(0, 6, 6)) * np.repeat(way, 3)
+    poses = [base @ transform(step[:3], step[3:]) for step in ways]
+    offsets = (1.0 + wrong) * ways + noise * random.normal(size=(count, 6)) * np.arange(1, 7)
+    return np.hstack([offsets, np.reshape(poses, (count, 16))])
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize(("way", "least", "limit"), [
+    ((1e-3, 2e-3), 5, (2.2e-4, 7e-4)), ((1e-3, 2e-3), 5, (3e-4, 6e-4)),
+    ((1e-3, 2e-3), 0, (9e-5, 9e-3)), ((0.0, 0.0), 30, (9e-3, 9e-3)),
+    ((0.0, 4e-5), 3, (6e-4, 8e-4)), ((1e-3, 2e-3), 4, (9e-5, 9e-5)),
+])  # fmt: skip
+def test_offsets_are_averaged_as_often_as_their_mean_s_deviation_asks(known, way, least, limit):
+    rows = wandering(7, 23, way=way)
+    seen = 0.05 * np.random.default_rng(1).normal(size=(6, 6)) + np.eye(6)
+    limit, most = np.array(limit), max(least, 1)
+    if not known:
+        rows[:, 6:] = np.nan
+    while True:
+        most = min(most, 23)
+        latest, found = rows[-most:], []
+        for offsets in (latest[:, :6], brought(latest, seen)) if known else (latest[:, :6],):
+            deviation = offsets.var(axis=0).reshape(2, 3).sum(axis=1) / most / limit**2
+            found.append((deviation.sum(), deviation.max() <= 1.0, offsets))
+        _, enough, offsets = min(found, key=lambda each: each[0])
+        if enough or most == 23:
+            break
+        most *= 2
+    mean, scatter, told, within_it = _averaged(rows, seen, least, limit)
+    assert (told, within_it) == (most, enough)
+    np.testing.assert_allclose(mean, offsets.mean(axis=0), rtol=1e-9)
+    np.testing.assert_allclose(scatter, np.cov(offsets.T, bias=True), rtol=1e-6, atol=1e-14)
+
+
+@pytest.mark.parametrize("hold", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_whether_errors_have_settled_is_judged_by_the_images_of_the_hold(seed, hold):
+    """Of images that come irregularly, errors of unequal tolerances, one of which drifts."""
+    random, arrival, tolerances = np.random.default_rng(seed), Arrival(hold), np.array([2.0, 1, 3])
+    stamps = 20.0 + np.cumsum(random.choice([0.04, 0.1, 0.5], 150, p=[0.7, 0.25, 0.05]))
+    errors = tolerances * (random.choice([0.1, 0.6, 1.0], 3) * random.normal(size=(150, 3)))
+    errors[:, seed] += 1.5 * tolerances[seed] * np.sin(0.06 * np.arange(150))
+    errors[60 + seed :: 40, 1] = 4.5
+    reached, said = False, set()
+    for k in range(150):
+        told = shown(arrival, stamps[k], errors[k], tolerance=tolerances).reached
+        begun, least = np.flatnonzero(stamps[: k + 1] <= stamps[k] - hold + 1e-9), 3 if hold else 1
+        full = len(begun) > 0 and k + 1 >= least
+        if full:
+            seen = errors[min(begun[-1], k + 1 - least) : k + 1] / tolerances
+            seen = seen / (1.5 if reached else 1.0)
+            full = (np.abs(seen.mean(axis=0)) < 1.0).all() and (seen.std(axis=0) < 3.0).all()
+            full = full and (len(seen) >= 5 or (np.abs(seen) < 1.0).all())
+        reached = bool(full)
+        assert told == reached, k
+        said.add(reached)
+    assert len(said) == 2
+
+
+@pytest.mark.parametrize("reached", [False, True])
+@pytest.mark.parametrize(("noise", "way", "wrong", "off"), [
+    (1e-5, 1e-3, 0.0, 0.0), (1e-5, 1e-3, 0.0, 2.5e-4), (1e-5, 4e-4, 1.0, 0.0),
+    (3e-4, 0.0, 0.0, 0.0), (3e-3, 0.0, 0.0, 4e-4), (6e-5, 3e-4, -1.0, 2e-4),
+])  # fmt: skip
+def test_how_far_the_camera_is_is_told_by_the_mean_or_the_latest_image(
+    reached, noise, way, wrong, off
+):
+    for count in (2, 3, 7, 40, 120):
+        arrival, rows = Arrival(0.3), wandering(count, count, noise, (way, 2.0 * way), wrong)
+        rows[:, :6] += off * np.array([1.0, -1.0, 0.5, 3.0, 1.0, -2.0]) - rows[-1, :6] * (way > 0.0)
+        for stamp, row in enumerate(rows):
+            arrival._offsets.add(7.0 + 0.1 * stamp, row)
+            arrival._errors.add(7.0 + 0.1 * stamp, np.zeros(4))
+        arrival._reached = reached
+        decision = SimpleNamespace(L=STRONG, task=SimpleNamespace(modelled=np.full(6, True)))
+        found, short = arrival._offset(decision)
+        bounds = np.array([2e-4, 3.5e-3])
+        mean, scatter, averaged, enough = _averaged(rows, np.eye(6), min(count, 5), 0.5 * bounds)
+        latest = rows[-max(averaged, 8) :, :6]
+        if len(latest) > 2:
+            steps = latest[2:] - 2.0 * latest[1:-1] + latest[:-2]
+            noisy = np.sqrt(np.mean(steps**2, axis=0) / 6.0)
+        else:
+            noisy = np.abs(latest[1] - latest[0]) / np.sqrt(2.0)
+        if (np.abs(latest[-1] - mean) > 5.0 * (noisy + 1e-9)).any():
+            mean, scatter, averaged = latest[-1], np.diag((noisy + 1e-9) ** 2), 1
+        np.testing.assert_allclose(found.mean, mean)
+        np.testing.assert_allclose(found.scatter, scatter, atol=1e-18)
+        assert found.count == averaged
+        doubt = 2.0 * np.sqrt(np.diag(scatter).reshape(2, 3).sum(axis=1) / averaged)
+        away = np.linalg.norm(mean.reshape(2, 3), axis=1)
+        limit = 1.5 * bounds + doubt if reached else np.maximum(bounds, doubt)
+        words = ""
+        if not (enough or reached or count == 120):
+            words = (f"scatter: where the camera is, is known to {1e3 * doubt[0]:.2f} mm and "
+                     f"{np.degrees(doubt[1]):.2f} degrees")
+        elif (away > limit).any():
+            words = f"by L the camera is {1e3 * away[0]:.2f} mm and {np.degrees(away[1]):.2f} deg"
+        assert bool(short) == bool(words) and words in short
+
+
+@pytest.mark.parametrize("wrong", [0.5, -0.5])
+def test_a_speed_is_the_lesser_of_what_images_and_kinematics_say(wrong):
+    arrival, rows = Arrival(0.3), wandering(3, 4, 0.0, (1e-3, 2e-3), wrong)
+    arrival._offsets.add(3.0, rows[0])
+    assert arrival._speed() == (0.0, 0.0)
+    for stamp, row in zip((3.1, 3.3, 3.37), rows[1:], strict=True):
+        arrival._offsets.add(stamp, row)
+    step = rows[-1, :6] - rows[-2, :6]
+    if wrong > 0.0:  # by images it is half as fast again
+        step = (brought(rows[-2:], np.eye(6)) - rows[-2:, :6])[0]
+    assert arrival._speed() == pytest.approx(
+        (np.linalg.norm(step[:3]) / 0.07, np.linalg.norm(step[3:]) / 0.07))
+    arrival._offsets.add(3.37, rows[0])  # no time has passed
+    assert arrival._speed() == (0.0, 0.0)
+    unknown = rows[:2].copy()
+    unknown[:, 6:] = np.nan
+    for stamp, row in zip((4.0, 4.2), unknown, strict=True):
+        arrival._offsets.add(stamp, row)
+    step = rows[1, :6] - rows[0, :6]
+    assert arrival._speed() == pytest.approx(
+        (np.linalg.norm(step[:3]) / 0.2, np.linalg.norm(step[3:]) / 0.2))
+
+
+def test_an_error_is_far_from_twelve_tolerances_on_either_way():
+    tolerances = np.array([1.0, 0.5, 2.0])
+    for i in range(3):
+        for sign in (1.0, -1.0):
+            assert not _far(sign * 12.0 * tolerances * np.eye(3)[i], tolerances)
+            assert _far(sign * 12.01 * tolerances * np.eye(3)[i], tolerances)
+
+
 @pytest.mark.parametrize(("sways", "shakes"), [(0, 5), (5, 0)])
 def test_offsets_are_brought_along_where_that_scatters_less_beside_what_is_asked(sways, shakes):
     """A way of 1 mm, or a turn of 1 mrad, that kinematics tell; of the other they tell a tenth."""
@@ -358,6 +511,72 @@ def test_no_more_than_three_of_a_thousand_are_longer(seed):
     bound = within(mean, spread @ spread.T)
     assert 0.002 < (drawn > bound).mean() < 0.004
     assert within(mean, np.zeros((3, 3))) == pytest.approx(np.linalg.norm(mean))
+
+
+def test_the_bound_is_that_of_a_scaled_chi_square():
+    for seed in range(5):
+        random = np.random.default_rng(seed)
+        mean, spread = seed * random.normal(size=3), random.normal(size=(3, 2 + seed % 2))
+        S = spread @ spread.T
+        expected = mean @ mean + np.trace(S)
+        variance = 2.0 * np.trace(S @ S) + 4.0 * mean @ S @ mean
+        scale, degrees = 0.5 * variance / expected, 2.0 * expected**2 / variance
+        part = 2.0 / (9.0 * degrees)
+        longest = scale * degrees * (1.0 - part + norm.ppf(0.997) * np.sqrt(part)) ** 3
+        assert within(mean, S) == pytest.approx(np.sqrt(longest), rel=1e-4)
+    assert within(np.zeros(3), np.zeros((3, 3))) == 0.0
+
+
+@pytest.mark.parametrize(("rows", "modelled", "joints"), [
+    (6, 6, 0), (9, 6, 0), (6, 3, 0), (5, 4, 0), (7, 3, 0), (8, 6, 4), (4, 6, 3),
+])  # fmt: skip
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_left_open_is_what_the_inverse_of_L_makes_of_it(seed, rows, modelled, joints):
+    """Unscaled here; rotations of the camera that are held are off by some milliradians."""
+    random = np.random.default_rng([seed, rows])
+    depth = (0.5, 0.8, 1.7)[seed]
+    goal = Goal(plane=Plane(0.2, -0.3, 1.0 / depth), world_T_camera=HERE @ transform(
+        (0.1, 0.2, 0.7), (3.0, 0.2, 0.1)))  # fmt: skip
+    L = random.normal(size=(rows, 6)) * [1e3, 1e3, 1e3, 700.0, 700.0, 700.0]
+    error, accuracy = 0.3 * random.normal(size=rows), 0.02 * random.normal(size=(rows, 5))
+    accuracy = None if seed == 2 else accuracy
+    offsets = Offsets(1e-4 * random.normal(size=6), np.cov(1e-4 * random.normal(size=(6, 20))),
+                      1 + 4 * seed, (2e-3, 5e-3))  # fmt: skip
+    here = SimpleNamespace(world_T_camera=goal.world_T_camera @ transform(
+        1e-4 * random.normal(size=3), 3e-3 * random.normal(size=3)))  # fmt: skip
+    arm = SimpleNamespace(jacobian=random.normal(size=(6, joints))) if joints else None
+    task = SimpleNamespace(modelled=np.arange(6) < modelled)
+    other = 2.0 * error
+    decision = SimpleNamespace(L=L, task=task, up_to="", residual=error if seed else None)
+    left = Margin(decision, here, goal, other if seed else error, accuracy, arm).left(here, offsets)
+
+    scale, held = np.array([1.0] * 3 + [depth] * 3), np.zeros(6)
+    free = arm.jacobian if joints else None
+    if not joints:
+        directions, off, free = held_at(here.world_T_camera, goal.world_T_camera, task.modelled,
+                                        depth)  # fmt: skip
+        held, free = -(off @ directions) / scale, free.T / scale[:, None]
+    # What is held moves the features, and the free directions make up for it.
+    inverse = free @ np.linalg.pinv(L @ free)
+    known = np.repeat([1.7, 1.4], 3) * offsets.mean + held - inverse @ L @ held
+    part, spread = 1.0 / max(4 * seed, 1), np.zeros((6, 6))
+    if accuracy is not None:
+        unseen = np.eye(rows) - L @ np.linalg.pinv(L)
+        times = 1.0
+        if rows > 6:
+            times = max(np.linalg.norm(unseen @ error) / np.linalg.norm(unseen @ accuracy)
+                        / np.sqrt(2.0), 1.0)  # fmt: skip
+        part += 0.25**2
+        spread = 2.0 * (1.25 * times) ** 2 * inverse @ accuracy @ accuracy.T @ inverse.T
+    covariance = part * offsets.scatter + spread
+    assert left.distance == pytest.approx(
+        within(known[:3], covariance[:3, :3].copy()) + 1e-5 + 0.06 * 2e-3, rel=1e-6)
+    assert left.angle == pytest.approx(
+        within(known[3:], covariance[3:, 3:].copy()) + 1e-4 + 0.06 * 5e-3, rel=1e-6)
+    tenths = np.ceil(1e4 * left.distance) / 10.0, np.ceil(10.0 * np.degrees(left.angle)) / 10.0
+    parts = 1e3 * left.distance / 0.3, np.degrees(left.angle) / 0.3
+    words = f"{tenths[0]:g} mm" if parts[0] >= parts[1] else f"{tenths[1]:g} degrees"
+    assert left.up_to == (words if max(parts) > 1.0 else "")
 
 
 def test_an_exact_view_leaves_open_what_L_sees():
@@ -478,6 +697,15 @@ def test_what_no_motion_explains_makes_the_accuracy_worse():
     for weak, times in ((0.9e-6, 5.0 / np.sqrt(2.0)), (1.1e-6, 0.0)):
         L = 1e3 * np.diag([1.0, weak])
         assert unexplained(L, np.array([0.3, -0.2]), 0.04 * np.eye(2)) == pytest.approx(times)
+
+
+@pytest.mark.parametrize(("rows", "looked_at"), [(64, True), (65, False)])
+def test_of_more_than_64_numbers_what_no_motion_explains_is_not_looked_for(rows, looked_at):
+    L = np.random.default_rng(2).normal(size=(rows, 6)) * np.repeat([1e3, 500.0], 3)
+    error, accuracy = np.resize([0.3, -0.4], rows), 0.02 * np.eye(rows)
+    good, bad = (left_by([each] * 6, L, accuracy=accuracy, tolerance=9.0).distance
+                 for each in (0.0 * error, error - L @ np.linalg.pinv(L) @ error))
+    assert bool(bad > 2.0 * good) is looked_at
 
 
 def test_directions_that_are_held_count_as_kinematics_has_them():

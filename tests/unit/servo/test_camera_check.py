@@ -25,34 +25,35 @@ class Rows:
         """Whether what is off in each row goes on in the next."""
         off = np.split(off, np.cumsum([len(value) for value in self.values[1:]])[:-1])
         together = sum(one @ other for one, other in zip(off, off[1:], strict=False))
-        return together > CameraCheck.SMOOTH * sum(each @ each for each in off)
+        return together > 0.2 * sum(each @ each for each in off)
 
-    def add(self, before, now, twist, tolerances, shaken):
-        (error_before, L_before), (error, L) = before, now
+    def add(self, before, now, twist, tolerances, shaken, dt):
+        (error_before, L_before, rate_before), (error, L, rate) = before, now
         moved = (error - error_before) / tolerances
         if np.abs(moved).max() > 1.0 / tolerances.max():
             self.begin()
             return
+        moved = moved - 0.5 * (rate_before + rate) * dt / tolerances
         self.parts = self.parts + 0.5 * (L_before + L) * twist / tolerances[:, None]
         self.moved, self.shaken = self.moved + moved, max(self.shaken, shaken)
         self.images += 1
         predicted = np.abs(self.parts.sum(axis=1)).max()
-        if predicted >= CameraCheck.LEAST:
-            weight = 1.0 / (1.0 + CameraCheck.TYPICAL * self.shaken)
+        if predicted >= 3.0:
+            weight = 1.0 / (1.0 + 0.3 * self.shaken)
             self.rows.append(weight * self.parts)
             self.values.append(weight * self.moved)
             self.path += weight * predicted
             self.begin()
-        elif self.images == CameraCheck.TOGETHER:
+        elif self.images == 4:
             self.begin()
 
     def fault(self):
         A, b = np.vstack(self.rows), np.concatenate(self.values)
-        if self.path <= CameraCheck.PATH:
+        if self.path <= 40.0:
             return ""
         along, turning = A[:, :3].sum(axis=1), A[:, 3:].sum(axis=1)
         depth = 1.0
-        if along @ along > CameraCheck.KNOWN**2:
+        if along @ along > 3.0**2:
             depth = along @ (b - turning) / (along @ along)
         if depth <= 0.0:
             return ("the features move otherwise than L and the arm's motion say: against the "
@@ -60,8 +61,8 @@ class Rows:
         expected = np.array([depth] * 3 + [1.0] * 3)
         off = b - A @ expected
         misfit = off @ off / (b @ b)
-        loud = np.sqrt(off @ off / len(b)) > CameraCheck.LOUD
-        if misfit > CameraCheck.MISFIT and loud and self.smooth(off):
+        loud = np.sqrt(off @ off / len(b)) > 1.5
+        if misfit > 0.04 and loud and self.smooth(off):
             return ("the features move otherwise than L and the arm's motion say: "
                     f"{100.0 * misfit:.0f} % of the motion is not explained")
         # One row more a direction, of little weight: where nothing was seen, it is as expected.
@@ -69,21 +70,21 @@ class Rows:
         known = np.vstack([A, weak])
         scale = np.linalg.lstsq(known, np.concatenate([b, weak @ expected]), rcond=None)[0]
         left = b - A @ scale
-        noise = max(np.sqrt(left @ left / max(len(b) - 6, 1)), CameraCheck.QUIET)
+        noise = max(np.sqrt(left @ left / max(len(b) - 6, 1)), 0.05)
         spread = np.linalg.inv(known.T @ known)
         found = []
         for one, other in [(1, 0), (2, 0), (2, 1), (3, 3), (4, 4), (5, 5)]:
             compared = np.zeros(6)
-            compared[one], unit, least = 1.0, 1.0, CameraCheck.TURNED
+            compared[one], unit, least = 1.0, 1.0, 8.0
             away = scale[one] - 1.0
             if one != other:
-                compared[other], unit, least = -1.0, depth, CameraCheck.KNOWN
+                compared[other], unit, least = -1.0, depth, 3.0
                 away = scale[one] - scale[other]
             unknown = np.sqrt(compared @ spread @ compared)
-            doubt = CameraCheck.DEVIATIONS * noise * unknown / unit
+            doubt = 4.0 * noise * unknown / unit
             if unknown <= 1.0 / least:
                 lowered = left @ left * unknown**2
-                found.append((abs(away) / unit - CameraCheck.OFF - lowered - doubt, one, other))
+                found.append((abs(away) / unit - 0.04 - lowered - doubt, one, other))
         over, one, other = max(found, default=(0.0, 0, 0))
         if over <= 0.0:
             return ""
@@ -109,10 +110,15 @@ def judged(seed, jacobian=None):
     drift = random.choice([0.0, 40.0], p=[0.7, 0.3]) * tolerances * random.normal(size=4)
     error, before, joints = random.normal(size=4), None, None
     for k in range(int(random.integers(2, 30))):
+        past = 0.04 + 0.02 * np.sin(k)
+        # One number for all features, or one for each.
+        rate = 0.2 * np.cos(k + np.arange(1 if seed % 2 else 4))
         L = random.normal(size=(4, 6))
         twist = size * random.normal(size=6) * (random.random(6) < 0.8)
+        twist[:3] *= 1e-3 if seed % 6 == 5 else 1.0  # so little tells no depth
         if before is not None:
             error = before[0] + 0.5 * (before[1] + L) * scale @ twist
+            error = error + 0.5 * (before[2] + rate) * past
             error = error + noise * tolerances * random.normal(size=4) + drift
             if random.random() < 0.1:
                 error = error + 2.0  # an angle that wrapped round
@@ -123,16 +129,16 @@ def judged(seed, jacobian=None):
             dt, change = joints.stamp - last.stamp, joints.velocities - last.velocities
             told = 0.5 * (last.velocities + joints.velocities) * dt
             doubt = np.abs(joints.positions - last.positions - told)
-            doubt = doubt + CameraCheck.LATE * dt * np.abs(change)
+            doubt = doubt + 0.25 * dt * np.abs(change)
             ways = np.abs(L @ jacobian * doubt) / tolerances[:, None]
             shaken = ways.max()
         evidence.add(
-            SimpleNamespace(rate=0.0, L=L, error=error),
-            SimpleNamespace(motion=twist, dt=1 / 30, joints=joints), tolerances,
+            SimpleNamespace(rate=rate, L=L, error=error),
+            SimpleNamespace(motion=twist, dt=past, joints=joints), tolerances,
         )  # fmt: skip
         if before is not None:
-            rows.add(before, (error, L), twist, tolerances, shaken)
-        before = error, L
+            rows.add(before, (error, L, rate), twist, tolerances, shaken, past)
+        before = error, L, rate
     return evidence.fault(), rows.fault()
 
 
@@ -237,6 +243,17 @@ def test_two_translations_are_compared_however_little_one_of_them_is(factor):
         shown(evidence, k * way[:3] * [1.0, 1.0, factor], np.eye(6)[:3], way, np.full(3, 1e-3))
     assert evidence.fault().startswith(f"along vz the features move {factor:.2f} times")
     assert evidence.fault().endswith("along vx 1.00 times")
+
+
+@pytest.mark.parametrize(("off", "told"), [(0.048, True), (0.036, False)])
+def test_translations_that_take_each_other_back_tell_no_depth_and_are_compared(off, told):
+    """Along x and y at once, which move features the other way; a turn moves them besides."""
+    evidence, way = CameraCheck(), 1e-3 * np.array([10.0, 10.0, 0.0, 5.0, 0.0, 0.0])
+    L = np.array([[1.0, -1.0, 0.0, 1.0, 0.0, 0.0], [1.0, -1.0, 0.0, -1.0, 0.0, 0.0]])
+    scale = np.array([1.0, 1.0 - off, 1.0, 1.0, 1.0, 1.0])
+    for k in range(30):
+        shown(evidence, k * (L * scale) @ way, L, way, np.full(2, 1e-3))
+    assert bool(evidence.fault()) is told
 
 
 def slowly(step, images, factor=0.8):

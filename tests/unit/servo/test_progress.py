@@ -74,6 +74,7 @@ def test_full_rank_is_that_of_the_features_or_of_the_modelled_directions(
 @pytest.mark.parametrize(("told", "twist", "kind"), [
     ({"lost": 0.29 * TWIST}, TWIST, "running"), ({"lost": 0.31 * TWIST}, TWIST, "singular"),
     ({"lost": TWIST}, 0.065 * TWIST, "running"), ({"lost": TWIST}, 0.068 * TWIST, "singular"),
+    ({"lost": TWIST}, 2e-4 * np.eye(6)[0], "singular"),
     ({"scale": 0.985}, TWIST, "saturation"), ({"scale": 0.995}, TWIST, "running"),
     (None, TWIST, "running"),
 ])  # fmt: skip

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from feature_scenes import CORNERS, GOAL, PERIODS, TARGETS, VALUES, VIEWS, look, moved
 
-from aras_visual_servo_controller.arm.task import DIRECTIONS
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import Feature
 from aras_visual_servo_controller.features.points import Points
@@ -106,37 +105,6 @@ def test_tolerances_are_between_a_tenth_of_a_millimetre_and_what_one_sees_at_a_g
     most = np.abs(feature.measure(shown(name, feature, GOAL), goal).L).max(axis=1)
     reach = np.array(feature.tolerances) / most
     assert reach.min() > 1e-4 and reach.max() < 0.2
-
-
-def test_what_features_share_has_one_tolerance():
-    """As xn of the gravity centre alone, and among six moments; and x has that of y."""
-    tolerances = {}
-    for name in NAMES:
-        feature, _ = at_goal(name)
-        pairs = dict(zip(feature.names, feature.tolerances, strict=True))
-        for part, tolerance in pairs.items():
-            assert pairs.get(part.replace("x", "y").replace("X", "Y"), tolerance) == tolerance
-        for part, tolerance in zip(feature.names, feature.tolerances, strict=True):
-            tolerances.setdefault((part, feature.units), set()).add(tolerance)
-            if part in ("xn", "yn", "an", "alpha", "Sx", "Sy", "xg", "yg"):
-                tolerances.setdefault(part, set()).add(tolerance)
-    assert {part: several for part, several in tolerances.items() if len(several) > 1} == {}
-
-
-# Directions in which a camera that looks square on is moved, of each that models not all of them.
-MODELLED = {
-    "gravity_centre": "vx vy", "gravity_centre_normalised": "vx vy", "area": "vz",
-    "area_normalised": "vz", "depth": "vz", "alpha": "wz", "sx_sy": "wx wy", "px_py": "wx wy",
-    "invariants": "wx wy", "vanishing_points": "wx wy wz", "theta_u": "wx wy wz",
-    "translation": "vx vy vz", "moments_pitch": "vx vy vz wy wz",
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_directions_that_it_models(name):
-    directions = at_goal(name)[0].directions
-    modelled = " ".join(word for word, one in zip(DIRECTIONS, directions, strict=True) if one)
-    assert modelled == MODELLED.get(name, " ".join(DIRECTIONS))
 
 
 def test_vanishing_points_see_no_translation():

@@ -2,12 +2,16 @@
 
 import numpy as np
 import pytest
-from feature_scenes import CORNERS, GOAL, VIEWS, places
+from feature_scenes import CORNERS, GOAL, VIEWS, places, seen
 from free_camera import pose
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
+from aras_visual_servo_controller.features import pose as features
 from aras_visual_servo_controller.features.pose import pose_of_plane
+from aras_visual_servo_controller.features.registry import create_feature
+from aras_visual_servo_controller.goals.goal import Goal
 
 
 def offsets(pose, there, points):
@@ -38,3 +42,71 @@ def test_noisy_points_give_the_pose_of_least_squares(view):
     frame = pose((1.5, -2.0, 0.7), (0.6, -1.1, 2.3))  # whichever the places are told in
     elsewhere = there @ frame[:3, :3].T + frame[:3, 3]
     assert np.abs(pose_of_plane(elsewhere, points) @ frame - found).max() < 1e-9
+
+
+def anywhere(seed, count):
+    """Poses (4, 4) that see the plane of CORNERS from either side, up to 60 degrees aslant."""
+    random = np.random.default_rng(seed)
+    for side in np.tile([0.0, np.pi], count)[:count]:
+        aslant = Rotation.from_euler("zxz", [random.uniform(-np.pi, np.pi),
+                                             side + random.uniform(-1.0, 1.0),
+                                             random.uniform(-np.pi, np.pi)])  # fmt: skip
+        yield pose((*random.uniform(-0.1, 0.1, 2), random.uniform(0.4, 1.2)), aslant.as_rotvec())
+
+
+def test_the_homography_alone_gives_the_pose_of_exact_points(monkeypatch):
+    monkeypatch.setattr(features, "REFINEMENTS", 0)
+    random = np.random.default_rng(2)
+    for place, count in zip(anywhere(0, 30), np.tile([4, 5, 6, 7, 8], 6), strict=True):
+        flat = np.column_stack([random.uniform(-0.1, 0.1, (count, 2)), np.zeros(count)])
+        found = pose_of_plane(places(GOAL, flat), seen(place, flat))
+        np.testing.assert_allclose(found, place @ np.linalg.inv(GOAL), atol=1e-8)
+
+
+@pytest.mark.parametrize("off", [0.02 * np.ones(6), -0.02 * np.ones(6), 0.1 * np.eye(6)[2]])
+def test_the_nearest_pose_is_found_from_whichever_side_it_is_come_to(off):
+    """Where every step is ahead, or back, or along the axis of a square alone."""
+    square = 0.1 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]])
+    there = places(pose((0, 0, 1.0), (0, 0, 0)), square)
+    begin = pose(off[:3], off[3:])
+    found = features._refined(begin[:3, :3], begin[:3, 3], there, there[:, :2] / there[:, 2:])
+    np.testing.assert_allclose(found, np.eye(4), atol=1e-10)
+
+
+def test_no_motion_brings_the_points_nearer_than_they_are():
+    """The slope of the squared distances is none there, whichever way the last step went."""
+    there, random, step = places(GOAL), np.random.default_rng(5), 1e-4
+    for place in anywhere(1, 12):
+        points = seen(place) + random.normal(0.0, 1e-3, (4, 2))
+        found = pose_of_plane(there, points)
+        nearest = np.sum(offsets(found, there, points) ** 2)
+        for axis in np.eye(6):
+            either = [
+                np.sum(offsets(pose(way[:3], way[3:]) @ found, there, points) ** 2)
+                for way in (step * axis, -step * axis)
+            ]
+            # of a square a half of the step in each direction, to what curves it further
+            assert abs(either[0] - either[1]) < 1e-3 * (sum(either) - 2.0 * nearest)
+
+
+@pytest.mark.parametrize("points", [
+    [[-0.1, 0.03], [0.0, 0.02], [0.1, 0.01], [0.2, 0.0]], [[0.1, -0.2]] * 4,
+])  # fmt: skip
+def test_points_on_one_line_or_in_one_place_give_no_pose(points):
+    with pytest.raises(MeasurementError, match="give no pose: they lie on one line"):
+        pose_of_plane(places(GOAL), np.array(points))
+    feature = create_feature("pose")
+    with pytest.raises(ConfigurationError, match="a pose needs four points that are not on one"):
+        feature.check(Goal(depth=0.5, features={"pose": {"points": points}}))
+
+
+@pytest.mark.parametrize(("thin", "refused"), [(0.9e-9, True), (1.1e-9, False)])
+def test_what_is_thinner_than_a_rounding_is_a_line(thin, refused):
+    along, across = np.array([-1.0, -1.0, 1.0, 1.0]), np.array([1.0, -1.0, 1.0, -1.0])
+    assert features.on_one_line(np.column_stack([along, thin * across])) is refused
+
+
+def test_corners_of_which_one_comes_from_behind_the_camera_give_no_pose():
+    """As the second and the third of a quadrilateral that are taken for each other."""
+    with pytest.raises(MeasurementError, match="give a pose behind the camera"):
+        pose_of_plane(places(GOAL), seen(GOAL)[[0, 2, 1, 3]])

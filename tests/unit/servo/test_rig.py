@@ -10,6 +10,7 @@ import pytest
 import yaml
 from feature_scenes import CAMERA
 from loop_rig import the_arm, the_goal
+from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import exponential, inverse, logarithm, transform
 from aras_visual_servo_camera.interaction import Plane
@@ -360,6 +361,9 @@ def test_a_scheme_says_which_cameras_it_reads():
         ("stereo_points@left,", "a camera's name is missing behind the @"),
         ("points@left,right", "scheme 'points' reads 1 camera: name one, as points@left"),
         ("partitioned@left,right", "scheme 'partitioned' reads one camera"),
+        ("stereo_points", "'stereo_points' reads 2 cameras: name them, as stereo_points@left,r"),
+        ("points+stereo_pose@left", "'stereo_pose' reads 2 cameras: name them, as stereo_pose@l"),
+        ("stereo_pose@left,right,wall", "scheme 'stereo_pose' reads 2 cameras: name them"),
     ],
 )
 def test_wrong_names_are_refused(name, words):
@@ -478,6 +482,39 @@ def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
             scheme.check(close)
     with pytest.raises(MeasurementError, match="on one line: they give no pose"):
         rigid_motion(line, line + [0.1, 0.0, 0.0])
+    with pytest.raises(MeasurementError, match="on one line: they give no pose"):
+        rigid_motion(line, np.zeros_like(line))  # nor in one place
+
+
+def test_places_of_a_camera_that_exposed_earlier_are_brought_to_the_control_camera_s_exposure():
+    scheme = create_scheme("stereo_points@right,left")
+    goal = goal_of(scheme)
+    scheme.check(goal)
+    made, feature = rig(), scheme.feature
+    then = np.array([0.01, -0.02, 0.03, 0.05, -0.04, 0.2])
+    now = then + 1e-3 * np.array([1.0, -2.0, 1.5, 3.0, 2.0, -1.0])
+    true, old = (feature.measure(together(made, q), goal) for q in (now, then))
+    found = feature.measure(together(made, now, then=then), goal)
+    assert np.abs(old.s - true.s).max() > 5e-4
+    np.testing.assert_allclose(found.s, true.s, atol=1e-5)  # to first order
+    np.testing.assert_array_equal(found.desired, true.desired)
+    np.testing.assert_allclose(found.error, found.s - found.desired, atol=1e-15)
+    np.testing.assert_allclose(found.L, true.L, atol=1e-2)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_rigid_motion_is_that_of_least_squares(seed):
+    """As SciPy has it, also of a plane's points, and of a mirrored body, which no turn fits."""
+    random = np.random.default_rng(seed)
+    before = random.normal(0.0, 0.1, (6, 3)) * (1.0, 0.7, 0.0 if seed % 3 == 1 else 0.5)
+    turn = Rotation.from_rotvec(random.normal(0.0, 1.0, 3))
+    after = turn.apply(before * (1.0, 1.0, -1.0 if seed % 3 == 2 else 1.0))
+    after += random.normal(0.0, 5e-3, after.shape) + random.normal(0.0, 0.5, 3)
+    found = rigid_motion(before, after)
+    middles = before.mean(axis=0), after.mean(axis=0)
+    expected = Rotation.align_vectors(after - middles[1], before - middles[0])[0]
+    np.testing.assert_allclose(found[:3, :3], expected.as_matrix(), atol=1e-6)
+    np.testing.assert_allclose(found @ (*middles[0], 1.0), (*middles[1], 1.0), atol=1e-12)
 
 
 @pytest.mark.parametrize("apart", [1.0, -1.0])
@@ -504,6 +541,13 @@ def test_two_cameras_forget_the_turn_to_which_a_square_was_followed(monkeypatch)
         left, right = (replace(view(o, 1.0, q), numbered=False) for o in made.observers.values())
         return scheme.feature.measure(made.together(left, {"right": right}), goal).s
 
+    made_of = {n: replace(view(o, 1.0, np.zeros(6)), numbered=False)
+               for n, o in made.observers.items()}  # fmt: skip
+    for which, open_ in (("", "90°"), ("left", ""), ("right", "")):  # where one knows its corners
+        views = {n: replace(v, numbered=None if n == which else False) for n, v in made_of.items()}
+        seen = made.together(views["left"], {"right": views["right"]})
+        assert scheme.feature.measure(seen, goal).up_to == open_
+    scheme.reset()
     begun = places(1.0)  # a square that is turned by less than half a quarter back
     followed = [places(turn) for turn in (0.0, 0.5, 1.0)][-1]
     assert np.abs(followed - begun).max() > 0.05

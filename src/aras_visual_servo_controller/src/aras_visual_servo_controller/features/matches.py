@@ -17,7 +17,7 @@ from .base import Measured, plane_in
 from .luminance import Luminance, grey_of
 from .points import places as places_of
 from .points import point_interaction
-from .pose import PoseInGoalFrame, pose_of_plane
+from .pose import PoseInGoalFrame, in_goal_frame, pose_of_plane
 
 RATIO = 0.8  # of the distances of the best and the second best match (Lowe 2004)
 LEAST = 8  # matches that agree, below which a picture tells nothing
@@ -142,7 +142,7 @@ class MatchesPose(Matches):
         super().measure(observation, goal)
         plane = goal.plane or Plane.fronto_parallel(goal.depth)
         places = places_of(desired, desired @ (plane.A, plane.B) + plane.C)
-        s, L = PoseInGoalFrame.of_pose(self, pose_of_plane(places, points), places.mean(axis=0))
+        s, L = in_goal_frame(pose_of_plane(places, points))
         return Measured(s, np.zeros(6), s, L)
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:

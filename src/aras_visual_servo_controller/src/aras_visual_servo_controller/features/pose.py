@@ -53,8 +53,7 @@ class RelativePose(NumberedPoints):
         """See Feature.check."""
         super().check(goal)
         places = self._places(goal)
-        spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-        if len(places) < 4 or spread[1] < FLATTEST * spread[0]:
+        if len(places) < 4 or on_one_line(places):
             raise ConfigurationError(
                 f"{goal.name}: a pose needs four points that are not on one line: it has "
                 f"{len(places)}"
@@ -106,8 +105,7 @@ class ThetaU(RelativePose):
 
     def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See RelativePose.of_pose."""
-        turn = rotation_vector(c_T_g[:3, :3].T)
-        return turn, np.hstack([np.zeros((3, 3)), rotation_vector_rate(turn)])
+        return _turn(c_T_g)
 
 
 class Translation(RelativePose):
@@ -119,8 +117,7 @@ class Translation(RelativePose):
 
     def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See RelativePose.of_pose."""
-        g_R_c = c_T_g[:3, :3].T
-        return -g_R_c @ c_T_g[:3, 3], np.hstack([g_R_c, np.zeros((3, 3))])
+        return _place(c_T_g)
 
 
 class TranslationCamera(RelativePose):
@@ -146,8 +143,7 @@ class PoseInGoalFrame(RelativePose):
 
     def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See RelativePose.of_pose."""
-        place = Translation.of_pose(self, c_T_g, origin)
-        return _joined(place, ThetaU.of_pose(self, c_T_g, origin))
+        return in_goal_frame(c_T_g)
 
 
 class ModelPose(PoseInGoalFrame):
@@ -165,7 +161,7 @@ class PoseCamera(RelativePose):
     def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See RelativePose.of_pose."""
         place = TranslationCamera.of_pose(self, c_T_g, origin)
-        return _joined(place, ThetaU.of_pose(self, c_T_g, origin))
+        return _joined(place, _turn(c_T_g))
 
 
 class TwoAndHalfD(RelativePose):
@@ -178,7 +174,7 @@ class TwoAndHalfD(RelativePose):
         """See RelativePose.of_pose."""
         X, Y, Z = c_T_g[:3, :3] @ origin + c_T_g[:3, 3]
         x, y = X / Z, Y / Z
-        turn, L_turn = ThetaU.of_pose(self, c_T_g, origin)
+        turn, L_turn = _turn(c_T_g)
         L_point = point_interaction(np.array([[x, y]]), np.array([1.0 / Z]))
         L_depth = np.array([[0.0, 0.0, -1.0 / Z, -y, x, 0.0]])
         return np.array([x, y, np.log(Z), *turn]), np.vstack([L_point, L_depth, L_turn])
@@ -190,6 +186,8 @@ def pose_of_plane(places: np.ndarray, points: np.ndarray) -> np.ndarray:
     Raises:
         MeasurementError: the points give no pose.
     """
+    if on_one_line(points):
+        raise MeasurementError("the points of the target give no pose: they lie on one line")
     middle = places.mean(axis=0)
     basis = np.linalg.svd(places - middle)[2]
     flat = (places - middle) @ basis[:2].T
@@ -198,14 +196,11 @@ def pose_of_plane(places: np.ndarray, points: np.ndarray) -> np.ndarray:
     H[:, :2] /= size
     if H[2, 2] < 0.0:
         H = -H
-    scale = np.sqrt(np.linalg.norm(H[:, 0]) * np.linalg.norm(H[:, 1]))
-    if not (np.isfinite(scale) and scale > 0.0):
-        raise MeasurementError("the points of the target give no pose: are they on one line?")
-    H = H / scale
+    H = H / np.sqrt(np.linalg.norm(H[:, 0]) * np.linalg.norm(H[:, 1]))
     normal = np.cross(basis[0], basis[1])
     frame = np.column_stack([basis[0], basis[1], normal])
     U, _, Vt = np.linalg.svd(np.column_stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])]))
-    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt @ frame.T
+    R = U @ Vt @ frame.T  # no mirror: of such columns the determinant is above 0
     return _refined(R, H[:, 2] - R @ middle, places, points)
 
 
@@ -231,13 +226,36 @@ def _refined(
         # The target moves against the camera: hence the sign of L.
         L = -point_interaction(seen, 1.0 / P[:, 2])
         step = np.linalg.lstsq(L, (points - seen).ravel(), rcond=None)[0]
-        turned = exponential((0.0, 0.0, 0.0, *step[3:]))[:3, :3]
+        turned = exponential(step)[:3, :3]
         R, t = turned @ R, turned @ t + step[:3]
         if np.abs(step).max() < REFINED:
             break
     c_T_g = np.eye(4)
     c_T_g[:3, :3], c_T_g[:3, 3] = R, t
     return c_T_g
+
+
+def on_one_line(points: np.ndarray) -> bool:
+    """Whether points (n, 2) or places (n, 3) lie on one line, or all in one place."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return not spread[1] > FLATTEST * spread[0]
+
+
+def in_goal_frame(c_T_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """s = (g_t_c, theta u) and its L (6, 6)."""
+    return _joined(_place(c_T_g), _turn(c_T_g))
+
+
+def _place(c_T_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """g_t_c (3,), m, and its L (3, 6)."""
+    g_R_c = c_T_g[:3, :3].T
+    return -g_R_c @ c_T_g[:3, 3], np.hstack([g_R_c, np.zeros((3, 3))])
+
+
+def _turn(c_T_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """theta u of g_R_c (3,), rad, and its L (3, 6)."""
+    turn = rotation_vector(c_T_g[:3, :3].T)
+    return turn, np.hstack([np.zeros((3, 3)), rotation_vector_rate(turn)])
 
 
 def _joined(*parts: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

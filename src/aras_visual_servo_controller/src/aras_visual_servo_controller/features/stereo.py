@@ -20,7 +20,7 @@ from ..seeing.observation import Need, Observation
 from .base import Feature, Measured
 from .corners import NumberedPoints
 from .points import accuracy_beside
-from .pose import FLATTEST, PoseInGoalFrame
+from .pose import FLATTEST, PoseInGoalFrame, in_goal_frame
 
 NEAREST = 1e-3  # m between two cameras, below which they tell no depth
 STEP = 1e-6  # normalised length, of differences
@@ -150,8 +150,7 @@ class StereoPose(StereoPoints):
         self, places: np.ndarray, desired: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See StereoPoints.of_places."""
-        c_T_g = rigid_motion(desired, places)
-        s, L = PoseInGoalFrame.of_pose(self, c_T_g, desired.mean(axis=0))
+        s, L = in_goal_frame(rigid_motion(desired, places))
         return s, L, np.zeros(6)
 
     def _set_count(self, count: int) -> None:
@@ -182,8 +181,8 @@ def rigid_motion(before: np.ndarray, after: np.ndarray) -> np.ndarray:
         MeasurementError: they lie on one line.
     """
     middle, other = before.mean(axis=0), after.mean(axis=0)
-    U, sizes, Vt = np.linalg.svd((before - middle).T @ (after - other))
-    if sizes[1] < FLATTEST * sizes[0]:
+    U, sizes, Vt = np.linalg.svd(before.T @ (after - other))
+    if not sizes[1] > FLATTEST * sizes[0]:
         raise MeasurementError("the points of the target lie on one line: they give no pose")
     a_T_b = np.eye(4)
     a_T_b[:3, :3] = Vt.T @ np.diag([1.0, 1.0, np.linalg.det(Vt.T @ U.T)]) @ U.T

@@ -24,7 +24,12 @@ from aras_visual_servo_controller.schemes import (
     Scheme,
     create_scheme,
 )
-from aras_visual_servo_controller.schemes.answer_checks import checked_joints
+from aras_visual_servo_controller.schemes.answer_checks import (
+    checked_decision,
+    checked_goal,
+    checked_joints,
+    guarded,
+)
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
 GOOD_FROM, GOOD_TO = 0.1, 0.4  # s between which the scheme goes wrong
@@ -154,6 +159,81 @@ def test_joints_are_a_finite_number_each(answer, words):
     with pytest.raises(SchemeError, match=words):
         checked_joints("mine", answer, 3)
     np.testing.assert_array_equal(checked_joints("mine", [0, 1, 2], 3), [0.0, 1.0, 2.0])
+
+
+class Wanting(Scheme):
+    names, tolerances, needs = ("a", "b"), (0.1, 0.2), frozenset()
+
+    def compute(self, observation, goal, t):
+        raise NotImplementedError
+
+
+GIVEN = {"features": [1, 2], "desired": [3, 4], "error": [-2, -2]}
+
+
+def test_a_decision_is_made_of_arrays_whatever_was_answered():
+    numbers = {name: np.array(value, float) for name, value in GIVEN.items()}
+    task = Task.of_twist(np.ones(6))
+    made = Decision(("a", "b"), **numbers, task=task)
+    assert checked_decision("mine", made, Wanting()) is made
+    for name in GIVEN:
+        found = checked_decision("mine", replace(made, **{name: GIVEN[name]}), Wanting())
+        for one, value in numbers.items():
+            np.testing.assert_array_equal(getattr(found, one), value)
+            assert getattr(found, one).dtype == float
+        assert found.task is task and found.names == ("a", "b")
+
+
+@pytest.mark.parametrize(("scheme", "decision", "words"), [
+    ({}, {"features": [1.0]}, r"answered features of shape \(1,\) for 2 names"),
+    ({}, {"desired": "far"}, "answered desired of no numbers for 2 names"),
+    ({}, {"error": None}, "answered error of no numbers for 2 names"),
+    ({}, {"error": [1.0, np.inf]}, r"answered error that are not finite: \[1.0, inf\]"),
+    ({}, {"desired": [np.nan, 0.0]}, r"answered desired that are not finite: \[nan, 0.0\]"),
+    ({"tolerances": (0.1, -0.1)}, {}, r"has tolerances \(0.1, -0.1\): 2 numbers above 0 are"),
+    ({"tolerances": (0.0, 0.1)}, {}, r"has tolerances \(0.0, 0.1\): 2 numbers above 0 are"),
+    ({"tolerances": (0.1,)}, {}, r"has tolerances \(0.1,\): 2 numbers above 0 are needed"),
+    ({"tolerances": None}, {}, "has tolerances None: 2 numbers above 0 are needed"),
+    ({}, {"rate": [1.0, np.nan]}, "answered the rate .*: one finite number for each name"),
+    ({}, {"rate": [1.0]}, "answered the rate .*: one finite number for each name"),
+    ({}, {"rate": None}, "answered the rate None: one finite number for each name"),
+    ({}, {"task": 3}, "answered the task int instead of a Task"),
+])  # fmt: skip
+def test_what_is_wrong_with_a_decision_is_told(scheme, decision, words):
+    asked = Wanting()
+    vars(asked).update(scheme)
+    given = {**GIVEN, "task": Task.of_twist(np.ones(6)), **decision}
+    with pytest.raises(SchemeError, match=f"^scheme mine {words}"):
+        checked_decision("mine", Decision(("a", "b"), **given), asked)
+    for rate in (0.5, [0.5, -0.5]):
+        fine = Decision(("a", "b"), **GIVEN, task=Task.of_twist(np.ones(6)), rate=rate)
+        assert checked_decision("mine", fine, Wanting()).rate is rate
+
+
+def test_a_goal_that_a_users_code_cannot_take_is_one_line():
+    class Own:
+        name = "mine"
+
+        def check(self, goal):
+            raise goal
+
+    for error, words in (
+        (ConfigurationError("of its own"), "^of its own$"),
+        (KeyError("x"), "^scheme 'theirs' cannot use the goal: KeyError: 'x'"),
+        (SystemExit(3), "^scheme 'theirs' cannot use the goal: SystemExit: 3"),
+    ):
+        with pytest.raises(ConfigurationError, match=words):
+            checked_goal("theirs", Own(), error)
+    for error, expected in (
+        (MeasurementError("dark"), MeasurementError), (SchemeError("own", ""), SchemeError),
+        (KeyboardInterrupt(), KeyboardInterrupt), (SystemExit(2), SchemeError),
+        (ValueError("no"), SchemeError),
+    ):  # fmt: skip
+        with pytest.raises(expected) as told:
+            guarded("theirs", Own().check, error)
+        if isinstance(error, ValueError | SystemExit):
+            assert str(told.value).startswith("scheme theirs raised ")
+    assert guarded("theirs", divmod, 7, 3) == (2, 1)
 
 
 def test_joints_of_another_arm_hold_it():

@@ -3,8 +3,10 @@
 import re
 
 import numpy as np
+import pytest
 
 from aras_visual_servo_controller.arm.task import DIRECTIONS
+from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features import (
     base,
     corners,
@@ -19,7 +21,11 @@ from aras_visual_servo_controller.features import (
 )
 from aras_visual_servo_controller.features.registry import FEATURES
 from aras_visual_servo_controller.schemes import base as schemes
+from aras_visual_servo_controller.schemes import create_scheme
+from aras_visual_servo_controller.schemes.broyden import Broyden
+from aras_visual_servo_controller.schemes.composed import Composed
 from aras_visual_servo_controller.schemes.laboratory import Laboratory2016
+from aras_visual_servo_controller.schemes.predictive import Predictive
 from aras_visual_servo_controller.seeing.observation import Need
 
 MODULES = (
@@ -104,6 +110,34 @@ def test_the_directions_that_each_models_and_what_it_needs():
     assert kernel.Kernel.ratio == (1.0, 1.0, 1.0, 0.3)
     np.testing.assert_allclose(Laboratory2016.ratio, np.array([140, 120, 60, 30]) / 140)
     assert (matches.Matches.widest, matches.MatchesORB.widest) == (320, 640)
+    assert (matches.Matches.count, matches.MatchesORB.detector) == (500, "orb")
+
+
+def test_what_schemes_are_made_with_where_nothing_is_said():
+    planned = Predictive
+    assert (planned.horizon, planned.steps, planned.effort) == (0.4, 4, 1e-4)
+    assert planned.speed == (0.5, 0.5, 0.5, 1.5, 1.5, 1.5) and planned.margin == 12.0
+    assert not planned()._last.any() and planned()._last.shape == (6,)
+    assert (Broyden().gain, Broyden().floor, Broyden().start) == (0.5, 1e-3, None)
+    plain = create_scheme("moments")
+    assert (plain.interaction, plain.smoothing, plain.ratio) == ("current", 0.0, None)
+    assert plain.estimator is None and plain.judges_camera
+    for interaction in ("desired", "mean", "estimated"):
+        other = create_scheme("moments", interaction=interaction)
+        assert not other.judges_camera
+        assert (type(other.estimator) is Broyden) is (interaction == "estimated")
+    assert create_scheme("kernel").ratio.tolist() == [1.0, 1.0, 1.0, 0.3]
+    assert create_scheme("kernel", weights=[2.0]).ratio is None
+    assert create_scheme("kernel", ratio=[2.0] * 4).ratio.tolist() == [2.0] * 4
+    assert create_scheme("kernel+points").ratio is None
+    assert Composed([kernel.Kernel()]).feature.name == "kernel"
+    blind = points.Points()
+    blind.geometric = False
+    assert not Composed(blind).judges_camera
+    assert not Composed([points.Points(), blind]).judges_camera
+    for one in (plain, create_scheme("area+points")):
+        assert one.needs == one.feature.needs and one.names == one.feature.names
+        assert one.units == tuple(one.feature.units)
 
 
 def test_what_a_user_s_own_need_not_say():
@@ -149,3 +183,32 @@ def test_an_angle_is_the_shortest_turn_to_it():
         whole = (turns - found) / period
         np.testing.assert_allclose(whole, np.round(whole), atol=1e-12)
         assert base.wrap(0.5 * period, period) == -0.5 * period
+
+
+def test_units_of_a_stack_are_those_of_its_parts_also_where_one_says_none():
+    class Own(base.Feature):
+        names, tolerances, weights = ("u", "v"), (1.0, 2.0), (3.0, 4.0)
+        directions = (True, False, False, False, False, False)
+
+        def measure(self, observation, goal):
+            raise NotImplementedError
+
+    stack = base.Stack([moment_features.Alpha(), Own(), moment_features.Area()], [1.0, 0.5, 2.0])
+    assert stack.names == ("alpha", "u", "v", "area") and stack.units == ("rad", "", "", "")
+    assert stack.tolerances == (5e-3, 1.0, 2.0, 1e-4)
+    assert stack.weights.tolist() == [1.0, 1.5, 2.0, 2.0]
+    assert stack.directions == (True, False, True, False, False, True)
+    with pytest.raises(ConfigurationError, match="a stack of features needs at least one"):
+        base.Stack([])
+
+
+class Unmade(points.Points):
+    def __init__(self):
+        raise ValueError("no such file")
+
+
+@pytest.mark.parametrize("name", [f"{__name__}:Unmade", f"points+{__name__}:Unmade"])
+def test_a_scheme_of_a_feature_that_cannot_be_made_names_it(name):
+    words = f"^scheme '{__name__}:Unmade': its constructor raised ValueError: no such file"
+    with pytest.raises(ConfigurationError, match=words):
+        create_scheme(name)

@@ -11,7 +11,7 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import DELTA_X, DELTA_Y, kernel_features, kernel_of_outline
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
+from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError, TaskError
 from aras_visual_servo_controller.features import Feature, Measured, Stack, create_feature
 from aras_visual_servo_controller.features.base import wrap
 from aras_visual_servo_controller.features.moments import displaced
@@ -159,6 +159,60 @@ def test_the_motion_of_the_target_is_fed_forward():
     assert (judged.error, judged.features, judged.desired, judged.rate) == (1.0, 1.0, 0.0, 0.0)
 
 
+class Tall(Feature):
+    """A user's, of as many rows as it is told."""
+
+    needs = frozenset()
+
+    def __init__(self, L):
+        self.L = np.asarray(L, float)
+        self.names = tuple(f"s{i}" for i in range(len(self.L)))
+        self.tolerances = (1.0,) * len(self.L)
+
+    def measure(self, observation, goal):
+        e = np.sin(np.arange(float(len(self.L))))
+        return Measured(e, np.zeros_like(e), e, self.L)
+
+
+class Told(Proportional):
+    """Keeps what the error is as a motion of the camera."""
+
+    def rate(self, error, L, rotated, t, dt):
+        self.rotated = rotated
+        return -error
+
+
+@pytest.mark.parametrize("count", [3, 6, 64, 65, 200])
+@pytest.mark.parametrize("weighted", [False, True])
+def test_the_law_is_told_what_the_error_is_as_a_motion_of_the_camera(count, weighted):
+    """In the directions that the feature models; of one that is hardly seen too."""
+    random, law = np.random.default_rng(count), Told()
+    directions = np.array((1, 1, 0, 1, 1, 1), bool)
+    feature, W = Tall(random.normal(size=(count, 6))), np.eye(count)
+    feature.directions = directions
+    if weighted:
+        feature.weights = random.uniform(0.5, 2.0, count)
+        W = np.diag(feature.weights)
+    error = np.sin(np.arange(float(count)))
+    for least in (1.0, 1e-6) if 6 <= count <= 64 else (1.0,):  # its square is 1e-12
+        feature.L = feature.L * (1, 1, 1, 1, 1, least)
+        Composed(feature, law).compute(look(frozenset(), GOAL), Goal(), 0.0)
+        expected = np.linalg.pinv(W @ feature.L * directions) @ W @ error
+        np.testing.assert_allclose(law.rotated, expected, rtol=1e-6, atol=1e-5)
+
+
+def test_of_an_l_that_is_none_the_law_is_told_no_motion():
+    feature, law = Tall(np.eye(6)[:4]), Told()
+    scheme = Composed(feature, law)
+    measured = feature.measure(None, None)
+    nan = np.where(np.eye(4, 6, 1) > 0.0, np.nan, 1.0)
+    for L in (nan, np.ones((3, 6))):
+        feature.measure = lambda *_, L=L: replace(measured, L=L)
+        with pytest.raises(TaskError):
+            scheme.compute(look(frozenset(), GOAL), Goal(), 0.0)
+        np.testing.assert_array_equal(law.rotated, np.zeros(6))
+
+
 def test_the_motion_of_the_target_is_that_of_each_part_of_a_stack():
     found = Stack([Moving(), Moving()]).measure(look(frozenset(), GOAL), Goal())
     np.testing.assert_allclose(found.rate, [0.3, -0.1, 0.3, -0.1])
@@ -171,6 +225,11 @@ def test_moments_of_too_low_an_order_are_refused():
     low = replace(view, moments=Moments.from_arrays(values, central, 2, view.moments.kind))
     with pytest.raises(MeasurementError, match="Sx, Sy need moments up to order 4"):
         feature.measure(low, taught(feature))
+    goal = replace(taught(feature), moments=low.moments)
+    with pytest.raises(ConfigurationError, match=r"^goal: .*Sx, Sy need moments up to order 4"):
+        feature.check(goal)
+    with pytest.raises(ConfigurationError, match="^goal holds no moments: teach it anew"):
+        feature.check(replace(goal, moments=None))
 
 
 def test_a_square_has_no_angle():
@@ -344,6 +403,39 @@ def test_what_an_outline_gains_where_it_is_displaced_by_waves():
         np.testing.assert_allclose(gained, expected, atol=2e-3 * np.abs(found[0]).max())
 
 
+def test_what_an_outline_of_few_unequal_sides_gains():
+    """Against integrals along its sides, by many pieces of Gauss's nodes."""
+    outline = np.array([[0.1, -0.15], [0.33, -0.18], [0.26, -0.01], [0.18, -0.06]])
+    nodes, weights = np.polynomial.legendre.leggauss(9)
+    part = ((np.arange(40)[:, None] + 0.5 * (nodes + 1.0)) / 40).ravel()[:, None, None]
+    ahead, powers = np.roll(outline, -1, axis=0) - outline, np.arange(4)
+    places = outline + part * ahead
+    length = np.tile(weights / 80.0, 40)[:, None] * np.linalg.norm(ahead, axis=1)
+    x, y = np.moveaxis(places, 2, 0)
+    phi = np.angle((places - outline.mean(axis=0)) @ (1, 1j))
+    waves = [np.ones_like(phi), *(f(m * phi) for m in range(1, 5) for f in (np.cos, np.sin))]
+    expected = np.einsum("hsn,isn,jsn->hij", waves * length, [x**i for i in powers],
+                         [y**j for j in powers])  # fmt: skip
+    off = np.abs(displaced(outline, 3) - expected).max()
+    assert off < 1e-3 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("count", range(3, 9))
+def test_corners_of_any_polygon_are_matched_whichever_way_round_they_are_found(count):
+    random = np.random.default_rng(count)
+    about = 2.0 * np.pi * (np.arange(count) + random.uniform(-0.3, 0.3, count)) / count
+    shape = 0.05 * random.uniform(0.6, 1.4, (count, 1)) * np.c_[np.cos(about), np.sin(about)]
+    feature = create_feature("points")
+    for begun in (shape, shape[::-1]):
+        goal = taught(feature, begun, pose((0.01, 0.02, 0.3), (0, 0, 0.3)))
+        expected = look(feature.needs, VIEWS["near"], begun)
+        for way in (1, -1):
+            feature.reset()
+            found = replace(expected, corners=np.roll(expected.corners, 2, axis=0)[::way],
+                            numbered=False)  # fmt: skip
+            np.testing.assert_array_equal(feature.measure(found, goal).s, expected.corners.ravel())
+
+
 def test_a_point_of_a_goal_that_is_not_finite_is_refused():
     feature = create_feature("points")
     goal = taught(feature, SQUARE)
@@ -489,6 +581,8 @@ ON_A_LINE = np.array([[-0.05, 0.01], [0.0, 0.01], [0.02, 0.01], [0.06, 0.01]])
 
 @pytest.mark.parametrize(("name", "corners", "words"), [
     ("polar_points", [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]], "it has no polar angle"),
+    ("polar_points", [[9e-10, 0.0], [0.1, 0.0], [0.1, 0.1]], "it has no polar angle"),
+    ("segments", [[0.1, 0.0], [0.1, 9e-10], [0.3, 0.1]], "coincide: they make no edge"),
     ("lines", [[0.1, 0.2], [0.1, 0.2], [0.3, 0.1]], "coincide: they make no edge"),
     ("pose", ON_A_LINE, "goal: a pose needs four points that are not on one line: it has 4"),
     ("pose", [[0.1, 0.2], [0.1, 0.3], [0.3, 0.1]], "a pose needs four points .* it has 3"),
@@ -500,6 +594,12 @@ def test_a_goal_of_points_that_are_no_such_feature_is_refused(name, corners, wor
     told = {"points": corners if isinstance(corners, str) else np.array(corners).tolist()}
     with pytest.raises(ConfigurationError, match=words):
         feature.check(Goal(depth=0.5, features={name: told}))
+
+
+def test_what_is_a_billionth_of_the_focal_length_apart_is_apart():
+    for name, corners in (("polar_points", [[1e-9, 0.0], [0.1, 0.0], [0.1, 0.1]]),
+                          ("lines", [[0.0, 0.0], [0.0, 1e-9], [0.3, 0.1]])):  # fmt: skip
+        create_feature(name).check(Goal(depth=0.5, features={name: {"points": corners}}))
 
 
 @pytest.mark.parametrize("name", ["points", "moments", "kernel"])
@@ -552,6 +652,9 @@ def test_a_stack_has_the_parts_one_under_the_other_with_their_weights():
     assert len(scheme.tolerances) == len(scheme.names) == 20
     assert stack.needs == {Need.MOMENTS, Need.CORNERS}
     assert stack.directions == (True,) * 6
+    parts[1]._turn = 1.0
+    stack.reset()
+    assert parts[1]._turn == 0.0
     decision = scheme.compute(view, goal, 0.0)
     # weighted least squares: the same as rows scaled by the weights
     W = np.diag(stack.weights)
@@ -652,6 +755,17 @@ def test_kernel_features_refuse_another_camera_a_dirty_ground_and_emptiness():
     for counted in (view.pixel_count, half):  # twice the target's pixels is not yet too many
         found = feature.measure(replace(view, pixel_count=counted), goal)
         np.testing.assert_allclose(found.error, 0.0, atol=1e-12)
+    turned = kernel_view(camera, pose((0.02, -0.01, 0.25), (0, 0, 0.9)))
+    found = feature.measure(turned, goal)
+    np.testing.assert_array_equal(found.s, turned.kernel[16:])
+    np.testing.assert_array_equal(found.desired, view.kernel[16:])
+    off = (turned.kernel - view.kernel)[16:]
+    expected = [*(off[:3] / view.kernel[16:19]), off[3]]  # the angle's is not of a part
+    np.testing.assert_allclose(found.error, expected)
+    assert found.up_to == "180°"
+    accuracy = feature.accuracy(turned, goal)
+    np.testing.assert_array_equal(accuracy, np.diag((0.01, 0.01, 0.02, 0.04)))
+    flat = np.r_[np.zeros(16), view.kernel[16:]]
     other = replace(camera, K=(110.0, 0, 159.5, 0, 110.0, 119.5, 0, 0, 1))
     for change, words in (
         ({"camera": other}, "taught with another camera"),
@@ -659,6 +773,7 @@ def test_kernel_features_refuse_another_camera_a_dirty_ground_and_emptiness():
         ({"kernel": None}, "expected the 20 numbers"),
         ({"kernel": np.zeros(4)}, "got 4"),
         ({"kernel": np.zeros(20)}, "not visible"),
+        ({"kernel": flat}, "Jacobian is singular"),
         ({"kernel": np.where(np.arange(20) == 3, np.nan, view.kernel)}, "not visible"),
     ):
         with pytest.raises(MeasurementError, match=words):

@@ -133,7 +133,8 @@ def test_files_that_are_wrong_are_one_line(name):
 def test_depths_and_planes_at_their_bounds_are_taken():
     for depth in (0.001, 100.0):
         assert Goal.from_mapping({"depth": depth}).depth == depth
-    for plane in ([0.0, 0.0, 0.01], [0.0, 0.0, 1000.0], [0.0, 99.0, 5.0], [-99.0, 0.0, 5.0]):
+    for plane in ([0.0, 0.0, 0.01], [0.0, 0.0, 1000.0], [0.0, 99.0, 5.0], [-99.0, 0.0, 5.0],
+                  [9975.0**0.5, 0.0, 5.0]):  # whose length is 100
         assert list(Goal.from_mapping({"plane": plane}).plane) == plane
 
 
@@ -220,6 +221,10 @@ def test_the_posture_of_a_goal_is_its_joints_or_found_for_its_pose():
     away = transform((9.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     assert replace(by_pose, world_T_camera=away).posture(arm) is None
     assert replace(by_pose, world_T_camera=None).posture(arm) is None
+    assert goal.beyond(arm) == by_pose.beyond(arm) == ""
+    assert replace(by_pose, world_T_camera=away, name="mine").beyond(arm).startswith("mine: ")
+    for told in (replace(goal, world_T_camera=away), replace(by_pose, world_T_camera=None)):
+        assert told.beyond(arm) == ""
 
 
 def test_goals_that_do_not_fit_the_arm():

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from feature_scenes import moved
 from free_camera import pose
+from scipy.fft import dctn
+from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_camera.interaction import Plane
@@ -140,6 +142,35 @@ def test_principal_components_hold_what_a_motion_changes():
             assert np.linalg.norm(held) > least * np.linalg.norm(change)
 
 
+def test_principal_components_are_those_of_pictures_drawn_by_a_fixed_seed():
+    """A turn and a scale about the middle, then a shift, in this order; by SciPy."""
+    feature, goal = at_goal("luminance_pca")
+    feature.views, feature.count = 7, 4
+    feature.measure(look(PINHOLE, VIEW, feature.needs), goal)
+    random, wanted = np.random.default_rng(0), feature._desired
+    places, middle = np.indices(wanted.shape)[::-1].reshape(2, -1), np.array([[80.0], [60.0]])
+    changes = []
+    for _ in range(7):
+        turn = random.uniform(-0.2, 0.2)
+        c, s = (1.0 + random.uniform(-0.1, 0.1)) * np.array([np.cos(turn), np.sin(turn)])
+        shift = 160.0 * random.uniform(-0.1, 0.1, (2, 1))
+        at = np.linalg.solve([[c, s], [-s, c]], places - shift - middle) + middle
+        moved = map_coordinates(wanted, at[::-1], order=1, mode="reflect").reshape(wanted.shape)
+        changes.append((moved - wanted)[BORDER:-BORDER, BORDER:-BORDER].ravel())
+    expected = np.linalg.svd(changes, full_matrices=False)[2][:4]
+    assert np.abs(np.sum(feature._basis * expected, axis=1)) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_coefficients_of_the_cosine_transform_are_the_lowest_in_order_but_the_mean():
+    feature, goal = at_goal("luminance_dct")
+    found = feature.measure(look(PINHOLE, VIEW, feature.needs), goal)
+    e = smooth(picture(PINHOLE, VIEW)) - smooth(picture(PINHOLE, GOAL))
+    coefficients = dctn(e.reshape(120 - 2 * BORDER, 160 - 2 * BORDER), norm="ortho")
+    orders = [(down, total - down) for total in range(1, 6) for down in range(total + 1)]
+    expected = np.array([coefficients[order] for order in orders])
+    assert found.error == pytest.approx(expected, abs=0.005 * np.abs(expected).max())
+
+
 def test_cosines_are_orthogonal():
     feature, goal = at_goal("luminance_dct")
     feature.measure(look(PINHOLE, VIEW, feature.needs), goal)
@@ -266,6 +297,9 @@ def test_bad_pictures_are_one_line():
     few, shown = at_goal("luminance", small)
     with pytest.raises(MeasurementError, match="too small for photometric servoing"):
         few.measure(look(small, GOAL, few.needs), shown)
+    least = replace(small, height=40)
+    few, shown = at_goal("luminance", least)
+    assert few.measure(look(least, GOAL, few.needs), shown).error == pytest.approx(0.0)
     exact = Observer(None, feature.needs).of_exact(0.0, PINHOLE)
     with pytest.raises(MeasurementError, match="no picture"):
         feature.measure(exact, goal)

@@ -1,5 +1,8 @@
 """Keypoints matched with the goal's picture: s, e, L against the geometry of the rendered plane."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from free_camera import pose
@@ -116,3 +119,87 @@ def test_eight_keypoints_that_agree_are_enough(picture, monkeypatch):
     monkeypatch.setattr(feature, "_detected", lambda grey: [part[:280:40] for part in all_of])
     with pytest.raises(ConfigurationError, match="7 keypoints in its picture, 8 are needed"):
         feature.check(goal)
+
+
+GRID = np.array([[u, v] for u in (60.0, 110.0, 170.0, 230.0) for v in (40.0, 90.0, 150.0, 200.0)])
+
+
+def matched(picture, monkeypatch, at, distances, name="matches", plane=None):
+    """What a feature measures of keypoints seen at (n, 2) px, of a goal's on GRID; distances
+    (n, 2): of the best and the second best match of each."""
+    feature = create_feature(name)
+    seen, there = look(feature, picture, NOW), look(feature, picture, GOAL)
+    goal = Goal.teach(Composed(feature), there)
+    monkeypatch.setattr(feature, "_detected", lambda grey: (GRID, "the goal's"))
+    feature.check(goal)
+    monkeypatch.setattr(feature, "_detected", lambda grey: (at, "seen"))
+
+    def nearest(query, train, k):
+        assert (query, train, k) == ("seen", "the goal's", 2)
+        order = range(len(at) - 1, -1, -1)  # of the matches: each knows whose it is
+        return [[SimpleNamespace(queryIdx=i, trainIdx=i, distance=d) for d in distances[i]]
+                for i in order]  # fmt: skip
+
+    feature._matcher = SimpleNamespace(knnMatch=nearest)
+    return feature, goal, replace(seen, plane=plane or seen.plane)
+
+
+def as_seen(turn, shift):
+    """Pixels (n, 2) of GRID that is turned about the middle, rad, and shifted."""
+    c, s = np.cos(turn), np.sin(turn)
+    return (GRID - [159.5, 119.5]) @ np.array([[c, s], [-s, c]]) + [159.5, 119.5] + shift
+
+
+def normalised(pixels):
+    return (np.asarray(pixels) - [159.5, 119.5]) / 300.0
+
+
+def test_matches_are_those_that_stand_out_and_that_agree(picture, monkeypatch):
+    """Nearer than 0.8 of the second best, and within 3 pixels of where the others have them."""
+    at = as_seen(0.2, [3.0, -5.0])
+    at[5] += [2.6, 0.0]
+    at[6] += [0.0, 3.6]
+    distances = np.tile([70.0, 100.0], (16, 1))
+    distances[2], distances[3], distances[7] = [80.0, 100.0], [79.9, 100.0], [81.0, 100.0]
+    distances = distances.tolist()
+    distances[9] = distances[9][:1]  # nothing to compare it with
+    feature, goal, seen = matched(picture, monkeypatch, at, distances)
+    found = feature.measure(seen, goal)
+    kept = [i for i in range(15, -1, -1) if i not in (2, 6, 7, 9)]
+    np.testing.assert_allclose(found.s, normalised(at[kept]).ravel(), atol=1e-9)
+    np.testing.assert_allclose(found.desired, normalised(GRID[kept]).ravel(), atol=1e-9)
+    for some, words in (
+        ((0, 1, 4, 8, 10, 11, 12, 13), ""), ((0, 1, 4, 8, 10, 11, 12), "7 keypoints match the"),
+        ((0, 1, 4, 8, 10, 11, 12, 6), "8 keypoints match the goal's picture, 8 that agree are"),
+    ):  # fmt: skip
+        told = [[70.0 if i in some else 90.0, 100.0] for i in range(16)]
+        feature, goal, seen = matched(picture, monkeypatch, at, told)
+        if words:
+            with pytest.raises(MeasurementError, match=words):
+                feature.measure(seen, goal)
+        else:
+            assert len(feature.measure(seen, goal).s) == 16
+
+
+@pytest.mark.parametrize("name", ["matches", "matches_pose"])
+def test_accuracy_is_by_how_far_matches_miss_the_plane_s_motion(name, picture, monkeypatch):
+    at = as_seen(0.0, [1.0, 2.0]) + np.random.default_rng(3).normal(0.0, 0.5, GRID.shape)
+    told = np.tile([70.0, 100.0], (16, 1))
+    plane = Plane(2.0, -0.4, 0.3)  # it lies behind the camera on the left: far away there
+    feature, goal, seen = matched(picture, monkeypatch, at, told, name, plane)
+    found = feature.measure(seen, goal)
+    points, desired = normalised(at[::-1]), normalised(GRID[::-1])
+    near = np.maximum(points @ (2.0, -0.4) + 0.3, 1e-3)
+    assert (near == 1e-3).any() and (near > 0.01).any()
+    rows = []
+    for (x, y), w in zip(points, near, strict=True):
+        rows += [[-w, 0, x * w, x * y, -1 - x * x, y], [0, -w, y * w, 1 + y * y, -x * y, -x]]
+    L, e = np.array(rows), (points - desired).ravel()
+    missed = np.std(e - L @ np.linalg.pinv(L) @ e)
+    accuracy = feature.accuracy(seen, goal)
+    if name == "matches":
+        np.testing.assert_allclose(found.L, L, atol=1e-9)
+        np.testing.assert_allclose(accuracy, missed * np.eye(32), rtol=1e-6)
+    else:
+        np.testing.assert_allclose(accuracy, np.linalg.pinv(L) * missed, rtol=1e-6, atol=1e-9)
+        np.testing.assert_array_equal(found.desired, np.zeros(6))

@@ -84,18 +84,24 @@ def test_points_with_another_interaction_matrix(interaction):
 
 @pytest.mark.parametrize("name", ["moments_2016", "partitioned", "numbered_points"])
 def test_each_scheme_tells_its_law_the_time_and_that_since_the_last_image(name):
-    told = []
-
-    class Own(Proportional):
-        def rate(self, error, L, rotated, t, dt):
-            told.append((t, dt))
-            return super().rate(error, L, rotated, t, dt)
-
-    scheme = create_scheme(name, Own(1.0))
+    scheme, law = create_scheme(name), Asked()
+    scheme.law = law
     observer = Observer(None, scheme.needs)
     goal = Goal.teach(scheme, look(observer, GOAL))
-    scheme.compute(replace(look(observer, START), dt=0.25), goal, 7.0)
-    assert told == [(7.0, 0.25)]
+    decision = scheme.compute(replace(look(observer, START), dt=0.25), goal, 7.0)
+    error, L, rotated, t, dt = law.given
+    assert (t, dt) == (7.0, 0.25)
+    np.testing.assert_array_equal(error, decision.error)
+    np.testing.assert_allclose(L, decision.L * decision.task.modelled, atol=1e-12)
+    np.testing.assert_allclose(rotated, np.linalg.pinv(L) @ error, atol=1e-9)
+
+
+class Asked(Proportional):
+    """Keeps what it is given; answers none of it."""
+
+    def rate(self, *given):
+        self.given = given
+        return -np.linspace(0.7, 1.3, len(given[0])) * given[0]
 
 
 def centres(way):
@@ -157,6 +163,36 @@ def test_partitioned_comes_down_by_the_logarithm_of_the_distance():
     assert twist[5] == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("rate", [0.0, 0.3 * np.array([1.0, -2.0, 0.5, 0.2, -1.0, 0.7, 0.1, 0.4])])
+def test_partitioned_leaves_to_the_points_what_its_two_motions_do_not_bring(rate):
+    """Its law's rate, less the target's own and that of vz and wz, by the other four."""
+    scheme = create_scheme("partitioned")
+    scheme.law = law = Asked()
+    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), GOAL))
+    measure = scheme.feature.measure
+    scheme.feature.measure = lambda *given: replace(measure(*given), rate=rate)
+    seen = look(Observer(None, scheme.needs), START)
+    decision = scheme.compute(seen, goal, 0.0)
+    L, error, twist = decision.L, decision.error, decision.task.twist
+    wanted = law.rate(error)
+    now, then = seen.corners, goal.features["numbered_points"]["points"]
+    hull, first = [], []
+    for corners in (now, np.array(then)):
+        x, y = corners.T
+        hull.append(0.5 * abs(sum(x[i - 1] * y[i] - x[i] * y[i - 1] for i in range(4))))
+        first.append(np.angle((corners[1] - corners[0]) @ (1, 1j)))
+    gain = -wanted @ error / (error @ error)
+    depth = np.mean((CORNERS @ START[:3, :3].T + START[:3, 3])[:, 2])
+    assert twist[2] == pytest.approx(gain * depth * 0.5 * np.log(hull[1] / hull[0]), rel=1e-9)
+    assert twist[5] == pytest.approx(gain * (first[0] - first[1]), rel=1e-9)
+    rest = wanted - rate - L[:, [2, 5]] @ twist[[2, 5]]
+    others = [0, 1, 3, 4]
+    np.testing.assert_allclose(twist[others], np.linalg.lstsq(L[:, others], rest, rcond=None)[0])
+    scheme.feature.measure = measure  # at the goal nothing is asked for
+    there = scheme.compute(look(Observer(None, scheme.needs), GOAL), goal, 0.0).task.twist
+    np.testing.assert_allclose(there, 0.0, atol=1e-12)
+
+
 def test_the_predictive_scheme_keeps_the_points_in_the_picture():
     # Points of the image fly out where the camera turns by 2 rad close to its target.
     near, turned = pose((0.0, 0.0, 0.48), (0, 0, 0)), pose((0.03, 0.0, 0.48), (0, 0, 1.6))
@@ -171,6 +207,36 @@ def test_the_predictive_scheme_keeps_the_points_in_the_picture():
     assert farthest(free) > 0.0
     assert farthest(kept) <= 0.5
     assert distance(kept[-1], near) < 0.05 * distance(kept[0], near)
+
+
+def test_the_predictive_scheme_fits_a_decay_at_each_step_of_its_horizon():
+    """Where no border is near: the nearest to four exponentials and to no motion at all."""
+    scheme = create_scheme("predictive", Proportional(0.8))
+    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), GOAL))
+    decision = scheme.compute(look(Observer(None, scheme.needs), START), goal, 0.0)
+    L, error = decision.L, decision.error
+    stamps = (0.1, 0.2, 0.3, 0.4)
+    rows = [*(stamp * L for stamp in stamps), 1e-2 * np.eye(6)]
+    wanted = [*((np.exp(-0.8 * stamp) - 1.0) * error for stamp in stamps), np.zeros(6)]
+    best = np.linalg.lstsq(np.vstack(rows), np.concatenate(wanted), rcond=None)[0]
+    np.testing.assert_allclose(decision.task.twist, best, atol=1e-5)
+    plain = create_scheme("predictive", law := Proportional(1.0))
+    expected = plain.compute(look(Observer(None, plain.needs), START), goal, 0.0).task.twist
+    del law.gain  # 1/s, of a law that says none
+    found = plain.compute(look(Observer(None, plain.needs), START), goal, 0.0).task.twist
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_the_borders_are_those_through_the_middle_of_the_picture():
+    lens = CameraModel(CAMERA.width, CAMERA.height, CAMERA.K, (-0.2, 0.05, 0.02, -0.03))
+    scheme = create_scheme("predictive")
+    seen = replace(look(Observer(None, scheme.needs), GOAL), camera=lens)
+    points = np.array([0.01, 0.02, -2.0, 3.0])
+    low, high = scheme._borders(seen, points)
+    left, right = (lens.normalise(*np.array([[u], [239.5]]))[0][0] for u in (12.0, 627.0))
+    top, bottom = (lens.normalise(*np.array([[319.5], [v]]))[1][0] for v in (12.0, 467.0))
+    np.testing.assert_allclose(low, [left, top, -2.0, top], rtol=1e-12)
+    np.testing.assert_allclose(high, [right, bottom, right, 3.0], rtol=1e-12)
 
 
 @pytest.mark.parametrize("way", [(-1, 0), (1, 0), (0, -1), (0, 1)])

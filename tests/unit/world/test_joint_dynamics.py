@@ -576,6 +576,8 @@ def test_a_follower_of_multiplier_0_stands_at_its_offset_and_hinders_nobody(make
         make.joint("leader", "world", "a", "revolute", "0 0 0", "0 1 0", -1.0, 1.0, damping=0.1),
         make.joint("follower", "a", "b", "fixed", "0 0 -0.5", rpy="0 0.3 0")))
     space.set_motor(1, 0.5, 3.0)  # of what does not move
+    for one in (space, fixed):
+        one.set_motor(0, 0.0, 0.25)
     space.state[0] = 0.4, 0.3
     fixed.state[0] = 0.4
     for _ in range(20):
@@ -583,3 +585,17 @@ def test_a_follower_of_multiplier_0_stands_at_its_offset_and_hinders_nobody(make
         assert (space.advance(DT), fixed.advance(DT)) == (-1, -1)
         assert space.state[:2, 0] == pytest.approx(fixed.state[:2, 0], rel=1e-9)
         assert space.state[:2, 1].tolist() == [0.3, 0.0]
+
+
+@pytest.mark.parametrize("mode", [1, 2])
+def test_a_joint_that_moves_no_mass_stands_still_and_hinders_nobody(mode):
+    """None of its own, or none beside what another moves."""
+    tree = np.zeros((3, 4), dtype=np.int64)
+    tree[:, 3] = 0, 1, 2
+    for a in (np.diag([2.0, 0.0, 4.0]),
+              np.array([[2.0, 2.0, 0.0], [2.0, 2.0, 0.0], [0.0, 0.0, 4.0]])):
+        matrices, rows = np.full((3, 3, 3), np.nan), np.zeros((9, 3))
+        matrices[1] = a
+        rows[joint_dynamics._RIGHT] = a @ (1.0, 0.0, -0.5)
+        joint_dynamics._speeds_of(tree, np.full(3, mode), matrices, rows)
+        assert rows[joint_dynamics.SPEED] == pytest.approx((1.0, 0.0, -0.5))

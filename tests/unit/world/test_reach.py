@@ -160,3 +160,13 @@ def test_what_may_meet_touches_a_root_or_what_another_s_joints_reach(make):
             box = Box(tuple(v - 0.1 for v in at), tuple(v + 0.1 for v in at))
             assert reach._may_meet(box, model) is root
             assert reach.may_meet([Box((9, 9, 9), (9, 9, 9)), box], model) is ever
+
+
+def test_what_is_below_one_of_two_planes_may_touch_them(make):
+    planes = "".join(f'<collision><geometry><plane normal="{x} 0 0.8"/></geometry></collision>'
+                     for x in (0.6, -0.6))
+    with World() as world:
+        groove = world.spawn(parse_urdf(make.robot(f'<link name="world">{planes}</link>')), "it")
+        for x, touches in ((-3.0, True), (3.0, True), (0.0, False)):
+            box = Box((x - 0.1, 0.0, 1.0), (x + 0.1, 0.1, 1.1))
+            assert reach._may_meet(box, groove) is reach.may_meet([box], groove) is touches

@@ -7,6 +7,7 @@ import numpy as np
 import pybullet
 import pytest
 from scipy.optimize import linprog
+from scipy.spatial import ConvexHull
 
 from aras_sim_bridge.description import Geometry, parse_urdf, shapes
 from aras_sim_bridge.world import Pose, Twist, World, islands, standing
@@ -733,3 +734,59 @@ def test_a_base_that_was_held_or_let_go_is_not_put_on_the_ground_again(world, ma
     assert not held.fixed_base  # not before two looks
     steps(world, 60)
     assert held.fixed_base and not world._bases.fresh
+
+
+def test_three_points_are_enough_to_stand_on(world, make, tmp_path):
+    """Feet that end in a tip each; two of them, or three in a row, are not."""
+    tip = tmp_path / "tip.obj"
+    tip.write_text("v 0 0 0\nv 0.02 0.02 0.1\nv -0.02 0.02 0.1\nv 0 -0.02 0.1\n"
+                   "f 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n")
+    triangle = [(-0.2, -0.2), (0.3, -0.1), (0.0, 0.25)]
+    for places, stands in ((triangle, True), (triangle[:2], False),
+                           ([(-0.2, 0.0), (0.1, 0.0), (0.3, 0.0)], False)):
+        shapes = "".join(collision(f'<mesh filename="file://{tip}"/>', f"{x} {y} 0")
+                         for x, y in places)
+        model = world.spawn(cart(make, shapes=shapes), "table")
+        pybullet.performCollisionDetection(physicsClientId=world.client)
+        found = standing.StandingBase.found(model, {m.body_id: m for m in world.models.values()})
+        assert (found is not None) is stands
+        if stands:
+            at = found._corners[:, :2] + found._ground[7:9]
+            assert sorted(map(tuple, at.round(4).tolist())) == sorted(triangle)
+        world.delete("table")
+
+
+def test_a_polygon_is_the_hull_of_its_points_with_outward_normals():
+    rng = np.random.default_rng(11)
+    for count in (3, 4, 12):
+        normal = rng.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        axes = np.linalg.svd(normal[None])[2][1:]
+        flat = rng.normal(size=(count, 2))
+        corners = standing._polygon(flat @ axes, normal)
+        hull = ConvexHull(flat)
+        expected = np.hstack([flat[hull.vertices] @ axes, np.zeros((len(hull.vertices), 3))])
+        assert len(corners) == len(hull.vertices)
+        for corner in expected:
+            assert np.linalg.norm(corners[:, :3] - corner[:3], axis=1).min() < 1e-6
+        # Each outward normal is that of the edge that begins there, along the plane.
+        ends = np.roll(corners[:, :3], -1, axis=0)
+        assert corners[:, 3:] @ normal == pytest.approx([0.0] * len(corners), abs=1e-9)
+        for corner, end in zip(corners, ends, strict=True):
+            heights = (corners[:, :3] - corner[:3]) @ corner[3:]
+            assert heights.max() < 1e-6 and abs((end - corner[:3]) @ corner[3:]) < 1e-9
+            assert np.linalg.norm(corner[3:]) == pytest.approx(1.0)
+    assert standing._polygon(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), np.eye(3)[2]) is None
+
+
+@pytest.mark.parametrize(("share", "holds"), [(1.01, True), (0.99, False)])
+@pytest.mark.parametrize("order", [("cart", "box"), ("box", "cart")])
+def test_a_base_is_held_a_hundred_times_as_heavy_as_what_is_loose(world, make, share, holds, order):
+    """10 kg beside a hundredth: what comes, and what is there already."""
+    spawn = {"cart": lambda: world.spawn(cart(make), "cart"),
+             "box": lambda: loose_box(make, world, "box", 0.1 / share, (3.0, 0.0, 0.0495))}
+    for name in order:
+        spawn[name]()
+        world.step()
+        assert name != "cart" or order[0] == "box" or world.model(name).fixed_base
+    assert world.model("cart").fixed_base is holds

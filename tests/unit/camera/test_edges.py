@@ -13,7 +13,7 @@ from aras_sim_bridge.rendering.renderer import CENTRE
 from aras_sim_bridge.rendering.shading import word
 from aras_sim_bridge.rendering.shadows import SUNLIT
 from aras_sim_bridge.rendering.sky import NO_SKY
-from aras_sim_bridge.rendering.tiles import MISFIT, TILE, Tiles
+from aras_sim_bridge.rendering.tiles import MISFIT, TILE, Tiles, _Continued
 
 K = np.array([[150.0, 0, 80.3], [0, 155.0, 55.8], [0, 0, 1]])
 HALF = [[0, 0, 38], [0, 0, 25], [0, 0, 0]]  # to the centre of a picture half as large
@@ -227,6 +227,32 @@ def test_the_cones_of_tiles_are_around_what_they_show_and_little_more():
     assert (cones[~shown, 3] == 2.0).all()
     # A tile on the rim has corners where there is no lens.
     assert np.arccos(cones[shown, 3]).max() < 1.5 * TILE / config.K[0, 0]
+
+
+def test_rays_beyond_a_lens_s_rim_go_on_as_they_do_there_for_two_tiles():
+    """Of a pinhole that ends at 30 px from its centre."""
+    centre, focal = np.array([40.0, 25.0]), np.array([90.0, 60.0])
+
+    def unproject(points):
+        rays = np.column_stack([(points - centre) / focal, np.ones(len(points))])
+        rays[np.hypot(*(points - centre).T) > 30.0] = np.nan
+        return rays
+
+    points = np.indices((80, 70)).reshape(2, -1).T.astype(float)
+    away = np.hypot(*(points - centre).T)
+    nearer = np.minimum(away, 46.0) / np.maximum(away, 1e-9)
+    wanted = np.column_stack([(points - centre) / focal * nearer[:, None], np.ones(len(points))])
+    wanted[away > 30.0] /= np.linalg.norm(wanted[away > 30.0], axis=1, keepdims=True)
+    found = _Continued(unproject, centre)
+    np.testing.assert_allclose(found.rays(points), wanted, atol=1e-6)
+    shown = np.random.default_rng(2).random((9, 10)) < 0.3
+    corners, middles = found.corners(shown, TILE), found.middles(shown, TILE)
+    v, u = np.nonzero(shown)
+    np.testing.assert_allclose(middles, found.rays(np.column_stack([u, v]) * 8.0 + 3.5))
+    at = {(v[n] + k, u[n] + m) for n in range(len(u)) for k in (0, 1) for m in (0, 1)}
+    for place in np.ndindex(10, 11):
+        ray = found.rays(np.array([place[::-1]]) * 8.0 - 0.5)[0]
+        np.testing.assert_array_equal(corners[place], ray if place in at else [0.0, 0.0, 1.0])
 
 
 @pytest.mark.parametrize("lens", ["equidistant_220", "stereographic"])

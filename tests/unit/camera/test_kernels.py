@@ -13,6 +13,7 @@ from aras_sim_bridge.rendering import (
     crowd,
     edges,
     finding,
+    measuring,
     sampling,
     shadows,
     textures,
@@ -455,3 +456,82 @@ def test_a_texture_seen_aslant_is_the_mean_of_what_a_pixel_covers(rng):
         rgb = np.full(3, 200.0)
         textures.textured.py_func(planes, 0, image, 0.0, 0.0, rgb)
         assert rgb == pytest.approx([200.0 * wanted / 255.0] * 3, abs=1.5)
+
+
+@pytest.mark.parametrize("shift", [19, 20, 21, 22])
+def test_a_texel_counts_by_how_near_its_middle_is(rng, shift):
+    """All four together as much as one; to less than a unit, and a half of it for each of three."""
+    size, part = 4, 2 ** (30 - shift)
+    for x, y in rng.integers(-(2**17), 2**17, (40, 2)):
+        column, row = x / 2**15, y / 2**15
+        told = []
+        for at in range(size * size):
+            one = np.zeros(3 + size * size, np.uint64)
+            one[3 + at] = 1
+            told.append(int(textures._sum.py_func(one, np.int64(3), np.int64(size), x, y,
+                                                  np.int64(1), np.int64(shift))))
+        weight = [[max(1.0 - min(abs(k - place) % size, size - abs(k - place) % size), 0.0)
+                   for k in range(size)] for place in (row % size, column % size)]
+        wanted = part * np.outer(*weight).ravel()
+        assert sum(told) == part and np.abs(told - wanted).max() <= 1.5
+        assert np.sum(np.abs(told - wanted) > 0.5 + 1e-9) <= 3
+
+
+def test_a_texture_is_read_at_its_places_in_the_pixel_of_the_level_it_asks_for(rng, monkeypatch):
+    """Against the pixel's own axes, by singular values, in perspective; a level's blur is taken off
+    across."""
+    read, kinds = [], set()
+    monkeypatch.setattr(textures, "_sum", lambda texels, at, size, x, y, one, shift: (
+        read.append((at, size, x, y, shift)), np.uint64(0))[1])
+    for turn in range(60):
+        sides = rng.normal(size=(2, 2)) * 2.0 ** rng.uniform(-9.0, -1.0) * [1.0, rng.uniform(0, 1)]
+        planes = np.array([[*sides[0], 0.4], [*sides[1], 0.3], [0.02, -0.03, 1.0]])
+        x, y = rng.uniform(0.0, 7.0, 2)
+        rgb, texels = np.array([90.0, 300.0 * (turn % 2), 50.0]), np.array([0, 256, 0], np.uint64)
+        read.clear()
+        textures.textured.py_func(planes, 1, texels, x, y, rgb)
+        U, V, W = planes @ [x, y, 1.0]
+        uv = np.array([U, V]) / W
+        J = 256.0 * (planes[:2, :2] - np.outer(uv, planes[2, :2])) / W
+        size, at, level = 256, 2, 1.0
+        long, wide = np.linalg.svd(J)[1]
+        while size > 1 and (wide > np.sqrt(8.0) or 0.8 * long * max(wide, 1.0) > 20):
+            at, size = at + size * size, size // 2
+            long, wide, level = 0.5 * long, 0.5 * wide, 0.5 * level
+        J, count, spots, more = J * level, 4, textures.SPOTS[0, 0], 0
+        if long > np.sqrt(8.0):
+            count = min(max(int(np.ceil(0.8 * long * max(wide, 1.0))), 4), 20)
+            more = sum(count > limit for limit in (4, 8, 16))
+            # The direction in the pixel along which most texels lie, to the nearest sixteenth.
+            way = np.linalg.svd(J)[2][0]
+            nearest = np.abs(textures.DIRECTIONS @ way)
+            turn = nearest.argmax()
+            if np.sort(nearest)[-2] > nearest[turn] - 4e-3:
+                continue  # which is numbered by a square around 0 instead of a circle
+            spots = textures.SPOTS[turn, count]
+            c, s = textures.DIRECTIONS[turn]
+            narrow = np.sqrt(max(1.0 - 3.0 * (1.0 - level**2) / wide**2, 0.0))
+            J = J @ [[c, -s * narrow], [s, c * narrow]]
+            kinds.add((count, level < 1.0, 0.0 < narrow < 1.0))
+        wanted = 32768.0 * (size * uv - 0.5 + spots[:count] @ J.T)
+        assert [one[:2] for one in read] == [(at, size)] * count
+        assert {one[4] for one in read} == {19 + more}
+        np.testing.assert_allclose([one[2:4] for one in read], wanted, atol=1.01)
+    assert len(kinds) > 6
+
+
+def test_a_pixel_is_as_far_as_its_ray_goes_whatever_that_ray_s_length(rng):
+    side = np.linalg.inv(rng.uniform(0.5, 2.0, (2, 3, 3)) * np.eye(3) + 0.1)
+    rays = rng.uniform(0.5, 3.0, (8, 8, 3)) * rng.choice([1.0, 2.0], (8, 8, 1))
+    pixel, valid = rng.integers(-2, 2, (8, 8)).astype(np.int32), rng.random((8, 8)) < 0.9
+    for forward in (True, False):
+        depth, label = np.empty((8, 8), np.float32), np.empty((8, 8), np.int32)
+        measuring._measure.py_func(
+            np.array([sampling.SEVERAL]), pixel, valid, side, np.array([7, 9], np.int32),
+            np.zeros((1, 3, 3)), rays, 1, 1, forward, depth, label)
+        plane = side.sum(axis=1)[np.maximum(pixel, 0)]
+        place = rays / (plane * rays).sum(axis=2)[..., None]
+        there = valid & (pixel >= 0)
+        away = place[..., 2] if forward else np.linalg.norm(place, axis=2)
+        np.testing.assert_allclose(depth, np.where(there, away, np.inf), rtol=1e-6)
+        np.testing.assert_array_equal(label, np.where(there, np.array([7, 9])[pixel], -1))

@@ -11,7 +11,7 @@ from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.rendering import View, create_renderer, tiles
 from aras_sim_bridge.rendering.grouping import CLUSTER, groups
 from aras_sim_bridge.rendering.scene import Part
-from aras_sim_bridge.rendering.triangles import Triangles
+from aras_sim_bridge.rendering.triangles import Triangles, _quad
 from aras_sim_bridge.world import World
 from aras_visual_servo_base.meshes.mesh import from_corners
 from aras_visual_servo_base.poses import rotation_from_rpy
@@ -64,13 +64,19 @@ def test_each_links_box_is_as_large_as_it_is_and_a_dent_is_none_less_far_from_it
         np.testing.assert_allclose(made.row_centre[row], away + np.array([0.05, 0.1, 0.2]))
         np.testing.assert_allclose(made.row_half[row], [0.05, 0.1, 0.2], rtol=1e-6)
     assert (made.row_half[1] == -1.0).all()  # has none
+    distance = np.einsum("tkj,tj->tk", made.corners, made.plane[:, :3])
+    np.testing.assert_allclose(distance, np.repeat(made.plane[:, 3:], 3, axis=1), atol=1e-9)
 
 
 def test_a_texture_that_was_painted_over_is_read_again(tmp_path):
     file = tmp_path / "texture.png"
     cv2.imwrite(str(file), np.zeros((4, 4, 3), np.uint8))
     textured = [part(texture=str(file), uv=np.zeros((6, 2), np.float32))]
+    plain = part()
     assert Triangles.of(textured).textures.texels[1:].max() == 0
+    made = Triangles.of([*textured, plain, *textured])
+    assert {(int(n), int(s), int(at)) for n, s, at in zip(
+        made.part, made.smooth, made.layer, strict=True)} == {(0, -1, 0), (1, 1, -1), (2, -1, 0)}
     cv2.imwrite(str(file), np.full((4, 4, 3), 200, np.uint8))
     os.utime(file, ns=(1, 1))
     assert (Triangles.of(textured).textures.texels[1:] & 255).min() == 200
@@ -184,6 +190,13 @@ def test_two_triangles_are_a_quad_where_they_lie_in_one_plane(size):
         made = Triangles.of([Part(0, replace(from_corners(faces), normals=np.tile(
             np.float32(turn[:, 2]), (6, 1))), (1.0, 0.0, 0.0, 1.0))])
         assert made.clusters.quad.tolist() == [told]
+
+
+@pytest.mark.parametrize(("off", "flat"), [(1e-4, True), (6e-4, False)])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_quad_far_from_its_link_is_flat_to_seven_digits(off, flat, side):
+    outline = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, off]]) + side * 1000.0
+    assert _quad(outline[[[0, 1, 2], [0, 2, 3]]]) == ((1, 2) if flat else None)
 
 
 def test_of_nothing_nothing_is_known():

@@ -442,11 +442,14 @@ def test_a_sample_on_a_triangle_s_side_is_met(k):
 
 @pytest.mark.parametrize("x", [-0.31, 0.12, 0.4])
 @pytest.mark.parametrize("turned", [1.0, -1.0])
-def test_of_what_goes_through_what_fills_a_pixel_only_the_part_before_it_is_seen(x, turned):
+@pytest.mark.parametrize("leans", [0.0, -0.5])
+def test_of_what_goes_through_what_fills_a_pixel_only_the_part_before_it_is_seen(x, turned, leans):
+    """What fills it is square to the view, or leans the other way."""
     u, v = 2, 5
     flat = np.array([0.0, 0.0, 1.0])
     line = turned * np.array([150.0, 0.0, 0.0])  # one over the distance, by pixels along x
-    steep = 0.9 * flat + 0.02 * (line - line @ through([[u + x, v]])[0] * flat)
+    tilt = 0.02 * (line - line @ through([[u + x, v]])[0] * flat)
+    steep, filling = 0.9 * flat + tilt, 0.9 * flat + leans * tilt
 
     def lying(plane, places):
         rays = through(np.array(places) + [u, v])
@@ -454,7 +457,7 @@ def test_of_what_goes_through_what_fills_a_pixel_only_the_part_before_it_is_seen
         return rays / (rays @ plane)[:, None]
 
     wide = [[-12.0, -9.0], [14.0, -7.0], [2.0, 15.0]]
-    corner = np.array([lying(0.9 * flat, [[-40.0, -30.0], [45.0, -20.0], [2.0, 50.0]]),
+    corner = np.array([lying(filling, [[-40.0, -30.0], [45.0, -20.0], [2.0, 50.0]]),
                        lying(steep, wide)])
     # Neither half of it fills the pixel: it ends below its lower quarter.
     corner[1] = lying(steep, [[-12.0, 0.25], [2.0, -25.0], [12.0, 0.25]])
@@ -463,6 +466,33 @@ def test_of_what_goes_through_what_fills_a_pixel_only_the_part_before_it_is_seen
     before = 0.75 * (0.5 - turned * x)
     assert dict(zip(member.tolist(), share.tolist(), strict=True)) == pytest.approx(
         {0: 1.0 - before, 1: before})
+
+
+@pytest.mark.parametrize("cells", [1, 2])
+@pytest.mark.parametrize("filled", [True, False])
+def test_few_triangles_that_cross_in_a_pixel_show_what_is_nearest_at_each_place(cells, filled):
+    """Steep ones, that lean every way, the first all over it where it is filled."""
+    rng, (u, v) = np.random.default_rng(8), (5, 3)
+    grid = (np.indices((60, 60)).reshape(2, -1).T[:, ::-1] + 0.5) / 60 - 0.5 + [u, v]
+    rays, crossed = through(grid), 0
+    for turn in range(16):
+        places = rng.uniform(-2.0, 2.0, (2 + turn % 3, 3, 2)) + [u, v]
+        if filled:
+            angle = rng.uniform(0.0, 6.0) + np.arange(3) * np.pi / 1.5
+            places[0] = 3.0 * np.column_stack([np.cos(angle), np.sin(angle)]) + [u, v]
+        corner = through(places.reshape(-1, 2)).reshape(-1, 3, 3)
+        corner *= rng.uniform(0.6, 1.5, (len(places), 3, 1))
+        side = np.linalg.inv(corner).swapaxes(1, 2)
+        shares = side @ rays.T
+        near = np.where((shares >= 0.0).all(axis=1), shares.sum(axis=1), 0.0)
+        wanted = {m: np.mean((near.argmax(axis=0) == m) & (near.max(axis=0) > 0.0))
+                  for m in range(len(places))}
+        member, share, _ = resolved_of(side, corner, cells, u, v)
+        found = dict.fromkeys(wanted, 0.0) | dict(zip(member.tolist(), share.tolist(), strict=True))
+        # Where nothing is behind, a piece's share is its own area.
+        assert found == pytest.approx(wanted, abs=0.02), turn
+        crossed += sum(0.05 < one < 0.95 for one in wanted.values())
+    assert crossed > 12
 
 
 @pytest.mark.parametrize("way", [(0.8, 0.6), (-0.6, 0.8), (0.28, -0.96), (-0.96, -0.28)])
@@ -521,7 +551,10 @@ def test_a_pixel_that_a_texture_is_repeated_in_shows_its_mean(at):
     assert rgb == pytest.approx([100.0, 60.0, 42.0], abs=0.6)  # each half is in whole levels
 
 
-@pytest.mark.parametrize(("size", "centre"), [((40, 88), (20.3, 21.7)), ((91, 38), (17.2, 20.6))])
+@pytest.mark.parametrize(("size", "centre"), [
+    ((40, 88), (20.3, 21.7)), ((91, 38), (17.2, 20.6)),
+    ((44, 44), (45.0, -2.0)), ((44, 44), (-2.0, 45.0)),  # but for one corner
+])  # fmt: skip
 def test_a_lens_ends_where_its_rays_do_though_most_of_the_picture_is_inside(size, centre):
     def unproject(pixels):
         way = (pixels - centre) / [30.0, 31.0]

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import pybullet
 import pytest
 
 from aras_sim_bridge.description import parse_urdf
@@ -81,7 +82,10 @@ def test_a_model_with_mimic_joints_can_be_changed_and_deleted(make):
     leader, follower = model.read_joints()[0]
     assert leader > 1e-3
     assert follower == pytest.approx(-2 * leader, abs=1e-4)
+    client = simulation.world.client
+    assert pybullet.getNumConstraints(physicsClientId=client) == 1
     simulation.delete("m")
+    assert pybullet.getNumConstraints(physicsClientId=client) == 0
     simulation.step()
     simulation.close()
 

@@ -8,6 +8,7 @@ import pybullet
 import pytest
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
+from test_joint_dynamics import with_bounds
 
 from aras_sim_bridge.description import Geometry, parse_urdf, shapes
 from aras_sim_bridge.world import Pose, Twist, World, islands, standing
@@ -468,9 +469,10 @@ def test_a_base_is_held_while_something_loose_lies_on_it_and_beside_it(world, ma
 def test_what_touches_a_base_adds_up_to_a_torque_and_a_force_in_its_axes():
     rng = np.random.default_rng(7)
     root = Pose.from_rpy((0.3, -0.2, 0.5), (0.4, -0.7, 1.1))
-    pushes = rng.normal(size=(5, 15))
-    touch = np.zeros(6)
+    pushes, _ = with_bounds(rng.normal(size=(5, 15)))
+    touch, kept = with_bounds(np.zeros(6))
     standing._add_up(pushes, root.matrix()[:3], touch)
+    assert kept()
     force = np.einsum("is,isk->ik", pushes[:, 3::4],
                       np.stack([pushes[:, 4 + k:7 + k] for k in (0, 4, 8)], axis=1))
     torque = np.cross(pushes[:, :3] - root.xyz, force)

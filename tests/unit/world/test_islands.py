@@ -382,6 +382,7 @@ def test_what_is_put_elsewhere_is_another_s_ground_only_within_its_reach(make):
             assert world._islands.wait == 0
         two.set_pose(Pose((0.9, 0.0, 0.5)))
         assert [i.grounds for i in world._islands._islands] == [(two,), (one,)]
+        assert world._islands.wait == 0
 
 
 @pytest.mark.parametrize(("linear", "angular"), [((3.0, 0.0, 4.0), (0.0, 0.0, 0.0)),
@@ -424,3 +425,101 @@ def test_a_model_makes_its_own_steps_again_where_eight_of_them_are_free(make):
                 world._islands.look(DT)
             assert model.joints.own is own and model.body.asleep is own
             assert world._islands.wait == (max(1, int(steps)) if own else 10)
+
+
+@pytest.mark.parametrize("steps", [0.5, 1.5, 12.0, 300.0])
+def test_what_is_loose_is_waited_for_at_the_base_of_a_model_that_is_held(make, steps):
+    """`touchable` says that it may be there in the next step."""
+    with World(gravity=(0.0, 0.0, -9.8)) as world:
+        world.spawn_ground_plane()
+        base = parse_urdf(make.robot(
+            make.link("base", 200.0, "0 0 0.1", (9, 9, 9, 0, 0, 0), make.box("1 1 0.2", "0 0 0.1")),
+            make.link("arm", 0.5), make.joint("turn", "base", "arm", "continuous", "0 0 0.4")))
+        model = world.spawn(base, "m")
+        body = world.spawn(ball(make, mass=0.1, gravity=False), "ball", Pose((30.0, 0.0, 0.1)))
+        world.step()
+        assert model.fixed_base
+        (base,), (box,) = reach.solids(model, model.base_links()), reach.solids(body, [-1])
+        away = 0.02 + steps * 5.0 * DT
+        body.set_pose(Pose((30.0 - box.gap(base) + away, 0.0, 0.1)))
+        (box,) = reach.solids(body, [-1])
+        assert (box.gap(base) - 0.02) / (5.0 * DT) == pytest.approx(steps, abs=0.01)
+        world._islands.look(DT)
+        assert world._islands.touchable is (steps < 1)
+        assert world._islands.wait == (10 if steps < 1 else min(int(steps), 100))
+
+
+def test_bullet_leaves_what_moves_by_itself_alone_after_a_reset_too(make):
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
+        world.spawn(ball(make, gravity=False), "ball", Pose((9.0, 0.0, 0.5)))
+        for _ in range(2):
+            world.step()
+            assert model.joints.own and model.body.asleep
+            pybullet.setJointMotorControl2(model.body_id, 0, pybullet.TORQUE_CONTROL, force=5.0,
+                                           physicsClientId=world.client)
+            pybullet.stepSimulation(world.client)
+            state = pybullet.getJointState(model.body_id, 0, physicsClientId=world.client)
+            assert state[:2] == (0.0, 0.0)
+            world.reset_simulation()
+
+
+def test_steps_are_made_without_the_world_only_where_nothing_else_needs_it(make):
+    floats = make.robot(make.link("a"), '<gazebo reference="a"><gravity>false</gravity></gazebo>')
+    cart = make.robot(make.link("base", 9.0), make.link("b"), make.joint("j", "base", "b"))
+    for other, at, alone in ((None, None, True), (floats, Pose((9, 0, 9)), False),
+                             (cart, Pose((9, 0, 9)), False), (lever(make), Pose((9, 0, 0)), False),
+                             (ball(make), Pose((9, 0, 9)), True)):
+        with World() as world:
+            model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
+            if other is not None:
+                world.spawn(parse_urdf(other) if isinstance(other, str) else other, "other", at)
+            world.step()
+            assert (world.alone(model) is not None) is alone
+            if not alone:
+                continue
+            *_, dt, held, before, ground, corners, touch, load = world.alone(model)
+            assert (dt, held, before is model.joints.space.before) == (DT, False, True)
+            model.apply_effort("turn", 1.0)
+            assert world.alone(model) is None  # before it has acted
+            world.step()
+            assert world.alone(model) is not None
+            for flag in (world._bases, world._bases, world._islands):
+                name = "touchable" if flag is world._islands else "fresh"
+                setattr(flag, name, True)
+                assert world.alone(model) is None
+                setattr(flag, name, False)
+
+
+def noted(monkeypatch, owner, name, calls):
+    """Have the calls of a function noted."""
+    real = getattr(owner, name)
+    monkeypatch.setattr(owner, name, lambda *args: (calls.append(args), real(*args))[1])
+
+
+def test_who_may_touch_is_looked_for_after_as_many_steps_as_were_told(make, monkeypatch):
+    """And what is loose makes as many of Bullet's steps as the model made by itself."""
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
+        for loose in (False, True):
+            if loose:
+                world.spawn(ball(make, gravity=False), "ball", Pose((90.0, 0.0, 0.5)))
+            world.step()
+            looks, stepped = [], []
+            with monkeypatch.context() as seen:
+                noted(seen, world._islands, "look", looks)
+                noted(seen, pybullet, "stepSimulation", stepped)
+                world._islands.wait = 3
+                for count in (0, 0, 0, 1, 1):
+                    world.step()
+                    assert len(looks) == count
+                assert len(stepped) == 5 * loose
+                assert world.outlook == (98 if loose else islands._NEVER - 2)
+                world.advanced(model, 4)
+                assert world.outlook == (94 if loose else islands._NEVER - 6)
+                assert len(stepped) == 9 * loose
+                for wait, more in ((1, 0), (0, 1)):
+                    looks.clear()
+                    world._islands.wait = wait
+                    world.alone(model)
+                    assert len(looks) == more

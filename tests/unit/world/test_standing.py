@@ -331,7 +331,7 @@ def test_a_reset_of_poses_alone_finds_it_standing_at_the_next_step(world, held):
     assert held.fixed_base and held.pose() == at
 
 
-@pytest.mark.parametrize("which", ["the ground of one", "one of two"])
+@pytest.mark.parametrize("which", ["the ground of one", "one of two", "a push of one"])
 def test_both_of_two_bases_are_let_go_where_one_has_to_be(world, make, which):
     block = make.robot(f'<link name="world">{make.box("2 2 0.2", "0 0 -0.1")}</link>')
     world.spawn(parse_urdf(block), "block", Pose((0.0, 5.0, 1.0)))
@@ -341,6 +341,9 @@ def test_both_of_two_bases_are_let_go_where_one_has_to_be(world, make, which):
     assert [one.fixed_base for one in models] == [True, True]
     if which == "one of two":
         models[0].set_pose(Pose((0.0, 0.0, 0.5)))
+    elif which == "a push of one":
+        models[0].apply_effort("rail", 1000.0)
+        world.step()
     else:
         world.delete("block")
     assert [one.fixed_base for one in models] == [False, False]
@@ -625,8 +628,9 @@ def test_a_push_along_the_ground_is_borne_up_to_nine_tenths_of_its_friction():
         aside /= np.linalg.norm(aside)
         across = np.cross(normal, aside)
         square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ np.stack([aside, across])
+        size, mass = (1.0, 10.0) if rng.integers(2) else (0.05, 0.04)
+        square, point, friction = size * square, rng.normal(size=3), 0.6
         corners = standing._polygon(square, normal)
-        point, mass, friction = rng.normal(size=3), 10.0, 0.6
         turn = rng.uniform(0, 2 * math.pi)
         push = math.cos(turn) * aside + math.sin(turn) * across
         load = np.concatenate([np.cross(point, push), push])
@@ -638,48 +642,56 @@ def test_a_push_along_the_ground_is_borne_up_to_nine_tenths_of_its_friction():
                 -G * normal, ground, corners, touch, np.zeros(6), 1e-3,
             )  # fmt: skip
             for side in (aside, -across):  # and its weight up to nine tenths of the way to a side
-                ground[1:4] = point + share * side + 0.4 * normal
+                ground[1:4] = point + share * size * side + 0.4 * normal
                 assert borne == standing.bears(
                     np.array([[0, -1, 0, 0]]), np.zeros((1, 46)), np.zeros((3, 1)), np.zeros(1),
                     -G * normal, ground, corners, np.zeros(6), np.zeros(6), 1e-3,
                 )  # fmt: skip
             # And a torque about the normal as far as the nearest corner can bear it, wherever the
             # weight leans to.
-            lean = 0.5 * aside - 0.3 * across
+            lean = size * (0.5 * aside - 0.3 * across)
             ground[1:4] = point + lean + 0.4 * normal
             away = np.linalg.norm(square - lean, axis=1)
             most = friction * mass * G * away.min() ** 2 / away.max()
             touch = np.concatenate([share * most * normal, np.zeros(3)])
-            assert borne == standing.bears(
-                np.array([[0, -1, 0, 0]]), np.zeros((1, 46)), np.zeros((3, 1)), np.zeros(1),
-                -G * normal, ground, corners, touch, np.zeros(6), 1e-3,
-            )  # fmt: skip
+            # The same for a push along the ground beside the middle of its pressure.
+            beside = size * (-0.4 * aside + 0.7 * across)
+            lever = abs(np.cross(beside - lean, push) @ normal)
+            force = share * friction * mass * G * push / (
+                1.0 + lever * away.max() / away.min() ** 2)
+            for touches in (touch, np.concatenate([np.cross(point + beside, force), force])):
+                assert borne == standing.bears(
+                    np.array([[0, -1, 0, 0]]), np.zeros((1, 46)), np.zeros((3, 1)), np.zeros(1),
+                    -G * normal, ground, corners, touches, np.zeros(6), 1e-3,
+                )  # fmt: skip
             ground[1:4] = point + 0.4 * normal
 
 
-def test_the_base_s_mass_is_that_of_all_that_is_fixed_to_it(world, make):
+@pytest.mark.parametrize("share", [1.0, 0.01])
+def test_the_base_s_mass_is_that_of_all_that_is_fixed_to_it(world, make, share):
     inertia = (0.1, 0.1, 0.1, 0, 0, 0)
     model = world.spawn(parse_urdf(make.robot(
-        make.link("base", 6.0, "0.1 0 0.2", inertia), make.link("post", 3.0, "0 0.3 0", inertia),
-        make.link("slide", 2.0, "0 0 0", inertia),
+        make.link("base", 6.0 * share, "0.1 0 0.2", inertia),
+        make.link("post", 3.0 * share, "0 0.3 0", inertia), make.link("slide", 2.0),
         make.joint("foot", "base", "post", "fixed", "0.5 0.1 0.4", "1 0 0", 0, 0),
         make.joint("rail", "post", "slide", "prismatic", "0 0 0", "1 0 0", -1, 1))),
         "cart", Pose.from_rpy((1.0, 2.0, 0.5), (0.1, 0.0, 0.7)))  # fmt: skip
     mass, centre = standing._mass_of_base(model, model.pose())
-    assert mass == 9.0
+    assert mass == pytest.approx(9.0 * share)
     assert centre == pytest.approx([(6 * 0.1 + 3 * 0.5) / 9, 3 * 0.4 / 9, (6 * 0.2 + 3 * 0.4) / 9])
 
 
 @pytest.mark.parametrize("ground", ["plane", "box"])
 def test_what_a_base_stands_on_is_known_by_its_corners(world, make, ground):
     """Five feet without any symmetry, two of them within the others' hull, on a slope of friction
-    0.4; what hangs higher is none of them, the smallest friction counts."""
+    0.4; what hangs higher, if by 0.2 mm, is none of them, the smallest friction counts."""
     slope = Pose.from_rpy((0.2, -0.1, 0.3), (0.1, -0.2, 0.5))
     feet = [(-0.31, -0.22), (0.42, -0.17), (0.05, 0.36), (0.1, 0.02), (0.0, -0.1)]
     shapes = "".join(make.box("0.02 0.02 0.1", f"{x} {y} 0.05") for x, y in feet)
     text = make.robot(
         make.link("base", 30.0, "0.03 0.01 0.1", (1, 1, 1, 0, 0, 0),
-                  shapes + make.box("0.1 0.1 0.1", "0.9 0 0.3")),
+                  shapes + make.box("0.1 0.1 0.1", "0.9 0 0.3")
+                  + make.box("0.02 0.02 0.1", "-0.6 0.4 0.0502")),
         make.link("slide", 2.0), make.joint("rail", "base", "slide", "prismatic", "0 0 0.5"),
         '<gazebo reference="base"><mu1>0.6</mu1></gazebo>')
     shape = '<collision><geometry><plane normal="0 0 1"/></geometry></collision>'
@@ -792,3 +804,31 @@ def test_a_base_is_held_a_hundred_times_as_heavy_as_what_is_loose(world, make, s
         world.step()
         assert name != "cart" or order[0] == "box" or world.model(name).fixed_base
     assert world.model("cart").fixed_base is holds
+
+
+def test_who_stands_is_looked_at_now_and_then(world, make, monkeypatch):
+    """At once; then every fiftieth step, and where it was still but cannot be held every 200th."""
+    monkeypatch.setattr(standing.StandingBase, "found", lambda model, others: tried.append(model))
+    tried, at = [], []
+    model = world.spawn(cart(make), "cart")
+    for step in range(1, 800):
+        tried.clear()
+        world.step()
+        at += [step] * bool(tried)
+        if step == 510:  # it is pushed: not still before two more looks
+            model.apply_force("base", (0.0, 0.0, 0.01), model.pose().xyz)
+    assert at == [1, 100, 300, 500, 750]
+
+
+def test_a_base_that_is_let_go_is_looked_at_twice_before_it_is_held_again(world, held):
+    """Where it stood when it was held last says nothing."""
+    for wait in (0, 120):
+        held.apply_force("base", (1e-3, 0.0, 0.0), held.pose().xyz)
+        steps(world, wait)
+    for _ in range(3):
+        steps(world, 400)
+        assert held.fixed_base
+        world.set_physics(gravity=(0.0, 0.0, -9.81))
+        assert not held.fixed_base
+        steps(world, 49)
+        assert not held.fixed_base

@@ -9,6 +9,7 @@ import sys
 import pybullet
 import pytest
 
+import aras_sim_bridge.world.world as world_module
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world import Pose, Twist, World
@@ -190,6 +191,8 @@ def test_impossible_steps_are_refused(step):
 
 def test_steps_gravity_and_sweeps_are_taken_up_to_their_bounds():
     with World() as world:
+        assert (world.time_step, world.gravity, world.solver_iterations) == (
+            0.001, (0.0, 0.0, -9.8), 50)
         for name, values in (("time_step", (1e-6, 0.1)), ("solver_iterations", (1, 10000)),
                              ("gravity", ((100.0, -100.0, 0.0), (0.0, 0.0, 0.0)))):
             for value in values:
@@ -207,6 +210,45 @@ def test_steps_gravity_and_sweeps_are_taken_up_to_their_bounds():
                     World(**{name: value})
         assert (world.time_step, world.gravity, world.solver_iterations) == (
             0.1, (0.0, 0.0, 0.0), 10000)
+
+
+def test_bullet_s_first_client_serves_a_world_too_and_none_is_refused(monkeypatch):
+    """And one that cannot open its window."""
+    given = []
+    monkeypatch.setattr(world_module, "give_back", lambda *back: given.append(back))
+    monkeypatch.setattr(world_module, "connected", lambda gui: 0)
+    with World() as world:
+        assert world.client == 0
+    world.close()
+    assert given == [(0, True)] and world.client < 0
+    monkeypatch.setattr(world_module, "connected", lambda gui: -1)
+    with pytest.raises(WorldError, match="Bullet does not start"):
+        World()
+
+    def no_window(gui):
+        raise pybullet.error("no display")
+
+    monkeypatch.setattr(world_module, "connected", no_window)
+    with pytest.raises(WorldError, match=r"cannot open its window \(no display\); .* gui:=false"):
+        World(gui=True)
+
+
+def test_a_window_is_plain_and_shows_what_bullet_moves(make, monkeypatch):
+    """Without panels and shadows; so Bullet makes all steps, and the client serves nobody else."""
+    client, told, given = pybullet.connect(pybullet.DIRECT), [], []
+    monkeypatch.setattr(world_module, "connected", lambda gui: client)
+    monkeypatch.setattr(world_module, "give_back", lambda *back: given.append(back))
+    monkeypatch.setattr(pybullet, "configureDebugVisualizer",
+                        lambda what, on, physicsClientId: told.append((what, on)))
+    with World(gui=True) as world:
+        assert told == [(pybullet.COV_ENABLE_GUI, False), (pybullet.COV_ENABLE_SHADOWS, False)]
+        model = world.spawn(parse_urdf(make.pendulum()), "m", joint_positions={"swing": 0.5})
+        world.step()
+        assert not model.joints.own
+        shown = pybullet.getJointState(model.body_id, 0, physicsClientId=client)
+        assert shown[1] == pytest.approx(-G * 0.5 * math.sin(0.5) * 1e-3 / 0.26, rel=1e-6)
+    assert given == [(client, False)]
+    pybullet.disconnect(client)
 
 
 def test_bullet_has_the_numbers_of_the_world():

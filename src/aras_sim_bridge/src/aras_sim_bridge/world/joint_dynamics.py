@@ -406,9 +406,8 @@ def _solve(tree, joints, state, dt, matrices, rows, modes):
             break
     if not settled:
         _sweep(tree, modes, matrices, rows)
-    for j in range(len(tree)):
-        if tree[j, 3] != j:
-            rows[SPEED, j] = joints[j, RATIO] * rows[SPEED, tree[j, 3]]
+    for j in range(len(tree)):  # a leader is its own, by ratio 1
+        rows[SPEED, j] = joints[j, RATIO] * rows[SPEED, tree[j, 3]]
 
 
 @compiled(_TREE, allocates=False)

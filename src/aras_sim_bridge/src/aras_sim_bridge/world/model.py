@@ -37,8 +37,7 @@ class Model:
 
     def __init__(self, client: int, description: RobotDescription, name: str, pose: Pose,
                  joint_positions: Mapping[str, float], fixed_base: bool,
-                 gravity: Vector3 = (0.0, 0.0, -9.8),
-                 on_moved: Callable[[Model, bool], None] = lambda model, put: None) -> None:
+                 gravity: Vector3, on_moved: Callable[[Model, bool], None]) -> None:
         """`on_moved` is called with the model whenever it (True) or its joints (False) are put
         elsewhere, or it gets a twist or, loose, a push (False)."""
         self.client = client

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm.task import DIRECTIONS
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features import (
@@ -175,6 +176,31 @@ def test_what_a_user_s_own_need_not_say():
     assert controller.arm is arm
 
 
+def test_what_is_measured_and_decided_says_no_more_than_it_is_given():
+    one = np.ones(1)
+    measured = base.Measured(one, one, one, np.ones((1, 6)))
+    decision = schemes.Decision(("x",), one, one, one)
+    for made in (measured, decision):
+        assert (made.rate, made.up_to, made.notes) == (0.0, "", ())
+    assert measured.judged is decision.task is decision.L is decision.residual is None
+    assert decision.filtered_error is None
+
+
+def test_a_camera_is_the_same_one_to_a_thousandth_of_its_numbers_and_half_a_pixel():
+    K = np.array([[2000.0, 0.0, 320.0], [0.0, 1500.0, 200.0], [0.0, 0.0, 1.0]])
+    for change, same in (
+        (np.diag([2.5, -2.0, 0.0]), True), (np.diag([2.8, 0.0, 0.0]), False),
+        (np.diag([0.0, -2.3, 0.0]), False), (np.outer([1, 0, 0], [0, 0, 0.9]), True),
+        (np.outer([1, 0, 0], [0, 0, -1.0]), False), (np.outer([0, 1, 0], [0, 0, 0.85]), False),
+    ):  # fmt: skip
+        lens = CameraModel(640, 480, tuple((K + change).ravel()))
+        assert (base.other_camera(640, 480, K, lens) == "") is same
+        for size in ((641, 480), (640, 479)):
+            assert base.other_camera(*size, K, lens) == (
+                f"{size[0]}x{size[1]}, fx 2000.00; this one is 640x480, fx {lens.K[0]:.2f}"
+            )
+
+
 def test_an_angle_is_the_shortest_turn_to_it():
     turns = np.arange(-9.0, 9.0, 0.37)
     for period in (2.0 * np.pi, np.pi):
@@ -198,6 +224,7 @@ def test_units_of_a_stack_are_those_of_its_parts_also_where_one_says_none():
     assert stack.tolerances == (5e-3, 1.0, 2.0, 1e-4)
     assert stack.weights.tolist() == [1.0, 1.5, 2.0, 2.0]
     assert stack.directions == (True, False, True, False, False, True)
+    assert base.Stack(stack.features).weights.tolist() == [1.0, 3.0, 4.0, 1.0]
     with pytest.raises(ConfigurationError, match="a stack of features needs at least one"):
         base.Stack([])
 

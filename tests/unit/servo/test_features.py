@@ -213,6 +213,26 @@ def test_of_an_l_that_is_none_the_law_is_told_no_motion():
         np.testing.assert_array_equal(law.rotated, np.zeros(6))
 
 
+@pytest.mark.parametrize(("jump", "anew"), [
+    ((0.99, -0.99), False), ((0.01, 1.0), True), ((-1.0, 0.0), True), ((0.0, -1.2), True),
+])  # fmt: skip
+def test_what_no_camera_makes_is_not_smoothed(jump, anew):
+    """Of one of two errors, up or down: an angle that wrapped."""
+    feature = Tall(np.eye(6)[:2])
+    scheme = Composed(feature, Proportional(1.0), smoothing=0.5)
+    first = np.array([0.3, -0.2])
+    for stamp, error in ((1.0, first), (1.1, first + jump)):
+        feature.measure = lambda *_, e=error: Measured(e, np.zeros(2), e, feature.L)
+        found = scheme.compute(look(frozenset(), GOAL, stamp=stamp), Goal(), stamp)
+    new = 1.0 if anew else 1.0 - np.exp(-0.2)
+    np.testing.assert_allclose(found.filtered_error, first + new * np.array(jump))
+    np.testing.assert_allclose(found.task.rate, -found.filtered_error)
+    np.testing.assert_allclose(found.error, first + jump)
+    scheme.reset()
+    found = scheme.compute(look(frozenset(), GOAL, stamp=1.2), Goal(), 1.2)
+    np.testing.assert_array_equal(found.filtered_error, found.error)
+
+
 def test_the_motion_of_the_target_is_that_of_each_part_of_a_stack():
     found = Stack([Moving(), Moving()]).measure(look(frozenset(), GOAL), Goal())
     np.testing.assert_allclose(found.rate, [0.3, -0.1, 0.3, -0.1])
@@ -238,6 +258,24 @@ def test_a_square_has_no_angle():
         feature.check(taught(feature, SQUARE, pose((0, 0, 0.2), (0, 0, 0))))
 
 
+@pytest.mark.parametrize(("longer", "refused"), [(0.0099, True), (0.0101, False)])
+def test_what_is_a_square_to_a_hundredth_has_no_angle(longer, refused):
+    """(w^2 - h^2) / (w^2 + h^2) of a rectangle."""
+    feature = create_feature("moments")
+    shape = SQUARE * np.sqrt([1.0 + longer, 1.0 - longer])
+    goal = taught(feature, shape, pose((0, 0, 0.2), (0, 0, 0)))
+    view = look(feature.needs, pose((0, 0, 0.3), (0, 0, 0.4)), shape)
+    if refused:
+        with pytest.raises(ConfigurationError, match="alpha is undefined"):
+            feature.check(goal)
+        goal = taught(feature, SQUARE * (1.5, 1.0), pose((0, 0, 0.2), (0, 0, 0)))
+        with pytest.raises(MeasurementError, match="feature alpha is undefined: "):
+            feature.measure(view, goal)
+    else:
+        feature.check(goal)
+        assert feature.measure(view, goal).error[3] == pytest.approx(0.4)
+
+
 def test_without_a_known_plane_its_attitude_comes_from_kinematics():
     """The camera is tilted and turned about the vertical: the plane's normal turns with it."""
     feature = create_feature("moments")
@@ -250,6 +288,23 @@ def test_without_a_known_plane_its_attitude_comes_from_kinematics():
         found = feature.measure(look(feature.needs, view, plane=False), goal)
         scale = np.abs(exact.L).max(axis=1, keepdims=True)
         np.testing.assert_allclose(found.L / scale, exact.L / scale, atol=5e-3)
+
+
+@pytest.mark.parametrize(("sine", "refused"), [(0.049, True), (0.051, False)])
+def test_a_camera_that_looks_along_the_plane_by_kinematics_is_refused(sine, refused):
+    """The target's middle is seen where it is square on; the joints say something else."""
+    feature = create_feature("moments")
+    goal = taught(feature, view=pose((0, 0, 0.2), (0, 0, 0)))
+    seen = look(feature.needs, pose((0, 0, 0.2), (0, 0, 0)), plane=False)
+    ray = np.array([seen.moments.xg, seen.moments.yg, 1.0])
+    lean = np.arccos(sine / np.hypot(ray[0], 1.0)) + np.arctan2(ray[0], 1.0)
+    there = goal.world_T_camera @ pose((0, 0, 0), (0, -lean, 0))
+    told = replace(seen, world_T_camera=there)
+    if refused:
+        with pytest.raises(MeasurementError, match="looks along the target's plane, not on it"):
+            feature.measure(told, goal)
+    else:
+        assert np.isfinite(feature.measure(told, goal).L).all()
 
 
 @pytest.mark.parametrize("turn", [0.0, 80.0, 190.0])
@@ -741,6 +796,41 @@ def test_the_kernels_interaction_matrix_is_the_derivative(way, turn, fx, fy, row
     np.testing.assert_allclose(
         found[:rows], told[:rows], rtol=0.02, atol=0.02 * np.abs(told[:rows]).max()
     )
+
+
+def kernels_of(camera_T_object, camera):
+    """k0 to k2 (3,) of the outline itself, integrated by Green's theorem, rows from 1."""
+    flat = np.c_[OUTLINE, np.zeros(len(OUTLINE))] @ camera_T_object[:3, :3].T
+    P = flat + camera_T_object[:3, 3]
+    u, v = camera.project(P[:, 0] / P[:, 2], P[:, 1] / P[:, 2])
+    corners = np.column_stack([(v + 1.0) * DELTA_X, (u + 1.0) * DELTA_Y])
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    ahead = np.roll(corners, -1, axis=0) - corners
+    x, y = np.moveaxis(corners + 0.5 * (nodes[:, None, None] + 1.0) * ahead, 2, 0)
+    dx, dy = 0.5 * weights[:, None] * ahead[:, 0], 0.5 * weights[:, None] * ahead[:, 1]
+    found = np.array([np.sum(-dy / x), np.sum(dx / y), np.sum(x * dy)])
+    return found * np.sign(found[2])
+
+
+def test_each_rate_of_the_kernels_is_that_of_the_outline():
+    """Of a camera whose axis is by the first pixel, so that what of a turn or an approach is
+    measured from there is small and still seen."""
+    camera = CameraModel(400, 300, (390.0, 0, 3.4, 0, 460.0, 4.7, 0, 0, 1))
+    feature = create_feature("kernel")
+    at_goal = kernel_view(camera, pose((0.11, 0.06, 0.2), (0, 0, 0.3)))
+    goal = Goal.teach(None, at_goal, depth=0.2)
+    view, step = pose((0.1, 0.052, 0.15), (0, 0, -0.4)), 1e-6
+    found = feature.measure(kernel_view(camera, view), goal)
+    for axis in (0, 1, 2, 5):
+        sides = [kernels_of(np.linalg.inv(exponential(way * np.eye(6)[axis])) @ view, camera)
+                 for way in (step, -step)]  # fmt: skip
+        rates = (sides[0] - sides[1]) / (2.0 * step) / at_goal.kernel[16:19]
+        # a pixel of which the target covers a part counts as a whole one: 2 % all round
+        np.testing.assert_allclose(found.L[:3, axis], rates, rtol=0.03, atol=1e-6)
+    # the short way over the end of its half turn
+    turned = goal.kernel.features + [0.0, 0.0, 0.0, np.pi - 0.1]
+    off = feature.measure(at_goal, replace(goal, kernel=replace(goal.kernel, features=turned)))
+    assert off.error[3] == pytest.approx(0.1)
 
 
 def test_kernel_features_refuse_another_camera_a_dirty_ground_and_emptiness():

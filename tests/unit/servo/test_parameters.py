@@ -232,6 +232,49 @@ def test_starts_in_every_way_they_can_be_given(arm):
     assert pose[:3, 3] == pytest.approx([0.1, 0.02, 0.8], abs=1e-6)
 
 
+class Two:
+    """An arm of two joints, neither of which may be at zero."""
+
+    names, lower, upper = ("j", "k"), np.array([0.2, -1.0]), np.array([1.0, -0.3])
+
+    def inverse(self, pose, near):
+        self.asked = pose, near
+        return np.array([0.5, -0.5])
+
+
+@pytest.mark.parametrize(("start", "words"), [
+    ("nowhere", r"is 'nowhere': .* \(or a number for each of j, k\)$"),
+    ("0.5", r"is '0.5': .* \(or a number for each of j, k\)$"),
+    ("0.5 fast", "fast.*, must be a finite number"),
+    ("0.5 1 2", r"is \(0.5, 1.0, 2.0\), must be a name, none, {xyz, rpy} of the camera, or a f"),
+    ([0.5], r"is \[0.5\], must be a name, none, {xyz, rpy} of the camera, or a finite number f"),
+    (0.5, "is 0.5, must be a name, none"), ([0.5, np.nan], "is nan, must be a finite number"),
+    ({"j": 0.5}, "is '{'j': 0.5}', which says nothing of k$"),
+    ({"j": 0.5, "k": 0.1, "l": 2.0}, "is .*, which says where l is: this arm's joints are j, k; g"),
+    ({"j": "far", "k": 0.1}, "j is 'far', must be a finite number"),
+    ({"xyz": [0, 0, 1], "rpy": [0, 0]}, "rpy is .0, 0., must be a list of 3"),
+    ("2016", "says where gantry is: this arm's joints are j, k; give theirs, or none"),
+])  # fmt: skip
+def test_a_start_that_is_none_of_this_arm_is_told(start, words):
+    with pytest.raises(ConfigurationError, match=f"parameter ~start.*{words}"):
+        start_joints(start, Two(), PACKAGE)
+
+
+def test_a_start_of_two_joints_is_taken_as_words_or_by_name_or_by_the_camera_s_pose():
+    arm = Two()
+    for start in ("0.5 -0.4", "0.5, -0.4", "[0.5,-0.4]", (0.5, -0.4), {"k": -0.4, "j": 0.5}):
+        found = start_joints(start, arm, PACKAGE)
+        assert isinstance(found, np.ndarray) and found.tolist() == [0.5, -0.4]
+    pose = {"xyz": [0.1, 0.2, 0.3], "rpy": [0.0, 0.0, 0.5]}
+    assert start_joints(pose, arm, PACKAGE).tolist() == [0.5, -0.5]
+    np.testing.assert_array_equal(arm.asked[1], [0.2, -0.3])  # what is nearest to zero
+    np.testing.assert_allclose(arm.asked[0][:3], [
+        [np.cos(0.5), -np.sin(0.5), 0.0, 0.1], [np.sin(0.5), np.cos(0.5), 0.0, 0.2],
+        [0.0, 0.0, 1.0, 0.3]])  # fmt: skip
+    start_joints(pose, arm, PACKAGE, near := np.array([0.7, -0.6]))
+    assert arm.asked[1] is near
+
+
 def test_laws_and_schemes_get_their_numbers(arm):
     loop = of(law="adaptive", gain_zero=6.0, continuous_start=3.0, start="none").build(arm)
     law = loop.scheme.law

@@ -19,6 +19,7 @@ from aras_visual_servo_controller.features import Feature, Measured, Stack
 from aras_visual_servo_controller.features.of_camera import OfCamera
 from aras_visual_servo_controller.features.points import Points
 from aras_visual_servo_controller.features.stereo import rigid_motion, triangulated
+from aras_visual_servo_controller.goals import teaching
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed, create_scheme
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
@@ -44,6 +45,7 @@ class Flying:
 
 
 LEFT, RIGHT = Flying(np.eye(4)), Flying(SEAT)
+Q0 = np.zeros(6)
 
 
 def rig(needs=(Need.CORNERS,), right=RIGHT, goal=None):
@@ -553,6 +555,69 @@ def test_two_cameras_forget_the_turn_to_which_a_square_was_followed(monkeypatch)
     assert np.abs(followed - begun).max() > 0.05
     scheme.reset()
     np.testing.assert_array_equal(places(1.0), begun)
+
+
+class Known(Flying):
+    """With names of its coordinates, as an arm has them, and limits."""
+
+    names, lower, upper = NAMES, -np.ones(6), np.ones(6)
+
+
+def test_the_mean_of_views_of_two_cameras_is_that_of_each():
+    scheme, made = create_scheme("points@left+points@right"), rig()
+    several = 0.02 * np.random.default_rng(4).normal(size=(3, 6))
+    views = [together(made, q) for q in several]
+    found = teaching.goal_of(views, scheme, Known(np.eye(4)), "mine", depth=0.4)
+    middle = several.mean(axis=0)
+    assert found.joints == pytest.approx(dict(zip(NAMES, middle, strict=True)))
+    np.testing.assert_allclose(found.world_T_camera, LEFT.pose(middle), atol=1e-12)
+    assert (found.name, found.depth, found.seen_by, list(found.others)) == (
+        "mine", 0.4, "left", ["right"])  # fmt: skip
+    for name, goal in found.cameras.items():
+        seen = [one.cameras[name] for one in views]
+        points = found.features[f"points@{name}"]["points"]
+        np.testing.assert_allclose(points, np.mean([one.corners for one in seen], axis=0))
+        for key in ("m_array", "mu_array"):
+            mean = np.mean([getattr(one.moments, key) for one in seen], axis=0)
+            np.testing.assert_allclose(getattr(goal.moments, key), mean)
+
+
+def test_a_goal_of_two_cameras_is_either_s_as_the_control_camera():
+    target = the_goal("2016").target
+    goal = replace(goal_of(create_scheme("points@left+points@right"), target), name="mine")
+    right = goal.others["right"]
+    goal = replace(goal, others={"right": replace(right, seen_by="", others={"left": goal})})
+    arms = {"left": Known(np.eye(4)), "right": Known(SEAT)}
+    for first, second in (("left", "right"), ("right", "left")):
+        found = goal.for_cameras({first: arms[first], second: arms[second]})
+        assert list(found.cameras) == [first, second] and found.target is target
+        assert found.joints == goal.joints and found.features == goal.features
+        for name, own in found.cameras.items():
+            held = goal.cameras[name]
+            assert (own.seen_by, own.joints, own.plane) == (name, goal.joints, held.plane)
+            np.testing.assert_allclose(own.world_T_camera, arms[name].pose(np.zeros(6)))
+            assert own.moments is held.moments and own.camera is held.camera
+        assert found.others[second].others == {}
+    standing = goal.for_cameras({"left": arms["left"], "right": StandingCamera(RIGHT.pose(Q0))})
+    assert standing.others["right"].joints == {}  # it is moved by none
+    one = goal.for_cameras({"right": arms["right"]})
+    assert list(one.cameras) == ["right"] and one.others == {}
+
+
+def test_a_feature_of_another_camera_is_that_of_the_goal_that_it_is_asked_for():
+    scheme = create_scheme("points@left+points@right")
+    goal, made = goal_of(scheme), rig()
+    feature = scheme.feature.features[1]
+    further = replace(goal, features={
+        name: {"points": (np.array(entry["points"]) + 0.01).tolist()}
+        for name, entry in goal.features.items()
+    })  # fmt: skip
+    seen = together(made, Q0, stamp=1.0)
+    right = replace(seen.others["right"], plane=Plane(0.0, 0.0, 2.5))
+    seen = replace(seen, others={"right": right})
+    for asked, off in ((goal, 0.0), (further, -0.01), (further, -0.01), (goal, 0.0)):
+        found = feature.measure(seen, asked)
+        np.testing.assert_allclose(found.error, off, atol=1e-9)
 
 
 def test_a_goal_of_one_camera_tells_the_others_views_by_the_target_s_geometry():

@@ -1,5 +1,6 @@
 """Teaching: what was seen is stored, averaged, to order 6, with a command line that works."""
 
+import io
 import re
 import shlex
 from dataclasses import replace
@@ -13,8 +14,14 @@ from aras_visual_servo_bench.targets.outlines import shape_of
 from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.goals.teach import main
-from aras_visual_servo_controller.goals.teaching import Teacher, by_geometry, goal_of, mean_of
+from aras_visual_servo_controller.goals.teach import from_geometry, main
+from aras_visual_servo_controller.goals.teaching import (
+    Teacher,
+    _along,
+    by_geometry,
+    goal_of,
+    mean_of,
+)
 from aras_visual_servo_controller.loop.state import ServoSettings
 from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.seeing.observation import Observer
@@ -107,6 +114,22 @@ def test_what_a_users_feature_keeps_of_the_plane_is_told_by_the_target_s_geometr
     assert by_geometry(known, Own()) is known  # it holds that already
 
 
+@pytest.mark.parametrize("size", [1e-3, 1.0, 50.0])
+def test_four_hundred_points_lie_along_an_outline_as_far_apart_everywhere(size):
+    corners = size * np.array([[0.0, 0.0], [3.0, 0.4], [3.1, 2.0], [3.1, 2.001], [-0.5, 1.2]])
+    found = _along(corners)
+    assert abs(len(found) - 400) <= len(corners)
+    steps = np.linalg.norm(np.roll(found, -1, axis=0) - found, axis=1)
+    ahead = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    assert steps.sum() == pytest.approx(ahead.sum())  # none of them is beside a side
+    usual = ahead.sum() / 400
+    short = steps < 0.5 * usual  # a side that is shorter than that has one
+    assert short.sum() == 1 and steps[short] == pytest.approx(1e-3 * size)
+    assert steps[~short] == pytest.approx(usual, rel=0.02)
+    for corner in corners:
+        assert np.linalg.norm(found - corner, axis=1).min() < 1e-12 * size
+
+
 def test_views_are_averaged():
     arm, scheme = the_arm(), create_scheme("moments")
     observer = Observer(arm, scheme.needs)
@@ -129,6 +152,9 @@ def test_views_are_averaged():
         "a": [2.0, 2.0], "b": "y",
     }  # fmt: skip
     assert mean_of([[1.0], [1.0, 2.0]]) == [1.0, 2.0]
+    assert mean_of([{"a": 1.0}, {"a": 3.0, "b": 5.0}, {"a": 8.0, "b": 6.0}]) == {"a": 4.0, "b": 5.5}
+    assert mean_of([{"p": {"q": [[1, 2]]}}, {"p": {"q": [[3, 6]]}}]) == {"p": {"q": [[2.0, 4.0]]}}
+    assert mean_of([None, "last"]) == "last"
     with pytest.raises(ConfigurationError, match="nothing was seen"):
         goal_of([], scheme, arm, "mine", depth=0.2)
 
@@ -171,6 +197,19 @@ def test_the_command_line_that_is_written_works(tmp_path, capsys):
     assert capsys.readouterr().out.splitlines()[1] == said
     np.testing.assert_array_equal(a.moments.mu_array, b.moments.mu_array)
     np.testing.assert_allclose(a.moments.mu_array, the_goal("2016").moments.mu_array, atol=1e-15)
+
+
+def test_files_are_read_and_written_in_utf_8_wherever_it_runs(tmp_path, monkeypatch):
+    text_encoding, told = io.text_encoding, []
+    monkeypatch.setattr(io, "text_encoding", lambda name, level=2: told.append(name) or (
+        text_encoding(name, level)))  # fmt: skip
+    given = ["--geometry", str(CONFIG / "goal_2016.yaml"), "--urdf", str(URDF)]
+    assert main([*given, str(tmp_path / "größe.yaml")]) == 0
+    assert len(told) >= 2 and set(told) == {"utf-8"}
+    assert "größe.yaml" in (tmp_path / "größe.yaml").read_bytes().decode("utf-8")
+    (latin := tmp_path / "robot.urdf").write_bytes("<!-- größe -->".encode("latin-1"))
+    with pytest.raises(ConfigurationError, match="cannot read the robot description .*robot.urdf"):
+        from_geometry(CONFIG / "goal_2016.yaml", latin)
 
 
 def test_its_help_says_what_each_argument_is(capsys):

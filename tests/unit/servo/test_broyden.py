@@ -91,6 +91,18 @@ def test_small_motions_wraps_and_gaps_teach_nothing():
         np.testing.assert_allclose(found, 1.0, atol=1e-2)
 
 
+@pytest.mark.parametrize(("jump", "learnt"), [(1.0, True), (-1.0, True), (1.01, False)])
+def test_what_changes_by_more_than_any_camera_makes_is_not_learnt(jump, learnt):
+    """Of the feature whose change is the greatest, up or down."""
+    estimator = Broyden(1.0, floor=1e-9)
+    along = 0.1 * np.eye(6)[1]
+    estimator(image(0.0, along), seen([0.5, 0.2], np.zeros((2, 6))))
+    found = estimator(image(DT, along), seen([0.5 + jump, 0.25], np.zeros((2, 6))))
+    expected = [10.0 * jump, 0.5] if learnt else [0.0, 0.0]
+    np.testing.assert_allclose(found[:, 1], expected, rtol=1e-6)
+    assert not found[:, [0, 2, 3, 4, 5]].any()
+
+
 class Askew(ImageMoments):
     """Its L takes the camera for turned by 70 degrees about its axis: the loop spirals."""
 

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import pose_difference, to_xyz_rpy, transform
 from aras_visual_servo_camera.errors import ModelError
-from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_camera.kernel import kernel_of_outline
+from aras_visual_servo_camera.moments import Moments, Pinhole
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.goals.goal import Goal
@@ -192,6 +193,12 @@ def test_a_goal_for_a_camera_mounted_elsewhere():
     there, back = moved.kernel.features, moved.seen_from(goal.world_T_camera).kernel.features
     assert np.abs(there / goal.kernel.features - 1.0).max() > 0.05
     np.testing.assert_allclose(back, goal.kernel.features, rtol=1e-3)
+    short = replace(goal.kernel, width=300, height=110)  # a picture that cuts some of it off
+    cut = replace(goal, kernel=short).seen_from(goal.world_T_camera).kernel
+    whole = goal.target.outline(goal.world_T_camera)
+    seen = kernel_of_outline(whole, Pinhole.from_K(short.K), 300, 110).values
+    np.testing.assert_array_equal(cut.features, seen)
+    assert seen[2] < 0.95 * goal.kernel.features[2] and (cut.width, cut.height) == (300, 110)
     # what was taught is of the view it was taught from
     taught = replace(goal, mounting=np.eye(4), features={"points": {}}).for_arm(arm)
     assert taught.mounting is None and not taught.features

@@ -203,6 +203,16 @@ def test_accuracy_is_that_of_grey_levels_and_of_neighbours_that_are_off_together
     assert 0.1 < grey < 1.0
     for brighter, size in zip((0, 4, 8), found, strict=True):
         assert size == pytest.approx(np.hypot(grey, 3.5 * brighter) * np.eye(6), rel=1e-3)
+    brighter = seen.image.copy()  # what lies where the picture is steep counts as much more
+    brighter[:, :80] += 8
+    feature.measure(replace(seen, image=brighter), goal)
+    before, now = (cv2.GaussianBlur(one.astype(np.float32), (0, 0), 1.0)
+                   for one in (seen.image, brighter))  # fmt: skip
+    inside = (slice(BORDER, -BORDER),) * 2
+    steep = np.sum(np.square(np.gradient(now)), axis=0)[inside]
+    left = np.sqrt(np.average((now - before)[inside] ** 2, weights=steep))
+    size = feature.accuracy(seen, goal)
+    assert size == pytest.approx(np.hypot(grey, 3.5 * left) * np.eye(6), rel=1e-3)
 
 
 @pytest.mark.parametrize("name", ALL)

@@ -101,11 +101,19 @@ def test_the_cones_around_tiles_are_around_their_rays_and_little_wider(bench, le
     view = sensor_of(bench, **LENSES[lens], width=320, height=240)._view(np.eye(4))
     tiles, rays = view.tiles(), view.tiles().rays()
     seen = np.isfinite(rays[..., 0])
+    shown_angle = np.arccos(tiles.nodes[tiles.nodes[:, 3] < 1.5][0, 3])  # of one tile
     for (first, _, columns, _), size in zip(tiles.levels, (1, 4, 16, 64), strict=True):
         v, u = np.mgrid[:240, :320] // (TILE * size)
         cones = tiles.nodes[first + v * columns + u][seen]
         along = (rays[seen] * cones[:, :3]).sum(axis=1)
         assert (along >= cones[:, 3]).all()
+        # A node's axis goes through the middle of what it shows, to a tile of it.
+        node = (first + v * columns + u)[seen]
+        middle = np.stack([np.bincount(node, way) for way in rays[seen].T], axis=1)[first:]
+        there = np.linalg.norm(middle, axis=1) > 0.0
+        middle, nodes = middle[there], tiles.nodes[first:first + len(there)][there]
+        apart = np.arccos((nodes[:, :3] * middle).sum(axis=1) / np.linalg.norm(middle, axis=1))
+        assert (apart < 0.1 * np.arccos(nodes[:, 3]) + shown_angle).all()
     # From the middle to the farthest pixel, and a tile more.
     shown = tiles.nodes[tiles.nodes[:, 3] < 1.5][0]
     assert np.arccos(cones[0, 3]) < np.arccos(along.min()) + 2 * np.arccos(shown[3])

@@ -11,7 +11,7 @@ from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.rendering import View, create_renderer, tiles
 from aras_sim_bridge.rendering.grouping import CLUSTER, groups
 from aras_sim_bridge.rendering.scene import Part
-from aras_sim_bridge.rendering.triangles import Triangles, _quad
+from aras_sim_bridge.rendering.triangles import Triangles, _convex, _quad
 from aras_sim_bridge.world import World
 from aras_visual_servo_base.meshes.mesh import from_corners
 from aras_visual_servo_base.poses import rotation_from_rpy
@@ -162,6 +162,19 @@ def test_flat_triangles_of_a_part_that_face_one_side_are_one_facet():
     number = dict(zip(facing, made.facets, strict=True))
     assert [number[one] for one in facing] == made.facets.tolist()
     assert len(set(number.values())) == len(number) == 16
+
+
+@pytest.mark.parametrize(("many", "asked"), [(1447, True), (1448, False)])
+def test_of_a_part_of_many_triangles_it_is_not_asked_whether_it_is_convex(many, asked):
+    """Two cones on one ring: n + 2 corners times 2 n triangles, of 2**22 at most."""
+    around = 2.0 * np.pi * np.arange(many) / many
+    ring = np.column_stack([np.cos(around), np.sin(around), np.zeros(many)])
+    tip, one = np.array([0.0, 0.0, 1.0]), np.arange(many)
+    after = (one + 1) % many
+    faces = np.vstack([np.column_stack([one, after, np.full(many, many)]),
+                       np.column_stack([after, one, np.full(many, many + 1)])])
+    mesh = replace(from_corners(CORNERS), positions=np.vstack([ring, tip, -tip]), triangles=faces)
+    assert _convex(Part(0, mesh, (1.0, 0.0, 0.0, 1.0))) is asked
 
 
 def test_what_is_known_of_a_cluster_holds_all_its_triangles():

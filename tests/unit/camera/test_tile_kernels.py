@@ -48,9 +48,11 @@ def through(places, first=(0.0, 0.0)):
     return np.column_stack([places, np.ones(len(places))]) @ moved(*first).T
 
 
-def triangles(rng, count, first=(0.0, 0.0), reach=(-6.0, 14.0)):
-    """Places in the tile (count, 3, 2), corners, sides of triangles there."""
+def triangles(rng, count, first=(0.0, 0.0), reach=(-6.0, 14.0), thin=1.0):
+    """Places in the tile (count, 3, 2), corners, sides of triangles there; thin: part of the width
+    that every second one has."""
     places = rng.uniform(*reach, (count, 3, 2))
+    places[::2, :, 0] += (thin - 1.0) * (places[::2, :, 0] - places[::2, :1, 0])
     corner = through(places.reshape(-1, 2), first).reshape(count, 3, 3)
     corner *= rng.uniform(0.8, 1.6, (count, 3, 1))
     return places, corner, np.ascontiguousarray(np.linalg.inv(corner).swapaxes(1, 2))
@@ -123,7 +125,7 @@ def test_what_most_tiles_show_is_told():
                                                    (2, False, 0.0), (2, True, -0.5)])
 def test_a_sample_shows_the_nearest_of_all_triangles(cells, alike, at):
     rng, count, columns, near, far = np.random.default_rng(9), 30, 2, 0.95, 1.3
-    middle, corner, side = triangles(rng, count, (0.0, 0.0), (-5.0, 24.0))
+    middle, corner, side = triangles(rng, count, (0.0, 0.0), (-5.0, 24.0), 0.05)
     cut, opaque = rng.random(count) < 0.4, rng.random(count) < 0.8
     tile = np.array([SEVERAL, BACKGROUND, SEVERAL, SEVERAL])
     listed = [np.sort(rng.choice(count, 14, False)) for _ in tile]
@@ -442,9 +444,11 @@ def test_a_sample_on_a_triangle_s_side_is_met(k):
 
 @pytest.mark.parametrize("x", [-0.31, 0.12, 0.4])
 @pytest.mark.parametrize("turned", [1.0, -1.0])
-@pytest.mark.parametrize("leans", [0.0, -0.5])
-def test_of_what_goes_through_what_fills_a_pixel_only_the_part_before_it_is_seen(x, turned, leans):
-    """What fills it is square to the view, or leans the other way."""
+@pytest.mark.parametrize(("leans", "away"), [(0.0, 1.0), (-0.5, 1.0), (-0.5, 1e4)])
+def test_of_what_goes_through_what_fills_a_pixel_only_the_part_before_it_is_seen(
+    x, turned, leans, away
+):
+    """What fills it is square to the view, or leans the other way, near by or far away."""
     u, v = 2, 5
     flat = np.array([0.0, 0.0, 1.0])
     line = turned * np.array([150.0, 0.0, 0.0])  # one over the distance, by pixels along x
@@ -461,6 +465,7 @@ def test_of_what_goes_through_what_fills_a_pixel_only_the_part_before_it_is_seen
                        lying(steep, wide)])
     # Neither half of it fills the pixel: it ends below its lower quarter.
     corner[1] = lying(steep, [[-12.0, 0.25], [2.0, -25.0], [12.0, 0.25]])
+    corner *= away
     member, share, _ = resolved_of(np.linalg.inv(corner).swapaxes(1, 2), corner, 1, u, v,
                                    hull=np.array([3, 4]))
     before = 0.75 * (0.5 - turned * x)
@@ -468,9 +473,11 @@ def test_of_what_goes_through_what_fills_a_pixel_only_the_part_before_it_is_seen
         {0: 1.0 - before, 1: before})
 
 
-@pytest.mark.parametrize("cells", [1, 2])
+@pytest.mark.parametrize(("cells", "away"), [(1, 1.0), (2, 1e4), (1, 1e-3)])
 @pytest.mark.parametrize("filled", [True, False])
-def test_few_triangles_that_cross_in_a_pixel_show_what_is_nearest_at_each_place(cells, filled):
+def test_few_triangles_that_cross_in_a_pixel_show_what_is_nearest_at_each_place(
+    cells, away, filled
+):
     """Steep ones, that lean every way, the first all over it where it is filled."""
     rng, (u, v) = np.random.default_rng(8), (5, 3)
     grid = (np.indices((60, 60)).reshape(2, -1).T[:, ::-1] + 0.5) / 60 - 0.5 + [u, v]
@@ -481,7 +488,7 @@ def test_few_triangles_that_cross_in_a_pixel_show_what_is_nearest_at_each_place(
             angle = rng.uniform(0.0, 6.0) + np.arange(3) * np.pi / 1.5
             places[0] = 3.0 * np.column_stack([np.cos(angle), np.sin(angle)]) + [u, v]
         corner = through(places.reshape(-1, 2)).reshape(-1, 3, 3)
-        corner *= rng.uniform(0.6, 1.5, (len(places), 3, 1))
+        corner *= away * rng.uniform(0.6, 1.5, (len(places), 3, 1))
         side = np.linalg.inv(corner).swapaxes(1, 2)
         shares = side @ rays.T
         near = np.where((shares >= 0.0).all(axis=1), shares.sum(axis=1), 0.0)

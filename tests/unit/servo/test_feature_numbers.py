@@ -69,6 +69,7 @@ REACHED = {
         "C1 C2 C3 C4 C5 C6 C7 C8 C9 C10": 0.01,
     },
 }  # fmt: skip
+TURN = 2.0 * np.pi
 LEVEL = "vx vy vz wz"
 # Directions in which a camera that looks square on is moved, of each that models not all of them.
 MODELLED = {
@@ -95,6 +96,9 @@ def test_the_components_of_each_and_when_they_are_reached():
             part = re.sub(r"\d+$", "", told) if name in ELEMENTS else told
             alike = [most for names, most in REACHED[unit].items() if part in names.split()]
             assert (name, told, [tolerance]) == (name, told, alike)
+        if isinstance(feature, corners.CornerFeature):
+            units = zip(feature.periods, feature.units[: len(parts)], strict=True)
+            assert all(period == (TURN if unit == "rad" else 0.0) for period, unit in units)
 
 
 def test_the_directions_that_each_models_and_what_it_needs():

@@ -576,6 +576,26 @@ def test_moments_take_the_depth_from_the_area_where_no_plane_is_measured():
     assert not np.allclose(feature.measure(seen, goal).L, by_area)
 
 
+@pytest.mark.parametrize("posed", [True, False])
+def test_the_depth_of_the_area_is_the_goals_own_at_the_goal(posed):
+    """Far off the axis of a camera that leans both ways, and on the way to it."""
+    feature = create_feature("moments")
+    aside = pose((0.1, -0.05, 0.3), (0.4, 0.3, 0.2))
+    goal = taught(feature, view=aside)
+    if not posed:
+        goal = replace(goal, world_T_camera=None)
+    feature.check(goal)
+    found = feature.measure(look(feature.needs, aside, plane=False), goal)
+    np.testing.assert_allclose(found.L, feature.desired_interaction(goal), rtol=1e-9, atol=1e-9)
+    if posed:  # the area of a small patch goes with its distance and its slant
+        small = 0.1 * OUTLINE
+        goal, on = taught(feature, small, aside), pose((-0.06, 0.1, 0.5), (-0.3, 0.5, 1.0))
+        exact, by_area = (feature.measure(look(feature.needs, on, small, plane=plane), goal)
+                          for plane in (True, False))  # fmt: skip
+        scale = np.abs(exact.L).max(axis=1, keepdims=True)
+        np.testing.assert_allclose(by_area.L / scale, exact.L / scale, atol=1e-3)
+
+
 @pytest.mark.parametrize("name", ["points", "numbered_points", "points_3d", "lines"])
 def test_without_a_plane_nothing_of_points_is_measured(name):
     feature = create_feature(name)

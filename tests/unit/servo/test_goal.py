@@ -12,11 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import pose_difference, to_xyz_rpy, transform
 from aras_visual_servo_camera.errors import ModelError
+from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import kernel_of_outline
 from aras_visual_servo_camera.moments import Moments, Pinhole
+from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.goals.goal_file import GoalKernel
 from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.seeing.observation import Observer
@@ -74,6 +77,47 @@ def test_what_was_seen_is_what_is_taught_and_survives_a_file():
     assert (back.depth, back.camera) == (0.2, CAMERA)
     np.testing.assert_allclose(back.target.boxes, goal.target.boxes)
     scheme.check(back.for_arm(the_arm()))
+
+
+def test_every_number_of_a_goal_is_in_its_file():
+    """All of them unlike each other."""
+    K = (301.5, 0.25, 160.5, 0.0, 202.5, 121.5, 0.0, 0.0, 1.0)
+    other = Goal("goal: cameras.right", depth=0.7, plane=Plane(0.1, -0.2, 1.5), seen_by="right",
+                 world_T_camera=transform((0.4, 0.5, -0.6), (0.1, 0.2, 0.3)))  # fmt: skip
+    goal = Goal(
+        "goal", {"a": 0.1, "b": -0.2}, transform((0.1, -0.2, 0.3), (0.4, 0.5, -0.6)), 0.8,
+        Plane(0.2, 0.3, 1.25), Moments.from_polygon(np.array([[0.0, 0], [2, 0], [1, 3]]) / 9, 5),
+        GoalKernel(320, 240, np.reshape(K, (3, 3)), np.array([1.5, 2.5, 3.5, -0.4])),
+        CameraModel(64, 48, (30.5, 0, 31.5, 0, 40.5, 23.5, 0, 0, 1), (0.1, -0.2, 0.01, 0.02)),
+        {"own": {"text": "x", "points": [[1.0, 2.0]], "n": 3}},
+        TargetGeometry.checked(BOX.copy(), 0.001, 0.012),
+        transform((0.7, 0.8, 0.9), (-0.1, -0.2, -0.3)), "left", {"right": other},
+    )  # fmt: skip
+    text = goal.to_yaml()
+    assert text.startswith("joints:")
+    back = Goal.from_mapping(yaml.safe_load(text))
+    for made, kept in ((goal, back), (other, back.others["right"])):
+        assert (kept.name, kept.seen_by, kept.joints) == (made.name, made.seen_by, made.joints)
+        assert (kept.depth, kept.plane, kept.camera) == (made.depth, made.plane, made.camera)
+        assert kept.features == made.features
+        np.testing.assert_allclose(kept.world_T_camera, made.world_T_camera, atol=1e-12)
+    np.testing.assert_allclose(back.mounting, goal.mounting, atol=1e-12)
+    assert back.target.to_mapping() == goal.target.to_mapping()
+    for name in ("width", "height"):
+        assert getattr(back.kernel, name) == getattr(goal.kernel, name)
+    for name in ("K", "features"):
+        np.testing.assert_array_equal(getattr(back.kernel, name), getattr(goal.kernel, name))
+    assert (back.moments.order, back.moments.kind) == (5, goal.moments.kind)
+    for name in ("m_array", "mu_array"):
+        kept = getattr(back.moments, name)
+        np.testing.assert_allclose(kept, getattr(goal.moments, name), atol=1e-15)
+    nothing = Goal.from_mapping({})
+    assert Goal().to_yaml("two\nlines") == "# two\n# lines\n{}\n"
+    for made in (nothing, Goal()):
+        assert (made.name, made.seen_by, made.joints, made.features) == ("goal", "camera", {}, {})
+        assert made.others == {} and list(made.cameras) == ["camera"]
+        rest = ("world_T_camera", "depth", "plane", "moments", "kernel", "camera", "target")
+        assert all(getattr(made, name) is None for name in (*rest, "mounting"))
 
 
 def test_teaching_what_is_not_seen_or_at_no_depth():

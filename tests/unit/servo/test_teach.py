@@ -231,7 +231,8 @@ def test_its_help_says_what_each_argument_is(capsys):
         (["--geometry", str(CONFIG / "goal_2016.yaml")], "needs --urdf"),
         (["--geometry", str(CONFIG / "goal_2016.yaml"), "--urdf", "/none"], "cannot read"),
         (["--depth", "0"], "--depth"),
-        (["--images", "0"], "--images"),
+        (["--images", "0"], "--images and --timeout have to be above 0"),
+        (["--timeout", "0"], "--images and --timeout have to be above 0"),
         (["--geometry", str(CONFIG / "goal_2016.yaml"), "--urdf", str(URDF)], "No such file"),
     ],
 )

@@ -15,7 +15,6 @@ from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import kernel_of_outline
 from aras_visual_servo_camera.moments import Moments, Pinhole
-from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.goals.goal import Goal
@@ -88,7 +87,7 @@ def test_every_number_of_a_goal_is_in_its_file():
         "goal", {"a": 0.1, "b": -0.2}, transform((0.1, -0.2, 0.3), (0.4, 0.5, -0.6)), 0.8,
         Plane(0.2, 0.3, 1.25), Moments.from_polygon(np.array([[0.0, 0], [2, 0], [1, 3]]) / 9, 5),
         GoalKernel(320, 240, np.reshape(K, (3, 3)), np.array([1.5, 2.5, 3.5, -0.4])),
-        CameraModel(64, 48, (30.5, 0, 31.5, 0, 40.5, 23.5, 0, 0, 1), (0.1, -0.2, 0.01, 0.02)),
+        replace(CAMERA, K=(30.5, 0, 31.5, 0, 40.5, 23.5, 0, 0, 1), D=(0.1, -0.2, 0.01, 0.02)),
         {"own": {"text": "x", "points": [[1.0, 2.0]], "n": 3}},
         TargetGeometry.checked(BOX.copy(), 0.001, 0.012),
         transform((0.7, 0.8, 0.9), (-0.1, -0.2, -0.3)), "left", {"right": other},
@@ -231,8 +230,6 @@ def test_a_goal_for_a_camera_mounted_elsewhere():
     np.testing.assert_allclose(moved.world_T_camera, pose)
     assert pose_difference(pose, goal.world_T_camera)[0] > 0.02
     exact = goal.target.outline(pose)
-    from aras_visual_servo_camera.moments import Moments
-
     np.testing.assert_allclose(moved.moments.m_array, Moments.from_polygon(exact, 6).m_array)
     there, back = moved.kernel.features, moved.seen_from(goal.world_T_camera).kernel.features
     assert np.abs(there / goal.kernel.features - 1.0).max() > 0.05

@@ -119,6 +119,11 @@ def test_a_massless_root_takes_the_heaviest_inertial_that_is_fixed_to_it(make):
         assert found.links[name] is described.links[name]
     assert [bullet_file.root_is_fixed(described, asked) for asked in (None, True, False)] == [
         False, True, False]
+    for name in ("base_link", "chassis"):  # one that gravity does not pull at is enough
+        light = f'<gazebo reference="{name}"><gravity>0</gravity></gazebo></robot>'
+        weightless = bullet_file.with_massive_root(parse_urdf(text.replace("</robot>", light)))
+        assert not weightless.links["base_link"].gravity
+    assert found.links["base_link"].gravity
     named = parse_urdf(text.replace("base_link", "world"))
     assert bullet_file.with_massive_root(named) is named
     assert bullet_file.root_is_fixed(named)
@@ -206,3 +211,64 @@ def test_a_tensor_that_bullet_would_not_take_is_a_sphere_s_in_its_file(make):
         with bullet_file.BulletFiles(described, False, False) as files:
             found = parse_urdf(Path(files.urdf).read_text()).links["a"].inertial.inertia
         assert (found[0], found[3], found[5]) == written
+
+
+def written(described, fixed_base):
+    with bullet_file.BulletFiles(described, fixed_base, False) as files:
+        return Path(files.urdf).read_text()
+
+
+def test_a_link_comes_before_those_that_would_pass_through_what_never_moves(make):
+    """Of a bolted model whose first joint moves: where what is fixed to that has shapes."""
+    box = make.box("0.1 0.1 0.1")
+
+    def parts(kind, *shapes, static=False, more=""):
+        return replace(parse_urdf(make.robot(
+            '<link name="world"/>', make.link("a", shapes=box),
+            *(make.link(f"b{k}", shapes=shape) for k, shape in enumerate(shapes)),
+            make.joint("first", "world", "a", kind, axis="0 0 1"),
+            *(make.joint(f"j{k}", f"b{k - 1}" if k else "a", f"b{k}", "fixed")
+              for k in range(len(shapes))), more)), static=static)
+
+    turning = make.link("c", shapes=box) + make.joint("jc", "a", "c", "continuous")
+    for described, bolted, expected in (
+        (parts("continuous", box), True, True), (parts("continuous", box), False, False),
+        (parts("continuous", "", box), True, True), (parts("continuous", box, ""), True, True),
+        (parts("continuous", ""), True, False), (parts("continuous"), True, False),
+        (parts("fixed", box), True, False), (parts("continuous", box, static=True), True, False),
+        (parts("continuous", more=turning), True, False),
+        (parse_urdf(make.robot(make.link("a", shapes=box))), True, False),
+    ):
+        assert ('<link name="nobody">' in written(described, bolted)) is expected
+    for taken in (make.link("nobody") + make.joint("x", "a", "nobody", "fixed"),
+                  make.link("y") + make.joint("nobody", "a", "y", "fixed")):
+        text = written(parts("continuous", box, more=taken), True)
+        assert text.count('name="nobody_"') == 2 and text.count('<link name="nobody') < 3
+
+
+def test_hollows_are_kept_of_the_root_s_meshes_alone_where_it_never_moves(make, tmp_path):
+    mesh = tmp_path / "m.obj"
+    mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    shapes = make.box("1 1 1") + f'<collision><geometry><mesh filename="file://{mesh}"/>' \
+        "</geometry></collision>"
+    described = parse_urdf(make.robot(make.link("a", shapes=shapes), make.link("b", shapes=shapes),
+                                      make.joint("j", "a", "b")))
+    for bolted in (True, False):
+        first, second = written(described, bolted).split('<link name="b">')
+        assert first.count('concave="yes"') == bolted and "concave" not in second
+
+
+def test_meshes_lie_among_temporary_files_and_the_small_file_in_memory(tmp_path, monkeypatch):
+    described = robot(tmp_path)
+    for writable in (True, False):
+        memory, other = (tmp_path / f"{name}{writable}" for name in ("memory", "other"))
+        memory.mkdir(), other.mkdir()
+        monkeypatch.setattr(tempfile, "tempdir", str(other))
+        monkeypatch.setattr(bullet_file, "MEMORY", str(memory) if writable else "/nowhere")
+        with bullet_file.BulletFiles(described, True, True) as files:
+            kinds = [sorted(one.suffix for one in folder.iterdir()) for folder in (memory, other)]
+            assert kinds == ([[".urdf"], [".stl"] * 2] if writable
+                             else [[], [".stl", ".stl", ".urdf"]])
+            for one in files._paths[:1]:
+                os.remove(one)  # somebody has cleaned up: no matter
+        assert not list(memory.iterdir()) and not list(other.iterdir())

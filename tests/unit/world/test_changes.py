@@ -144,6 +144,7 @@ def test_a_changed_description_is_the_same_but_for_what_was_asked(make):
     after = with_link(before, "b", 4, (1, 2, 3), (6, 0.1, 0.2, 5, 0.3, 4), False)
     new = after.links["b"]
     assert (new.inertial.mass, new.inertial.origin_xyz) == (4.0, (1.0, 2.0, 3.0))
+    assert new.inertial.origin_rpy == (0.0, 0.0, 0.0)
     assert (new.inertial.inertia, new.gravity) == ((6.0, 0.1, 0.2, 5.0, 0.3, 4.0), False)
     assert replace(after, links=before.links) == before
     assert replace(new, inertial=before.links["b"].inertial, gravity=True) == before.links["b"]

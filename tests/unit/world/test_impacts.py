@@ -357,7 +357,7 @@ def test_what_lands_on_a_plane_is_shown_tilted_to_all_sides(make, monkeypatch):
         monkeypatch.setattr(pybullet, "performCollisionDetection",
                             lambda client: (shown.append(body.pose()), real(client)))
         rng = np.random.default_rng(3)
-        for normal in (*np.eye(3), *rng.normal(size=(20, 3))):
+        for normal in (*np.eye(3), *-np.eye(3), *rng.normal(size=(20, 3))):
             normal /= np.linalg.norm(normal)
             shown.clear()
             impacts._show_corners(body.body_id, tuple(normal))
@@ -401,3 +401,31 @@ def test_what_has_nothing_near_is_looked_at_every_seventh_step(make, monkeypatch
         impacts.pushed()
         impacts.watch(body.body_id, (0.0, 0.0, 0.049), (0.0, 0.0, 0.0), 1e-3)  # too slow to strike
         assert not boxes
+
+
+def test_what_may_strike_and_bounce_is_known_by_its_shapes(make):
+    """Loose bodies without joints, by the links that have shapes; planes also beside boxes."""
+    plane = '<collision><geometry><plane normal="0 0 1"/></geometry></collision>'
+    with World() as world:
+        ground = world.spawn(parse_urdf(make.robot(
+            f'<link name="world">{make.box("1 1 1")}{plane}</link>')), "ground")
+        wide = world.spawn(parse_urdf(make.robot(
+            make.link("a"), make.link("b", shapes=make.box("0.1 0.1 0.1")),
+            make.link("c", shapes=make.box("0.1 0.1 0.1")),
+            make.joint("ab", "a", "b", "fixed", "1 0 0"),
+            make.joint("ac", "a", "c", "fixed", "0 2 0"),
+            f'<gazebo reference="c">{bouncing(0.4, 0.1)}</gazebo>')), "wide", Pose((0, 0, 5)))
+        cart = world.spawn(parse_urdf(make.robot(
+            make.link("hull", shapes=make.box("1 1 1")), make.link("fin"),
+            make.joint("j", "hull", "fin"))), "cart", Pose((9, 0, 5)))
+        bare = world.spawn(parse_urdf(make.robot(make.link("x"))), "bare", Pose((0, 9, 5)))
+        impacts = Impacts(world.client)
+        impacts.models_changed(world.models.values())
+        b, c = (wide.link_index(name) for name in "bc")
+        assert impacts._links == {wide.body_id: [b, c], bare.body_id: []}
+        assert impacts._planes == {ground.body_id} and impacts._jointed == {cart.body_id}
+        assert impacts._bounce == {(wide.body_id, c): (0.4, 0.1)}
+        low, high = impacts._box(wide.body_id)
+        assert low == pytest.approx((-0.05, -0.05, 4.95), abs=3e-3)
+        assert high == pytest.approx((1.05, 2.05, 5.05), abs=3e-3)
+        impacts.watch(bare.body_id, (9.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1e-3)

@@ -124,7 +124,7 @@ def test_a_joint_that_runs_away_is_named(model):
             model.step()
         return
     for slot, position, velocity in ((0, 0.1, -1.1e6), (1, math.nan, 0.0), (2, 0.0, 1.2e6),
-                                     (2, math.inf, 0.0)):
+                                     (2, math.inf, 0.0), (0, -math.inf, 0.0)):
         pybullet.resetJointState(model.body_id, model.joints._indices[slot], position, velocity,
                                  physicsClientId=model.client)
         model.joints.after_step()

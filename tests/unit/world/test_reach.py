@@ -48,7 +48,7 @@ def test_a_box_holds_what_a_slide_and_a_turn_allow_and_no_more(make):
         make.joint("rail", "world", "car", "prismatic", "0.1 0.2 0.3", "0 0.6 0.8", -0.5, 1.5),
         make.joint("bolt", "car", "arm", "fixed", "0.3 0 0", rpy="0 0 1.2"),
         make.joint("turn", "arm", "bare", "continuous", "0 0.4 0", "0 0 1"),
-        make.joint("boom", "bare", "tip", "prismatic", "0.2 0 0", "1 0 0", -0.1, 0.3))
+        make.joint("boom", "bare", "tip", "prismatic", "0.2 0 0", "1 0 0", -0.4, 0.3))
     with World() as world:
         model = world.spawn(parse_urdf(text), "m", ROOT)
         boxes = reach_of(model)
@@ -58,7 +58,7 @@ def test_a_box_holds_what_a_slide_and_a_turn_allow_and_no_more(make):
             model.set_joint_positions({"rail": q})
             ends.append((model.link_pose("arm").xyz, model.link_pose("bare").xyz))
         model.set_joint_positions({"rail": 0.0})
-        for link, which, farther in (("arm", 0, 0.0), ("tip", 1, 0.2 + 0.3)):
+        for link, which, farther in (("arm", 0, 0.0), ("tip", 1, 0.2 + 0.4)):
             one, two = ends[0][which], ends[1][which]
             # As far as the box around the shape as it stands reaches from the link's origin.
             at = model.link_pose(link)

@@ -331,16 +331,19 @@ def test_a_reset_of_poses_alone_finds_it_standing_at_the_next_step(world, held):
     assert held.fixed_base and held.pose() == at
 
 
-@pytest.mark.parametrize("which", ["the ground of one", "one of two", "a push of one"])
+@pytest.mark.parametrize("which", ["the ground of one", "one of two", "a push of one",
+                                   "a box that is heavy for one"])
 def test_both_of_two_bases_are_let_go_where_one_has_to_be(world, make, which):
     block = make.robot(f'<link name="world">{make.box("2 2 0.2", "0 0 -0.1")}</link>')
     world.spawn(parse_urdf(block), "block", Pose((0.0, 5.0, 1.0)))
-    models = [world.spawn(cart(make), name, at)
-              for name, at in (("a", Pose()), ("b", Pose((0.0, 5.0, 1.0))))]
+    models = [world.spawn(cart(make, mass), name, at)
+              for mass, name, at in ((10.0, "a", Pose()), (1000.0, "b", Pose((0.0, 5.0, 1.0))))]
     steps(world, 300)
     assert [one.fixed_base for one in models] == [True, True]
     if which == "one of two":
         models[0].set_pose(Pose((0.0, 0.0, 0.5)))
+    elif which.startswith("a box"):
+        loose_box(make, world, "box", 1.0, (3.0, 0.0, 3.0))
     elif which == "a push of one":
         models[0].apply_effort("rail", 1000.0)
         world.step()
@@ -705,6 +708,7 @@ def test_what_a_base_stands_on_is_known_by_its_corners(world, make, ground):
         pybullet.performCollisionDetection(physicsClientId=world.client)
     found = standing.StandingBase.found(model, {m.body_id: m for m in world.models.values()})
     assert found.grounds == {below.body_id} and found.mass == 30.0
+    assert not found._touch.any()
     numbers, corners = found._ground, found._corners
     assert numbers[1:4] == pytest.approx([0.03, 0.01, 0.1])
     assert numbers[4:7] == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
@@ -832,3 +836,48 @@ def test_a_base_that_is_let_go_is_looked_at_twice_before_it_is_held_again(world,
         assert not held.fixed_base
         steps(world, 49)
         assert not held.fixed_base
+
+
+def test_a_base_stands_on_the_box_that_is_under_it_though_there_is_a_plane_too(world, make):
+    """Not on those of its corners that hang over."""
+    plane = '<collision><geometry><plane normal="0 0 1"/></geometry></collision>'
+    world.spawn(parse_urdf(make.robot(
+        f'<link name="world">{plane}{make.box("0.3 0.2 0.4", "0 0 0.2")}</link>')), "block",
+        Pose((3.0, 0.0, 0.0)))
+    model = world.spawn(cart(make), "cart", Pose((3.0, 0.0, 0.4 - 5e-6)))
+    for _ in range(5):
+        pybullet.performCollisionDetection(physicsClientId=world.client)
+    found = standing.StandingBase.found(model, {m.body_id: m for m in world.models.values()})
+    at = np.abs(found._corners[:, :2] + found._ground[7:9])
+    assert at.max(axis=0) == pytest.approx([0.15, 0.1], abs=1e-3)
+
+
+def test_a_contact_is_locked_where_no_joint_moves_its_point_along_its_normal(world, make):
+    """By what a small move of each joint does to the point, of its distance from the axis."""
+    world.delete("ground_plane")
+    model = world.spawn(parse_urdf(make.robot(
+        make.link("base", 20.0), make.link("arm"), make.link("hand"), make.link("car"),
+        make.joint("turn", "base", "arm", "continuous", "0.2 0.1 0.3", "0.6 0 -0.8"),
+        make.joint("bolt", "arm", "hand", "fixed", "0.4 0.2 0"),
+        make.joint("rail", "base", "car", "prismatic", "0 0.5 0", "0 -0.6 0.8"))), "m",
+        Pose.from_rpy((1.0, 2.0, 3.0), (0.3, -0.2, 0.5)))
+    rng = np.random.default_rng(9)
+    frame = model.link_pose("arm")
+    axis = np.array(frame.matrix()[:3, :3] @ (0.6, 0.0, -0.8))
+    slide = np.array(model.link_pose("car").matrix()[:3, :3] @ (0.0, -0.6, 0.8))
+    seen = set()
+    for k in range(200):
+        link = ("arm", "hand", "car")[k % 3]
+        point, normal = np.array(frame.xyz) + rng.normal(size=3) * 0.4, rng.normal(size=3)
+        lever = point - frame.xyz
+        moves = slide if link == "car" else np.cross(axis, lever) / np.linalg.norm(lever)
+        if k % 2:  # nearly across the way that it can go
+            normal -= moves * (normal @ moves) / (moves @ moves) * rng.choice([0.9, 1.0, 1.1])
+        normal /= np.linalg.norm(normal)
+        contact = (0, model.body_id, 0, model.link_index(link), -1, tuple(point), (), tuple(normal))
+        locked = bool(abs(moves @ normal) < 0.05)
+        assert standing._locked(model, contact) == locked
+        seen.add((link, locked))
+    assert len(seen) == 6
+    on_base = (0, model.body_id, 0, -1, -1, (0.0, 0.0, 0.0), (), (0.0, 0.0, 1.0))
+    assert standing._locked(model, on_base)

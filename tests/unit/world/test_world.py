@@ -149,6 +149,23 @@ def test_bad_spawns_are_refused_and_leave_the_world_alone(make, arguments, text)
         assert list(world.models) == ["taken"]
 
 
+@pytest.mark.parametrize(("name", "told", "message"), [
+    ("loadURDF", pybullet.error("no"), r"model 'm': Bullet cannot load it \(no\); .* mesh files"),
+    ("getNumJoints", 0, r"model 'm': Bullet lost the links \['bob'\]"),
+])
+def test_what_bullet_does_not_take_whole_is_refused(make, monkeypatch, name, told, message):
+    def answer(*_, **__):
+        if isinstance(told, Exception):
+            raise told
+        return told
+
+    with World() as world:
+        monkeypatch.setattr(pybullet, name, answer)
+        with pytest.raises(WorldError, match=message):
+            world.spawn(parse_urdf(make.pendulum()), "m")
+        assert not world.models and not pybullet.getNumBodies(physicsClientId=world.client)
+
+
 def test_of_a_model_that_bullet_took_but_the_world_cannot_use_nothing_stays(make, monkeypatch):
     def fail(*_):
         raise WorldError("no")

@@ -128,6 +128,8 @@ def test_an_orientation_that_is_none_is_refused(world, make, quat):
 def test_an_orientation_of_another_length_is_made_a_unit_one(world, make):
     model = world.spawn(box(make), "m", Pose((0, 0, 0), (0.0, 0.0, 3.0, 4.0)))
     assert model.pose().quat == pytest.approx((0, 0, 0.6, 0.8))
+    none = world.spawn(box(make), "none", Pose((0, 0, 0), (0.0, 0.0, 0.0, 0.0)))
+    assert none.pose().quat == (0, 0, 0, 1)
 
 
 @pytest.mark.parametrize("kind", ["floating", "planar"])

@@ -531,6 +531,7 @@ def test_the_numbers_of_joints_are_those_of_the_file(make):
     names = ("m2", "bare", "m1", "slow", "lead")
     tree = np.zeros((5, 4), dtype=np.int64)
     rows = joint_rows(robot, names, tree)
+    assert not JointSpace(robot, names).gravity.any()  # before it is placed
     assert tree[:, 3].tolist() == [4, 1, 4, 3, 4] and not tree[:, :3].any()
     expected = {"DAMPING": [0.0] * 5, "FORCE": [0.0] * 5, "TARGET": [0.0] * 5,
                 "LOWER": [-0.3, -math.inf, -10.0, -1.0, -3.0],

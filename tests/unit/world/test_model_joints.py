@@ -164,3 +164,13 @@ def test_a_follower_that_was_put_elsewhere_comes_back(model):
         assert position[1] == pytest.approx(0.1, abs=1e-3)
     left = [b / a for a, b in zip(lacks, lacks[1:], strict=False)]
     assert left == pytest.approx([0.8 if model.joints.own else 0.96] * 5, abs=1e-4)
+
+
+def test_nothing_slows_a_fast_joint_down(model):
+    """Bullet by itself cuts its speed at 100 rad/s."""
+    model.apply_effort("turn", 400.0 / 1e-3 / model.joints.inverse_inertia()[0, 0])
+    model.step()
+    speed = model.read_joints()[1][0]
+    assert speed == pytest.approx(400.0, rel=0.01)
+    model.step()
+    assert model.read_joints()[1][0] == pytest.approx(speed, rel=0.2)

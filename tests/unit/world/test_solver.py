@@ -278,3 +278,54 @@ def test_only_a_bullet_that_made_no_step_serves_another_world(make):
         assert bool(pybullet.getConnectionInfo(client)["isConnected"]) == (steps == 0)
     with World() as world:
         assert world.client == client
+
+
+def test_joints_are_solved_directly_where_all_is_bolted_and_by_sweeps_else(make, monkeypatch):
+    """Bullet is told when that changes, and anew after a reset, which forgets it."""
+    told = []
+    real = pybullet.setPhysicsEngineParameter
+
+    def tell(**named):
+        told.extend(named[k] for k in named if k == "constraintSolverType")
+        real(**named)
+
+    monkeypatch.setattr(pybullet, "setPhysicsEngineParameter", tell)
+    stone = parse_urdf(make.robot(make.link("stone")))
+    direct, sweeps = pybullet.CONSTRAINT_SOLVER_LCP_DANTZIG, pybullet.CONSTRAINT_SOLVER_LCP_SI
+    with World() as world:
+        for act, expected in (
+            (lambda: world.spawn(drop(make), "arm"), [direct]),
+            (lambda: world.spawn_ground_plane(), []),
+            (lambda: world.spawn(stone, "stone", Pose((0, 0, 5))), [sweeps]),
+            (lambda: world.spawn(stone, "other", Pose((0, 3, 5))), []),
+            (lambda: world.reset_simulation(), []), (lambda: world.delete("stone"), []),
+            (lambda: world.delete("other"), [direct]),
+            (lambda: world.reset_simulation(), [direct]),
+        ):
+            told.clear()
+            act()
+            assert told == expected
+
+
+def test_pairs_are_left_out_anew_when_models_come_or_what_is_bolted_moves(make, monkeypatch):
+    """As soon as Bullet makes steps, once."""
+    seen = []
+    monkeypatch.setattr(world_module, "leave_out_pairs", lambda models: seen.append(
+        [model.name for model in models]))
+    stone = parse_urdf(make.robot(make.link("stone")))
+    with World() as world:
+        ground = world.spawn_ground_plane()
+        world.step()
+        assert seen == []  # nobody needs Bullet's steps
+        model = world.spawn(stone, "stone", Pose((0, 0, 5)))
+        for act, names in (
+            (lambda: None, [["ground_plane", "stone"]]), (lambda: model.set_pose(Pose()), []),
+            (lambda: ground.set_pose(Pose((0, 0, -1))), [["ground_plane", "stone"]]),
+            (lambda: world.spawn(drop(make), "arm"), [["ground_plane", "stone", "arm"]]),
+            (lambda: world.delete("stone"), []),
+        ):
+            act()
+            for _ in range(3):
+                world.step()
+            assert seen == names
+            seen.clear()

@@ -430,6 +430,21 @@ def test_alpha_of_a_nearly_round_outline_gains_nothing_by_the_same_view(wide, as
     assert alpha == pytest.approx(as_shown, rel=0.15)
 
 
+@pytest.mark.parametrize("shape", [SQUARE * (1.6, 1.0), OUTLINE], ids=["half a turn", "directed"])
+def test_accuracy_of_alpha_is_the_same_whichever_way_the_target_lies(shape):
+    """Also at the end of its circle, where two neighbours differ by the whole of it."""
+    feature, sizes = create_feature("moments"), []
+    begin = create_feature("alpha")
+    upright = taught(begin, shape, pose((0, 0, 0.2), (0, 0, 0)))
+    own = begin.measure(look(begin.needs, pose((0, 0, 0.2), (0, 0, 0)), shape), upright).s[0]
+    for turn in (0.4, 0.5 * np.pi, -0.5 * np.pi, np.pi, 2.0):
+        place = pose((0, 0, 0.2), (0, 0, turn - own))
+        goal = replace(taught(feature, shape, place), camera=None)
+        view = replace(look(feature.needs, place, dense(shape)), pixel_count=900)
+        sizes.append(np.linalg.norm(feature.accuracy(view, goal)[3]))
+    np.testing.assert_allclose(sizes, sizes[0], rtol=1e-3)
+
+
 def raw_moments(outline, order):
     """(order + 1, order + 1) of a polygon (n, 2), by Green's theorem and Gauss's nodes."""
     nodes, weights = np.polynomial.legendre.leggauss(order + 2)

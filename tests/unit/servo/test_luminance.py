@@ -1,6 +1,7 @@
 """Photometric features against pictures of an analytic texture, derived by finite differences."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ from aras_visual_servo_controller.features.luminance import (
     BORDER,
     LuminancePCA,
     _Rays,
+    grey_of,
     square_root,
 )
 from aras_visual_servo_controller.features.registry import FEATURES, create_feature
@@ -325,6 +327,17 @@ def test_each_that_needs_pictures_is_here():
     assert {n for n, feature in FEATURES.items() if Need.IMAGE in feature.needs} == {
         *ALL, "matches", "matches_orb", "matches_pose",  # tests/unit/bench/test_textures.py
     }
+
+
+def test_of_a_picture_in_colour_its_grey_levels_count():
+    """As an eye weighs red, green and blue."""
+    colours = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
+    found = grey_of(SimpleNamespace(image=colours))
+    assert found.shape == (60, 80) and found.dtype == np.uint8
+    np.testing.assert_allclose(found, colours @ np.array([0.299, 0.587, 0.114]), atol=0.6)
+    assert grey_of(SimpleNamespace(image=found)) is found
+    with pytest.raises(MeasurementError, match="no picture in this observation"):
+        grey_of(SimpleNamespace(image=None))
 
 
 def test_bad_pictures_are_one_line():

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 from free_camera import pose
@@ -97,6 +98,19 @@ def test_keypoints_are_where_they_are_in_the_picture_that_is_turned_by_half(pict
     same = nearest[np.linalg.norm(nearest, axis=1) < 2.0]
     assert len(same) > 50
     assert same.mean(axis=0) == pytest.approx(0.0, abs=0.05)
+
+
+@pytest.mark.parametrize(("name", "detector", "aside"), [
+    ("matches", cv2.SIFT_create(nfeatures=500), 0.25),
+    ("matches_orb", cv2.ORB_create(nfeatures=500), 0.0),
+])  # fmt: skip
+def test_of_a_picture_that_is_narrow_enough_keypoints_are_its_own(name, detector, aside, picture):
+    feature = create_feature(name)
+    image = np.ascontiguousarray(look(feature, picture, GOAL).image[60:180, 80:240])
+    places, descriptors = feature._detected(image)
+    keypoints, expected = detector.detectAndCompute(image, None)
+    np.testing.assert_allclose(places, np.array([k.pt for k in keypoints]) - aside, atol=1e-9)
+    np.testing.assert_array_equal(descriptors, expected)
 
 
 def test_of_a_picture_that_is_too_wide_keypoints_are_those_of_the_smaller_one(picture):

@@ -1,6 +1,7 @@
 """The shipped compositions on an exact free camera: each comes to its goal as its theory says."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -227,6 +228,22 @@ def test_the_predictive_scheme_fits_a_decay_at_each_step_of_its_horizon():
     np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
+def test_the_predictive_scheme_says_where_no_way_keeps_the_target_in_view():
+    scheme = create_scheme("predictive")
+    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), GOAL))
+    seen, found = look(Observer(None, scheme.needs), START), np.arange(6.0)
+    scheme._minimize = lambda *_, **__: SimpleNamespace(x=found, success=False)
+    decision = scheme.compute(seen, goal, 0.0)
+    assert decision.notes == ("visibility cannot be kept on this way",)
+    np.testing.assert_array_equal(decision.task.twist, found)
+    assert scheme._last is found  # from where the next one is looked for
+    scheme.reset()
+    assert not scheme._last.any()
+    scheme._minimize = lambda *_, **__: SimpleNamespace(x=np.full(6, np.nan), success=True)
+    with pytest.raises(MeasurementError, match="the predicted path cannot be fitted"):
+        scheme.compute(seen, goal, 0.0)
+
+
 def test_the_borders_are_those_through_the_middle_of_the_picture():
     lens = CameraModel(CAMERA.width, CAMERA.height, CAMERA.K, (-0.2, 0.05, 0.02, -0.03))
     scheme = create_scheme("predictive")
@@ -266,7 +283,7 @@ def test_each_scheme_says_what_a_square_leaves_open(name):
     assert scheme.compute(seen, goal, 0.0).up_to == "90°"
     measure = scheme.feature.measure  # a feature's own word, as of a user's
     scheme.feature.measure = lambda *given: replace(measure(*given), notes=("blurred",))
-    assert scheme.compute(seen, goal, 0.0).notes[0] == "blurred"
+    assert scheme.compute(seen, goal, 0.0).notes == ("blurred",)
 
 
 def test_the_error_is_smoothed_over_the_time_that_passed_and_begins_anew_after_a_gap():

@@ -32,8 +32,6 @@ def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         for name, text in (("__init__", ""), ("part/__init__", ""), ("part/twice", TWICE)):
             path = package / f"{name}.py"
             path.write_text(text)
-            seconds = 1_700_000_000 if folder == "copy" else 1_700_000_000.25
-            os.utime(path, (seconds, seconds))
 
     def forget() -> None:
         for name in [name for name in sys.modules if name.partition(".")[0] == "looping"]:

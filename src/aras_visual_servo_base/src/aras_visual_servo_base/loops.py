@@ -9,12 +9,13 @@ What set-up calls for the sources, and installing for the copies that it has mad
 from __future__ import annotations
 
 import argparse
+import gc
 import importlib
 import importlib.util
+import multiprocessing
 import os
 import re
 import shutil
-import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -43,18 +44,14 @@ def _folder(package: str) -> Path:
 
 
 def take_over(package: str, folder: Path) -> None:
-    """Copy what was compiled for the package's sources in `folder`, where they are the same text.
-
-    Numba takes what it kept for a file of the same size and time, wherever that stands; copies
-    that `setup.py` makes have theirs cut to the second.
+    """Copy what was compiled for the package's sources in `folder`, where they are the same text:
+    Numba takes what it kept for the same text, wherever that stands.
     """
     parent = _folder(package)
     for path in sources(package):
         source, copy = folder / path, parent / path
         if source == copy or not source.exists() or source.read_bytes() != copy.read_bytes():
             continue
-        time = source.stat()
-        os.utime(copy, ns=(time.st_atime_ns, time.st_mtime_ns))
         for kept in sorted((source.parent / "__pycache__").glob(f"{source.stem}.*.nb[ic]")):
             (copy.parent / "__pycache__").mkdir(exist_ok=True)
             shutil.copy2(kept, copy.parent / "__pycache__")
@@ -81,18 +78,11 @@ def missing(packages: Sequence[str]) -> list[str]:
 def shares(packages: Sequence[str], count: int) -> list[list[str]]:
     """The packages in at most `count` parts that take about as long: packages of one process
     compile the parts of Numba that they have in common once."""
-    files = {package: len(_found(package)) for package in packages}
+    files = {package: len(sources(package)) for package in packages}
     parts: list[list[str]] = [[] for _ in range(min(count, len(files)))]
     for package in sorted(files, key=files.get, reverse=True):
         min(parts, key=lambda part: sum(files[one] for one in part)).append(package)
     return [part for part in parts if part]
-
-
-def _found(package: str) -> list[Path]:
-    try:
-        return sources(package)
-    except ModuleNotFoundError:
-        return []
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -106,27 +96,39 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--processes", type=int, default=os.cpu_count(), metavar="N",
                         help="at most so many side by side (as there are cores)")  # fmt: skip
     given = parser.parse_args(argv)
-    parts = shares(given.packages, max(given.processes, 1))
-    if len(parts) > 1:
-        options = ["--from", str(given.folder)] if given.folder else []
-        command = [sys.executable, "-m", __spec__.name, "--processes=1", *options]
-        processes = [subprocess.Popen([*command, *part]) for part in parts]
-        return max([process.wait() for process in processes])
-    return max([_compile(package, given.folder) for package in given.packages])
+    found = [package for package in given.packages if _imported(package, given.folder)]
+    # Forked, so that what all of them need is imported once.
+    fork = multiprocessing.get_context("fork")
+    processes = [fork.Process(target=_compile, args=(part,))
+                 for part in shares(found, max(given.processes, 1))]  # fmt: skip
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+    failed = any(process.exitcode for process in processes)
+    return int(failed or len(found) < len(given.packages))
 
 
-def _compile(package: str, folder: Path | None) -> int:
+def _imported(package: str, folder: Path | None) -> bool:
+    """Import a package's modules with loops, compiling nothing yet; False, and told, where it or
+    something that it imports is not there. folder: as `take_over` has it."""
     try:
         if folder:
             take_over(package, folder)
-        with put_off():  # other packages' are for their own turn, or another process's
+        with put_off():
             for path in sources(package):
                 importlib.import_module(".".join(path.with_suffix("").parts))
     except ModuleNotFoundError as error:
         print(f"loops: {error}", file=sys.stderr)
-        return 1
-    compile_all(package)
-    return 0
+        return False
+    return True
+
+
+def _compile(packages: Sequence[str]) -> None:
+    # An eighth of the time went into looking for garbage among Numba's many objects.
+    gc.disable()
+    for package in packages:
+        compile_all(package)
 
 
 if __name__ == "__main__":

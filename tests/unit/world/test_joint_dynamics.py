@@ -258,8 +258,8 @@ def test_friction_stops_and_damping_fulfil_their_conditions(make, dt):
     assert (total > 50).all(), "joints stuck, and stood at either stop"
 
 
-@pytest.mark.parametrize("joint, outside", [("swing", 1.3), ("swing", -1.0)])
-def test_a_joint_outside_its_limits_comes_back_without_a_blow(make, joint, outside):
+@pytest.mark.parametrize("outside", [1.3, 1.5, -1.0])
+def test_a_joint_outside_its_limits_comes_back_without_a_blow(make, outside):
     """A fifth of the way a step, never faster than the velocity limit (100 rad/s), and stays."""
     text = make.pendulum(kind="revolute", lower=-0.4, upper=0.5)
     space, _ = space_of(text)
@@ -300,6 +300,11 @@ def test_what_diverges_is_told_at_once(make):
     assert space.advance(DT) == 0
     space.state[1] = math.nan
     assert space.advance(DT) == 0
+    for sign in (1.0, -1.0):  # at a million rad/s
+        for share, told in ((0.99, -1), (1.01, 0)):
+            space.state[:] = 0.0
+            space.state[2] = sign * share * 1e6 * 0.01 / DT
+            assert space.advance(DT) == told
 
 
 def gripper(make, multiplier=-2.0, **options):
@@ -592,3 +597,17 @@ def test_a_joint_that_moves_no_mass_stands_still_and_hinders_nobody(mode):
         rows[joint_dynamics._RIGHT] = a @ (1.0, 0.0, -0.5)
         joint_dynamics._speeds_of(tree, np.full(3, mode), matrices, rows)
         assert rows[joint_dynamics.SPEED] == pytest.approx((1.0, 0.0, -0.5))
+
+
+@pytest.mark.parametrize("multiplier", [0.5, 3.0, -0.5])
+def test_the_tighter_of_two_coupled_joints_stops_counts(make, multiplier):
+    text = gripper(make, multiplier).replace('lower="-1.6" upper="1.9"', 'lower="0.1" upper="0.6"')
+    space, _ = space_of(text)
+    space.state[0] = 0.0, 0.3
+    for sign, follower in ((1.0, 0.6 if multiplier > 0 else 0.1),
+                           (-1.0, 0.1 if multiplier > 0 else 0.6)):
+        for _ in range(1500):
+            space.state[2] = sign * 30.0, 0.0
+            space.advance(DT)
+        expected = (follower - 0.3) / multiplier, follower
+        assert space.state[0] == pytest.approx(expected, abs=1e-9)

@@ -84,12 +84,12 @@ def test_what_is_no_number_or_no_joint_changes_nothing(model, bad):
 
 
 def test_a_motor_holds_a_speed_up_to_its_effort_and_can_be_taken_away(model):
-    model.set_velocity_motor("turn", 0.7, math.inf)
+    model.set_velocity_motor("turn", 1.0, math.inf)
     model.step()
-    assert model.read_joints()[1][0] == pytest.approx(0.7, rel=1e-6)
+    assert model.read_joints()[1][0] == pytest.approx(1.0, rel=1e-6)
     model.set_velocity_motor("turn", -5.0, 0.0)  # which is none
     model.step()
-    assert model.read_joints()[1][0] == pytest.approx(0.7, rel=1e-4)
+    assert model.read_joints()[1][0] == pytest.approx(1.0, rel=1e-4)
 
 
 def test_efforts_add_up_for_one_step(model):

@@ -266,6 +266,12 @@ def test_a_window_is_plain_and_shows_what_bullet_moves(make, monkeypatch):
         assert shown[1] == pytest.approx(-G * 0.5 * math.sin(0.5) * 1e-3 / 0.26, rel=1e-6)
     assert given == [(client, False)]
     pybullet.disconnect(client)
+    monkeypatch.undo()
+    told.clear()
+    monkeypatch.setattr(pybullet, "configureDebugVisualizer", lambda *args, **_: told.append(args))
+    with World() as world:
+        world.spawn(parse_urdf(make.pendulum()), "m")
+    assert told == []
 
 
 def test_bullet_has_the_numbers_of_the_world():

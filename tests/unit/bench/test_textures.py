@@ -99,6 +99,33 @@ def test_dots_of_three_pixels_are_found_wherever_they_lie_on_the_pixels():
         assert np.linalg.norm(found[:, None] - exact, axis=2).min(axis=1).max() < 0.25, k
 
 
+@pytest.mark.parametrize(("long", "found"), [(40, True), (41, False)])
+def test_a_dot_is_four_times_as_long_as_wide_at_most(long, found):
+    picture, (v, u) = dotted(DOTS[:3]), np.indices((240, 320))
+    inside = ((u - 80.5 - 0.5 * long) / long) ** 2 + ((v - 155.5) / 10.0) ** 2 <= 0.25
+    picture[inside] = 0
+    rows, columns = inside.any(axis=1).sum(), inside.any(axis=0).sum()
+    assert (rows, columns) == (10, long)
+    if found:
+        assert len(DotTracker().find(picture)) == 4
+        return
+    with pytest.raises(VisionError, match="3 of 4 dots are in view"):
+        DotTracker().find(picture)
+
+
+def test_a_line_s_place_is_told_where_nothing_else_is_beside_it():
+    """A third of the profiles across it hold something that lies at its right."""
+    v, u = np.indices((120, 100), float)
+    at = 50.3 + 0.04 * (v - 60.0)
+    grey = 255.0 - 200.0 * np.clip(1.5 - np.abs(u - at), 0.0, 1.0)
+    grey[(v % 30 < 10) & (u > at + 1.5) & (u < at + 3.0)] = 55.0
+    place, way = LineTracker()._fitted(
+        grey.astype(np.uint8), CameraModel(100, 120, (1, 0, 0, 0, 1, 0, 0, 0, 1)), 1.0,
+        (np.array([48.0, 5.0]), np.array([52.6, 115.0])), 8.0)
+    assert way[0] / way[1] == pytest.approx(0.04, abs=2e-3)
+    assert place[0] == pytest.approx(50.3 + 0.04 * (place[1] - 60.0), abs=0.03)
+
+
 @pytest.mark.parametrize("cut", [(0, 120), (319, 120), (160, 0), (160, 239)])
 def test_a_dot_that_the_border_cuts_is_none(cut):
     with pytest.raises(VisionError, match="3 of 4 dots are in view"):

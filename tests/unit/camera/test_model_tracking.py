@@ -1,5 +1,7 @@
 """The pose of a solid by its edges: accuracy on drawn pictures, and what is said of a lost one."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from tracking_scenes import (
@@ -438,6 +440,22 @@ def test_a_pose_in_the_world_starts_it_and_kinematics_tell_where_to_look(folder)
 def test_a_start_that_is_none_is_refused(given, why):
     with pytest.raises(ModelError, match=why):
         Start(given)
+
+
+@pytest.mark.parametrize(("kind", "known", "anew"), [
+    ({"pose": [0] * 6}, False, True), ({"pose": [0] * 6}, True, False),
+    ({"marker": {"size": 0.04, "pose": [0] * 6}}, True, True),
+])  # fmt: skip
+def test_a_lost_solid_is_looked_for_anew_where_that_can_be_told(monkeypatch, kind, known, anew):
+    """By a marker at any time; by a pose only while nothing of it was known in the world."""
+    tracker, started = ModelTracker(solid_of("box"), Start(kind)), []
+    monkeypatch.setattr(ModelTracking, "started", True)
+    monkeypatch.setattr(ModelTracking, "start", lambda self, pose: started.append(pose))
+    monkeypatch.setattr(ModelTracking, "track", lambda *_: SimpleNamespace(lost="it is gone"))
+    tracker._world_T_solid = np.eye(4) if known else None
+    with pytest.raises(VisionError, match="it is gone"):
+        tracker.look(np.zeros((4, 4), np.uint8), CAMERA)
+    assert started == [None] * anew
 
 
 def test_meshes_that_are_no_solid_in_metres_are_refused():

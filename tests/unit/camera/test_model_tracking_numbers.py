@@ -157,15 +157,20 @@ def test_edges_are_measured_by_the_sum_of_levels_over_their_change(noise):
     assert 100 < found_any < 600
 
 
-def test_levels_are_remembered_edge_by_edge():
+@pytest.mark.parametrize("plain", [True, False])
+def test_levels_are_remembered_edge_by_edge(plain):
+    """Compiled, and as plain Python, which reads nothing beyond an array."""
+    expected_levels, learn = search.expected_levels, search.learn
+    if plain:
+        expected_levels, learn = expected_levels.py_func, learn.py_func
     random = np.random.default_rng(3)
     edge, facing = random.integers(0, 9, 80), random.random((80, 2)) < 0.6
     values, residuals = random.uniform(0.0, 255.0, (80, 4)), random.normal(0.0, 1.0, 80)
     levels = np.where(random.random((10, 2)) < 0.5, UNKNOWN, random.uniform(0.0, 255.0, (10, 2)))
-    known = search.expected_levels(edge, facing, levels)
+    known = expected_levels(edge, facing, levels)
     assert (known == np.where(facing, levels[edge], UNKNOWN)).all()
     renewed = levels.copy()
-    search.learn(renewed, edge, facing, values, residuals, 0.8)
+    learn(renewed, edge, facing, values, residuals, 0.8)
     for side in range(2):
         used = facing[:, side] & (np.abs(residuals) < 0.8)
         means = pd.Series(values[used, 1 + side]).groupby(edge[used]).mean().reindex(range(10))
@@ -181,6 +186,12 @@ def test_noise_is_told_by_rows_all_over_the_picture(size):
     rows = grey[::max(size[0] // 8, 1)].astype(int)
     bends = np.abs(2 * rows[:, 1:-1] - rows[:, :-2] - rows[:, 2:])
     assert search.noise_of(grey) == pytest.approx(1.4826 * np.median(bends) / np.sqrt(6.0))
+
+
+def test_the_noise_of_a_row_that_bends_in_half_its_pixels_is_half_of_that():
+    grey = np.array([[10, 10, 10, 14, 18, 18]], np.uint8)  # by 0, 4, 0, 4
+    assert search.noise_of(grey) == pytest.approx(1.4826 * 2.0 / np.sqrt(6.0))
+    assert search.noise_of(grey[:, :2]) == 0.0
 
 
 def tukey(residuals, least):
@@ -237,6 +248,47 @@ def test_the_equations_of_edges_are_those_of_their_residuals():
     assert 3 < (w == 0.0).sum() < 20
     np.testing.assert_allclose(A, J.T @ (w[:, None] * J), rtol=1e-5, atol=1e-6 * A.max())
     np.testing.assert_allclose(b, J.T @ (w * wanted[used]), rtol=1e-5)
+
+
+@pytest.mark.parametrize(("wide", "exact", "open_ways", "off"), [
+    (3.0, 0.3, 0, 2e-3), (3.0, 0.3, 1, 2e-3), (0.3, 0.3, 0, 2e-3), (0.3, 0.3, 0, 1e-7),
+    (9.0, 1e-3, 0, 1e-7),
+])  # fmt: skip
+def test_a_pose_is_fitted_by_steps_that_end_where_it_is_still(wide, exact, open_ways, off):
+    """Six at most, of scales each three tenths of the last; none ends before it is exact."""
+    random = np.random.default_rng(11)
+    at, gain = random.uniform(-0.1, 0.1, (60, 3)), random.normal(0.0, 500.0, (60, 2))
+    middle, true = np.array([0.01, -0.02, 0.03]), moved(T, off * np.ones(6), T[:3, 3], UNIT)
+    p, q = (at @ pose[:3, :3].T + pose[:3, 3] for pose in (T, true))
+    near, seen = p[:, :2] / p[:, 2:], q[:, :2] / q[:, 2:]
+    away = ((gain * (seen - near)).sum(axis=1) + 0.05 * random.normal(size=60))[:, None]
+    away[::9] += 40.0
+    weight, slips = random.uniform(0.5, 2.0, 60), np.eye(6)[:open_ways]
+    none, faces = np.zeros((1, 3)), np.zeros((1, 3), np.int64)
+    found = fitting.fitted(at, near, gain, away, weight, T, wide, exact, middle, UNIT, slips,
+                           none, faces, none, np.zeros((0, 3)))  # fmt: skip
+    pose, least, turned = T.copy(), wide, np.zeros(3)
+    focal, first = np.hypot(*gain[0]), T[:3, :3] @ middle + T[:3, 3]
+    for step in range(7):
+        about = pose[:3, :3] @ middle + pose[:3, 3]
+        A, b, residuals = fitting.edge_equations(
+            at, near, gain, away, weight, pose, about, UNIT, least)
+        for slip in slips:
+            fitting._without(A, b, np.concatenate([pose[:3, :3] @ slip[:3],
+                                                   pose[:3, :3] @ slip[3:]]))
+        if step == 6:
+            break
+        change = np.linalg.solve(A + np.eye(6) / 5e-3**2, b)
+        pose, turned = moved(pose, change, about, UNIT), turned + change[3:]
+        size = np.linalg.norm(change[:3]) + np.linalg.norm(change[3:])
+        if least == exact and focal * size < 0.01 * about[2]:
+            break
+        least = max(0.3 * least, exact)
+    total = np.linalg.norm(about - first) + np.linalg.norm(turned)
+    np.testing.assert_allclose(found[0], pose, atol=1e-9)
+    assert found[1] == pytest.approx(focal * total / about[2], rel=1e-6, abs=1e-9)
+    np.testing.assert_allclose(found[2], residuals, atol=1e-6)
+    np.testing.assert_allclose(found[3], A, rtol=1e-6, atol=1e-9 * A.max())
 
 
 def test_the_equations_of_a_depth_image_are_those_of_its_distances():

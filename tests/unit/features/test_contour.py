@@ -24,6 +24,18 @@ def nearest(points, others):
     return np.linalg.norm(points[:, None] - others[None], axis=2).min(axis=1)
 
 
+@pytest.mark.parametrize("begin", [0, 40, 60, 95])
+def test_a_sharp_corner_that_is_blunt_is_one(begin):
+    """Ten degrees between two sides of 100 px that end 1.8 px apart; points a pixel apart."""
+    ends = np.array([[0.0, -10.0], [100.0, -0.9], [100.0, 0.9], [0.0, 10.0]])
+    sides = [a + np.linspace(0.0, 1.0, n, endpoint=False)[:, None] * (b - a) for a, b, n in zip(
+        ends, np.roll(ends, -1, axis=0), (100, 2, 100, 20), strict=True)]
+    corners = corners_of(np.roll(np.vstack(sides), begin, axis=0), bend=1e-3)
+    tip = np.array([100.0 + 0.9 * 100.0 / 9.1, 0.0])
+    assert len(corners) == 3
+    assert nearest(np.vstack([tip, ends[[0, 3]]]), corners).max() < 0.2
+
+
 @pytest.mark.parametrize(("turn", "tilt"), [(0.0, (0.0, 0.0)), (17.0, (15.0, -10.0)),
                                             (133.0, (0.0, 0.0))])  # fmt: skip
 @pytest.mark.parametrize("shape", SCALES)

@@ -128,6 +128,8 @@ def test_arrays_round_trip() -> None:
     np.testing.assert_array_equal(again.m_array, moments.m_array)
     np.testing.assert_array_equal(again.mu_array, moments.mu_array)
     assert again.xg == pytest.approx(moments.xg, rel=1e-15)
+    beyond = np.add.outer(np.arange(5), np.arange(5)) > 4
+    assert not again.raw[beyond].any() and not again.centred[beyond].any()
 
 
 def test_points_count_themselves() -> None:

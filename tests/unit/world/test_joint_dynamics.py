@@ -433,10 +433,10 @@ def test_a_mimicking_joint_s_losses_are_its_leader_s_too(make):
     assert space.state[1, 0] == pytest.approx(8.5 / 10.0, rel=0.05)
 
 
-@pytest.mark.parametrize("solve", ["sweeps", "sets"])
+@pytest.mark.parametrize("solve", ["sweeps", "sets", "either"])
 def test_both_ways_to_solve_a_step_fulfil_its_conditions(solve):
     """For three joints and a follower between them, coupled, rubbing, driven and at stops."""
-    rng = np.random.default_rng(3)
+    rng = np.random.default_rng(5)
     tree, leads, settled = np.zeros((4, 4), dtype=np.int64), [0, 1, 3], 0
     tree[:, 3] = 0, 1, 0, 3
     stood = np.zeros(5, dtype=int)
@@ -459,13 +459,26 @@ def test_both_ways_to_solve_a_step_fulfil_its_conditions(solve):
         if solve == "sweeps":
             joint_dynamics._sweep(tree, modes, matrices, rows)
         else:
+            before = modes.copy()
             for _ in range(20):
                 joint_dynamics._speeds_of(tree, modes, matrices, rows)
                 if not joint_dynamics._correct(tree, modes, matrices, rows):
+                    settled += 1
                     break
-            else:
-                continue  # round and round: that is what sweeps are for
-        settled += 1
+            else:  # round and round: that is what sweeps are for
+                if solve == "sets":
+                    continue
+            if solve == "either":  # as a step asks it, of 1 s
+                modes[:] = before
+                matrices[0], rows[joint_dynamics.BIAS] = matrices[1], 0.0
+                state, joints = np.zeros((3, 4)), np.zeros((4, 9))
+                state[2, leads] = right
+                for column, values in ((joint_dynamics.FORCE, hold), (joint_dynamics.TARGET, goal),
+                                       (joint_dynamics.LOWER, bottom), (joint_dynamics.UPPER, top),
+                                       (joint_dynamics.FASTEST, math.inf),
+                                       (joint_dynamics.RATIO, 1.0)):
+                    joints[leads, column] = values
+                joint_dynamics._solve(tree, joints, state, 1.0, matrices, rows, modes)
         v = rows[joint_dynamics.SPEED]
         assert v[2] == 0.0
         v, kinds, taken = v[leads], modes[leads], right - a @ v[leads]
@@ -477,7 +490,7 @@ def test_both_ways_to_solve_a_step_fulfil_its_conditions(solve):
         expected = np.select([low, high, v > goal, v < goal], [3, 4, 1, 2])
         np.testing.assert_array_equal(kinds, expected)
         np.add.at(stood, kinds, 1)
-    assert settled > 50 and stood.min() > 5
+    assert stood.min() > 5 and (solve == "sweeps" or 50 < settled < 60)
 
 
 def test_what_damping_and_stops_push_makes_of_a_free_step_the_one_with_them(make):

@@ -22,7 +22,6 @@ from aras_visual_servo_base.urdf import Joint
 
 # m: Bullet's own margins, and stops that give way a little
 MARGIN = 0.1
-_FAR = 1e9  # m, where a joint has no limits
 _DEFAULT_GROUP, _STATIC_GROUP, _ALL = 1, 2, -1  # Bullet's filter groups
 _OWN_GROUPS = tuple(1 << bit for bit in range(6, 30))  # free ones, for a model each
 
@@ -130,11 +129,7 @@ def reach_of(model: Model) -> dict[str, Box]:
 
 def _travel(joint: Joint) -> tuple[float, float]:
     """From where to where a joint moves its link's origin along its axis, m."""
-    if joint.kind != "prismatic":
-        return 0.0, 0.0
-    if joint.limits is None or joint.limits.lower is None:
-        return -_FAR, _FAR
-    return joint.limits.lower, joint.limits.upper
+    return joint.stops if joint.kind == "prismatic" else (0.0, 0.0)
 
 
 def _extent(model: Model, link: str) -> float:

@@ -456,6 +456,29 @@ def raw_moments(outline, order):
                      for i in range(order + 1)])  # fmt: skip
 
 
+@pytest.mark.parametrize("shape", [SQUARE * (1.6, 1.0), OUTLINE], ids=["half a turn", "directed"])
+def test_accuracy_of_moments_is_what_the_waves_of_an_outline_make_of_each(shape):
+    """Of 0.03 px through the root of the pixels, by xn, yn, an and alpha written out."""
+    feature = create_feature("moments")
+    goal = replace(taught(feature, shape, pose((0.03, -0.02, 0.25), (0.1, 0.2, 0.5))), camera=None)
+    view = replace(look(feature.needs, GOAL, dense(shape)), pixel_count=625)
+    raw = np.array([[goal.moments.m(i, j) if i + j < 3 else 0.0 for j in range(3)]
+                    for i in range(3)])  # fmt: skip
+
+    def values(m):
+        a, xg, yg = m[0, 0], m[1, 0] / m[0, 0], m[0, 1] / m[0, 0]
+        an = goal.depth * np.sqrt(raw[0, 0] / a)
+        mu20, mu11, mu02 = m[2, 0] - a * xg**2, m[1, 1] - a * xg * yg, m[0, 2] - a * yg**2
+        return np.array([an * xg, an * yg, an, 0.5 * np.arctan2(2.0 * mu11, mu20 - mu02)])
+
+    slopes = [(values(raw + 1e-6 * d) - values(raw - 1e-6 * d)) / 2e-6
+              for d in displaced(goal.outline(), 2)]  # fmt: skip
+    expected = 0.03 / 25.0 / view.camera.K[0] * np.transpose(slopes)
+    found = feature.accuracy(view, goal)
+    scale = np.abs(expected).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(found / scale, expected / scale, atol=1e-3)
+
+
 def test_what_an_outline_gains_where_it_is_displaced_by_waves():
     """Against moments of the displaced outline itself, of many sides."""
     t = np.linspace(0.0, 2.0 * np.pi, 1200, endpoint=False)
@@ -684,6 +707,21 @@ def test_a_goal_of_points_that_are_no_such_feature_is_refused(name, corners, wor
     told = {"points": corners if isinstance(corners, str) else np.array(corners).tolist()}
     with pytest.raises(ConfigurationError, match=words):
         feature.check(Goal(depth=0.5, features={name: told}))
+
+
+@pytest.mark.parametrize(("name", "each", "elements"), [
+    ("points", 2, 8), ("polar_points", 2, 8), ("points_3d", 3, 8), ("lines", 2, 8),
+    ("segments", 4, 8), ("depth", 1, 1), ("pose", 6, 1), ("two_and_half_d", 6, 1),
+])  # fmt: skip
+def test_a_feature_is_as_long_as_the_goal_that_it_was_checked_with(name, each, elements):
+    feature = create_feature(name)
+    assert feature.count == 4
+    goal = taught(feature)  # of eight corners
+    feature.check(goal)
+    assert feature.count == 8
+    found = feature.measure(look(feature.needs, VIEWS["near"]), goal)
+    for numbers in (feature.names, feature.tolerances, feature.units, found.s, found.L):
+        assert len(numbers) == each * elements
 
 
 def test_what_is_a_billionth_of_the_focal_length_apart_is_apart():

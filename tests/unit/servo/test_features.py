@@ -348,6 +348,19 @@ def test_a_rectangle_far_aside_leaves_half_a_turn_open_and_no_quarter():
         assert feature.measure(seen, goal).up_to == "180°"
 
 
+@pytest.mark.parametrize("size", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize(("shape", "open_"), [
+    (SQUARE, "90°"), (SQUARE * (1.5, 1.0), "180°"), (np.vstack([SQUARE[:3], [[-0.05, 0.0]]]), ""),
+])  # fmt: skip
+def test_what_stays_open_does_not_depend_on_how_large_the_target_is_seen(shape, open_, size):
+    feature = create_feature("points")
+    goal = taught(feature, shape, pose((0, 0, 0.2), (0, 0, 0)))
+    seen = look(feature.needs, pose((0, 0, 0.2), (0, 0, 0.3)), shape)
+    found = feature.measure(replace(seen, corners=size * seen.corners, numbered=False), goal)
+    assert found.up_to == open_
+    np.testing.assert_array_equal(found.s, size * seen.corners.ravel())
+
+
 @pytest.mark.parametrize("name", ["points", "numbered_points", "segments", "polar_points", "pose"])
 def test_accuracy_of_corners_goes_through_the_feature(name):
     """Each column is what the feature makes of one corner coordinate that is off."""

@@ -276,6 +276,16 @@ def test_a_picture_that_looks_the_same_when_turned_says_so(sides, told, monkeypa
     assert feature.measure(seen, goal).up_to == told
 
 
+@pytest.mark.parametrize(("column", "told"), [(27, "180°"), (25, "")])
+def test_a_turn_is_judged_by_three_tenths_of_the_picture_at_least(column, told):
+    """Of a rectangle near the left side: half a turn about it leaves 45 or 41 of 140 columns."""
+    image = np.full((120, 160), 250, np.uint8)
+    image[45:75, column - 12 : column + 13] = 20
+    feature = create_feature("luminance")
+    seen = Observer(None, feature.needs).of_image(0.0, image, PINHOLE, plane=Plane(0, 0, 1.25))
+    assert feature.measure(seen, Goal.teach(Composed(feature), seen)).up_to == told
+
+
 @pytest.mark.parametrize(("wide", "told"), [(9, "180°"), (13, "")])
 def test_a_picture_looks_the_same_when_turned_to_its_tolerance_rms(wide, told):
     """But for two stripes that half a turn about its middle makes 4 brighter or darker."""

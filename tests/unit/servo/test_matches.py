@@ -123,6 +123,26 @@ def test_of_a_picture_that_is_too_wide_keypoints_are_those_of_the_smaller_one(pi
     np.testing.assert_allclose(wide, 3.0 * small + 1.0, atol=1e-4)
 
 
+def test_a_picture_that_is_too_wide_is_averaged_and_its_places_are_those_of_the_wide_one():
+    feature, given = create_feature("matches"), []
+    feature.widest = 160
+    found = [SimpleNamespace(pt=(10.0, 20.0)), SimpleNamespace(pt=(0.0, 7.5))]
+    feature._detector = SimpleNamespace(
+        detectAndCompute=lambda grey, mask: given.append((grey, mask)) or (found, "told")
+    )  # fmt: skip
+    wide = np.random.default_rng(1).integers(0, 256, (99, 480), dtype=np.uint8)
+    places, descriptors = feature._detected(wide)
+    (grey, mask), = given
+    assert mask is None and descriptors == "told"
+    np.testing.assert_allclose(grey, wide.reshape(33, 3, 160, 3).mean(axis=(1, 3)), atol=0.51)
+    np.testing.assert_allclose(places, 3.0 * np.array([[10.25, 20.25], [0.25, 7.75]]) - 0.5)
+    low = np.zeros((100, 480), np.uint8)  # whose rows are no thirds
+    places, _ = feature._detected(low)
+    np.testing.assert_allclose(places[0], [3.0 * 10.25 - 0.5, 20.25 * 100 / 33 - 0.5])
+    feature._detected(low[:1])
+    assert [one[0].shape for one in given] == [(33, 160), (33, 160), (1, 160)]
+
+
 def test_eight_keypoints_that_agree_are_enough(picture, monkeypatch):
     feature = create_feature("matches")
     seen = look(feature, picture, GOAL)
@@ -133,6 +153,10 @@ def test_eight_keypoints_that_agree_are_enough(picture, monkeypatch):
     monkeypatch.setattr(feature, "_detected", lambda grey: [part[:280:40] for part in all_of])
     with pytest.raises(ConfigurationError, match="7 keypoints in its picture, 8 are needed"):
         feature.check(goal)
+    monkeypatch.setattr(feature, "_detected", lambda grey: [part[:281:40] for part in all_of])
+    feature.check(goal)
+    with pytest.raises(ConfigurationError, match="keypoints in its picture"):
+        feature.check(replace(goal, camera=None))  # they are no rays then
 
 
 GRID = np.array([[u, v] for u in (60.0, 110.0, 170.0, 230.0) for v in (40.0, 90.0, 150.0, 200.0)])

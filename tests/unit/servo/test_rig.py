@@ -436,6 +436,9 @@ def test_accuracy_of_stereo_goes_through_the_feature(name):
     offs = [(camera, off) for camera in feature.cameras for off in np.eye(8).reshape(8, 4, 2)]
     expected = [feature.measure(seen({c: size[c] * off}, size), goal).error for c, off in offs]
     np.testing.assert_allclose(found, np.transpose(expected), atol=1e-4 * np.abs(found).max())
+    own = feature.accuracy(seen({}, {"left": 0.0, "right": 3e-6}), apart)  # one of them is exact
+    of_right = np.array([camera == "right" for camera, _ in offs])
+    np.testing.assert_allclose(own, found * of_right, atol=1e-12)
 
 
 def test_places_of_two_cameras_are_the_target_s():

@@ -116,6 +116,13 @@ def test_the_directions_that_each_models_and_what_it_needs():
     np.testing.assert_allclose(Laboratory2016.ratio, np.array([140, 120, 60, 30]) / 140)
     assert (matches.Matches.widest, matches.MatchesORB.widest) == (320, 640)
     assert (matches.Matches.count, matches.MatchesORB.detector) == (500, "orb")
+    assert (luminance.LuminanceDCT.count, luminance.LuminanceMap.count) == (20, 10)
+    components = luminance.LuminancePCA
+    assert (components.count, components.views, components.spread) == (20, 80, (0.1, 0.2, 0.1))
+    assert luminance.PhotometricMoments.order == 3
+    for made in (luminance.Luminance, luminance.LuminanceDamped, components):
+        damping = 0.01 if made is luminance.LuminanceDamped else 0.0
+        assert (made.blur, made.damping) == (1.0, damping)
 
 
 def test_what_schemes_are_made_with_where_nothing_is_said():

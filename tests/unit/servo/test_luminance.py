@@ -227,7 +227,7 @@ def test_accuracy_is_that_of_grey_levels_and_of_neighbours_that_are_off_together
         feature.measure(replace(seen, image=seen.image + np.uint8(brighter)), goal)
         found.append(feature.accuracy(seen, goal))
     grey = found[0][0, 0]
-    assert 0.1 < grey < 1.0
+    assert grey == pytest.approx(0.2)  # rounding and drawing alone
     for brighter, size in zip((0, 4, 8), found, strict=True):
         assert size == pytest.approx(np.hypot(grey, 3.5 * brighter) * np.eye(6), rel=1e-3)
     brighter = seen.image.copy()  # what lies where the picture is steep counts as much more
@@ -274,6 +274,21 @@ def test_a_picture_that_looks_the_same_when_turned_says_so(sides, told, monkeypa
     seen = look(PINHOLE, VIEW, feature.needs)
     goal = Goal.teach(Composed(feature), seen)
     assert feature.measure(seen, goal).up_to == told
+
+
+@pytest.mark.parametrize(("folds", "told"), [
+    (2, "180°"), (3, "120°"), (4, "90°"), (5, "72°"), (6, "60°"), (7, "51°"), (8, "45°"),
+    (9, "120°"), (10, "72°"), (11, ""),
+])  # fmt: skip
+def test_the_smallest_turn_of_an_eighth_or_more_is_told(folds, told):
+    """Of a star of so many rays about the middle, which fades before the picture ends."""
+    u, v = np.meshgrid(np.arange(160) - 79.5, np.arange(120) - 59.5)
+    away = np.hypot(u, v)
+    star = np.clip((away - 6.0) / 6.0, 0.0, 1.0) * np.clip((44.0 - away) / 6.0, 0.0, 1.0)
+    star = np.round(128.0 + 60.0 * star * np.cos(folds * np.arctan2(v, u))).astype(np.uint8)
+    feature = create_feature("luminance")
+    seen = Observer(None, feature.needs).of_image(0.0, star, PINHOLE, plane=Plane(0, 0, 1.25))
+    assert feature.measure(seen, Goal.teach(Composed(feature), seen)).up_to == told
 
 
 @pytest.mark.parametrize(("column", "told"), [(27, "180°"), (25, "")])

@@ -143,6 +143,14 @@ def test_what_schemes_are_made_with_where_nothing_is_said():
     assert create_scheme("kernel", ratio=[2.0] * 4).ratio.tolist() == [2.0] * 4
     assert create_scheme("kernel+points").ratio is None
     assert Composed([kernel.Kernel()]).feature.name == "kernel"
+    said = {"interaction": "current", "smoothing": 0.0, "ratio": None, "estimator": ""}
+    for name in ("partitioned", "predictive", "moments_2016"):
+        law = schemes.Proportional(3.0)
+        assert create_scheme(name, law, **said).law is law
+        for option in ({"smoothing": 1.0}, {"interaction": "mean"}, {"weights": [1.0]}):
+            words = f"scheme '{name}' takes no {next(iter(option))}: it is no composition"
+            with pytest.raises(ConfigurationError, match=words):
+                create_scheme(name, **option)
     blind = points.Points()
     blind.geometric = False
     assert not Composed(blind).judges_camera

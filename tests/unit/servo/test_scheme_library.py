@@ -164,6 +164,15 @@ def test_partitioned_comes_down_by_the_logarithm_of_the_distance():
     assert twist[5] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_partitioned_takes_a_target_that_is_seen_very_small():
+    small, scheme = 1e-4 * CORNERS, create_scheme("partitioned", Proportional(1.0))
+    observer = Observer(None, scheme.needs)
+    at = [pose((0.0, 0.0, z), (0.0, 0.0, 0.0)) for z in (0.6, 0.9)]
+    goal = Goal.teach(scheme, look(observer, at[0], corners=small))
+    twist = scheme.compute(look(observer, at[1], corners=small), goal, 0.0).task.twist
+    assert twist[2] == pytest.approx(0.9 * np.log(0.9 / 0.6), rel=1e-6)
+
+
 @pytest.mark.parametrize("rate", [0.0, 0.3 * np.array([1.0, -2.0, 0.5, 0.2, -1.0, 0.7, 0.1, 0.4])])
 def test_partitioned_leaves_to_the_points_what_its_two_motions_do_not_bring(rate):
     """Its law's rate, less the target's own and that of vz and wz, by the other four."""

@@ -13,6 +13,7 @@ from loop_rig import CAMERA, CONFIG, URDF, lost, the_arm, the_goal
 
 from aras_visual_servo_base.poses import inverse, transform
 from aras_visual_servo_bench.targets.outlines import shape_of
+from aras_visual_servo_camera.contour import corners_of
 from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
@@ -108,10 +109,18 @@ def test_what_a_users_feature_keeps_of_the_plane_is_told_by_the_target_s_geometr
                 raise ConfigurationError("to be taught")
 
         def teach(self, observation):
+            seen.append(observation)
             return {"own": {"plane": list(observation.plane), "stamp": observation.stamp}}
 
-    goal = the_goal("2016").for_arm(the_arm())
+    goal, seen = replace(the_goal("2016").for_arm(the_arm()), camera=CAMERA), []
     known = by_geometry(goal, Own())
+    outline = goal.target.outline(goal.world_T_camera)
+    np.testing.assert_array_equal(seen[0].contour, _along(outline))
+    np.testing.assert_allclose(seen[0].corners, corners_of(_along(outline)))
+    np.testing.assert_array_equal(seen[0].world_T_camera, goal.world_T_camera)
+    assert seen[0].camera is CAMERA
+    for unknown in (replace(goal, target=None), replace(goal, world_T_camera=None)):
+        assert by_geometry(unknown, Own()) is unknown
     assert known.features["own"] == {"plane": list(goal.plane), "stamp": 0.0}
     assert by_geometry(known, Own()) is known  # it holds that already
 
@@ -177,6 +186,11 @@ def test_bad_views_and_bad_joints_are_not_kept():
     teacher.joints(arm.names, the_goal("2016").joint_values(arm.names), [], 0.3)
     teacher.image(0.3, lambda joints, _: view_at(teacher.rig.control, 0.3, joints))
     assert (len(teacher.views), teacher.refused) == (1, 0)
+    sent = []
+    driven = Teacher(arm, teacher.rig, np.full(6, 0.1), sent.append)
+    for names, count in ((arm.names[:3], 0), (arm.names, 1), (arm.names[:3], 1), (arm.names, 2)):
+        driven.joints(names, np.zeros(len(names)), [], 0.4)
+        assert len(sent) == count
     two = Teacher(arm, Rig([Observer(arm, name="left"), Observer(arm, name="right")]))
     two.joints(arm.names, np.zeros(6), [], 0.0)
     two.image(0.0, lambda *_: pytest.fail("alone"), "left")

@@ -11,7 +11,7 @@ from aras_robot import ArasRobot
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import Pose, Twist, World, islands, reach
-from aras_sim_bridge.world.reach import Box
+from aras_sim_bridge.world.reach import Box, HalfSpace
 
 DT = 0.001
 
@@ -342,6 +342,9 @@ def test_steps_until_something_may_touch_are_by_gaps_and_speeds(make):
             ever = in_steps(alone.reach, solid, far)
             near = min(in_steps([now], solid, speed + far), 20)
             assert steps == (100 if ever >= 100 else pytest.approx(near))
+        slope = HalfSpace((0.0, 0.0, -0.4), (0.6, 0.0, 0.8))  # of what is loose
+        assert alone.steps_alone([[slope]], 3.0, DT) == pytest.approx(
+            min(in_steps([now], slope, 10.0), 20))
         solids = [[Box((x, 0.0, 0.0), (x + 1.0, 1.0, 1.0))] for x in (3.0, 0.8, 5.0)]
         assert alone.steps_alone(solids, 40.0, DT) == pytest.approx(
             in_steps([now], solids[1][0], 47.0))

@@ -544,7 +544,7 @@ def test_the_numbers_of_joints_are_those_of_the_file(make):
               make.joint("m1", "world", "c", extra='<mimic joint="lead" multiplier="-2" '
                                                    'offset="0.25"/>'),
               make.joint("slow", "world", "d", lower=-1.0, upper=2.0).replace('"100"', '"0"'),
-              make.joint("lead", "world", "e", lower=-3.0, upper=2.5).replace('"100"', '"7"')]
+              make.joint("lead", "world", "e", lower=-3.0, upper=2.5).replace('"100"', '"0.5"')]
     robot = parse_urdf(make.robot('<link name="world"/>', *map(make.link, "abcde"), *joints))
     names = ("m2", "bare", "m1", "slow", "lead")
     tree = np.zeros((5, 4), dtype=np.int64)
@@ -554,7 +554,7 @@ def test_the_numbers_of_joints_are_those_of_the_file(make):
     expected = {"DAMPING": [0.0] * 5, "FORCE": [0.0] * 5, "TARGET": [0.0] * 5,
                 "LOWER": [-0.3, -math.inf, -10.0, -1.0, -3.0],
                 "UPPER": [0.4, math.inf, 10.0, 2.0, 2.5],
-                "RETURN": [100.0, 1.0, 100.0, 1.0, 7.0], "FASTEST": [math.inf] * 5,
+                "RETURN": [100.0, 1.0, 100.0, 1.0, 0.5], "FASTEST": [math.inf] * 5,
                 "RATIO": [-6.0, 1.0, -2.0, 1.0, 1.0],
                 "OFFSET": [0.5 + 3 * 0.25, 0.0, 0.25, 0.0, 0.0]}
     for name, values in expected.items():
@@ -624,3 +624,19 @@ def test_the_tighter_of_two_coupled_joints_stops_counts(make, multiplier):
             space.advance(DT)
         expected = (follower - 0.3) / multiplier, follower
         assert space.state[0] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(("goal", "effort", "push"), [
+    (0.0, 10.0, -7.0), (0.0, 2.0, 0.0), (0.0, -2.0, 0.0), (0.5, 2.0, -5.0), (0.5, 0.0, -3.0),
+    (-0.5, 10.0, -7.0),
+])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_stop_bears_what_friction_and_motors_leave_to_it(make, goal, effort, push, side):
+    """3 N m of them: they help against it, or drive the joint into it."""
+    space, _ = space_of(make.pendulum(kind="revolute", lower=-1.0, upper=1.0))
+    space.place(Pose(), (0.0, 0.0, 0.0))
+    space.set_motor(0, side * goal, 3.0)
+    space.state[:, 0] = side, 0.0, side * 50.0
+    assert space.react(DT) == pytest.approx([side * (-53.0 if goal > 0.0 else -47.0)])
+    space.state[2] = side * effort
+    assert space.react(DT) == pytest.approx([side * push], abs=1e-9)

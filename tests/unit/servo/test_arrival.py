@@ -13,12 +13,20 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm.held import held_at
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.judging.arrival import Arrival, _averaged, _far, _noise
+from aras_visual_servo_controller.judging.arrival import (
+    Arrival,
+    _averaged,
+    _far,
+    _noise,
+    _seen,
+    _since,
+)
 from aras_visual_servo_controller.judging.left_open import (
     SECOND,
     THIRD,
     Margin,
     Offsets,
+    _in_words,
     symmetric,
     unexplained,
     view_difference,
@@ -375,7 +383,7 @@ def test_how_far_the_camera_is_is_told_by_the_mean_or_the_latest_image(
 def test_a_speed_is_the_lesser_of_what_images_and_kinematics_say(wrong):
     arrival, rows = Arrival(0.3), wandering(3, 4, 0.0, (1e-3, 2e-3), wrong)
     arrival._offsets.add(3.0, rows[0])
-    assert arrival._speed() == (0.0, 0.0)
+    assert arrival._speed() == (0.0, 0.0) and _since(rows, 1).shape == (6,)
     for stamp, row in zip((3.1, 3.3, 3.37), rows[1:], strict=True):
         arrival._offsets.add(stamp, row)
     step = rows[-1, :6] - rows[-2, :6]
@@ -392,6 +400,15 @@ def test_a_speed_is_the_lesser_of_what_images_and_kinematics_say(wrong):
     step = rows[1, :6] - rows[0, :6]
     assert arrival._speed() == pytest.approx(
         (np.linalg.norm(step[:3]) / 0.2, np.linalg.norm(step[3:]) / 0.2))
+
+
+@pytest.mark.parametrize("rows", [4, 6, 9, 80])
+def test_what_is_seen_of_a_motion_is_what_modelled_columns_of_L_tell(rows):
+    L = np.random.default_rng(rows).normal(size=(rows, 6))
+    for modelled in (np.full(6, True), np.array([True, False, True, True, False, True])):
+        decision = SimpleNamespace(L=L, task=SimpleNamespace(modelled=modelled))
+        bare = L * modelled
+        np.testing.assert_allclose(_seen(decision), np.linalg.pinv(bare) @ bare, atol=1e-9)
 
 
 def test_an_error_is_far_from_twelve_tolerances_on_either_way():
@@ -577,6 +594,14 @@ def test_what_is_left_open_is_what_the_inverse_of_L_makes_of_it(seed, rows, mode
     parts = 1e3 * left.distance / 0.3, np.degrees(left.angle) / 0.3
     words = f"{tenths[0]:g} mm" if parts[0] >= parts[1] else f"{tenths[1]:g} degrees"
     assert left.up_to == (words if max(parts) > 1.0 else "")
+
+
+@pytest.mark.parametrize(("distance", "degrees", "words"), [
+    (3e-4, 0.0, ""), (0.0, 0.3, ""), (3.01e-4, 0.0, "0.4 mm"), (0.0, 0.301, "0.4 degrees"),
+    (9.99e-4, 0.99, "1 mm"), (9e-4, 0.991, "1 degrees"), (0.1201, 9.0, "120.1 mm"),
+])  # fmt: skip
+def test_the_larger_part_is_said_in_tenths_that_it_does_not_exceed(distance, degrees, words):
+    assert _in_words(distance, np.radians(degrees)) == words
 
 
 def test_an_exact_view_leaves_open_what_L_sees():

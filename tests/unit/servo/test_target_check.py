@@ -269,7 +269,7 @@ def test_the_target_is_judged_as_least_squares_over_all_rows_say(kind, count, se
     check, rows, stamp = TargetCheck(), Looked(), 40.0
     size = {"it moves": 1.0, "it swings": 3.0}.get(kind, 0.0)
     velocity = 0.02 * size * draw.normal(size=3)
-    turning = 0.8 * (kind == "it turns") * draw.normal(size=3)
+    turning = 0.2 * (kind == "it turns") * draw.normal(size=3)
     sits = transform((0, 0, 0), (0.2, 0.6, -0.9) if kind == "another camera" else (0, 0, 0))
     base, error = draw.normal(size=(count, 6)), 0.02 * draw.normal(size=count)
     pose, before, said = POSE, None, set()

@@ -128,7 +128,7 @@ def test_an_error_that_no_motion_takes_away_is_a_local_minimum(reached, since, k
     column = np.sqrt(1.0 - reached**2) * across + reached * along
     L = np.outer(column * TOLERANCES, np.eye(6)[0])
     L += 1e-8 * np.outer(along * TOLERANCES, np.eye(6)[1])  # which no arm could make use of
-    direction = [np.eye(6)[0], np.eye(6)[2]]
+    direction = [np.eye(6)[0], np.array([0.1234, 0.0, 0.9876, 0.0, 0.0, -0.005])]
     progress, state = watched(
         STILL, L=lambda i: L if i >= since else np.diag(TOLERANCES) @ np.eye(2, 6),
         told=lambda i: {"null_direction": direction[i == 19]}, rank=2)
@@ -136,7 +136,7 @@ def test_an_error_that_no_motion_takes_away_is_a_local_minimum(reached, since, k
     assert found.kind == kind
     if kind == "local_minimum":
         assert "10 times its tolerance: L v gives 9 %" in found.reason
-        assert found.reason.endswith("null direction [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]")
+        assert found.reason.endswith("null direction [0.12, 0.0, 0.99, 0.0, 0.0, -0.0]")
 
 
 @pytest.mark.parametrize(

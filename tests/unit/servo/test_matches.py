@@ -219,6 +219,13 @@ def test_matches_are_those_that_stand_out_and_that_agree(picture, monkeypatch):
             assert len(feature.measure(seen, goal).s) == 16
 
 
+def test_matches_all_in_one_place_agree_on_nothing(picture, monkeypatch):
+    told = np.tile([70.0, 100.0], (16, 1))
+    feature, goal, seen = matched(picture, monkeypatch, np.full((16, 2), 90.0), told)
+    with pytest.raises(MeasurementError, match="16 keypoints match .*, 8 that agree are needed"):
+        feature.measure(seen, goal)
+
+
 @pytest.mark.parametrize("name", ["matches", "matches_pose"])
 def test_accuracy_is_by_how_far_matches_miss_the_plane_s_motion(name, picture, monkeypatch):
     at = as_seen(0.0, [1.0, 2.0]) + np.random.default_rng(3).normal(0.0, 0.5, GRID.shape)

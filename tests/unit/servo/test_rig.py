@@ -468,6 +468,9 @@ def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
     views = {"left": seen.cameras["left"], "right": right}
     found = scheme.teach(SimpleNamespace(cameras=views))
     np.testing.assert_allclose(found["stereo_pose"]["points"], [one, other], atol=1e-12)
+    fewer = {**views, "right": replace(right, corners=right.corners[:3], contour=None)}
+    found = scheme.teach(SimpleNamespace(cameras=fewer))["stereo_pose"]["points"]
+    assert [len(points) for points in found] == [4, 3]  # the check of the goal says so
     line = (np.column_stack([SHAPE * [1, 0, 0], np.ones(4)]) @ inverse(SEAT).T)[:, :3] + [0, 0, 0.4]
     for points, words in (
         ([one], "goal holds no points of two cameras: teach it with stereo_pose"),

@@ -578,6 +578,29 @@ def test_a_joint_that_meets_its_stop_stands_on_it_and_not_beside_it_by_rounding(
     assert min(beside.values()) > 10, "it would be beside it"
 
 
+@pytest.mark.parametrize("call", ["advance", "react"])
+def test_compiled_steps_keep_to_their_arrays(make, call):
+    """They know no bounds: what they read or wrote behind an array would be somebody else's."""
+    text = tree_xml(make, 5).replace('lower="-10.0" upper="10.0"', 'lower="-0.1" upper="0.1"')
+    space, other = (space_of(text)[0] for _ in range(2))
+    arrays, kept = zip(*map(with_bounds, other.arrays), strict=True)
+    rng = np.random.default_rng(1)
+    for k in range(6):
+        state, wrenches = rng.normal(size=(3, 8)), rng.normal(size=(8, 6))
+        for one in (space.arrays, arrays):
+            one[2][:], one[3][:] = state, wrenches
+        for room in arrays[5:8]:  # what stood there before does not matter
+            room[:] = math.nan
+        made = [getattr(joint_dynamics, call)(*one, DT) for one in (space.arrays, arrays)]
+        assert made in ([-1, -1], [None, None])
+        for number, (one, bounded) in enumerate(zip(space.arrays, arrays, strict=True)):
+            unused = np.isnan(bounded)
+            np.testing.assert_array_equal(one[~unused], bounded[~unused])
+            assert number in (6, 7) or not unused.any()
+        assert all(same() for same in kept), k
+    assert not arrays[3].any()
+
+
 def test_a_follower_of_multiplier_0_stands_at_its_offset_and_hinders_nobody(make):
     """Though its own stop is there; as if it were fixed there."""
     text = gripper(make, 0.0, damping=0.1).replace('lower="-1.6"', 'lower="0.3"')

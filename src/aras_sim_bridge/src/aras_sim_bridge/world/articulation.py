@@ -106,12 +106,11 @@ def joint_rows(description: RobotDescription, names: Sequence[str], tree: np.nda
             rows[k, LOWER], rows[k, UPPER] = joint.stops
             if limits.velocity > 0.0:
                 rows[k, RETURN] = limits.velocity
-        ratio, offset, seen = 1.0, 0.0, {name}
-        while joint.mimic is not None and joint.mimic.joint not in seen:
+        ratio, offset = 1.0, 0.0
+        while joint.mimic is not None:  # a file whose mimics form a loop is refused
             offset += ratio * joint.mimic.offset
             ratio *= joint.mimic.multiplier
             joint = description.joints[joint.mimic.joint]
-            seen.add(joint.name)
         rows[k, RATIO], rows[k, OFFSET] = ratio, offset
         tree[k, 3] = number[joint.name]
     return rows

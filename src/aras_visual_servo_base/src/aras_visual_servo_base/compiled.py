@@ -153,7 +153,7 @@ def _checksum(path: str, _time: int, _size: int) -> str:
 def inlined(function: Callable) -> Callable:
     """Decorator for a small function that becomes part of the compiled ones that call it: a call
     with three arrays costs more than a triangle's test."""
-    return numba.njit(inline="always", nogil=True, error_model="numpy")(function)
+    return numba.njit(forceinline=True, nogil=True, error_model="numpy", _nrt=False)(function)
 
 
 @intrinsic

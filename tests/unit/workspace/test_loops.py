@@ -32,6 +32,7 @@ def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         for name, text in (("__init__", ""), ("part/__init__", ""), ("part/twice", TWICE)):
             path = package / f"{name}.py"
             path.write_text(text)
+            os.utime(path, (1_700_000_000, 1_700_000_000))  # what is written later differs in time
 
     def forget() -> None:
         for name in [name for name in sys.modules if name.partition(".")[0] == "looping"]:

@@ -107,12 +107,13 @@ STARTING = "import os, signal, time; os.kill(os.getpid(), signal.SIGINT); time.s
 
 @pytest.mark.parametrize("node", NODES, ids=lambda node: f"{node.parts[-3]}/{node.name}")
 def test_a_node_interrupted_while_it_starts_ends_without_a_traceback(node: Path, tmp_path: Path):
-    """What it imports first is one that interrupts it."""
-    module = re.search(r"^from ([\w.]+) import", node.read_text(), re.MULTILINE).group(1)
+    """What it runs interrupts it when it is imported."""
+    module = re.search(r'^run\("([\w.]+)"\)$', node.read_text(), re.MULTILINE).group(1)
     *packages, last = module.split(".")
     folder = tmp_path.joinpath(*packages)
     folder.mkdir(parents=True)
     (folder / f"{last}.py").write_text(STARTING)
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    library = ROOT / "src" / "aras_visual_servo_base" / "src"
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}:{library}"}
     done = subprocess.run([sys.executable, node], env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (-signal.SIGINT, "")

@@ -100,6 +100,10 @@ class Luminance(Feature):
         self._goal: Goal | None = None
         self._up_to = ""
         self._rays: _Rays | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """See Feature.reset."""
         self._rest: tuple[np.ndarray, np.ndarray] | None = None
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
+import inspect
 import pkgutil
 import re
 import struct
+import textwrap
 import threading
 import types
 import weakref
 from collections import deque
 from collections.abc import Iterator, Mapping, Set
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -37,11 +40,49 @@ def differences(old: Any, new: Any, ignored: Mapping[str, str] | None = None) ->
     return found
 
 
-def parts(thing: Any) -> set[type]:
-    """The classes of all that an object holds."""
+def parts(thing: Any) -> list[Any]:
+    """All that an object holds, itself included."""
     comparison = Comparison([], ())
     comparison.compare("", thing, thing)
-    return comparison.classes
+    return [old for old, _ in comparison.seen.values()]
+
+
+def left_by(thing: Any, method: str) -> set[str]:
+    """What methods of an object's classes assign and this one, which begins anew, leaves."""
+    found = set()
+    for name in _assigned(type(thing), method) & vars(thing).keys():
+        before, mark = getattr(thing, name), _Mark()
+        setattr(thing, name, mark)
+        try:
+            getattr(thing, method)()
+        except Exception:  # it works with what is there
+            continue
+        finally:
+            kept = getattr(thing, name) is mark
+            setattr(thing, name, before)
+        if kept:
+            found.add(name)
+    return found
+
+
+class _Mark:
+    """What stands for anything that was there before."""
+
+
+@cache
+def _assigned(cls: type, method: str) -> set[str]:
+    """Attributes that methods assign, but for those that make an object and this one."""
+    found = set()
+    for one in cls.__mro__:
+        if not one.__module__.startswith("aras_"):
+            continue
+        for node in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(one)))):
+            if isinstance(node, ast.FunctionDef) and node.name not in ("__init__", method):
+                found |= {
+                    each.attr for each in ast.walk(node)
+                    if isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Store)
+                    and isinstance(each.value, ast.Name) and each.value.id == "self"}  # fmt: skip
+    return found
 
 
 class Comparison:
@@ -50,7 +91,6 @@ class Comparison:
     def __init__(self, found: list[str], ignored: tuple[re.Pattern, ...]) -> None:
         self.found, self.ignored = found, ignored
         self.seen: dict[tuple[int, int], Any] = {}
-        self.classes: set[type] = set()
 
     def compare(self, path: str, old: Any, new: Any) -> None:
         """Note where they differ below this path."""
@@ -62,7 +102,6 @@ class Comparison:
         self.seen[pair] = old, new  # kept, so that no other object gets its number
         if type(old) is not type(new):
             return self._differ(path, old, new)
-        self.classes.add(type(old))
         if isinstance(old, np.ndarray):
             if old.dtype != new.dtype or old.shape != new.shape:
                 return self._differ(path, old, new)

@@ -6,13 +6,14 @@ reports and keeps is compared with a new loop's.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
-from object_state import differences, parts, with_method
+from object_state import differences, left_by, parts, with_method
 
 import aras_visual_servo_camera
 import aras_visual_servo_controller
@@ -50,8 +51,9 @@ CASES: dict[str, dict[str, Any]] = {
     "moments, late": {**ARM, "scheme": "moments", "delay": 0.05},
     "points, PI law, ramp, smoothing": {
         **ARM, "scheme": "points", "law": "pi", "options": {"ramp": 0.3, "smoothing": 0.1}},
-    "kernel, continuous start": {
-        **ARM, "scheme": "kernel", "features": "pictures", "options": {"continuous_start": 4.0}},
+    "kernel, PI law, continuous start": {
+        **ARM, "scheme": "kernel", "features": "pictures", "law": "pi",
+        "options": {"continuous_start": 4.0}},
     "numbered points, estimated L": {
         **ARM, "scheme": "numbered_points", "options": {"interaction": "estimated"}},
     "predictive": {**ARM, "scheme": "predictive"},
@@ -71,6 +73,12 @@ WHY_NOT = {
     r".*\._said_silence": "of wall time",
     r".*\.pipeline\.camera(_fault)?": "what a camera has said of itself stays true",
     r".*\.feature\._rays": "worked out once for a camera",
+}
+
+WHY_LEFT = {
+    r".*\.(names|units|tolerances|count|weights|directions|_modelled|_known|_goals)": "the goal's",
+    r"Luminance\._(goal|desired|picture|up_to|rays)": "worked out once for a goal or a camera",
+    r"Pipeline\.camera(_fault)?": "what a camera has said of itself stays true",
 }
 
 
@@ -206,13 +214,19 @@ def test_pairs_by_stamp():
 
 
 def test_all_that_begins_anew_was_among_them(tmp_path):
-    """Of a class with `reset` or `clear` that no case above holds nobody would know."""
-    held = set()
+    """Of a class with `reset` or `clear` that no case above holds nobody would know. And whatever
+    a life may have put into an object that `reset` begins anew is gone then."""
+    held, left = set(), set()
     for name in CASES:
         made = assemble(experiment_of(name, tmp_path))
         made.plant.close()
-        held |= {base for cls in parts(driven(made, Tape([]))) for base in cls.__mro__}
+        for one in parts(driven(made, Tape([]))):
+            held |= set(type(one).__mro__)
+            if callable(getattr(one, "reset", None)):
+                left |= {f"{type(one).__name__}.{name}" for name in left_by(one, "reset")}
     stateful = {}
     for package in (aras_visual_servo_camera, aras_visual_servo_controller):
         stateful |= with_method(package, ("reset", "clear"))
     assert {name for name, cls in stateful.items() if cls not in held | {ByStamp}} == set()
+    unknown = {name for name in left if not any(re.fullmatch(known, name) for known in WHY_LEFT)}
+    assert unknown == set()

@@ -43,10 +43,13 @@ def _sourced() -> bool:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> Iterator[None]:
-    """Keep whether the test's body failed: see `launch`."""
+    """Keep whether the test's body failed: see `launch`; of a failure show what nodes printed."""
     report = yield
     if call.when == "call":
         item.stash[FAILED] = report.failed
+    if report.failed:
+        for launched in getattr(item, "funcargs", {}).get("launches", ()):
+            report.sections.append((f"Last lines of {launched.name}", launched.tail()))
     return report
 
 

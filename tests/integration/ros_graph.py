@@ -260,7 +260,7 @@ class Launch:
                 time.sleep(0.1)
                 continue
             raise GraphError(
-                f"{self.name}: {trouble} {', '.join(sorted(missing))} came up:\n{self._tail()}"
+                f"{self.name}: {trouble} {', '.join(sorted(missing))} came up:\n{self.tail()}"
             )
 
     def wait_for_end(self, timeout: float) -> int:
@@ -302,7 +302,8 @@ class Launch:
         finally:
             self.master.clean(parameters=clean)
 
-    def _tail(self) -> str:
+    def tail(self) -> str:
+        """The last lines that have been printed."""
         return "\n".join(self.output().splitlines()[-40:])
 
 

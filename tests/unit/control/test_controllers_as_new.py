@@ -154,6 +154,6 @@ def test_all_that_begins_anew_was_among_them(make):
     for kind in TYPES:
         rig = make(kind)
         rig.run("c")
-        held |= {base for cls in parts(rig) for base in cls.__mro__}
+        held |= {base for one in parts(rig) for base in type(one).__mro__}
     stateful = with_method(aras_sim_bridge.control, ("reset", "start", "starting", "clear"))
     assert {name for name, cls in stateful.items() if cls not in held} == set()

@@ -217,11 +217,13 @@ def test_whether_a_master_is_gone_is_answered(monkeypatch, capsys):
 def test_a_node_begins_with_our_signals_or_tells_what_it_is(monkeypatch, capsys):
     begun = []
     monkeypatch.setattr(shutdown, "end_on_signals", lambda: begun.append("signals"))
-    monkeypatch.setattr(rospy, "init_node", lambda name, **more: begun.append((name, more)))
+    monkeypatch.setattr(rospy, "init_node", lambda name, **more: begun.append(
+        (name, more, shutdown._began.is_set())))
     monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: False)
     monkeypatch.setattr(sys, "argv", ["n", "x"])
     shutdown.begin_node("n", "about", anonymous=True)
-    assert begun == ["signals", ("n", {"disable_signals": True, "anonymous": True})]
+    options = {"disable_signals": True, "anonymous": True}
+    assert begun == ["signals", ("n", options, False)] and shutdown._began.is_set()
     monkeypatch.setattr(sys, "argv", ["n", "x", "--help"])
     shutdown.begin_node("n")
     assert len(begun) == 4
@@ -365,6 +367,7 @@ def test_compressed_pictures_are_passed_on_raw(graph, life, monkeypatch):
 
 
 def test_a_run_is_described_when_something_of_it_is_new(graph, life, monkeypatch):
+    from aras_visual_servo_ros import parameters
     from aras_visual_servo_ros import shutdown as module
 
     near, far = (Pose(Point(x, 0.0, 0.0), Quaternion()) for x in (1e-6, 0.1))
@@ -372,16 +375,23 @@ def test_a_run_is_described_when_something_of_it_is_new(graph, life, monkeypatch
     robots = []
     monkeypatch.setattr(target_place.TargetPlace, "of", lambda self, robot: (
         robots.append(robot), PoseStamped(pose=next(places)))[1])
+    fetch, looks = parameters.fetched, []
+
+    def fetched(name):
+        looks.append(len(life.slept))
+        return dict(sorted(fetch(name).items(), reverse=bool(len(looks) % 2)))
+
+    monkeypatch.setattr(parameters, "fetched", fetched)
     monkeypatch.setattr(module, "begin_node", life.begin)
     monkeypatch.setattr(versions, "versions", lambda: {"numpy": "1"})
     monkeypatch.setattr(versions, "code", lambda: "abc")
     monkeypatch.setattr(describe, "launches", lambda: [["pkg", "a.launch"]])
     graph.parameters |= {"/robot_description": ARM, "/servo/desired": "2015"}
     rospy.set_param("~controller", "/servo")
-    life.steps = [lambda: None] * 5 + [lambda: rospy.set_param("/more", 1)] + [lambda: None] * 5
+    life.steps = [lambda: None] * 6 + [lambda: rospy.set_param("/more", 1)] + [lambda: None] * 4
     assert describe.main() == 0
     assert life.begun == [(("describe", describe.__doc__), {"disable_rostime": True})]
-    assert set(life.slept) == {0.2} and set(robots) == {"two"}
+    assert set(life.slept) == {0.2} and set(robots) == {"two"} and looks == [0, 5, 10]
     told = graph.told()
     assert told["/aras_visual_servo/experiment"] == (String, 1, True)
     assert told["/aras_visual_servo/target"] == (PoseStamped, 1, True)
@@ -574,15 +584,21 @@ def test_a_launch_says_what_died_and_its_last_words(launch):
 
 
 def test_nothing_of_a_launch_is_left_behind(launch, monkeypatch):
+    slept, sent, kill = [], set(), os.kill
     monkeypatch.setattr(processes, "time", SimpleNamespace(
-        monotonic=lambda: 20.0 * time.monotonic(), sleep=time.sleep))  # less patient
-    one = launch("trap '' INT TERM; (trap '' INT TERM; echo $BASHPID; exec sleep 60) & wait; wait")
+        monotonic=lambda: 20.0 * time.monotonic(),  # less patient
+        sleep=lambda seconds: (slept.append(seconds), time.sleep(seconds))))
+    # A name that is no text: any bytes will do.
+    one = launch("trap '' INT TERM; (printf '\\377' >/proc/$BASHPID/comm; echo $BASHPID; sleep 20; "
+                 "true) & wait; wait")
     assert until(lambda: one.text().strip().isdigit())
     child = int(one.text())
     assert os.getsid(child) != os.getsid(0)
+    monkeypatch.setattr(os, "kill", lambda *given: (sent.add(given), kill(*given)))
     one.stop(0.1)
+    assert {(child, signal.SIGTERM), (child, signal.SIGKILL)} <= sent and set(slept) == {0.05}
     assert not one.running and until(lambda: not Path(f"/proc/{child}").exists() or (
-        "Z" in Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[:1]))
+        b"Z" in Path(f"/proc/{child}/stat").read_bytes().rpartition(b")")[2].split()[:1]))
 
 
 def test_a_free_port_is_free():

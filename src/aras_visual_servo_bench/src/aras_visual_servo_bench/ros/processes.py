@@ -94,10 +94,10 @@ class Launch:
         for entry in Path("/proc").iterdir():
             if not entry.name.isdigit():
                 continue
-            with contextlib.suppress(OSError, IndexError, ValueError):
-                # After the command's name in brackets: state, parent, group, session.
-                fields = (entry / "stat").read_text().rpartition(")")[2].split()
-                if int(fields[3]) == self._process.pid and fields[0] != "Z":
+            with contextlib.suppress(OSError):
+                # After the command's name, any bytes in brackets: state, parent, group, session.
+                fields = (entry / "stat").read_bytes().rpartition(b")")[2].split()
+                if int(fields[3]) == self._process.pid and fields[0] != b"Z":
                     found.append(int(entry.name))
         return found
 

@@ -226,6 +226,27 @@ def test_what_was_recorded_before_the_clock_went_back_is_another_run(graph, face
     same(again.joint_stamp, run.joint_stamp)
 
 
+def test_a_clock_was_put_back_where_stamps_are_out_of_order_by_more_than_half_a_second():
+    def began(*stamps):
+        """Which message is the first of the run that counts, and what is noted."""
+        headers = [struct.pack("<III", 7, *divmod(ns, 10**9)) for ns in stamps]
+        rows = [("/j", (None, header, None, (0, at), None), None)
+                for at, header in enumerate(headers)]
+        reader = SimpleNamespace(
+            _topics=SimpleNamespace(joints="", state="/j"), notes=[],
+            _bag=SimpleNamespace(read_messages=lambda topics, raw: (
+                rows[::-1] if topics == ["/j"] and raw else [])))  # not in the file's order
+        found = bags.Reader._began(reader)
+        return None if found is None else found[1], reader.notes
+
+    half = 500_000_000
+    assert began() == began(5) == began(3 * half, 2 * half) == (None, [])
+    place, (note,) = began(3 * half + 1, 2 * half, 4 * half)
+    assert place == 1 and "put back once while" in note
+    place, (note,) = began(9 * half, 5 * half, 6 * half, 0, 3 * half, 7 * half)
+    assert place == 4 and "put back 2 times while" in note
+
+
 def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(graph, face, tmp_path):
     path = write(tmp_path / "a.bag", graph, face)
     whole = path.read_bytes()

@@ -140,6 +140,23 @@ def test_a_held_key_stops_the_controller_and_drives(person):
     assert f"elbow to {elbow + 0.05:.3f}" in told.out
 
 
+def test_why_the_arm_does_not_follow_is_said_once_each_time(person):
+    where = [position(1.5)[0], 1.99]
+
+    def near():
+        person.graph.subscribers["/aras_visual_servo/joint_states"](
+            JointState(name=["slide", "elbow"], position=where))
+
+    said = "elbow is at its limit"
+    rospy.set_param("~across", "elbow")
+    drive, rest = [["+"]] * 12, [[]] * 30
+    _, told = person.type(near, ["2"], *drive, [" "], *rest, *drive, *rest, [" "])
+    lines = told.out.splitlines()
+    assert lines.count(said) == 3  # for each drive, and when it was asked
+    told_at = [i for i, line in enumerate(lines) if line == said]
+    assert "" not in lines[told_at[0]:] and max(sent(person)["elbow"]) == 2.0
+
+
 def test_a_pad_drives_while_its_button_is_held(person):
     person.device = SimpleNamespace(axes=[0.0] * 8, buttons=[0] * 16)
     person.graph.parameters["/unnamed/joystick"] = "/dev/pad"

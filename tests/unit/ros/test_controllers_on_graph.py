@@ -360,7 +360,9 @@ def test_gains_are_told_and_changed_by_reconfigure(rig):
         assert again.doubles == answer.doubles
         assert rig.graph.lines[-1].endswith("nothing was changed")
     (described,) = rig.graph.publishers["/rig/go/pid/parameter_descriptions"].sent
-    names = [p.name for p in described.groups[0].parameters]
+    (group,) = described.groups
+    assert (group.name, group.type, group.id, group.parent) == ("Default", "", 0, 0)
+    names = [p.name for p in group.parameters]
     assert names == ["p", "i", "d", "i_clamp_min", "i_clamp_max", "antiwindup"]
     assert {d.name: d.value for d in described.max.doubles}["i_clamp_min"] == 0.0
     assert {d.name: d.value for d in described.min.doubles}["i_clamp_max"] == 0.0

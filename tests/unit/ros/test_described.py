@@ -115,6 +115,8 @@ def test_a_run_s_experiment_says_what_differs():
     assert of({}, {"cameras": {"labrob": {"camera": wide}}}).mapping()["camera"] == "wide"
     assert preset_of({**wide, "width": 5}) == {**wide, "width": 5}
     bad = of({"gain": "high", "start": "2015"})
+    with pytest.raises(BenchError, match="the bag's run is no experiment of the bench: "):
+        bad.mapping()
     assert bad.text() == "" and "the bag's run is no experiment of the bench: " in bad.notes[0]
     assert bad.words() == {"scheme": "points", "start": "2015"}
 

@@ -61,14 +61,46 @@ def test_other_signals_end_nothing(monkeypatch):
     os.close(tell)
 
 
+@pytest.mark.parametrize("hangs", [False, True])
+def test_a_node_that_cannot_end_while_it_begins_is_left(monkeypatch, hangs):
+    hear, tell = os.pipe()
+    free, left, threads = threading.Event(), [], []
+
+    def end(reason):
+        threads.append((threading.current_thread().name, threading.current_thread().daemon, reason))
+        assert free.wait(20.0)
+
+    monkeypatch.setattr(shutdown.rospy, "signal_shutdown", end)
+    monkeypatch.setattr(shutdown, "PATIENCE", 0.02 if hangs else 20.0)
+    monkeypatch.setattr(os, "_exit", left.append)
+    monkeypatch.setattr(shutdown, "_began", threading.Event())
+    if not hangs:
+        free.set()
+    os.write(tell, bytes([signal.SIGTERM]))
+    shutdown._end(hear)
+    free.set()
+    assert left == ([128 + signal.SIGTERM] if hangs else [])
+    assert threads == [("shutdown", False, "SIGTERM")]
+    os.close(hear)
+    os.close(tell)
+
+
 def test_a_topic_closed_under_a_callback_is_a_fault_only_before_the_end(monkeypatch):
     logger, pipe = logging.getLogger("rosout"), os.pipe()
     monkeypatch.setattr(logger, "filters", [])
     monkeypatch.setattr(os, "pipe", lambda: pipe)
-    for name in ("signal", "set_wakeup_fd"):
-        monkeypatch.setattr(signal, name, lambda *_, **__: None)
-    monkeypatch.setattr(threading, "Thread", lambda **_: SimpleNamespace(start=lambda: None))
+    heard, began, told_of = {}, [], []
+    monkeypatch.setattr(signal, "signal", heard.__setitem__)
+    monkeypatch.setattr(signal, "set_wakeup_fd", lambda *given, **more: told_of.append(
+        (*given, os.get_blocking(given[0]), more)))
+    monkeypatch.setattr(threading, "Thread", lambda **more: SimpleNamespace(
+        start=lambda: began.append(more)))
     shutdown.end_on_signals()
+    assert told_of == [(pipe[1], False, {"warn_on_full_buffer": False})]
+    assert began == [{"target": shutdown._end, "args": (pipe[0],), "name": "signals",
+                      "daemon": True}]
+    assert set(heard) == {signal.SIGINT, signal.SIGTERM} and os.get_blocking(pipe[0])
+    assert not any(handler(2, None) for handler in heard.values())  # the kernel's has told already
     for end in pipe:
         os.close(end)
     closed = "publish() to a closed topic"

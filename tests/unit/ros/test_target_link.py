@@ -1,5 +1,7 @@
 """A link of a world's model for the nodes: its mesh, and where it is without a simulation."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import rospy
@@ -31,6 +33,7 @@ WORLD = f"""<sdf version="1.6"><world name="a"><model name="crate">
 def asked(tmp_path, monkeypatch, capsys):
     """What the program prints of a link, and its status; no master is there."""
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
+    monkeypatch.setattr(target_link.tempfile, "tempdir", str(tmp_path))
     (tmp_path / "a.world").write_text(WORLD)
 
     def ask(*words):
@@ -39,11 +42,17 @@ def asked(tmp_path, monkeypatch, capsys):
     return ask
 
 
-def test_its_mesh_is_kept_and_its_pose_is_that_of_the_file(asked):
+def test_its_mesh_is_kept_and_its_pose_is_that_of_the_file(asked, tmp_path):
     status, told = asked("crate::body", "mesh")
     assert status == 0
     span = np.ptp(read_solid(told.out).vertices, axis=0)
     np.testing.assert_allclose(span, [0.08, 0.05, 0.06], atol=1e-6)
+    kept = Path(told.out)
+    assert kept.parents[2] == tmp_path and kept.name == f"crate__body{kept.suffix}"
+    before = kept.read_bytes()
+    assert asked("crate::body", "mesh")[1].out == told.out and kept.read_bytes() == before
+    other = Path(asked("crate::lid", "mesh")[1].out)
+    assert other.parent != kept.parent and other.read_bytes() != before == kept.read_bytes()
     status, told = asked("crate::body", "start")
     x, y, z, *rpy = yaml.safe_load(told.out)["pose"]
     assert (x, y, z) == pytest.approx((0.2, -0.1, 0.64), abs=1e-6)

@@ -167,7 +167,7 @@ class Actions:
             joints = story.arm.inverse(moved, goal.joint_values(story.arm.names), REACHABLE)
             reached = story.arm.pose(joints)
             seen = goal.seen_from(reached)
-        except (ServoError, ConfigurationError) as error:
+        except ServoError as error:
             raise RefusedError(f"that goal cannot be: {error}") from error
         values = dict(zip(story.arm.names, joints.tolist(), strict=True))
         path = self._written("moved", replace(seen, joints=values).to_yaml(

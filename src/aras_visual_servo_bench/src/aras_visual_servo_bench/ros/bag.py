@@ -185,7 +185,6 @@ class Reader(Heard):
             # What never changes may be stamped before others that were recorded before it.
             TF_STATIC: self._take_transforms if TF in self._counts else self._take_tf,
         }  # fmt: skip
-        takers.pop("", None)
         always = (t.info, t.experiment, TF_STATIC)  # told once, or never another
         began = self._began()
         wanted = [topic for topic in (*takers, t.image) if topic in self._counts]

@@ -5,6 +5,7 @@ when the target was reached and held, 1 when not, 2 for wrong arguments, 130 aft
 """
 
 import argparse
+import math
 import os
 import signal
 import sys
@@ -37,7 +38,7 @@ class Demo:
         self.uri = f"http://localhost:{free_port()}"
         self.launches: list[Launch] = []
         self.progress: Any = None
-        self._checked = 0.0
+        self._checked = -math.inf
         self._holds_since: float | None = None
 
     def run(self) -> int:

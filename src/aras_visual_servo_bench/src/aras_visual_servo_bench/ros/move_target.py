@@ -18,11 +18,10 @@ from aras_visual_servo_base.settings import build
 
 from ..errors import ExperimentError, StudyError
 from ..study.overrides import parsed
-from ..targets.geometry import Motion, PlacedTarget, PolygonTarget
+from ..targets.geometry import Motion
 
 RATE = 60.0  # Hz of simulated time: twice the camera's
 PATIENCE = 10.0  # s for the simulation to answer
-POINT = PolygonTarget(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))  # its shape is none of our business
 
 
 def motion_of(words: list[str]) -> Motion:
@@ -81,11 +80,11 @@ def _move(motion: Motion, model: str) -> int:
             f"the simulation has no model '{model}' ({found.status_message}): launch it with "
             "target:=four_dots, or say --model"
         )
-    target = PlacedTarget(POINT, from_pose(found.pose, model).matrix(), motion)
+    lay = from_pose(found.pose, model).matrix()
     ask = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState, persistent=True)
     began, rate = rospy.get_time(), rospy.Rate(RATE)
     while not rospy.is_shutdown():
-        moved = Pose.from_matrix(target.world_T_target(rospy.get_time() - began))
+        moved = Pose.from_matrix(motion.moved(lay, rospy.get_time() - began))
         state = ModelState(model_name=model, reference_frame="world")
         state.pose = to_pose(moved)
         try:

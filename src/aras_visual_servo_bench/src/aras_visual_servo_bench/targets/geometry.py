@@ -213,6 +213,14 @@ class Motion:
             moved[:3, :3] = moved[:3, :3] @ rotation
         return moved
 
+    def moved(self, pose: np.ndarray, time: float) -> np.ndarray:
+        """world_T_target (4, 4) at `time` (s), of what lay at `pose` at time 0."""
+        moved = self.displacement(time)
+        placed = pose.copy()
+        placed[:3, :3] = moved[:3, :3] @ pose[:3, :3]
+        placed[:3, 3] += moved[:3, 3]
+        return placed
+
     def _on_path(self, since: float) -> tuple[np.ndarray, np.ndarray]:
         """Displacement (3,), m, and rotation (3, 3) by the path, s after `begin`."""
         times, poses = self._waypoints
@@ -271,11 +279,7 @@ class PlacedTarget:
             return known
         if self.motion.still:
             return self.pose
-        moved = self.motion.displacement(time)
-        placed = self.pose.copy()
-        placed[:3, :3] = moved[:3, :3] @ self.pose[:3, :3]
-        placed[:3, 3] += moved[:3, 3]
-        return placed
+        return self.motion.moved(self.pose, time)
 
     def seen_from(self, world_T_camera: np.ndarray, time: float = 0.0) -> np.ndarray:
         """target_T_camera (4, 4)."""

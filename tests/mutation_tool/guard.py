@@ -114,8 +114,9 @@ def _refusing(top: str, outside: Path) -> Callable[[str, tuple], None]:
 
 def _stat(number: int | str) -> list[str]:
     """State, parent, group ... of a process; empty where there is none of this number."""
-    with contextlib.suppress(OSError), open(f"/proc/{number}/stat") as file:
-        return file.read().rpartition(")")[2].split()
+    with contextlib.suppress(OSError), open(f"/proc/{number}/stat", "rb") as file:
+        # Behind the name, which may be any bytes.
+        return file.read().rpartition(b")")[2].decode().split()
     return []
 
 

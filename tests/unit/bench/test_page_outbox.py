@@ -66,6 +66,14 @@ def test_seen_more_often_than_sent_allows_no_more(outbox, sent):
     assert len(sent) == AHEAD
 
 
+def test_three_are_sent_before_the_first_has_been_seen(outbox, sent):
+    for i in range(5):
+        outbox.picture(bytes([i]))
+    assert sent == [bytes([i]) for i in range(3)]
+    outbox.seen()
+    assert sent[3:] == [bytes([4])]
+
+
 def test_plots_that_begin_anew_forget_what_was_before(outbox, sent):
     both = merged(news(1, samples=[[5.0], [6.0]]), news(2, samples=[["clear"], [0.1]]))
     assert both["samples"] == [["clear"], [0.1]]
@@ -76,6 +84,13 @@ def test_everything_and_then_some_is_everything():
     whole = {"kind": "whole", "stamp": 1.0, "samples": [], "shapes": {"path": 1}}
     assert merged(whole, news(2.0, samples=[[1.0]])) == {
         "kind": "whole", "stamp": 2.0, "samples": [[1.0]], "shapes": {"path": 1}}
+
+
+def test_as_many_samples_as_a_plot_holds_are_all_kept():
+    rows = [[float(i)] for i in range(KEPT + 1)]
+    for count, first in ((KEPT, [0.0]), (KEPT + 1, ["clear"])):
+        both = merged(news(1, samples=rows[:450]), news(2, samples=rows[450:count]))["samples"]
+        assert both[0] == first and both[-KEPT:] == rows[count - KEPT:count]
 
 
 def test_who_never_looks_fills_no_memory(outbox, sent):

@@ -1,6 +1,7 @@
 """What a page may ask for."""
 
 import json
+import math
 import re
 from dataclasses import fields
 from pathlib import Path
@@ -60,6 +61,7 @@ def test_a_request_is_read_as_it_was_sent():
     ("jog", {"wz": 1.1}, "jog: wz is 1.1, must be <= 1"),
     ("jog_joint", {"joint": "J4", "speed": 0.1}, "jog_joint: joint is 'J4': known are J1"),
     ("jog_joint", {"joint": "J1", "speed": -1.01}, "must be >= -1"),
+    ("jog_joint", {"joint": "J1", "speed": 1.01}, "must be <= 1"),
     ("goal", {"x": -0.31}, "goal: x is -0.31, must be >= -0.3"),
     ("goal", {"y": 0.31}, "goal: y is 0.31, must be <= 0.3"),
     ("goal", {"z": 0.31}, "goal: z is 0.31, must be <= 0.3"),
@@ -84,6 +86,26 @@ def test_what_is_wrong_is_refused_with_the_reason(do, given, why):
         ask(do, **given)
     assert why in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(("do", "given"), [
+    ("step", {"steps": 1}), ("step", {"steps": 10000}), ("teach", {"name": "a" * 40}),
+    *(("gain", {"name": "gain", "value": value}) for value in (0.001, 100.0)),
+    *(("jog_joint", {"joint": "J1", "speed": sign}) for sign in (-1.0, 1.0)),
+    *(("jog", {axis: sign * (0.25 if axis[0] == "v" else 1.0) for axis in AXES})
+      for sign in (-1, 1)),
+    *(("goal", {"x": sign * 0.3, "y": sign * 0.3, "z": sign * 0.3, "turn": sign * math.pi})
+      for sign in (-1, 1)),
+])  # fmt: skip
+def test_what_is_just_within_its_bounds_is_taken(do, given):
+    assert {key: vars(ask(do, **given))["given"][key] for key in given} == given
+
+
+def test_a_request_of_4096_characters_is_read():
+    text = json.dumps({"do": "start"})
+    assert read_message(text.ljust(4096)) == ("start", {})
+    with pytest.raises(RefusedError, match="a text of at most 4096 characters"):
+        read_message(text.ljust(4097))
 
 
 def test_a_long_request_is_not_read_at_all():

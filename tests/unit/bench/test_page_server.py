@@ -3,6 +3,8 @@
 import asyncio
 import base64
 import contextlib
+import errno
+import gzip
 import json
 import os
 import socket
@@ -11,19 +13,23 @@ import urllib.error
 import urllib.request
 from collections import Counter
 from dataclasses import replace
+from unittest.mock import Mock, call
 
 import numpy as np
 import pytest
 from page_host import told
 from tornado.httpclient import HTTPClientError, HTTPRequest
-from tornado.websocket import websocket_connect
+from tornado.websocket import WebSocketClosedError, websocket_connect
 
 from aras_sim_bridge.description import parse_urdf
 from aras_visual_servo_base.errors import DescriptionError
+from aras_visual_servo_bench.errors import BenchError
+from aras_visual_servo_bench.live import server as server_module
+from aras_visual_servo_bench.live.access import Access
 from aras_visual_servo_bench.live.outbox import AHEAD
 from aras_visual_servo_bench.live.page import KEPT, Page
 from aras_visual_servo_bench.live.robot_model import parts, robot_model
-from aras_visual_servo_bench.live.server import serve
+from aras_visual_servo_bench.live.server import Server, Viewer, serve
 from aras_visual_servo_bench.live.web import PortTakenError, bound
 from aras_visual_servo_bench.ros.keeping import Keeping
 
@@ -76,6 +82,8 @@ def test_nothing_is_told_without_the_token(server, path, caplog):
     assert status == 403 and "not served under" in text
     status, text, _ = get(server, f"{path}?token={server.access.token}", Origin="http://evil.test")
     assert status == 403 and "may not ask here" in text
+    assert get(server, f"{path}?token=%ff")[0] == 400
+    assert not [entry for entry in caplog.records if entry.name.startswith("tornado")]
 
 
 def test_whoever_has_it_gets_the_page_and_nothing_that_lets_others_in(server):
@@ -83,7 +91,7 @@ def test_whoever_has_it_gets_the_page_and_nothing_that_lets_others_in(server):
     assert status == 200 and "<title>ARAS visual servoing</title>" in text
     assert server.access.token not in text
     assert "default-src 'none'" in headers["Content-Security-Policy"]
-    assert headers["Referrer-Policy"] == "no-referrer"
+    assert headers["Referrer-Policy"] == "no-referrer" and "Server" not in headers
     assert "Access-Control-Allow-Origin" not in headers
     assert get(server, "/app.js")[0] == 200
     for name, kind in (("app.js", "text/javascript"), ("style.css", "text/css")):
@@ -113,7 +121,9 @@ def test_a_report_is_a_page_with_scripts_and_pictures_of_its_own(server, host, t
     monkeypatch.setattr(host, "file", {"run/report.html": report}.get)
     status, text, headers = get(server, f"/report/run/report.html?token={server.access.token}")
     assert (status, text) == (200, "<title>run \u2116 3</title>")
-    assert "data:" in headers["Content-Security-Policy"]
+    rules = dict(rule.split(" ", 1) for rule in headers["Content-Security-Policy"].split("; "))
+    assert rules["script-src"] == rules["style-src"] == "'unsafe-inline'"
+    assert rules["img-src"] == "data:" and rules["default-src"] == "'none'"
 
 
 @pytest.mark.parametrize("host_name", ["127.0.0.1", "0.0.0.0", "::1", "::", ""])
@@ -131,6 +141,7 @@ def test_the_address_that_is_printed_answers(host, host_name):
             host_name not in ("127.0.0.1", "::1"))
         with urllib.request.urlopen(served.access.address, timeout=20) as answer:
             assert answer.status == 200
+        assert said[0] == f"the live page is at {served.access.address}"
     finally:
         served.close()
 
@@ -147,8 +158,9 @@ def test_a_socket_of_a_stranger_is_refused(server, token, headers):
 
 def test_the_robot_is_told_once_there_is_one(server, host, monkeypatch):
     path = f"/robot?token={server.access.token}"
-    status, text, _ = get(server, path)
+    status, text, headers = get(server, path)
     assert status == 200 and json.loads(text)["name"] == "aras_visual_servo"
+    assert headers["Content-Type"] == "application/json"
     monkeypatch.setattr(host, "robot", lambda: None)
     assert get(server, path)[:2] == (404, "There is no robot yet.\n")
 
@@ -182,20 +194,97 @@ async def opened(server):
 def test_of_nine_requests_at_a_time_one_is_refused(server, host):
     async def run():
         viewer, heard = await opened(server), []
+
+        async def answer():
+            while True:
+                message = await asyncio.wait_for(viewer.read_message(), 20)
+                if isinstance(message, str) and '"answer"' in message:
+                    return json.loads(message)
+
+        for _ in range(9):  # one after the other
+            await viewer.write_message('{"do": "start"}')
+            assert (await answer())["text"] == "done: start"
         for _ in range(9):
             await viewer.write_message('{"do": "report"}')
         while len(heard) < 9:
-            message = await asyncio.wait_for(viewer.read_message(), 20)
-            if isinstance(message, str) and '"answer"' in message:
-                heard.append(json.loads(message)["text"])
-                host.waited.set()  # the others may end now
+            heard.append(await answer())
+            host.waited.set()  # the others may end now
         viewer.close()
         return heard
 
     host.waited.clear()
     first, *others = asyncio.run(run())
-    assert first == "8 requests are being carried out: wait for them"
-    assert others == ["done: report"] * 8
+    assert first == {"kind": "answer", "do": None, "done": False,
+                     "text": "8 requests are being carried out: wait for them"}  # fmt: skip
+    assert [other["text"] for other in others] == ["done: report"] * 8
+
+
+def test_the_ninth_page_is_refused(server):
+    async def empty():  # of those before, too
+        while server.viewers:
+            await asyncio.sleep(0.01)
+
+    async def run():
+        await asyncio.wait_for(empty(), 20)
+        viewers = [await opened(server) for _ in range(8)]
+        own = [viewer.ws_connection.stream.socket for viewer in server.viewers]
+        assert all(one.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) for one in own)
+        with pytest.raises(HTTPClientError) as refused:
+            await opened(server)
+        for viewer in viewers:
+            viewer.close()
+        await asyncio.wait_for(empty(), 20)
+        return refused.value
+
+    assert asyncio.run(run()).response.body == b"Refused: 8 pages are open already.\n"
+
+
+def test_whoever_leaves_two_megabytes_unread_hears_no_more_and_whoever_is_gone_is_forgotten():
+    viewer = Mock()
+    stream = viewer.ws_connection.stream
+    for unread in (0, 2_000_000, 2_000_001):
+        stream._write_buffer = bytes(unread)
+        Viewer.tell(viewer, "text")
+    stream._write_buffer = b""
+    Viewer.tell(viewer, b"picture")
+    viewer.write_message.side_effect = WebSocketClosedError
+    viewer.server.went.assert_not_called()
+    Viewer.tell(viewer, "more")
+    viewer.server.went.assert_called_once_with(viewer)
+    viewer.ws_connection = None
+    Viewer.tell(viewer, "nobody")
+    assert viewer.write_message.mock_calls == [
+        call("text", binary=False), call("text", binary=False), call(b"picture", binary=True),
+        call("more", binary=False)]  # fmt: skip
+
+
+def test_news_come_15_times_and_pictures_10_times_a_second_to_one_who_is_there(server):
+    assert server._tick.callback_time == pytest.approx(1000.0 / 15.0)
+    assert server._pictures.callback_time == pytest.approx(100.0)
+    assert server._server.request_callback.settings["websocket_ping_interval"] == 10.0
+
+
+def test_a_page_without_its_curves_is_no_page(host, monkeypatch):
+    monkeypatch.setattr(server_module, "uplot", Mock(side_effect=BenchError("no uPlot")))
+    with pytest.raises(BenchError, match="no uPlot"):
+        Server(host, Access(), [])
+
+
+def test_a_server_that_does_not_begin_or_end_is_not_waited_for_for_ever(host):
+    waiting = Server(host, Access(), [])
+    waiting._ready, waiting._thread, waiting._loop = Mock(), Mock(), Mock()
+    waiting.start()
+    waiting.close()
+    waiting._ready.wait.assert_called_once_with(10.0)
+    waiting._thread.join.assert_called_once_with(5.0)
+
+
+def test_files_are_packed_for_browsers_that_unpack_them(server):
+    address = f"http://127.0.0.1:{server.access.port}/app.js"
+    request = urllib.request.Request(address, headers={"Accept-Encoding": "gzip"})
+    with urllib.request.urlopen(request, timeout=20) as answer:
+        packed = answer.read()
+    assert gzip.decompress(packed).decode() == get(server, "/app.js")[1]
 
 
 def test_one_viewer_goes_and_the_other_is_told_all_the_same(server, host):
@@ -232,8 +321,9 @@ def test_an_end_is_told_to_the_viewers_and_leaves_nothing_open(host):
         before = {thread for thread in threading.enumerate() if thread.name == "page"}
         at_work = [own.workers.submit(going_on.wait, 20) for _ in range(9)]
         own.close()
+        assert [work.cancelled() for work in at_work] == [False] * 4 + [True] * 5
+        assert not any(work.done() for work in at_work[:4])  # nobody waits for them
         going_on.set()
-        assert at_work[-1].cancelled()  # what was only asked for
         while await asyncio.wait_for(viewer.read_message(), 20) is not None:
             pass
         return viewer.close_code, before
@@ -255,7 +345,10 @@ def test_a_message_too_long_ends_the_socket_and_nothing_else(server):
         access = server.access
         viewer = await websocket_connect(
             f"ws://127.0.0.1:{access.port}/live?token={access.token}")
-        await viewer.write_message("x" * 100_000)
+        await viewer.write_message("x" * 8192)
+        while "at most 4096" not in str(await asyncio.wait_for(viewer.read_message(), 20)):
+            pass
+        await viewer.write_message("x" * 8193)
         while await asyncio.wait_for(viewer.read_message(), 20) is not None:
             pass
 
@@ -271,6 +364,7 @@ def test_viewers_are_counted_and_nothing_is_worked_out_without_them(server, host
             break
         socket.create_connection(("127.0.0.1", server.access.port)).close()
     assert host.viewers == [1, 0]
+    assert not server._tick.is_running() and not server._pictures.is_running()
 
 
 def test_who_has_not_seen_the_last_is_told_no_more_and_then_all_of_it(server, host):
@@ -325,6 +419,53 @@ def test_a_taken_port_is_said_and_the_next_one_is_taken():
             bound("127.0.0.1", 65535)
 
 
+def test_twenty_ports_are_tried(monkeypatch):
+    tried = []
+
+    def taken(port, host):
+        tried.append((port, host))
+        raise OSError((errno.EADDRINUSE, errno.EACCES)[port % 2], "taken")
+
+    monkeypatch.setattr("tornado.netutil.bind_sockets", taken)
+    with pytest.raises(PortTakenError, match="no free port from 8080 to 8099 on 10.0.0.5: give"):
+        bound("10.0.0.5", 8080)
+    assert tried == [(port, "10.0.0.5") for port in range(8080, 8100)]
+
+
+def test_numbers_are_told_with_as_many_places_as_are_seen(host, monkeypatch):
+    page, third = Page(), 1.0 / 3.0
+    page.robot(["J1"], [-third], [third], [np.inf], [True])
+    page.sample(told(third, error=(third, -third), asked=(third,) * 6), [third])
+    monkeypatch.setattr(host.story, "factor", third)
+    found = page.news(host.story, [third], [third], third)
+    assert found["limits"] == {"names": ["J1"], "lower": [-0.333333], "upper": [0.333333],
+                               "velocity": [None], "prismatic": [True]}  # fmt: skip
+    assert found["samples"] == [[0.3333, [0.333333, -0.333333], [0.333333] * 6, [0.0] * 6,
+                                 [0.333333]]]  # fmt: skip
+    assert (found["stamp"], found["factor"]) == (0.333, 0.333)
+    assert (found["joints"], found["speeds"]) == ([0.333333], [0.3333])
+
+
+def test_a_stamp_that_is_a_second_older_is_still_of_the_run():
+    page = Page()
+    for stamp, count in ((5.0, 1), (4.0, 2), (2.9, 1), (1.95, 2), (0.9, 1)):
+        page.sample(replace(SAMPLE, stamp=stamp), [])
+        assert len(page.whole()["samples"]) == count, stamp
+
+
+def test_half_a_minute_of_samples_is_kept_and_told():
+    page = Page()
+    for count in range(1, 902):
+        page.sample(replace(SAMPLE, stamp=count / 30), [])
+        if count == 900:
+            fetched = page.news(None, [], [], 0.0)["samples"]
+            assert fetched == page.whole()["samples"] and len(fetched) == 900
+    assert len(page.whole()["samples"]) == 900
+    for count in range(901, 1801):  # more than that at a time is nobody's
+        page.sample(replace(SAMPLE, stamp=count / 30), [])
+    assert "samples" not in page.news(None, [], [], 0.0)
+
+
 def test_each_thing_is_told_once(host):
     page = Page()
     page.robot(["J1"], [-np.inf], [1.0], [2.0], [False])
@@ -351,7 +492,7 @@ def test_each_thing_is_told_once(host):
     json.dumps(whole, allow_nan=False)
 
 
-def test_what_is_no_more_is_taken_away_from_those_who_saw_it(host):
+def test_what_is_no_more_is_taken_away_from_those_who_saw_it(host, monkeypatch):
     page = Page()
     page.news(host.story, [], [], 1.0)
     gone = {s.name for s in host.story.shapes() if s.name.startswith("trajectory")}
@@ -362,6 +503,10 @@ def test_what_is_no_more_is_taken_away_from_those_who_saw_it(host):
     assert "trajectory centre" not in page.whole()["shapes"]
     assert "shapes" not in page.news(host.story, [], [], 1.2)
     host.move()
+    with monkeypatch.context() as away:
+        away.setattr(host.story, "goal", None)
+        assert page.news(host.story, [], [], 1.3)["shapes"]["desired x"] is None
+    assert page.news(host.story, [], [], 1.4)["shapes"]["desired x"]  # the same as before
 
 
 def test_other_features_or_a_clock_that_went_back_begin_the_plots_anew(host):

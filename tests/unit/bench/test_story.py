@@ -209,6 +209,11 @@ def test_many_errors_and_long_reasons_are_cut(story):
     assert reason.startswith(" ".join(folded)) and [len(line) for line in folded] == [40, 44, 44]
 
 
+def test_six_errors_are_all_read_out(story):
+    story.say(told(names=tuple(f"e{i}" for i in range(6)), error=range(6), scheme=""), STRAIGHT)
+    assert not [line for line in story.words() if line.startswith("and ")]
+
+
 def test_words_say_no_minus_zero(story):
     story.say(told(names=("xn",), error=(-0.00004,)), STRAIGHT)
     assert "xn +0.0000" in "\n".join(story.words())

@@ -1,17 +1,20 @@
 """How a run is drawn: widths, colours, places and lengths, by literal numbers."""
 
+import cv2
 import numpy as np
 import pytest
 from page_host import told
 from scipy.spatial.transform import Rotation
 
 from aras_sim_bridge.description import parse_urdf
+from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.meshes.mesh import Mesh
 from aras_visual_servo_bench.live import outlines
+from aras_visual_servo_bench.live import robot_model as model_module
 from aras_visual_servo_bench.live.robot_model import parts, robot_model
-from aras_visual_servo_bench.live.shapes import picture_border
+from aras_visual_servo_bench.live.shapes import FACES, Shape, picture_border
 from aras_visual_servo_bench.live.story import Story
-from aras_visual_servo_bench.live.track import Pace
+from aras_visual_servo_bench.live.track import Pace, Track
 from aras_visual_servo_camera.undistortion import CameraModel
 
 STRAIGHT = np.array([0.1, 0.0, 0.3, -0.2, -0.1, 0.4])
@@ -20,7 +23,8 @@ TWIST = (0.05, -0.025, 0.1, 0.3, -0.2, 0.5)
 # Name, width (m), opacity.
 DRAWN = (
     ("path", 0.006, 1.0), ("ideal path", 0.003, 0.9), ("desired x", 0.0035, 0.9),
-    ("camera x", 0.0025, 1.0), ("desired camera picture", None, 0.9), ("camera picture", None, 0.9),
+    ("camera x", 0.0025, 1.0), ("desired camera picture", 0.003, 0.9),
+    ("camera picture", 0.003, 0.9), ("camera edges", 0.002, 0.9),
     ("desired outline", 0.002, 1.0), ("trajectory centre", 0.002, 1.0),
     ("asked velocity", 0.008, 1.0), ("asked turn", 0.008, 1.0),
     ("achieved velocity", 0.012, 0.55), ("achieved turn", 0.012, 0.55),
@@ -48,7 +52,56 @@ def shapes(story):
 def test_widths_and_opacities(story, name, width, opacity):
     shape = shapes(story)[name]
     assert len(shape.points) and shape.colour[3] == opacity
-    assert width is None or shape.width == pytest.approx(width)
+    assert shape.width == pytest.approx(width)
+
+
+def test_axes_are_red_green_and_blue(story):
+    for i, name in enumerate("xyz"):
+        colour = [0.25, 0.25, 0.25]
+        colour[i] = 0.95
+        assert list(shapes(story)[f"desired {name}"].colour) == [*colour, 0.9]
+
+
+def test_the_camera_is_a_pyramid_of_sixteen_centimetres_of_the_camera_there_is(story, pinhole):
+    for camera in (pinhole, CameraModel(200, 100, (150.0, 0, 80.0, 0, 140.0, 60.0, 0, 0, 1))):
+        story.camera = camera
+        (fx, _, cx), (_, fy, cy), _ = np.reshape(camera.K, (3, 3))
+        w, h = camera.width, camera.height
+        corners = np.array([[(u - cx) / fx, (v - cy) / fy, 1.0] for u, v in (
+            (-0.5, -0.5), (w - 0.5, -0.5), (w - 0.5, h - 0.5), (-0.5, h - 0.5))])  # fmt: skip
+        corners *= 0.16 / np.linalg.norm(corners, axis=1).max()
+        found, pose = shapes(story), story.pose
+        edges, border = ((found[f"camera {part}"].points - pose[:3, 3]) @ pose[:3, :3]
+                         for part in ("edges", "picture"))  # fmt: skip
+        np.testing.assert_allclose(edges[::2], 0.0, atol=1e-12)
+        np.testing.assert_allclose(edges[1::2], corners, atol=1e-9)
+        np.testing.assert_allclose(border[::8], [*corners, corners[0]], atol=1e-9)
+        assert len(border) == 4 * 8 + 1
+    assert len(found["desired outline"].points) == len(story.outline) + 1
+
+
+def test_before_anything_is_known_all_that_is_drawn_is_without_a_point(arm):
+    story = Story(arm)
+    assert story.told.stamp == 0.0 and story.outline.shape == (0, 2)
+    story.joints(STRAIGHT)
+    assert {s.points.shape for s in story.shapes() if s.kind in ("strip", "arrow")} == {(0, 3)}
+
+
+def test_places_nearer_than_half_a_millimetre_are_one(arm):
+    story = Story(arm)
+    slide = np.eye(len(STRAIGHT))[np.argmax(arm.prismatic)]
+    for shift in (0.0, 0.45e-3, 0.55e-3):
+        story.say(told(), STRAIGHT + shift * slide)
+    assert np.ptp(story.path, axis=0).max() == pytest.approx(0.55e-3) and len(story.path) == 2
+    for x in (0.0, 1.9e-3, 2.1e-3):
+        story.see("centre", x, 0.0)
+    assert story._trajectories["centre"].points.tolist() == [[0.0, 0.0], [2.1e-3, 0.0]]
+
+
+def test_a_shape_is_told_in_hundredths_of_a_millimetre():
+    plain = Shape("a", FACES, np.array([[0.123456, -1.0, 2e-6]]), (0.1, 0.2, 0.3, 1.0)).plain()
+    assert plain == {"kind": "faces", "points": [0.12346, -1.0, 0.0],
+                     "colour": [0.1, 0.2, 0.3, 1.0], "width": 0.004}  # fmt: skip
 
 
 def test_words_stand_beside_the_camera_and_the_legend_above_them(story):
@@ -64,7 +117,7 @@ def test_words_stand_beside_the_camera_and_the_legend_above_them(story):
 
 
 @pytest.mark.parametrize(("speed", "length"), [
-    (0.9e-3, None), (1.1e-3, 2.2e-3), (0.14, 0.28), (0.2, 0.3)])
+    (0.9e-3, None), (1e-3, None), (1.1e-3, 2.2e-3), (0.14, 0.28), (0.2, 0.3)])
 def test_an_arrow_is_two_seconds_or_a_tenth_of_the_angle_long_within_its_bounds(
     story, speed, length
 ):
@@ -109,6 +162,49 @@ def test_the_border_of_a_wide_picture_is_narrowed_where_it_is_too_wide():
     assert 0 < exact.sum() < len(border)
     u, v = camera.project(*border[exact].T)
     assert (np.isclose(v, -0.5) | np.isclose(v, 239.5)).all()
+    way = (np.stack(camera.project(*border.T), 1) - (159.5, 119.5)) / (160.0, 120.0)
+    side, low = np.arange(-1.0, 1.0, 0.25), np.full(8, -1.0)
+    np.testing.assert_allclose(way / np.abs(way).max(axis=1, keepdims=True), np.concatenate([
+        np.stack(pair, 1) for pair in ((side, low), (-low, side), (-side, -low), (low, -side))
+    ]), atol=1e-9)  # fmt: skip
+
+
+def test_a_track_of_more_than_600_points_is_thinned_and_grows_in_longer_steps():
+    even, folded, far = Track(2, 1.0), Track(2, 1.0), Track(2, 1.0)
+    for i in range(601):
+        if i == 600:
+            assert len(even.points) == len(folded.points) == len(far.points) == 600
+        even.add(np.array([i, 0.0]))
+        folded.add(np.array([i % 2, 0.0]))
+        far.add(np.array([3.0 * i, 0.0]))
+    even.add(np.zeros(3))
+    np.testing.assert_array_equal(even.points, np.c_[np.arange(0, 601, 2), np.zeros(301)])
+    # the next: twice as far as before, or as far as those that are left lie from each other
+    for track, last, step in ((even, 600.0, 2.0), (folded, 0.0, 2.0), (far, 1800.0, 6.0)):
+        track.add(np.array([last + step - 0.01, 0.0]))
+        assert len(track.points) == 301
+        track.add(np.array([last + step, 0.0]))
+        assert track.points[-1].tolist() == [last + step, 0.0]
+
+
+def test_pace_looks_back_two_seconds_and_needs_three_tenths():
+    pace = Pace()
+    pace.add(0.0, 0.0)
+    pace.add(0.29, 0.29)
+    assert pace.factor is None
+    pace.add(0.3, 0.15)
+    assert pace.factor is None  # its clock went back
+    pace.add(0.6, 0.15)
+    assert pace.factor == 0.0  # it stands
+    pace.add(1.3, 0.65)
+    pace.add(2.3, 1.65)
+    assert pace.factor == pytest.approx(0.75)
+    pace.add(2.31, 1.65)
+    assert pace.factor == pytest.approx(1.5 / 1.71)
+    pace = Pace()
+    pace.add(0.0, 0.0)
+    pace.add(0.3, 0.3)
+    assert pace.factor == 1.0
 
 
 def test_pace_is_that_of_the_last_two_seconds():
@@ -132,6 +228,30 @@ def test_an_edge_is_drawn_where_faces_bend_by_more_than_thirty_degrees(degrees, 
     assert len(outlines.mesh_edges(mesh)) == 2 * edges
 
 
+def test_an_edge_that_bends_by_just_that_angle_is_none(monkeypatch):
+    monkeypatch.setattr(outlines, "CREASE", 0.0)
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
+    mesh = Mesh(corners, np.zeros((4, 3)), np.array([[0, 1, 2], [0, 2, 3]]))
+    assert len(outlines.mesh_edges(mesh)) == 2 * 4
+
+
+def test_of_a_large_model_2000_edges_and_triangles_are_drawn(monkeypatch):
+    corners = np.random.default_rng(5).random((3 * 2100, 3)).round(6)
+    mesh = Mesh(corners, corners, np.arange(len(corners)).reshape(-1, 3))
+    monkeypatch.setattr(outlines, "parts", lambda robot, _: [(robot.root, (1.0,), mesh)])
+    model = outlines.drawing_of(URDF)
+    assert model.edges.shape == (2 * 2000, 3)
+    np.testing.assert_array_equal(model.faces[1.0,], corners[:3 * 2000])
+
+
+def test_a_target_has_grey_edges_of_a_millimetre():
+    for pose in (np.eye(4), None):
+        edges = outlines.drawing_of(URDF).shapes(pose)[0]
+        assert (edges.colour, edges.width) == ((0.55, 0.58, 0.64, 1.0), 0.001)
+        assert edges.points.shape == (0 if pose is None else 2 * 12, 3)
+    assert outlines.drawing_of('<robot name="r"><link name="a"/></robot>').edges.shape == (0, 3)
+
+
 URDF = """<robot name="r"><link name="a"><visual><geometry><box size="1 2 3"/></geometry></visual>
   </link><link name="b"/><joint name="j" type="revolute"><parent link="a"/><child link="b"/>
   <origin xyz="0.1 -0.2 0.3" rpy="0.4 -0.5 0.6"/><axis xyz="0 0 1"/>
@@ -146,3 +266,53 @@ def test_a_model_s_joints_lie_where_the_description_says_and_what_has_no_colour_
     np.testing.assert_allclose(placed[:3, :3], turned, atol=1e-12)
     ((link, colour, _),) = parts(parse_urdf(URDF), URDF)
     assert (link, colour) == ("a", (0.7, 0.7, 0.72, 1.0))
+
+
+def test_a_colour_is_the_visuals_or_that_of_its_name_and_four_numbers():
+    """Of each material what it says itself comes first."""
+    given = (
+        ('<material name="m"><color rgba="0.1 0.2 0.3 0.4"/></material>', (0.1, 0.2, 0.3, 0.4)),
+        ('<material name="m"/>', (0.5, 0.6, 0.7, 0.8)),
+        *((f'<material name="n">{colour}</material>', (0.7, 0.7, 0.72, 1.0)) for colour in (
+            "", "<color/>", '<color rgba="red"/>', '<color rgba="1 1 1"/>',
+            '<color rgba="1 1 1 1 1"/>')),
+    )  # fmt: skip
+    known = '<material name="m"><color rgba="0.5 0.6 0.7 0.8"/></material>'
+    for material, colour in given:
+        urdf = URDF.replace("</visual>", f"{material}</visual>")
+        urdf = urdf.replace("<link", f"{known}<link", 1)
+        ((_, found, _),) = parts(parse_urdf(urdf), urdf)
+        assert found == colour, material
+
+
+def test_the_colour_of_a_picture_is_its_mean_and_of_none_the_models(tmp_path, monkeypatch):
+    picture = np.zeros((2, 3, 3), np.uint8)
+    picture[0] = 51, 102, 255  # blue, green, red; the other row is black
+    cv2.imwrite(str(tmp_path / "a.png"), picture)
+    colours = []
+    for texture, rgba in (("a.png", None), ("none.png", None), (None, (0.1, 0.2, 0.3, 1.0))):
+        mesh = Mesh(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((1, 3), int), rgba=rgba,
+                    texture=texture and str(tmp_path / texture))  # fmt: skip
+        monkeypatch.setattr(model_module, "triangles", lambda _, mesh=mesh: (mesh,))
+        colours += [colour for _, colour, _ in parts(parse_urdf(URDF), URDF)]
+    assert colours[0] == pytest.approx((0.5, 0.2, 0.1, 1.0))
+    assert colours[1:] == [(0.7, 0.7, 0.72, 1.0), (0.1, 0.2, 0.3, 1.0)]
+
+
+def test_a_page_draws_400_000_triangles(monkeypatch):
+    for count in (400_000, 400_001):
+        half = Mesh(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((count - 200_000, 3), np.int8))
+        rest = Mesh(half.positions, half.normals, np.zeros((200_000, 3), np.int8))
+        monkeypatch.setattr(model_module, "parts", lambda *_, both=(half, rest): [
+            ("a", (1.0,), mesh) for mesh in both])  # fmt: skip
+        monkeypatch.setattr(model_module, "_encoded", lambda mesh: "")
+        if count == 400_000:
+            assert len(robot_model(URDF)["links"]["a"]) == 2
+            continue
+        with pytest.raises(DescriptionError, match="r has 400001 triangles; a page draws 400000"):
+            robot_model(URDF)
+
+
+def test_joints_are_told_with_what_they_join():
+    (joint,) = robot_model(URDF)["joints"]
+    assert (joint["parent"], joint["child"], joint["axis"]) == ("a", "b", [0.0, 0.0, 1.0])

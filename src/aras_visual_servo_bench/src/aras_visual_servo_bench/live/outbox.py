@@ -47,7 +47,7 @@ class Outbox:
 
     def news(self, message: dict[str, Any], text: str = "") -> None:
         """Tell it, now or with what follows; `text` is the same, where it is there already."""
-        if self._unseen >= AHEAD or self._news is not None:
+        if self._unseen >= AHEAD:
             self._news = message if self._news is None else merged(self._news, message)
             return
         self._pass(text or text_of(message))
@@ -62,7 +62,7 @@ class Outbox:
     def seen(self) -> None:
         """The viewer has seen one of those that were sent."""
         self._unseen = max(0, self._unseen - 1)
-        if self._news is not None and self._unseen < AHEAD:
+        if self._news is not None:
             news, self._news = self._news, None
             self._pass(text_of(news))
         if self._picture is not None and self._unseen < AHEAD:

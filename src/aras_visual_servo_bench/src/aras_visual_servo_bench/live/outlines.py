@@ -42,7 +42,7 @@ class Drawing:
         )  # fmt: skip
 
 
-NOTHING = Drawing(np.zeros((0, 3)), {})
+NOTHING = Drawing(np.empty((0, 3)), {})
 
 
 def drawing_of(urdf: str, resolve: ResolvePackage = find) -> Drawing:
@@ -52,7 +52,7 @@ def drawing_of(urdf: str, resolve: ResolvePackage = find) -> Drawing:
         DescriptionError: the description, or one of its meshes, cannot be used.
     """
     robot = parse_urdf(urdf, resolve)
-    edges, faces = [np.zeros((0, 3))], {}
+    edges, faces = [NOTHING.edges], {}
     for link, colour, mesh in parts(robot, urdf):
         if link == robot.root:
             edges.append(mesh_edges(mesh))

@@ -5,7 +5,6 @@ A viewer that comes gets everything; after that all viewers get what has changed
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -43,10 +42,9 @@ class Page:
         self._names: tuple[str, ...] = ()
         self._samples: deque[list[Any]] = deque(maxlen=KEPT)
         self._fresh: list[list[Any]] = []
-        self._sent: dict[str, str] = {}
+        self._sent: dict[str, str | bytes] = {}
         self._told: dict[str, Any] = {}
         self._shapes: dict[str, dict[str, Any]] = {}
-        self._last = -math.inf
 
     # -- what it is told -------------------------------------------------------------------
 
@@ -60,12 +58,12 @@ class Page:
 
     def sample(self, told: ServoState, joints: Sequence[float]) -> None:
         """One state of the controller, for the plots."""
-        anew = told.names != self._names or told.stamp - self._last < NEW_RUN
-        self._names = told.names
-        if anew and self._samples:
+        if self._samples and (
+            told.names != self._names or told.stamp - self._samples[-1][0] < NEW_RUN
+        ):
             self._samples.clear()
             self._fresh = [["clear"]]
-        self._last = told.stamp
+        self._names = told.names
         error = () if told.error is None else told.error
         row = [
             round(told.stamp, 4), finite(error), finite(told.twist), finite(told.achieved),
@@ -132,14 +130,13 @@ class Page:
             if shape.kind == TEXT:
                 continue  # the page says it in its own place
             names.add(shape.name)
-            rounded = np.round(shape.points, DIGITS).tobytes()
-            mark = hashlib.blake2b(rounded, digest_size=8).hexdigest()
+            mark = np.round(shape.points, DIGITS).tobytes()
             if self._sent.get(f"shape {shape.name}") == mark:
                 continue
             self._sent[f"shape {shape.name}"] = mark
             changed[shape.name] = self._shapes[shape.name] = shape.plain()
         for name in set(self._shapes) - names:
             del self._shapes[name]
-            self._sent.pop(f"shape {name}", None)
+            del self._sent[f"shape {name}"]
             changed[name] = None
         return changed

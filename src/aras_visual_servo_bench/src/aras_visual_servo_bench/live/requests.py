@@ -41,7 +41,7 @@ def _asked(**fields: type | tuple[type, Any]) -> type:
     """A dataclass: each field's kind of value, with its rules where it has some."""
     found = [(name, *(kind if isinstance(kind, tuple) else (kind,)))
              for name, kind in fields.items()]  # fmt: skip
-    return make_dataclass("Asked", found, frozen=True)
+    return make_dataclass("Asked", found)
 
 
 def _up_to(most: float) -> tuple[type, Any]:

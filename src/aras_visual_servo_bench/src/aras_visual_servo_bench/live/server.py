@@ -81,7 +81,7 @@ class Server(WebServer):
         if not path.is_file():
             return None
         before = css(LIVE) + uplot(STYLE) if name == "style.css" else ""
-        return before + path.read_text(encoding="utf-8")
+        return before + path.read_bytes().decode()
 
     def begun(self) -> None:
         """See WebServer."""
@@ -90,8 +90,6 @@ class Server(WebServer):
 
     def ended(self) -> None:
         """See WebServer."""
-        self._tick.stop()
-        self._pictures.stop()
         for viewer in list(self.viewers):
             viewer.close(1001, "the simulator has ended")
 

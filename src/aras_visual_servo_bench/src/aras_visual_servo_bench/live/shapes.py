@@ -77,10 +77,8 @@ def picture_border(camera: CameraModel) -> np.ndarray:
     middle = pixels - [camera.pinhole.cx, camera.pinhole.cy]
     direction = middle / np.linalg.norm(middle, axis=1, keepdims=True)
     farthest = np.tan(WIDEST)
-    radius = np.where(valid, np.hypot(x, y), farthest)
-    return np.where(
-        ((radius < farthest) & valid)[:, None], np.stack([x, y], 1), direction * farthest
-    )
+    within = valid & (np.hypot(x, y) < farthest)
+    return np.where(within[:, None], np.stack([x, y], 1), direction * farthest)
 
 
 def on_picture(border: np.ndarray, points: np.ndarray, size: float) -> np.ndarray:

@@ -48,7 +48,7 @@ FRAME = 0.05  # m, an axis of a drawn frame
 SECONDS = 2.0  # an arrow is as long as the path of so many seconds, m
 TURN_LENGTH = 0.1  # m for a radian
 LONGEST = 0.3  # m, of an arrow
-SHORTEST = 2e-3  # m; what is shorter is not drawn
+SHORTEST = 2e-3  # m; what is no longer is not drawn
 STEPS = 24  # points of the ideal path
 NEAR = 5e-4  # m between two points of the path
 NEAR_IN_PICTURE = 2e-3  # likewise of trajectories, normalised
@@ -83,7 +83,7 @@ class Story:
         self.arm = arm
         self.camera: CameraModel | None = None
         self.goal: np.ndarray | None = None
-        self.outline = np.zeros((0, 2))
+        self.outline = np.empty((0, 2))
         self.told = NOTHING
         self.factor: float | None = None
         self.target: tuple[Shape, ...] = ()
@@ -145,7 +145,7 @@ class Story:
     def ideal(self) -> np.ndarray:
         """Places (n, 3) of the straight path from where servoing began to the goal."""
         if self.began is None or self.goal is None:
-            return np.zeros((0, 3))
+            return np.empty((0, 3))
         along = np.linspace(0.0, 1.0, STEPS)[:, None]
         start, end = self.began[:3, 3], self.goal[:3, 3]
         return start + along * (end - start)
@@ -225,7 +225,7 @@ class Story:
             width = 0.008 if what == "asked" else 0.012
             ways = np.array(twist[:3]) * SECONDS, np.array(twist[3:]) * TURN_LENGTH
             for part, way, name in (("velocity", ways[0], what), ("turn", ways[1], f"{what}-turn")):
-                points, length = np.zeros((0, 3)), float(np.linalg.norm(way))
+                points, length = np.empty((0, 3)), float(np.linalg.norm(way))
                 if np.isfinite(length) and length > SHORTEST:
                     tip = way * min(1.0, LONGEST / length)
                     points = carried(self._pose, np.array([np.zeros(3), tip]))

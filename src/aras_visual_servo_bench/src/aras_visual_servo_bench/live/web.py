@@ -11,6 +11,7 @@ import errno
 import logging
 import socket
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -68,7 +69,7 @@ def bound(host: str, port: int) -> tuple[list[socket.socket], str]:
                          "another one")  # fmt: skip
 
 
-class WebServer:
+class WebServer(ABC):
     """Serves pages until it is closed.
 
     Attributes:
@@ -89,13 +90,13 @@ class WebServer:
         logging.getLogger("tornado.access").setLevel(logging.ERROR)
         logging.getLogger("tornado.general").setLevel(logging.ERROR)
 
+    @abstractmethod
     def routes(self) -> list[tuple[str, type[Guarded]]]:
         """Patterns of addresses beside the page and its files, and who answers them."""
-        raise NotImplementedError
 
+    @abstractmethod
     def page_file(self, name: str) -> str | None:
         """The text of one of the page's scripts and styles; None: there is none of that name."""
-        raise NotImplementedError
 
     def start(self) -> None:
         """Serve, from now on."""

@@ -216,6 +216,15 @@ class TestReporting:
             free.hardware.write(k * 1_000_000, 0.001)
         assert free.log == []  # it has no range
 
+    def test_a_joint_that_rests_at_a_stop_within_its_range_is_told(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J", interface=POSITION)])
+        rig.model.set_position = lambda joint, position: min(position, 1.23)
+        for k in range(300):
+            rig.hardware.handles["J"].position_command = 1.75
+            rig.hardware.write(k * 10_000_000, 0.01)
+        assert rig.log == ["joint 'J': position command 1.25 is beyond its stop at 1.23, where it "
+                           "rests; lower the command, or joint_limits"]
+
     def test_a_short_saturation_of_effort_is_not_worth_a_line_a_lasting_one_is(
         self, make_rig, make_joint
     ):

@@ -795,7 +795,7 @@ def test_the_command_stops_at_its_limits_by_itself(side, sign):
     for _ in range(30):
         said = motion.advance(np.full(6, sign * 0.5), np.zeros(6), 0.01)
     assert motion.command[1] == pytest.approx(sign * 0.1)
-    assert "J1 stopped at its limit" in said
+    assert said == f"J1 stopped at its limit of {sign * 0.1:.4f}"
     assert motion.command[5] == pytest.approx(sign * 0.15)
     motion.velocity = np.full(6, sign * 0.5)
     for _ in range(30):

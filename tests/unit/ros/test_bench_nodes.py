@@ -419,7 +419,7 @@ def test_launches_of_the_same_master_are_found(tmp_path, monkeypatch):
         (entry / "cmdline").write_bytes("\0".join([*words, ""]).encode())
         (entry / "environ").write_bytes(f"A=b=c\0ROS_MASTER_URI={master}\0".encode())
     (tmp_path / "13").mkdir()
-    (tmp_path / "self").mkdir()
+    (tmp_path / "self").symlink_to("9")
     assert describe.launches(tmp_path) == [["p", "a.launch", "x:=1"], ["p", "b.launch"]]
 
 
@@ -604,8 +604,9 @@ def test_nothing_of_a_launch_is_left_behind(launch, monkeypatch):
 def test_a_free_port_is_free():
     import socket
 
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", processes.free_port()))
+    with socket.socket() as probe, socket.socket() as other:
+        for one in (probe, other):
+            one.bind(("127.0.0.1", processes.free_port()))
 
 
 # -- the demo --------------------------------------------------------------------------------------

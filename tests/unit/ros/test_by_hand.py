@@ -127,6 +127,8 @@ def test_a_held_key_stops_the_controller_and_drives(person):
     rospy.Service("/aras_visual_servo/controller/stop", Trigger, lambda _: stopped.append(1) or (
         Trigger._response_class(True, "")))
     rospy.set_param("~across", "elbow")
+    person.type(["2", "x"], [])
+    assert not stopped  # nothing moves by these
     status, told = person.type(["2"], *[["-"]] * 10, [], *[[]] * 40, [RIGHT])
     assert status == 0 and stopped == [1]
     assert told.out.count("the controller is stopped: its service start lets it go on") == 1
@@ -162,6 +164,7 @@ def test_a_pad_drives_while_its_button_is_held(person):
     person.graph.parameters["/unnamed/joystick"] = "/dev/pad"
     rospy.set_param("~joy", "/my/joy")
     status, told = person.type(["h"], [], [])
+    assert status == 0  # although a twist of none is refused
     assert not sent(person)["slide"] and told.out.count(HELP) == 2 and person.paths == ["/dev/pad"]
     person.device.axes[1], person.device.buttons[FAST] = 1.0, 1
     status, told = person.type(*[[]] * 20, [" "])

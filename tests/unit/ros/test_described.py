@@ -98,6 +98,7 @@ def test_a_run_s_experiment_says_what_differs():
               "seed": 7, "duration": 4.0, "options": {"stop_time": 0.3}}
     assert found.mapping() == wanted and yaml.safe_load(found.text()) == wanted
     assert found.text().startswith("scheme: points\nlaw: pi\n")  # as people write it
+    assert "\nstart: [0.1, 0.0, 0.2, 0.0, 0.0, 0.3]\n" in found.text()
     assert found.experiment().seed == 7
     words = found.words()
     assert (words["law"], words["seed"], words["camera_xyz"]) == ("pi", "7", "0 0.1 0")

@@ -66,6 +66,18 @@ def test_what_a_state_has_not_is_not_made_up(graph, face):
     assert (alone.outcome, alone.mend) == ("", "") and math.isnan(alone.computing)
     assert np.isnan(alone.achieved).all() and not alone.arrived.reached
     assert alone.decision.filtered_error is None
+    parts = {"features": ["decision", "resolution"], "desired_features": ["decision", "resolution"],
+             "error": ["decision", "resolution"], "joint_positions": ["joints"],
+             "joint_commands": ["command"], "singular_values": ["resolution"]}
+    for field, without in parts.items():  # as somebody else's message may be
+        message, report = told(graph, face, made_state(1.0))
+        setattr(message, field, [])
+        back = state_of(message, report)
+        assert [part for part in ("decision", "resolution", "joints", "command")
+                if getattr(back, part) is None] == without, field
+    message, report = told(graph, face, made_state(1.0))
+    report.filtered_error = report.filtered_error[:2]
+    assert state_of(message, report).decision.filtered_error is None
 
 
 def test_states_are_logged_when_they_are_new(graph, face, monkeypatch):

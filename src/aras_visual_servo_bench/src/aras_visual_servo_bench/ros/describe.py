@@ -66,9 +66,7 @@ def goals(controller: Mapping[str, object]) -> dict[str, str]:
 def launches(proc: Path = Path("/proc")) -> list[list[str]]:
     """Words behind the name of every roslaunch on this machine that has the same master."""
     master, found = os.environ.get("ROS_MASTER_URI", "").rstrip("/"), []
-    for entry in sorted(proc.iterdir(), key=lambda one: (len(one.name), one.name)):
-        if not entry.name.isdigit():
-            continue
+    for entry in sorted(proc.glob("[0-9]*"), key=lambda one: (len(one.name), one.name)):
         with contextlib.suppress(OSError):
             words = (entry / "cmdline").read_bytes().decode(errors="replace").split("\0")[:-1]
             names = [Path(word).name for word in words[:3]]

@@ -91,9 +91,7 @@ class Launch:
     def _members(self) -> list[int]:
         """Process ids of the session's living members."""
         found = []
-        for entry in Path("/proc").iterdir():
-            if not entry.name.isdigit():
-                continue
+        for entry in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):
                 # After the command's name, any bytes in brackets: state, parent, group, session.
                 fields = (entry / "stat").read_bytes().rpartition(b")")[2].split()

@@ -279,6 +279,15 @@ def test_a_server_that_does_not_begin_or_end_is_not_waited_for_for_ever(host):
     waiting._thread.join.assert_called_once_with(5.0)
 
 
+def test_a_server_is_ready_as_soon_as_it_serves_and_takes_nobody_while_it_ends(server, host):
+    assert server._ready.is_set()
+    ending = Server(host, Access(), [])
+    ending._server, ending._loop = Mock(), Mock()
+    ending._stop()
+    ending._server.stop.assert_called_once_with()
+    assert ending._loop.call_later.call_args.args[1] == ending._loop.stop
+
+
 def test_files_are_packed_for_browsers_that_unpack_them(server):
     address = f"http://127.0.0.1:{server.access.port}/app.js"
     request = urllib.request.Request(address, headers={"Accept-Encoding": "gzip"})

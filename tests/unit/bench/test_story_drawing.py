@@ -73,7 +73,7 @@ def test_the_camera_is_a_pyramid_of_sixteen_centimetres_of_the_camera_there_is(s
         found, pose = shapes(story), story.pose
         edges, border = ((found[f"camera {part}"].points - pose[:3, 3]) @ pose[:3, :3]
                          for part in ("edges", "picture"))  # fmt: skip
-        np.testing.assert_allclose(edges[::2], 0.0, atol=1e-12)
+        np.testing.assert_allclose(edges[::2], np.zeros((4, 3)), atol=1e-12)
         np.testing.assert_allclose(edges[1::2], corners, atol=1e-9)
         np.testing.assert_allclose(border[::8], [*corners, corners[0]], atol=1e-9)
         assert len(border) == 4 * 8 + 1

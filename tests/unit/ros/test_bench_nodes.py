@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+import xmlrpc.client
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -386,7 +387,8 @@ def test_a_run_is_described_when_something_of_it_is_new(graph, life, monkeypatch
     monkeypatch.setattr(versions, "versions", lambda: {"numpy": "1"})
     monkeypatch.setattr(versions, "code", lambda: "abc")
     monkeypatch.setattr(describe, "launches", lambda: [["pkg", "a.launch"]])
-    graph.parameters |= {"/robot_description": ARM, "/servo/desired": "2015"}
+    graph.parameters |= {"/robot_description": ARM, "/servo/desired": "2015",
+                         "/bytes": xmlrpc.client.Binary(b"any")}
     rospy.set_param("~controller", "/servo")
     life.steps = [lambda: None] * 6 + [lambda: rospy.set_param("/more", 1)] + [lambda: None] * 4
     assert describe.main() == 0
@@ -401,6 +403,7 @@ def test_a_run_is_described_when_something_of_it_is_new(graph, life, monkeypatch
     assert first["launch"] == [["pkg", "a.launch"]]
     assert first["versions"] == {"numpy": "1", "code": "abc"}
     assert set(first["goals"]) == {"goal_2015.yaml", "goal_2016.yaml"}
+    assert first["parameters"]["bytes"] == "any"
     assert "more" not in first["parameters"] and second["parameters"]["more"] == 1
     lay = [one.pose.position.x for one in graph.publishers["/aras_visual_servo/target"].sent]
     assert lay == [0.0, 0.1]
@@ -601,6 +604,13 @@ def test_nothing_of_a_launch_is_left_behind(launch, monkeypatch):
         b"Z" in Path(f"/proc/{child}/stat").read_bytes().rpartition(b")")[2].split()[:1]))
 
 
+def test_a_launch_is_interrupted_when_its_parent_is_killed(launch):
+    # PR_GET_PDEATHSIG
+    ask = "import ctypes as c; n = c.c_int(); c.CDLL(None).prctl(2, c.byref(n)); print(n.value)"
+    one = launch(f"exec {sys.executable} -SE -c '{ask}'")
+    assert until(lambda: not one.running) and int(one.text()) == signal.SIGINT
+
+
 def test_a_free_port_is_free():
     import socket
 
@@ -728,6 +738,11 @@ def test_a_demo_says_what_it_waits_for_and_what_died(shown, monkeypatch):
     shown.life.now += 1.0
     with pytest.raises(ServoError, match=r"^node x died; its last words:\n    its last line\nThe "
                                          r"whole log: .*/log/simulator\.txt$"):
+        shown.run._check_running()
+    shown.life.now += 0.375
+    shown.run._check_running()  # looked at twice a second at most
+    shown.life.now += 0.125
+    with pytest.raises(ServoError, match="^node x died"):
         shown.run._check_running()
     monkeypatch.setattr(watch, "wait_for_master", lambda *_: False)
     with pytest.raises(ServoError, match=r"^the simulator did not start:\n    its last line$"):

@@ -111,11 +111,11 @@ def test_commands_reach_their_controllers_in_their_order(graph, face, monkeypatc
     group = graph.publishers["/two/both"]
     group.resolved_name = "/two/both"
     assert group.options == {"queue_size": 10}
-    for _ in range(3):
+    for _ in range(4):
         face.send(Command(1.0, JOINTS, np.array([0.1, 0.2])))
         face.send(Command(1.0, JOINTS))
         now[0] += 3.0
-    assert [list(one.data) for one in group.sent] == [[0.1, 0.2]] * 3
+    assert [list(one.data) for one in group.sent] == [[0.1, 0.2]] * 4
     assert graph.lines == [
         "nobody takes the commands on /two/both: start that controller (rosrun controller_manager "
         "controller_manager list), or name another one in ~controllers"]
@@ -250,6 +250,10 @@ def test_a_clock_that_goes_back_and_another_robot_begin_anew(graph, listener, cl
         story = listener.look_again()
         now[0] += 0.5
     assert story.factor == pytest.approx(1.0)
+    now[0] += 1.5
+    assert listener.look_again().factor == pytest.approx(1.0)  # heard 2 s ago
+    now[0] += 0.001
+    assert listener.look_again().factor is None
     cleared = []
     story.clear = lambda: cleared.append(True)
     hear(graph, "/two/joint_states", joint_states(1.5))

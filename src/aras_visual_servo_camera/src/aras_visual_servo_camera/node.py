@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
 from functools import partial
@@ -80,7 +81,7 @@ class CameraNode:
 
     def _say(self, key: str, text: str) -> None:
         now = time.monotonic()
-        if now - self._said.get(key, -1e9) >= self.parameters.log_period:
+        if now - self._said.get(key, -math.inf) >= self.parameters.log_period:
             self._said[key] = now
             rospy.logwarn(text)
 

@@ -145,7 +145,7 @@ def _topics(kinds: Mapping[str, str]) -> SimpleNamespace:
 
     info = first(INFO, near=CAMERA)
     camera = info.rpartition("/")[0] + "/" if info else CAMERA
-    image = first(IMAGE, "image_raw", camera) or first(COMPRESSED, near=camera)
+    image = first(IMAGE, "image_raw", camera)
     if not image.startswith(camera):
         image = first(COMPRESSED, near=camera) or image
     return SimpleNamespace(

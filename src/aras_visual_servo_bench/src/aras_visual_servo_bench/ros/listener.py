@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -51,7 +52,7 @@ class Listener:
         self.unseen = ""  # why the latest image shows no target; '' where it does
         self.lock = threading.RLock()
         self._description = DescriptionWatch(settings.description)
-        self._pace, self._joints, self._heard = Pace(), b"", -1e9
+        self._pace, self._joints, self._heard = Pace(), b"", -math.inf
         self._goal: np.ndarray | None = None
         self._outline = np.zeros((0, 2))
         self._camera: CameraModel | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 import numpy as np
@@ -28,7 +29,7 @@ class TargetWatch:
 
     def __init__(self) -> None:
         self.missing = ""
-        self._asked = -1e9
+        self._asked = -math.inf
         self._known: tuple[str, Drawing] = ("", NOTHING)
         self._shapes = NOTHING.shapes(None)
         self._place = TargetPlace()
@@ -47,9 +48,7 @@ class TargetWatch:
     def _drawing(self) -> Drawing:
         """What the target's description shows; nothing where there is none that can be drawn."""
         try:
-            urdf = rospy.get_param(TARGET_DESCRIPTION, "")
-            if not isinstance(urdf, str) or not urdf:
-                return NOTHING
+            urdf = str(rospy.get_param(TARGET_DESCRIPTION, ""))
             if self._known[0] != urdf:
                 self._known = urdf, drawing_of(urdf)
         except (OSError, DescriptionError):

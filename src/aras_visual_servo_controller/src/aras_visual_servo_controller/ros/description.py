@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 import rospy
@@ -17,7 +18,7 @@ class DescriptionWatch:
     def __init__(self, parameter: str) -> None:
         self._parameter = parameter
         self._urdf, self._waited = "", False
-        self._beginnings, self._looked = 0, -1e9
+        self._beginnings, self._looked = 0, -math.inf
 
     def new(self, beginnings: int | None) -> str:
         """A description that was not answered before; empty where there is none.

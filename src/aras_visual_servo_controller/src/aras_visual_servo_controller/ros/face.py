@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 
@@ -38,7 +39,7 @@ class RosFace:
             f"{space}/controller/camera_twist", TwistStamped, queue_size=5
         )
         self.latest: State | None = None
-        self._said, self._said_at = ("", ""), -1e9
+        self._said, self._said_at = ("", ""), -math.inf
         self._looked_at: float | None = None  # whether somebody takes the commands
 
     def await_listeners(self) -> None:

@@ -1,5 +1,6 @@
 """The demo's command line: refused in one line before anything starts, or understood."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,14 @@ def refused(words, capsys):
     assert usage.startswith("usage: demo")
     assert told.count("\n") == 1
     return told
+
+
+def test_a_target_s_place_is_the_launch_file_s():
+    launch = Path(__file__).parents[3] / "src/aras_visual_servo_gazebo/launch" / WORLD
+    told = re.search(r'name="target_place" default="([^"]*)"', launch.read_text())[1]
+    words = told.split()
+    given = dict(zip(words[::2], map(float, words[1::2]), strict=True))
+    assert tuple(given.get(f"-{way}", 0.0) for way in "xyzRPY") == demo_words.PLACE
 
 
 def test_every_option_of_the_demo_is_explained(capsys, monkeypatch):

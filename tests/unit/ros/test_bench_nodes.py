@@ -520,6 +520,13 @@ def test_a_bag_is_converted_message_by_message(tmp_path):
         "md5sum": String._md5sum, "topic": "/a"}
     assert (message.log_time, message.publish_time) == (10 * 10**9 + 500_000,) * 2
     assert message.sequence == 500 and String().deserialize(message.data).data == "text 500"
+    def full(part):
+        assert (tmp_path / "b.mcap.part").exists()
+        raise OSError("no room")
+
+    with pytest.raises(BenchError, match=r"^cannot convert .*a\.bag into .*b\.mcap: no room$"):
+        mcap.convert(path, tmp_path / "b.mcap", full)
+    assert not list(tmp_path.glob("b.*"))
     path.write_bytes(b"no bag")
     with pytest.raises(BenchError, match=r"^cannot convert .*a\.bag into .*b\.mcap: "):
         mcap.convert(path, tmp_path / "b.mcap")
@@ -684,11 +691,11 @@ def test_a_demo_starts_servoes_and_stops(shown, graph):
     on, out = shown.on, shown.out
     shown.life.steps = [
         shown.recorded, on("approaching"), on("servoing", began=3.0, stamp=3.0),
-        on("converged", converged=3.5, stamp=3.6), on("converged", stamp=4.01),
+        on("converged", converged=3.5, stamp=4.0), on("converged", stamp=4.01),
         *[on("converged")] * 9]
     out.mkdir()
     (out / "run.bag").touch()
-    assert shown.run.run() == 5
+    assert shown.run.run() == 5 and len(shown.life.steps) == 9
     world, nodes = shown.run.launches
     port = shown.run.uri.rpartition(":")[2]
     assert world.arguments == [
@@ -726,11 +733,19 @@ def test_a_demo_has_its_time(shown, last, said):
 
 
 def test_a_demo_says_what_it_waits_for_and_what_died(shown, monkeypatch):
-    shown.life.steps = [lambda: setattr(shown.life, "now", shown.life.now + 100.0)] * 9
+    early = []
+
+    def wait(seconds):
+        early.append(shown.said())
+        shown.life.now += seconds
+
+    shown.life.steps = [
+        lambda: wait(19.9), lambda: wait(0.25), lambda: wait(79.85), *[lambda: wait(100.0)] * 9]
     with pytest.raises(ServoError, match=r"^after 300 s still waiting for the simulated robot and "
                                          r"the recorder; logs are in .*/log$"):
         shown.run.run()
-    waits = [line for line in shown.said() if "still waiting for" in line]
+    assert [len(lines) for lines in early[:4]] == [1, 0, 1, 0]  # after twenty seconds
+    waits = [line for line in [*early[2], *shown.said()] if "still waiting for" in line]
     assert waits == ["[demo] still waiting for the simulated robot and the recorder; a first start "
                      "may have to compile loops"]
     assert shown.run.launches[0].stopped == 1

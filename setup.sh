@@ -145,17 +145,25 @@ step() {
 declare -A beside=() # process groups of functions that run beside this script, by their names
 
 # aside FUNCTION...: run them beside what follows, for none of them fills a machine's cores by itself; when this
-# script ends before them they end too.
+# script ends before them they end too, and it waits for that: they hold its lock.
 aside() {
     local name
     begin
     set -m # each is a process group of its own
-    trap 'kill -- "${beside[@]/#/-}" 2>/dev/null || true' EXIT
+    trap end_beside EXIT
     for name in "$@"; do
         "$name" </dev/null >"build/setup.$name.log" 2>&1 &
         beside[$name]=$!
     done
     set +m
+}
+
+end_beside() {
+    kill -- "${beside[@]/#/-}" 2>/dev/null || return 0
+    for _ in {1..100}; do
+        kill -0 -- "${beside[@]/#/-}" 2>/dev/null || return 0
+        sleep 0.05
+    done
 }
 
 # ended FUNCTION...: wait for their end. Each prints in one piece, those that failed last.

@@ -350,7 +350,10 @@ def test_without_numpy_pybullet_is_not_built(machine, tmp_path):
 
 
 def test_where_debian_s_packages_fail_pip_ends_too(machine, tmp_path):
-    files = played(tmp_path, pip="[[ -e mended ]] || { sleep 60; touch late; }")
+    pip = """[[ -e mended ]] || {
+  trap 'sleep 0.5; exit 1' TERM  # it puts away what it has begun
+  sleep 60 & wait; touch late; }"""
+    files = played(tmp_path, pip=pip)
     files["/usr/bin/dpkg-query"] = LACKING
     files["/usr/bin/apt-get"] = '#!/bin/bash\ncase "$*" in *rviz*) exit 100 ;; esac\n'
     status, text = machine(files)

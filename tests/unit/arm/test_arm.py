@@ -125,6 +125,22 @@ def test_eye_to_hand_has_the_joints_between_camera_and_target():
     assert (endless.velocity[1], endless.effort[1]) == (3.0, np.inf)
 
 
+def test_plausible_is_a_span_beyond_the_limits_or_many_turns():
+    velocities = EYE_TO_HAND.replace('upper="2" velocity="1"', 'upper="2" velocity="0.5"', 1)
+    arm = Arm.from_urdf(velocities.replace('"-1" upper="1" velocity="1"',
+                                           '"-1" upper="1" velocity="3"'), target_frame="hand")
+    assert arm.plausible.tolist() == [
+        [-3.0, -1e4, -6.0, -6.0], [3.0, 1e4, 6.0, 6.0], [300.0, 1e6, 100.0, 100.0]
+    ]  # fmt: skip
+    arm.check(np.array([-2.9, -9000.0, 5.9, -5.9]), np.array([-299.0, 9e5, -99.0, 99.0]))
+    for joint, name in enumerate(arm.names):
+        for row, sign in ((0, 1.0), (1, 1.0), (2, 1.0), (2, -1.0)):
+            measured = np.zeros((2, 4))
+            measured[row // 2, joint] = 1.001 * sign * arm.plausible[row, joint]
+            with pytest.raises(MeasurementError, match=f"{name} measured at"):
+                arm.check(*measured)
+
+
 def test_inverse_comes_back_to_the_pose(arm):
     random = np.random.default_rng(5)
     for _ in range(10):
@@ -156,11 +172,13 @@ def test_of_several_postures_the_cheapest_counts():
     tried = []
 
     def cost(joints):
-        tried.append((1.0 + abs(joints[2] - 0.4) + abs(joints[4]), joints))
+        tried.append((1.0 + round(abs(joints[2] - 0.4) + abs(joints[4]), 1), joints))
         return tried[-1][0]
 
     found = arm.inverse(arm.pose(q), q, cost=cost)
-    assert len(tried) > 1
+    costs = [one[0] for one in tried]
+    assert costs.count(min(costs)) > 1 and len(set(costs)) > 1
+    # Of those that cost the same, the one found first.
     np.testing.assert_array_equal(found, min(tried, key=lambda one: one[0])[1])
 
 

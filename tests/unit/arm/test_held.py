@@ -66,6 +66,17 @@ def test_upside_down_any_way_round_is_as_good():
     np.testing.assert_allclose(turned, -view[2, :3], atol=1e-12)
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-7, 0.9e-6, 1.1e-6, 1e-4, 1e-2])
+def test_a_small_turn_is_about_its_own_axis_too(angle):
+    """Where the sine of the angle divides nothing any more."""
+    vector = angle * np.array([2.0, -3.0, 6.0]) / 7.0
+    view = random_pose(np.random.RandomState(3))
+    goal = view.copy()
+    goal[:3, :3] = view[:3, :3] @ Rotation.from_rotvec(vector).as_matrix()
+    errors = held_at(view, goal, np.zeros(6, bool), LENGTH)[1]
+    np.testing.assert_allclose(errors[3:], LENGTH * vector, rtol=1e-9, atol=1e-15)
+
+
 @pytest.mark.parametrize("short", [0.0, 3e-5, -3e-5, 1e-3])
 @pytest.mark.parametrize("axis", [(0.9, -0.3, 0.2), (0.1, 0.8, -0.5), (-0.2, 0.4, 0.9)])
 def test_half_a_turn_is_about_its_own_axis(axis, short):

@@ -25,6 +25,17 @@ def test_fast_motion_does_not():
     assert resolve(Q, 20.0 * SLOW).lasts == 0.0
 
 
+@pytest.mark.parametrize("joint", range(6))
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_it_lasts_while_no_joint_leaves_its_jacobian(joint, sign):
+    """At most 2 mrad, whichever way it turns."""
+    arm, q = make("ur5"), np.array([0.2, -1.2, 1.4, -0.8, -1.3, 0.3])
+    for part, lasts in ((0.99, LASTING), (1.01, 0.0)):
+        speeds = sign * part * 0.002 / 0.05 * np.eye(6)[joint]
+        answer = Resolver(arm, folds=()).resolve(q, Task.of_twist(arm.jacobian(q) @ speeds), 0.01)
+        assert np.abs(answer.velocities - speeds).max() < 1e-9 and answer.lasts == lasts
+
+
 def test_a_motion_that_the_speed_of_a_joint_slows_does_not():
     free = resolve(Q, SLOW).velocities
     for joint, name in enumerate(make("aras").names):

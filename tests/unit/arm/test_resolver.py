@@ -518,14 +518,17 @@ def test_beyond_the_stretched_arm_it_says_so():
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize(("bend", "speed", "passes"), [
-    (0.02, -0.11, True), (0.02, -0.09, False), (0.02, 0.5, False), (0.11, -9.0, False)
+    (0.03125, -0.126, True), (0.03125, -0.125, False), (0.03125, -0.124, False),
+    (0.03125, 0.5, False), (0.124, -9.0, True), (0.125, -9.0, False), (0.126, -9.0, False),
+    (0.0, 1e-3, True), (0.0, -1e-3, False), (5e-10, 1e-3, True), (2e-9, 1e-3, False),
 ])  # fmt: skip
 def test_an_elbow_passes_where_a_step_takes_more_than_half_of_a_small_bend(
     side, bend, speed, passes
 ):
-    q, fold = np.array([0.0, 0.3 + side * bend]), np.array([1.0, 0.3, -side])
+    """One that is straight bends to the other side here; numbers that binary fractions are."""
+    q, fold = np.array([0.0, 0.25 + side * bend]), np.array([1.0, 0.25, -side])
     velocities = np.array([0.0, side * speed])
-    assert _passes(q, fold, velocities, 0.1, 0.1) == passes
+    assert _passes(q, fold, velocities, 0.125, 0.125) == passes
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -549,20 +552,27 @@ def test_a_straight_elbow_comes_back_whatever_another_one_does(side, other):
 
 def test_posture_moves_what_the_task_does_not_see():
     arm, q = make("aras"), np.array([0.0, 0.5, 0.6, -0.9, 0.3, 0.0])
-    tasks = [Posture(arm, {"J1": 0.0}, gain=1.0)]
+    tasks = [Posture(arm, {"J1": 0.0})]
     answer = Resolver(arm, tasks=tasks).resolve(q, Task.of_twist(np.zeros(6), MOMENTS), 0.01)
     assert np.abs(answer.twist).max() < 2e-3  # the camera's tilt of 1.8 mrad is all it moves
     assert answer.velocities[1] < -0.05
+    for gain, options in ((1.0, {}), (3.0, {"gain": 3.0})):
+        posture = Posture(arm, {"J1": 0.2, "J5": -0.4}, **options)
+        assert posture.velocity(q) == pytest.approx([0, -0.3 * gain, 0, 0, -0.7 * gain, 0])
     with pytest.raises(ConfigurationError, match="unknown joint J4; known are gantry, J1"):
         Posture(arm, {"J4": 0.0})
 
 
 def test_joint_limits_are_avoided_from_their_margin_on():
     limits = Limits.of(make("aras"))
-    task = JointLimitAvoidance(limits, margin=0.2, gain=2.0)
+    task = JointLimitAvoidance(limits)
     q = np.array([1.4, 0.0, -2.0, 0.0, 0.0, 2999.9])
     assert task.velocity(q) == pytest.approx([-0.2, 0, 2 * (0.2 - 0.0943), 0, 0, -0.2])
     assert not task.velocity(np.zeros(6)).any()
+    narrow = JointLimitAvoidance(Limits.of(make("aras"), lower={"J3": -0.1}, upper={"J3": 0.3}),
+                                 margin=0.3, gain=4.0)  # fmt: skip
+    q[:4] = 1.1, 0.0, -2.0, 0.25  # a quarter of J3's range is less
+    assert narrow.velocity(q) == pytest.approx([0, 0, -4 * (-0.2057), -0.2, 0, -4 * 0.2])
 
 
 class TestSingularityAvoidance:
@@ -576,6 +586,21 @@ class TestSingularityAvoidance:
         rows = self.arm.jacobian(self.level)[[0, 1, 2, 5]]
         product = np.prod(np.linalg.svd(rows, compute_uv=False))
         assert self.task().manipulability(self.level) == pytest.approx(product, rel=1e-9)
+
+    @pytest.mark.parametrize("options", [{}, {"gain": 2.0, "bound": 0.3, "steep": 1e-3}])
+    def test_its_step_is_up_the_slope(self, options):
+        given = {"gain": 0.5, "bound": 0.1, "steep": 0.1, **options}
+        task, q = self.task(**options), np.array([0.0, 0.2, 0.3, -0.9, 0.4, 0.1])
+        logarithms = []  # of w, by its singular values
+        for turn in 1e-4 * np.vstack([np.zeros(6), np.eye(6), -np.eye(6)]):
+            rows = self.arm.jacobian(q + turn)[[0, 1, 2, 5]]
+            logarithms.append(np.log(np.linalg.svd(rows, compute_uv=False)).sum())
+        here = np.exp(logarithms[0])
+        slope = here * (np.array(logarithms[1:7]) - logarithms[7:]) / 2e-4
+        steepness = max(np.linalg.norm(slope), given["steep"])
+        expected = given["gain"] * (1.0 - here / given["bound"]) * slope / steepness
+        assert 0.0 < here < given["bound"] and np.abs(expected).max() > 0.01
+        np.testing.assert_allclose(task.velocity(q), expected, atol=1e-5)
 
     def test_it_switches_off_at_its_bound(self):
         here = self.task().manipulability(self.level)

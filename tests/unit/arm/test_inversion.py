@@ -11,13 +11,11 @@ from aras_visual_servo_controller.arm.resolver import Resolver
 from aras_visual_servo_controller.arm.secondary import JointLimitAvoidance
 from aras_visual_servo_controller.arm.task import Task
 
-MODULES = (algebra, held, inversion, kinematics)
-
 
 @pytest.fixture
 def plain(monkeypatch):
     """Compiled functions run as Python, where an index beyond an array is an error."""
-    for module in MODULES:
+    for module in (algebra, held, inversion, kinematics):
         for name, value in list(vars(module).items()):
             if hasattr(value, "py_func"):
                 monkeypatch.setattr(module, name, value.py_func)

@@ -120,6 +120,7 @@ def test_what_l_does_not_see_is_not_asked_for():
     assert answer.rank == 1
     nothing = Resolver(arm).resolve(q, Task.of(np.zeros((2, 6)), [0.1, 0.1]), 0.01)
     assert not nothing.velocities.any() and nothing.rank == 0
+    assert [Task.of(scale * np.eye(6), np.zeros(6)).rank for scale in (0.0, 1e-6, 1.0)] == [0, 6, 6]
 
 
 def test_answer_tells_the_condition_of_the_task():

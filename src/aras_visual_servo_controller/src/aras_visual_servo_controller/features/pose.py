@@ -242,7 +242,7 @@ def on_one_line(points: np.ndarray) -> bool:
 
 
 def in_goal_frame(c_T_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """s = (g_t_c, theta u) and its L (6, 6)."""
+    """s = (g_t_c, theta u of g_R_c) (6,), m and rad, and its L (6, 6) for the camera's twist."""
     return _joined(_place(c_T_g), _turn(c_T_g))
 
 

@@ -178,7 +178,7 @@ def rigid_motion(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """a_T_b (4, 4) that brings places (n, 3) nearest to others, by least squares (Kabsch).
 
     Raises:
-        MeasurementError: they lie on one line.
+        MeasurementError: they lie on one line, or all in one place.
     """
     middle, other = before.mean(axis=0), after.mean(axis=0)
     U, sizes, Vt = np.linalg.svd(before.T @ (after - other))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -67,10 +68,8 @@ def test_process():
 CONFTEST = "import toy\n\nassert toy.TOP == 1\n"
 
 
-@pytest.fixture(scope="module")
-def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str, str], Outcome]]:
-    """Plants `now` for `was` in a toy workspace and says what became of it."""
-    folder = tmp_path_factory.mktemp("bad")
+def workspace(folder: Path) -> Path:
+    """The toy workspace, a git checkout, in a folder."""
     top = folder / "work"
     for name, text in (("src/toy.py", TOY), ("tests/test_toy.py", TESTS),
                        ("tests/conftest.py", CONFTEST),
@@ -78,20 +77,35 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str, s
         (top / name).parent.mkdir(parents=True, exist_ok=True)
         (top / name).write_text(text)
     subprocess.run(["git", "init", "-q", str(top)], check=True)
-    run = Campaign(Area("toy", ("src/toy.py",), ("tests",)), top, folder / "out", 1,
-                   time.monotonic() + 300.0, print, patience=1.0,
-                   libraries=("pytest", "coverage"))
+    return top
+
+
+def campaign(folder: Path, top: Path) -> Campaign:
+    return Campaign(Area("toy", ("src/toy.py",), ("tests",)), top, folder / "out", 1,
+                    time.monotonic() + 300.0, print, patience=1.0,
+                    libraries=("pytest", "coverage"))
+
+
+def fault_of(was: str, now: str) -> Fault:
+    """`now` for `was` in the toy."""
+    start = TOY.index(was)
+    line = TOY.count("\n", 0, start) + 1
+    top_level = was == was.lstrip() and was.startswith("TOP")
+    return Fault("src/toy.py", "", "constant", (line, line), ("TOP",) if top_level else (),
+                 False, start, start + len(was), now, line, was, now, now[:12])
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str, str], Outcome]]:
+    """Plants `now` for `was` in a toy workspace and says what became of it."""
+    folder = tmp_path_factory.mktemp("bad")
+    run = campaign(folder, workspace(folder))
     cover = run.record()
     copy = folder / "out" / "copies" / "0"
     before = files_of(copy)
 
     def plant(was: str, now: str) -> Outcome:
-        start = TOY.index(was)
-        line = TOY.count("\n", 0, start) + 1
-        top_level = was == was.lstrip() and was.startswith("TOP")
-        fault = Fault("src/toy.py", "", "constant", (line, line), ("TOP",) if top_level else (),
-                      False, start, start + len(was), now, line, was, now, now[:12])
-        ((_, outcome),) = run.run([fault], cover)
+        ((_, outcome),) = run.run([fault_of(was, now)], cover)
         assert files_of(copy) == before and left_of(copy) == []
         assert (copy / "src" / "toy.py").read_text() == TOY
         return outcome
@@ -108,14 +122,14 @@ def files_of(copy: Path) -> set[str]:
     }
 
 
-def left_of(copy: Path) -> list[str]:
+def left_of(copy: Path, server: str = "mutation_tool.worker") -> list[str]:
     """Command lines of processes that work in the copy, its server's own apart."""
     found = []
     for entry in Path("/proc").iterdir():
         try:
             if entry.name.isdigit() and os.readlink(entry / "cwd") == str(copy):
                 text = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
-                if "mutation_tool.worker" not in text:
+                if not server or server not in text:
                     found.append(text)
         except OSError:
             continue
@@ -129,6 +143,41 @@ def test_one_that_hangs_is_ended(plant: Callable, now: str, monkeypatch: pytest.
     monkeypatch.setattr("mutation_tool.campaign._IDLE", 1.0)
     outcome = plant("return a", now)
     assert (outcome.how, outcome.found) == ("time-out", True)
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_nothing_goes_on_once_the_campaign_is_ended(
+    tmp_path: Path, how: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It left the test of a fault that hangs to run on, with what that had started."""
+    monkeypatch.setattr("mutation_tool.campaign._IDLE", 1000.0)
+    top, copy = workspace(tmp_path), tmp_path / "out" / "copies" / "0"
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            run = campaign(tmp_path, top)
+            cover = run.record()
+            os.write(write, b"recorded")
+            list(run.run([fault_of("return a", "return os.system('sleep 1000; true')")], cover))
+        finally:
+            os._exit(1)
+    try:
+        assert os.read(read, 8) == b"recorded"
+        wait_until(lambda: any("sleep 1000" in line for line in left_of(copy)))
+    finally:
+        os.kill(child, how)
+        os.waitpid(child, 0)
+        os.close(read), os.close(write)
+    wait_until(lambda: left_of(copy, server="") == [])
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    end = time.monotonic() + 60.0
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.02)
 
 
 def test_one_that_takes_all_memory_is_ended(plant: Callable) -> None:

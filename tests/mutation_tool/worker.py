@@ -15,6 +15,7 @@ import importlib
 import json
 import os
 import resource
+import select
 import shutil
 import signal
 import sys
@@ -118,6 +119,8 @@ class Server:
     def __init__(self, top: Path, tasks: TextIO, answers: TextIO) -> None:
         self._top, self._tasks, self._answers = top, tasks, answers
         self._deadline = guard.Deadline()
+        self._asked_by_none = select.poll()  # once the process that asks has ended in any way
+        self._asked_by_none.register(tasks, 0)  # tells of a pipe that is closed at its other end
 
     def serve(self, run: Run) -> None:
         guard.adopt_orphans()
@@ -175,7 +178,9 @@ class Server:
                 os.kill(child, signal.SIGKILL)
                 os.waitpid(child, 0)
                 return "time-out"
-            time.sleep(0.01)
+            if self._asked_by_none.poll(10):
+                guard.end_all(set())
+                os._exit(1)
 
     def _child(self, run: Run, task: dict, answer: Path, outside: Path) -> None:
         os.setpgid(0, 0)

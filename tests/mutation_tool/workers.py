@@ -66,6 +66,7 @@ class Worker:
             process = subprocess.Popen(
                 [sys.executable, "-m", "mutation_tool.worker", str(self.copy)],
                 text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment,
+                start_new_session=True,  # Ctrl-C is for this process, whose end ends that one
             )
             self._processes[collect] = process
             self._exchange(process, {"libraries": self._libraries, "collect": collect})

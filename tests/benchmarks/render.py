@@ -194,7 +194,7 @@ def picture_of(case: str, what: str, folder: Path) -> Callable[[], object]:
     if what in LENSES:
         sensor = CameraSensor(CameraConfig.from_mapping({"near": NEAR, **LENSES[what]}), renderer)
         T = view.world_T_optical
-        view = sensor._view(link_pose(T))
+        view = sensor.view(link_pose(T))
     if what == "noise_alone":
         image = renderer.render(view)
         noise = EffectChain(Effects(noise_stddev=5.0), image.shape, seed=0)
@@ -343,7 +343,7 @@ def cell(renderer: Renderer, size: tuple[int, int], settings: dict, poses: int, 
         outline = config.model.project((around - T[:3, 3]) @ T[:3, :3])
         if (outline < 4).any() or (outline > np.array(size) - 5).any():
             continue
-        view = sensor._view(link_pose(T))
+        view = sensor.view(link_pose(T))
         if not errors:  # what the first picture prepares is for all
             renderer.render(view)
         start = time.process_time()

@@ -11,7 +11,12 @@ from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment, Sampler
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.environment import ENVIRONMENT, AskedTwist, ServoEnv
+from aras_visual_servo_bench.running.environment import (
+    ENVIRONMENT,
+    GREATEST,
+    AskedTwist,
+    ServoEnv,
+)
 from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.schemes import Decision, JointController, Scheme
 
@@ -40,12 +45,12 @@ def test_a_seed_draws_the_start(env):
 
 def test_a_twist_is_done_as_asked(env):
     env.reset(seed=1)
-    before = env._loop.plant.pose()
-    began = env._loop.plant.time_ns
+    before = env.loop.plant.pose()
+    began = env.loop.plant.time_ns
     for _ in range(10):
         env.step(np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0]))
-    after = env._loop.plant.pose()
-    seconds = (env._loop.plant.time_ns - began) * 1e-9
+    after = env.loop.plant.pose()
+    seconds = (env.loop.plant.time_ns - began) * 1e-9
     moved = before[:3, :3].T @ (after[:3, 3] - before[:3, 3])
     np.testing.assert_allclose(moved, [0.0, 0.0, 0.2 * 0.25 * seconds], atol=2.5e-3)
 
@@ -55,10 +60,10 @@ def test_an_agent_that_does_as_the_law_does_gets_there():
     env.reset(seed=4)
     total, ended = 0.0, False
     for _ in range(400):
-        L = env._loop.state.decision.L
-        twist = np.linalg.pinv(L[:, [0, 1, 2, 5]]) @ (-2.0 * env._error)
+        L = env.loop.state.decision.L
+        twist = np.linalg.pinv(L[:, [0, 1, 2, 5]]) @ (-2.0 * env.loop.state.decision.error)
         action = np.zeros(6)
-        action[[0, 1, 2, 5]] = twist / env._greatest[[0, 1, 2, 5]]
+        action[[0, 1, 2, 5]] = twist / np.array(GREATEST)[[0, 1, 2, 5]]
         _, reward, ended, cut, info = env.step(np.clip(action, -1.0, 1.0))
         total += reward
         if ended or cut:
@@ -108,7 +113,7 @@ def test_a_picture_and_where_the_goal_is_belong_together():
     assert picture.shape == (240, 320) and picture.dtype == np.uint8
     assert env.observation_space.contains(picture)
     np.testing.assert_array_equal(env.render()[..., 1], picture)
-    parts = env._loop.parts
+    parts = env.loop.parts
     goal_T_camera = np.linalg.inv(info["camera_T_goal"])
     outline = parts.target.shape.outline(parts.target.seen_from(parts.goal_pose @ goal_T_camera))
     u, v = parts.eyes["camera"].true.project(*outline.T)
@@ -181,11 +186,11 @@ def test_an_action_is_the_twist_in_parts_of_the_greatest(greatest, wanted):
                          ((-9.0,) * 6, 1 / 9.0)):
         env.reset(seed=3)
         env.step(np.array(action))
-        task = env._loop.state.decision.task
+        task = env.loop.state.decision.task
         np.testing.assert_allclose(task.twist, np.array(action) * part * wanted, atol=1e-12)
     env.reset(seed=3)
     env.step(np.zeros(6))
-    assert not env._loop.state.decision.task.twist.any()
+    assert not env.loop.state.decision.task.twist.any()
     env.close()
 
 

@@ -34,9 +34,11 @@ class Recorder(Launch):
 
 @pytest.fixture
 def kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(keeping, "Launch", Recorder)
+    begun = []
+    monkeypatch.setattr(keeping, "Launch", lambda *how: begun.append(Recorder(*how)) or begun[0])
     found = keeping.Keeping(tmp_path)
     found.record()
+    found.by = begun[0]
     return found
 
 
@@ -47,7 +49,7 @@ def test_a_recorder_that_writes_is_no_trouble(kept):
 
 
 def test_a_disk_without_room_is_said_while_recording_and_at_its_end(kept):
-    with kept._recorder.log.open("a") as log:
+    with kept.by.log.open("a") as log:
         log.write(FULL.format(bag=kept.recording))
     assert kept.trouble().startswith("the recorder has stopped: Less than 256M of space free on")
     with pytest.raises(RefusedError, match="Less than 256M .*; what it had until then is kept: "):
@@ -56,7 +58,7 @@ def test_a_disk_without_room_is_said_while_recording_and_at_its_end(kept):
 
 
 def test_of_a_recorder_that_died_the_unclosed_bag_is_kept_for_the_report(kept):
-    with kept._recorder.log.open("a") as log:
+    with kept.by.log.open("a") as log:
         log.write(TORN + DIED)
     with pytest.raises(RefusedError, match="Error writing to file.* is kept: recorded .*active"):
         kept.stop_record()
@@ -68,8 +70,8 @@ def test_what_is_not_recorded_is_neither_closed_nor_reported(kept):
         kept.record()
     with pytest.raises(RefusedError, match="a bag is still being recorded: stop that first"):
         kept.make_report()
-    kept._recorder.bag.with_name(kept._recorder.bag.name + ".active").rename(kept.directory / "x")
-    kept._recorder.stop = lambda patience=0.0: None
+    kept.by.bag.with_name(kept.by.bag.name + ".active").rename(kept.directory / "x")
+    kept.by.stop = lambda patience=0.0: None
     with pytest.raises(RefusedError, match="^the recorder left no bag: recording$"):
         kept.stop_record()
     with pytest.raises(RefusedError, match="^nothing is being recorded$"):

@@ -299,7 +299,7 @@ def test_what_covers_much_does_not_hide_what_covers_less_and_crosses_it(bench):
                       orientation=(0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2)))
     config = CameraConfig.from_mapping({"horizontal_fov": np.pi / 2, "near": 0.02})
     sensor = CameraSensor(config, create_renderer("exact", bench.world))
-    _, label = sensor.renderer.measure(sensor._view(np.eye(4)))
+    _, label = sensor.renderer.measure(sensor.view(np.eye(4)))
     rows = label[90:150]
     crossing = config.K[0, 2] - config.K[0, 0] * 0.1
     u = np.arange(320)
@@ -332,7 +332,7 @@ def test_pictures_have_any_size(size, lens):
         settings["camera_matrix"] = [focal, focal, size[0] / 2, size[1] / 2]
     config = CameraConfig.from_mapping(settings)
     sensor = CameraSensor(config, create_renderer("exact", bench.world))
-    view = sensor._view(np.eye(4))
+    view = sensor.view(np.eye(4))
     assert sensor.renderer.render(view).shape == (size[1], size[0], 3)
     depth, label = sensor.renderer.measure(view)
     assert depth.shape == label.shape == size[::-1]
@@ -367,7 +367,7 @@ def test_depth_through_a_lens_is_where_the_ray_of_the_pixel_meets_the_plane(benc
               [0.0, np.sin(half), 0.0, np.cos(half)])
     sensor = sensor_of(half_size(lens), bench)
     config = sensor.config
-    view = sensor._view(np.eye(4))
+    view = sensor.view(np.eye(4))
     depth, label = sensor.renderer.measure(view)
     v, u = np.mgrid[:config.height, :config.width]
     rays = config.model.unproject(np.stack([u.ravel(), v.ravel()], axis=1).astype(float))
@@ -389,7 +389,7 @@ def test_depth_through_lenses_is_that_of_the_pixel_s_own_ray(bench):
     config = CameraConfig.from_mapping({"width": 160, "height": 120, "far": 50.0,
                                         "lens": "equidistant", "horizontal_fov": np.pi})
     sensor = CameraSensor(config, create_renderer("exact", bench.world))
-    depth, _ = sensor.renderer.measure(sensor._view(np.eye(4)))
+    depth, _ = sensor.renderer.measure(sensor.view(np.eye(4)))
     v, u = np.mgrid[:120, :160]
     pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
     forward = config.model.unproject(pixels)[:, 2].reshape(120, 160)

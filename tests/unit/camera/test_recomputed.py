@@ -315,7 +315,7 @@ def scene(bench, tmp_path, what, lens, lit, near=0.02, far=50.0, size=(43, 27), 
         settings["camera_matrix"] = tuple(fine * x for x in settings["camera_matrix"])
     sensor = CameraSensor(CameraConfig.from_mapping(settings),
                           create_renderer("exact", bench.world, LIT[lit]))
-    return sensor, sensor._view(link_pose(looking(EYE, AT, (0.2, 0.1, 1.0))))
+    return sensor, sensor.view(link_pose(looking(EYE, AT, (0.2, 0.1, 1.0))))
 
 
 @pytest.fixture(params=["plain", "compiled"])

@@ -320,7 +320,7 @@ def test_depth_of_a_wall_through_lenses(bench, renderer, lens, along_ray):
         CameraConfig.from_mapping(settings),
         create_renderer(renderer, bench.world),
     )
-    depth, label = sensor.renderer.measure(sensor._view(np.eye(4)))
+    depth, label = sensor.renderer.measure(sensor.view(np.eye(4)))
     v, u = np.mgrid[:120, :160]
     pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
     rays = sensor.config.model.unproject(pixels).reshape(120, 160, 3)

@@ -97,7 +97,7 @@ def test_cameras_that_see_alike_have_the_same_tiles_and_others_their_own():
     def tiles_of(settings):
         config = CameraConfig.from_mapping({"width": 40, "height": 32, **settings})
         with World() as world:
-            return CameraSensor(config, create_renderer("exact", world))._view(np.eye(4)).tiles()
+            return CameraSensor(config, create_renderer("exact", world)).view(np.eye(4)).tiles()
 
     found = [tiles_of(settings) for settings in LENSES.values()]
     assert len(set(map(id, found))) == len(LENSES)

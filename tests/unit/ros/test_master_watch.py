@@ -14,6 +14,7 @@ class Master:
     def __init__(self, _name: str) -> None:
         self.pid = 7
         self.asked = 0
+        Master.watched = self
 
     def getPid(self) -> int:
         self.asked += 1
@@ -36,13 +37,13 @@ def test_a_master_that_answers_is_asked_no_more_often_than_said(wall, said):
     for _ in range(20):
         assert watch.lost() == ""
         wall[0] += 0.5
-    assert watch._master.asked == 5
+    assert Master.watched.asked == 5
 
 
 def test_one_missed_answer_is_no_loss_two_are(wall):
     watch = MasterWatch("/node", every=2.0)
     assert watch.lost() == ""
-    watch._master.pid = None
+    Master.watched.pid = None
     wall[0] += 2.1
     assert watch.lost() == ""
     wall[0] += 0.6  # asked again soon
@@ -52,7 +53,7 @@ def test_one_missed_answer_is_no_loss_two_are(wall):
 def test_an_answer_between_forgives(wall):
     watch = MasterWatch("/node", every=2.0)
     for pid in (7, None, 7, None, 7):
-        watch._master.pid = pid
+        Master.watched.pid = pid
         assert watch.lost() == ""
         wall[0] += 2.1
 
@@ -60,7 +61,7 @@ def test_an_answer_between_forgives(wall):
 def test_another_master_at_the_same_place_is_noticed(wall):
     watch = MasterWatch("/node", every=2.0)
     assert watch.lost() == ""
-    watch._master.pid = 8
+    Master.watched.pid = 8
     wall[0] += 2.1
     assert "was restarted" in watch.lost()
 
@@ -72,7 +73,7 @@ def test_a_loss_is_told_once(wall, monkeypatch):
     told, lost, thread = [], threading.Event(), threading.current_thread
     watch = MasterWatch("/node", every=2.0)
     assert watch.lost() == ""
-    watch._master.pid = None
+    Master.watched.pid = None
     watch.tell(lambda why: (told.append((why, thread().daemon)), lost.set()))
     assert lost.wait(10.0)
     assert told == [("the ROS master does not answer any more", True)]

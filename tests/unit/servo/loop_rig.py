@@ -80,6 +80,8 @@ class Rig:
         friction: (6,) a joint does not move while its command is nearer than this.
         look: makes an observation at (observer, stamp, joints); replace it to spoil it.
         believe: what the joint sensors report of the true joints (6,).
+        target: where the joints are led to, rad and m.
+        next_tick, next_image: when the loop is called and the camera exposes next, s.
     """
 
     servo: Servo
@@ -101,9 +103,9 @@ class Rig:
             self.servo.arm, self.servo.scheme.needs, plane_from=self.servo.goal.plane_from
         )
         self.now = 0.0
-        self._target, self._speed = self.q.copy(), np.zeros(len(self.q))
+        self.target, self._speed = self.q.copy(), np.zeros(len(self.q))
         self._pending: list[Observation] = []
-        self._next_tick = self._next_image = 0.0
+        self.next_tick = self.next_image = 0.0
 
     def exact(self, observer: Observer, stamp: float, joints: JointSample) -> Observation:
         target = self.servo.goal.target
@@ -116,23 +118,23 @@ class Rig:
         names = self.servo.arm.names
         look = self.look or self.exact
         while self.now < end - 1e-9:
-            ticks, looks = (self.now >= due - 1e-9 for due in (self._next_tick, self._next_image))
+            ticks, looks = (self.now >= due - 1e-9 for due in (self.next_tick, self.next_image))
             if ticks or looks:
                 believed = self.believe(self.now, self.q)
                 seen = JointSample.of(self.now, names, believed, self._speed)
             if ticks:
-                self._next_tick += TICK
+                self.next_tick += TICK
                 command = self.servo.tick(self.now, seen)
                 self.commands.append(command)
                 self.joints.append(self.q.copy())
                 if command.positions is not None:
-                    self._target = command.positions
+                    self.target = command.positions
             if looks:
-                self._next_image += self.image_period
+                self.next_image += self.image_period
                 self._pending.append(look(self.observer, self.now, seen))
             while self._pending and self._pending[0].stamp + self.latency <= self.now + 1e-9:
                 self.states.append(self.servo.see(self._pending.pop(0)))
-            way = self._target - self.q
+            way = self.target - self.q
             moved = np.where(np.abs(way) > self.friction, way, 0.0)
             step = (1.0 - np.exp(-self.step / self.lag)) * moved
             self.q, self._speed = self.q + step, step / self.step

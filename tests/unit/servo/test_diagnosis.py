@@ -306,7 +306,7 @@ def test_starving_again_and_again_is_remembered():
     for starving in range(2):
         rig.run(0.2)
         assert rig.servo.outcome.kind == "running"
-        rig._next_image = rig.now + 0.4
+        rig.next_image = rig.now + 0.4
         rig.run(0.39)
         assert rig.servo.outcome.kind == "too_few_images", starving
     rig.run(0.2)
@@ -362,7 +362,7 @@ def test_a_local_minimum():
 
 def test_the_time_is_over():
     rig = Rig(the_servo("2016", law=Proportional(0.2), duration=1.0), STARTS["2016"])
-    rig.now = rig._next_tick = rig._next_image = 40.0
+    rig.now = rig.next_tick = rig.next_image = 40.0
     states = rig.run(1.5)
     assert rig.servo.outcome.kind == "timed_out"
     assert rig.servo.phase == "stopped"

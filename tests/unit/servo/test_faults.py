@@ -438,7 +438,7 @@ def test_controllers_of_joints_are_under_the_same_limits_and_watchdog(output):
     inside = commands[2:, 1] < 0.1 - 0.02
     assert change[inside].max() <= 3.0 * TICK * (1 + 1e-6)
     assert commands[:, 1].max() <= 0.1 + 1e-12
-    rig._next_image = 100.0
+    rig.next_image = 100.0
     rig.run(0.6)
     assert rig.servo.phase == "waiting"
     still = np.array([c.positions for c in rig.commands])[-10:]

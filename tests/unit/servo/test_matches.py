@@ -91,7 +91,7 @@ def test_keypoints_are_where_they_are_in_the_picture_that_is_turned_by_half(pict
     """Read a quarter of a pixel aside, as SIFT does by default, they are not."""
     feature = create_feature("matches")
     image = look(feature, picture, GOAL).image[60:180, 80:240]
-    upright, turned = (feature._detected(np.ascontiguousarray(one))[0]
+    upright, turned = (feature.keypoints(np.ascontiguousarray(one))[0]
                        for one in (image, image[::-1, ::-1]))  # fmt: skip
     off = [159, 119] - upright[:, None] - turned
     nearest = off[np.arange(len(off)), np.linalg.norm(off, axis=2).argmin(axis=1)]
@@ -107,7 +107,7 @@ def test_keypoints_are_where_they_are_in_the_picture_that_is_turned_by_half(pict
 def test_of_a_picture_that_is_narrow_enough_keypoints_are_its_own(name, detector, aside, picture):
     feature = create_feature(name)
     image = np.ascontiguousarray(look(feature, picture, GOAL).image[60:180, 80:240])
-    places, descriptors = feature._detected(image)
+    places, descriptors = feature.keypoints(image)
     keypoints, expected = detector.detectAndCompute(image, None)
     np.testing.assert_allclose(places, np.array([k.pt for k in keypoints]) - aside, atol=1e-9)
     np.testing.assert_array_equal(descriptors, expected)
@@ -118,7 +118,7 @@ def test_of_a_picture_that_is_too_wide_keypoints_are_those_of_the_smaller_one(pi
     feature = create_feature("matches")
     image = look(feature, picture, GOAL).image[60:180, 80:240]
     feature.widest = 160
-    small, wide = (feature._detected(one)[0]
+    small, wide = (feature.keypoints(one)[0]
                    for one in (image, image.repeat(3, axis=0).repeat(3, axis=1)))  # fmt: skip
     np.testing.assert_allclose(wide, 3.0 * small + 1.0, atol=1e-4)
 
@@ -131,15 +131,15 @@ def test_a_picture_that_is_too_wide_is_averaged_and_its_places_are_those_of_the_
         detectAndCompute=lambda grey, mask: given.append((grey, mask)) or (found, "told")
     )  # fmt: skip
     wide = np.random.default_rng(1).integers(0, 256, (99, 480), dtype=np.uint8)
-    places, descriptors = feature._detected(wide)
+    places, descriptors = feature.keypoints(wide)
     (grey, mask), = given
     assert mask is None and descriptors == "told"
     np.testing.assert_allclose(grey, wide.reshape(33, 3, 160, 3).mean(axis=(1, 3)), atol=0.51)
     np.testing.assert_allclose(places, 3.0 * np.array([[10.25, 20.25], [0.25, 7.75]]) - 0.5)
     low = np.zeros((100, 480), np.uint8)  # whose rows are no thirds
-    places, _ = feature._detected(low)
+    places, _ = feature.keypoints(low)
     np.testing.assert_allclose(places[0], [3.0 * 10.25 - 0.5, 20.25 * 100 / 33 - 0.5])
-    feature._detected(low[:1])
+    feature.keypoints(low[:1])
     assert [one[0].shape for one in given] == [(33, 160), (33, 160), (1, 160)]
 
 
@@ -147,13 +147,13 @@ def test_eight_keypoints_that_agree_are_enough(picture, monkeypatch):
     feature = create_feature("matches")
     seen = look(feature, picture, GOAL)
     goal = Goal.teach(Composed(feature), seen)
-    all_of = feature._detected(seen.image)
-    monkeypatch.setattr(feature, "_detected", lambda grey: [part[:281:40] for part in all_of])
+    all_of = feature.keypoints(seen.image)
+    monkeypatch.setattr(feature, "keypoints", lambda grey: [part[:281:40] for part in all_of])
     assert feature.measure(seen, goal).error == pytest.approx(np.zeros(16))
-    monkeypatch.setattr(feature, "_detected", lambda grey: [part[:280:40] for part in all_of])
+    monkeypatch.setattr(feature, "keypoints", lambda grey: [part[:280:40] for part in all_of])
     with pytest.raises(ConfigurationError, match="7 keypoints in its picture, 8 are needed"):
         feature.check(goal)
-    monkeypatch.setattr(feature, "_detected", lambda grey: [part[:281:40] for part in all_of])
+    monkeypatch.setattr(feature, "keypoints", lambda grey: [part[:281:40] for part in all_of])
     feature.check(goal)
     with pytest.raises(ConfigurationError, match="keypoints in its picture"):
         feature.check(replace(goal, camera=None))  # they are no rays then
@@ -168,9 +168,9 @@ def matched(picture, monkeypatch, at, distances, name="matches", plane=None):
     feature = create_feature(name)
     seen, there = look(feature, picture, NOW), look(feature, picture, GOAL)
     goal = Goal.teach(Composed(feature), there)
-    monkeypatch.setattr(feature, "_detected", lambda grey: (GRID, "the goal's"))
+    monkeypatch.setattr(feature, "keypoints", lambda grey: (GRID, "the goal's"))
     feature.check(goal)
-    monkeypatch.setattr(feature, "_detected", lambda grey: (at, "seen"))
+    monkeypatch.setattr(feature, "keypoints", lambda grey: (at, "seen"))
 
     def nearest(query, train, k):
         assert (query, train, k) == ("seen", "the goal's", 2)

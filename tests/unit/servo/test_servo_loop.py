@@ -178,7 +178,7 @@ def test_converged_is_left_when_the_target_moves():
     assert rig.run(3.0)[-1].phase == CONVERGED
     rig.servo.goal.world_T_camera.setflags(write=False)
     rig.q[0] += 0.01
-    rig._target[0] += 0.01
+    rig.target[0] += 0.01
     rig.servo.motion.command[0] += 0.01
     after = [s for s in rig.run(2.0) if s.stamp > 3.0]
     assert SERVOING in phases(after)
@@ -241,7 +241,7 @@ def test_the_continuous_start_comes_back_after_the_target_was_lost():
 def test_the_watchdog_stops_the_arm_when_no_images_come():
     rig = Rig(the_servo("2016", law=Proportional(1.0)), STARTS["2016"])
     rig.run(0.5)
-    rig._next_image = 1.5
+    rig.next_image = 1.5
     rig.run(0.9)
     speed = np.abs(speeds(rig)).max(axis=1)
     last = rig.states[-1].stamp
@@ -259,7 +259,7 @@ def test_after_the_first_image_the_watchdog_waits_for_its_own_time():
     """Nobody knows yet how often images come."""
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.02)
-    rig._next_image = 10.0
+    rig.next_image = 10.0
     rig.run(0.16)
     assert rig.servo.phase == SERVOING
     rig.run(0.06)
@@ -280,7 +280,7 @@ def test_the_watchdog_waits_for_three_periods_of_a_slow_camera():
     rig = Rig(the_servo("2016", law=Proportional(0.5)), STARTS["2016"], image_period=0.25)
     rig.run(2.1)
     assert rig.servo.phase == SERVOING  # 0.25 s is more than 0.2 s, but less than 0.75 s
-    rig._next_image = 10.0
+    rig.next_image = 10.0
     rig.run(0.6)
     assert rig.servo.phase == SERVOING
     rig.run(0.3)
@@ -319,7 +319,7 @@ def test_an_image_from_before_the_clock_went_back_is_left_over():
 def test_the_clock_going_back_begins_anew():
     """Where the run does not begin at zero: nothing of the first may be left."""
     rig = Rig(the_servo("2015"), STARTS["2015"])
-    rig.now = rig._next_tick = rig._next_image = 40.0
+    rig.now = rig.next_tick = rig.next_image = 40.0
     rig.run(1.0)
     again = Rig(rig.servo, STARTS["2015"])
     fresh = Rig(the_servo("2015"), STARTS["2015"])
@@ -470,7 +470,7 @@ def test_commands_keep_to_their_limits_of_speed_and_acceleration():
 @pytest.mark.parametrize("begin", [0.0, 40.0])
 def test_a_scheme_is_told_the_time_since_servoing_began(begin):
     rig = Rig(the_servo("2016"), STARTS["2016"])
-    rig.now = rig._next_tick = rig._next_image = begin
+    rig.now = rig.next_tick = rig.next_image = begin
     told, compute = [], rig.servo.scheme.compute
     rig.servo.scheme.compute = lambda observation, goal, t: (
         told.append((observation.stamp - begin, t)) or compute(observation, goal, t)
@@ -883,7 +883,7 @@ def test_efforts_that_could_push_nothing_are_refused():
 def test_the_start_is_reached_smoothly_before_the_eyes_open(begin):
     start = STARTS["2016"]
     rig = Rig(the_servo("2016", start=start), np.zeros(6))
-    rig.now = rig._next_tick = rig._next_image = begin
+    rig.now = rig.next_tick = rig.next_image = begin
     states = rig.run(3.0)
     on_the_way = [s for s in states if s.phase == APPROACHING]
     assert len(on_the_way) > 15

@@ -74,14 +74,14 @@ def test_contacts_are_watched_where_a_product_may_be_another_than_the_smaller(
         models = [world.spawn(slab(make, fixed, bolted=True), "fixed")]
         models += [world.spawn(slab(make, mu), f"loose{k}", Pose((0, 3 * k, 1)))
                    for k, mu in enumerate(loose)]
-        assert world._friction.watched is watched
+        assert world.friction.watched is watched
         assert [given(world, model) for model in models[:2]] == pytest.approx(first)
 
 
 def test_contacts_are_looked_at_every_fifth_step_and_at_once_when_models_came(make, monkeypatch):
     with World() as world:
         world.spawn(slab(make, 0.8, bolted=True), "floor")
-        friction = world._friction
+        friction = world.friction
         model = world.spawn(slab(make, 0.6), "slab", Pose((0.0, 0.0, 0.2)))
         for _ in range(12):
             world.step()

@@ -231,7 +231,7 @@ def test_a_lever_strikes_a_ball_that_lies_in_its_way_where_it_lies(make, speed):
         world.step()
         assert model.joints.own
         model.joints.restore([(0.0, speed)])
-        world._islands.wait = 0  # nobody notes a speed that comes from nowhere
+        world.islands.wait = 0  # nobody notes a speed that comes from nowhere
         while body.twist() == Twist():
             world.step()
             assert model.read_joints()[0][0] < 0.75 * math.pi
@@ -297,7 +297,7 @@ def test_a_loose_body_that_is_put_beside_the_arm_is_felt_at_once(make):
         body = world.spawn(ball(make, gravity=False), "ball", Pose((9.0, 0.0, 0.5)))
         for _ in range(5):
             world.step()
-        assert model.joints.own and world._islands.wait > 50
+        assert model.joints.own and world.islands.wait > 50
         before = pybullet.getJointState(model.body_id, 0, world.client)[:2]
         pybullet.setJointMotorControl2(model.body_id, 0, pybullet.TORQUE_CONTROL, force=5.0,
                                        physicsClientId=world.client)
@@ -311,7 +311,7 @@ def test_a_loose_body_that_is_put_beside_the_arm_is_felt_at_once(make):
         world.step()
         assert model.joints.own
         body.apply_force("ball", (0.0, 0.0, 1e5), body.pose().xyz)
-        assert world._islands.wait == 0
+        assert world.islands.wait == 0
 
 
 def in_steps(boxes, solid, speed, dt=0.001):
@@ -324,7 +324,7 @@ def test_steps_until_something_may_touch_are_by_gaps_and_speeds(make):
     """What is loose, within reach of the lever or not; another robot and a post that are bolted."""
     with World(gravity=(0.0, 0.0, 0.0)) as world:
         model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
-        (alone,) = world._islands._islands
+        (alone,) = world.islands.bolted
         assert alone.steps_alone([], 0.0, DT) == islands._NEVER
         low, high = alone.reach[0]
         assert low[0] < -0.6 and high[1] > 0.6  # it turns all around, with a margin
@@ -350,7 +350,7 @@ def test_steps_until_something_may_touch_are_by_gaps_and_speeds(make):
             in_steps([now], solids[1][0], 47.0))
         other = world.spawn(lever(make), "other", Pose((0.9, 0.0, 0.5)))
         other.joints.restore([(2.0, 3.0)])
-        first, _ = world._islands._islands
+        first, _ = world.islands.bolted
         assert first.grounds == (other,)
         around = [reach.solids(other, [index])[0] for index in other.link_indices.values()
                   if index >= 0]
@@ -362,7 +362,7 @@ def test_a_long_arm_s_ends_are_faster_than_its_joint(make):
     """By the diagonal of the box around its links and its root."""
     with World() as world:
         model = world.spawn(lever(make, 4.0), "lever", Pose((1.0, 2.0, 0.5)))
-        (island,) = world._islands._islands
+        (island,) = world.islands.bolted
         model.joints.restore([(math.pi / 4, -2.0)])
         (box,), speed = island.now()
         low = np.minimum(box.low, (1.0, 2.0, 0.5))
@@ -375,17 +375,17 @@ def test_what_is_put_elsewhere_is_another_s_ground_only_within_its_reach(make):
         one, two = (world.spawn(lever(make), name, Pose((x, 0, 0.5)))
                     for name, x in (("one", 0.0), ("two", 9.0)))
         post = world.spawn(shelf(make, "0.1 0.1 1.0"), "post", Pose((4.0, 0.0, 0.5)))
-        shown = {island.model: island for island in world._islands._islands}
+        shown = {island.model: island for island in world.islands.bolted}
         assert [shown[m].grounds for m in (one, two)] == [(), ()]
         for x, grounds in ((0.4, [(post,), ()]), (9.0, [(), (post,)]), (9.2, [(), (post,)]),
                            (4.0, [(), ()])):
-            world._islands.wait = 7
+            world.islands.wait = 7
             post.set_pose(Pose((x, 0.0, 0.5)))
             assert [shown[m].grounds for m in (one, two)] == grounds
-            assert world._islands.wait == 0
+            assert world.islands.wait == 0
         two.set_pose(Pose((0.9, 0.0, 0.5)))
-        assert [i.grounds for i in world._islands._islands] == [(two,), (one,)]
-        assert world._islands.wait == 0
+        assert [i.grounds for i in world.islands.bolted] == [(two,), (one,)]
+        assert world.islands.wait == 0
 
 
 @pytest.mark.parametrize(("linear", "angular"), [((3.0, 0.0, 4.0), (0.0, 0.0, 0.0)),
@@ -399,18 +399,18 @@ def test_what_is_loose_is_waited_for_as_if_it_were_twice_as_fast(make, linear, a
                       for name, x in (("slow", 0.75), ("fast", 1.5)))
         fast.set_twist(Twist(linear, angular))
         slow.set_twist(Twist((0.1, 0.0, 0.0)))
-        world._islands.look(DT)
+        world.islands.look(DT)
         speed = 2.0 * (math.hypot(*linear) + math.hypot(*angular))
         (box,) = reach.solids(slow, [-1])
-        (arm,), _ = world._islands._islands[0].now()
+        (arm,), _ = world.islands.bolted[0].now()
         steps = in_steps([arm], box, speed)
-        assert steps > 8 and world._islands.wait == max(1, int(min(steps, 20)))
+        assert steps > 8 and world.islands.wait == max(1, int(min(steps, 20)))
         assert model.joints.own
         slow.set_pose(Pose((0.61, 0.0, 0.5)))
-        world._islands.look(DT)
+        world.islands.look(DT)
         (box,) = reach.solids(slow, [-1])
         steps = in_steps([arm], box, speed)
-        assert model.joints.own is (steps >= 1) and world._islands.wait == max(1, int(steps))
+        assert model.joints.own is (steps >= 1) and world.islands.wait == max(1, int(steps))
 
 
 def test_a_model_makes_its_own_steps_again_where_eight_of_them_are_free(make):
@@ -420,14 +420,14 @@ def test_a_model_makes_its_own_steps_again_where_eight_of_them_are_free(make):
         for _ in range(2):
             world.step()
         assert not model.joints.own
-        (arm,), _ = world._islands._islands[0].now()
+        (arm,), _ = world.islands.bolted[0].now()
         (box,) = reach.solids(body, [-1])
         for steps, own in ((7.9, False), (8.1, True), (1.1, True), (0.9, False), (7.9, False)):
             body.set_pose(Pose((0.56 + 0.02 + 5.0 * DT * steps - box.gap(arm), 0.0, 0.5)))
             for _ in range(2):  # it takes Bullet a step to wake the body up
-                world._islands.look(DT)
+                world.islands.look(DT)
             assert model.joints.own is own and model.body.asleep is own
-            assert world._islands.wait == (max(1, int(steps)) if own else 10)
+            assert world.islands.wait == (max(1, int(steps)) if own else 10)
 
 
 @pytest.mark.parametrize("steps", [0.5, 1.5, 12.0, 300.0])
@@ -447,9 +447,9 @@ def test_what_is_loose_is_waited_for_at_the_base_of_a_model_that_is_held(make, s
         body.set_pose(Pose((30.0 - box.gap(base) + away, 0.0, 0.1)))
         (box,) = reach.solids(body, [-1])
         assert (box.gap(base) - 0.02) / (5.0 * DT) == pytest.approx(steps, abs=0.01)
-        world._islands.look(DT)
-        assert world._islands.touchable is (steps < 1)
-        assert world._islands.wait == (10 if steps < 1 else min(int(steps), 100))
+        world.islands.look(DT)
+        assert world.islands.touchable is (steps < 1)
+        assert world.islands.wait == (10 if steps < 1 else min(int(steps), 100))
 
 
 def test_bullet_leaves_what_moves_by_itself_alone_after_a_reset_too(make):
@@ -487,8 +487,8 @@ def test_steps_are_made_without_the_world_only_where_nothing_else_needs_it(make)
             assert world.alone(model) is None  # before it has acted
             world.step()
             assert world.alone(model) is not None
-            for flag in (world._bases, world._bases, world._islands):
-                name = "touchable" if flag is world._islands else "fresh"
+            for flag in (world.bases, world.bases, world.islands):
+                name = "touchable" if flag is world.islands else "fresh"
                 setattr(flag, name, True)
                 assert world.alone(model) is None
                 setattr(flag, name, False)
@@ -510,9 +510,9 @@ def test_who_may_touch_is_looked_for_after_as_many_steps_as_were_told(make, monk
             world.step()
             looks, stepped = [], []
             with monkeypatch.context() as seen:
-                noted(seen, world._islands, "look", looks)
+                noted(seen, world.islands, "look", looks)
                 noted(seen, pybullet, "stepSimulation", stepped)
-                world._islands.wait = 3
+                world.islands.wait = 3
                 for count in (0, 0, 0, 1, 1):
                     world.step()
                     assert len(looks) == count
@@ -523,6 +523,6 @@ def test_who_may_touch_is_looked_for_after_as_many_steps_as_were_told(make, monk
                 assert len(stepped) == 9 * loose
                 for wait, more in ((1, 0), (0, 1)):
                     looks.clear()
-                    world._islands.wait = wait
+                    world.islands.wait = wait
                     world.alone(model)
                     assert len(looks) == more

@@ -30,7 +30,7 @@ def model(make, request):
     """Bolted and by its own dynamics, bolted but in Bullet's hands, or free."""
     with World(gravity=(0.0, 0.0, 0.0)) as world:
         if request.param == "bullet":
-            world._islands._window = True
+            world.islands._window = True
         root = "hull" if request.param == "free" else "world"
         it = world.spawn(described(make, root), "m", Pose((1.0, 2.0, 3.0)))
         world.step()

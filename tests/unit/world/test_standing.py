@@ -295,7 +295,7 @@ def test_a_stop_pushes_back_no_longer_than_the_push_lasts_where_bullet_steps_too
 
 
 def test_a_base_is_held_where_bullet_s_window_shows_it(world, make, monkeypatch):
-    world._gui = world._islands._window = True  # a window has no say in what is simulated
+    world._gui = world.islands._window = True  # a window has no say in what is simulated
     drawn = []
     with monkeypatch.context() as shown:
         shown.setattr(pybullet, "getConnectionInfo", lambda _: {"connectionMethod": pybullet.GUI})
@@ -491,13 +491,13 @@ def test_what_no_longer_lies_on_a_held_base_is_no_longer_felt(world, make):
     box = loose_box(make, world, "on", 1.0, (0.2, 0.1, 0.251))
     loose_box(make, world, "far", 1.0, (5.0, 0.0, 0.05))
     steps(world, 500)
-    (one,) = world._bases.held
-    assert one._touch[5] == pytest.approx(-9.81, rel=0.05)
+    (one,) = world.bases.held
+    assert one.touch[5] == pytest.approx(-9.81, rel=0.05)
     box.set_twist(Twist((0.0, 0.0, 3.0)))  # up and off
     steps(world, 50)
-    assert world._bases.held == [one]
+    assert world.bases.held == [one]
     assert box.pose().xyz[2] > 0.3
-    assert not one._touch.any()
+    assert not one.touch.any()
 
 
 @pytest.mark.parametrize("first", ["base", "box"])
@@ -509,9 +509,9 @@ def test_what_rubs_along_a_held_base_is_felt_along_its_way(world, make, first):
     steps(world, 100)
     world.model("on").set_twist(Twist((0.8, 0.6, 0.0)))
     steps(world, 20)
-    (one,) = world._bases.held
-    assert one._touch[3:5] == pytest.approx(0.5 * 9.8 * np.array((0.8, 0.6)), rel=0.1)
-    assert one._touch[5] == pytest.approx(-9.8, rel=0.1)
+    (one,) = world.bases.held
+    assert one.touch[3:5] == pytest.approx(0.5 * 9.8 * np.array((0.8, 0.6)), rel=0.1)
+    assert one.touch[5] == pytest.approx(-9.8, rel=0.1)
 
 
 @pytest.mark.parametrize("case", ["struck", "rubbed"])
@@ -708,8 +708,8 @@ def test_what_a_base_stands_on_is_known_by_its_corners(world, make, ground):
         pybullet.performCollisionDetection(physicsClientId=world.client)
     found = standing.StandingBase.found(model, {m.body_id: m for m in world.models.values()})
     assert found.grounds == {below.body_id} and found.mass == 30.0
-    assert not found._touch.any()
-    numbers, corners = found._ground, found._corners
+    assert not found.touch.any()
+    numbers, corners = found.ground, found.corners
     assert numbers[1:4] == pytest.approx([0.03, 0.01, 0.1])
     assert numbers[4:7] == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
     assert numbers[10] == 0.4
@@ -743,15 +743,15 @@ def test_a_base_that_was_held_or_let_go_is_not_put_on_the_ground_again(world, ma
     fin = make.link("fin", 0.01, "0 0 0", (1e-5,) * 3 + (0, 0, 0))
     other = world.spawn(parse_urdf(make.robot(ball, fin, make.joint("j", "ball", "fin"))), "ball",
                         Pose((3.0, 0.0, 0.1)))
-    assert world._bases.fresh
+    assert world.bases.fresh
     world.step()
-    assert held.fixed_base and not other.fixed_base and not world._bases.fresh
+    assert held.fixed_base and not other.fixed_base and not world.bases.fresh
     held.apply_force("base", (1.0, 0.0, 0.0), held.pose().xyz)
-    assert not held.fixed_base and not world._bases.fresh
+    assert not held.fixed_base and not world.bases.fresh
     steps(world, 60)
     assert not held.fixed_base  # not before two looks
     steps(world, 60)
-    assert held.fixed_base and not world._bases.fresh
+    assert held.fixed_base and not world.bases.fresh
 
 
 def test_three_points_are_enough_to_stand_on(world, make, tmp_path):
@@ -769,7 +769,7 @@ def test_three_points_are_enough_to_stand_on(world, make, tmp_path):
         found = standing.StandingBase.found(model, {m.body_id: m for m in world.models.values()})
         assert (found is not None) is stands
         if stands:
-            at = found._corners[:, :2] + found._ground[7:9]
+            at = found.corners[:, :2] + found.ground[7:9]
             assert sorted(map(tuple, at.round(4).tolist())) == sorted(triangle)
         world.delete("table")
 
@@ -848,7 +848,7 @@ def test_a_base_stands_on_the_box_that_is_under_it_though_there_is_a_plane_too(w
     for _ in range(5):
         pybullet.performCollisionDetection(physicsClientId=world.client)
     found = standing.StandingBase.found(model, {m.body_id: m for m in world.models.values()})
-    at = np.abs(found._corners[:, :2] + found._ground[7:9])
+    at = np.abs(found.corners[:, :2] + found.ground[7:9])
     assert at.max(axis=0) == pytest.approx([0.15, 0.1], abs=1e-3)
 
 

@@ -78,7 +78,7 @@ class CameraSensor:
             self._whole = self._pixels(0, config.height)
             self._bands = {part.first: self._pixels(part.first, part.last)
                            for part in self._parts}  # fmt: skip
-            renderer.prepare(self._view(np.eye(4)))
+            renderer.prepare(self.view(np.eye(4)))
         except (RenderingError, MemoryError) as error:
             reason = str(error) or "not enough memory; make width and height smaller"
             raise CameraError(f"camera '{config.name}': {reason}") from None
@@ -112,6 +112,21 @@ class CameraSensor:
         if lens is None or lens.forward:
             rays = rays / rays[..., 2:]
         return rays.astype(np.float32)
+
+    def view(
+        self, world_T_link: np.ndarray, pixels: tuple[int, np.ndarray, Tiles | None] | None = None,
+        shaken: np.ndarray | None = None,
+    ) -> View:
+        """What the camera sees from a pose (4, 4) of its link, as the renderer takes it.
+
+        pixels: of some rows, their number, camera matrix (3, 3) and lens; None: of all.
+        shaken: (4, 4), by which the optical frame is off its mounting.
+        """
+        c, (rows, K, lens) = self.config, pixels or self._whole
+        world_T_optical = world_T_link @ self._link_T_optical
+        if shaken is not None:
+            world_T_optical = world_T_optical @ shaken
+        return View(c.width, rows, world_T_optical, K, c.near, c.far, lens)
 
     def check_time_step(self, step_ns: int, rate: float | None = None) -> None:
         """Raise CameraError if the camera, at its own rate or at `rate` Hz, outruns the physics."""
@@ -237,9 +252,9 @@ class CameraSensor:
         blend, pose = self._blend(self._next_ns, pose, time_ns)
         shaken = None if self.vibration is None else self.vibration.at(self._next_ns)
         part = self._parts[self._part]
-        image = self.renderer.render(self._view(pose, self._bands[part.first], shaken), blend)
+        image = self.renderer.render(self.view(pose, self._bands[part.first], shaken), blend)
         if self._part == self._middle and (self.depth or self.segmentation):
-            self._measured = self.renderer.measure(self._view(pose, shaken=shaken), blend)
+            self._measured = self.renderer.measure(self.view(pose, shaken=shaken), blend)
         if len(self._parts) == 1:
             self._sum = image
             return
@@ -274,17 +289,6 @@ class CameraSensor:
         lens = shared(*size, (K.tobytes(), model.lens), lambda: Tiles.of_lens(
             *size, lambda pixels: model.unproject(pixels + [0, first])))  # fmt: skip
         return last - first, K, lens
-
-    def _view(
-        self, world_T_link: np.ndarray, pixels: tuple[int, np.ndarray, Tiles | None] | None = None,
-        shaken: np.ndarray | None = None,
-    ) -> View:
-        """Through these pixels, or through all; shaken: (4, 4), of the optical frame."""
-        c, (rows, K, lens) = self.config, pixels or self._whole
-        world_T_optical = world_T_link @ self._link_T_optical
-        if shaken is not None:
-            world_T_optical = world_T_optical @ shaken
-        return View(c.width, rows, world_T_optical, K, c.near, c.far, lens)
 
     def _blend(self, instant: int, pose: np.ndarray, time_ns: int) -> tuple[float, np.ndarray]:
         if self._before is None or not self._before[0] <= instant < time_ns:

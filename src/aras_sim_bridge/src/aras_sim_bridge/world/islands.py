@@ -71,6 +71,7 @@ class Islands:
     """Looks at what may touch the bolted models of a world.
 
     Attributes:
+        bolted: the models with joints that may make steps of their own.
         wait: steps until `look` is due.
         touchable: whether something loose may touch the base of a model that is held.
     """
@@ -78,7 +79,7 @@ class Islands:
     def __init__(self, models: Mapping[str, Model], window: bool) -> None:
         """`window`: Bullet makes all steps, for what its window shows is Bullet's."""
         self._models, self._window = models, window
-        self._islands: list[Island] = []
+        self.bolted: list[Island] = []
         self._loose: list[Model] = []
         self.wait, self.touchable = 0, False
 
@@ -87,13 +88,13 @@ class Islands:
         models = self._models.values()
         fixed = [model for model in models if model.fixed_base]
         self._loose = [model for model in models if not model.fixed_base]
-        self._islands = []
+        self.bolted = []
         for model in () if self._window else fixed:
             if model.joint_names:
                 reach = reach_of(model)
                 moved = {link: reach[link].grown(MARGIN) for link in model.joints.moved_links
                          if link in reach}
-                self._islands.append(Island(
+                self.bolted.append(Island(
                     model, tuple(moved.values()), frozenset(map(model.link_index, moved)),
                     tuple(other for other in fixed
                           if other is not model and may_meet(moved.values(), other))))
@@ -104,7 +105,7 @@ class Islands:
         if model.joint_names:
             self.models_moved()
             return
-        for island in self._islands:
+        for island in self.bolted:
             if island.model is not model:
                 others = tuple(one for one in island.grounds if one is not model)
                 island.grounds = (*others, model) if may_meet(island.reach, model) else others
@@ -115,7 +116,7 @@ class Islands:
         loose = [solids(model, model.link_indices.values()) for model in self._loose]
         fastest = 2.0 * max(map(_speed, self._loose), default=0.0)  # one may strike another
         wait, self.touchable = _NEVER, False
-        for island in self._islands:
+        for island in self.bolted:
             model = island.model
             steps = island.steps_alone(loose, fastest, dt)
             own = steps >= (1 if model.joints.own else _BACK)

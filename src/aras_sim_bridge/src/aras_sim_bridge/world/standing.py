@@ -135,7 +135,8 @@ class StandingBase:
 
     Attributes:
         mass: of its base, kg. grounds: Bullet's numbers of the bodies that it stands on.
-        arrays: what `bears` takes before dt, once it is held.
+        ground, corners, touch: numbers of the ground, its polygon and what touches, as `bears`
+            takes them. arrays: all that it takes before dt, once the model is held.
     """
 
     def __init__(self, model: Model, ground: np.ndarray, corners: np.ndarray,
@@ -143,9 +144,9 @@ class StandingBase:
         self.model = model
         self.mass = ground[0]
         self.grounds = grounds
-        self._ground, self._corners = ground, corners
+        self.ground, self.corners = ground, corners
         self._root = model.pose().matrix()[:3]
-        self._touch, self._load = np.zeros(6), np.zeros(6)
+        self.touch, self._load = np.zeros(6), np.zeros(6)
         self._base = model.base_links()
         self.arrays: tuple[np.ndarray, ...] = ()
 
@@ -200,7 +201,7 @@ class StandingBase:
         self.model.bolt(True)
         space = self.model.joints.space
         self.arrays = (space.tree, space.frames, space.state, space.before, space.gravity,
-                        self._ground, self._corners, self._touch, self._load)
+                        self.ground, self.corners, self.touch, self._load)
 
     def bears(self, dt: float, touchable: bool) -> bool:
         """Whether the ground could bear the step of `dt` s that was just made.
@@ -218,9 +219,9 @@ class StandingBase:
         contacts = contacts_of(self.model.body_id, self.model.client)
         pushes = [numbers for link, other, _, numbers in contacts
                   if link not in self._base or other not in self.grounds]
-        self._touch[:] = 0.0
+        self.touch[:] = 0.0
         if pushes:
-            _add_up(np.array(pushes), self._root, self._touch)
+            _add_up(np.array(pushes), self._root, self.touch)
 
     def push(self) -> None:
         """Give the model, free again, what the ground could not bear."""

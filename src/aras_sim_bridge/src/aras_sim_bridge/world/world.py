@@ -50,6 +50,8 @@ class World:
         client: Bullet client id, for renderers.
         models: by name, in spawn order.
         revision: counts spawns, deletions and resets, for those who keep copies of the scene.
+        islands: who makes the steps of bolted models. bases: free models that stand still.
+        friction: what touches keeps its friction.
 
     Raises:
         WorldError: impossible step or gravity, or Bullet does not start.
@@ -65,7 +67,7 @@ class World:
         self._own: list[Model] = []
         self._bullets: list[Model] = []
         self._bullet_steps = self._pairs_left_out = False
-        self._islands = Islands(self.models, gui)
+        self.islands = Islands(self.models, gui)
         self.revision = 0
         try:
             self.client = connected(gui)
@@ -79,9 +81,9 @@ class World:
             for part in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_SHADOWS):
                 pybullet.configureDebugVisualizer(part, False, physicsClientId=self.client)
         self._direct = False
-        self._friction = ContactFriction(self.client)
+        self.friction = ContactFriction(self.client)
         self._sliding = SlidingFriction(self.client)
-        self._bases = FreeBases(self.models, self._models_changed)
+        self.bases = FreeBases(self.models, self._models_changed)
         self._configure()
 
     def _configure(self) -> None:
@@ -138,7 +140,7 @@ class World:
         down = self._gravity if gravity is None else _checked_gravity(gravity)
         sweeps = (self._iterations if solver_iterations is None
                   else _checked_iterations(solver_iterations))
-        self._bases.release()
+        self.bases.release()
         self._time_step, self._gravity, self._iterations = step, down, sweeps
         self._configure()
         for model in self.models.values():
@@ -186,7 +188,7 @@ class World:
                                     physicsClientId=self.client)
             raise
         self.models[name] = model
-        self._bases.came(model)
+        self.bases.came(model)
         self._models_changed()
         logger.debug("spawned '%s': %d links, %d joints, %s base", name, len(model.link_names),
                      len(model.joint_names), "fixed" if fixed else "free")
@@ -210,7 +212,7 @@ class World:
     def delete(self, name: str) -> None:
         """Take a model out; WorldError when there is none of that name."""
         model = self.model(name)
-        self._bases.leaves(model)
+        self.bases.leaves(model)
         model.remove()
         del self.models[name]
         self._models_changed()
@@ -225,34 +227,34 @@ class World:
         model = self.model(name)
         check_simulable(description, name)
         shapes.read_all(description, name)
-        self._bases.release()
+        self.bases.release()
         model.rebuild(description)
         self._models_changed()
 
     def _models_changed(self) -> None:
         """Models came, went or were loaded anew: note what a step has to do for them."""
         self.revision += 1
-        self._friction.models_changed(self.models.values())
+        self.friction.models_changed(self.models.values())
         self._sliding.models_changed(self.models.values())
         self._choose_solver()
-        self._islands.models_moved()
+        self.islands.models_moved()
         self._pairs_left_out = False
         self._look()
-        self._bases.models_changed()
+        self.bases.models_changed()
 
     def _model_moved(self, model: Model, put: bool) -> None:
         """A model was `put` elsewhere as a whole; or pushed, or its joints were put elsewhere."""
         if put and model.fixed_base:
-            self._bases.leaves(model)
-            self._islands.put(model)
+            self.bases.leaves(model)
+            self.islands.put(model)
             self._pairs_left_out = False
         else:
-            self._islands.wait = 0
+            self.islands.wait = 0
             self._sliding.pushed()
 
     def _look(self) -> None:
         """Choose who makes the steps of which model (see islands.py)."""
-        self._islands.look(self._time_step)
+        self.islands.look(self._time_step)
         models = self.models.values()
         self._own = [model for model in models if model.joints.own]
         self._bullet_steps = self._gui or any(
@@ -272,11 +274,11 @@ class World:
         Raises:
             WorldError: an effort is not finite; no model has moved then.
         """
-        if self._bases.fresh:
-            self._bases.begin()
-        if self._islands.wait <= 0:
+        if self.bases.fresh:
+            self.bases.begin()
+        if self.islands.wait <= 0:
             self._look()
-        self._islands.wait -= 1
+        self.islands.wait -= 1
         dt = self._time_step
         for model in (*self._own, *self._bullets):
             model.check_efforts()
@@ -285,17 +287,17 @@ class World:
         bullet_steps = self._bullet_steps
         if bullet_steps:
             self._step_bullet(dt)
-        if self._bases.held:
-            self._bases.check(dt, self._islands.touchable)
-        if bullet_steps and self._bases.watched:
-            self._bases.look()
+        if self.bases.held:
+            self.bases.check(dt, self.islands.touchable)
+        if bullet_steps and self.bases.watched:
+            self.bases.look()
 
     def _step_bullet(self, dt: float) -> None:
         """One step of all that does not make its own."""
         for model in self._bullets:
             model.before_step(dt)
-        if self._friction.watched:
-            self._friction.before_step()
+        if self.friction.watched:
+            self.friction.before_step()
         if self._sliding.loose:
             self._sliding.before_step(dt)
         pybullet.stepSimulation(self.client)
@@ -306,18 +308,18 @@ class World:
     @property
     def outlook(self) -> int:
         """Steps that `alone`'s model may make before something else may touch it."""
-        return self._islands.wait
+        return self.islands.wait
 
     def alone(self, model: Model) -> tuple[np.ndarray | float, ...] | None:
         """What compiled steps of a model take (see cycle.py): JointSpace.arrays, the time step, and
         how it stands; None where they may not be made without the world: something else has joints
         or can touch it, or an effort waits. What is loose catches up in `advanced`."""
-        if self._islands.wait <= 0:
+        if self.islands.wait <= 0:
             self._look()
-        if (self._own != [model] or self._bullets or self._bases.fresh or self._bases.watched
-                or self._islands.touchable):
+        if (self._own != [model] or self._bullets or self.bases.fresh or self.bases.watched
+                or self.islands.touchable):
             return None
-        joints, held = model.joints, self._bases.held
+        joints, held = model.joints, self.bases.held
         if not joints.calm:
             return None
         stands = held[0].arrays[5:] if held else BOLTED
@@ -334,18 +336,18 @@ class World:
             WorldError: the simulation diverged.
         """
         model.joints.advanced(bad)
-        self._islands.wait -= made
+        self.islands.wait -= made
         for _ in range(made if self._bullet_steps else 0):
             self._step_bullet(self._time_step)
         if not borne:
-            self._bases.let_go()
+            self.bases.let_go()
 
     def reset_world(self) -> None:
         """Models back to their spawn poses, all velocities zero; joint angles stay (Gazebo)."""
         for model in self.models.values():
             model.set_pose(model.spawn_pose)
             model.set_twist(Twist())
-        self._bases.models_changed()
+        self.bases.models_changed()
 
     def reset_simulation(self) -> None:
         """A fresh Bullet with the same models at their spawn poses and configurations.
@@ -358,7 +360,7 @@ class World:
         """
         for model in self.models.values():
             shapes.read_all(model.description, model.name)
-        self._bases.release()
+        self.bases.release()
         pybullet.resetSimulation(physicsClientId=self.client)
         self._direct = False
         self._configure()

@@ -91,6 +91,9 @@ class ServoEnv(gymnasium.Env):
     the experiment's duration is over. `info` names outcome and verdict, and knows for teachers
     where the goal is: `camera_T_goal` (4, 4), true, now.
 
+    Attributes:
+        loop: the closed loop that is stepped, another one in each episode; None once it is closed.
+
     Many at once: `gymnasium.make_vec(ENVIRONMENT, 8, "async", experiment=...)`.
     """
 
@@ -126,13 +129,13 @@ class ServoEnv(gymnasium.Env):
         self._greatest = np.array(greatest, float)
         if self._greatest.shape != (6,) or not (self._greatest > 0.0).all():
             raise ExperimentError("greatest must hold six numbers above 0, m/s and rad/s")
-        self._loop: Loop | None = None
+        self.loop: Loop | None = None
         self._begin(experiment)
         if self._pictured:
-            size = self._loop.plant.camera.height, self._loop.plant.camera.width
+            size = self.loop.plant.camera.height, self.loop.plant.camera.width
             self.observation_space = spaces.Box(0, 255, size, np.uint8)
         else:
-            size = len(self._scheme.names) + len(self._loop.plant.joint_names)
+            size = len(self._scheme.names) + len(self.loop.plant.joint_names)
             self.observation_space = spaces.Box(-np.inf, np.inf, (size,), np.float64)
         self.action_space = spaces.Box(-1.0, 1.0, (6,), np.float64)
 
@@ -153,7 +156,7 @@ class ServoEnv(gymnasium.Env):
         if action.shape != (6,) or not np.isfinite(action).all():
             raise ExperimentError(f"an action is six finite numbers, got {action}")
         self._scheme.twist = np.clip(action, -1.0, 1.0) * self._greatest
-        state = self._loop.to_image()
+        state = self.loop.to_image()
         lost = state is not None and state.decision is None
         reached = state is not None and state.phase == CONVERGED
         reward = -float(np.linalg.norm(self._error)) / self._first + float(reached)
@@ -161,19 +164,19 @@ class ServoEnv(gymnasium.Env):
 
     def render(self) -> np.ndarray | None:
         """The latest picture (rows, columns, 3), rgb; None where features are exact."""
-        reading = self._loop.reading
+        reading = self.loop.reading
         return reading.picture.rgb if reading is not None and reading.pictured else None
 
     def close(self) -> None:
         """Give back what the plant holds."""
-        if self._loop is not None:
-            self._loop.close()
-            self._loop = None
+        if self.loop is not None:
+            self.loop.close()
+            self.loop = None
 
     def _begin(self, experiment: Experiment) -> None:
         self.close()
-        self._loop = Loop(experiment, assemble(experiment, self._asking))
-        self._loop.to_image()
+        self.loop = Loop(experiment, assemble(experiment, self._asking))
+        self.loop.to_image()
         self._first = max(float(np.linalg.norm(self._error)), 1e-9)
 
     def _asking(self, inner: Scheme | JointController) -> AskedTwist:
@@ -187,23 +190,23 @@ class ServoEnv(gymnasium.Env):
 
     @property
     def _error(self) -> np.ndarray:
-        state = self._loop.state
+        state = self.loop.state
         if state is None or state.decision is None:
             return np.zeros(len(self._scheme.names))
         return state.decision.error
 
     def _observed(self) -> np.ndarray:
         if self._pictured:
-            return self._loop.reading.picture.grey
-        return np.concatenate([self._error, self._loop.plant.joints()[0]])
+            return self.loop.reading.picture.grey
+        return np.concatenate([self._error, self.loop.plant.joints()[0]])
 
     def _info(self) -> dict[str, Any]:
-        run = self._loop.verdict()
-        outcome = self._loop.servo.outcome
+        run = self.loop.verdict()
+        outcome = self.loop.servo.outcome
         return {
             "outcome": outcome.kind, "reason": outcome.reason, "verdict": run.word,
             "distance": run.distance, "angle": run.angle,
-            "camera_T_goal": relative(self._loop.plant.pose(), self._loop.goal_pose()),
+            "camera_T_goal": relative(self.loop.plant.pose(), self.loop.goal_pose()),
         }  # fmt: skip
 
 

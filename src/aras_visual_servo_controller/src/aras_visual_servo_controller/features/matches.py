@@ -52,7 +52,7 @@ class Matches(Luminance):
     def check(self, goal: Goal) -> None:
         """See Feature.check."""
         super().check(goal)
-        places, self._wanted = self._detected(self._picture)
+        places, self._wanted = self.keypoints(self._picture)
         if len(places) < LEAST or goal.camera is None:
             raise ConfigurationError(
                 f"{goal.name}: {len(places)} keypoints in its picture, {LEAST} are needed: teach "
@@ -80,6 +80,23 @@ class Matches(Luminance):
         """See Feature.accuracy: by how far the matches miss the plane's motion."""
         return self._missed * np.eye(self._L.shape[0])
 
+    def keypoints(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Of a grey picture (H, W): where its keypoints are (n, 2), px, and descriptors (n, k).
+
+        Another detector is a class with another `keypoints`.
+        """
+        scale = min(self.widest / grey.shape[1], 1.0)
+        if scale < 1.0:
+            shape = self.widest, max(round(grey.shape[0] * scale), 1)
+            grey, scale = cv2.resize(grey, shape, interpolation=cv2.INTER_AREA), (
+                shape[0] / grey.shape[1], shape[1] / grey.shape[0]
+            )  # fmt: skip
+        found, descriptors = self._detector.detectAndCompute(grey, None)
+        places = np.array([k.pt for k in found], float).reshape(-1, 2)
+        if self.detector == "sift":
+            places -= ASIDE
+        return (places + 0.5) / scale - 0.5, descriptors
+
     def _matched(self, observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
         """Points (n, 2) seen and those of the goal, normalised, matched.
 
@@ -88,7 +105,7 @@ class Matches(Luminance):
         """
         if self._goal is not goal:
             self.check(goal)
-        places, descriptors = self._detected(grey_of(observation))
+        places, descriptors = self.keypoints(grey_of(observation))
         pairs = []
         if len(places) >= LEAST:
             for two in self._matcher.knnMatch(descriptors, self._wanted, k=2):
@@ -105,20 +122,6 @@ class Matches(Luminance):
             f"{len(pairs)} keypoints match the goal's picture, {LEAST} that agree are needed: is "
             "the target in view, and textured?"
         )
-
-    def _detected(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Keypoints (n, 2), px, and their descriptors."""
-        scale = min(self.widest / grey.shape[1], 1.0)
-        if scale < 1.0:
-            shape = self.widest, max(round(grey.shape[0] * scale), 1)
-            grey, scale = cv2.resize(grey, shape, interpolation=cv2.INTER_AREA), (
-                shape[0] / grey.shape[1], shape[1] / grey.shape[0]
-            )  # fmt: skip
-        found, descriptors = self._detector.detectAndCompute(grey, None)
-        places = np.array([k.pt for k in found], float).reshape(-1, 2)
-        if self.detector == "sift":
-            places -= ASIDE
-        return (places + 0.5) / scale - 0.5, descriptors
 
 
 class MatchesORB(Matches):

@@ -55,7 +55,7 @@ def test_names_and_limits_are_the_description_s():
 def test_arrays_cannot_be_written():
     arm = make("aras")
     pose = arm.pose(np.zeros(6))
-    for array in (arm.lower, arm.velocity, pose):
+    for array in (arm.lower, arm.velocity, arm.prismatic, pose):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
     arm.pose(np.ones(6))
@@ -74,6 +74,15 @@ def test_joints_in_another_order_and_some_alone():
     )
     assert np.abs(four.pose(q[[1, 2, 3, 5]]) - arm.pose(q)).max() < 1e-15
     assert np.abs(four.jacobian(q[[1, 2, 3, 5]]) - arm.jacobian(q)[:, [1, 2, 3, 5]]).max() < 1e-15
+
+
+def test_places_are_those_of_the_joints_from_the_base_on():
+    q = np.array([[0.1, 0.2, 0.3, -0.4, 0.1, 0.5], [-0.2, 0.5, 1.0, 0.3, -0.6, 0.2]])
+    turned = Arm.from_urdf(urdf("aras"), joints=ARAS_JOINTS[::-1])
+    places = turned.places(q[:, ::-1])
+    for found, posture in zip(places, q, strict=True):
+        np.testing.assert_array_equal(found, make("aras").joint_frames(posture)[0])
+    assert make("aras").places(q[:0]).shape == (0, 6, 3)
 
 
 def test_from_another_base():
@@ -148,6 +157,17 @@ def test_inverse_comes_back_to_the_pose(arm):
         found = arm.inverse(arm.pose(q), q + random.uniform(-0.2, 0.2, len(q)))
         distance, angle = pose_difference(arm.pose(found), arm.pose(q))
         assert distance < 1e-8 and angle < 1e-7
+        assert (found >= arm.lower).all() and (found <= arm.upper).all()
+
+
+def test_inverse_begins_at_limits_too_and_with_a_joint_that_hardly_moves():
+    tight = urdf("aras").replace('lower="-1.5" upper="1.5"', 'lower="0.0999" upper="0.1001"')
+    arm = Arm.from_urdf(tight)
+    assert arm.upper[0] - arm.lower[0] == pytest.approx(2e-4)
+    q = np.array([0.1, 0.2, 0.3, -0.4, 0.1, 0.5])
+    for begin in (arm.lower, arm.upper):
+        found = arm.inverse(arm.pose(q), np.where([True] + [False] * 5, begin, q + 0.1))
+        assert max(pose_difference(arm.pose(found), arm.pose(q))) < 1e-5
         assert (found >= arm.lower).all() and (found <= arm.upper).all()
 
 

@@ -63,6 +63,9 @@ def test_plain_python_answers_the_same(monkeypatch):
     monkeypatch.setitem(globals(), "held_at", held_at.py_func)
     test_what_the_task_does_not_speak_of_goes_straight_to_the_goal(0)
     test_the_vertical_goes_the_short_way_to_its_place_in_the_camera(0)
+    test_upside_down_any_way_round_is_as_good()
+    for axis in np.eye(3) + 0.1:
+        test_half_a_turn_is_about_its_own_axis(axis, 0.0)
 
 
 def test_upside_down_any_way_round_is_as_good():

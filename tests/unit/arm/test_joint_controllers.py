@@ -76,6 +76,9 @@ def test_a_joint_whose_controllers_take_other_commands_is_refused():
 
 
 def test_where_nothing_is_known_the_name_counts():
+    assert chosen({}, ("b",), "effort", {}, SPACE) == [
+        RosController("b_effort_controller", ("b",), "effort", False)
+    ]
     assert names("velocity", parameters={}) == ["a_velocity_controller", "b_velocity_controller"]
     assert names("position", {"b": "mine"}, parameters={"rate": 3}) == [
         "a_position_controller", "mine",

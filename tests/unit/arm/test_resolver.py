@@ -105,6 +105,22 @@ def test_the_lost_direction_is_named_with_how_much():
     assert not Resolver(arm).resolve(q, doable, 0.01).reasons
 
 
+@pytest.mark.parametrize(("asked", "named"), [
+    ([0.0, 0.04, -0.02001, 0.0, 0.0, 0.0], "vy 0.04 m/s, vz -0.02 m/s"),
+    ([0.0, 0.04, 0.02, 0.0, 0.0, 0.0], "vy 0.04 m/s"),
+    ([0.0, 0.03, 0.0, 0.5, 0.0, 0.0], "vy 0.03 m/s, wx 0.5 rad/s"),
+    ([0.0, 0.0, 0.02, 0.0, 0.5, 0.0], "wy 0.5 rad/s"),
+])  # fmt: skip
+def test_what_is_lost_is_named_from_half_of_the_most_on(asked, named):
+    """A radian counts as 0.1 m. One joint along x of the camera; the rest is lost."""
+    slide = Arm.from_urdf("""<robot name="slide"><link name="base"/><link name="camera"/>
+        <joint name="along" type="prismatic"><parent link="base"/><child link="camera"/>
+        <axis xyz="1 0 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+        </robot>""", "camera")
+    answer = Resolver(slide).resolve(np.zeros(1), Task.of_twist(asked), 0.01)
+    assert answer.reasons == (f"lost, the arm cannot do it here: {named}",)
+
+
 def _roll(arm, q, speed):
     """Twist about the axis of the camera that the arm's pitch leaves over."""
     jacobian = arm.jacobian(q)

@@ -443,6 +443,23 @@ def test_only_who_has_the_token_is_answered(served):
         assert get(served, "/ask", b"x" * 70000)[0] == 400
 
 
+def test_a_status_says_whose_fault_it_was(served, monkeypatch, caplog):
+    """400: of the question; 500: of the server, which tells its page and goes on."""
+    status, text, _ = get(served, "/ask", b'{"do": "dance"}')
+    assert status == 400 and "dance" in json.loads(text)["error"]
+    for fault in (ZeroDivisionError("by zero"), KeyError("gain")):
+        def fails(text, fault=fault):
+            raise fault
+
+        with monkeypatch.context() as held:
+            held.setattr(served, "answer", fails)
+            status, text, headers = get(served, "/ask", b'{"do": "studies"}')
+        told = {"error": f"{type(fault).__name__}: {fault}"}
+        assert (status, json.loads(text)) == (500, told)
+        assert headers["Content-Type"] == "application/json" and "studies" in caplog.text
+    assert get(served, "/ask", b'{"do": "studies"}')[0] == 200
+
+
 @pytest.mark.parametrize(("study", "run", "said"), [
     ("first", "../../etc/passwd", "must be a number"), ("../first", "0", "there is no study"),
     ("first", "9" * 4000, "must be a number"), ("first", "-1", "must be a number"),

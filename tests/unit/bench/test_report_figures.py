@@ -276,6 +276,21 @@ def test_a_strip_shows_the_picture_next_to_each_milestone(runs, paper):
     np.testing.assert_array_equal(axis.images[0].get_array(), picture(0))
 
 
+@pytest.mark.parametrize("edge", [(0, 200), (640, 200), (320, 0), (320, 400)])
+def test_an_outline_that_leaves_a_picture_does_not_make_it_smaller(runs, edge, screen):
+    local = (placed(runs[0], runs[0].joint_stamp[-1]) - GOAL[:3, 3]) @ GOAL[:3, :3]
+    middle = local.mean(axis=0)
+    at = (np.array(edge) - [K[2], K[5]]) / [K[0], K[4]] * middle[2]
+    goal = GOAL.copy()  # from where the target's middle is seen at an edge
+    goal[:3, 3] += GOAL[:3, :3] @ [*(middle[:2] - at), 0.0]
+    few = with_pictures(runs[0], runs[0].images.pictures[:1])
+    axis = views.filmstrip([replace(few, goal_pose=goal)]).axes[0]
+    shown = np.transpose(axis.lines[0].get_data())
+    beyond = (shown < 0.0) | (shown > [WIDTH, HEIGHT])
+    assert 0 < beyond.any(axis=1).sum() < len(shown)
+    assert [*axis.get_xlim(), *axis.get_ylim()] == [-0.5, WIDTH - 0.5, HEIGHT - 0.5, -0.5]
+
+
 def test_milestones_are_parts_of_the_first_error_of_all_features(runs):
     for run in (runs[0], of_points(runs[1])):
         error = np.array([s.decision.error if s.decision else [np.nan] * len(run.names)
@@ -701,6 +716,15 @@ def test_a_legend_has_the_most_columns_that_fit_and_shortens_words_else():
     assert count == 1 and words(found) == ["x" * 9 + "…", "short"]
 
 
+@pytest.mark.parametrize("room", [2.0, 20.0, 24.9, 25.0, 60.0, 99.0, 100.0])
+def test_words_that_are_too_wide_are_cut_by_their_letters_width(room):
+    """A letter is 5 pixels wide; three letters' room is left for the dots, one letter stays."""
+    given = ("x" * 20, "seven x", "y")
+    shown = words(style._fitting(lambda n: Words(100.0 * n, given), 1, room)[0])
+    kept = 20 if room >= 100.0 else max(int(room / 5.0) - 3, 1)
+    assert shown == [text if len(text) <= kept else text[:kept] + "…" for text in given]
+
+
 # -- panels ---------------------------------------------------------------------------------------
 
 
@@ -761,6 +785,16 @@ def test_several_runs_show_their_speeds(runs):
     assert scale.span == (-0.05, 1.1) and not scale.log and ratios["condition number of L"].log
 
 
+def test_what_goes_over_decades_has_a_logarithmic_axis_of_one_run_and_of_several(runs):
+    """Parts and distances that decay, and condition numbers; nothing else."""
+    decades = {"norm of the errors, relative", "distance to the goal", "angle to the goal",
+               "condition number", "condition number of L", "condition number of L J"}  # fmt: skip
+    for some in (runs[:1], runs, [of_points(runs[0]), runs[1]]):
+        told = {p.title: p.log for part in CHAPTERS.values() for p in part.panels(some)}
+        assert {title for title, log in told.items() if log} == decades & set(told)
+        assert len(decades & set(told)) == (4 if len(some) == 1 else 5)
+
+
 def test_intervals_are_those_of_the_pictures_where_three_of_these_are_known(runs):
     run, record = runs[0], runs[0].images
     for kept in (2, 3):
@@ -804,6 +838,16 @@ def test_joints_of_another_run_are_found_by_their_names(runs):
     record = bare.images
     assert record.stamp.size == record.arrival.size == record.pose.size == bare.speed.size == 0
     assert bare.centres.size == bare.pace.size == bare.arm_places.size == 0 and bare.yaml == ""
+
+
+@pytest.mark.parametrize("counts", [(0,), (1,), (2,), (0, 1), (1, 40), (40, 2), (0, 0), (50, 51)])
+def test_time_ends_with_the_last_image_of_all_runs_or_after_a_millisecond(runs, counts):
+    some = [replace(runs[i], states=runs[i].states[:count]) for i, count in enumerate(counts)]
+    spans = [0.001]
+    for run in some:
+        stamps = [state.stamp for state in run.states] or [0.0]
+        spans.append(stamps[-1] - stamps[0])
+    assert panels.last(some) == pytest.approx(max(spans), rel=1e-12)
 
 
 def test_distances_too_small_for_a_logarithm_are_cut(runs):

@@ -139,6 +139,27 @@ def test_axes_over_time_have_room_for_their_labels(paper):
     assert not first.get_shared_x_axes().joined(first, second)
 
 
+@pytest.mark.parametrize("named", [
+    {}, {"left": 0.4}, {"above": 0.2, "right": 0.1}, {"beside": 0.3, "bottom": 0.25, "top": 0.15},
+])  # fmt: skip
+def test_axes_fill_what_their_margins_leave(named, paper):
+    """A margin that is not named is none; all axes are of one size."""
+    part, wanted = 0.66 if paper else 1.0, style.Margins(**named)._asdict()
+    assert {k: v for k, v in wanted.items() if v} == named
+    figure, axes = style.panels(5, 1.5, 2, margins=style.Margins(**named))
+    width, height = figure.get_size_inches()
+    boxes = np.array([axis.get_position().extents for axis in axes]) * ([width, height] * 2)
+    room = {name: part * named.get(name, 0.0) for name in wanted}
+    across = (width - room["left"] - room["right"] - room["beside"]) / 2
+    assert height == pytest.approx(3 * 1.5 * part + room["top"] + room["bottom"]
+                                   + 2 * room["above"])  # fmt: skip
+    for number, (x0, y0, x1, y1) in enumerate(boxes):
+        row, column = divmod(number, 2)
+        left = room["left"] + column * (across + room["beside"])
+        top = height - room["top"] - row * (1.5 * part + room["above"])
+        assert (x0, x1, y0, y1) == pytest.approx((left, left + across, top - 1.5 * part, top))
+
+
 def test_runs_looks_are_parts_of_a_curve_s_width(paper):
     """The last is as thick as a curve, the first 0.7 more; markers are at places of their own."""
     width = 1.0 if paper else 1.6

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
 import rosbag
 import rospy
@@ -16,15 +17,18 @@ from geometry_msgs.msg import Transform, TransformStamped
 from rosgraph_msgs.msg import Clock
 from run_messages import ARM, NAMES, SETTINGS, K, joint_states, made_state, position, same, told
 from scipy.spatial.transform import Rotation
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.recording import from_bag
+from aras_visual_servo_bench.recording.from_graph import Heard
 from aras_visual_servo_bench.ros import bag as bags
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.schemes.base import Decision
+from aras_visual_servo_controller.settings import Settings
 
 STAMPS = 1.537 + np.arange(9) * 0.0341
 TRANSFORMED = np.arange(STAMPS[0] - 0.05, STAMPS[-1] + 0.02, 0.0171)
@@ -310,6 +314,58 @@ def test_messages_of_another_version_are_left_out_or_refused(graph, face, tmp_pa
     monkeypatch.setitem(bags.USED, bags.STATE, ("header", "hue"))
     with pytest.raises(BenchError, match="without hue; report on it with the version of this"):
         bags.read_bag(path)
+
+
+def heard(graph, face, scheme="points", count=3) -> Heard:
+    """Messages of three images with so many features, as they are kept while a run is heard."""
+    found = Heard(Path("run"))
+    found.described = described(scheme=scheme)
+    for stamp in STAMPS[1:4]:
+        decision = Decision(tuple(f"f{i}" for i in range(count)), *stamp + np.eye(3, count))
+        message, report = told(graph, face, made_state(stamp, decision=decision))
+        message.scheme = scheme
+        found.states.append(message)
+        found.take_report(report)
+        found.joints.append(joint_states(stamp))
+    return found
+
+
+@pytest.mark.parametrize("scheme", ["moments", "theta_u", "pose", "lines"])
+def test_features_have_the_units_and_tolerances_of_their_scheme(graph, face, scheme):
+    made = Settings(scheme=scheme).make_scheme()
+    for count in (len(made.units), len(made.units) + 1):
+        run = from_bag.Messages(heard(graph, face, scheme, count)).run("name")
+        known = count == len(made.units)
+        assert run.units == (tuple(made.units) if known else ("",) * count)
+        assert run.tolerances == (tuple(made.tolerances) if known else ())
+        assert run.scheme == scheme and any("units" in note for note in run.notes) != known
+
+
+def test_joint_states_that_lack_a_place_are_left_out_and_speeds_may_be_unknown(graph, face):
+    """Whole ones in any order; of the others the arm's joints are not all known."""
+    rows = (
+        (1.5, ("slide", "elbow"), (0.1, 0.2), (0.3, 0.4)),
+        (1.6, ("elbow", "finger", "slide"), (0.5, 9.0), (0.6, 8.0, 0.7)),  # of the slide none
+        (1.7, ("elbow", "slide", "finger"), (0.8, 0.9), (1.0, 1.1, 8.0)),  # of the finger none
+        (1.8, ("elbow", "finger"), (1.2, 9.0), (1.3, 8.0)),
+        (1.9, ("slide", "elbow"), (), ()), (2.0, ("elbow", "slide"), (1.4, 1.5), ()),
+        (2.1, ("elbow", "slide"), (1.6, 1.7), (1.8,)),
+    )  # fmt: skip
+    read = heard(graph, face)
+    read.joints = [JointState(name=n, position=q, velocity=v) for _, n, q, v in rows]
+    for message, (stamp, *_) in zip(read.joints, rows, strict=True):
+        message.header.stamp = rospy.Time.from_sec(stamp)
+    run = from_bag.Messages(read).run("name")
+    table = pd.DataFrame(
+        {stamp: {**dict(zip(names, places, strict=False)), **(
+            {f"{n} speed": v for n, v in zip(names, speeds, strict=True)}
+            if len(names) == len(speeds) else {})} for stamp, names, places, speeds in rows}
+    ).T.reindex(columns=["slide", "elbow", "slide speed", "elbow speed"])
+    table = table.dropna(subset=["slide", "elbow"])
+    assert table.index.tolist() == [1.5, 1.7, 2.0, 2.1]
+    np.testing.assert_allclose(run.joint_stamp, table.index)
+    np.testing.assert_allclose(run.measured, table[["slide", "elbow"]])
+    np.testing.assert_allclose(run.measured_speed, table[["slide speed", "elbow speed"]])
 
 
 def test_a_bag_s_verdict_is_of_a_third_of_a_millimetre_and_of_a_degree():

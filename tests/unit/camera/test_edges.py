@@ -34,11 +34,11 @@ def finely_sampled(renderer, view, fine=16):
     finer[:2, 2] += (fine - 1) / 2
     large = View(fine * view.width, fine * view.height, view.world_T_optical, finer, view.near,
                  view.far)
-    one = renderer._sample(large, 1.0, CENTRE)
+    one = renderer.sample(large, 1.0, CENTRE)
     shader, background = one.canvas.shader, 255.0 * np.array(renderer.light.background[:3])
-    plain = shader.plain(renderer._triangles, one.seen)
+    plain = shader.plain(renderer.triangles, one.seen)
     none = np.zeros(len(one.samples.tile), np.uint64)
-    words = shader.words(renderer._triangles, one.seen, one.samples, plain, word(*background), none,
+    words = shader.words(renderer.triangles, one.seen, one.samples, plain, word(*background), none,
                          SUNLIT, NO_SKY)
     rgba = words.view(np.uint8).reshape(*words.shape, 4)[:large.height, :large.width, :3]
     return rgba.reshape(view.height, fine, view.width, fine, 3).mean(axis=(1, 3))

@@ -198,11 +198,11 @@ def expected(caster: Caster, model, view, light: Sun, pixels, many) -> tuple:
 def resolved(renderer, view):
     """What is seen, pixels (height, width) bool that are worked out from what covers them, and
     rendering.fragments.Fragments of those."""
-    one = renderer._sample(view, 1.0, -0.5)
-    plain = one.canvas.shader.plain(renderer._triangles, one.seen)
+    one = renderer.sample(view, 1.0, -0.5)
+    plain = one.canvas.shader.plain(renderer.triangles, one.seen)
     if renderer.light.lights:
         plain[:] = 0
-    bits, fragments, _ = renderer._resolve(one, view, plain)
+    bits, fragments, _ = renderer.resolve(one, view, plain)
     tiles = one.canvas.tiles
     of = bits[:, None] >> np.arange(TILE * TILE, dtype=np.uint64) & np.uint64(1)
     of = of.reshape(tiles.rows, tiles.columns, TILE, TILE).swapaxes(1, 2)
@@ -370,7 +370,7 @@ def test_pieces_of_pixels_are_as_large_as_rays_say_and_lie_within_them(
     _, shows = expected(caster, sensor.config.model, view, SUN, edges, 64)
     number = np.full(edges.shape, -1)
     number[edges] = np.arange(edges.sum())
-    triangles, width = sensor.renderer._triangles, TILE * -(-view.width // TILE)
+    triangles, width = sensor.renderer.triangles, TILE * -(-view.width // TILE)
     cell = TILE // view.tiles().cells
     off, aside, whole = [], [], []
     for k, pixel in enumerate(f.pixel):

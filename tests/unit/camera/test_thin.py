@@ -49,10 +49,10 @@ def strip_of(view, wide):
 
 def covered(renderer, view, body) -> float:
     """Area that a body covers, px, before anything is rounded."""
-    one = renderer._sample(view, 1.0, -0.5)
-    edges, fragments = renderer._resolve(one, view, one.canvas.shader.plain(
-        renderer._triangles, one.seen))[:2]
-    mine = renderer.scene.labels()[renderer._triangles.row[one.seen.triangle]] == body.body_id
+    one = renderer.sample(view, 1.0, -0.5)
+    edges, fragments = renderer.resolve(one, view, one.canvas.shader.plain(
+        renderer.triangles, one.seen))[:2]
+    mine = renderer.scene.labels()[renderer.triangles.row[one.seen.triangle]] == body.body_id
     area = float(fragments.share[mine[fragments.member]].sum())
     width = one.canvas.tiles.columns
     for n, tile in enumerate(one.samples.tile):
@@ -178,7 +178,7 @@ def test_what_is_hidden_or_of_the_same_colour_costs_no_edge(bench):
     renderer = create_renderer("exact", bench.world, BRIGHT)
     view = view_at((0.0, 0.0), 0.3)
     assert (renderer.render(view) == 255).all()
-    one = renderer._sample(view, 1.0, -0.5)
-    edges = renderer._resolve(one, view, one.canvas.shader.plain(renderer._triangles,
+    one = renderer.sample(view, 1.0, -0.5)
+    edges = renderer.resolve(one, view, one.canvas.shader.plain(renderer.triangles,
                                                                  one.seen))[0]
     assert not edges.any()

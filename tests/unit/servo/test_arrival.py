@@ -20,6 +20,8 @@ from aras_visual_servo_controller.judging.arrival import (
     _noise,
     _seen,
     _since,
+    mean_offset,
+    speed,
 )
 from aras_visual_servo_controller.judging.left_open import (
     SECOND,
@@ -346,14 +348,10 @@ def test_how_far_the_camera_is_is_told_by_the_mean_or_the_latest_image(
     reached, noise, way, wrong, off
 ):
     for count in (2, 3, 7, 40, 120):
-        arrival, rows = Arrival(0.3), wandering(count, count, noise, (way, 2.0 * way), wrong)
+        rows = wandering(count, count, noise, (way, 2.0 * way), wrong)
         rows[:, :6] += off * np.array([1.0, -1.0, 0.5, 3.0, 1.0, -2.0]) - rows[-1, :6] * (way > 0.0)
-        for stamp, row in enumerate(rows):
-            arrival._offsets.add(7.0 + 0.1 * stamp, row)
-            arrival._errors.add(7.0 + 0.1 * stamp, np.zeros(4))
-        arrival._reached = reached
-        decision = SimpleNamespace(L=STRONG, task=SimpleNamespace(modelled=np.full(6, True)))
-        found, short = arrival._offset(decision)
+        stamps = 7.0 + 0.1 * np.arange(count)
+        found, short = mean_offset(stamps, rows, np.eye(6), count, reached)
         bounds = np.array([2e-4, 3.5e-3])
         mean, scatter, averaged, enough = _averaged(rows, np.eye(6), min(count, 5), 0.5 * bounds)
         latest = rows[-max(averaged, 8) :, :6]
@@ -381,24 +379,18 @@ def test_how_far_the_camera_is_is_told_by_the_mean_or_the_latest_image(
 
 @pytest.mark.parametrize("wrong", [0.5, -0.5])
 def test_a_speed_is_the_lesser_of_what_images_and_kinematics_say(wrong):
-    arrival, rows = Arrival(0.3), wandering(3, 4, 0.0, (1e-3, 2e-3), wrong)
-    arrival._offsets.add(3.0, rows[0])
-    assert arrival._speed() == (0.0, 0.0) and _since(rows, 1).shape == (6,)
-    for stamp, row in zip((3.1, 3.3, 3.37), rows[1:], strict=True):
-        arrival._offsets.add(stamp, row)
+    rows, stamps = wandering(3, 4, 0.0, (1e-3, 2e-3), wrong), np.array([3.0, 3.1, 3.3, 3.37])
+    assert speed(stamps[:1], rows[:1]) == (0.0, 0.0) and _since(rows[:1], 0).shape == (6,)
     step = rows[-1, :6] - rows[-2, :6]
     if wrong > 0.0:  # by images it is half as fast again
         step = (brought(rows[-2:], np.eye(6)) - rows[-2:, :6])[0]
-    assert arrival._speed() == pytest.approx(
+    assert speed(stamps, rows) == pytest.approx(
         (np.linalg.norm(step[:3]) / 0.07, np.linalg.norm(step[3:]) / 0.07))
-    arrival._offsets.add(3.37, rows[0])  # no time has passed
-    assert arrival._speed() == (0.0, 0.0)
+    assert speed(np.array([3.37, 3.37]), rows[:2]) == (0.0, 0.0)  # no time has passed
     unknown = rows[:2].copy()
     unknown[:, 6:] = np.nan
-    for stamp, row in zip((4.0, 4.2), unknown, strict=True):
-        arrival._offsets.add(stamp, row)
     step = rows[1, :6] - rows[0, :6]
-    assert arrival._speed() == pytest.approx(
+    assert speed(np.array([4.0, 4.2]), unknown) == pytest.approx(
         (np.linalg.norm(step[:3]) / 0.2, np.linalg.norm(step[3:]) / 0.2))
 
 

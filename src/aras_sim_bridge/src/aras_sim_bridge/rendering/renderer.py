@@ -41,7 +41,9 @@ class _Canvas:
 
 
 @dataclass(frozen=True)
-class _Sampled:
+class Sampled:
+    """What a view's samples see, with what its pixels are drawn by."""
+
     canvas: _Canvas
     seen: Seen
     samples: Samples
@@ -51,14 +53,16 @@ class _Sampled:
 class Renderer:
     """Draws views of one World on the processor, the same picture on every machine.
 
-    light: of the pictures that follow.
+    Attributes:
+        light: of the pictures that follow.
+        triangles: of the scene as it was last drawn; None before.
     """
 
     def __init__(self, world: World, light: Sun) -> None:
         self.scene = Scene(world)
         self.light = light
         self._canvases: Recent[Hashable, _Canvas] = Recent(KEPT)
-        self._triangles: Triangles | None = None
+        self.triangles: Triangles | None = None
         self._binning: Binning | None = None
         self._illumination: Illumination | None = None
         self._drawn_version = -1
@@ -82,12 +86,12 @@ class Renderer:
 
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
         """Picture of the view, (height, width, 3) uint8 rgb, top row first."""
-        one = self._sample(view, blend, UPPER_LEFT)
-        canvas, triangles = one.canvas, self._triangles
+        one = self.sample(view, blend, UPPER_LEFT)
+        canvas, triangles = one.canvas, self.triangles
         plain = canvas.shader.plain(triangles, one.seen)
         if self.light.lights:
             plain[:] = 0
-        edges, fragments, background = self._resolve(one, view, plain)
+        edges, fragments, background = self.resolve(one, view, plain)
         light = self._irradiance(one, view, edges, fragments)
         sky = NO_SKY
         if self.light.sky:
@@ -105,51 +109,24 @@ class Renderer:
         along the ray through lenses with pixels that look sideways or back. Segmentation
         (height, width) int32: body id + (link index + 1) << 24 as in Bullet, -1 where nothing is.
         """
-        one = self._sample(view, blend, CENTRE)
-        labels = self.scene.labels()[self._triangles.row[one.seen.triangle]]
+        one = self.sample(view, blend, CENTRE)
+        labels = self.scene.labels()[self.triangles.row[one.seen.triangle]]
         return measured(one.canvas.tiles, one.seen, one.samples, labels)
 
-    def bodies_around(self, point: np.ndarray) -> list[str]:
-        """Names 'model::link' of the visuals that the point (3,), world frame, is inside of."""
-        return self.scene.bodies_around(point)
+    def sample(self, view: View, blend: float, at: float) -> Sampled:
+        """What the samples of each pixel see, `at` px from its centre in columns and rows.
 
-    def _canvas(self, view: View) -> _Canvas:
-        return self._canvases.get(view.rays_key, lambda: _Canvas(view.tiles()))
-
-    def _resolve(self, one: _Sampled, view: View, plain: np.ndarray
-                 ) -> tuple[np.ndarray, Fragments, np.ndarray]:
-        """Pixels with edges as in finding.found_edges, what they consist of, and the background's
-        rgb (3,) 0..255. plain: the words of the triangles seen."""
-        background = 255.0 * np.array(MIDDLE if self.light.sky else self.light.background[:3])
-        t = self._triangles
-        smooth = t.facets if self.light.lights else t.smooth
-        smooth, part = smooth[one.seen.triangle], t.part[one.seen.triangle]
-        edges, found = found_edges(one.canvas.tiles, one.seen, one.samples, plain, smooth, part,
-                                   word(*background), view.near, view.far)
-        fragments = one.canvas.edges.fragments(self._triangles, one.seen, one.samples, found,
-                                               plain, view.near, view.far)
-        return edges, fragments, background
-
-    def _irradiance(self, one: _Sampled, view: View, edges: np.ndarray, fragments: Fragments
-                    ) -> Irradiance:
-        """What several lights give; empty where one sun does."""
-        light = self.light
-        if not light.lights:
-            return SUNLIT
-        lamps = rows_of(light.lights, view.optical_T_world, light.scale, light.shadows)
-        return self._illumination.on(one.canvas.tiles, one.seen, one.samples, edges, fragments,
-                                     one.optical_T_link, lamps, light.around)
-
-    def _sample(self, view: View, blend: float, at: float) -> _Sampled:
+        Raises RenderingError once the renderer is closed.
+        """
         if self._closed:
             raise RenderingError("the renderer is closed")
         self.scene.refresh()
         # By number, not by what refresh says: a snapshot may have been the one to see the change.
         if self.scene.version != self._drawn_version:
             self._drawn_version = self.scene.version
-            self._triangles = Triangles.of(self.scene.parts)
-            self._binning = Binning(self._triangles)
-            self._illumination = Illumination(self._triangles)
+            self.triangles = Triangles.of(self.scene.parts)
+            self._binning = Binning(self.triangles)
+            self._illumination = Illumination(self.triangles)
         canvas = self._canvas(view)
         world_T_link = self.scene.poses_at(blend)
         light, optical_T_link = self.light, view.optical_T_world @ world_T_link
@@ -158,4 +135,35 @@ class Renderer:
             light.to_sun @ world_T_link[:, :3, :3],
             light.scale * np.array([light.ambient, light.diffuse]), view.near, view.far)
         samples = canvas.sampler.samples(seen, view.near, view.far, at)
-        return _Sampled(canvas, seen, samples, optical_T_link)
+        return Sampled(canvas, seen, samples, optical_T_link)
+
+    def resolve(self, one: Sampled, view: View, plain: np.ndarray
+                ) -> tuple[np.ndarray, Fragments, np.ndarray]:
+        """Pixels with edges as in finding.found_edges, what they consist of, and the background's
+        rgb (3,) 0..255. plain: the words of the triangles seen."""
+        background = 255.0 * np.array(MIDDLE if self.light.sky else self.light.background[:3])
+        t = self.triangles
+        smooth = t.facets if self.light.lights else t.smooth
+        smooth, part = smooth[one.seen.triangle], t.part[one.seen.triangle]
+        edges, found = found_edges(one.canvas.tiles, one.seen, one.samples, plain, smooth, part,
+                                   word(*background), view.near, view.far)
+        fragments = one.canvas.edges.fragments(self.triangles, one.seen, one.samples, found,
+                                               plain, view.near, view.far)
+        return edges, fragments, background
+
+    def bodies_around(self, point: np.ndarray) -> list[str]:
+        """Names 'model::link' of the visuals that the point (3,), world frame, is inside of."""
+        return self.scene.bodies_around(point)
+
+    def _canvas(self, view: View) -> _Canvas:
+        return self._canvases.get(view.rays_key, lambda: _Canvas(view.tiles()))
+
+    def _irradiance(self, one: Sampled, view: View, edges: np.ndarray, fragments: Fragments
+                    ) -> Irradiance:
+        """What several lights give; empty where one sun does."""
+        light = self.light
+        if not light.lights:
+            return SUNLIT
+        lamps = rows_of(light.lights, view.optical_T_world, light.scale, light.shadows)
+        return self._illumination.on(one.canvas.tiles, one.seen, one.samples, edges, fragments,
+                                     one.optical_T_link, lamps, light.around)

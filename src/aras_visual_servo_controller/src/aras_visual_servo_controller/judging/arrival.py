@@ -112,7 +112,8 @@ class Arrival:
         settled, short = self._settled(observation.stamp, tolerances), ""
         offsets = None
         if settled and len(self._offsets):
-            offsets, short = self._offset(decision)
+            offsets, short = mean_offset(self._offsets.stamps, self._offsets.errors,
+                                         _seen(decision), len(self._errors), self._reached)
         self._reached = settled and not short
         if not self._reached:
             self._views.clear()
@@ -168,45 +169,56 @@ class Arrival:
             return False
         return len(seen) >= FEW or bool((np.abs(seen.errors) < limit).all())
 
-    def _speed(self) -> tuple[float, float]:
-        """The camera's towards or from its goal before the last image, m/s and rad/s: the less of
-        what kinematics (a target may move along) and images (in which noise moves) say of it."""
-        rows, stamps = self._offsets.errors, self._offsets.stamps
-        if len(rows) < 2 or stamps[-1] <= stamps[-2]:
-            return 0.0, 0.0
-        seen = _size((rows[-1, :6] - rows[-2, :6]).tolist())
-        moved = _size(_since(rows, len(rows) - 2).tolist())  # no numbers where poses are unknown
-        past = stamps[-1] - stamps[-2]
-        return tuple(float(np.fmin(*pair)) / past for pair in zip(seen, moved, strict=True))
 
-    def _offset(self, decision: Decision) -> tuple[Offsets, str]:
-        """The camera's mean offset, and why it is too much, in words."""
-        rows = self._offsets.errors
-        mean, scatter, count, enough = _averaged(
-            rows, _seen(decision), min(len(self._errors), FEW), np.array(ARRIVED) / DEVIATIONS
-        )
-        latest, noise = rows[-1, :6], _noise(rows[-max(count, STEPS) :, :6])
-        if (np.abs(latest - mean) > ELSEWISE * noise).any():
-            mean, scatter, count = latest, np.diag(noise**2), 1
-        off = _size(mean.tolist())
-        # Rounding may leave less than nothing of a variance.
-        deviations = np.sqrt(np.maximum(np.diag(scatter), 0.0) / count)
-        unknown = _size((DEVIATIONS * deviations).tolist())
-        offsets = Offsets(mean, scatter, count, self._speed())
-        if not (enough or self._reached) and len(rows) < WINDOW:
-            return offsets, (
-                "the features are within their tolerances, but scatter: where the camera is, is "
-                f"known to {1e3 * unknown[0]:.2f} mm and {np.degrees(unknown[1]):.2f} degrees"
-            )
-        limits = [STAYS * a + u if self._reached else max(a, u) for a, u in zip(
-            ARRIVED, unknown, strict=True
-        )]  # fmt: skip
-        if off[0] <= limits[0] and off[1] <= limits[1]:
-            return offsets, ""
+def mean_offset(
+    stamps: np.ndarray, rows: np.ndarray, seen: np.ndarray, settled: int, reached: bool
+) -> tuple[Offsets, str]:
+    """The camera's mean offset, and why it is too much, in words.
+
+    Args:
+        stamps: (m,) of images, s. rows: (m, 22) their offsets and poses.
+        seen: (6, 6) part of a motion that changes the offsets.
+        settled: how many images have settled. reached: whether the camera was there before.
+    """
+    mean, scatter, count, enough = _averaged(
+        rows, seen, min(settled, FEW), np.array(ARRIVED) / DEVIATIONS
+    )
+    latest, noise = rows[-1, :6], _noise(rows[-max(count, STEPS) :, :6])
+    if (np.abs(latest - mean) > ELSEWISE * noise).any():
+        mean, scatter, count = latest, np.diag(noise**2), 1
+    off = _size(mean.tolist())
+    # Rounding may leave less than nothing of a variance.
+    deviations = np.sqrt(np.maximum(np.diag(scatter), 0.0) / count)
+    unknown = _size((DEVIATIONS * deviations).tolist())
+    offsets = Offsets(mean, scatter, count, speed(stamps, rows))
+    if not (enough or reached) and len(rows) < WINDOW:
         return offsets, (
-            f"the features are within their tolerances, but by L the camera is {1e3 * off[0]:.2f} "
-            f"mm and {np.degrees(off[1]):.2f} degrees off"
+            "the features are within their tolerances, but scatter: where the camera is, is "
+            f"known to {1e3 * unknown[0]:.2f} mm and {np.degrees(unknown[1]):.2f} degrees"
         )
+    limits = [STAYS * a + u if reached else max(a, u) for a, u in zip(
+        ARRIVED, unknown, strict=True
+    )]  # fmt: skip
+    if off[0] <= limits[0] and off[1] <= limits[1]:
+        return offsets, ""
+    return offsets, (
+        f"the features are within their tolerances, but by L the camera is {1e3 * off[0]:.2f} "
+        f"mm and {np.degrees(off[1]):.2f} degrees off"
+    )
+
+
+def speed(stamps: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
+    """The camera's towards or from its goal before the last image, m/s and rad/s: the less of
+    what kinematics (a target may move along) and images (in which noise moves) say of it.
+
+    stamps: (m,) of images, s. rows: (m, 22) their offsets and poses.
+    """
+    if len(rows) < 2 or stamps[-1] <= stamps[-2]:
+        return 0.0, 0.0
+    seen = _size((rows[-1, :6] - rows[-2, :6]).tolist())
+    moved = _size(_since(rows, len(rows) - 2).tolist())  # no numbers where poses are unknown
+    past = stamps[-1] - stamps[-2]
+    return tuple(float(np.fmin(*pair)) / past for pair in zip(seen, moved, strict=True))
 
 
 def _views(observation: Observation, goal: Goal) -> np.ndarray:

@@ -149,22 +149,22 @@ class RosMaster:
 
     def start(self) -> None:
         """Start the master, on the same port as ever; it knows nothing of before."""
-        self._output = (self.directory / f"master-{self.port}.txt").open("a")
-        self._process = subprocess.Popen(
+        self.output = (self.directory / f"master-{self.port}.txt").open("a")
+        self.process = subprocess.Popen(
             ["rosmaster", "--core", "-p", str(self.port)],
             env=self.environment,
             stdin=subprocess.DEVNULL,
-            stdout=self._output,
+            stdout=self.output,
             stderr=subprocess.STDOUT,
             start_new_session=True,
         )
-        wait_for(self.api.is_online, 20.0, f"rosmaster at {self.uri} (output: {self._output.name})")
+        wait_for(self.api.is_online, 20.0, f"rosmaster at {self.uri} (output: {self.output.name})")
 
     def kill(self) -> None:
         """End the master as kill -9 does."""
-        self._process.kill()
-        self._process.wait()
-        self._output.close()
+        self.process.kill()
+        self.process.wait()
+        self.output.close()
 
     def nodes(self) -> set[str]:
         """Names of all nodes that have registered anything."""
@@ -214,13 +214,13 @@ class RosMaster:
 
     def stop(self) -> None:
         """End the master; raises GraphError when a process of this graph has been left running."""
-        self._process.terminate()
+        self.process.terminate()
         try:
-            self._process.wait(10.0)
+            self.process.wait(10.0)
         except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._output.close()
+            self.process.kill()
+            self.process.wait()
+        self.output.close()
         end_leftovers(MARK, self.mark, f"the graph at {self.uri}")
 
 

@@ -236,8 +236,8 @@ def test_master_gone_ends_the_node(tmp_path):
         )
         wait_for(lambda: "/aras_visual_servo_camera" in master.nodes(), 20.0, "the node")
         time.sleep(2.5)  # it has asked the living master at least once
-        master._process.terminate()
-        master._process.wait()
+        master.process.terminate()
+        master.process.wait()
         output, _ = node.communicate(timeout=20.0 * PATIENCE)
     finally:
         if node is not None and node.poll() is None:

@@ -264,9 +264,9 @@ def test_master_gone_ends_the_node(start, tmp_path):
         wait_for(lambda: "/aras_visual_servo_controller" in master.nodes(), 20.0, "the node")
         time.sleep(2.5)  # it has asked the living master at least once
     finally:
-        master._process.terminate()
-        master._process.wait()
+        master.process.terminate()
+        master.process.wait()
     assert node.process.wait(20.0 * PATIENCE) == 0
     assert "the ROS master does not answer any more: ending" in node.output()
     assert "Traceback" not in node.output()
-    master._output.close()
+    master.output.close()

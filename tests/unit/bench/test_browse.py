@@ -527,7 +527,7 @@ def test_a_report_outside_of_the_folder_is_not_given(real, tmp_path):
     reports = Reports()
     try:
         assert reports.ask(seen, 0) == 0.0
-        (job,) = reports._jobs.values()
+        (job,) = reports.jobs.values()
         assert not job.out.resolve().is_relative_to(tmp_path)  # nothing is written there either
     finally:
         reports.close()
@@ -542,7 +542,7 @@ def test_reports_of_a_folder_that_cannot_be_written_have_a_folder_each(
     monkeypatch.setattr(reports_module.os, "access", lambda *_: False)
     monkeypatch.setattr(sys, "executable", "/bin/false")
     reports = Reports()
-    outs = [reports._begun(seen, 0).out, reports._begun(seen, 1).out]
+    outs = [reports.begun(seen, 0).out, reports.begun(seen, 1).out]
     reports.ask(seen, 0)
     with pytest.raises(StudyError, match="no report of run 0"):
         computed(reports, seen, 0)
@@ -554,7 +554,7 @@ def test_reports_of_a_folder_that_cannot_be_written_have_a_folder_each(
     with pytest.raises(StudyError, match="no report of run 1: so it is$"):
         computed(reports, seen, 1)
     assert capfd.readouterr() == ("", "")
-    outs.append(reports._begun(seen, 2).out)
+    outs.append(reports.begun(seen, 2).out)
     assert len(set(outs)) == 3 and not any(out.is_relative_to(real.path) for out in outs)
     reports.close()
 
@@ -571,7 +571,7 @@ def test_too_many_reports_at_once_and_one_that_fails_are_said(real, monkeypatch)
         computed(reports, seen, 0)
     assert reports.ask(seen, 0) == 0.0
     with pytest.raises(StudyError, match="1 reports are being computed: wait"):
-        (job,) = reports._jobs.values()
+        (job,) = reports.jobs.values()
         monkeypatch.setattr(job.process, "poll", lambda: None)
         reports.ask(seen, 1)
     monkeypatch.undo()

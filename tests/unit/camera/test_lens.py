@@ -51,10 +51,10 @@ def test_brown_s_slopes_are_those_of_its_projection(seed):
     random = np.random.default_rng(seed)
     lens = BrownLens(tuple(random.uniform(-0.2, 0.2, 8) * [1, 1, 0.2, 0.2, 1, 1, 1, 1]))
     points, step = random.uniform(-0.8, 0.8, (50, 2)), 1e-6
-    _, a, b, d = lens._distort(points)
+    _, a, b, d = lens.distort(points)
     for axis, wanted in ((0, (a, b)), (1, (b, d))):
         off = step * np.eye(2)[axis]
-        slope = (lens._distort(points + off)[0] - lens._distort(points - off)[0]) / (2.0 * step)
+        slope = (lens.distort(points + off)[0] - lens.distort(points - off)[0]) / (2.0 * step)
         np.testing.assert_allclose(slope, np.stack(wanted, axis=1), atol=1e-8)
 
 
@@ -89,9 +89,9 @@ def test_pixels_are_as_wide_and_as_high_as_the_camera_matrix_says(lens):
 
 @pytest.mark.parametrize("D", BROWN)
 def test_brown_unprojection_takes_newton_s_few_steps(D, monkeypatch):
-    lens, asked, distort = BrownLens(D), [], BrownLens._distort
+    lens, asked, distort = BrownLens(D), [], BrownLens.distort
     points = lens.project(rays())
-    monkeypatch.setattr(BrownLens, "_distort", lambda self, p: asked.append(p) or distort(self, p))
+    monkeypatch.setattr(BrownLens, "distort", lambda self, p: asked.append(p) or distort(self, p))
     lens.unproject(points)
     assert len(asked) <= 12  # two for each quarter of the way, then until it is exact
 

@@ -57,7 +57,7 @@ def test_one_joint_moves_with_a_part_of_its_speed_and_no_other():
     q, _ = drive(jog, lambda t: jog.joint("J2", -0.25, t), 1.0)
     moved = q - START
     assert moved[2] == pytest.approx(-0.25 * 2.0, rel=0.15)
-    assert jog._velocity[2] == pytest.approx(-0.25 * 2.0)
+    assert jog.velocity[2] == pytest.approx(-0.25 * 2.0)
     assert not np.delete(moved, 2).any()
 
 
@@ -69,7 +69,7 @@ def test_it_ends_when_nobody_asks_any_more():
     assert not jog.moving
     assert len(commands) < (LASTS + RISE + DT) / DT  # then the joints are left alone
     jolt = np.abs(np.diff(commands[:, 0], 2)).max()
-    assert jolt <= jog._fastest[0] * DT * DT / RISE + 1e-9, "it slows down as it got up to speed"
+    assert jolt <= jog.fastest[0] * DT * DT / RISE + 1e-9, "it slows down as it got up to speed"
     assert jog.tick(3.0, rest) is None
 
 
@@ -104,7 +104,7 @@ def test_a_limit_stops_a_joint_and_is_named(sign, joint):
     q, commands = drive(jog, lambda t: jog.joint(joint, sign, t), 1.0, near)
     assert (sign * commands[:, k]).max() == pytest.approx(sign * bound)
     assert jog.reason == f"{joint} is at its limit"
-    assert jog._velocity[k] == 0.0  # from which a twist would go on
+    assert jog.velocity[k] == 0.0  # from which a twist would go on
     q, _ = drive(jog, lambda t: jog.joint(joint, -sign, t), 0.5, q, t=1.0)
     assert sign * q[k] < sign * bound - 0.05
 

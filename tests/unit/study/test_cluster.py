@@ -62,13 +62,13 @@ def history(hanging, tmp_path_factory):
         dask.config.set({"distributed.scheduler.worker-ttl": "2s"})
         with DaskPool(1, renew=2) as pool:
             def worker():
-                (number,) = pool._client.run(os.getpid).values()
+                (number,) = pool.client.run(os.getpid).values()
                 return number
 
             found.begun = worker()
-            (found.environment,) = pool._client.run(lambda: dict(os.environ)).values()
-            (looks,) = pool._client.run(lambda dask_worker: _looks(dask_worker)).values()
-            found.looks = [looks, _looks(pool._cluster.scheduler)]
+            (found.environment,) = pool.client.run(lambda: dict(os.environ)).values()
+            (looks,) = pool.client.run(lambda dask_worker: _looks(dask_worker)).values()
+            found.looks = [looks, _looks(pool.cluster.scheduler)]
             os.kill(found.begun, signal.SIGSTOP)
             threading.Timer(8.0, os.kill, (found.begun, signal.SIGCONT)).start()
             pool.submit(work.StudyTask(json.dumps(hanging.to_mapping()), 0))
@@ -184,7 +184,7 @@ def test_a_named_clusters_workers_are_used_when_they_come(tiny, tmp_path, monkey
     study = tiny(chunk=1, repeats=8)
     made = Folder.create(tmp_path / "out", study, "")
     with DaskPool(cluster=str(file)) as pool:
-        assert pool._cluster.scheduler.WORKER_SATURATION == 1.0  # what waits is nobody's yet
+        assert pool.cluster.scheduler.WORKER_SATURATION == 1.0  # what waits is nobody's yet
         sent = 0
         while pool.room:
             pool.submit(work.StudyTask(json.dumps(study.to_mapping()), sent))

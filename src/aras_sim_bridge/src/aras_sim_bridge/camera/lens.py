@@ -44,7 +44,7 @@ class BrownLens:
     def project(self, rays: np.ndarray) -> np.ndarray:
         """Distorted (N, 2) coordinates of rays (N, 3) with z > 0; NaN behind the camera."""
         z = np.where(rays[:, 2] > 0.0, rays[:, 2], np.nan)
-        return self._distort(rays[:, :2] / z[:, None])[0]
+        return self.distort(rays[:, :2] / z[:, None])[0]
 
     def unproject(self, points: np.ndarray) -> np.ndarray:
         """Unit rays (N, 3) of distorted coordinates (N, 2); NaN where there is none.
@@ -61,7 +61,7 @@ class BrownLens:
             for share, most in ((0.25, 2), (0.5, 2), (0.75, 2), (1.0, 20)):
                 x = x + 0.25 * points
                 for _ in range(most):
-                    value, a, b, d = self._distort(x)
+                    value, a, b, d = self.distort(x)
                     error = value - share * points
                     if np.abs(error).max(initial=0.0) < 1e-13:
                         break
@@ -70,7 +70,7 @@ class BrownLens:
                     step = np.stack([d * error[:, 0] - b * error[:, 1],
                                      a * error[:, 1] - b * error[:, 0]], axis=1) / det[:, None]
                     x = x - np.clip(step, -0.5, 0.5)
-            value, a, b, d = self._distort(x)
+            value, a, b, d = self.distort(x)
             good = (np.abs(value - points).max(axis=1) < 1e-9) & (a * d - b * b > 0) & (a > 0)
             good &= np.hypot(*x.T) < self.fold_radius()
         rays = np.concatenate([x, np.ones((len(x), 1))], axis=1)
@@ -90,7 +90,7 @@ class BrownLens:
         real = roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 1e-12)].real
         return float(np.sqrt(real.min())) if len(real) else math.inf
 
-    def _distort(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def distort(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Distorted points and the entries a, b, d of the symmetric Jacobian [[a, b], [b, d]]."""
         x, y, a, b, d = brown(*p.T, self.D)
         return np.stack([x, y], axis=1), a, b, d

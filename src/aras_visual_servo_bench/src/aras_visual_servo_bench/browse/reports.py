@@ -43,10 +43,14 @@ class Job:
 
 
 class Reports:
-    """Reports that are there, and that are on their way."""
+    """Reports that are there, and that are on their way.
+
+    Attributes:
+        jobs: those that are being computed, by the study's path and the run's number.
+    """
 
     def __init__(self) -> None:
-        self._jobs: dict[tuple[Path, int], Job] = {}
+        self.jobs: dict[tuple[Path, int], Job] = {}
         self._kept: dict[tuple[Path, int], Path] = {}
         self._lock = threading.Lock()
         self._elsewhere: tempfile.TemporaryDirectory | None = None
@@ -61,33 +65,34 @@ class Reports:
             raise StudyError(f"{seen.name} has no run {run}")
         key = (seen.path, run)
         with self._lock:
-            job = self._jobs.get(key)
+            job = self.jobs.get(key)
             if job is not None:
                 return self._looked_at(key, job)
             page = self._kept.get(key, seen.path / f"show-{run}" / PAGE)
             part = seen.folder.part(run // seen.folder.study.chunk_size)
             if _newer(page, part) and (key in self._kept or _within(page, seen.path)):
                 return page
-            if len(self._jobs) >= TOGETHER:
-                for other in list(self._jobs):
+            if len(self.jobs) >= TOGETHER:
+                for other in list(self.jobs):
                     with contextlib.suppress(StudyError):
-                        self._looked_at(other, self._jobs[other])
-            if len(self._jobs) >= TOGETHER:
+                        self._looked_at(other, self.jobs[other])
+            if len(self.jobs) >= TOGETHER:
                 raise StudyError(f"{TOGETHER} reports are being computed: wait for one of them")
-            self._jobs[key] = self._begun(seen, run)
+            self.jobs[key] = self.begun(seen, run)
             return 0.0
 
     def close(self) -> None:
         """End what is on its way."""
         with self._lock:
-            for job in self._jobs.values():
+            for job in self.jobs.values():
                 job.process.kill()
                 job.process.wait()
-            self._jobs.clear()
+            self.jobs.clear()
             if self._elsewhere is not None:
                 self._elsewhere.cleanup()
 
-    def _begun(self, seen: FoundStudy, run: int) -> Job:
+    def begun(self, seen: FoundStudy, run: int) -> Job:
+        """Begin one beside the study, or elsewhere where nothing can be written there."""
         out = seen.path / f"show-{run}"
         if not (os.access(seen.path, os.W_OK) and _within(out, seen.path)):
             self._elsewhere = self._elsewhere or tempfile.TemporaryDirectory(prefix="reports")
@@ -106,7 +111,7 @@ class Reports:
         status = job.process.poll()
         if status is None and job.seconds < job.limit:
             return job.seconds
-        del self._jobs[key]
+        del self.jobs[key]
         with job.words:
             if status is None:
                 job.process.kill()

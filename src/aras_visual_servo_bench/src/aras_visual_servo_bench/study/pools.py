@@ -89,7 +89,11 @@ class ThisProcess(Pool):
 
 
 class DaskPool(Pool):
-    """Workers of Dask distributed: of this machine, of a scheduler, or of a named cluster class."""
+    """Workers of Dask distributed: of this machine, of a scheduler, or of a named cluster class.
+
+    Attributes:
+        cluster: Dask's, None where a scheduler runs already. client: Dask's, None once closed.
+    """
 
     def __init__(
         self, workers: int = 0, scheduler: str = "", cluster: str = "", renew: int = RENEWED
@@ -107,18 +111,18 @@ class DaskPool(Pool):
         self._distributed = _configured()
         self._renew = renew
         self._most, self._here = 0, not (scheduler or cluster)
-        self._cluster: Any = None
+        self.cluster: Any = None
         self._scratch = tempfile.TemporaryDirectory(prefix="bench-")
-        self._client: Any = None
+        self.client: Any = None
         try:
             if scheduler:
                 address: Any = scheduler
             elif cluster:
-                self._cluster, self._most = _named_cluster(cluster)
-                address = self._cluster
+                self.cluster, self._most = _named_cluster(cluster)
+                address = self.cluster
             else:
-                address = self._cluster = self._local(workers or os.cpu_count() or 1)
-            self._client = self._connected(address)
+                address = self.cluster = self._local(workers or os.cpu_count() or 1)
+            self.client = self._connected(address)
             self._agree()
             self._looked = self._seen = time.monotonic()
         except BaseException:
@@ -128,7 +132,7 @@ class DaskPool(Pool):
         self._deaths: dict[int, int] = {}
         self._since = 0
         self._finished = self._distributed.as_completed(
-            loop=self._client.loop, raise_errors=False
+            loop=self.client.loop, raise_errors=False
         )
 
     @property
@@ -149,7 +153,7 @@ class DaskPool(Pool):
         """Send it to a worker."""
         tries = self._deaths.get(task.chunk, 0)
         try:
-            future = self._client.submit(
+            future = self.client.submit(
                 work.carry_out, replace(task, guarded=tries > 0 or task.guarded),
                 key=f"chunk-{task.chunk}-{tries}",
             )  # fmt: skip
@@ -194,11 +198,11 @@ class DaskPool(Pool):
 
     def close(self) -> None:
         """End client and cluster."""
-        for part in (self._client, self._cluster):
+        for part in (self.client, self.cluster):
             if part is not None:
                 with contextlib.suppress(Exception):
                     part.close(timeout=10)
-        self._client = self._cluster = None
+        self.client = self.cluster = None
         self._scratch.cleanup()
 
     # -- making ----------------------------------------------------------------------------
@@ -212,14 +216,14 @@ class DaskPool(Pool):
 
     def _connected(self, address: Any) -> Any:
         try:
-            if self._cluster is None:
+            if self.cluster is None:
                 asyncio.run(_answering(address))
             client = self._distributed.Client(address, timeout=ANSWER, set_as_default=False)
         except (OSError, ValueError) as error:  # a timeout is the former
             told = first_line(error)
             raise StudyError(f"no scheduler answers at {address}: {told}") from None
         try:
-            client.wait_for_workers(1, timeout=ANSWER if self._cluster is None else APPEAR)
+            client.wait_for_workers(1, timeout=ANSWER if self.cluster is None else APPEAR)
         except TimeoutError:
             client.close(timeout=5)
             raise StudyError(f"the scheduler at {address} has no workers") from None
@@ -228,7 +232,7 @@ class DaskPool(Pool):
     def _agree(self) -> None:
         """StudyError where a worker's code is not this one's."""
         try:
-            there = self._client.run(versions.versions)
+            there = self.client.run(versions.versions)
         except Exception as error:
             raise StudyError(
                 f"the workers cannot load this package ({first_line(error)}): install it there, "
@@ -242,7 +246,7 @@ class DaskPool(Pool):
 
     def _count(self) -> int:
         """Workers that are there now; StudyError where one has several threads."""
-        threads = self._client.nthreads()
+        threads = self.client.nthreads()
         if max(threads.values(), default=1) > 1:
             raise StudyError(
                 "the workers have several threads each: start them with --nthreads 1, for a world "
@@ -272,16 +276,16 @@ class DaskPool(Pool):
 
     def _watched(self) -> bool:
         """Whether a nanny of this process still watches a worker: it is slow, and not gone."""
-        nannies = self._cluster.workers.values() if self._here else ()
+        nannies = self.cluster.workers.values() if self._here else ()
         return any(nanny.status.name in BEGINNING for nanny in nannies)
 
     def _make_anew(self) -> None:
         """End the workers that a nanny begins again; the others nobody would."""
         try:
-            there = self._client.scheduler_info(n_workers=-1)["workers"]
+            there = self.client.scheduler_info(n_workers=-1)["workers"]
             watched = [address for address, told in there.items() if told["nanny"]]
             if watched:
-                self._client.restart_workers(watched, timeout=60, raise_for_error=False)
+                self.client.restart_workers(watched, timeout=60, raise_for_error=False)
         except TimeoutError:
             pass  # some are slow to come back: what is there goes on
         except Exception as error:

@@ -29,13 +29,14 @@ class Jog:
 
     Attributes:
         reason: why the arm does not do what is asked, in words; empty when it does.
+        velocity: of the commands (n,), rad/s and m/s. fastest: what a whole speed of a joint is.
     """
 
     def __init__(self, arm: Arm, limits: Limits, resolver: Resolver | None = None) -> None:
         """`resolver`: of the arm; None: one of its own, without secondary tasks."""
         self.arm, self.limits = arm, limits
         self._resolver = resolver if resolver is not None else Resolver(arm, limits)
-        self._fastest = np.where(np.isfinite(limits.velocity), limits.velocity, JOINT_SPEED)
+        self.fastest = np.where(np.isfinite(limits.velocity), limits.velocity, JOINT_SPEED)
         self.release()
 
     def release(self) -> None:
@@ -45,7 +46,7 @@ class Jog:
         self._asked = np.zeros(0)  # the twist (6,) or the joints' speeds (n,)
         self._given = np.zeros(0)  # of it what the arm is told now, for speed comes gradually
         self._until = -np.inf
-        self._velocity = np.zeros(len(self.arm.names))
+        self.velocity = np.zeros(len(self.arm.names))
         self._command: np.ndarray | None = None
         self._time: float | None = None
 
@@ -72,7 +73,7 @@ class Jog:
             raise ConfigurationError(f"the speed of {name} is a part of -1 to 1, not {part}")
         row = self.arm.names.index(name)
         speeds = np.zeros(len(self.arm.names))
-        speeds[row] = part * self._fastest[row]
+        speeds[row] = part * self.fastest[row]
         self._ask(speeds, False, t)
 
     def _ask(self, values: np.ndarray, of_camera: bool, t: float) -> None:
@@ -100,13 +101,13 @@ class Jog:
             last = self._command
             self.release()
             return last
-        self._velocity = self._velocities(positions, dt)
+        self.velocity = self._velocities(positions, dt)
         self._advance(positions, dt)
         return self._command.copy()
 
     def _rise(self, wanted: np.ndarray, dt: float) -> None:
         """What is given goes straight to what is wanted: a twist keeps its direction."""
-        greatest = np.array(TWIST) if self._of_camera else self._fastest
+        greatest = np.array(TWIST) if self._of_camera else self.fastest
         way = wanted - self._given
         longest = float(np.max(np.abs(way) / greatest))
         self._given = self._given + way * (1.0 if longest * RISE <= dt else dt / RISE / longest)
@@ -117,14 +118,14 @@ class Jog:
         if not self._of_camera:
             return self._given
         found = self._resolver.resolve(
-            positions, Task.of_twist(self._given), max(dt, 1e-3), self._velocity
+            positions, Task.of_twist(self._given), max(dt, 1e-3), self.velocity
         )
         self.reason = "; ".join(found.reasons)
         return found.velocities
 
     def _advance(self, positions: np.ndarray, dt: float) -> None:
         """On by dt, within the limits, and never far ahead of the joints."""
-        after = self._command + self._velocity * dt
+        after = self._command + self.velocity * dt
         # Where a joint stands outside its limits already it may come back, not go further.
         low = np.minimum(self.limits.lower, self._command)
         high = np.maximum(self.limits.upper, self._command)
@@ -133,6 +134,6 @@ class Jog:
             stopped = np.flatnonzero(inside != after)
             if stopped.size:
                 self.reason = f"{self.arm.names[int(stopped[0])]} is at its limit"
-        lead = LEAD + 0.15 * np.abs(self._velocity)
-        self._velocity = np.where(inside == after, self._velocity, 0.0)
+        lead = LEAD + 0.15 * np.abs(self.velocity)
+        self.velocity = np.where(inside == after, self.velocity, 0.0)
         self._command = np.clip(inside, positions - lead, positions + lead)

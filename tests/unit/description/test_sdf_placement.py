@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from aras_sim_bridge.description import Inertial, parse_sdf
+from aras_sim_bridge.description import Inertial, parse_sdf, read_sdf
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.world import World
 from aras_visual_servo_base.poses import Pose
@@ -138,3 +138,102 @@ def test_what_a_link_leaves_open():
 def test_joints_that_cannot_be(inside, reason):
     with pytest.raises(DescriptionError, match=reason):
         model(link("a", "0 0 0 0 0 0") + link("b", "0 0 1 0 0 0") + inside)
+
+
+PART = "<geometry><sphere><radius>1</radius></sphere></geometry>"
+
+
+@pytest.mark.parametrize("text", [
+    "<model{0}><link name='a'/></model>", "<light{0}/>", "<world name='w'><frame{0}/></world>",
+    "<model name='m'><link{0}/></model>",
+    f"<model name='m'><link name='a'><visual{{0}}>{PART}</visual></link></model>",
+    f"<model name='m'><link name='a'><collision{{0}}>{PART}</collision></link></model>",
+    "<model name='m'><link name='a'/><link name='b'/><joint{0} type='fixed'><parent>a</parent>"
+    "<child>b</child></joint></model>",
+])
+def test_what_needs_a_name_has_one_of_up_to_256_characters(text):
+    for name in ("", " name=''", f" name='{257 * 'n'}'"):
+        with pytest.raises(DescriptionError, match="needs a name of 1 to 256 characters"):
+            read_sdf(f"<sdf>{text.format(name)}</sdf>")
+    for name in ("n", 256 * "n"):
+        named = f" name='{name}'"
+        read_sdf(f"<sdf>{text.format(named)}</sdf>")
+
+
+@pytest.mark.parametrize(("count", "lights", "words"), [
+    (0, 1, "0 models and 1 lights"), (2, 0, "2 models and 0 lights"),
+    (1, 1, "1 models and 1 lights"),
+])
+def test_one_model_at_a_time_is_what_can_be_spawned(count, lights, words):
+    """Why there are fewer than meant is told with it."""
+    text = "".join(f"<model name='m{k}'><link name='a'/></model>" for k in range(count))
+    text += "".join(f"<light name='l{k}'/>" for k in range(lights))
+    with pytest.raises(DescriptionError) as refused:
+        parse_sdf(f"<sdf>{text}<include><uri>x://y</uri></include></sdf>")
+    said = str(refused.value)
+    assert f"SDF: {words}; give one model at a time; <include> of 'x://y' is left out: " in said
+
+
+def test_warnings_of_the_text_come_before_those_of_its_model():
+    made = parse_sdf("<sdf><include><uri>x://y</uri></include><model name='m'><link name='a'>"
+                     "<sensor type='ray'/></link></model></sdf>")
+    assert ["x://y" in made.warnings[0], "'ray'" in made.warnings[1]] == [True, True]
+    assert len(made.warnings) == 2
+
+
+def test_one_world_is_simulated():
+    world = "<world name='w'><model name='m'><link name='a'/></model></world>"
+    assert len(read_sdf(f"<sdf>{world}<model name='n'/></sdf>").models) == 1
+    with pytest.raises(DescriptionError, match="SDF: 2 worlds; one is simulated"):
+        read_sdf(f"<sdf>{world}{world}</sdf>")
+    assert read_sdf("<gazebo><world name='w'/></gazebo>").models == ()
+
+
+@pytest.mark.parametrize("frame", ["world", "__model__", ""])
+def test_a_pose_is_in_the_frame_of_what_is_around(frame):
+    for key in ("relative_to", "frame"):
+        made = model(f"<link name='a'/><link name='b'><pose {key}='{frame}'>1 2 3 0 0 0</pose>"
+                     f"</link>{joint()}")
+        assert made.joints["j"].origin_xyz == (1, 2, 3)
+        with pytest.raises(DescriptionError, match="link 'b': <pose relative_to='a'> is not supp"):
+            model(f"<link name='a'/><link name='b'><pose {key}='a'>1 2 3 0 0 0</pose></link>"
+                  f"{joint()}")
+
+
+def test_frames_stand_on_those_before_them_alone():
+    def place(frames):
+        (found,) = read_sdf(f"<sdf><world name='w'>{frames}<light name='l'><pose relative_to='b'>"
+                            "0.1 0.2 0.3 0.4 0.5 0.6</pose></light></world></sdf>").lights
+        return found.pose.matrix()
+
+    at = {"a": (1, 2, 3, 0.3, -0.2, 0.5), "b": (4, -5, 6, -0.6, 0.1, 0.2)}
+    text = {name: "<pose{}>" + " ".join(map(str, pose)) + "</pose></frame>"
+            for name, pose in at.items()}
+    A, B = (Pose.from_rpy(pose[:3], pose[3:]).matrix() for pose in at.values())
+    light = Pose.from_rpy((0.1, 0.2, 0.3), (0.4, 0.5, 0.6)).matrix()
+    first = "<frame name='a'>" + text["a"].format("")
+    for on, where, expected in (("", "", B), (" attached_to='a'", "", A @ B),
+                                ("", " relative_to='a'", A @ B),
+                                (" attached_to='world'", "", B)):
+        second = f"<frame name='b'{on}>" + text["b"].format(where)
+        np.testing.assert_allclose(place(first + second), expected @ light, atol=1e-12)
+    late = "<frame name='b' attached_to='a'>" + text["b"].format("")
+    with pytest.raises(DescriptionError, match="frame 'b': attached_to='a' is no frame before it"):
+        place(late + first)
+
+
+@pytest.mark.parametrize("inside", ["", "<pose>1 2 3 0 0 0</pose>"])
+@pytest.mark.parametrize("kind", ["revolute", "prismatic", "fixed"])
+@pytest.mark.parametrize(("parent", "child", "missing"), [
+    ("x", "b", "x"), ("a", "x", "x"), ("a", "world", "world"), ("world", "world", "world"),
+    ("", "b", ""), ("a", "", ""), ("world", "b", None), ("a", "b", None),
+])
+def test_a_joint_s_ends_are_links_or_its_parent_the_world(inside, kind, parent, child, missing):
+    text = link("a", "0 0 0 0 0 0") + link("b", "0 0 1 0 0 0") + joint(inside, kind, parent, child)
+    if parent == "world":
+        text += joint(kind="fixed", child="a", parent="world").replace("'j'", "'k'")
+    if missing is None:
+        assert model(text).joints["j"].parent == parent
+    else:
+        with pytest.raises(DescriptionError, match=f"joint 'j': link '{missing}' does not exist"):
+            model(text)

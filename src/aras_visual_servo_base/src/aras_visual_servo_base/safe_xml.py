@@ -5,7 +5,7 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from aras_visual_servo_base.errors import DescriptionError
-from aras_visual_servo_base.poses import Vector3
+from aras_visual_servo_base.poses import Pose, Vector3
 
 LARGEST_TEXT = 16 * 1024 * 1024  # characters; the largest robots in the wild have some 1e6
 LARGEST_DEPTH = 64
@@ -140,9 +140,21 @@ def numbers(text: str | None, count: int, where: str,
     return tuple(number(part, where) for part in parts)
 
 
+def pose(text: str | None, where: str) -> Pose:
+    """SDF's position (m) and fixed-axis roll, pitch, yaw (rad), six numbers; no text, or an empty
+    one, is the identity. Raises DescriptionError as `number` does."""
+    if not text:
+        return Pose()
+    x, y, z, roll, pitch, yaw = numbers(text, 6, where)
+    return Pose.from_rpy((x, y, z), (roll, pitch, yaw))
+
+
 def direction(text: str | None, where: str, default: Vector3) -> Vector3:
-    """Three numbers scaled to length 1; raises DescriptionError as `number` does, and for zero."""
-    vector = numbers(text, 3, where, default)
+    """Three numbers scaled to length 1, the default as it is; raises DescriptionError as `number`
+    does, and for zero."""
+    if text is None:
+        return default
+    vector = numbers(text, 3, where)
     length = math.sqrt(sum(v * v for v in vector))
     if length < 1e-9:
         raise DescriptionError(f"{where} is zero; it needs a direction")

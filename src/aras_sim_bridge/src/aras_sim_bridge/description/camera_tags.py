@@ -11,6 +11,7 @@ from aras_sim_bridge.description.types import (
     Noise,
 )
 from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.safe_xml import integer, number, numbers, shorten, text_of, truth
 
@@ -64,9 +65,9 @@ def _camera(sensor: Element, node: Element, name: str, link: str, where: str,
     image, clip = node.find("image"), node.find("clip")
     at = numbers(text_of(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
     pose = at[:3], at[3:]
-    own = numbers(text_of(node, "pose"), 6, f"{where}: camera pose", (0.0,) * 6)
-    if any(own):
-        both = Pose.from_rpy(*pose) @ Pose.from_rpy(own[:3], own[3:])
+    own = safe_xml.pose(text_of(node, "pose"), f"{where}: camera pose")
+    if own != Pose():
+        both = Pose.from_rpy(*pose) @ own
         pose = both.xyz, both.rpy
     near = number(text_of(clip, "near"), f"{where}: clip near", 0.1)
     far = number(text_of(clip, "far"), f"{where}: clip far", 100.0)

@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import number, numbers, shorten, text_of
+from aras_visual_servo_base.safe_xml import number, shorten, text_of
 
 PATH = "GAZEBO_MODEL_PATH"
 CONFIG = "model.config"
@@ -182,5 +182,4 @@ def _flat(model: Element, warnings: list[str], base: str | None,
 
 
 def _pose(element: Element, where: str) -> Pose:
-    values = numbers(text_of(element, "pose") or "0 0 0 0 0 0", 6, f"{where}: pose")
-    return Pose.from_rpy(values[:3], values[3:])
+    return safe_xml.pose(text_of(element, "pose"), f"{where}: pose")

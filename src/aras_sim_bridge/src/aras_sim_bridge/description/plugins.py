@@ -40,7 +40,6 @@ def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: 
         warning = f"{where}: plugin '{filename}' {problem}; ignored"
         if warning not in warnings:
             warnings.append(warning)
-        continue
     return found
 
 

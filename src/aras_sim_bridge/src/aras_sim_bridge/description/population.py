@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
 from aras_visual_servo_base.safe_xml import integer, number, numbers, shorten, text_of
 from aras_visual_servo_base.urdf import ZERO
@@ -47,8 +48,7 @@ def members(population: Element, warnings: list[str]) -> list[Element]:
 
 def _places(population: Element, where: str) -> list[Vector3]:
     """World positions of the copies, m."""
-    given = numbers(text_of(population, "pose"), 6, f"{where}: pose", (0.0,) * 6)
-    pose = Pose.from_rpy(given[:3], given[3:])
+    pose = safe_xml.pose(text_of(population, "pose"), f"{where}: pose")
     node = population.find("distribution")
     kind = text_of(node, "type") or "random"
     if kind == "grid":

@@ -46,7 +46,6 @@ from aras_visual_servo_base.safe_xml import (
     check_names,
     direction,
     number,
-    numbers,
     shorten,
     text_of,
     truth,
@@ -193,8 +192,7 @@ def _pose(element: Element, where: str, frames: Mapping[str, Pose] = _HERE) -> P
             f"{where}: <pose relative_to='{shorten(frame)}'> is not supported; give it in the "
             "frame of the element around it"
         )
-    values = numbers(node.text or "0 0 0 0 0 0", 6, f"{where}: pose")
-    return frames[frame] @ Pose.from_rpy(values[:3], values[3:])
+    return frames[frame] @ safe_xml.pose(text_of(element, "pose"), f"{where}: pose")
 
 
 def _frames(world: Element) -> Mapping[str, Pose]:
@@ -325,8 +323,8 @@ def _joint(element: Element, model: str, poses: Mapping[str, Pose]) -> Joint:
         raise DescriptionError(f"{where}: joint type '{shorten(kind)}' is not supported; use "
                                f"{', '.join(_JOINT_KINDS)}")
     parent, child = text_of(element, "parent") or "", text_of(element, "child") or ""
-    for end in (parent, child):
-        if end not in poses and not (end == "world" and end == parent):
+    for end, known in ((parent, {*poses, "world"}), (child, poses)):
+        if end not in known:
             raise DescriptionError(f"{where}: link '{shorten(end)}' does not exist")
     axis = element.find("axis")
     if kind == "fixed":

@@ -8,6 +8,7 @@ from dataclasses import replace
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description.types import Geometry, Light, Link, RobotDescription
+from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
 from aras_visual_servo_base.safe_xml import numbers, shorten, text_of
 
@@ -59,10 +60,7 @@ class WorldState:
 
 def _pose(element: Element, where: str) -> Pose | None:
     text = text_of(element, "pose")
-    if text is None:
-        return None
-    values = numbers(text, 6, f"<state>: {where}: pose")
-    return Pose.from_rpy(values[:3], values[3:])
+    return None if text is None else safe_xml.pose(text, f"<state>: {where}: pose")
 
 
 def _links(state: Element, prefix: str = "") -> Iterator[tuple[str, Element]]:

@@ -4,6 +4,7 @@ import pytest
 
 from aras_sim_bridge.description import parse_sdf, parse_urdf
 from aras_sim_bridge.description.gazebo_materials import COLOURS, WHITE
+from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.simulation import Simulation
 
 BOX = "<geometry><box size='1 1 1'/></geometry>"
@@ -71,3 +72,59 @@ def test_an_unknown_material_is_white_with_a_warning_and_costs_no_robot(name, ne
         simulation.spawn(description, "r")
         assert "r" in simulation.world.models
         simulation.close()
+
+
+def visual(material, name="v"):
+    return f"<visual name='{name}'>{SDF_BOX}<material>{material}</material></visual>"
+
+
+def shown(*visuals):
+    """The colour of a link of SDF with these visuals, and what is said of it."""
+    made = parse_sdf("<sdf><model name='r'><link name='a'>" + "".join(
+        one.replace("'v'", f"'v{k}'") for k, one in enumerate(visuals)) + "</link></model></sdf>")
+    return made.colours.get("a"), made.warnings
+
+
+PLAIN = f"<visual name='v'>{SDF_BOX}</visual>"
+SCRIPT = "<script><name>Gazebo/{}</name></script>"
+BLUE, GREEN = (0.0, 0.0, 1.0, 1.0), (0.1, 0.9, 0.2, 1.0)
+
+
+@pytest.mark.parametrize(("material", "rgba"), [
+    ("<diffuse>.1 .2 .3</diffuse>", (0.1, 0.2, 0.3, 1.0)),
+    ("<diffuse>.1 .2 .3 .4</diffuse>", (0.1, 0.2, 0.3, 0.4)),
+    ("<ambient>.1 .2 .3</ambient>", (0.1, 0.2, 0.3, 1.0)),
+    ("<ambient>1 1 1 1</ambient><diffuse>.1 .2 .3 .4</diffuse>", (0.1, 0.2, 0.3, 0.4)),
+    ("<diffuse>1 1 1</diffuse>" + SCRIPT.format("Blue"), BLUE),
+    ("<emissive>1 0 0 1</emissive>", None), ("", None),
+])
+def test_the_colour_of_a_visual_of_sdf(material, rgba):
+    """A script's counts before a diffuse one, and that before an ambient one."""
+    assert shown(visual(material)) == (rgba, ())
+    assert shown(PLAIN, visual(material)) == (rgba, ())
+
+
+def test_a_link_has_the_colour_of_its_first_visual_that_has_one():
+    green = visual("<diffuse>.1 .9 .2</diffuse>")
+    blue = visual(SCRIPT.format("Blue"))
+    assert shown(green, green) == (GREEN, ())
+    for visuals, rgba in (((green, blue), GREEN), ((PLAIN, blue, PLAIN, green), BLUE)):
+        assert shown(*visuals) == (
+            rgba, ("link 'a': its visuals have several colours; all get the first",))
+
+
+@pytest.mark.parametrize("tag", ["diffuse", "ambient"])
+def test_a_colour_has_three_numbers_or_four(tag):
+    for text in ("1 2", "1 2 3 4 5", "red"):
+        with pytest.raises(DescriptionError, match=f"link 'a': material {tag}: .*'{text}"):
+            shown(visual(f"<{tag}>{text}</{tag}>"))
+
+
+def test_a_material_of_a_urdf_may_be_an_attribute():
+    text = "<robot name='r'><link name='a'/><gazebo reference='a'>{}</gazebo></robot>"
+    for tag in ("<material>Gazebo/Blue</material>", "<material value='Gazebo/Blue'/>",
+                "<material value='Gazebo/Blue'>Gazebo/Red</material>"):
+        assert parse_urdf(text.format(tag)).colours == {"a": BLUE}
+    for tag in ("<material/>", "<material value=''/>", ""):
+        made = parse_urdf(text.format(tag))
+        assert made.colours == {} and made.warnings == ()

@@ -3,7 +3,9 @@
 import math
 from dataclasses import astuple
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from aras_sim_bridge.description import (
     CameraPlugin,
@@ -186,3 +188,90 @@ def test_flags_of_links():
 def test_what_is_not_known_warns(inside, warning):
     (said,) = robot(inside).warnings
     assert warning in said
+
+
+FLAGS = {"gravity": True, "kinematic": False, "mu": None, "bounce": None}
+BOUNCE = ("<collision><surface><bounce><restitution_coefficient>{}</restitution_coefficient>"
+          "</bounce></surface></collision>")
+
+
+@pytest.mark.parametrize(("tags", "changes"), [
+    ("", {}), ("<mu1>0</mu1>", {"mu": 0.0}), ("<mu1 value='.4'/>", {"mu": 0.4}),
+    ("<mu2>.4</mu2>", {}), ("<gravity value='0'/>", {"gravity": False}),
+    ("<gravity>1</gravity>", {}), ("<kinematic>1</kinematic>", {"kinematic": True}),
+    ("<turnGravityOff>true</turnGravityOff><gravity>true</gravity>", {"gravity": False}),
+    ("<turnGravityOff>false</turnGravityOff><gravity>false</gravity>", {"gravity": False}),
+    ("<collision/>" + BOUNCE.format(0.5) + BOUNCE.format(0.7), {"bounce": (0.5, 0.0)}),
+])
+def test_what_a_tag_says_of_a_link_and_what_it_leaves(tags, changes):
+    """A second tag of the same link changes what it names alone; other links keep all."""
+    text = "<robot name='r'><link name='a'/><link name='b'/>" \
+           "<joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint>{}</robot>"
+    def flags(link):
+        return {name: getattr(link, name) for name in FLAGS}
+
+    block = f"<gazebo reference='b'>{tags}</gazebo>"
+    made = parse_urdf(text.format(block + "<gazebo reference='b'/>"))
+    assert flags(made.links["b"]) == FLAGS | changes and flags(made.links["a"]) == FLAGS
+    assert made.warnings == ()
+    all_set = {"gravity": False, "kinematic": True, "mu": 0.25, "bounce": (0.75, 0.0)}
+    first = ("<gazebo reference='b'><gravity>0</gravity><kinematic>1</kinematic><mu1>.25</mu1>"
+             f"{BOUNCE.format(0.75)}</gazebo>")
+    made = parse_urdf(text.format(first + block))
+    kept = {name: value for name, value in all_set.items()
+            if name not in changes and f"<{name}>" not in tags}
+    assert {name: flags(made.links["b"])[name] for name in kept} == kept
+
+
+def test_a_robot_s_tags_come_in_the_order_of_the_file():
+    """Control plug-ins and sensors of the robot beside those of its links and joints."""
+    imu = ("<sensor type='imu' name='i'><plugin filename='libgazebo_ros_imu_sensor.so'><frameName>f"
+           "</frameName></plugin></sensor>")
+    pose = ("<plugin filename='libgazebo_ros_p3d.so'><bodyName>{}</bodyName><topicName>{}"
+            "</topicName></plugin>")
+    control = "<plugin filename='libgazebo_ros_control.so'><robotNamespace>{}</robotNamespace>" \
+              "</plugin>"
+    eye = "<sensor type='camera' name='{}'><camera/></sensor>"
+    made = robot(f"<gazebo>{pose.format('a', 't')}{control.format('one')}</gazebo>"
+                 f"<gazebo reference='a'>{eye.format('e')}{imu}{eye.format('f')}</gazebo>"
+                 f"<gazebo>{control.format('two')}<static>1</static>{pose.format('a', 'u')}"
+                 "</gazebo><gazebo/>")
+    assert made.warnings == () and made.static
+    assert [one.robot_namespace for one in made.control_plugins] == ["one", "two"]
+    assert [(one.kind, one.topic) for one in made.sensors] == [
+        ("imu", "imu_data"), ("pose", "t"), ("pose", "u")]
+    assert [one.name for one in made.cameras] == ["e", "f"]
+
+
+@pytest.mark.parametrize(("sensor", "own"), [
+    ("1 2 3 .1 .2 .3", ""), ("", ".5 .6 .7 .4 .5 .6"), ("1 2 3 .1 .2 .3", "0 0 0 .4 .5 .6"),
+    ("1 2 3 .1 .2 .3", ".5 0 0 0 0 0"), ("1 2 3 .1 .2 .3", ".5 .6 .7 .4 .5 .6"),
+])
+def test_a_camera_stands_in_its_sensor_and_that_in_its_link(sensor, own):
+    def matrix(text):
+        values = [float(word) for word in text.split()] or [0.0] * 6
+        made = np.eye(4)
+        made[:3, :3] = Rotation.from_euler("xyz", values[3:]).as_matrix()
+        made[:3, 3] = values[:3]
+        return made
+
+    tag = "<pose>{}</pose>"
+    xyz, rpy = camera(tag.format(own) if own else "", tag.format(sensor) if sensor else "").pose
+    found = matrix(" ".join(map(str, (*xyz, *rpy))))
+    np.testing.assert_allclose(found, matrix(sensor) @ matrix(own), atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["gnomonical", "stereographic", "equidistant", "equisolid_angle",
+                                  "orthographic", "custom"])
+def test_each_lens_is_known(kind):
+    made = camera(f"<lens><type>{kind}</type></lens>", kind="wideanglecamera")
+    assert made.lens == LensDescription(kind, True, math.pi / 2)
+
+
+@pytest.mark.parametrize(("noise", "kind"), [
+    ("<noise><type>none</type></noise>", "none"), ("<noise type='other'/>", "other"),
+    ("<noise type='other'><type>gaussian</type></noise>", "gaussian"),
+    ("<noise><mean>-1</mean></noise>", "gaussian"),
+])
+def test_a_noise_s_type_is_an_element_or_an_attribute(noise, kind):
+    assert camera(noise).noise == Noise(kind, -1.0 if "-1" in noise else 0.0, 0.0)

@@ -102,3 +102,45 @@ def test_tensors_that_no_body_has():
     assert "1, 1, 100 break the triangle inequality" in warnings.pop()
     checked_inertial("link 'a'", 1.0, (0, 0, 0), (0, 0, 0), (1, 0, 0, 1, 0, 2.003), warnings)
     assert not warnings, "a CAD export's rounding"
+
+
+@pytest.mark.parametrize(("inertia", "kept"), [
+    ((3.0, 0.1, 0.2, 4.0, 0.3, 5.0), True), ((1.0, 0.0, 0.0, 100.0, 0.0, 1.0), True),
+    ((0.0,) * 6, False), ((1e-8, 2e-8, 0.0, 1e-8, 0.0, 1e-8), False),
+])
+def test_whatever_is_done_to_a_tensor_mass_and_frame_stay(inertia, kept):
+    made = checked_inertial("w", 2.5, (1.0, 2.0, 3.0), (0.1, 0.2, 0.3), inertia, [])
+    assert (made.mass, made.origin_xyz, made.origin_rpy) == (2.5, (1, 2, 3), (0.1, 0.2, 0.3))
+    ball = 2.5 * 0.4 * 0.05**2
+    assert made.inertia == pytest.approx(inertia if kept else (ball, 0, 0, ball, 0, ball))
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
+def test_how_much_a_tensor_may_be_rounded(scale):
+    """Below zero by 1e-9 of the largest moment; beyond the triangle's by 1e-3 of the trace."""
+    def read(*moments):
+        warnings = []
+        xx, yy, zz = (scale * moment for moment in moments)
+        checked_inertial("w", 1.0, (0, 0, 0), (0, 0, 0), (xx, 0, 0, yy, 0, zz), warnings)
+        return len(warnings)
+
+    assert read(1.0, 1.0, -1e-9) == read(1.0, 1.0, -0.9e-9) == 0
+    assert read(1.0, 1.0, 0.0) == read(1.0, 2.0, 3.0) == 0
+    with pytest.raises(DescriptionError, match="negative principal moment"):
+        read(1.0, 1.0, -1.1e-9)
+    for largest, count in ((3.0059, 0), (3.0062, 1)):  # 0.001 of 6.006
+        assert read(largest, 1.0, 2.0) == read(2.0, largest, 1.0) == count
+
+
+def test_a_tensor_is_negligible_up_to_a_millionth():
+    """Be it the largest moment or the lowest."""
+    for largest, lowest in ((1e-6, -5e-7), (1.01e-6, -5e-7), (5e-7, -1e-6), (5e-7, -1.01e-6)):
+        warnings = []
+        tensor = (largest, 0.0, 0.0, 1e-7, 0.0, lowest)
+        if max(largest, -lowest) <= 1e-6:
+            checked_inertial("w", 1.0, (0, 0, 0), (0, 0, 0), tensor, warnings)
+            assert f"negative principal moment ({lowest:.4g})" in warnings[0]
+            assert "a solid sphere of 5 cm radius (0.001 kg m²)" in warnings[0]
+        else:
+            with pytest.raises(DescriptionError, match="check the signs of ixx … izz"):
+                checked_inertial("w", 1.0, (0, 0, 0), (0, 0, 0), tensor, warnings)

@@ -3,9 +3,10 @@
 import os
 
 import pytest
+import rospkg
 
 from aras_sim_bridge.description import packages
-from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.errors import DescriptionError, MissingFileError
 
 
 def make(folder, name):
@@ -35,3 +36,128 @@ def test_what_was_found_is_not_searched_again(tmp_path, monkeypatch):
     packages.find("kept_arm")
     monkeypatch.setattr(packages, "_crawl", lambda *_: pytest.fail("searched again"))
     assert packages.find("kept_arm") == str(tmp_path / "a")
+
+
+def test_packages_are_found_where_rospack_finds_them(tmp_path, monkeypatch):
+    """Not in a package, below a folder that is to be ignored, or in a hidden one; the first of two
+    of one name. One with an old manifest is named after its folder."""
+    first, second = tmp_path / "first", tmp_path / "second"
+    names = {first / "whole": "whole", first / "whole/inner": "inner", first / "a/b": "deep",
+             first / "ignored/c": "ignored", first / "closed/d": "closed", first / ".git/e": "git",
+             first / "twice": "twice", second / "again": "twice", second / "f": "other"}
+    for folder, name in names.items():
+        make(folder, name)
+    for name in ("ignored/CATKIN_IGNORE", "closed/rospack_nosubdirs"):
+        (first / name).touch()
+    (second / "old").mkdir()
+    (second / "old/manifest.xml").write_text("<package/>")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{first}:/nowhere::{second}")
+    monkeypatch.setenv("CMAKE_PREFIX_PATH", "")
+    rospack = rospkg.RosPack([str(first), str(second)])
+    found = []
+    for name in sorted({*names.values(), "old", "f", "again"}):
+        try:
+            expected = rospack.get_path(name)
+        except rospkg.ResourceNotFound:
+            with pytest.raises(MissingFileError, match=f"package '{name}' is not in ROS_PACKAGE_P"):
+                packages.find(name)
+        else:
+            assert packages.find(name) == expected
+            found.append(name)
+    assert found == ["deep", "old", "other", "twice", "whole"]
+
+
+def test_what_builds_leave_and_what_lies_too_deep_is_not_searched(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
+    make(tmp_path / "1/2/3/4/5", "deep")
+    make(tmp_path / "1/2/3/4/six/6", "deeper")
+    for name in ("CMakeFiles", "__pycache__", "node_modules"):
+        make(tmp_path / name / "p", f"in{name}")
+        with pytest.raises(MissingFileError):
+            packages.find(f"in{name}")
+    assert packages.find("deep") == str(tmp_path / "1/2/3/4/5")
+    with pytest.raises(MissingFileError):
+        packages.find("deeper")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "1"))
+    assert packages.find("deeper") == str(tmp_path / "1/2/3/4/six/6")
+
+
+def test_installed_packages_are_below_share(tmp_path, monkeypatch):
+    """What is built has precedence, then one prefix after the other; /usr comes last."""
+    built, one, two = (tmp_path / name for name in ("built", "one", "two"))
+    make(built / "arm", "arm")
+    for prefix, names in ((one, ("arm", "hand")), (two, ("hand", "eye"))):
+        for name in names:
+            make(prefix / "share" / name, name)
+    (one / "share/eye").mkdir()  # no package
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(built))
+    monkeypatch.setenv("CMAKE_PREFIX_PATH", f"{one}::{two}")
+    assert packages.find("arm") == str(built / "arm")
+    assert packages.find("hand") == str(one / "share/hand")
+    assert packages.find("eye") == str(two / "share/eye")
+    assert packages.find("catkin") == "/usr/share/catkin"
+
+
+@pytest.mark.parametrize("name", ["", "1st", "_arm", "-arm", "an arm", "arm/hand", "arm\n", "är"])
+def test_a_name_that_no_package_has_is_refused(name):
+    with pytest.raises(DescriptionError, match="is not a package name: letters, digits") as refused:
+        packages.find(name)
+    assert not isinstance(refused.value, MissingFileError)
+
+
+def test_a_package_s_manifest_may_be_anything(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
+    for name, text in (("bytes", b"\xff\xfe"), ("nameless", b"<package/>"),
+                       ("folder", b"<package>\n<name>\n  declared </name></package>")):
+        make(tmp_path / name, "x")
+        (tmp_path / name / "package.xml").write_bytes(text)
+    assert packages.find("bytes") == str(tmp_path / "bytes")
+    assert packages.find("nameless") == str(tmp_path / "nameless")
+    assert packages.find("declared") == str(tmp_path / "folder")
+    with pytest.raises(MissingFileError):
+        packages.find("folder")
+
+
+@pytest.mark.parametrize(("uri", "path"), [
+    ("package://arm/meshes/a.stl", "/pack/arm/meshes/a.stl"),
+    ("package://arm//meshes/./b/../a.stl", "/pack/arm/meshes/a.stl"),
+    ("package://arm", "/pack/arm"), (" package://arm/a.stl\n", "/pack/arm/a.stl"),
+    ("model://arm/a.stl", "/pack/arm/a.stl"), ("file:///b/a.stl", "/b/a.stl"),
+    ("file://b//a.stl", "/b/a.stl"), ("/b/./c/../a.stl", "/b/a.stl"),
+    ("meshes/a.stl", "/base/meshes/a.stl"), ("../a.stl", "/a.stl"),
+])
+def test_the_path_that_a_uri_names(monkeypatch, uri, path):
+    monkeypatch.setenv("GAZEBO_MODEL_PATH", "")
+    monkeypatch.setenv("HOME", "/nowhere")
+    assert packages.located(uri, "here", "/pack/{}".format, "/base") == path
+
+
+@pytest.mark.parametrize(("uri", "reason"), [
+    ("", "here: the mesh file name is empty or holds a NUL character"),
+    (" \n", "here: the mesh file name is empty or holds a NUL character"),
+    ("/a\0b", "here: the mesh file name is empty or holds a NUL character"),
+    ("a.stl", "here: mesh 'a.stl' is a relative path and the description came as text"),
+    ("package://arm/../b/a", "here: mesh 'package://arm/../b/a' climbs out of package 'arm'"),
+    ("package://arm/../armour/a.stl", "climbs out of package 'arm'; keep the file inside"),
+    ("ftp://arm/a.stl", "here: mesh 'ftp://arm/a.stl' has the unknown scheme 'ftp://'"),
+    ("ftp://" + 194 * "a", f"mesh 'ftp://{194 * 'a'}' has"),
+    ("ftp://" + 195 * "a", f"mesh 'ftp://{194 * 'a'}…' has"),
+])
+def test_a_uri_that_names_no_path_is_refused(uri, reason):
+    with pytest.raises(DescriptionError) as refused:
+        packages.located(uri, "here", "/pack/{}".format)
+    assert reason in str(refused.value)
+
+
+def test_what_a_uri_names_may_be_no_mesh():
+    with pytest.raises(DescriptionError, match="here: the material file name is empty"):
+        packages.located("", "here", what="material")
+
+
+def test_a_package_that_is_missing_and_one_that_cannot_be_are_told_apart(monkeypatch):
+    """A missing one costs its mesh alone; what no package can be called costs the model."""
+    monkeypatch.setenv("ROS_PACKAGE_PATH", "")
+    for name, kind in (("no_such_arm", MissingFileError), ("no arm", DescriptionError)):
+        with pytest.raises(DescriptionError, match=f"here: mesh 'package://{name}/a': ") as refused:
+            packages.located(f"package://{name}/a", "here")
+        assert type(refused.value) is kind

@@ -1,12 +1,13 @@
 """The table of plug-ins: which files are served, as what, and what is said of the others."""
 
 import math
+from dataclasses import astuple, replace
 
 import pytest
 
 from aras_sim_bridge.camera import CameraConfig
-from aras_sim_bridge.description import DepthTopics, parse_sdf, parse_urdf
-from aras_sim_bridge.errors import CameraError
+from aras_sim_bridge.description import DepthTopics, SensorDescription, parse_sdf, parse_urdf
+from aras_sim_bridge.errors import CameraError, DescriptionError
 
 EYES = """<camera name='left'><pose>0 0.02 0 0 0 0</pose><image><width>64</width></image></camera>
 <camera name='right'><pose>0 -0.05 0 0 0 0.3</pose><image><width>64</width></image></camera>"""
@@ -110,3 +111,144 @@ def test_the_eyes_of_a_multicamera(read):
     assert [eye.shutter for eye in made] == ["stereo", "stereo"]
     assert [eye.intrinsics().P[0, 3] for eye in made] == [
         0.0, pytest.approx(-0.07 * made[1].intrinsics().K[0, 0])]
+
+
+def measured(file, settings="", kind="", inside="<contact><collision>c</collision></contact>"):
+    """The one sensor of a model whose plug-in is this one, in a <sensor> of that kind or in the
+    model itself."""
+    own = f"<plugin filename='libgazebo_ros_{file}.so'>{settings}</plugin>"
+    sensor = f"<sensor name='s' type='{kind}'>{inside}{own}</sensor>" if kind else ""
+    return parse_sdf(
+        "<sdf><model name='m'><link name='a'><collision name='c'><geometry><box><size>1 1 1</size>"
+        f"</box></geometry></collision>{sensor if kind != 'force_torque' else ''}</link>"
+        "<link name='b'/><joint name='j' type='fixed'><parent>a</parent><child>b</child>"
+        f"{sensor if kind == 'force_torque' else ''}</joint>{own if not kind else ''}"
+        "</model></sdf>")
+
+
+SETTINGS = ("<topicName>t</topicName><robotNamespace>n</robotNamespace><frameName>b</frameName>"
+            "<updateRate>5</updateRate><gaussianNoise>0.5</gaussianNoise><xyzOffset>1 2 3"
+            "</xyzOffset><rpyOffset>.1 .2 .3</rpyOffset><bodyName>a</bodyName>")
+FULL = SensorDescription("pose", "t", "n", "b", 5.0, "a", noise=0.5,
+                         offset=((1, 2, 3), (0.1, 0.2, 0.3)))
+
+
+@pytest.mark.parametrize(("file", "kind", "settings", "expected"), [
+    ("p3d", "", SETTINGS, FULL),
+    ("p3d", "", "<bodyName>a</bodyName><topicName>t</topicName>",
+     SensorDescription("pose", "t", "", "world", link="a")),
+    ("imu", "", SETTINGS, replace(FULL, kind="body_imu")),
+    ("imu", "", "<bodyName>a</bodyName>",
+     SensorDescription("body_imu", "/default_imu", link="a")),
+    ("imu_sensor", "imu", SETTINGS + "<updateRateHZ>7</updateRateHZ>"
+     "<initialOrientationAsReference>1</initialOrientationAsReference>",
+     replace(FULL, kind="imu", rate=7.0, from_start=True)),
+    ("imu_sensor", "imu", "<frameName>f</frameName>",
+     SensorDescription("imu", "imu_data", None, "f", 1.0, "a")),
+    ("ft_sensor", "", SETTINGS + "<jointName>j</jointName>",
+     replace(FULL, kind="wrench", frame="", link="b", joint="j")),
+    ("ft_sensor", "force_torque", "<topicName>t</topicName>",
+     SensorDescription("wrench", "t", link="b", joint="j")),
+    ("bumper", "contact", SETTINGS + "<bumperTopicName>u</bumperTopicName>",
+     replace(FULL, kind="contact", topic="u", rate=0.0, noise=0.0, collisions=("c",))),
+    ("bumper", "contact", "",
+     SensorDescription("contact", "bumper_states", "", "world", link="a", collisions=("c",))),
+])
+def test_a_sensor_and_its_plugin_in_full(file, kind, settings, expected):
+    made = measured(file, settings, kind)
+    assert made.warnings == ()
+    assert [astuple(one) for one in made.sensors] == [astuple(expected)]
+
+
+@pytest.mark.parametrize(("file", "kind"), [
+    ("p3d", ""), ("imu", ""), ("ft_sensor", ""), ("imu_sensor", "imu")])
+def test_noise_and_rate_of_a_plugin_are_not_negative(file, kind):
+    rate = "updateRateHZ" if kind else "updateRate"
+    known = SETTINGS.replace("<updateRate>5</updateRate>", "").replace("0.5</gauss", "0</gauss")
+    known += "<jointName>j</jointName>"
+    (made,) = measured(file, f"{known}<{rate}>0</{rate}>", kind).sensors
+    assert (made.rate, made.noise) == (0.0, 0.0)
+    for tag, what in ((rate, "rate"), ("gaussianNoise", "noise")):
+        with pytest.raises(DescriptionError, match=f"the {what} is -0.5; it must not be negative"):
+            measured(file, f"<{tag}>-0.5</{tag}>{known}", kind)
+
+
+def channels(kind, first, second):
+    """Noise on the y axis of the first quantity and the z axis of the second, all else without."""
+    quiet = (0.0,) * 4
+    a, b = {"imu": ("angular_velocity", "linear_acceleration"),
+            "force_torque": ("force", "torque")}[kind]
+    noise = ("<noise><mean>{}</mean><stddev>{}</stddev><bias_mean>{}</bias_mean>"
+             "<bias_stddev>{}</bias_stddev></noise>")
+    text = (f"<{a}><y>{noise.format(*first)}</y></{a}>"
+            f"<{b}><z>{noise.format(*second)}</z></{b}>")
+    return f"<{kind}>{text}</{kind}>", [quiet, first, quiet, quiet, quiet, second]
+
+
+@pytest.mark.parametrize(("file", "kind", "settings"), [
+    ("imu_sensor", "imu", "<frameName>f</frameName>"),
+    ("ft_sensor", "force_torque", "<topicName>t</topicName>")])
+def test_a_sensor_s_noise_is_of_the_axis_that_it_is_written_for(file, kind, settings):
+    text, expected = channels(kind, (0.1, 0.2, 0.3, 0.4), (-0.5, 0.6, -0.7, 0.8))
+    place = "<pose>1 2 3 .1 .2 .3</pose><update_rate>9</update_rate>"
+    (made,) = measured(file, settings, kind, place + text).sensors
+    assert [astuple(one) for one in made.channels] == expected
+    assert made.pose == ((1, 2, 3), pytest.approx((0.1, 0.2, 0.3)))
+    assert made.sample_rate == (9.0 if kind == "imu" else 0.0)
+    text, _ = channels(kind, (0.0,) * 4, (0.0,) * 4)
+    assert measured(file, settings, kind, text).sensors[0].channels == ()
+
+
+@pytest.mark.parametrize(("frame", "direction"), [
+    ("", ""), ("child", "child_to_parent"), ("parent", "parent_to_child"),
+    ("sensor", "parent_to_child"), ("parent", "child_to_parent"),
+])
+def test_in_which_frame_and_of_whom_a_wrench_is(frame, direction):
+    asked = f"<force_torque><frame>{frame}</frame><measure_direction>{direction}" \
+            "</measure_direction></force_torque>"
+    made = measured("ft_sensor", "<topicName>t</topicName>", "force_torque", asked)
+    assert made.warnings == ()
+    assert made.sensors[0].measured_in == (frame or "child")
+    assert made.sensors[0].on_child is (direction == "parent_to_child")
+
+
+@pytest.mark.parametrize(("name", "known"), [
+    ("c", True), ("a_fixed_joint_lump__c", True), ("b_fixed_joint_lump__c_1", False),
+    ("xc", False), ("c1", False)])
+def test_a_bumper_s_collisions_exist(name, known):
+    """By their own name, or by Gazebo's of what is lumped together."""
+    both = f"<contact><collision>c</collision><collision>{name}</collision></contact>"
+    made = measured("bumper", "", "contact", both)
+    if known:
+        assert made.sensors[0].collisions == ("c", name) and not made.warnings
+    else:
+        (warning,) = made.warnings
+        assert not made.sensors and f"collision '{name}' does not exist" in warning
+
+
+def test_only_the_first_plugin_of_a_camera_delivers_its_pictures():
+    read = sensor("libgazebo_ros_camera.so", "<cameraName>second</cameraName>", before=(
+        "<plugin filename='libgazebo_ros_camera.so'><cameraName>first</cameraName></plugin>"))
+    assert read.cameras[0].plugin.camera_name == "first"
+    assert read.warnings == ("camera 'eye' on link 'a': one plug-in delivers its pictures; "
+                             "'second' is left out",)
+
+
+@pytest.mark.parametrize(("names", "sides"), [
+    (("left", "right"), ("left", "right")), (("my_left_eye", "the_right"), ("left", "right")),
+    (("up", "down"), ("up", "down")), (("", ""), ("0", "1")),
+])
+def test_an_eye_is_named_after_its_side_or_itself(names, sides):
+    """The baseline is that of the right one."""
+    inside = "".join(f"<camera{f' name={name!r}' if name else ''}/>" for name in names)
+    read = sensor("gazebo_ros_multicamera", "<cameraName>head</cameraName><hackBaseline>.07"
+                  "</hackBaseline>", kind="multicamera", inside=inside)
+    own = [name or str(k) for k, name in enumerate(names)]
+    assert [eye.name for eye in read.cameras] == [f"eye_{name}" for name in own]
+    assert [eye.plugin.camera_name for eye in read.cameras] == [f"head/{side}" for side in sides]
+    assert [eye.plugin.hack_baseline for eye in read.cameras] == [
+        0.07 if side == "right" else 0.0 for side in sides]
+    bare = robot(f"<gazebo reference='a'><sensor type='multicamera' name='eye'>{inside}</sensor>"
+                 "</gazebo>").cameras
+    assert [(eye.plugin, eye.shutter, eye.kind) for eye in bare] == [
+        (None, "eye", "multicamera")] * 2

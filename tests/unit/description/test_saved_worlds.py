@@ -1,13 +1,20 @@
 """Worlds as Gazebo's window saves them: included models, `<state>`, frames; what is not served."""
 
 import math
+import os
+import struct
+import zlib
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from aras_sim_bridge.description import world_file
+from aras_sim_bridge.description import parse_sdf, world_file
+from aras_sim_bridge.description.model_folders import find as model_folder
 from aras_sim_bridge.description.model_folders import folder_of
+from aras_sim_bridge.description.population import members
 from aras_sim_bridge.description.shapes import triangles
 from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -397,3 +404,366 @@ def test_a_material_that_cannot_be_served_costs_nothing_but_itself(materials, re
     found = read(inside)
     assert [m.name for m in found.models] == ["crate"]
     assert reason in found.warnings[0]
+
+
+@pytest.mark.parametrize(("text", "colour", "texture"), [
+    ("material M { technique { pass { diffuse 0.1 0.2 0.3 } } }", (0.1, 0.2, 0.3, 1.0), ""),
+    ("material M { technique { pass { diffuse 0.1 0.2 0.3 0.4 0.5 } } }", (0.1, 0.2, 0.3, 0.4), ""),
+    ("material M { technique { pass { diffuse -1 2 0.5 7 } } }", (0.0, 1.0, 0.5, 1.0), ""),
+    ("material M { diffuse vertexcolour\n ambient 0.2 0.4 0.6 }", (0.2, 0.4, 0.6, 1.0), ""),
+    ("material M { diffuse 0.5 0.6\n ambient }", None, ""),
+    # The diffuse colour of the first pass that has one counts, wherever its ambient one stands.
+    ("material M { pass { diffuse 0 0 1\n ambient 0 1 0 } pass { diffuse 1 0 0 } }",
+     (0.0, 0.0, 1.0, 1.0), ""),
+    ("material M { pass { ambient 0 1 0\n diffuse 0 0 1 } pass { ambient 1 0 0 } }",
+     (0.0, 0.0, 1.0, 1.0), ""),
+    ("material M { pass { ambient 0 1 0 } pass { ambient 1 0 0 } }", (0.0, 1.0, 0.0, 1.0), ""),
+    ("material M { specular 1 0 0 1\n emissive 0 1 0 }", None, ""),
+    ("material M { texture_unit { texture side.png } texture_unit { texture gone.png } }", None,
+     "side.png"),
+    ('material "M" : "Old" { }\nmaterial "Old" { texture "side.png"\n diffuse 1 1 0 }',
+     (1.0, 1.0, 0.0, 1.0), "side.png"),
+    ("material M : Old { diffuse 0 1 1 } material Old : Older { ambient 1 1 1 }"
+     " material Older { texture side.png }", (0.0, 1.0, 1.0, 1.0), "side.png"),
+    ("material M : N { ambient 1 0 1 } material N : M { texture side.png }",
+     (1.0, 0.0, 1.0, 1.0), "side.png"),
+    ("material M : Nowhere { ambient 1 0 1 }", (1.0, 0.0, 1.0, 1.0), ""),
+    # What stands before all materials is none of theirs: shaders have words of the same names.
+    ("fragment_program f { ambient 1 0 0\n texture gone.png } material\n"
+     "material M { ambient 0 1 0 }", (0.0, 1.0, 0.0, 1.0), ""),
+    ("material M{ambient 0 1 0}material N{ambient 1 0 0}", (0.0, 1.0, 0.0, 1.0), ""),
+    ("material N { ambient 1 0 0 }\nmaterial M { diffuse 0 1 0 }", (0.0, 1.0, 0.0, 1.0), ""),
+    ("material M { // diffuse 1 0 0\n /* ambient 1 0 0\n */ ambient 0 1 0 }",
+     (0.0, 1.0, 0.0, 1.0), ""),
+])
+def test_what_counts_of_a_material_script(materials, read, text, colour, texture):
+    """Numbers are kept to 0 to 1; where a script gives no colour, the link is white."""
+    script = materials.parents[1] / "scripts/other.material"
+    script.write_text(text)
+    (model,) = read(crate("M")).models
+    assert model.warnings == ()
+    assert model.colours["body"] == (colour or (1.0, 1.0, 1.0, 1.0))
+    (visual,) = model.links["body"].visuals
+    assert visual.texture == (str(materials) if texture else "")
+
+
+def test_a_script_is_read_again_when_it_has_changed_and_not_when_it_is_large(materials, read):
+    script = materials.parents[1] / "scripts/other.material"
+    for k, text in enumerate(("1 0 0", "0 1 0")):
+        script.write_text(f"material M {{ ambient {text} }}")
+        os.utime(script, ns=(k, k))
+        (model,) = read(crate("M")).models
+        assert model.colours["body"] == (*map(float, text.split()), 1.0)
+    script.write_text("material M { ambient 0 0 1 }".ljust(1_000_000))
+    (model,) = read(crate("M")).models
+    assert model.colours["body"] == (0.0, 0.0, 1.0, 1.0)
+    script.write_text("material M { ambient 0 0 1 }".ljust(1_000_001))
+    (model,) = read(crate("M")).models
+    assert model.colours["body"] == (1.0, 1.0, 1.0, 1.0)
+    assert f"{script} cannot be read: it has more than 1000000 bytes" in model.warnings[0]
+
+
+@pytest.mark.parametrize("place", ["scripts/side2.png", "textures/side2.png", "side2.png"])
+def test_a_texture_lies_beside_its_script_or_in_the_folder_next_to_it(materials, read, place):
+    """Elsewhere, or of more than 64 million pixels, it is left out by name."""
+    folder = materials.parents[1]
+    (folder / "scripts/other.material").write_text("material M { texture side2.png }")
+    (folder / place).write_bytes(materials.read_bytes())
+    (model,) = read(crate("M")).models
+    (visual,) = model.links["body"].visuals
+    beside = place != "side2.png"
+    assert visual.texture == (str(folder / place) if beside else "")
+    assert len(model.warnings) == (not beside)
+    header = b"IHDR" + struct.pack(">IIBBBBB", 8000, 8001, 8, 2, 0, 0, 0)
+    (folder / "scripts/side2.png").write_bytes(
+        b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + header
+        + struct.pack(">IIII", zlib.crc32(header), 0, 0x49444154, zlib.crc32(b"IDAT")))
+    (model,) = read(crate("M")).models
+    assert model.links["body"].visuals[0].texture == ""
+    assert "link 'body': texture 'side2.png' of material 'M' is left out: " in model.warnings[0]
+
+
+def tilted(kind, count, size=(2.0, 1.0, 0.8), extra=""):
+    """Where the copies of a population stand that is tilted, and its region's corner."""
+    return (f"<model_count>{count}</model_count><box><size>{' '.join(map(str, size))}</size></box>"
+            f"<distribution><type>{kind}</type>{extra}</distribution>")
+
+
+POSE = (1.0, 2.0, 3.0, 0.3, -0.4, 0.7)
+TURN = Rotation.from_euler("xyz", POSE[3:]).as_matrix()
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_line_of_copies_begins_at_its_region_s_side_and_ends_before_the_other(read, axis):
+    size, count = np.array([2.0, 1.2, 0.8]), 5
+    inside = np.tile(size / 2, (count, 1))
+    inside[:, axis] = np.arange(count) / count * size[axis]
+    expected = POSE[:3] - size / 2 + inside @ TURN.T
+    found = read(population(tilted(f"linear-{'xyz'[axis]}", count, size),
+                            pose=" ".join(map(str, POSE))))
+    np.testing.assert_allclose(places(found), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["grid", "random", "cylinder"])
+def test_a_region_is_turned_by_its_pose_and_its_corner_is_not(read, kind):
+    """Of copies by chance that in a region that stands upright at the origin tells what is inside;
+    a cylinder's base stands at the pose."""
+    inside, corner = {
+        "grid": ("<distribution><type>grid</type><rows>2</rows><cols>4</cols><step>0.3 0.7 0.2"
+                 "</step></distribution>", (0.45, 0.35, 0)),
+        "random": (tilted("random", 6), (1.0, 0.5, 0.4)),
+        "cylinder": ("<model_count>6</model_count><cylinder><radius>0.7</radius><length>0.8"
+                     "</length></cylinder>", (0, 0, 0)),
+    }[kind]
+    upright = places(read(population(inside, pose="0 0 0 0 0 0"))) + corner
+    if kind == "grid":
+        j, i = np.meshgrid(np.arange(4), np.arange(2))
+        np.testing.assert_allclose(upright, np.c_[0.3 * j.ravel(), 0.7 * i.ravel(), np.zeros(8)],
+                                   atol=1e-12)
+    found = read(population(inside, pose=" ".join(map(str, POSE))))
+    np.testing.assert_allclose(places(found), POSE[:3] - np.array(corner) + upright @ TURN.T,
+                               atol=1e-12)
+    np.testing.assert_allclose(places(read(population(inside, pose=""))), upright - corner,
+                               atol=1e-12)
+
+
+@pytest.mark.parametrize(("inside", "count"), [
+    (tilted("random", 1000), 1000), (tilted("random", 1001), 0),
+    ("<distribution><type>grid</type><rows>40</rows><cols>25</cols></distribution>", 1000),
+    ("<distribution><type>grid</type><rows>40</rows><cols>26</cols></distribution>", 0),
+    ("<distribution><type>grid</type><rows>0</rows></distribution>", 0),
+    ("<distribution><type>grid</type></distribution>", 1),
+    ("<box><size>1 1 1</size></box>", 1),
+    ("<cylinder><radius>1</radius><length>1</length></cylinder><distribution><type>linear-x</type>"
+     "</distribution>", 0),
+    ("<box><size>-1 1 1</size></box>", 0),
+])
+def test_there_are_up_to_a_thousand_copies(inside, count):
+    warnings = []
+    given = ElementTree.fromstring(population(inside))
+    assert len(members(given, warnings)) == count
+    assert len(warnings) == (count == 0)
+
+
+def test_a_population_of_nothing_is_one_warning(read):
+    found = read("<population name='p'><box><size>1 1 1</size></box></population>")
+    assert found.models == ()
+    assert found.warnings == ("<population> 'p': it has no <model>; left out",)
+
+
+def matrix(values):
+    """(4, 4) of SDF's x, y, z, roll, pitch, yaw."""
+    made = np.eye(4)
+    made[:3, :3] = Rotation.from_euler("xyz", values[3:]).as_matrix()
+    made[:3, 3] = values[:3]
+    return made
+
+
+def numbers_of(matrix_):
+    return " ".join(map(repr, (*matrix_[:3, 3].tolist(),
+                               *Rotation.from_matrix(matrix_[:3, :3]).as_euler("xyz").tolist())))
+
+
+SPIN = np.array([0.36, 0.48, 0.8])  # the axis of the joints below, in their frames
+LINKS = {"a": (0, 0, 0, 0, 0, 0), "b": (0.3, -0.2, 0.5, 0.4, -0.3, 0.8),
+         "c": (0.6, 0.1, 0.9, -0.5, 0.2, 1.1), "d": (0.2, 0.4, 1.4, 0.1, 0.6, -0.7)}
+OWN = (0.05, -0.1, 0.2, 0.3, 0.5, -0.4)  # where the joint from c to d stands in d
+
+
+def linked(kind, limits=""):
+    """Of four links: b moves on a, c is fixed on b, and d moves on c, by a joint with a pose."""
+    links = "".join(f"<link name='{name}'><pose>{' '.join(map(str, pose))}</pose></link>"
+                    for name, pose in LINKS.items())
+    joint = ("<joint name='{}' type='{}'>{}<parent>{}</parent><child>{}</child><axis><xyz>0.36 0.48"
+             f" 0.8</xyz>{limits}</axis></joint>")
+    at = f"<pose>{' '.join(map(str, OWN))}</pose>"
+    return (f"<model name='m'><pose>5 5 5 0 0 0</pose>{links}{joint.format('ab', kind, '', *'ab')}"
+            f"{joint.format('bc', 'fixed', '', *'bc')}{joint.format('cd', kind, at, *'cd')}"
+            "</model>")
+
+
+def standing(kind, first, second):
+    """Where the links are with these joint values: a at BASE, as matrices."""
+    def moved(value):
+        made = np.eye(4)
+        if kind == "prismatic":
+            made[:3, 3] = value * SPIN
+        else:
+            made[:3, :3] = Rotation.from_rotvec(value * SPIN).as_matrix()
+        return made
+
+    rest = {name: matrix(pose) for name, pose in LINKS.items()}
+    found = {"a": matrix((1, 2, 3, 0.3, -0.4, 0.7))}
+    found["b"] = found["a"] @ rest["b"] @ moved(first)
+    found["c"] = found["b"] @ np.linalg.inv(rest["b"]) @ rest["c"]
+    own = matrix(OWN)
+    found["d"] = (found["c"] @ np.linalg.inv(rest["c"]) @ rest["d"] @ own @ moved(second)
+                  @ np.linalg.inv(own))
+    return found
+
+
+@pytest.mark.parametrize("known", ["b c d", "c d", "b d", "a b d", "d c b"])
+@pytest.mark.parametrize(("kind", "first", "second"), [
+    ("revolute", 0.7, -2.9), ("revolute", -3.1, 1.6), ("prismatic", 0.4, -1.5)])
+def test_joints_are_where_a_state_s_links_have_them(read, kind, first, second, known):
+    """By SciPy's rotations; what is fixed to a link that the state has it need not have."""
+    place = standing(kind, first, second)
+    links = "".join(f"<link name='{name}'><pose>{numbers_of(place[name])}</pose></link>"
+                    for name in known.split())
+    found = read(f"{linked(kind)}<state><model name='m'><pose>{numbers_of(place['a'])}</pose>"
+                 f"{links}</model></state>")
+    (model,) = found.models
+    assert found.warnings == ()
+    assert model.initial_joints == pytest.approx({"ab": first, "cd": second}, abs=1e-9)
+    xyz, rpy = model.initial_pose
+    np.testing.assert_allclose(matrix((*xyz, *rpy)), place["a"], atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_a_state_s_joint_stays_between_its_stops(read, kind):
+    place = standing(kind, 0.7, -0.9)
+    limits = "<limit><lower>-0.5</lower><upper>0.6</upper></limit>"
+    links = "".join(f"<link name='{name}'><pose>{numbers_of(place[name])}</pose></link>"
+                    for name in "bcd")
+    found = read(f"{linked(kind, limits)}<state><model name='m'><pose>{numbers_of(place['a'])}"
+                 f"</pose>{links}</model></state>")
+    assert found.models[0].initial_joints == {"ab": 0.6, "cd": -0.5}
+
+
+def test_a_state_of_nothing_leaves_all_where_it_is(read):
+    """A light and a model keep their own poses, and joints none; time does not run backwards."""
+    text = linked("revolute") + "<light name='l'><pose>1 2 3 0 0 0</pose></light>"
+    for state in ("", "<state/>", "<state><model name='m'/><light name='l'/></state>",
+                  "<state><sim_time>-1 5</sim_time></state>",
+                  "<state><model name='m'><link name='a'/></model></state>"):
+        found = read(text + state)
+        assert found.models[0].initial_pose[0] == (5, 5, 5)
+        assert found.models[0].initial_joints == {}
+        assert found.lights[0].origin_xyz == (1, 2, 3)
+        assert (found.time_ns, found.warnings) == (0, ())
+
+
+@pytest.mark.parametrize(("speed", "moves"), [
+    ("0.01 0 0 0 0 -0.01", False), ("0.011 0 0 0 0 0", True), ("0 -0.011 0 0 0 0", True),
+    ("0 0 0 0 0 0.011", True)])
+def test_what_is_faster_than_1_cm_a_second_was_in_motion(read, speed, moves):
+    """Also in a model of a model."""
+    inner = f"<link name='a'><velocity>{speed}</velocity></link>"
+    for text in (inner, f"<model name='n'>{inner}</model>"):
+        found = read(f"<model name='m'><model name='n'><link name='a'/></model><link name='a'/>"
+                     "<static>1</static></model><model name='o'><link name='a'/></model>"
+                     f"<state><model name='m'>{text}</model><model name='o'/></state>")
+        assert found.warnings == (
+            ("<state> has m in motion; all begins at rest",) if moves else ())
+
+
+@pytest.mark.parametrize(("shape", "name", "before", "after"), [
+    ("<box><size>1 2 3</size></box>", "size", (1, 2, 3), (2, 6, 1.5)),
+    ("<sphere><radius>1</radius></sphere>", "radius", 1, 2),
+    ("<cylinder><radius>1</radius><length>3</length></cylinder>", "radius", 1, 2),
+    ("<cylinder><radius>1</radius><length>3</length></cylinder>", "length", 3, 1.5),
+    ("<mesh><uri>model://crate/meshes/part.obj</uri><scale>1 2 -3</scale></mesh>", "scale",
+     (1, 2, -3), (2, 6, -1.5)),
+])
+def test_a_state_s_scale_makes_shapes_larger_in_their_places(folders, read, shape, name, before,
+                                                             after):
+    folders("crate", "")
+    part = f"<{{0}} name='p'><pose>1 2 3 0 0 0</pose><geometry>{shape}</geometry></{{0}}>"
+    text = ("<model name='m'><link name='a'><inertial><mass>7</mass></inertial>"
+            f"{part.format('visual')}{part.format('collision')}</link></model>")
+    for scale, expected in (("1 1 1", before), ("2 3 0.5", after), ("2 0 1", before),
+                            ("2 -1 1", before)):
+        found = read(f"{text}<state><model name='m'><scale>{scale}</scale></model></state>")
+        link = found.models[0].links["a"]
+        for (one,) in (link.visuals, link.collisions):
+            assert getattr(one.geometry, name) == pytest.approx(expected)
+            assert (one.name, one.origin_xyz) == ("p", (1, 2, 3))
+        assert link.inertial.mass == 7
+        assert ("is not positive; ignored" in "".join(found.warnings)) == (scale[2] in "0-")
+
+
+def test_names_that_a_state_has_in_vain_are_sorted_and_what_it_deletes_is_none(read):
+    found = read("<model name='m'><link name='a'/></model><state><deletions><name> gone </name>"
+                 "<name>m</name><name/></deletions><deletions><name>went</name></deletions>"
+                 "<model name='gone'/><model name='b'/><light name='went'/><model/></state>")
+    assert found.models == ()
+    assert found.warnings == ("<state> places models that do not exist: b; ignored",)
+
+
+def test_a_model_in_a_model_keeps_its_joints_and_plugins(folders, read):
+    """Their names, and those of their links, have the inner model's before them; the world has
+    none. What else stands in it is left out, two levels down too."""
+    wheel = ("<model name='wheel'><pose>0.1 0.2 0.3 0.4 0.5 0.6</pose><static>1</static>"
+             "<link name='hub'><pose>1 0 0 0 0 0.3</pose></link><link name='rim'/>"
+             "<joint name='turn' type='revolute'><parent>hub</parent><child> rim </child></joint>"
+             "<plugin filename='libx.so'/></model>")
+    folders("wheel", wheel)
+    tied = ("<joint name='tie' type='fixed'><parent>world</parent><child>{}</child></joint>")
+    text = (f"<model name='cart'>{tied.format('front::wheel::hub')}<model name='front'><pose>7 8 9"
+            f" 0.1 -0.2 0.3</pose>{wheel}</model></model>")
+    (cart,) = read(text).models
+    assert list(cart.links) == ["world", "front::wheel::hub", "front::wheel::rim"]
+    joint = cart.joints["front::wheel::turn"]
+    assert (joint.parent, joint.child) == ("front::wheel::hub", "front::wheel::rim")
+    assert cart.joints["tie"].parent == "world" and not cart.static
+    outer, inner = matrix((7, 8, 9, 0.1, -0.2, 0.3)), matrix((0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
+    at = outer @ inner @ matrix((1, 0, 0, 0, 0, 0.3))
+    np.testing.assert_allclose(cart.joints["tie"].pose.matrix(), at, atol=1e-9)
+    np.testing.assert_allclose(joint.pose.matrix(), np.linalg.inv(at) @ outer @ inner, atol=1e-9)
+    assert cart.warnings == ("SDF: plugin 'libx.so' is not known; ignored",)
+    bolted = wheel.replace("</model>", tied.format("hub") + "</model>")
+    (cart,) = read(f"<model name='cart'>{bolted}</model>").models
+    tie = cart.joints["wheel::tie"]
+    assert (tie.parent, tie.child) == ("world", "wheel::hub")
+
+
+@pytest.mark.parametrize(("versions", "taken"), [
+    ((1.4, 1.6, 1.5), 1), ((1.6, 1.4, 1.5), 0), ((None, 1.0), 1), ((None, None), 0)])
+def test_the_newest_file_of_a_model_folder_is_read(folders, read, versions, taken):
+    names = "".join("<sdf{}> {}.sdf </sdf>".format(f" version='{one}'" if one else "", k)
+                    for k, one in enumerate(versions))
+    folder = folders("crate", "", config=f"<model><name>crate</name>{names}</model>")
+    for k in range(len(versions)):
+        (folder / f"{k}.sdf").write_text(f"<sdf><model name='m{k}'><link name='a'/></model></sdf>")
+    assert [model.name for model in read(include("crate")).models] == [f"m{taken}"]
+
+
+def test_a_model_folder_may_hold_a_light_or_a_world(folders, read):
+    folders("lamp", "<light name='lamp' type='spot'><pose>1 2 3 0 0 0</pose></light>")
+    folders("room", "<world name='w'><plugin name='p'/><model name='room'><link name='a'/></model>"
+            "<model name='other'><link name='a'/></model></world>")
+    found = read(include("lamp", "<name>mine</name><pose>4 5 6 0 0 0</pose>") + include("room")
+                 + include("ground_plane", "<pose>0 0 -1 0 0 0</pose>") + include("sun"))
+    assert [(light.name, light.kind, light.origin_xyz) for light in found.lights] == [
+        ("mine", "spot", (4, 5, 6)), ("sun", "directional", (0, 0, 10))]
+    assert [(model.name, model.initial_pose[0]) for model in found.models] == [
+        ("room", (0, 0, 0)), ("ground_plane", (0, 0, -1))]
+    (plane,) = found.models[1].links["link"].collisions
+    assert (plane.geometry.size, plane.geometry.normal) == ((100, 100, 0), (0, 0, 1))
+    assert found.models[1].links["link"].mu == 100 and found.models[1].static
+
+
+@pytest.mark.parametrize(("name", "found"), [
+    ("crate", True), ("", False), (".", False), ("..", False), ("crate/meshes", False),
+    ("cra\0te", False), ("none", False)])
+def test_a_model_is_found_by_the_name_of_its_folder(folders, name, found):
+    folder = folders("crate", "")
+    folders("crate", "", root=folders.home)
+    assert model_folder(name) == (str(folder) if found else None)
+
+
+@pytest.mark.parametrize("uri", ["looks", "looks/own.material", "./looks/../looks"])
+def test_a_script_may_lie_beside_its_world(read, tmp_path, uri):
+    (tmp_path / "looks").mkdir()
+    (tmp_path / "looks/own.material").write_text("material M { diffuse 0.1 0.2 0.3 }")
+    (model,) = read(crate("M", uris=f"<uri>{uri}</uri>")).models
+    assert (model.colours, model.warnings) == ({"body": (0.1, 0.2, 0.3, 1.0)}, ())
+
+
+def test_a_script_of_a_text_without_a_place_is_left_out():
+    text = crate("Gazebo/Red", uris="<uri>looks</uri><uri>file://media/materials/scripts</uri>")
+    made = parse_sdf(f"<sdf>{text}</sdf>")
+    assert made.colours == {"body": (1.0, 0.0, 0.0, 1.0)}
+    (warning,) = made.warnings
+    assert "link 'body': material 'looks' is a relative path" in warning
+    assert warning.endswith("; its material is left out")

@@ -2,15 +2,18 @@
 
 import math
 import os
+from dataclasses import replace
 
 import pytest
 
 from aras_sim_bridge.description import (
+    Geometry,
     Joint,
     JointLimits,
     Mimic,
     SoftLimits,
     Transmission,
+    parse_sdf,
     parse_urdf,
 )
 from aras_sim_bridge.errors import DescriptionError
@@ -249,3 +252,74 @@ def test_long_chains_and_many_names_are_read_in_our_lifetime():
     assert robot(links + joints).root == "l0"
     eyes = "".join(f"<sensor type='camera' name='e{k}'><camera/></sensor>" for k in range(count))
     assert len(robot(f"<link name='a'/><gazebo reference='a'>{eyes}</gazebo>").cameras) == count
+
+
+SHAPES = {  # shape: (settings, what they become)
+    "box": ({"size": "1 2 3"}, {"size": (1, 2, 3)}),
+    "cylinder": ({"radius": ".5", "length": "2"}, {"radius": 0.5, "length": 2.0}),
+    "capsule": ({"radius": ".5", "length": "2"}, {"radius": 0.5, "length": 2.0}),
+    "sphere": ({"radius": ".5"}, {"radius": 0.5}),
+    "plane": ({"size": "2 3", "normal": "2 3 6"}, {"size": (2, 3, 0), "normal": (2, 3, 6)}),
+}
+
+
+def both(kind, settings):
+    """What gives the geometry of a URDF, and of an SDF, whose part is this shape."""
+    def urdf():
+        inside = " ".join(f"{key}='{value}'" for key, value in settings.items())
+        return shown(f"<{kind} {inside}/>")[0].geometry
+
+    def sdf():
+        inside = "".join(f"<{key}>{value}</{key}>" for key, value in settings.items())
+        (part,) = parse_sdf(
+            f"<sdf><model name='m'><link name='a'><collision name='c'><geometry><{kind}>{inside}"
+            f"</{kind}></geometry></collision></link></model></sdf>").links["a"].collisions
+        return part.geometry
+
+    return urdf, sdf
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_each_shape_in_full_in_urdf_and_sdf(kind):
+    settings, changes = SHAPES[kind]
+    expected = Geometry(kind, **changes)
+    for read in both(kind, settings):
+        made, length = read(), math.hypot(*expected.normal)
+        assert made.normal == pytest.approx([value / length for value in expected.normal])
+        assert replace(made, normal=expected.normal) == expected
+
+
+@pytest.mark.parametrize(("kind", "key"), [
+    (kind, key) for kind, (settings, _) in SHAPES.items() for key in settings if key != "normal"])
+def test_each_size_of_a_shape_is_a_positive_number(kind, key):
+    """And is needed, but for a plane's."""
+    settings, _ = SHAPES[kind]
+    count = len(settings[key].split())
+    for place in range(count):
+        for bad in ("0", "-1", "-1e-9"):
+            text = " ".join(bad if k == place else "1" for k in range(count))
+            reason = f"{kind} {key} is .*; it must be positive"
+            for read in both(kind, settings | {key: text}):
+                with pytest.raises(DescriptionError, match=reason):
+                    read()
+    for read in both(kind, {name: settings[name] for name in settings if name != key}):
+        if kind == "plane":
+            assert read().normal == pytest.approx((2 / 7, 3 / 7, 6 / 7))
+        else:
+            with pytest.raises(DescriptionError, match=f"{kind} {key} is missing"):
+                read()
+    for read in both(kind, settings | {key: settings[key] + " 9"}):
+        with pytest.raises(DescriptionError, match=f"{kind} {key}: needs {count} numbers"):
+            read()
+
+
+def test_a_transmission_of_several_joints_and_interfaces():
+    """Their names, each in the file's order; what is missing is empty."""
+    made, bare = robot(
+        "<link name='a'/><transmission name='t' type='attribute'><type>element</type>"
+        "<joint name='j'><hardwareInterface>one</hardwareInterface><hardwareInterface> two "
+        "</hardwareInterface></joint><joint><hardwareInterface/></joint><joint name='k'/>"
+        "<actuator name='x'/></transmission><transmission/>").transmissions
+    assert made == Transmission("t", "element", "j", "one", True, ("j", "", "k"),
+                                ("one", "two", ""))
+    assert bare == Transmission("", "", "", "", False)

@@ -1,11 +1,21 @@
 """World files: physics, models and lights as written, Gazebo's defaults for the rest."""
 
+import math
+from dataclasses import astuple, replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
 import pytest
 
-from aras_sim_bridge.description import world_file
-from aras_sim_bridge.description.lights import SUN, checked_light
+from aras_sim_bridge.description import read_sdf, world_file
+from aras_sim_bridge.description.lights import _DIRECTED, _STRENGTHS, SUN, checked_light
 from aras_sim_bridge.errors import DescriptionError, SimError, WorldError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_visual_servo_base import safe_xml
+from aras_visual_servo_base.poses import Pose
+
+WORLDS = Path(__file__).parents[2] / "worlds"
 
 BOX = ("<model name='{}'><pose>1 2 3 0 0 0.5</pose><static>1</static><link name='a'>"
        "<collision name='c'><geometry><box><size>1 1 1</size></box></geometry></collision></link>"
@@ -98,7 +108,6 @@ def test_a_light_s_numbers(tmp_path):
     ({"origin_xyz": (0.0, float("inf"), 0.0)}, "origin_xyz .* is not finite"),
 ])
 def test_lights_that_cannot_be(changes, reason):
-    from dataclasses import replace
     assert checked_light(SUN) is SUN
     with pytest.raises(WorldError, match=reason):
         checked_light(replace(SUN, **changes))
@@ -126,3 +135,135 @@ def test_a_mesh_that_is_missing_is_left_out_and_named(tmp_path, monkeypatch):
     path.write_text(path.read_text().replace("nowhere/a.dae", "crate/../../a.dae"))
     with pytest.raises(DescriptionError, match="climbs out"):
         world_file.read(str(path))
+
+
+NUMBERS = [*_DIRECTED, *_STRENGTHS]
+
+
+@pytest.mark.parametrize("what", NUMBERS)
+def test_each_number_of_a_light_is_finite_and_each_strength_not_negative(what):
+    value = getattr(SUN, what)
+    count = len(value) if isinstance(value, tuple) else 0
+    for place in range(max(count, 1)):
+        for bad in (math.nan, math.inf, -math.inf, -1e-9):
+            given = tuple(bad if k == place else 1.0 for k in range(count)) if count else bad
+            light = replace(SUN, **{what: given})
+            if bad == -1e-9 and what in _DIRECTED:
+                assert checked_light(light) is light
+            else:
+                kind = "must not be negative" if bad == -1e-9 else "is not finite"
+                with pytest.raises(WorldError, match=f"light 'sun': {what} .* {kind}"):
+                    checked_light(light)
+    dark = replace(SUN, **{what: (0.0,) * count if count else 0.0})
+    if what != "direction":
+        assert checked_light(dark) is dark
+
+
+@pytest.mark.parametrize(("shines", "right"), [
+    (((0.0, 1.0),), True), (((0.0, 1.0), (3.0, 4.0)), True), (((1.0, 1.0),), False),
+    (((0.0, 1.0), (2.0, 1.5)), False), (((-0.1, 1.0),), False),
+])
+def test_when_a_light_shines_rises_from_0_on(shines, right):
+    light = replace(SUN, shines=shines)
+    if right:
+        assert checked_light(light) is light
+    else:
+        with pytest.raises(WorldError, match="'sun': shines from .* s, must rise from 0 on"):
+            checked_light(light)
+
+
+@pytest.mark.parametrize(("inside", "expected"), [
+    ("", ((0.4, 0.4, 0.4, 1.0), (0.7, 0.7, 0.7, 1.0), False, "none")),
+    ("<scene/>", ((0.4, 0.4, 0.4, 1.0), (0.7, 0.7, 0.7, 1.0), False, "none")),
+    ("<scene><ambient>.1 .2 .3</ambient></scene>",
+     ((0.1, 0.2, 0.3, 1.0), (0.7, 0.7, 0.7, 1.0), False, "none")),
+    ("<scene><background>.1 .2 .3 0</background><aras:shadows>hard</aras:shadows></scene>",
+     ((0.4, 0.4, 0.4, 1.0), (0.1, 0.2, 0.3, 0.0), False, "hard")),
+    ("<scene><sky/><shadows>0</shadows></scene>",
+     ((0.4, 0.4, 0.4, 1.0), (0.7, 0.7, 0.7, 1.0), True, "none")),
+])
+def test_what_is_around_in_full(tmp_path, inside, expected):
+    found = world(tmp_path, inside)
+    assert astuple(found.scene) == expected
+    assert astuple(found)[:5] == (0.001, (0.0, 0.0, -9.8), 1000.0, (), ())
+    assert (found.ground_plane, found.warnings, found.time_ns) == (False, (), 0)
+
+
+@pytest.mark.parametrize("tag", ["ambient", "background"])
+def test_what_is_around_is_not_darker_than_black(tmp_path, tag):
+    with pytest.raises(DescriptionError, match=rf"a\.world: scene: {tag} 0 0 -1 must not be neg"):
+        world(tmp_path, f"<scene><{tag}>0 0 -1</{tag}></scene>")
+
+
+def test_a_world_s_own_gravity_comes_before_that_of_its_physics(tmp_path):
+    physics = "<physics><gravity>4 5 6</gravity></physics>"
+    assert world(tmp_path, physics + "<gravity>1 2 3</gravity>").gravity == (1, 2, 3)
+    assert world(tmp_path, physics).gravity == (4, 5, 6)
+    assert world(tmp_path, "<physics/>").gravity == (0, 0, -9.8)
+
+
+def test_what_a_model_warns_of_is_named_with_the_model(tmp_path):
+    inside = "<model name='{0}'><link name='a'><sensor type='{1}'/></link></model>"
+    found = world(tmp_path, "<actor name='x'/>" + inside.format("m", "ray")
+                  + inside.format("n", "sonar"))
+    assert found.warnings == (
+        "SDF: <actor> 'x' is not served; left out",
+        "model 'm': link 'a': sensor type 'ray' is not known; ignored",
+        "model 'n': link 'a': sensor type 'sonar' is not known; ignored")
+
+
+def test_files_that_a_world_names_lie_beside_it(tmp_path, monkeypatch):
+    (tmp_path / "worlds").mkdir()
+    (tmp_path / "part.stl").touch()
+    (tmp_path / "worlds" / "own.stl").touch()
+    path = tmp_path / "worlds" / "a.world"
+    mesh = "<visual name='v'><geometry><mesh><uri>{}</uri></mesh></geometry></visual>"
+    path.write_text("<sdf><world name='w'><model name='m'><link name='a'>"
+                    + mesh.format("own.stl") + mesh.format("../part.stl")
+                    + mesh.format("package://p/part.stl") + "</link></model></world></sdf>")
+    monkeypatch.chdir(tmp_path)
+    for name in (str(path), "worlds/a.world"):
+        found = world_file.read(name, lambda package: str(tmp_path))
+        assert found.warnings == ()
+        assert [visual.geometry.filename for visual in found.models[0].links["a"].visuals] == [
+            str(tmp_path / "worlds/own.stl"), *[str(tmp_path / "part.stl")] * 2]
+
+
+@pytest.mark.parametrize("name", ["arm_cell", "stereo_table", "storeroom"])
+def test_what_was_parsed_is_read_and_not_changed(tmp_path, monkeypatch, name):
+    """A text that was parsed once may be read again, and gives the same."""
+    for key in ("GAZEBO_MODEL_PATH", "HOME"):
+        monkeypatch.setenv(key, str(tmp_path))
+    root = safe_xml.parse((WORLDS / f"{name}.world").read_text(), "SDF")
+    root.find("world").extend(ElementTree.fromstring(
+        "<more><model name='lamp'><link name='a'/></model><joint name='j' type='fixed'><parent>"
+        "world</parent><child>lamp</child></joint><population name='p'><model name='n'><pose>1 2 3"
+        " 0 0 0</pose><link name='a'/></model><distribution><type>grid</type><rows>2</rows>"
+        "</distribution></population><model name='o'><model name='p'><pose>1 2 3 0 0 0</pose>"
+        "<link name='a'/></model></model></more>"))
+    before = ElementTree.tostring(root)
+    first = read_sdf(root)
+    assert ElementTree.tostring(root) == before
+    roots = {model.name: model.root for model in first.models}
+    assert (roots["lamp"], roots["n_clone_1"], roots["o"]) == ("world", "a", "p::a")
+    assert repr(read_sdf(root)) == repr(first)
+
+
+def test_a_model_that_cannot_be_spawned_is_named_and_the_others_keep_their_numbers():
+    """Name, pose and joints are those of the file."""
+    made = [replace(model, initial_joints={"j": k}) for k, model in enumerate(parse_all(
+        "<model name='m'><pose>1 2 3 .1 .2 .3</pose><link name='a'/></model>"
+        "<model name='n'><link name='a'/></model>"))]
+    put = []
+    world_file.populate(lambda *given, **named: put.append((given, named)),
+                        world_file.WorldFile(models=tuple(made)))
+    assert [given[0] for given, _ in put] == made
+    assert [given[1] for given, _ in put] == ["m", "n"]
+    np.testing.assert_allclose(put[0][0][2].matrix(), Pose.from_rpy(
+        (1, 2, 3), (0.1, 0.2, 0.3)).matrix(), atol=1e-12)
+    assert put[1][0][2] == Pose()
+    assert [named for _, named in put] == [{"joint_positions": {"j": k}} for k in range(2)]
+
+
+def parse_all(text):
+    return read_sdf(f"<sdf>{text}</sdf>").models

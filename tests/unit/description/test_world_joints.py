@@ -93,6 +93,8 @@ def test_two_that_stand_need_no_bolt(read):
     (joint("arm::base", "lamp::body"), "both its ends may move"),
     (joint("world", "arm::arm"), "link 'arm' hangs on another joint; join the root link of 'arm'"),
     (joint("world", "arm::base").replace("'j'", "'hinge'"), "a name that no joint of its model"),
+    (joint("world", "lamp::body", name=""), "a name that no joint of its model"),
+    (joint("arm::arm", "lamp::body"), "both its ends may move"),
 ])
 def test_a_joint_that_cannot_be_served_is_one_warning_and_the_rest_goes_on(read, added, reason):
     found = read(model("lamp", 2.0), arm(5.0), added)
@@ -101,3 +103,37 @@ def test_a_joint_that_cannot_be_served_is_one_warning_and_the_rest_goes_on(read,
     assert "of the world is left out: " in warning and reason in warning
     down = fallen(found)
     assert down["lamp"] == pytest.approx(0.196, abs=2e-3)
+
+
+def towered(top, bolted=True, kind="fixed"):
+    """A model whose base is bolted to the world or not, with a link `top` on it."""
+    bolt = "<joint name='bolt' type='fixed'><parent>world</parent><child>base</child></joint>"
+    return (f"<model name='tower'><pose>1 2 3 0 0 0</pose>{LINK.format('base', 0, BODY)}"
+            f"{LINK.format(top, 0.5, BODY)}{bolt if bolted else ''}<joint name='on' type='{kind}'>"
+            f"<parent>base</parent><child>{top}</child></joint></model>")
+
+
+@pytest.mark.parametrize(("tower", "end", "reason"), [
+    (towered("top", bolted=False), "top", "link 'top' hangs on another joint"),
+    (towered("top", kind="revolute"), "top", "link 'top' hangs on another joint"),
+    (towered("top"), "base", ""), (towered("top", bolted=False), "base", ""),
+    (towered("top", bolted=False), "", ""),
+])
+def test_what_stands_is_what_its_own_joint_bolts_to_the_world(read, tower, end, reason):
+    """Not what another joint has, nor what a bolted link carries."""
+    name = f"tower::{end}" if end else "tower"
+    found = read(tower, joint("world", name))
+    assert len(found.warnings) == bool(reason) and reason in "".join(found.warnings)
+    if not reason:
+        (tower,) = found.models
+        (own,) = (one for one in tower.joints.values() if one.parent == "world")
+        assert (own.child, own.kind) == ("base", "fixed")
+
+
+def test_a_joint_hangs_a_model_on_what_its_own_joint_bolts(read):
+    found = read(towered("top"), model("lamp", 5.0), joint("tower::base", "lamp::body"))
+    assert found.warnings == ()
+    assert [one.root for one in found.models] == ["world", "world"]
+    (warning,) = read(towered("top"), model("lamp", 5.0),
+                      joint("tower::top", "lamp::body")).warnings
+    assert "both its ends may move" in warning

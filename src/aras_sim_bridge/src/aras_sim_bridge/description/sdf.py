@@ -11,7 +11,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import repeat
 from types import MappingProxyType
-from typing import TypeVar
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import (
@@ -41,7 +40,7 @@ from aras_sim_bridge.description.types import (
 from aras_sim_bridge.description.world_state import WorldState
 from aras_sim_bridge.errors import DescriptionError, MissingFileError
 from aras_visual_servo_base import safe_xml
-from aras_visual_servo_base.poses import Pose
+from aras_visual_servo_base.poses import Pose, Vector3
 from aras_visual_servo_base.safe_xml import (
     check_names,
     direction,
@@ -64,9 +63,6 @@ _LEFT_OUT = {"actor", "road", "joint", "projector", "battery", "particle_emitter
 _TEXTURED = ("box", "plane", "mesh")
 _JOINT_KINDS = ("revolute", "prismatic", "fixed")
 _ENDLESS = 1e16  # SDF's way to say that a joint has no limit
-
-
-Mounted = TypeVar("Mounted", CameraDescription, SensorDescription)
 
 
 @dataclass(frozen=True)
@@ -258,8 +254,9 @@ def _model(element: Element, resolve: Resolve, locate: Locate, frames: Mapping[s
         poses["world"] = Pose()
     root, joints = _tree(where, links, joints, poses, static)
     links[root] = _shifted(links[root], poses[root])
-    cameras, sensors = ([_moved(one, poses[root]) if one.link == root else one for one in found]
-                        for found in (cameras, sensors))
+    cameras, sensors = (
+        [replace(one, pose=_moved(one.pose, poses[root])) if one.link == root else one
+         for one in found] for found in (cameras, sensors))
     sensors += sensor_tags.of_model(asked, links, joints, gauges, warnings)
     pose = _pose(element, where, frames)
     return RobotDescription(
@@ -387,6 +384,7 @@ def _shifted(link: Link, pose: Pose) -> Link:
         collisions=tuple(part.at(pose @ part.pose) for part in link.collisions))
 
 
-def _moved(sensor: Mounted, pose: Pose) -> Mounted:
-    at = pose @ Pose.from_rpy(*sensor.pose)
-    return replace(sensor, pose=(at.xyz, at.rpy))
+def _moved(at: tuple[Vector3, Vector3], pose: Pose) -> tuple[Vector3, Vector3]:
+    """xyz and rpy in the model's frame instead of the link's, which stands at `pose`."""
+    placed = pose @ Pose.from_rpy(*at)
+    return placed.xyz, placed.rpy

@@ -47,7 +47,7 @@ def _box(extents: np.ndarray) -> Mesh:
     corners = corners * extents
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     tris = [corners[[q[i] for i in t]] for q in quads for t in ((0, 1, 2), (0, 2, 3))]
-    return from_corners(np.array(tris), crease=0.01)
+    return from_corners(np.array(tris))
 
 
 def _sphere(radius: float, rings: int = 16) -> Mesh:

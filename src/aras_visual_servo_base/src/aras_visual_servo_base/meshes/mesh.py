@@ -107,8 +107,9 @@ def normalised(v: np.ndarray) -> np.ndarray:
     return np.divide(v, norm, out=np.zeros_like(v, dtype=float), where=norm > 1e-20)
 
 
-def from_corners(corners: np.ndarray, crease: float = CREASE_ANGLE) -> Mesh:
-    """Mesh from (T, 3, 3) triangle corners; normals are averaged over faces within `crease` rad.
+def from_corners(corners: np.ndarray) -> Mesh:
+    """Mesh from (T, 3, 3) triangle corners; normals are averaged over faces within
+    CREASE_ANGLE.
 
     Triangles without an area are left out.
 
@@ -124,7 +125,7 @@ def from_corners(corners: np.ndarray, crease: float = CREASE_ANGLE) -> Mesh:
     size = np.ptp(flat, axis=0).max() or 1.0
     _, point = _unique_rows(np.round(flat / (size * 1e-6)).astype(np.int64))
     normals = _smooth(point, np.repeat(cross, 3, axis=0),
-                      np.repeat(normalised(cross), 3, axis=0), np.cos(crease))
+                      np.repeat(normalised(cross), 3, axis=0), np.cos(CREASE_ANGLE))
     key = np.concatenate([point[:, None], np.round(normals * 1e4).astype(np.int64)], axis=1)
     first, inverse = _unique_rows(key)
     return Mesh(flat[first].astype(np.float32), normals[first].astype(np.float32),

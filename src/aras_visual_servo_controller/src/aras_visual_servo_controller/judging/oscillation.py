@@ -35,9 +35,9 @@ class Oscillation:
         seen.drop(int(np.searchsorted(seen.stamps, stamp - self.SPANS[-1])))
         self._count += 1
         for span, every in zip(self.SPANS, self.EVERY, strict=True):
-            first = int(np.searchsorted(seen.stamps, stamp - span))
-            if len(seen) - first < self.REVERSALS + 2 or self._count % every:
+            if self._count % every:
                 continue
+            first = int(np.searchsorted(seen.stamps, stamp - span))
             frequency = _swinging(
                 seen.stamps[first:], seen.errors[first:], self.LEAST, self.REVERSALS
             )

@@ -803,6 +803,35 @@ def test_a_symmetric_target_is_the_same_from_round_its_axis(up_to, turn):
     assert symmetric("something else", goal) == (np.inf, np.pi)
 
 
+def test_a_target_may_be_the_same_after_whichever_turn_of_a_circle_is_the_largest():
+    goal = Goal(plane=Plane(0.0, 0.0, 2.0))
+    for degrees in range(1, 361):
+        turns = np.arange(degrees, 361, degrees)
+        largest = np.minimum(turns, 360 - turns).max()
+        assert symmetric(f"{degrees}° and more", goal)[1] == pytest.approx(
+            np.radians(largest), abs=1e-9), degrees  # fmt: skip
+
+
+@pytest.mark.parametrize("up_to", [72, 90, 180])
+@pytest.mark.parametrize("plane", [Plane(0.3, -0.5, 4.0), Plane(-0.1, 0.2, 0.9), None])
+@pytest.mark.parametrize("middle", ["moments", "points", ""])
+def test_the_axis_of_a_symmetric_target_goes_through_its_middle(middle, plane, up_to):
+    """The camera, at the origin, is turned about it; without a plane it is level at its depth."""
+    corners = np.array([[0.1, -0.05], [0.3, -0.05], [0.3, 0.35], [0.1, 0.35]])  # of a rectangle
+    goal = Goal(plane=plane, depth=0.4, **{
+        "moments": {"moments": Moments.from_polygon(corners, 2)},
+        "points": {"features": {"depth": {"Z": 1.0}, "points": {"points": corners.tolist()}}},
+        "": {},
+    }[middle])  # fmt: skip
+    normal = np.array([0.0, 0.0, 2.5] if plane is None else plane)
+    place = np.array([*(corners.mean(axis=0) if middle else (0.0, 0.0)), 1.0])
+    place = place / (normal @ place)
+    turn = np.radians(144 if up_to == 72 else 180)
+    axis = Rotation.from_rotvec(turn * normal / np.linalg.norm(normal))
+    way = np.linalg.norm(place - axis.apply(place))
+    assert symmetric(f"{up_to}°", goal) == pytest.approx((way, turn), abs=1e-12)
+
+
 def test_without_L_nothing_is_known():
     arrival = Arrival(0.3)
     last = [shown(arrival, 0.1 * i, [0.1]) for i in range(6)][-1]
@@ -855,6 +884,25 @@ def test_views_that_cannot_be_compared_are_not_judged():
     points = Moments.from_points(CORNERS * [1.0, 3.0], 4)
     for seen, goal in ((None, wanted), (other, None), (points, wanted), (other, empty)):
         assert alike(seen, goal)
+
+
+@pytest.mark.parametrize("certain", [2.9, 3.1, -2.9, -3.1])
+@pytest.mark.parametrize("seed", range(3))
+def test_another_view_s_mean_is_three_deviations_beyond_its_bound(seed, certain):
+    """Third moments of seven images are drawn, and shifted so that their mean is at its bound but
+    for a tenth of its deviation."""
+    random, wanted = np.random.default_rng(seed), of(CORNERS)
+    drawn = random.normal(size=7)
+    drawn = (drawn - drawn.mean()) / drawn.std() * (0.5, 1.0, 3.0)[seed]
+    drawn += np.sign(certain) + certain * drawn.std() / np.sqrt(7)
+    goal, arrival = Goal(depth=0.5, moments=wanted), Watched(0.0)
+    for count in range(1, 8):
+        of_camera([np.zeros(6)], STRONG, begin=arrival, goal=goal,
+                  moments=shaped(wanted, 3, 1, drawn[count - 1] * THIRD))  # fmt: skip
+        seen = drawn[:count]
+        beyond = abs(seen.mean()) > 1.0 + 3.0 * seen.std() / np.sqrt(count)
+        assert arrival.last.other_view == (count >= 3 and beyond), count
+    assert arrival.last.other_view == (abs(certain) > 3.0)
 
 
 def test_another_view_is_believed_from_the_third_image_and_beyond_noise():

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller.judging.camera_check import DIRECTIONS, CameraCheck
+from aras_visual_servo_controller.judging.camera_check import DIRECTIONS, CameraCheck, _advanced
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
 
@@ -153,6 +153,33 @@ def test_the_camera_is_judged_as_least_squares_over_all_rows_say(shaken, first):
         kinds.add(wanted.partition(" ")[0] + ("%" if "%" in wanted else ""))
     # or this shows little, of: innocent, one direction, against the translation, unexplained
     assert len(kinds) >= 3, kinds
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_each_direction_should_have_done_is_added_up_image_by_image(seed):
+    """Errors jump by 0.9 to 1.2, some of them an angle's: of the widest tolerance, all by 1."""
+    random = np.random.default_rng(seed)
+    count, images = 3 + seed % 3, 5
+    tolerances = 1e-3 * random.uniform(0.5, 2.0, count)
+    errors = np.cumsum(random.choice([-1.0, 1.0], (images, count)) * random.uniform(
+        0.0, 0.9, (images, count)) * tolerances / tolerances.max(), axis=0)
+    jump = (0.95, 1.05, 1.2)[seed % 3] * tolerances[seed % count] / tolerances.max()
+    errors[3:, seed % count] += errors[2, seed % count] - errors[3, seed % count] + jump
+    Ls = random.normal(size=(images, count, 6))
+    rates = random.normal(size=(images, 1 if seed % 2 else count))
+    motions, spans = random.normal(size=(images, 6)), random.uniform(0.02, 0.06, images)
+    parts, own, wanted, past = np.zeros((count, 6)), np.zeros(count), 0.0, 0.0
+    for k in range(1, images):
+        greatest, wrapped = _advanced(
+            errors[k - 1], Ls[k - 1], rates[k - 1], errors[k], Ls[k], rates[k], motions[k],
+            spans[k], tolerances, parts, own,
+        )  # fmt: skip
+        wanted = wanted + (Ls[k - 1] + Ls[k]) / 2.0 * motions[k] / tolerances[:, None]
+        past = past + (rates[k - 1] + rates[k]) / 2.0 * spans[k]
+        np.testing.assert_allclose(parts, wanted)
+        np.testing.assert_allclose(own, np.broadcast_to(past, count))
+        assert greatest == pytest.approx(np.abs(wanted.sum(axis=1)).max())
+        assert wrapped == (k == 3 and seed % 3 > 0)
 
 
 def test_only_an_image_that_follows_another_counts():

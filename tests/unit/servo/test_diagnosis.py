@@ -647,6 +647,21 @@ def test_noise_is_no_swing_when_the_time_is_over(noise, kind):
     assert diagnosis.outcome.kind == kind
 
 
+@pytest.mark.parametrize(("kind", "before", "told"), [
+    ("running", "", "not at the goal after 2.5 s"),
+    ("running", "the arm creeps", "not at the goal after 2.5 s: the arm creeps"),
+    ("target_lost", "it went aside", "it went aside"),
+])  # fmt: skip
+def test_a_run_whose_time_is_over_says_what_it_was_about(kind, before, told):
+    diagnosis = Diagnosis(ServoSettings())
+    diagnosis.outcome = replace(diagnosis.outcome, kind=kind, reason=before)
+    diagnosis.timed_out(2.5)
+    assert diagnosis.outcome.kind == (kind if kind != "running" else "timed_out")
+    assert diagnosis.outcome.reason == told
+    diagnosis.unmeasured("no more")  # it has ended
+    assert diagnosis.outcome.reason == told
+
+
 def test_a_retreat_of_a_camera_that_swings_is_the_gain_s():
     diagnosis = Diagnosis(ServoSettings())
     diagnosis._swung = 0.9, outcome("gain_too_high", "the error oscillates")

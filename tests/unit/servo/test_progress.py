@@ -171,6 +171,13 @@ def test_noise_of_a_tolerance_is_worth_a_word(size, kind):
     assert progress.unfinished("the time is over").kind == kind
 
 
+@pytest.mark.parametrize(("images", "told"), [(2, False), (9, False), (10, True), (20, True)])
+def test_noise_is_told_of_ten_images_or_more(images, told):
+    noise = 5.0 * np.random.default_rng(4).normal(size=images)
+    progress, _ = watched(np.column_stack([np.zeros(images), 30.0 + noise]))
+    assert (progress.unfinished("the time is over").kind == "too_noisy") is told
+
+
 @pytest.mark.parametrize(("dt", "kind"), [(0.19, "no_progress"), (0.21, "too_few_images")])
 def test_images_that_come_seldom_are_told_first(dt, kind):
     assert watched(STILL, dt=dt)[0].unfinished("the time is over").kind == kind

@@ -2,23 +2,35 @@
 
 from __future__ import annotations
 
+import struct
 import sys
 from io import BytesIO
 from types import SimpleNamespace
 
 import pytest
-from rospy.msg import deserialize_messages, serialize_message
+from rospy.msg import deserialize_messages
 from std_msgs.msg import Float64
 
 from aras_sim_bridge.errors import ControllerError
 from aras_sim_bridge.ros.control import command_topic
-from aras_sim_bridge.ros.control.command_topic import CommandTopic, undecoded
+from aras_sim_bridge.ros.control.command_topic import CommandTopic
+
+
+class Inbox:
+    """Lets all that a stream has act at once."""
+
+    def add(self, stream) -> None:
+        step = 0
+        while stream.act(step, 8):
+            step += 1
+        stream.ended()
 
 
 class Thread:
     """As SimulationThread; jobs are done at once."""
 
     gate = None
+    inbox = Inbox()
 
     def post(self, job) -> None:
         job()
@@ -30,9 +42,10 @@ def ros(monkeypatch):
     it = SimpleNamespace(open=[], lines=[])
 
     class Subscriber:
-        def __init__(self, topic, *_args, **options) -> None:
+        def __init__(self, topic, kind, hear, **options) -> None:
             it.open.append(topic)
-            it.options = options
+            it.options, it.latest = options, self
+            self.kind, self.hear, self.impl = kind, hear, None
 
         def unregister(self) -> None:
             it.open.pop()
@@ -45,10 +58,41 @@ def ros(monkeypatch):
     return it
 
 
-def send(topic: CommandTopic, value: float) -> None:
+def body(value: float) -> bytes:
     buffer = BytesIO()
     Float64(value).serialize(buffer)
-    topic._feed._on_body(buffer.getvalue())
+    return buffer.getvalue()
+
+
+class Connection:
+    """As rospy's, with what its thread has read: messages, and `rest` of the next one."""
+
+    def __init__(self, *bodies: bytes, rest: bytes = b"", comes: bytes = b"") -> None:
+        self.header = {"callerid": "/somebody"}
+        self.read_buff = BytesIO()
+        for one in bodies:
+            self.read_buff.write(struct.pack("<I", len(one)) + one)
+        self.read_buff.write(rest)
+        self.done = False
+        self._comes = comes
+        self.socket = SimpleNamespace(fileno=lambda: 5, recv_into=self._receive)
+
+    def _receive(self, buffer: bytearray, *_how: int) -> int:
+        buffer[: len(self._comes)] = self._comes
+        return len(self._comes)
+
+    def tell(self, subscriber) -> None:
+        """What rospy's thread does with what it has read."""
+        subscriber.impl = SimpleNamespace(connections=[self])
+        for message in self.messages(subscriber.kind):
+            subscriber.hear(message)
+
+    def messages(self, kind) -> list:
+        found: list = []
+        deserialize_messages(self.read_buff, found, kind)
+        for message in found:
+            message._connection_header = self.header
+        return found
 
 
 def test_two_who_take_from_one_topic_both_hear_over_one_subscription(ros):
@@ -60,10 +104,10 @@ def test_two_who_take_from_one_topic_both_hear_over_one_subscription(ros):
     )
     assert ros.open == ["/stop"]
     assert ros.options == {"buff_size": 1 << 20, "tcp_nodelay": True}
-    send(first, 1.0)
+    Connection(body(1.0)).tell(ros.latest)
     assert heard == ([1.0], [1.0])
     first.shutdown()
-    send(second, 2.0)
+    Connection(body(2.0)).tell(ros.latest)
     assert heard == ([1.0], [1.0, 2.0])
     second.shutdown()
     assert ros.open == []
@@ -86,8 +130,8 @@ def test_what_cannot_be_taken_is_said_once_in_a_while_and_the_next_is_taken(ros)
 
     topic = CommandTopic("/c", Float64, take, Thread())
     for value in (-1.0, 0.0, 1.0, -1.0, 5.0):
-        send(topic, value)
-    topic._feed._on_body(b"abc")
+        Connection(body(value)).tell(ros.latest)
+    Connection(b"abc").tell(ros.latest)
     assert taken == [5.0]
     assert ros.lines == ["/c: below zero"]
     topic.shutdown()
@@ -98,52 +142,27 @@ def test_complaints_come_five_seconds_apart_and_count_what_was_refused(ros, monk
     monkeypatch.setattr(command_topic.time, "monotonic", lambda: now[0])
     topic = CommandTopic("/c", Float64, lambda m: None, Thread())
     for now[0] in (0.0, 4.9, 5.0, 9.9):
-        topic._feed._on_body(b"abc")
+        Connection(b"abc").tell(ros.latest)
     first, second = ros.lines
     assert first.startswith("/c: a message of 3 bytes is no std_msgs/Float64: ")
     assert "refused" not in first and second.endswith(" (3 refused so far)")
     topic.shutdown()
 
 
-class Connection:
-    """As rospy's, with what its thread has read."""
-
-    def __init__(self, *values: float) -> None:
-        self.header = {"callerid": "/somebody"}
-        self.read_buff = BytesIO()
-        self.socket = SimpleNamespace(fileno=lambda: 5)
-        self.done = False
-        for value in values:
-            serialize_message(self.read_buff, 0, Float64(value))
-        self.read_buff.write(b"ab")  # of the next one
-
-    def messages(self) -> list:
-        """As rospy reads them."""
-        found = []
-        deserialize_messages(self.read_buff, found, undecoded(Float64))
-        for message in found:
-            message._connection_header = self.header
-        return found
-
-
-def test_all_that_rospy_read_goes_with_the_connection_and_only_once(ros, monkeypatch):
-    streams = []
-    thread = Thread()
+def test_all_that_rospy_read_goes_with_the_connection_and_only_once(ros):
+    streams, taken, thread = [], [], Thread()
     thread.inbox = SimpleNamespace(add=lambda stream: (streams.append(stream), stream.ended()))
-    taken = []
-    topic = CommandTopic("/c", Float64, lambda m: taken.append(m.data), thread)
-    connection = Connection(1.0, 2.0, 3.0)
-    topic._feed._subscriber = SimpleNamespace(impl=SimpleNamespace(connections=[connection]))
-    messages = connection.messages()
-    assert len(messages) == 3
-    for message in messages:
-        topic._feed._hand_over(message)
-    assert len(streams) == 1
-    for step in range(3):
-        streams[0].act(step, 8)
-    assert taken == [1.0, 2.0, 3.0]
-    assert streams[0]._rest == b"ab"
+    CommandTopic("/c", Float64, lambda m: taken.append(m.data), thread)
+    last = struct.pack("<I", 8) + body(4.0)
+    connection = Connection(body(1.0), body(2.0), body(3.0), rest=last[:2], comes=last[2:])
+    connection.tell(ros.latest)
+    (stream,) = streams
     assert connection.read_buff.getvalue() == b"" and connection.read_buff.tell() == 0
+    for step in range(3):
+        stream.act(step, 8)
+    assert taken == [1.0, 2.0, 3.0]
+    assert stream.read(bytearray(64)) and stream.act(3, 8)  # begun by rospy, ended by us
+    assert taken[3:] == [4.0]
 
 
 @pytest.mark.parametrize("why", ["rospy closed it", "the node ends"])
@@ -156,17 +175,15 @@ def test_rospy_s_thread_rests_until_its_connection_ends(ros, monkeypatch, why):
     thread.inbox = SimpleNamespace(
         add=streams.append, remove=lambda stream: (removed.append(stream), stream.ended()))
     topic = CommandTopic("/c", Float64, lambda m: None, thread)
-    connection = Connection(1.0)
+    connection, subscriber = Connection(body(1.0)), ros.latest
     connection.done = why == "rospy closed it"
-    topic._feed._subscriber.impl = SimpleNamespace(connections=[connection])
-    (message,) = connection.messages()
-    topic._feed._hand_over(message)
+    connection.tell(subscriber)
     assert removed == (streams if connection.done else [])
     topic.shutdown()  # what is left is read no more
     assert removed == streams and len(streams) == 1
-    (late,) = Connection(1.0).messages()
-    topic._feed._subscriber.impl = None
-    topic._feed._hand_over(late)  # one that was closed meanwhile
+    (late,) = Connection(body(1.0)).messages(subscriber.kind)
+    subscriber.impl = None
+    subscriber.hear(late)  # one that was closed meanwhile
     assert len(streams) == 1
 
 
@@ -193,7 +210,7 @@ def test_lockstep_hears_of_a_message_when_all_have_taken_it(ros):
         CommandTopic("/c", Float64, lambda m: thread.gate.told.append(m.data), thread)
         for _ in range(2)
     )
-    send(first, 1.0)
+    Connection(body(1.0)).tell(ros.latest)
     first.shutdown()
     second.shutdown()
     assert thread.gate.told == ["claim /c", 1.0, 1.0, "heard /c", "release /c"]

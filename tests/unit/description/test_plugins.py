@@ -252,3 +252,12 @@ def test_an_eye_is_named_after_its_side_or_itself(names, sides):
                  "</gazebo>").cameras
     assert [(eye.plugin, eye.shutter, eye.kind) for eye in bare] == [
         (None, "eye", "multicamera")] * 2
+
+
+@pytest.mark.parametrize("named", ["<collision>c</collision>", "<collision> c\n</collision>",
+                                   "<collision name='c'/>", "<collision name='d'>c</collision>"])
+def test_a_bumper_s_collision_is_a_text_or_a_name(named):
+    made = measured("bumper", "", "contact", f"<contact>{named}</contact>")
+    assert made.sensors[0].collisions == ("c",) and not made.warnings
+    unnamed = measured("bumper", "", "contact", "<contact><collision/></contact>")
+    assert not unnamed.sensors and "collision '' does not exist" in unnamed.warnings[0]

@@ -237,3 +237,60 @@ def test_a_joint_s_ends_are_links_or_its_parent_the_world(inside, kind, parent, 
     else:
         with pytest.raises(DescriptionError, match=f"joint 'j': link '{missing}' does not exist"):
             model(text)
+
+
+PLACES = {  # where a tag may stand, what is said of that place, and a few tags that are known there
+    "<sdf><world name='w'>{}</world></sdf>": ("SDF", ("wind", "audio", "spherical_coordinates")),
+    "<sdf><model name='m'><link name='a'/>{}</model></sdf>": (
+        "model 'm'", ("self_collide", "enable_wind", "allow_auto_disable")),
+    "<sdf><model name='m'><link name='a'>{}</link></model></sdf>": (
+        "model 'm', link 'a'", ("velocity_decay", "must_be_base_link", "self_collide")),
+}
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_a_tag_is_known_left_out_by_name_or_refused(place):
+    """Nobody is told of what changes nothing, nor of another program's tags."""
+    where, known = PLACES[place]
+
+    def said(tag):
+        content = read_sdf(place.format(tag))
+        return [*content.warnings, *(text for one in content.models for text in one.warnings)]
+
+    for tag in (*known, "other:tag"):
+        assert said(f"<{tag} xmlns:other='x'/>") == []
+    for tag in ("particle_emitter", "audio_source", "gripper", "battery", "projector"):
+        assert said(f"<{tag} name='n'/><{tag}/>") == [
+            f"{where}: <{tag}> 'n' is not served; left out",
+            f"{where}: <{tag}> is not served; left out"]
+    with pytest.raises(DescriptionError) as refused:
+        said("<riverbed/>")
+    before, _, tags = str(refused.value).partition("; there may be ")
+    assert before == f"{where}: <riverbed> is not supported"
+    assert tags.split(", ") == sorted(tags.split(", ")) and set(known) < set(tags.split(", "))
+
+
+TILTED = ((4.0, 5.0, 6.0, 0.3, -0.4, 1.5), (1.0, -2.0, 3.0, -0.5, 0.2, 0.7))
+
+
+def six(pose):
+    return " ".join(map(str, pose))
+
+
+def test_all_that_is_on_the_root_link_is_turned_with_it_and_nothing_on_others():
+    """Shapes, mass, cameras and an IMU, all tilted: by 4 x 4 matrices."""
+    at = f"<pose>{six(TILTED[1])}</pose>"
+    shape = f"{at}<geometry><box><size>1 2 3</size></box></geometry>"
+    inside = (f"<visual name='v'>{shape}</visual><collision name='c'>{shape}</collision><inertial>"
+              f"{at}<mass>2</mass></inertial><sensor name='{{0}}' type='camera'>{at}<camera/>"
+              f"</sensor><sensor name='i' type='imu'>{at}<plugin filename="
+              "'libgazebo_ros_imu_sensor.so'><frameName>f</frameName></plugin></sensor>")
+    made = model(link("a", six(TILTED[0]), inside.format("on_a"))
+                 + link("b", six(TILTED[0]), inside.format("on_b")) + joint())
+    own, of_link = (Pose.from_rpy(pose[:3], pose[3:]).matrix() for pose in TILTED[::-1])
+    for k, (name, expected) in enumerate((("a", of_link @ own), ("b", own))):
+        part = made.links[name]
+        sensors = [Pose.from_rpy(*one[k].pose) for one in (made.cameras, made.sensors)]
+        placed = [part.visuals[0].pose, part.collisions[0].pose, part.inertial.pose]
+        for pose in placed + sensors:
+            np.testing.assert_allclose(pose.matrix(), expected, atol=1e-12)

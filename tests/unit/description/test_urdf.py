@@ -323,3 +323,29 @@ def test_a_transmission_of_several_joints_and_interfaces():
     assert made == Transmission("t", "element", "j", "one", True, ("j", "", "k"),
                                 ("one", "two", ""))
     assert bare == Transmission("", "", "", "", False)
+
+
+@pytest.mark.parametrize("without", [None, "ixx", "ixy", "ixz", "iyy", "iyz", "izz"])
+def test_what_an_inertia_does_not_name_is_zero(without):
+    values = {"ixx": 4.0, "ixy": 0.1, "ixz": 0.2, "iyy": 5.0, "iyz": 0.3, "izz": 6.0}
+    given = {key: value for key, value in values.items() if key != without}
+    text = "".join(f" {key}='{value}'" for key, value in given.items())
+    link = f"<link name='a'><inertial><mass value='2'/><inertia{text}/></inertial></link>"
+    if without and without[1] == without[2]:  # a zero on the diagonal: products beside it
+        with pytest.raises(DescriptionError, match="negative principal moment"):
+            robot(link)
+    else:
+        made = robot(link).links["a"].inertial
+        assert made.inertia == tuple(given.get(key, 0.0) for key in values)
+        assert (made.origin_xyz, made.origin_rpy) == ((0, 0, 0), (0, 0, 0))
+
+
+def test_a_mass_without_an_inertia_is_a_ball_s_and_without_a_mass_is_none():
+    link = "<link name='a'><inertial><mass value='{}'/></inertial></link>"
+    made = robot(link.format(2))
+    assert made.links["a"].inertial.inertia == pytest.approx((0.002, 0, 0, 0.002, 0, 0.002))
+    assert made.warnings[0].startswith("link 'a': the inertia tensor is zero")
+    massless = robot(link.format(0))
+    assert massless.links["a"].inertial is None and massless.warnings == ()
+    with pytest.raises(DescriptionError, match="link 'a': mass value is missing"):
+        robot(link.replace("value='{}'", ""))

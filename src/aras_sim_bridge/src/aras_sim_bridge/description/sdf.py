@@ -337,8 +337,8 @@ def _joint(element: Element, model: str, poses: Mapping[str, Pose]) -> Joint:
     if lower > upper:
         raise DescriptionError(f"{where}: lower {lower} is above upper {upper}")
     free = kind == "revolute" and lower <= -1e15 and upper >= 1e15
-    effort = number(text_of(limit, "effort"), f"{where}: effort", -1.0)
-    velocity = number(text_of(limit, "velocity"), f"{where}: velocity", -1.0)
+    effort = number(text_of(limit, "effort"), f"{where}: effort", _ENDLESS)
+    velocity = number(text_of(limit, "velocity"), f"{where}: velocity", _ENDLESS)
     limits = JointLimits(None if free else lower, None if free else upper,
                          effort if effort >= 0.0 else _ENDLESS,  # SDF: -1 is no limit
                          velocity if velocity >= 0.0 else _ENDLESS)

@@ -463,6 +463,14 @@ def test_a_script_is_read_again_when_it_has_changed_and_not_when_it_is_large(mat
     assert f"{script} cannot be read: it has more than 1000000 bytes" in model.warnings[0]
 
 
+def test_a_texture_that_is_no_picture_is_left_out_by_name(materials, read):
+    materials.write_text("no picture")
+    (model,) = read(crate("Crate/Side")).models
+    assert model.links["body"].visuals[0].texture == ""
+    assert model.colours["body"] == (0.9, 0.8, 0.7, 0.5)
+    assert model.warnings[0].endswith("'Crate/Side' is left out: it is no picture that can be read")
+
+
 @pytest.mark.parametrize("place", ["scripts/side2.png", "textures/side2.png", "side2.png"])
 def test_a_texture_lies_beside_its_script_or_in_the_folder_next_to_it(materials, read, place):
     """Elsewhere, or of more than 64 million pixels, it is left out by name."""

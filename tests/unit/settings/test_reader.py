@@ -126,6 +126,21 @@ def test_what_is_wrong_is_said_in_one_line(values, message):
     assert str(caught.value) == message
 
 
+@dataclass(frozen=True)
+class Reach:
+    far: float = parameter(math.inf, "m", above=0.0, infinite=True)
+
+
+def test_infinity_is_a_number_where_that_is_said():
+    assert build(Reach, {"far": parse_yaml(".inf", "text", OwnError)}, "", OwnError).far == math.inf
+    for value in (math.nan, "far"):
+        with pytest.raises(OwnError) as caught:
+            build(Reach, {"far": value}, "", OwnError)
+        assert str(caught.value) == f"far is {value!r}, must be a number, or .inf"
+    with pytest.raises(OwnError, match="^far is -inf, must be > 0 m$"):
+        build(Reach, {"far": -math.inf}, "", OwnError)
+
+
 def test_paths_begin_with_where_the_settings_stand():
     for where, unknown, wrong in (
         ("parameter ~", "unknown parameter ~gian: did", "parameter ~gain is 'x', must"),

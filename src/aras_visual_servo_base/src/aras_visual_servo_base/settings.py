@@ -237,7 +237,8 @@ def _convert(
     else:  # bool, str and None are taken as they are
         found = value if isinstance(value, hint) else None
     if found is None and hint is not type(None) or hint is type(None) and value is not None:
-        raise fault(f"{where} is {said(value)}, must be {rules.get('wanted') or _words(hint)}")
+        words = "a number, or .inf" if hint is float and rules.get("infinite") else _words(hint)
+        raise fault(f"{where} is {said(value)}, must be {rules.get('wanted') or words}")
     return found
 
 

@@ -62,7 +62,8 @@ def look(visual: Element, where: str, locate: Locate, warnings: list[str]) -> Lo
     try:
         if picture is None:
             raise DescriptionError("there is no such file beside its script")
-        picture_size(str(picture))
+        if picture_size(picture) is None:
+            raise DescriptionError("it is no picture that can be read")
     except DescriptionError as error:
         warnings.append(f"{where}: texture '{shorten(found.texture)}' of material "
                         f"'{shorten(name)}' is left out: {error}")

@@ -237,6 +237,24 @@ def test_only_the_way_out_of_straight_is_that_of_the_bent_arm(
         assert not len(stopped)
 
 
+@pytest.mark.parametrize("bend", [0.03, 0.2])
+def test_damping_is_the_same_whichever_arm_is_solved_for(bend):
+    """Slightly bent, on the way out of straight, it is the bent one."""
+    arms = np.eye(6)[:, :2] * [0.5, 1.0], np.eye(6)[:, :2] * [0.7, 0.9]
+    rest = np.eye(6)[:2], np.array([0.3, 0.1]), np.ones(2), np.zeros(2)
+    folds, q = np.array([[0.0, 0.0, 1.0]]), np.array([bend, 0.0])
+    for damping in ([0.4, 5.0], [0.1, 2.0]):
+        solution = inversion._joint_by_joint(
+            *arms, *rest, np.full(2, -9.0), np.full(2, 9.0), folds, np.full((4, 2), 9.0), q, 0.01,
+            0.1, np.array(damping))[0]  # fmt: skip
+        expected = inversion._solved(arms[int(bend < 0.1)], *rest, np.ones(2, bool), np.zeros(2),
+                                     *damping)[0]  # fmt: skip
+        np.testing.assert_allclose(solution, expected)
+        swapped = inversion._solved(arms[int(bend < 0.1)], *rest, np.ones(2, bool), np.zeros(2),
+                                     *damping[::-1])[0]  # fmt: skip
+        assert np.abs(solution - swapped).max() > 1e-3
+
+
 @pytest.mark.parametrize("reached", [0, 1])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_what_one_joint_cannot_do_another_does(reached, sign):

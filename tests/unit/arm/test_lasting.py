@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from arms import bent, make
 
-from aras_visual_servo_controller.arm import Limits, Resolver
+from aras_visual_servo_controller.arm import Limits, Resolver, ResolverSettings
 from aras_visual_servo_controller.arm.inversion import LASTING
 from aras_visual_servo_controller.arm.task import Task
 
@@ -73,3 +73,21 @@ def test_an_elbow_about_to_straighten_is_looked_at_in_every_step():
         lasting += answer.lasts > 0.0
         resolver.reset()
     assert lasting
+
+
+@pytest.mark.parametrize("reach", [1e-3, 0.05, 0.5])
+def test_it_lasts_where_it_does_not_take_half_of_a_small_bend_away(reach):
+    arm = make("ur5")
+    resolver = Resolver(arm, settings=ResolverSettings(reach_bend=reach))
+    (fold,) = resolver.folds
+    told = set()
+    for bend in (5e-4, 2e-3, 0.01, 0.04):
+        q = bent(fold, np.array([0.2, -1.2, 1.4, -0.8, -1.3, 0.3]), bend)
+        for speed in (-0.03, -0.01, 0.03):
+            twist = arm.jacobian(q)[:, fold.joint] * speed
+            answer = resolver.resolve(q, Task.of_twist(twist), 0.01)
+            passes = bend < reach and -answer.velocities[fold.joint] * LASTING > 0.5 * bend
+            assert answer.lasts == (0.0 if passes else LASTING)
+            told.add(passes)
+            resolver.reset()
+    assert told == {False, True}

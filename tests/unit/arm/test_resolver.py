@@ -289,6 +289,15 @@ def test_acceleration_limits_keep_the_direction():
     assert answer.scale == 1.0
 
 
+def test_an_acceleration_of_one_joint_alone_is_a_limit_too():
+    arm, q = make("ur5"), np.array(REGULAR["ur5"])
+    limits = Limits.of(arm, acceleration={arm.names[1]: 0.5})
+    task = Task.of_twist([0.1, 0.1, -0.1, 0.2, 0.1, 0.3])
+    answer = Resolver(arm, limits).resolve(q, task, 0.01, np.zeros(6))
+    assert abs(answer.velocities[1]) == pytest.approx(0.005)
+    assert 0.0 < answer.scale < 1.0
+
+
 def test_a_joint_at_its_limit_stops_and_the_others_go_on():
     arm = make("panda")
     q = np.array(REGULAR["panda"])
@@ -477,6 +486,7 @@ def test_an_elbow_is_one_whichever_way_its_axes_point(signs, bend):
     ({"lengths": (0.0009, 0.3)}, False), ({"elbow": "prismatic"}, False),
     ({"bend": 0.4, "lower": -0.41}, True), ({"bend": 0.4, "lower": -0.39}, False),
     ({"bend": -0.4, "upper": 0.41}, True), ({"bend": -0.4, "upper": 0.39}, False),
+    ({"lower": 0.0}, False), ({"upper": 0.0}, False),
 ])  # fmt: skip
 def test_what_an_elbow_has_to_have(options, found):
     assert len(find(planar(**options))) == found
@@ -578,6 +588,10 @@ def test_posture_moves_what_the_task_does_not_see():
         assert posture.velocity(q) == pytest.approx([0, -0.3 * gain, 0, 0, -0.7 * gain, 0])
     with pytest.raises(ConfigurationError, match="unknown joint J4; known are gantry, J1"):
         Posture(arm, {"J4": 0.0})
+    for bound in (arm.lower[0], arm.upper[0]):
+        assert Posture(arm, {"gantry": bound}).velocity(q)[0] == bound
+        with pytest.raises(ConfigurationError, match="gantry is .*, must be a number within its"):
+            Posture(arm, {"gantry": 1.0001 * bound})
 
 
 def test_joint_limits_are_avoided_from_their_margin_on():

@@ -560,6 +560,12 @@ def test_tasks_are_checked():
     ):
         with pytest.raises(TaskError, match=words.replace("(", r"\(").replace(")", r"\)")):
             Task.of(L, rate)
+    with pytest.raises(TaskError, match=r"a twist has shape \(6,\), got \(5,\)"):
+        Task.of_twist(np.zeros(5))
+    with pytest.raises(TaskError, match=r"directions: six are needed, got \(5,\)"):
+        Task.of_twist(np.zeros(6), np.ones(5, bool))
+    for array in vars(Task.of_twist(np.ones(6))).values():
+        assert not array.flags.writeable
     with pytest.raises(TaskError, match="weights"):
         Task.of(np.ones((2, 6)), np.ones(2), weights=[1.0, -1.0])
 

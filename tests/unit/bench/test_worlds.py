@@ -53,7 +53,9 @@ def test_grey_levels_lead_the_arm_home_on_the_workbench():
         "camera": {**SMALL, "width": 80, "height": 60},
         "goal": [0.05, 0.0, -0.09, 0.045, 0.045, 0.0],
         "start": [0.055, 0.0, -0.085, 0.045, 0.045, 0.04]}))
-    assert result.converged and result.verdict.reached
+    # 80 by 60 pixels: where it ends is a matter of rounding, within what is left open.
+    left = result.states[-1].arrived.open.distance
+    assert result.converged and result.verdict.distance < min(left, 1.5e-3)
 
 
 def test_the_workbench_has_nothing_to_warn_of(caplog):

@@ -30,6 +30,8 @@ fail() {
     exit 1
 }
 
+trap 'exit 130' INT # or Bash forgets an interrupt while a command runs that then ends as usual
+
 tiers=(running demo bench developing)
 tier=bench list=""
 while (($#)); do

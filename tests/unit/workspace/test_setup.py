@@ -374,6 +374,15 @@ def test_of_two_steps_side_by_side_the_one_that_failed_is_shown_and_made_again(m
     assert status == 0 and "Building the workspace ... done" in text and "loops" not in text
 
 
+def test_an_interrupt_counts_whatever_runs_when_it_comes(machine, tmp_path):
+    """Bash forgets one that comes while it waits for a command that then ends as usual."""
+    files = played(tmp_path, build="touch went_on")
+    files["/usr/bin/sort"] = f"#!/bin/sh\nkill -INT $(cat '{tmp_path}/workspace/setup.pid')\ncat\n"
+    status, _ = machine(files, before=f"echo $$ >'{tmp_path}/workspace/setup.pid'")
+    assert status == 130
+    assert not (tmp_path / "workspace" / "went_on").exists()
+
+
 def test_an_interrupted_set_up_takes_its_steps_with_it(machine, tmp_path):
     stopped = "kill -INT $(cat setup.pid); sleep 60; touch late"
     files = played(tmp_path, build=stopped)

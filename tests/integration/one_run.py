@@ -9,6 +9,7 @@ import argparse
 import json
 import os
 import re
+import signal
 import sys
 import tempfile
 import time
@@ -308,6 +309,7 @@ def main(arguments: list[str] | None = None) -> int:
         print("\n".join(case.name for case in chosen))
         return 0
     began, differing = time.monotonic(), {}
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # what was started ends too
     with tempfile.TemporaryDirectory() as folder:
         master = RosMaster(Path(folder))
         os.environ.update({key: master.environment[key] for key in

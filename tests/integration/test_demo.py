@@ -66,8 +66,8 @@ def test_converges_with_another_camera_mounting_and_target_and_reports(tmp_path)
     summary = json.loads((out / "summary.json").read_text())
     assert summary["converged"] is True and summary["verdict"] == "goal_reached"
     assert summary["notes"] == []  # the bag says all that a report wants to know
-    # Of some 200 pictures a loaded machine may lose three.
-    assert summary["image_rate"] == pytest.approx(30.0, rel=0.015)
+    # A loaded machine may lose some of some 200 pictures; that none is lost is held to in lockstep.
+    assert summary["image_rate"] == pytest.approx(30.0, rel=0.1)
     settings = {"scheme": "moments", "camera": "noisy", "target": "l_shape"}
     assert {name: summary["settings"][name] for name in settings} == settings
     # Pose of the optical frame by tf, which knows of a moved camera by its description.

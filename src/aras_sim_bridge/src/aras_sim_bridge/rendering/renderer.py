@@ -42,7 +42,13 @@ class _Canvas:
 
 @dataclass(frozen=True)
 class Sampled:
-    """What a view's samples see, with what its pixels are drawn by."""
+    """What the samples of a view's pixels see.
+
+    Attributes:
+        canvas: what all views through the same pixels share.
+        seen, samples: the triangles of the pixels, and of their samples.
+        optical_T_link: (links, 4, 4) poses of the links in the optical frame.
+    """
 
     canvas: _Canvas
     seen: Seen

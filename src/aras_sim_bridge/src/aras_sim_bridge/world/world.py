@@ -50,8 +50,9 @@ class World:
         client: Bullet client id, for renderers.
         models: by name, in spawn order.
         revision: counts spawns, deletions and resets, for those who keep copies of the scene.
-        islands: who makes the steps of bolted models. bases: free models that stand still.
-        friction: what touches keeps its friction.
+        islands: decides which bolted models make steps of their own.
+        bases: holds the bases of free models that stand still.
+        friction: gives each contact the smaller of its two coefficients.
 
     Raises:
         WorldError: impossible step or gravity, or Bullet does not start.

@@ -29,7 +29,8 @@ class Jog:
 
     Attributes:
         reason: why the arm does not do what is asked, in words; empty when it does.
-        velocity: of the commands (n,), rad/s and m/s. fastest: what a whole speed of a joint is.
+        velocity: of the commands, (n,), rad/s or m/s.
+        fastest: greatest speeds of the joints that may be asked for, (n,), rad/s or m/s.
     """
 
     def __init__(self, arm: Arm, limits: Limits, resolver: Resolver | None = None) -> None:

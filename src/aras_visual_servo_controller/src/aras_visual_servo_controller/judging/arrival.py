@@ -173,12 +173,17 @@ class Arrival:
 def mean_offset(
     stamps: np.ndarray, rows: np.ndarray, seen: np.ndarray, settled: int, reached: bool
 ) -> tuple[Offsets, str]:
-    """The camera's mean offset, and why it is too much, in words.
+    """How far the camera is from its goal, averaged over images, and why that is too much.
 
     Args:
-        stamps: (m,) of images, s. rows: (m, 22) their offsets and poses.
-        seen: (6, 6) part of a motion that changes the offsets.
-        settled: how many images have settled. reached: whether the camera was there before.
+        stamps: (m,) of images, s. rows: (m, 22) of each its offset L^+ e (6,) in the camera's
+            frame, m and rad, and its `world_T_camera` (16,); NaN where that is unknown.
+        seen: L^+ L (6, 6), the part of a motion that changes the offsets.
+        settled: number of images for which the features have settled.
+        reached: whether the camera was at its goal by the image before.
+
+    Returns:
+        The mean offset, as of the last image; a sentence, empty where it is small enough.
     """
     mean, scatter, count, enough = _averaged(
         rows, seen, min(settled, FEW), np.array(ARRIVED) / DEVIATIONS
@@ -208,10 +213,10 @@ def mean_offset(
 
 
 def speed(stamps: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
-    """The camera's towards or from its goal before the last image, m/s and rad/s: the less of
-    what kinematics (a target may move along) and images (in which noise moves) say of it.
+    """The camera's speed towards or from its goal before the last image, m/s and rad/s: the less
+    of what kinematics (a target may move along) and images (in which noise moves) say of it.
 
-    stamps: (m,) of images, s. rows: (m, 22) their offsets and poses.
+    stamps, rows: as of `mean_offset`.
     """
     if len(rows) < 2 or stamps[-1] <= stamps[-2]:
         return 0.0, 0.0

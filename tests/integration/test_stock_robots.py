@@ -129,8 +129,10 @@ class Robot:
         assert client.get_state() == actionlib.GoalStatus.SUCCEEDED, (
             client.get_result(), self._states.messages[-1]
         )
-        for joint, value in zip(joints, goal, strict=True):
-            assert self.joint(joint) == pytest.approx(value, abs=0.05), joint
+        # The result and the joints' states come over connections of their own: either may be first.
+        there = pytest.approx(goal, abs=0.05)
+        wait_for(lambda: [self.joint(joint) for joint in joints] == there, 20.0,
+                 f"{joints} to be at {goal}")  # fmt: skip
 
     def sends(self, controller: str, message) -> None:
         publisher = rospy.Publisher(

@@ -3,6 +3,7 @@ material scripts, in the form that Gazebo's model database has them."""
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -59,6 +60,7 @@ f 1/1 6/3 4/4
 SIZES = {"bench": (1.2, 0.8, 0.04), "poster": (0.4, 0.02, 0.3)}
 
 
+@cache
 def speckles(width: int, height: int, seed: int) -> np.ndarray:
     """(height, width, 3) uint8: dots of many sizes, which any stereo method can match."""
     random = np.random.default_rng(seed)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .coverage import coverage
 from .errors import SegmentationError
-from .moments import Array
+from .moments import Array, next_vertices, signed_area
 from .segmentation import SegmentedTarget
 from .undistortion import CameraModel
 
@@ -152,7 +152,7 @@ def corners_like(outline: Array, model: Array) -> Array:
     radius = float(np.sqrt(points.var(axis=0).sum()))
     if np.linalg.norm(off, axis=1).max() > pixel + UNLIKE * radius:
         raise SegmentationError(f"what is seen has not the goal's {len(wanted)} corners")
-    return (corners[::-1] if _area(np.asarray(model, float)) < 0.0 else corners) + middle
+    return (corners[::-1] if signed_area(np.asarray(model, float)) < 0.0 else corners) + middle
 
 
 def _turned(polygon: Array) -> tuple[Array, Array]:
@@ -160,18 +160,12 @@ def _turned(polygon: Array) -> tuple[Array, Array]:
     points = np.asarray(polygon, dtype=float)
     middle = points.mean(axis=0)
     points = points - middle
-    return (points[::-1] if _area(points) < 0.0 else points), middle
+    return (points[::-1] if signed_area(points) < 0.0 else points), middle
 
 
 def _sides(points: Array) -> Array:
     """Lengths (n,) of a polygon's sides, from each of its points (n, 2) to the next."""
-    return np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-
-
-def _area(points: Array) -> float:
-    """Twice the area of a polygon (n, 2), negative where it turns the other way."""
-    x, y = points.T
-    return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
+    return np.linalg.norm(next_vertices(points) - points, axis=1)
 
 
 def _spaced(polygon: Array) -> Array:

@@ -60,7 +60,7 @@ class Textures:
 
     def __init__(self, files: set[str]) -> None:
         self._first: dict[str, int] = {}
-        texels, lanes = [np.zeros(0, np.uint64)], np.array([0, LANE, 2 * LANE], np.uint64)
+        texels = [np.zeros(0, np.uint64)]
         for file in sorted(files):
             self._first[file] = sum(len(one) for one in texels)
             bgr = cv2.imread(file, cv2.IMREAD_COLOR)
@@ -71,11 +71,12 @@ class Textures:
             image = cv2.resize(bgr, (size, size), interpolation=cv2.INTER_AREA)[::-1, :, ::-1]
             texels.append(np.array([size], np.uint64))
             while True:
-                texels.append((image.reshape(-1, 3).astype(np.uint64) << lanes).sum(axis=1))
+                red, green, blue = image.reshape(-1, 3).T.astype(np.uint64)
+                texels.append(red | green << np.uint64(LANE) | blue << np.uint64(2 * LANE))
                 if len(image) == 1:
                     break
-                image = image.reshape(len(image) // 2, 2, len(image) // 2, 2, 3)
-                image = np.rint(image.mean(axis=(1, 3))).astype(np.uint8)
+                rows = image[::2].astype(np.uint16) + image[1::2]
+                image = np.rint(0.25 * (rows[:, ::2] + rows[:, 1::2])).astype(np.uint8)
         self.texels = np.concatenate(texels)
 
     def layer(self, file: str) -> int:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_camera.moments import signed_area
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import JointController, Scheme
 from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need, Observation, Observer
@@ -116,7 +117,7 @@ class GoalViews:
         if seen.moments is not None:
             area = seen.moments.m00
         elif seen.contour is not None:
-            area = _area(seen.contour)
+            area = abs(signed_area(seen.contour))
         if area is None:
             return
         eye, target = self._eye(seen.name), self.plants.target_of(seen.name)
@@ -131,7 +132,7 @@ class GoalViews:
                 "else of its colour is in view, as the arm's hand may be; keep that out of the "
                 "picture, or give it another colour"
             )
-        times = area / _area(corners)
+        times = area / abs(signed_area(corners))
         if self.plants.spec_of(seen.name).described and abs(times - 1.0) > SAME_SIZE:
             raise ExperimentError(
                 f"goal: the target is {times:.2f} times as large in the picture as its corners, "
@@ -201,9 +202,3 @@ def _too_long(target: PlacedTarget) -> str:
     if length < LONG:
         return ""
     return f"its mesh is {length:.3g} m long; where it is in millimetres, scale it by 0.001"
-
-
-def _area(outline: np.ndarray) -> float:
-    """Of a closed polygon (n, 2)."""
-    x, y = outline.T
-    return 0.5 * abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))))

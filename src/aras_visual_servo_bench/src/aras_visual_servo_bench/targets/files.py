@@ -16,6 +16,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from aras_visual_servo_camera.moments import signed_area
+
 from ..asked.target_spec import BoxSpec, Pair, TargetSpec
 from ..errors import ExperimentError, require, writing
 from .geometry import Target
@@ -162,8 +164,7 @@ def triangles(corners: np.ndarray) -> list[tuple[int, int, int]]:
         ExperimentError: its edges cross.
     """
     order = list(range(len(corners)))
-    x, y = corners.T
-    if float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < 0.0:
+    if signed_area(corners) < 0.0:
         order.reverse()
     found = []
     while len(order) > 3:

@@ -20,6 +20,7 @@ import numpy as np
 from aras_visual_servo_camera.contour import corners_like
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.moments import signed_area
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
@@ -183,10 +184,11 @@ class PointFeature(Feature):
         """
         z, g = (p[:, 0] + 1j * p[:, 1] for p in (points, desired))
         z, g = z - z.mean(), g - g.mean()
-        if _turn(points) * _turn(desired) < 0.0:
+        if signed_area(points) * signed_area(desired) < 0.0:
             points, z = points[::-1], z[::-1]
         size = float(np.vdot(z, z).real)
-        fits = np.array([np.vdot(g, np.roll(z, -k)) for k in range(len(z))])
+        round_twice = np.concatenate((z, z))
+        fits = np.array([np.vdot(g, round_twice[k : k + len(z)]) for k in range(len(z))])
         residual = size - np.abs(fits) ** 2 / float(np.vdot(g, g).real)
         good = np.flatnonzero(residual <= residual.min() + 0.02 * size)
         turns = np.angle(fits[good])
@@ -234,8 +236,3 @@ def accuracy_beside(observation: Observation, goal: Goal, off: np.ndarray) -> fl
 def places(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
     """Points (n, 3) in the camera's frame, m, of (n, 2), normalised, with 1/Z (n,), 1/m."""
     return np.column_stack([points, np.ones(len(points))]) / np.asarray(inverse_depth)[:, None]
-
-
-def _turn(points: np.ndarray) -> float:
-    x, y = points.T
-    return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from aras_visual_servo_camera.moments import signed_area
+
 from ..arm.algebra import ROUNDING_PART, least_squares
 from ..arm.task import Task
 from ..errors import MeasurementError
@@ -56,8 +58,7 @@ def _area(points: np.ndarray) -> float:
     Raises:
         MeasurementError: it has none.
     """
-    x, y = points.T
-    area = 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+    area = abs(signed_area(points))
     if area < 1e-12:
         raise MeasurementError("the points of the target lie on one line: it has no area")
     return area

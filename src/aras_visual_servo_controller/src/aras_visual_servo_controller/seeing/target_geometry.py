@@ -15,6 +15,7 @@ import numpy as np
 
 from aras_visual_servo_base.settings import build, parameter
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.moments import next_vertices
 
 from ..errors import ConfigurationError, ServoError
 
@@ -146,14 +147,14 @@ def convex_hull(points: np.ndarray) -> np.ndarray:
 def _inside(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
     """Which (n,) of the points (n, 2) lie within a convex polygon (k, 2)."""
     x, y = (points[:, None] - polygon).transpose(2, 0, 1)
-    u, v = (np.roll(polygon, -1, axis=0) - polygon).T
+    u, v = (next_vertices(polygon) - polygon).T
     return (u * y - v * x > 0.0).all(axis=1)
 
 
 def _crossings(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Points (n, 2) where edges of two polygons cross."""
-    along = np.roll(one, -1, axis=0) - one
-    (ux, uy), (vx, vy) = along.T[..., None], (other - np.roll(other, -1, axis=0)).T
+    along = next_vertices(one) - one
+    (ux, uy), (vx, vy) = along.T[..., None], (other - next_vertices(other)).T
     wx, wy = (other - one[:, None]).transpose(2, 0, 1)
     turn = ux * vy - vx * uy
     known = np.where(np.abs(turn) < 1e-15, np.nan, turn)  # parallel edges cross nowhere

@@ -16,16 +16,24 @@ def blended_poses(before_p, before_q, p, q, blend):
     Quaternions are blended linearly and made unit ones again: over one physics step the error is of
     third order in the turned angle.
     """
-    out = np.zeros((len(p), 4, 4))
+    out, turn = np.zeros((len(p), 4, 4)), np.empty(4)
     for n in range(len(p)):
-        same = (before_q[n] * q[n]).sum() >= 0.0
-        turn = (1.0 - blend) * before_q[n] + (blend if same else -blend) * q[n]
-        x, y, z, w = turn / np.sqrt((turn * turn).sum())
+        along = square = 0.0
+        for k in range(4):
+            along += before_q[n, k] * q[n, k]
+        for k in range(4):
+            turn[k] = (1.0 - blend) * before_q[n, k] + (blend if along >= 0.0 else -blend) * q[n, k]
+            square += turn[k] * turn[k]
+        size = np.sqrt(square)
+        x, y, z, w = turn[0] / size, turn[1] / size, turn[2] / size, turn[3] / size
         T = out[n]
-        T[0, :3] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-        T[1, :3] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-        T[2, :3] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
-        T[:3, 3] = before_p[n] + blend * (p[n] - before_p[n])
+        T[0, 0], T[0, 1] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z)
+        T[0, 2], T[1, 0] = 2 * (x * z + w * y), 2 * (x * y + w * z)
+        T[1, 1], T[1, 2] = 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+        T[2, 0], T[2, 1] = 2 * (x * z - w * y), 2 * (y * z + w * x)
+        T[2, 2] = 1 - 2 * (x * x + y * y)
+        for k in range(3):
+            T[k, 3] = before_p[n, k] + blend * (p[n, k] - before_p[n, k])
         T[3, 3] = 1.0
     return out
 

@@ -52,6 +52,9 @@ _put_off: list[bool] = []  # an entry for each `put_off` that is under way
 def compiled(signature: str, allocates: bool = True) -> Callable[[Callable], Callable]:
     """Decorator for a function of these argument types, in Numba's words: 'f8[:,::1], i8'.
 
+    To compile quickly, write loops, not arithmetic of arrays; and assign no array to a slice, with
+    which Numba compiles what makes the words of an error, for a second or more.
+
     Arrays in C order ('f8[:,::1]') may be written to. Those in any order ('f8[:,:]') are only read,
     so read-only ones and views are taken too.
 
@@ -64,7 +67,10 @@ def compiled(signature: str, allocates: bool = True) -> Callable[[Callable], Cal
     )
 
     def compile_function(function: Callable) -> Callable:
-        made = numba.njit(nogil=True, error_model="numpy", _nrt=allocates)(function)
+        # No other language calls it, so a C function of the same kind is not compiled.
+        made = numba.njit(
+            nogil=True, error_model="numpy", _nrt=allocates, no_cfunc_wrapper=True
+        )(function)  # fmt: skip
         try:
             made.enable_caching()
             kept = made._cache._cache_file  # Numba knows of no other way to ask
@@ -153,7 +159,8 @@ def _checksum(path: str, _time: int, _size: int) -> str:
 def inlined(function: Callable) -> Callable:
     """Decorator for a small function that becomes part of the compiled ones that call it: a call
     with three arrays costs more than a triangle's test."""
-    return numba.njit(forceinline=True, nogil=True, error_model="numpy", _nrt=False)(function)
+    return numba.njit(forceinline=True, nogil=True, error_model="numpy", _nrt=False,
+                      no_cfunc_wrapper=True)(function)  # fmt: skip
 
 
 @intrinsic

@@ -76,17 +76,26 @@ def image_velocity(A, B, C, x0, y0):
     """
     C = A * x0 + B * y0 + C
     Ax, Ay, Bx, By, xy = A * x0, A * y0, B * x0, B * y0, x0 * y0
-    # fmt: off
-    return np.array([
-        -C, -A, -B, 0., 0., 0.,  0., 0., 0., 0., 0., 0.,  -A, 0., 0.,
-        0., 0., 0., 0., 0., 0.,  -C, -A, -B, 0., 0., 0.,  -B, 0., 0.,
-        x0 * C, C + Ax, Bx, A, B, 0.,  y0 * C, Ay, C + By, 0., A, B,
-        2. * C + Ax + By, 3. * A, 3. * B,
-        xy, y0, x0, 0., 1., 0.,  1. + y0 * y0, 0., 2. * y0, 0., 0., 1.,  3. * y0, 0., 3.,
-        -1. - x0 * x0, -2. * x0, 0., -1., 0., 0.,  -xy, -y0, -x0, 0., -1., 0.,  -3. * x0, -3., 0.,
-        y0, 0., 1., 0., 0., 0.,  -x0, -1., 0., 0., 0., 0.,  0., 0., 0.,
-    ]).reshape(6, 15)
-    # fmt: on
+    field = np.zeros((6, 15))
+    row = field[0]
+    row[0], row[1], row[2], row[12] = -C, -A, -B, -A
+    row = field[1]
+    row[6], row[7], row[8], row[12] = -C, -A, -B, -B
+    row = field[2]
+    row[0], row[1], row[2], row[3], row[4] = x0 * C, C + Ax, Bx, A, B
+    row[6], row[7], row[8], row[10], row[11] = y0 * C, Ay, C + By, A, B
+    row[12], row[13], row[14] = 2.0 * C + Ax + By, 3.0 * A, 3.0 * B
+    row = field[3]
+    row[0], row[1], row[2], row[4] = xy, y0, x0, 1.0
+    row[6], row[8], row[11] = 1.0 + y0 * y0, 2.0 * y0, 1.0
+    row[12], row[14] = 3.0 * y0, 3.0
+    row = field[4]
+    row[0], row[1], row[3] = -1.0 - x0 * x0, -2.0 * x0, -1.0
+    row[6], row[7], row[8], row[10] = -xy, -y0, -x0, -1.0
+    row[12], row[13] = -3.0 * x0, -3.0
+    row = field[5]
+    row[0], row[2], row[6], row[7] = y0, 1.0, -x0, -1.0
+    return field
 
 
 def raw_rows(moments: Moments, plane: Plane, order: int | None = None) -> Array:
@@ -149,10 +158,13 @@ def _about_centre(centred, A, B, C, xg, yg, order, delta):
     """(2, 6) d(xg)/dt and d(yg)/dt, and the rows of `_rows` of the centred moments (n, n)."""
     velocity = image_velocity(A, B, C, xg, yg)
     # About the centre of gravity mu10 = mu01 = 0, so L_xg = L_m10 / m00 without a quotient rule.
-    centre = _rows(centred, velocity, 1, delta)[1:3] / centred[0, 0]
-    # Its velocity is taken off the constant terms of x' and y'.
-    velocity[:, 0] -= centre[0]
-    velocity[:, 6] -= centre[1]
+    first, centre = _rows(centred, velocity, 1, delta), np.empty((2, 6))
+    for i in range(6):
+        for k in range(2):
+            centre[k, i] = first[1 + k, i] / centred[0, 0]
+            # Its velocity is taken off the constant terms of x' and y'.
+            velocity[i, 6 * k] -= centre[k, i]
     rows = _rows(centred, velocity, order, delta)
-    rows[1:3] = 0.0
+    for i in range(6):
+        rows[1, i] = rows[2, i] = 0.0
     return centre, rows

@@ -68,11 +68,13 @@ def _cut(low, high, keys, order, bounds):
                     cost, best = both, one
         whole = (LOOK + count) * _surface(low, high, group)
         if count > CLUSTER or cost < WORTHWHILE * whole:
-            order[begin:end] = best
+            for i in range(count):
+                order[begin + i] = best[i]
             pending.append((begin, begin + half))
             pending.append((begin + half, end))
         else:
-            members[done:done + count] = group
+            for i in range(count):
+                members[done + i] = group[i]
             first[found] = done
             done, found = done + count, found + 1
     return members, first[:found]

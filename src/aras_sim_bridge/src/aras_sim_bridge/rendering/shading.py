@@ -109,7 +109,9 @@ def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo,
             if one == NOTHING:
                 words[v:v + TILE, u:u + TILE] = 0
             elif one == BACKGROUND and graded:
-                words[v:v + TILE, u:u + TILE] = backdrop[v:v + TILE, u:u + TILE]
+                for y in range(TILE):
+                    for x in range(TILE):
+                        words[v + y, u + x] = backdrop[v + y, u + x]
             elif one != most:
                 words[v:v + TILE, u:u + TILE] = sky if one == BACKGROUND else plain[one]
             continue

@@ -103,10 +103,15 @@ def _exponential_rate(twist):
     """(6, 6) right Jacobian J: b of a_T_b = exponential(twist) moves with the twist J @ d(twist)/dt
     in its own frame; the sum of (-ad twist)^k / (k + 1)!, to the last bit of its largest number."""
     vx, vy, vz, x, y, z = twist
-    turn = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    move = np.array([[0.0, -vz, vy], [vz, 0.0, -vx], [-vy, vx, 0.0]])
+    turn, move = np.zeros((3, 3)), np.zeros((3, 3))
+    turn[0, 1], turn[0, 2], turn[1, 0], turn[1, 2], turn[2, 0], turn[2, 1] = -z, y, z, -x, -y, x
+    move[0, 1], move[0, 2], move[1, 0], move[1, 2], move[2, 0], move[2, 1] = (
+        -vz, vy, vz, -vx, -vy, vx
+    )  # fmt: skip
     # The upper rows; the lower ones are zeros and the upper ones' left half.
-    rate, term, following, k = np.eye(3, 6), np.eye(3, 6), np.empty((3, 6)), 1
+    rate, term, following, k = np.zeros((3, 6)), np.zeros((3, 6)), np.empty((3, 6)), 1
+    for i in range(3):
+        rate[i, i] = term[i, i] = 1.0
     largest = 1.0
     while largest > 1e-17:
         k, largest = k + 1, 0.0
@@ -120,7 +125,12 @@ def _exponential_rate(twist):
                 following[i, j] = total / k
                 largest = max(largest, abs(following[i, j]))
         term, following = following, term
-        rate += term
+        for i in range(3):
+            for j in range(6):
+                rate[i, j] += term[i, j]
     whole = np.zeros((6, 6))
-    whole[:3], whole[3:, 3:] = rate, rate[:, :3]
+    for i in range(3):
+        for j in range(3):
+            whole[i, j] = whole[3 + i, 3 + j] = rate[i, j]
+            whole[i, 3 + j] = rate[i, 3 + j]
     return whole

@@ -155,7 +155,7 @@ def surface_equations(vertices, faces, normals, measured, T, about, unit, least)
         w = ((1.0 - part * part) / scale) ** 2
         x, y, d = measured[i]
         n = turned[on[i]]
-        row[:3] = n
+        row[0], row[1], row[2] = n[0], n[1], n[2]
         x, y, z = (x * d - about[0]) / unit, (y * d - about[1]) / unit, (d - about[2]) / unit
         row[3], row[4], row[5] = y * n[2] - z * n[1], z * n[0] - x * n[2], x * n[1] - y * n[0]
         count += 1
@@ -237,13 +237,16 @@ def fitted(at, seen, gain, away, weight, T, wide, exact, middle, radius, slips, 
             for m in range(3):
                 about[k] += pose[k, m] * middle[m]
         if step == 0:
-            first[:] = about
+            for k in range(3):
+                first[k] = about[k]
         A, b, residuals = edge_equations(at, seen, gain, away, weight, pose, about, radius, least)
         if len(surface):
             more, told, _ = surface_equations(
                 vertices, faces, normals, surface, pose, about, radius, FLATNESS)
-            A += more
-            b += told
+            for i in range(6):
+                b[i] += told[i]
+                for j in range(6):
+                    A[i, j] += more[i, j]
         for s in range(len(slips)):
             for k in range(3):
                 slip[k] = slip[3 + k] = 0.0
@@ -257,13 +260,22 @@ def fitted(at, seen, gain, away, weight, T, wide, exact, middle, radius, slips, 
         for i in range(6):
             damped[i, i] += 1.0 / STEP**2
         change = np.linalg.solve(damped, b)
-        turned += change[3:]
-        pose = _changed(pose, change[3:] / radius, about + change[:3], middle)
-        moved = np.sqrt((change[:3] ** 2).sum()) + np.sqrt((change[3:] ** 2).sum())
+        turn, place, along, around = np.empty(3), np.empty(3), 0.0, 0.0
+        for k in range(3):
+            turned[k] += change[3 + k]
+            turn[k], place[k] = change[3 + k] / radius, about[k] + change[k]
+            along += change[k] ** 2
+            around += change[3 + k] ** 2
+        pose = _changed(pose, turn, place, middle)
+        moved = np.sqrt(along) + np.sqrt(around)
         if least == exact and focal * moved < STILL * about[2]:
             break
         least = max(NARROWER * least, exact)
-    total = np.sqrt(((about - first) ** 2).sum()) + np.sqrt((turned**2).sum())
+    along = around = 0.0
+    for k in range(3):
+        along += (about[k] - first[k]) ** 2
+        around += turned[k] ** 2
+    total = np.sqrt(along) + np.sqrt(around)
     return pose, focal * total / about[2], residuals, A
 
 

@@ -144,10 +144,20 @@ def all_above(a, bound):
 @compiled("f8[:], f8[:], f8[:]")
 def finite(a, b, c):
     """Whether three arrays (k,) are all finite: 0 times what is not is NaN."""
-    return (0.0 * a).sum() + (0.0 * b).sum() + (0.0 * c).sum() == 0.0
+    total = 0.0
+    for array in (a, b, c):
+        for value in array:
+            total += 0.0 * value
+    return total == 0.0
 
 
 @compiled("f8[:,:], f8[:]")
 def task_finite(L, rate):
     """Whether L (k, 6) and rate (k,) are finite."""
-    return (0.0 * L).sum() + (0.0 * rate).sum() == 0.0
+    total = 0.0
+    for row in L:
+        for value in row:
+            total += 0.0 * value
+    for value in rate:
+        total += 0.0 * value
+    return total == 0.0

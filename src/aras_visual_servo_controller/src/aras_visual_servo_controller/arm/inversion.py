@@ -57,7 +57,10 @@ def _demanded(L, rate, held, speeds, free, scaled, least, fully):
         part = min(max((reach[i] - least) / (fully - least), 0.0), 1.0)
         weights[i] = part * part * (3.0 - 2.0 * part)
     # What holding does to the features on its way is not the rest's to do.
-    rest = applied(L, applied(along.T, weights * wanted))
+    weighted = np.empty(len(reach))
+    for i in range(len(reach)):
+        weighted[i] = weights[i] * wanted[i]
+    rest = applied(L, applied(along.T, weighted))
     for i in range(len(rest)):
         rest[i] = rate[i] - rest[i]
     u, s, vt = svd(times(L, free.T))
@@ -66,10 +69,15 @@ def _demanded(L, rate, held, speeds, free, scaled, least, fully):
         rank += 1
     seen = applied(u.T, rest)
     basis = np.empty((rank + len(reach), 6))
-    basis[:rank], basis[rank:] = times(vt[:rank], free), along
+    others = times(vt[:rank], free)
     speed, weight = np.empty(len(basis)), np.empty(len(basis))
-    speed[rank:], weight[rank:] = wanted, weights
+    for i in range(len(reach)):
+        speed[rank + i], weight[rank + i] = wanted[i], weights[i]
+        for j in range(6):
+            basis[rank + i, j] = along[i, j]
     for i in range(rank):
+        for j in range(6):
+            basis[i, j] = others[i, j]
         speed[i] = seen[i] / s[i]
         # A twist that the features hardly show weighs less where the arm has to choose.
         weight[i] = min(1.0, s[i] / (WELL_SEEN * s[0]))
@@ -93,9 +101,15 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     joints = np.flatnonzero(free)
     arm = np.empty((6, len(joints)))
     for column, joint in enumerate(joints):
-        arm[:, column] = scaled[:, joint]
-    rows = weights.copy().reshape(-1, 1) * basis
-    rates = weights * wanted - applied(rows, applied(scaled, fixed))
+        for i in range(6):
+            arm[i, column] = scaled[i, joint]
+    rows = np.empty(basis.shape)
+    for i in range(len(basis)):
+        for j in range(6):
+            rows[i, j] = weights[i] * basis[i, j]
+    rates = applied(rows, applied(scaled, fixed))
+    for i in range(len(rates)):
+        rates[i] = weights[i] * wanted[i] - rates[i]
     task = times(rows, arm)
     m, damped = len(task), task
     if not all_above(arm, below):
@@ -104,13 +118,17 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
         while strong < len(s) and s[strong] >= below:
             strong += 1
         damped = np.empty((m + len(s) - strong, len(joints)))
-        damped[:m] = task
+        for i in range(m):
+            for j in range(len(joints)):
+                damped[i, j] = task[i, j]
         # As strong as the demand is in that direction, whatever the units of its rows.
         seen = times(rows, turned)
         for i in range(strong, len(s)):
             strength = max(_size(seen[:, i]), LEAST_SEEN)
             ratio = s[i] / below
-            damped[m + i - strong] = damping * np.sqrt(1.0 - ratio * ratio) * strength * weak[i]
+            factor = damping * np.sqrt(1.0 - ratio * ratio) * strength
+            for j in range(len(joints)):
+                damped[m + i - strong, j] = factor * weak[i, j]
     u, s, vt = svd(damped)
     wishes = np.empty(len(joints))
     for column, joint in enumerate(joints):
@@ -120,10 +138,10 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
         inverse = 1.0 / s[i] if s[i] >= SMALLEST else 0.0
         towards[i] *= inverse
         against[i] *= inverse
-    moved, kept = applied(vt.T, towards), wishes - applied(vt.T, against)
+    moved, seen_wish = applied(vt.T, towards), applied(vt.T, against)
     primary, secondary = fixed.copy(), np.zeros(len(free))
     for column, joint in enumerate(joints):
-        primary[joint], secondary[joint] = moved[column], kept[column]
+        primary[joint], secondary[joint] = moved[column], wishes[column] - seen_wish[column]
     return primary, secondary
 
 

@@ -171,14 +171,18 @@ class CameraCheck:
 @compiled("f8[:,:]")
 def _inverse(matrix):
     """Of a symmetric positive definite one (n, n), which needs no pivots; by Gauss and Jordan."""
-    left, right = matrix.copy(), np.eye(len(matrix))
-    for i in range(len(left)):
+    left, right, count = matrix.copy(), np.eye(len(matrix)), len(matrix)
+    for i in range(count):
         pivot = left[i, i]
-        left[i], right[i] = left[i] / pivot, right[i] / pivot
-        for k in range(len(left)):
-            if k != i:
-                factor = left[k, i]
-                left[k], right[k] = left[k] - factor * left[i], right[k] - factor * right[i]
+        for j in range(count):
+            left[i, j], right[i, j] = left[i, j] / pivot, right[i, j] / pivot
+        for k in range(count):
+            if k == i:
+                continue
+            factor = left[k, i]
+            for j in range(count):
+                left[k, j] -= factor * left[i, j]
+                right[k, j] -= factor * right[i, j]
     return right
 
 
@@ -199,12 +203,18 @@ def _scales(normal, right, square, rows, known, turned, off, deviations, quiet):
         scale is wrong, and the one beside it, itself for a rotation, -1 where none is; its scale;
         the other's, 1 for a rotation.
     """
-    moved = normal[:3, :3].sum()
-    depth = (right[:3].sum() - normal[:3, 3:].sum()) / moved if moved > known**2 else 1.0
-    expected = np.ones(6)
-    expected[:3] = depth
-    # Where nothing was seen, it is as expected.
-    spread = _inverse(normal + 0.1 * np.eye(6))
+    moved = straight = turning = 0.0
+    for i in range(3):
+        straight += right[i]
+        for j in range(3):
+            moved += normal[i, j]
+            turning += normal[i, 3 + j]
+    depth = (straight - turning) / moved if moved > known**2 else 1.0
+    expected, damped = np.ones(6), normal.copy()
+    for i in range(6):
+        expected[i] = depth if i < 3 else 1.0
+        damped[i, i] += 0.1  # where nothing was seen, it is as expected
+    spread = _inverse(damped)
     scale, left, misfit = np.zeros(6), square, square
     for i in range(6):
         for j in range(6):

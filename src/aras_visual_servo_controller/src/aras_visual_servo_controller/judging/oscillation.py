@@ -70,36 +70,53 @@ class Oscillation:
         return error[peaks] if passed and smooth else np.zeros(0)
 
 
+@compiled("f8[:], f8[:]", allocates=False)
+def _along(a, b):
+    """a @ b, of (m,) each."""
+    total = 0.0
+    for n in range(len(a)):
+        total += a[n] * b[n]
+    return total
+
+
 @compiled("f8[:], f8[:], f8")
 def _standing_out(stamps, error, about):
     """The wave in an error (m,) beside a straight line: its frequency (Hz), near the one at which
     the error reverses, and the part of the error's square that it leaves. Its height may grow or
     fall in a straight line."""
     count = len(error)
-    time = stamps - stamps.mean()
-    rest = error - error.mean()
-    rest -= (rest * time).sum() / (time * time).sum() * time
-    whole = (rest * rest).sum()
+    time, rest = np.empty(count), np.empty(count)
+    middle, mean = stamps.mean(), error.mean()
+    for n in range(count):
+        time[n], rest[n] = stamps[n] - middle, error[n] - mean
+    slope = _along(rest, time) / _along(time, time)
+    for n in range(count):
+        rest[n] -= slope * time[n]
+    whole = _along(rest, rest)
     frequency, least = about, 1.0
     basis = np.empty((6, count))
     for step in range(41):
         tried = (0.7 + 0.0125 * step) * about
-        phase = 2.0 * np.pi * tried * time
-        basis[0], basis[1] = 1.0, time
-        basis[2], basis[3] = np.cos(phase), np.sin(phase)
-        basis[4], basis[5] = time * basis[2], time * basis[3]
+        turn = 2.0 * np.pi * tried
+        for n in range(count):
+            basis[0, n], basis[1, n] = 1.0, time[n]
+            basis[2, n], basis[3, n] = np.cos(turn * time[n]), np.sin(turn * time[n])
+            basis[4, n], basis[5, n] = time[n] * basis[2, n], time[n] * basis[3, n]
         left = whole
         for i in range(6):
-            length = (basis[i] * basis[i]).sum()
+            row = basis[i]
+            length = _along(row, row)
             for k in range(i):
-                basis[i] -= (basis[i] * basis[k]).sum() * basis[k]
-            square = (basis[i] * basis[i]).sum()
-            if square > 1e-9 * length:
-                basis[i] /= np.sqrt(square)
-                if i > 1:
-                    left -= (rest * basis[i]).sum() ** 2
-            else:
-                basis[i] = 0.0
+                part = _along(row, basis[k])
+                for n in range(count):
+                    row[n] -= part * basis[k, n]
+            square = _along(row, row)
+            seen = square > 1e-9 * length
+            size = np.sqrt(square)
+            for n in range(count):
+                row[n] = row[n] / size if seen else 0.0
+            if seen and i > 1:
+                left -= _along(rest, row) ** 2
         if left < least * whole:
             frequency, least = tried, left / whole
     return frequency, least
@@ -140,8 +157,14 @@ def _swinging(stamps, errors, least, reversals):
     count = len(stamps)
     error = errors[:, _loudest(errors)].copy()
     peaks = _peaks(error, least)
-    heights = np.abs(np.diff(error[peaks]))
-    if len(heights) < reversals or heights[-3:].max() < 0.5 * heights[:-2].max():
+    between, late, before = len(peaks) - 1, 0.0, 0.0
+    for i in range(between):
+        height = abs(error[peaks[i + 1]] - error[peaks[i]])
+        if i >= between - 3:
+            late = max(late, height)
+        if i < between - 2:
+            before = max(before, height)
+    if between < reversals or late < 0.5 * before:
         return 0.0
     since, until, swings = stamps[peaks[1]], stamps[peaks[-1]], len(peaks) - 2
     # It has to go on until now: one and a half swings without a peak have ended it.

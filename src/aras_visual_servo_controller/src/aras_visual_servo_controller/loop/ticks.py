@@ -75,7 +75,9 @@ def ticked(q, v, stamp, chain, clock, rows, last, bounds, lead, settings, number
         )  # fmt: skip
         if not finite(found[0], found[0], found[0]):
             return ODD
-        rows[KEPT], last[0], last[1] = found[0], found[0], found[1]
+        velocities, primary = found[0], found[1]
+        for i in range(len(q)):
+            rows[KEPT, i], last[0, i], last[1, i] = velocities[i], velocities[i], primary[i]
         clock[KEPT_AT], clock[KEPT_FOR], clock[TASK] = t, LASTING if found[10] else 0.0, task
     after, speeds, stopped, late = advanced(
         rows[COMMAND], rows[VELOCITY], rows[KEPT], q, limits[0], limits[1], lead, settings[LAG], dt
@@ -83,10 +85,16 @@ def ticked(q, v, stamp, chain, clock, rows, last, bounds, lead, settings, number
     if late.any() or not finite(after, after, after):
         return ODD
     clock[NOW] = clock[NEWEST] = stamp
-    rows[COMMAND], rows[VELOCITY], rows[Q], rows[V], rows[STOPPED] = after, speeds, q, v, stopped
-    if (rows[SENT] == after).all():
+    same = True
+    for i in range(len(q)):
+        rows[COMMAND, i], rows[VELOCITY, i], rows[STOPPED, i] = after[i], speeds[i], stopped[i]
+        rows[Q, i], rows[V, i] = q[i], v[i]
+        same &= rows[SENT, i] == after[i]
+    if same:
         return NOTHING_NEW
-    rows[SENT], clock[SENT_AT] = after, t
+    for i in range(len(q)):
+        rows[SENT, i] = after[i]
+    clock[SENT_AT] = t
     return SENT_ON
 
 

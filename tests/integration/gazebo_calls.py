@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import rospy
 from aras_sim_bridge.srv import StepWorld
 from gazebo_msgs.srv import DeleteModel, GetModelState, SpawnModel
 from geometry_msgs.msg import Point, Pose, Quaternion
+from std_srvs.srv import Empty
 
 INERTIA = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
 SHAPES = """<?xml version="1.0"?><!-- furniture -->
@@ -56,6 +59,16 @@ def call(name: str, service: type, *args: object, **fields: object) -> object:
     name = name if name.startswith("/") else f"/gazebo/{name}"
     rospy.wait_for_service(name, 20.0)
     return rospy.ServiceProxy(name, service)(*args, **fields)
+
+
+@contextmanager
+def time_goes_on() -> Iterator[None]:
+    """Of a simulation that was launched paused: time stands still before and after."""
+    call("unpause_physics", Empty)
+    try:
+        yield
+    finally:
+        call("pause_physics", Empty)
 
 
 def step(count: int) -> None:

@@ -102,14 +102,20 @@ def directory(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def graph(launch, ros_master, taken, directory):
-    import rospy
+def graph(launch, ros_master, ros_node, taken, directory):
+    """The page beside a simulation that goes half as fast as the wall's clock: most of the time it
+    goes on while programs start."""
+    from gazebo_calls import call
+    from gazebo_msgs.srv import GetPhysicsProperties, SetPhysicsProperties
 
     for name, value in (("token", TOKEN), ("directory", str(directory))):
         ros_master.run(["rosparam", "set", f"/aras_visual_servo_dashboard/{name}", value])
     launched = launch("aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=NODES,
-                      dashboard=True, markers=True, dashboard_port=taken)  # fmt: skip
-    assert rospy
+                      dashboard=True, markers=True, dashboard_port=taken,
+                      clock_rate=100)  # fmt: skip
+    now = call("get_physics_properties", GetPhysicsProperties)
+    half = (now.time_step, 0.5 * now.max_update_rate, now.gravity, now.ode_config)
+    assert call("set_physics_properties", SetPhysicsProperties, *half).success
     return launched
 
 
@@ -217,9 +223,9 @@ def test_the_arm_is_driven_by_hand_and_stands_when_let_go(viewer):
         assert viewer.ask("jog", vx=0.2)[0]
         time.sleep(0.05)
     assert viewer.told["joints"][0] > before + 0.02  # the picture's x is along the gantry
-    time.sleep(1.5)
+    time.sleep(3.0)
     first = viewer.told["joints"]
-    time.sleep(0.5)
+    time.sleep(1.0)
     assert viewer.told["joints"] == pytest.approx(first, abs=1e-3)
     assert viewer.phase() == "stopped"
     # Servoing begins where the arm was driven to, and does not jump back first.
@@ -352,12 +358,14 @@ def test_a_bag_is_recorded_and_reported_on_and_a_goal_taught(viewer, directory, 
     assert viewer.ask("report")[0] is False
     done, why = viewer.ask("teach", name="../../mine")
     assert not done and "letters, digits" in why
-    time.sleep(1.0)
+    time.sleep(2.0)
     done, text = viewer.ask("stop_record")
     assert done, text
     assert list(directory.glob("bags/*.bag"))
+    assert viewer.ask("pause")[0]
     done, text = viewer.ask("report", timeout=200.0)
     assert done, text
+    assert viewer.ask("resume")[0]
     wait_for(lambda: viewer.told["state"].get("report"), 20.0, "the report's address")
     address = f"http://127.0.0.1:{port}/report/{viewer.told['state']['report']}"
     with urlopen(f"{address}?token={TOKEN}", timeout=20) as page:

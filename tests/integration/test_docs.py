@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from aras_visual_servo_controller.msg import ServoReport, ServoState
+from gazebo_calls import time_goes_on
 from ros_graph import wait_for
 from sensor_msgs.msg import JointState
 
@@ -60,7 +61,8 @@ def robot(launch, ros_node, ros_master, folder):
     paths = (str(folder), str(EXAMPLES), ros_master.environment["PYTHONPATH"])
     patch.setitem(ros_master.environment, "PYTHONPATH", os.pathsep.join(paths))
     patch.chdir(folder)
-    yield launch("aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"])
+    yield launch("aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
+                 paused=True)  # fmt: skip
     patch.undo()
 
 
@@ -78,7 +80,8 @@ def test_a_users_scheme_servoes_by_one_launch_argument(robot, launch, collect, t
         nodes=[f"{SPACE}_controller"], start=str(list(start)), goal=str(tmp_path / "goal.yaml"),
     )  # fmt: skip
     try:
-        states.wait(timeout=60.0, where=lambda state: state.phase == "converged")
+        with time_goes_on():
+            states.wait(timeout=60.0, where=lambda state: state.phase == "converged")
     finally:
         print([(m.phase, m.reason) for m in states.messages[-1:]], nodes.output()[-1500:])
         nodes.interrupt()  # the robot's parameters stay
@@ -101,18 +104,19 @@ def test_the_first_hour_on_a_graph(robot, folder, launch, ros_master, collect):
         nodes=["/aras_visual_servo_controller"],
         **arguments("my_scheme", "aras_visual_servo_nodes.launch", folder),
     )  # fmt: skip
-    try:
-        wait_for(
-            lambda: reports.messages and reports.messages[-1].phase == "converged", 90.0,
-            "a user's scheme to converge",
-        )  # fmt: skip
-    finally:
-        print(*(getattr(reports.messages[-1], key) for key in ("phase", "outcome", "reason"))
-              if reports.messages else (nodes.log.read_text()[-2000:],))  # fmt: skip
-    asked = [words for name in ("first_run", "my_target") for words in commands(name)]
-    asked = [w for w in asked if w[0] in ASKS or "spawn_model" in w]
-    assert len(asked) >= 5
-    for words in asked:
-        said = ros_master.run(words).stdout
-        assert "success: False" not in said, f"{shlex.join(words)}: {said}"
+    with time_goes_on():
+        try:
+            wait_for(
+                lambda: reports.messages and reports.messages[-1].phase == "converged", 90.0,
+                "a user's scheme to converge",
+            )  # fmt: skip
+        finally:
+            print(*(getattr(reports.messages[-1], key) for key in ("phase", "outcome", "reason"))
+                  if reports.messages else (nodes.log.read_text()[-2000:],))  # fmt: skip
+        asked = [words for name in ("first_run", "my_target") for words in commands(name)]
+        asked = [w for w in asked if w[0] in ASKS or "spawn_model" in w]
+        assert len(asked) >= 5
+        for words in asked:
+            said = ros_master.run(words).stdout
+            assert "success: False" not in said, f"{shlex.join(words)}: {said}"
     nodes.stop()

@@ -15,6 +15,7 @@ import pytest
 import rospy
 import yaml
 from aras_visual_servo_controller.msg import ServoState
+from gazebo_calls import time_goes_on
 from gazebo_msgs.srv import DeleteModel, SpawnModel
 from geometry_msgs.msg import Pose
 from ros_graph import wait_for
@@ -44,7 +45,8 @@ def portal(launch, ros_node, ros_master):
     patch.setitem(ros_master.environment, "PYTHONPATH", f"{EXAMPLES}{os.pathsep}{before}")
     controllers = " ".join(f"{joint}_position_controller" for joint in JOINTS)
     yield launch(
-        "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"], robot="portal",
+        "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"], paused=True,
+        robot="portal",
         urdf=EXAMPLES / "portal.urdf", gains=EXAMPLES / "portal_controllers.yaml",
         controllers=controllers, target="none",
     )  # fmt: skip
@@ -77,7 +79,8 @@ def servoed_to(goal, launch, collect, folder, scheme, start):
         cameras=folder / "cameras.yaml",
     )  # fmt: skip
     try:
-        states.wait(timeout=60.0, where=lambda state: state.phase == "converged")
+        with time_goes_on():
+            states.wait(timeout=60.0, where=lambda state: state.phase == "converged")
     finally:
         print([(m.phase, m.reason) for m in states.messages[-1:]], nodes.output()[-1500:])
         nodes.interrupt()
@@ -120,11 +123,12 @@ def test_one_in_the_hand_and_one_that_stands_servo_together(portal, ros_node, la
 
 def test_both_cameras_expose_together(portal, collect):
     left, right = (collect(f"/{name}/image_raw", Image) for name in ("left", "right"))
-    left.wait(5)
-    right.wait(5)
-    stamps = [{m.header.stamp.to_nsec() for m in one.messages} for one in (left, right)]
-    wait_for(lambda: len(stamps[0] & {m.header.stamp.to_nsec() for m in right.messages}) > 2, 5.0,
-             "stamps that meet")  # fmt: skip
+    with time_goes_on():
+        left.wait(5)
+        right.wait(5)
+        stamps = {m.header.stamp.to_nsec() for m in left.messages}
+        wait_for(lambda: len(stamps & {m.header.stamp.to_nsec() for m in right.messages}) > 2, 5.0,
+                 "stamps that meet")  # fmt: skip
 
 
 def test_a_camera_that_is_silent_is_named(portal, launch, tmp_path):
@@ -135,6 +139,7 @@ def test_a_camera_that_is_silent_is_named(portal, launch, tmp_path):
         cameras=tmp_path / "cameras.yaml",
     )  # fmt: skip
     try:
-        wait_for(lambda: "no image on /nowhere/image_raw" in nodes.output(), 20.0, "its name")
+        with time_goes_on():
+            wait_for(lambda: "no image on /nowhere/image_raw" in nodes.output(), 20.0, "its name")
     finally:
         nodes.interrupt()

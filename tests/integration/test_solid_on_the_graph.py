@@ -8,11 +8,12 @@ import pytest
 import rospy
 import yaml
 from aras_visual_servo_controller.msg import ServoState
+from gazebo_calls import call, time_goes_on
 from gazebo_msgs.msg import ModelState
 from gazebo_msgs.srv import SetModelState
 from geometry_msgs.msg import Point, Quaternion, Twist
 from geometry_msgs.msg import Pose as GazeboPose
-from ros_graph import wait_for, wait_for_message
+from ros_graph import wait_for_message
 from sensor_msgs.msg import JointState
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "camera"))
@@ -48,9 +49,8 @@ def test_a_solids_goal_is_taught_where_the_arm_stands(launch, ros_node, ros_mast
     taught = tmp_path / "taught.yaml"
     robot = launch(
         "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
-        target=str(mesh), target_place="-x 0 -y 0 -z 0.5905 -Y 0.3",
+        paused=True, target=str(mesh), target_place="-x 0 -y 0 -z 0.5905 -Y 0.3",
     )  # fmt: skip
-    wait_for_message(f"{SPACE}/joint_states", JointState, 60.0)
     launch(
         "aras_visual_servo_gazebo", "one_camera.launch", nodes=[f"{NODE}_own"], name="own",
         images="/labrob/camera", features=f"{SPACE}/camera",
@@ -61,7 +61,9 @@ def test_a_solids_goal_is_taught_where_the_arm_stands(launch, ros_node, ros_mast
         "--scheme", "model", "--images", "10", str(taught), f"_model:={mesh}",
         f"_model_start:={start}",
     ]  # fmt: skip
-    ros_master.run(command, 90.0)
+    with time_goes_on():
+        wait_for_message(f"{SPACE}/joint_states", JointState, 60.0)
+        ros_master.run(command, 90.0)
     ros_master.run(["rosnode", "kill", f"{NODE}_own"])  # its launch goes on: it clears parameters
     goal = Goal.load(taught)
     distance, angle = pose_difference(goal.world_T_camera, made.goal.world_T_camera)
@@ -87,7 +89,7 @@ def test_a_target_is_told_by_its_label_on_a_graph_in_lockstep(launch, collect, t
     joints = collect(f"{SPACE}/joint_states", JointState)
     robot = launch(
         "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
-        target=shape, target_size=" ".join(map(str, size)),
+        paused=True, target=shape, target_size=" ".join(map(str, size)),
         target_place=f"-x 0 -y 0 -z {place[2]} -Y 0.3",
         camera=str(tmp_path / "camera.yaml"), speed_mode="lockstep",
     )  # fmt: skip
@@ -100,7 +102,8 @@ def test_a_target_is_told_by_its_label_on_a_graph_in_lockstep(launch, collect, t
         start=str(begin), segmentation="{method: label, label: target}", gain=2.0,
     )  # fmt: skip
     try:
-        distance, angle = reached(states, joints, arm, at)
+        with time_goes_on():
+            distance, angle = reached(states, joints, arm, at)
         assert distance < 0.3 and angle < 0.3
     finally:
         print([(m.phase, m.reason) for m in states.messages[-1:]], nodes.output()[-1500:])
@@ -136,14 +139,13 @@ def test_a_link_of_the_world_is_servoed_to(launch, ros_node, collect, tmp_path):
     joints = collect(f"{SPACE}/joint_states", JointState)
     robot = launch(
         "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
-        target="none", world_name=str(world),
+        paused=True, target="none", world_name=str(world),
     )  # fmt: skip
-    wait_for(lambda: joints.messages and joints.messages[-1].header.stamp.to_sec() > 1.0, 60.0,
-             "joint states")  # fmt: skip
+    with time_goes_on():
+        joints.wait(timeout=60.0, where=lambda m: m.header.stamp.to_sec() > 1.0)
     moved = Pose.from_rpy((0.035, -0.005, 0.623), (0.0, 0.0, 0.5))
     place = GazeboPose(Point(*moved.xyz), Quaternion(*moved.quat))
-    put = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState)
-    put(ModelState("crate", place, Twist(), ""))
+    assert call("set_model_state", SetModelState, ModelState("crate", place, Twist(), "")).success
     nodes = launch(
         "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
         nodes=["/aras_visual_servo_controller"], scheme="model", goal=tmp_path / "goal.yaml",
@@ -153,7 +155,8 @@ def test_a_link_of_the_world_is_servoed_to(launch, ros_node, collect, tmp_path):
     try:
         told = rospy.get_param("/aras_visual_servo_controller/model_start")["pose"]
         assert told == pytest.approx([0.035, -0.005, 0.623, 0.0, 0.0, 0.5], abs=1e-4)
-        states.wait(60, timeout=90.0, where=lambda state: state.phase == "converged")
+        with time_goes_on():
+            states.wait(60, timeout=90.0, where=lambda state: state.phase == "converged")
         q = arm.sample(joints.messages[-1].name, joints.messages[-1].position).positions
         crate = transform((0.02, 0.01, 0.62), (0.0, 0.0, 0.6))
         wanted = moved.matrix() @ inverse(crate) @ made.goal_pose

@@ -366,6 +366,7 @@ def test_a_bag_is_recorded_and_reported_on_and_a_goal_taught(viewer, directory, 
     done, text = viewer.ask("report", timeout=200.0)
     assert done, text
     assert viewer.ask("resume")[0]
+    wait_for(lambda: viewer.told["factor"] is not None, 20.0, "joint states")
     wait_for(lambda: viewer.told["state"].get("report"), 20.0, "the report's address")
     address = f"http://127.0.0.1:{port}/report/{viewer.told['state']['report']}"
     with urlopen(f"{address}?token={TOKEN}", timeout=20) as page:

@@ -52,8 +52,9 @@ _put_off: list[bool] = []  # an entry for each `put_off` that is under way
 def compiled(signature: str, allocates: bool = True) -> Callable[[Callable], Callable]:
     """Decorator for a function of these argument types, in Numba's words: 'f8[:,::1], i8'.
 
-    To compile quickly, write loops, not arithmetic of arrays; and assign no array to a slice, with
-    which Numba compiles what makes the words of an error, for a second or more.
+    Loops are compiled in less time than arithmetic of arrays. Where an array is assigned to a slice
+    Numba compiles the text of an error too, for a quarter of a second each; loops in its place
+    check no shapes: whoever calls them sees to those.
 
     Arrays in C order ('f8[:,::1]') may be written to. Those in any order ('f8[:,:]') are only read,
     so read-only ones and views are taken too.

@@ -402,14 +402,14 @@ def _polygon_table(p: Array, order: int, label: str) -> Array:
 
 
 def next_vertices(vertices: Array) -> Array:
-    """Of each vertex (n, ...) of a closed polygon the one after it; np.roll takes five times
-    as long."""
+    """The vertex after each of a closed polygon's (n, ...): np.roll by -1, in a fifth of its time.
+    """
     return np.concatenate((vertices[1:], vertices[:1]))
 
 
 def signed_area(polygon: Array) -> float:
-    """Of a closed polygon (n, 2) without crossing edges: positive where it goes round from x to
-    y."""
+    """Of a closed polygon (n, 2) without crossing edges, in the square of its unit; positive where
+    it turns from x to y (the shoelace formula)."""
     x, y = polygon.T
     return 0.5 * float(np.dot(x, next_vertices(y)) - np.dot(y, next_vertices(x)))
 

@@ -7,6 +7,7 @@ make a session of their own, as roslaunch's nodes do. So whatever is left behind
 from __future__ import annotations
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -67,6 +68,22 @@ def wait_for_message(
         return collector.wait(timeout=timeout, where=where)
 
 
+def senders(topic: str) -> int:
+    """How many publishers send a topic to this process, by both ends' account.
+
+    A subscriber counts those it has only set out to, whose next message may pass it by; a
+    publisher counts subscribers that are gone until it sends again.
+    """
+    import rospy
+
+    master = rosgraph.Master(rospy.get_name())
+    publishers = dict(master.getSystemState()[0]).get(topic, [])
+    here = {near for near, _ in _links(master, master.caller_id, "i", topic)}
+    return sum(
+        any(far in here for _, far in _links(master, node, "o", topic)) for node in publishers
+    )
+
+
 class Collector:
     """Subscriber that keeps every message, in order of arrival, in `messages`."""
 
@@ -98,16 +115,8 @@ class Collector:
             ) from None
 
     def connected(self) -> int:
-        """How many publishers send to this topic's subscribers here, by their own account.
-
-        A subscriber counts those it has only set out to, whose next message may pass it by.
-        """
-        import rospy
-
-        master = rosgraph.Master(rospy.get_name())
-        topic = self._subscriber.resolved_name
-        publishers = dict(master.getSystemState()[0]).get(topic, [])
-        return sum(_sends(master, node, topic) for node in publishers)
+        """How many publishers send to this topic's subscribers here."""
+        return senders(self._subscriber.resolved_name)
 
     def clear(self) -> None:
         self.messages.clear()
@@ -348,17 +357,21 @@ def _argument(name: str, value: Any) -> str:
     return f"{name}:={str(value).lower() if isinstance(value, bool) else value}"
 
 
-def _sends(api: rosgraph.Master, node: str, topic: str) -> bool:
-    """Whether a node has a connection to the node that asks, on which it sends a topic."""
+def _links(api: rosgraph.Master, node: str, direction: str, topic: str) -> list[tuple[str, str]]:
+    """Ports, the node's own and the other end's, of its connections "i"n or "o"ut of a topic."""
     try:
         with xmlrpc.client.ServerProxy(api.lookupNode(node)) as slave:
             _, _, links = slave.getBusInfo(api.caller_id)
     except (OSError, xmlrpc.client.Error, rosgraph.MasterException):
-        return False  # it is gone, or not there yet
-    # identity, whom it is with, direction, transport, topic, whether it is connected
-    return any(
-        (link[1], link[2], link[4], link[5]) == (api.caller_id, "o", topic, True) for link in links
-    )
+        return []  # it is gone, or not there yet
+    # identity, whom it is with, direction, transport, topic, whether it is connected, in words
+    # such as "TCPROS connection on port 41374 to [127.0.0.1:40623 on socket 6]"
+    return [
+        ends.groups()
+        for link in links
+        if (link[2], link[4], link[5]) == (direction, topic, True)
+        and (ends := re.search(r"on port (\d+) to \[.*:(\d+) on socket", link[6]))
+    ]
 
 
 def _answers(api: rosgraph.Master, node: str) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from gazebo_msgs.msg import LinkState
-from ros_graph import GraphError, wait_for_message
+from ros_graph import GraphError, senders, wait_for_message
 
 MD5_LIST = Path(__file__).parents[1] / "upstream_md5.txt"
 TALKER = """<launch>
@@ -49,6 +49,16 @@ def test_private_graph_starts_and_ends_without_a_trace(launch, ros_master, tmp_p
     assert launched.master.uri != ros_master.uri
     launched.stop()
     assert launched.master.nodes() == set()
+
+
+def test_who_has_gone_is_not_connected_though_its_publisher_counts_it(launch, collect, tmp_path):
+    (tmp_path / "talker.launch").write_text(TALKER.replace("-r 20", "-l"))  # said once
+    launch(str(tmp_path / "talker.launch"), nodes=["/arm/talker"])
+    heard = collect("/arm/link", LinkState)
+    heard.wait()
+    assert heard.connected() == 1
+    heard.close()
+    assert senders("/arm/link") == 0
 
 
 def test_waiting_in_vain_names_what_for(ros_node, launch, tmp_path) -> None:

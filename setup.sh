@@ -147,7 +147,8 @@ step() {
 declare -A beside=() # process groups of functions that run beside this script, by their names
 
 # aside FUNCTION...: run them beside what follows, for none of them fills a machine's cores by itself; when this
-# script ends before them they end too, and it waits for that: they hold its lock.
+# script ends before them they end too, and it waits for that: they hold its lock. Beside them no $(...) is used:
+# Bash forgets an interrupt that comes while one of those ends.
 aside() {
     local name
     begin
@@ -327,12 +328,15 @@ mapfile -d '' sources < <(find src -type f \( -name package.xml -o -name CMakeLi
     -o -name setup.py -o -path '*/msg/*.msg' -o -path '*/srv/*.srv' -o -path '*/action/*.action' \) -print0 |
     sort -z)
 # Our upstream_msgs step aside for installed ones, so their coming and going is a change too.
-others=$(ls -d /usr/share/{control_msgs,controller_manager_msgs,gazebo_msgs}/cmake/*Config.cmake 2>/dev/null || true)
+shopt -s nullglob
+others=(/usr/share/{control_msgs,controller_manager_msgs,gazebo_msgs}/cmake/*Config.cmake)
+shopt -u nullglob
 # Older catkin asks for the one name of the interpreter, CMake's own module for the other.
 arguments=(-DPYTHON_EXECUTABLE="$root/.venv/bin/python" -DPython_EXECUTABLE="$root/.venv/bin/python")
-stamp=$(printf '%s\n' "${arguments[@]}" "$others" | digest "${sources[@]}")
-due=() telling=()
-if [[ $(cat devel/setup.stamp 2>/dev/null) != "$stamp" ]]; then
+read -r stamp < <(printf '%s\n' "${arguments[@]}" "${others[@]}" | digest "${sources[@]}")
+due=() telling=() built=""
+[[ ! -e devel/setup.stamp ]] || read -r built <devel/setup.stamp || true
+if [[ $built != "$stamp" ]]; then
     due+=(build)
     telling+=("building the workspace")
 fi
@@ -357,10 +361,13 @@ fi
 
 # 4. loops; kept beside their sources, and compiled anew when those are newer
 mapfile -t loops < <(grep -rlE '^from .*compiled import' --include='*.py' src/*/src)
-if [[ ! -e .venv/loops.stamp || -n $(find "${loops[@]}" -newer .venv/loops.stamp -print -quit) ]]; then
-    due+=(compile_loops)
-    telling+=("compiling loops")
-fi
+for file in "${loops[@]}"; do
+    if [[ $file -nt .venv/loops.stamp ]]; then
+        due+=(compile_loops)
+        telling+=("compiling loops")
+        break
+    fi
+done
 compile_loops() {
     local libraries=(src/*/src) packages=("${loops[@]#src/*/src/}")
     mapfile -t packages < <(printf '%s\n' "${packages[@]%%/*}" | sort -u)
@@ -383,8 +390,8 @@ bytecode() {
 }
 
 if ((${#due[@]})); then
-    text=$(IFS=,; echo "${telling[*]:-byte-compiling the Python packages}")
-    text=${text//,/, }
+    printf -v text '%s, ' "${telling[@]-byte-compiling the Python packages}"
+    text=${text%, }
     for name in "${due[@]}"; do
         [[ -n ${beside[$name]-} ]] || aside "$name"
     done

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import socket
 import struct
+import threading
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import pytest
-from rospy.impl import tcpros_base
+from rospy.impl import masterslave, tcpros_base
 
 from aras_visual_servo_ros import connections
 
+CONNECT = masterslave.ROSHandler._connect_topic  # as rospy has it
 GREATEST_BACKLOG = struct.Struct("28x I")  # of a listening socket, in Linux's tcp_info
 
 
@@ -18,6 +21,7 @@ GREATEST_BACKLOG = struct.Struct("28x I")  # of a listening socket, in Linux's t
 def port(monkeypatch) -> Iterator[int]:
     """A port as a node of rospy has it, which answers services by their names."""
     monkeypatch.setattr(tcpros_base, "_tcpros_server", None)
+    monkeypatch.setattr(masterslave.ROSHandler, "_connect_topic", CONNECT)
     connections.open_wide()
     server = tcpros_base._tcpros_server
 
@@ -43,3 +47,76 @@ def test_many_may_come_at_once(port):
     listening = tcpros_base._tcpros_server.tcp_ros_server.server_sock
     info = listening.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, GREATEST_BACKLOG.size)
     assert GREATEST_BACKLOG.unpack(info) == (connections.BACKLOG,)
+
+
+class Publishers:
+    """Publishers that answer when `asked` says so, and the node that connects to them."""
+
+    def __init__(self, monkeypatch) -> None:
+        self.connected: list[tuple[str, str]] = []
+        self.asked: list[str] = []
+        self.answer = threading.Event()
+        self.handler = masterslave.ROSHandler.__new__(masterslave.ROSHandler)
+        self.handler.protocol_handlers = [SimpleNamespace(
+            get_supported=lambda: [["TCPROS"]], supports=lambda protocol: protocol == "TCPROS",
+            create_transport=self.connect,
+        )]  # fmt: skip
+        manager = SimpleNamespace(get_subscriber_impl=lambda topic: SimpleNamespace(
+            has_connection=lambda uri: (topic, uri) in self.connected))  # fmt: skip
+        monkeypatch.setattr(masterslave, "get_topic_manager", lambda: manager)
+        monkeypatch.setattr(masterslave, "xmlrpcapi", lambda uri, cache: SimpleNamespace(
+            requestTopic=lambda *_: self.request(uri)))  # fmt: skip
+
+    def connect(self, topic: str, uri: str, _protocol: object) -> tuple[int, str, int]:
+        self.connected.append((topic, uri))
+        return 1, "", 0
+
+    def request(self, uri: str) -> tuple[int, str, list]:
+        self.asked.append(uri)
+        if uri == "slow":
+            assert self.answer.wait(20.0)
+        return 1, "", ["TCPROS", "127.0.0.1", 1]
+
+    def told(self, topic: str, uri: str) -> threading.Thread:
+        thread = threading.Thread(target=self.handler._connect_topic, args=(topic, uri))
+        thread.start()
+        return thread
+
+
+@pytest.fixture
+def publishers(port, monkeypatch) -> Publishers:
+    return Publishers(monkeypatch)
+
+
+def test_a_publisher_that_the_master_tells_of_twice_is_connected_to_once(publishers):
+    threads = [publishers.told("/x", "slow") for _ in range(2)]
+    for other in (("/x", "quick"), ("/y", "quick")):  # do not wait for it
+        publishers.told(*other).join(20.0)
+        assert publishers.connected[-1] == other
+    publishers.answer.set()
+    for thread in threads:
+        thread.join(20.0)
+    assert publishers.connected[2:] == [("/x", "slow")]
+    assert publishers.asked.count("slow") == 1
+
+
+def test_a_topic_of_the_same_slow_publisher_and_another_one_both_connect(publishers):
+    threads = [publishers.told(topic, "slow") for topic in ("/x", "/y", "/y")]
+    publishers.answer.set()
+    for thread in threads:
+        thread.join(20.0)
+    assert sorted(publishers.connected) == [("/x", "slow"), ("/y", "slow")]
+
+
+def test_a_publisher_that_has_come_back_is_connected_to_again(publishers):
+    for _ in range(2):
+        publishers.told("/x", "quick").join(20.0)
+        assert publishers.connected == [("/x", "quick")]
+        publishers.connected.clear()
+    assert publishers.asked == ["quick", "quick"]
+
+
+def test_connections_are_mended_once(port):
+    mended = masterslave.ROSHandler._connect_topic
+    connections.connect_once()
+    assert masterslave.ROSHandler._connect_topic is mended is not CONNECT

@@ -64,6 +64,8 @@ class Publishers:
         manager = SimpleNamespace(get_subscriber_impl=lambda topic: SimpleNamespace(
             has_connection=lambda uri: (topic, uri) in self.connected))  # fmt: skip
         monkeypatch.setattr(masterslave, "get_topic_manager", lambda: manager)
+        # or every socket of the tests after these would wait for a minute
+        monkeypatch.setattr(masterslave.socket, "setdefaulttimeout", lambda _: None)
         monkeypatch.setattr(masterslave, "xmlrpcapi", lambda uri, cache: SimpleNamespace(
             requestTopic=lambda *_: self.request(uri)))  # fmt: skip
 

@@ -42,6 +42,13 @@ AUDIT = """axe.run(document, {resultTypes: ["violations"]}).then((found) => foun
   (v) => `${v.id}: ${v.help}: ${v.nodes.slice(0, 3).map((n) => n.html.slice(0, 160) + " "
     + n.any.map((a) => a.message).join("; ")).join(" | ")}`))"""
 
+#: How Chromium's words begin where a page gave way to another before an expression had its value.
+NAVIGATED = ("Inspected target navigated", "Execution context was destroyed")
+
+
+class NavigatedError(RuntimeError):
+    """The page gave way to another meanwhile."""
+
 
 class Browser:
     """One browser with a profile of its own; ends with the block."""
@@ -125,7 +132,9 @@ class Tab:
             answer = json.loads(text)
             if answer.get("id") == number:
                 if "error" in answer:
-                    raise RuntimeError(f"{method}: {answer['error']['message']}")
+                    message = answer["error"]["message"]
+                    kind = NavigatedError if message.startswith(NAVIGATED) else RuntimeError
+                    raise kind(f"{method}: {message}")
                 return answer["result"]
 
     def js(self, expression: str) -> Any:
@@ -138,13 +147,15 @@ class Tab:
         return answer["result"].get("value")
 
     def wait(self, expression: str, timeout: float = 20.0) -> Any:
-        """The expression's first true value."""
+        """The expression's first true value; the page may go to another meanwhile."""
         end = time.monotonic() + timeout
-        while not (value := self.js(expression)):
+        while True:
+            with contextlib.suppress(NavigatedError):
+                if value := self.js(expression):
+                    return value
             if time.monotonic() > end:
                 raise AssertionError(f"waited {timeout:g} s in vain for {expression}")
             time.sleep(0.1)
-        return value
 
     def resize(self, width: int, height: int = 900) -> None:
         """Another size of the window, pixels; a narrow one is a telephone's."""

@@ -209,6 +209,7 @@ def test_without_a_phase_it_is_said_what_is_missing(page, state):
     page.js("window.before = arasPage.state.told; arasPage.state.told = {}")
     said = page.js(f"{button('servo')}.click(); {words}")
     assert said == "the nodes are being started"
+    page.wait(f"{button('servo')}.getAttribute('aria-busy') === 'false'")
     state(controller=False)
     assert page.js(words) == "no controller runs: start the nodes with a scheme"
     state(controller=True)

@@ -830,3 +830,22 @@ def test_joints_that_were_not_heard_of_for_longer_than_the_watchdog_may_be_elsew
     heard.clear()
     told(bench, 8.0 + gap)
     assert bool(heard) is jumps
+
+
+@pytest.mark.parametrize(("output", "dry"), [
+    ("velocity", False), ("effort", False), ("velocity", True), ("position", False),
+])  # fmt: skip
+def test_zeros_are_the_last_that_is_sent_whatever_still_comes(output, dry):
+    """After the end, the watch goes on for a while, and a callback may be under way."""
+    effort = {"stiffness": 50.0, "damping": 5.0} if output == "effort" else {}
+    bench = Bench(output=output, gain=1.0, dry=dry, **effort)
+    bench.step(20)
+    assert dry or np.any(bench.sent[-1][1].values)
+    bench.sent.clear()
+    bench.driver.end("enough")
+    assert bench.servo.phase == "stopped" and bench.servo.reason == "enough"
+    bench.step(6)
+    bench.joints = False  # time goes on by the clock, and braking with it
+    bench.step(20)
+    expected = [] if dry or output == "position" else [(output, [0.0] * 6)]
+    assert [(c.kind, c.values.tolist()) for _, c in bench.sent] == expected

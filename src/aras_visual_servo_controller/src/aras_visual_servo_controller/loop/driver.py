@@ -83,7 +83,7 @@ class Driver:
         self._images_heard = dict.fromkeys(rig.observers, wall())
         self._said_silence = -np.inf
         self._moved = wall()  # when the clock last went on
-        self._starved = self._e_stopped = False
+        self._starved = self._e_stopped = self._ended = False
         self.beginnings = 0  # how often joint states began to come
         self._sources: dict[str, Source] = {}
         features = settings.camera_of(rig.control.name).features
@@ -239,6 +239,16 @@ class Driver:
         with self._lock:
             self._e_stopped |= pressed
 
+    def end(self, reason: str) -> None:
+        """Stop, and send nothing any more; speeds and efforts end with zeros, which come last."""
+        with self._lock:
+            self.servo.stop(reason)
+            self._ended = True
+            kind, names = self.settings.output, self.servo.arm.names
+            if kind != "position" and not self.settings.dry:
+                zeros = np.zeros(len(names))
+                self._face.send(Command(self.time or 0.0, names, zeros, kind, phase=STOPPED))
+
     def change(self, apply: Callable[[Servo], None]) -> None:
         """Change something of the loop between two of its steps."""
         with self._lock:
@@ -302,7 +312,7 @@ class Driver:
     def _send(self, command: Command, repeat: bool = False) -> None:
         """Send; positions that are not new only where a joint does not follow them."""
         values = command.values
-        if values is None or not finite(values, values, values):
+        if self._ended or values is None or not finite(values, values, values):
             return
         if self.sent is None and self.servo.phase == STOPPED:
             return  # standing by: whoever commands the joints now goes on doing so

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 
-import numpy as np
 import rospy
 
 from aras_visual_servo_base.compiled import compile_all
@@ -77,9 +76,8 @@ class ControllerNode:
     def close(self) -> None:
         """Leave no speed and no effort behind."""
         if self.driver is not None and self.driver.settings.output != "position":
-            self._inputs.close()  # nothing that still comes in may answer after the zeros
-            self.driver.stop("the node ends")
-            self.face.commands.put(np.zeros(len(self.face.names)))
+            self._inputs.close()
+            self.driver.end("the node ends")  # in whatever thread it still answers or watches
             time.sleep(LAST_WORDS)
 
 

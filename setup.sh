@@ -162,9 +162,12 @@ aside() {
 }
 
 end_beside() {
-    kill -- "${beside[@]/#/-}" 2>/dev/null || return 0
-    for _ in {1..100}; do
-        kill -0 -- "${beside[@]/#/-}" 2>/dev/null || return 0
+    local turn signal
+    for turn in {0..99}; do
+        signal=0 # asks whether they are there
+        ((turn % 20)) || signal=TERM # each second anew: a command that Bash has only just begun may lose one
+        # the last one begun may not stand in `beside` yet
+        kill -s "$signal" -- "${beside[@]/#/-}" "-$!" 2>/dev/null || return 0
         sleep 0.05
     done
 }

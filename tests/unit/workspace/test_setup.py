@@ -383,11 +383,29 @@ def test_an_interrupt_counts_whatever_runs_when_it_comes(machine, tmp_path):
     assert not (tmp_path / "workspace" / "went_on").exists()
 
 
-def test_an_interrupted_set_up_takes_its_steps_with_it(machine, tmp_path):
-    stopped = "kill -INT $(cat setup.pid); sleep 60; touch late"
-    files = played(tmp_path, build=stopped)
-    status, text = machine(files, before=f"echo $$ >'{tmp_path}/workspace/setup.pid'")
-    assert status != 0 and "loops ... done" not in text
+INTERRUPTS = "kill -INT $(cat setup.pid)"
+# Before each command of a script: an interrupt, where a step has been begun and not been noted yet.
+AT_ONCE = f"""set -T
+trap '[[ $BASH_COMMAND != "beside["*"]="* ]] || {INTERRUPTS}' DEBUG"""
+LATE = "sleep 60; touch late"
+
+
+@pytest.mark.parametrize(
+    ("steps", "script"),
+    [
+        ({"build": f"{INTERRUPTS}; {LATE}"}, ""),
+        # a command that Bash has only just begun does so at times
+        ({"build": f"trap '' TERM; {INTERRUPTS}; sleep 0.5; trap - TERM; {LATE}"}, ""),
+        ({"pip": LATE}, AT_ONCE),
+    ],
+    ids=["in a step", "a step that lost the first signal", "a step that has just been begun"],
+)
+def test_an_interrupted_set_up_takes_its_steps_with_it(machine, tmp_path, steps, script):
+    files = played(tmp_path, **steps)
+    (tmp_path / "first").write_text(script)
+    before = f"echo $$ >'{tmp_path}/workspace/setup.pid'"
+    status, text = machine(files, before=before, BASH_ENV=str(tmp_path / "first"))
+    assert status == 130 and "loops ... done" not in text
     status, text = machine(played(tmp_path))  # it would wait for what the first one left
     assert status == 0 and "Another set-up" not in text
     assert not (tmp_path / "workspace" / "late").exists()

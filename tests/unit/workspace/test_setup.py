@@ -384,9 +384,10 @@ def test_an_interrupt_counts_whatever_runs_when_it_comes(machine, tmp_path):
 
 
 INTERRUPTS = "kill -INT $(cat setup.pid)"
-# Before each command of a script: an interrupt, where a step has been begun and not been noted yet.
-AT_ONCE = f"""set -T
-trap '[[ $BASH_COMMAND != "beside["*"]="* ]] || {INTERRUPTS}' DEBUG"""
+# Before each command of a script: an interrupt, where a step is at work and has not been noted yet.
+NOT_NOTED = f"""set -T
+trap '[[ $BASH_COMMAND != "beside["*"]="* ]] || {{
+  until [[ -e at_work ]]; do sleep 0.1; done; {INTERRUPTS}; }}' DEBUG"""
 LATE = "sleep 60; touch late"
 
 
@@ -396,9 +397,9 @@ LATE = "sleep 60; touch late"
         ({"build": f"{INTERRUPTS}; {LATE}"}, ""),
         # a command that Bash has only just begun does so at times
         ({"build": f"trap '' TERM; {INTERRUPTS}; sleep 0.5; trap - TERM; {LATE}"}, ""),
-        ({"pip": LATE}, AT_ONCE),
+        ({"pip": f"touch at_work; {LATE}"}, NOT_NOTED),
     ],
-    ids=["in a step", "a step that lost the first signal", "a step that has just been begun"],
+    ids=["in a step", "a step that lost the first signal", "a step that is not noted yet"],
 )
 def test_an_interrupted_set_up_takes_its_steps_with_it(machine, tmp_path, steps, script):
     files = played(tmp_path, **steps)
@@ -406,6 +407,7 @@ def test_an_interrupted_set_up_takes_its_steps_with_it(machine, tmp_path, steps,
     before = f"echo $$ >'{tmp_path}/workspace/setup.pid'"
     status, text = machine(files, before=before, BASH_ENV=str(tmp_path / "first"))
     assert status == 130 and "loops ... done" not in text
+    shutil.rmtree(tmp_path / "workspace" / ".venv")  # its pip is that of these steps
     status, text = machine(played(tmp_path))  # it would wait for what the first one left
     assert status == 0 and "Another set-up" not in text
     assert not (tmp_path / "workspace" / "late").exists()

@@ -128,6 +128,10 @@ class Plant:
             message.reason = "no target in the image"
         return message
 
+    def connections(self) -> list[list]:
+        """Those by which commands come, of each joint."""
+        return [subscriber.impl.connections for subscriber in self._subscribers]
+
     def off(self, year: str = "2016") -> tuple[float, float]:
         """How far the camera is from a goal: m, rad."""
         joints = Goal.load(CONFIG / f"goal_{year}.yaml").joint_values(ARM.names)

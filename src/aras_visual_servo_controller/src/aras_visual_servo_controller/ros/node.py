@@ -44,8 +44,10 @@ class ControllerNode:
         servo = settings.build(arm, clock=time.thread_time, others=others)
         if self.driver is not None:
             self._inputs.close()
-            self.face.close()
-        self.face = RosFace(settings, arm.names, arm.camera_frame)
+        before, self.face = self.face, RosFace(settings, arm.names, arm.camera_frame)
+        if before is not None:
+            # Only now: subscribers may miss a topic that is closed and opened again at once.
+            before.close()
         arms = {settings.read_by(servo.scheme)[0]: arm, **others}
         rig = settings.rig(arms, servo.scheme, servo.goal)
         self.driver = Driver(servo, rig, settings, self.face, rospy.get_time)

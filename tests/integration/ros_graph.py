@@ -6,6 +6,7 @@ make a session of their own, as roslaunch's nodes do. So whatever is left behind
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import signal
@@ -21,6 +22,8 @@ from typing import Any
 
 import rosgraph
 import rosnode
+
+from aras_visual_servo_ros.shutdown import HEARD
 
 MARK = "ARAS_TEST_GRAPH"
 WATCH = Path(__file__).parent / "watch"  # names who touches the simulation from another thread
@@ -179,6 +182,13 @@ class RosMaster:
         """Names of all nodes that have registered anything."""
         return {name for kind in self.api.getSystemState() for _, names in kind for name in names}
 
+    def knows(self, name: str) -> bool:
+        """Whether it keeps a node's address, be it for a parameter that the node hears alone."""
+        try:
+            return bool(self.api.lookupNode(name))
+        except rosgraph.MasterException:
+            return False
+
     def run(
         self, command: Sequence[str], timeout: float = 30.0, check: bool = True
     ) -> subprocess.CompletedProcess[str]:
@@ -214,6 +224,9 @@ class RosMaster:
         os.environ["ROS_MASTER_URI"], before = self.uri, os.environ.get("ROS_MASTER_URI")
         try:
             dead = [name for name in self.nodes() if not _answers(self.api, name)]
+            for name in dead:
+                with contextlib.suppress(rosgraph.MasterException):  # it has just taken itself off
+                    rosgraph.Master(name).unsubscribeParam(self.api.lookupNode(name), HEARD)
             rosnode.cleanup_master_blacklist(self.api, dead)
         finally:
             if before is None:

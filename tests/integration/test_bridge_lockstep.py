@@ -92,8 +92,12 @@ def run_once(launch, collect, master) -> tuple[list[str], list[str]]:
     output = robot.output()
     images.close()
     states.close()
+    ended = master.nodes() - {rospy.get_name()}
     nodes.stop()
     robot.stop()
+    assert {"/gazebo", "/controller_spawner", f"{ROBOT}_controller"} <= ended
+    # Or the master would end who has their addresses then, when nodes of these names begin again.
+    assert not [name for name in ended if master.knows(name)]
     assert "in vain" not in output, output[-2000:]
     hashes = [hashlib.sha256(m.data).hexdigest() for m in images.messages[:FRAMES]]
     numbers = [repr((m.header.stamp.to_nsec(), m.position, m.velocity, m.effort)) for m in joints]

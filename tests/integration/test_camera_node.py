@@ -215,12 +215,14 @@ def test_waits_for_images_and_says_so(ros_node, start) -> None:
     )
 
 
-def test_wrong_parameters_end_it_with_one_line(ros_node, start) -> None:
+def test_wrong_parameters_end_it_with_one_line(ros_node, ros_master, start) -> None:
     """All of them: tests/unit/features/test_parameters.py."""
     node = start(mask_image="/nowhere.png")
     assert node.wait(20.0 * PATIENCE) == 1
     assert "cannot read an image from '/nowhere.png'" in node.output()
     assert "Traceback" not in node.output()
+    # Its address may be another node's by now: the master would end that for a second of its name.
+    assert not ros_master.knows("/aras_visual_servo_camera")
 
 
 def test_master_gone_ends_the_node(tmp_path):

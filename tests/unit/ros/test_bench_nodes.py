@@ -221,18 +221,20 @@ def test_a_node_begins_with_our_signals_or_tells_what_it_is(monkeypatch, capsys)
     monkeypatch.setattr(rospy, "init_node", lambda name, **more: begun.append(
         (name, more, shutdown._began.is_set())))
     monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: False)
+    monkeypatch.setattr(rospy.core, "add_shutdown_hook", begun.append)
     monkeypatch.setattr(sys, "argv", ["n", "x"])
     shutdown.begin_node("n", "about", anonymous=True)
     options = {"disable_signals": True, "anonymous": True}
-    assert begun == ["signals", ("n", options, False)] and shutdown._began.is_set()
+    assert begun == ["signals", ("n", options, False), shutdown._forget]
+    assert shutdown._began.is_set()
     monkeypatch.setattr(sys, "argv", ["n", "x", "--help"])
     shutdown.begin_node("n")
-    assert len(begun) == 4
+    assert len(begun) == 6
     for word in ("-h", "--help"):
         monkeypatch.setattr(sys, "argv", ["n", word])
         with pytest.raises(SystemExit) as ended:
             shutdown.begin_node("n", "\nabout\n")
-        assert ended.value.code == 0 and len(begun) == 4
+        assert ended.value.code == 0 and len(begun) == 6
         assert capsys.readouterr().out == (
             "about\n\nTakes no options: its parameters are ROS's (_name:=value).\n")
 
@@ -247,6 +249,23 @@ def test_a_node_begins_with_our_signals_or_tells_what_it_is(monkeypatch, capsys)
         shutdown.begin_node("n")
     assert ended.value.code == 130
     shutdown._began.set()
+
+
+@pytest.mark.parametrize("fault", [None, ConnectionRefusedError, rosgraph.MasterError])
+def test_a_node_that_ends_hears_no_parameter_any_more(monkeypatch, fault):
+    told = []
+
+    def unsubscribe(*given):
+        told.append(given)
+        if fault:
+            raise fault("gone")
+
+    monkeypatch.setattr(rospy, "get_name", lambda: "/n")
+    monkeypatch.setattr(rospy, "get_node_uri", lambda: "http://here:1/")
+    monkeypatch.setattr(rosgraph, "Master", lambda name: SimpleNamespace(
+        unsubscribeParam=lambda *given: unsubscribe(name, *given)))
+    shutdown._forget("why")
+    assert told == [("/n", "http://here:1/", "/rosout_disable_topics_generation")]
 
 
 # -- a moved target --------------------------------------------------------------------------------

@@ -3,6 +3,7 @@ gone."""
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import signal
@@ -11,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 
+import rosgraph
 import rospy
 
 from .connections import open_wide
@@ -23,6 +25,7 @@ PATIENCE = 2.0
 _began = threading.Event()
 _began.set()
 CLOSED = "publish() to a closed topic"  # what rospy says of it
+HEARD = "/rosout_disable_topics_generation"  # the parameter that rospy hears once a node has logged
 
 
 class _OrderlyEnd(logging.Filter):
@@ -52,7 +55,18 @@ def begin_node(name: str, about: str = "", **options: bool) -> None:
             raise
     if rospy.core.is_shutdown_requested():
         sys.exit(128 + signal.SIGINT)
+    rospy.core.add_shutdown_hook(_forget)
     _began.set()
+
+
+def _forget(_reason: str) -> None:
+    """Let the master forget this node, which rospy does for topics and services alone.
+
+    A master that still hears of a parameter for it keeps its address, and when a node of the name
+    begins again tells whoever has the address then to end: any other node.
+    """
+    with contextlib.suppress(OSError, rosgraph.MasterException):  # the master has gone
+        rosgraph.Master(rospy.get_name()).unsubscribeParam(rospy.get_node_uri(), HEARD)
 
 
 def end_on_signals() -> None:

@@ -106,6 +106,9 @@ def ros_node(ros_master: RosMaster) -> str:
     """This process as a node of the session's graph; returns its name. Its clock is wall time."""
     import rospy
 
+    from aras_visual_servo_ros.connections import find_publishers
+
+    find_publishers()
     # A launch file before may have set /use_sim_time: rospy would then hear /clock itself, and of
     # ticks that come at once keep only the newest, for the tests' own subscribers too.
     rospy.init_node("tests", anonymous=True, disable_signals=True, disable_rostime=True)

@@ -42,7 +42,7 @@ from aras_visual_servo_bench.ros import (
 )
 from aras_visual_servo_bench.study import versions
 from aras_visual_servo_controller.errors import ServoError
-from aras_visual_servo_ros import shutdown
+from aras_visual_servo_ros import connections, shutdown
 
 SOURCES = Path(__file__).parents[3] / "src"
 
@@ -218,6 +218,7 @@ def test_whether_a_master_is_gone_is_answered(monkeypatch, capsys):
 def test_a_node_begins_with_our_signals_or_tells_what_it_is(monkeypatch, capsys):
     begun = []
     monkeypatch.setattr(shutdown, "end_on_signals", lambda: begun.append("signals"))
+    monkeypatch.setattr(shutdown, "find_publishers", lambda: begun.append("find"))
     monkeypatch.setattr(rospy, "init_node", lambda name, **more: begun.append(
         (name, more, shutdown._began.is_set())))
     monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: False)
@@ -225,16 +226,16 @@ def test_a_node_begins_with_our_signals_or_tells_what_it_is(monkeypatch, capsys)
     monkeypatch.setattr(sys, "argv", ["n", "x"])
     shutdown.begin_node("n", "about", anonymous=True)
     options = {"disable_signals": True, "anonymous": True}
-    assert begun == ["signals", ("n", options, False), shutdown._forget]
+    assert begun == ["signals", "find", ("n", options, False), shutdown._forget]
     assert shutdown._began.is_set()
     monkeypatch.setattr(sys, "argv", ["n", "x", "--help"])
     shutdown.begin_node("n")
-    assert len(begun) == 6
+    assert len(begun) == 8
     for word in ("-h", "--help"):
         monkeypatch.setattr(sys, "argv", ["n", word])
         with pytest.raises(SystemExit) as ended:
             shutdown.begin_node("n", "\nabout\n")
-        assert ended.value.code == 0 and len(begun) == 6
+        assert ended.value.code == 0 and len(begun) == 8
         assert capsys.readouterr().out == (
             "about\n\nTakes no options: its parameters are ROS's (_name:=value).\n")
 
@@ -450,9 +451,10 @@ def test_launches_of_the_same_master_are_found(tmp_path, monkeypatch):
 
 def test_a_demo_follows_the_controller(graph, monkeypatch):
     begun = []
+    monkeypatch.setattr(connections, "find_publishers", lambda: begun.append("find"))
     monkeypatch.setattr(rospy, "init_node", lambda name, **more: begun.append((name, more)))
     progress = watch.Watch().progress
-    assert begun == [("aras_visual_servo_demo", dict.fromkeys(
+    assert begun == ["find", ("aras_visual_servo_demo", dict.fromkeys(
         ("anonymous", "disable_signals", "disable_rostime"), True))]
     assert vars(progress) == {"phase": "", "reason": "", "began": None, "converged": None,
                               "stamp": 0.0, "joints": False}

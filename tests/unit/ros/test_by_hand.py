@@ -33,6 +33,7 @@ def person(graph, life, monkeypatch, capsys):
                          early=lambda: None)
     monkeypatch.setattr(teleop, "JoyDevice", lambda path: it.opened(path))
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setattr(teleop, "find_publishers", lambda: it.raw.append("find"))
     monkeypatch.setattr(rospy, "init_node", lambda *given, **more: life.begin(*given, **more))
     graph.parameters["/robot_description"] = ARM
     kind = "position_controllers/JointPositionController"
@@ -103,7 +104,7 @@ def sent(person):
 
 def test_keys_step_joints_and_tell(person):
     status, told = person.type([RIGHT, RIGHT], [], [DOWN, "h", " "], ["x", "q", RIGHT])
-    assert status == 0 and person.raw == ["begun", "ended"]
+    assert status == 0 and person.raw == ["find", "begun", "ended"]
     assert person.life.begun == [(("aras_teleop",), {"anonymous": True, "disable_signals": True})]
     slide, elbow = position(1.5)
     assert sent(person)["slide"] == pytest.approx([slide + 0.05, slide + 0.1])

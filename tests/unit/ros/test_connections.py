@@ -5,15 +5,17 @@ from __future__ import annotations
 import socket
 import struct
 import threading
+import time
 from collections.abc import Iterator
 from types import SimpleNamespace
 
 import pytest
-from rospy.impl import masterslave, tcpros_base
+from rospy.impl import masterslave, registration, tcpros_base
 
 from aras_visual_servo_ros import connections
 
 CONNECT = masterslave.ROSHandler._connect_topic  # as rospy has it
+UPDATE = registration.RegManager.publisher_update
 GREATEST_BACKLOG = struct.Struct("28x I")  # of a listening socket, in Linux's tcp_info
 
 
@@ -22,6 +24,8 @@ def port(monkeypatch) -> Iterator[int]:
     """A port as a node of rospy has it, which answers services by their names."""
     monkeypatch.setattr(tcpros_base, "_tcpros_server", None)
     monkeypatch.setattr(masterslave.ROSHandler, "_connect_topic", CONNECT)
+    monkeypatch.setattr(registration.RegManager, "publisher_update", UPDATE)
+    connections.find_publishers()
     connections.open_wide()
     server = tcpros_base._tcpros_server
 
@@ -118,7 +122,35 @@ def test_a_publisher_that_has_come_back_is_connected_to_again(publishers):
     assert publishers.asked == ["quick", "quick"]
 
 
+def test_what_the_master_told_outlives_the_older_answer_to_the_subscription(port):
+    """Told by three words at once, and by one that comes later: see `RegManager.run`."""
+    connected = []
+    manager = registration.RegManager.__new__(registration.RegManager)
+    manager.cond, manager.updates = threading.Condition(), []
+    manager.handler = SimpleNamespace(done=False, _connect_topic=lambda *what: (
+        connected.append(what), (1, "", 0))[1])  # fmt: skip
+    for topic, uris in (("/x", ["a"]), ("/y", ["c"]), ("/x", ["a", "b"]), ("/x", [])):
+        manager.publisher_update(topic, uris)
+    connecting = threading.Thread(target=manager.run)
+    connecting.start()
+    try:
+        expected = [("/x", "a"), ("/x", "b"), ("/y", "c")]
+        deadline = time.monotonic() + 20.0
+        while len(connected) < 3 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert sorted(connected) == expected
+        manager.publisher_update("/x", ["d"])  # what has been told is not told again
+        while len(connected) < 4 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert connected[3:] == [("/x", "d")]
+    finally:
+        manager.handler.done = True
+        connecting.join(20.0)
+
+
 def test_connections_are_mended_once(port):
-    mended = masterslave.ROSHandler._connect_topic
-    connections.connect_once()
-    assert masterslave.ROSHandler._connect_topic is mended is not CONNECT
+    mended = masterslave.ROSHandler._connect_topic, registration.RegManager.publisher_update
+    connections.find_publishers()
+    assert (masterslave.ROSHandler._connect_topic,
+            registration.RegManager.publisher_update) == mended  # fmt: skip
+    assert not {*mended} & {CONNECT, UPDATE}

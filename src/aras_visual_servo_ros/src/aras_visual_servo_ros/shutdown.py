@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 import rosgraph
 import rospy
 
-from .connections import open_wide
+from .connections import find_publishers, open_wide
 from .master_watch import MasterWatch
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
@@ -48,6 +48,7 @@ def begin_node(name: str, about: str = "", **options: bool) -> None:
         sys.exit(0)
     _began.clear()
     end_on_signals()
+    find_publishers()
     try:
         rospy.init_node(name, disable_signals=True, **options)
     except Exception:  # of what is half made and taken down again

@@ -37,7 +37,10 @@ class Watch:
         from aras_visual_servo_controller.msg import ServoState
         from sensor_msgs.msg import JointState
 
+        from aras_visual_servo_ros.connections import find_publishers
+
         self.progress = WatchedRun()
+        find_publishers()
         rospy.init_node(
             "aras_visual_servo_demo", anonymous=True, disable_signals=True, disable_rostime=True
         )

@@ -13,6 +13,7 @@ import rospy
 from sensor_msgs.msg import JointState, Joy
 
 from aras_visual_servo_base.names import unknown
+from aras_visual_servo_ros.connections import find_publishers
 
 from ..arm import Resolver
 from ..errors import ConfigurationError, MeasurementError, ServoError
@@ -137,6 +138,7 @@ def main() -> int:
     if not sys.stdin.isatty():
         print("aras_teleop: needs a terminal for its keys: start it with rosrun", file=sys.stderr)
         return 1
+    find_publishers()
     rospy.init_node("aras_teleop", anonymous=True, disable_signals=True)
     try:
         return Teleop().run()

@@ -171,7 +171,6 @@ def test_a_recorder_that_stands_still_for_a_while_loses_no_image(
         os.killpg(recorder.pid, signal.SIGCONT)
         goes_on(0.5)
         call("/gazebo/pause_physics", Empty)
-        last = clock.messages[-1].clock.to_nsec()
         # When it is told to end, it reads no more of what has been sent to it.
         sizes = []
 
@@ -180,6 +179,7 @@ def test_a_recorder_that_stands_still_for_a_while_loses_no_image(
             return len(sizes) > 25 and len(set(sizes[-25:])) == 1
 
         wait_for(written, 20.0, "the recorder to have written")
+        last = clock.messages[-1].clock.to_nsec()  # not before: it may come after the pause's answer
     finally:
         os.killpg(recorder.pid, signal.SIGINT)
         recorder.wait(30.0)

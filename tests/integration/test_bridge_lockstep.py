@@ -179,7 +179,7 @@ def test_a_recorder_that_stands_still_for_a_while_loses_no_image(
             return len(sizes) > 25 and len(set(sizes[-25:])) == 1
 
         wait_for(written, 20.0, "the recorder to have written")
-        last = clock.messages[-1].clock.to_nsec()  # not before: it may come after the pause's answer
+        last = clock.messages[-1].clock.to_nsec()  # which may come after the pause's answer
     finally:
         os.killpg(recorder.pid, signal.SIGINT)
         recorder.wait(30.0)

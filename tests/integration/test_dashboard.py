@@ -171,7 +171,7 @@ def test_a_run_is_seen_from_its_start(viewer, graph, launch):
     assert len(viewer.samples) > 30
     errors = [row[1] for row in viewer.samples if row[1]]
     assert max(map(abs, errors[-1])) < 0.1 * max(map(abs, errors[0]))
-    assert len(viewer.shapes["path"]["points"]) > 9
+    wait_for(lambda: len(viewer.shapes["path"]["points"]) > 9, 10.0, "the camera's path")
     start, end = viewer.shapes["ideal path"]["points"][:3], viewer.shapes["path"]["points"][-3:]
     assert viewer.shapes["path"]["points"][:3] == pytest.approx(start, abs=1e-3)
     assert viewer.shapes["ideal path"]["points"][-3:] == pytest.approx(end, abs=1e-3)

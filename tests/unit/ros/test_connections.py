@@ -123,7 +123,7 @@ def test_a_publisher_that_has_come_back_is_connected_to_again(publishers):
 
 
 def test_what_the_master_told_outlives_the_older_answer_to_the_subscription(port):
-    """Told by three words at once, and by one that comes later: see `RegManager.run`."""
+    """Four words at once, and one that comes later."""
     connected = []
     manager = registration.RegManager.__new__(registration.RegManager)
     manager.cond, manager.updates = threading.Condition(), []

@@ -63,8 +63,8 @@ def begin_node(name: str, about: str = "", **options: bool) -> None:
 def _forget(_reason: str) -> None:
     """Let the master forget this node, which rospy does for topics and services alone.
 
-    A master that still hears of a parameter for it keeps its address, and when a node of the name
-    begins again tells whoever has the address then to end: any other node.
+    The master keeps the address of a node that hears a parameter. When a node of the same name
+    begins, it tells whoever has that address by then, which may be any other node, to end.
     """
     with contextlib.suppress(OSError, rosgraph.MasterException):  # the master has gone
         rosgraph.Master(rospy.get_name()).unsubscribeParam(rospy.get_node_uri(), HEARD)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import pose_difference
+from aras_visual_servo_base.poses import pose_difference, transform
 from aras_visual_servo_base.stamp_pairing import ByStamp
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -48,6 +48,7 @@ class Bench:
         self.q = np.array([-0.1, 0.0, 0.349, -0.262, -0.0873, 0.1745])
         self.command, self.seen = self.q.copy(), []
         self.images = self.joints = True
+        self.mounted = np.eye(4)  # where the camera truly is, as believed
 
     def send(self, command):
         self.sent.append((self.t, command))
@@ -74,7 +75,8 @@ class Bench:
             self.driver.watch()
 
     def look(self, stamp, valid=True):
-        moments = Moments.from_polygon(self.goal.target.outline(self.arm.pose(self.q)), 3)
+        pose = self.arm.pose(self.q) @ self.mounted
+        moments = Moments.from_polygon(self.goal.target.outline(pose), 3)
 
         def look(joints, commands):
             self.seen.append((joints, commands))
@@ -316,6 +318,44 @@ def test_joint_states_that_were_held_up_do_not_send_it_back_to_its_start():
     assert not bench.words and bench.goes_on()
 
 
+def held_up(bench):
+    """Joint states come late, eight of thirty, and the last of them alone in every second turn;
+    commands too, twelve of some forty, each joint's on its own connection."""
+    tell, late = bench.driver.joints, []
+
+    def joints(*told):
+        late.append(told)
+        if bench.n % 30 >= 8:
+            for sample in late[-1:] if bench.n % 60 < 30 else late:
+                tell(*sample)
+            late.clear()
+
+    def send(command):
+        before = bench.command
+        Bench.send(bench, command)
+        held = [(bench.n + 17 * j) % (43 + j) < 12 for j in range(6)]
+        bench.command = np.where(held, before, bench.command)
+
+    bench.driver.joints, bench.send = joints, send
+
+
+def test_joint_states_that_come_late_are_no_wrong_camera():
+    bench = Bench(start="2015")
+    held_up(bench)
+    bench.step(1400)
+    told = {state.outcome for state in bench.states}
+    assert bench.servo.phase == "converged" and bench.off()[0] < 1e-4
+    assert told <= {"running", "converged up to 180°", "converged up to 180° and 0.4 mm"}
+
+
+def test_a_wrong_camera_is_found_by_the_joint_states_that_come_in_time():
+    bench = Bench(start="2015")
+    held_up(bench)
+    bench.mounted = transform((0.0, 0.0, 0.0), (0.0, 0.1, 0.2))
+    bench.step(1400)
+    assert bench.states[-1].outcome == "wrong_camera_model"
+
+
 def test_implausible_and_missing_joints_stop_the_arm():
     bench = Bench(gain=1.0)
     bench.step(60)
@@ -516,6 +556,25 @@ def test_joints_between_and_after_their_samples():
     assert history.at(1.05, earlier_only=True) is None  # the oldest gave way
     history.clear()
     assert history.newest is None
+
+
+def test_far_from_a_sample_joints_may_have_gone_elsewhere():
+    """By one and a half of the samples' periods: one of 10 ms, and one gap."""
+    history = JointHistory()
+    history.add(sample(0.0, 0.0))
+    assert not history.at(0.09).far  # one sample tells no period
+    for stamp in (0.01, 0.02, 0.06):
+        history.add(sample(stamp, 0.0))
+    assert history.at(0.08).far  # whatever the last period was
+    for stamp in 0.01 * np.arange(7, 12):
+        history.add(sample(stamp, 0.0))
+    near = (0.0, 0.01, 0.034, 0.046, 0.115, 0.125, -0.015)
+    assert not any(history.at(stamp).far for stamp in near)
+    assert all(history.at(stamp).far for stamp in (0.036, 0.04, 0.044, 0.126, 0.2, -0.016))
+    assert history.at(0.05, earlier_only=True).far
+    for stamp in 0.11 + 0.03 * np.arange(1, 6):  # five of eight come more slowly
+        history.add(sample(stamp, 0.0))
+    assert not history.at(0.304).far and history.at(0.306).far
 
 
 def test_speeds_between_two_samples_and_how_many_are_kept():

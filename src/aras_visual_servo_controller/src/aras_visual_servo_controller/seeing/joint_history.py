@@ -9,6 +9,8 @@ be on its way: then what arrived first does not matter.
 from __future__ import annotations
 
 from collections import deque
+from itertools import islice, pairwise
+from statistics import median
 
 import numpy as np
 
@@ -16,6 +18,9 @@ from .joint_sample import JointSample
 
 # Further than this from the nearest sample nothing is known of the joints, s.
 FARTHEST = 0.1
+# Periods of the samples from the nearest one for which their speeds tell where the joints are. One
+# sample may still be on its way; the period is the middle one of the latest few.
+NEAR, LATEST = 1.5, 8
 ROUNDING = 1e-6  # s, more than what stamps in s are rounded to, less than any period of samples
 
 
@@ -80,21 +85,30 @@ class JointHistory:
             after = None
         if before is None:
             near = after is not None and after.stamp - stamp <= FARTHEST
-            return _moved(after, stamp) if near else None
+            return self._moved(after, stamp) if near else None
         if before.stamp == stamp:
             return before
         if after is None:
-            return _moved(before, stamp) if stamp - before.stamp <= FARTHEST else None
+            return self._moved(before, stamp) if stamp - before.stamp <= FARTHEST else None
         part = (stamp - before.stamp) / (after.stamp - before.stamp)
         return JointSample.of(
             stamp,
             before.names,
             before.positions + part * (after.positions - before.positions),
             before.velocities + part * (after.velocities - before.velocities),
+            self._far(min(stamp - before.stamp, after.stamp - stamp)),
         )
 
+    def _moved(self, sample: JointSample, stamp: float) -> JointSample:
+        """The sample, gone on at its velocities."""
+        away = stamp - sample.stamp
+        positions = sample.positions + away * np.asarray(sample.velocities)
+        return JointSample.of(
+            stamp, sample.names, positions, sample.velocities, self._far(abs(away))
+        )
 
-def _moved(sample: JointSample, stamp: float) -> JointSample:
-    """The sample, gone on at its velocities."""
-    positions = sample.positions + (stamp - sample.stamp) * np.asarray(sample.velocities)
-    return JointSample.of(stamp, sample.names, positions, sample.velocities)
+    def _far(self, away: float) -> bool:
+        """Whether that is far from a sample, s; of one alone, which tells no period, it is not."""
+        latest = [sample.stamp for sample in islice(reversed(self._samples), LATEST + 1)]
+        periods = [later - earlier for later, earlier in pairwise(latest)]
+        return bool(periods) and away > NEAR * median(periods) + ROUNDING

@@ -20,12 +20,15 @@ class JointSample:
         names: n names.
         positions: (n,) rad or m, read-only.
         velocities: (n,) rad/s or m/s, read-only.
+        far: whether it was worked out for an instant so far from those of which samples came that
+            the joints may have gone elsewhere.
     """
 
     stamp: float
     names: tuple[str, ...]
     positions: np.ndarray
     velocities: np.ndarray
+    far: bool = False
 
     @classmethod
     def of(
@@ -34,6 +37,7 @@ class JointSample:
         names: Sequence[str],
         positions: ArrayLike,
         velocities: ArrayLike | None = None,
+        far: bool = False,
     ) -> JointSample:
         """From any sequences; velocities that are not known count as zero.
 
@@ -48,7 +52,7 @@ class JointSample:
                 f"{len(names)} joint names, but positions of shape {positions.shape} and "
                 f"velocities of shape {velocities.shape}"
             )
-        return cls(float(stamp), names, positions, velocities)
+        return cls(float(stamp), names, positions, velocities, far)
 
 
 def _frozen(values: ArrayLike) -> np.ndarray:

@@ -233,13 +233,13 @@ def test_a_pose_that_is_known_better_comes_before_that_of_the_joints():
     assert told.plane == Plane(0.1, 0.2, 3.0) and told.plane_measured
 
 
-def test_no_motion_is_told_to_and_from_joints_that_are_not_known_well():
+def test_no_motion_is_told_to_and_from_joints_that_are_guessed():
     """A pose that is known better is not theirs."""
     observer, q = Observer(the_arm()), np.array(STARTS["2016"])
     told = []
-    for k, far in enumerate((False, True, False, False)):
+    for k, guessed in enumerate((False, True, False, False)):
         known = joints(0.04 * k, q + 0.01 * k)
-        known = JointSample.of(known.stamp, known.names, known.positions, far=far)
+        known = JointSample.of(known.stamp, known.names, known.positions, guessed=guessed)
         seen = observer.of_exact(0.04 * k, CAMERA, known, contour=outline())
         assert seen.world_T_camera is not None
         told.append(seen.previous_T_camera is not None)
@@ -247,7 +247,7 @@ def test_no_motion_is_told_to_and_from_joints_that_are_not_known_well():
     pose = the_arm().pose(q)
     for k in (4, 5):
         seen = observer.of_exact(
-            0.04 * k, CAMERA, JointSample.of(0.04 * k, known.names, q, far=True),
+            0.04 * k, CAMERA, JointSample.of(0.04 * k, known.names, q, guessed=True),
             contour=outline(), world_T_camera=pose)
         assert seen.previous_T_camera is not None
 

@@ -33,10 +33,10 @@ class CameraCheck:
     picture is no wrong camera: what is not explained has to go on from row to row. Of a wrong
     mounting it does by 0.8 (of 1), of noise by -0.5, of a target that was pushed once by 0.
 
-    How the arm moved is known as well as its joints are at the exposures; where joint states came
-    too late it is not (`Observation.previous_T_camera`), and nothing is compared. Where speeds at
-    both ends do not explain their way (a loaded machine's late commands shake the arm between two
-    joint states), the image weighs less, by how far the features may be off for it.
+    How the arm moved is known as well as its joints are at the exposures. Where those are guessed,
+    as when joint states come late, nothing is compared. Where the joints' speeds at both ends do
+    not explain their way (a loaded machine's late commands shake the arm between two joint states),
+    the image weighs less, by how far the features may be off for it.
     """
 
     # Tolerances from one row to the next: of less, noise and the joints' friction would be judged.

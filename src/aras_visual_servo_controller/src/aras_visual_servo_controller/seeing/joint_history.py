@@ -18,9 +18,10 @@ from .joint_sample import JointSample
 
 # Further than this from the nearest sample nothing is known of the joints, s.
 FARTHEST = 0.1
-# Periods of the samples from the nearest one for which their speeds tell where the joints are. One
-# sample may still be on its way; the period is the middle one of the latest few.
-NEAR, LATEST = 1.5, 8
+# Periods from the nearest sample up to which the speeds tell where the joints are: one sample may
+# still be on its way.
+NEAR = 1.5
+LATEST = 8  # periods whose median counts: samples that were lost do not change it
 ROUNDING = 1e-6  # s, more than what stamps in s are rounded to, less than any period of samples
 
 
@@ -65,8 +66,8 @@ class JointHistory:
         """
         if len(self._samples) < 2:
             return False
-        newest, before = self._samples[-1].stamp, self._samples[-2].stamp
-        return newest == stamp or newest + (newest - before) > stamp + ROUNDING
+        newest = self._samples[-1].stamp
+        return newest == stamp or newest + self._period() > stamp + ROUNDING
 
     def at(self, stamp: float, earlier_only: bool = False) -> JointSample | None:
         """The joints at an instant; None where no sample is near enough.
@@ -109,6 +110,9 @@ class JointHistory:
 
     def _far(self, away: float) -> bool:
         """Whether that is far from a sample, s; of one alone, which tells no period, it is not."""
+        return len(self._samples) > 1 and away > NEAR * self._period() + ROUNDING
+
+    def _period(self) -> float:
+        """Of the latest samples, of which there are two at least, s."""
         latest = [sample.stamp for sample in islice(reversed(self._samples), LATEST + 1)]
-        periods = [later - earlier for later, earlier in pairwise(latest)]
-        return bool(periods) and away > NEAR * median(periods) + ROUNDING
+        return median(later - earlier for later, earlier in pairwise(latest))

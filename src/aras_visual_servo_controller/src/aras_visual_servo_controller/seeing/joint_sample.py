@@ -20,15 +20,14 @@ class JointSample:
         names: n names.
         positions: (n,) rad or m, read-only.
         velocities: (n,) rad/s or m/s, read-only.
-        far: whether it was worked out for an instant so far from those of which samples came that
-            the joints may have gone elsewhere.
+        guessed: whether no sample came from near its stamp, so that the joints may be elsewhere.
     """
 
     stamp: float
     names: tuple[str, ...]
     positions: np.ndarray
     velocities: np.ndarray
-    far: bool = False
+    guessed: bool = False
 
     @classmethod
     def of(
@@ -37,7 +36,7 @@ class JointSample:
         names: Sequence[str],
         positions: ArrayLike,
         velocities: ArrayLike | None = None,
-        far: bool = False,
+        guessed: bool = False,
     ) -> JointSample:
         """From any sequences; velocities that are not known count as zero.
 
@@ -52,7 +51,7 @@ class JointSample:
                 f"{len(names)} joint names, but positions of shape {positions.shape} and "
                 f"velocities of shape {velocities.shape}"
             )
-        return cls(float(stamp), names, positions, velocities, far)
+        return cls(float(stamp), names, positions, velocities, guessed)
 
 
 def _frozen(values: ArrayLike) -> np.ndarray:

@@ -82,8 +82,7 @@ class Observation:
             camera is not as believed, or the target elsewhere.
         kernel: (20,) the original's camera/data of this very image.
         previous_T_camera: (4, 4) motion executed since the previous observation, from the joints;
-            None where the joints at one of the two are not known well enough, as where joint states
-            came too late.
+            None at the first, and where the joints at one of the two are guessed.
         commands: what was commanded since the exposure.
         name: of the camera.
         others: of the other cameras of a scheme of several, by name.
@@ -350,21 +349,22 @@ class Observer:
         **seen: object,
     ) -> Observation:
         stamp = float(stamp)
-        guessed = world_T_camera is None and joints is not None and joints.far
         pose = self._pose_at(joints, world_T_camera)
         if pose is not None:
             pose = _frozen(pose)
         measured = plane is not None
         if plane is None and depth is None and pose is not None and self.plane_from is not None:
             plane = self.plane_from(pose)
+        guessed = world_T_camera is None and joints is not None and joints.guessed
+        known = None if guessed else pose
         dt, moved = 0.0, None
         if self._stamp is not None and stamp > self._stamp:
             dt = stamp - self._stamp
-            if pose is not None and self._pose is not None and not guessed:
-                moved = relative(self._pose, pose)
+            if known is not None and self._pose is not None:
+                moved = relative(self._pose, known)
                 moved.setflags(write=False)
         if self._stamp is None or stamp > self._stamp:
-            self._stamp, self._pose = stamp, None if guessed else pose
+            self._stamp, self._pose = stamp, known
         return Observation(
             stamp, dt, valid, reason, camera, joints, pose,
             previous_T_camera=moved, commands=tuple(commands), plane=plane, depth=depth,

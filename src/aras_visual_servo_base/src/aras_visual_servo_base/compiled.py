@@ -164,6 +164,16 @@ def inlined(function: Callable) -> Callable:
                       no_cfunc_wrapper=True)(function)  # fmt: skip
 
 
+def inlined_by_numba(function: Callable) -> Callable:
+    """Decorator for a small function whose body Numba copies into each caller before LLVM sees it.
+
+    Use it for loops over rows of arrays: LLVM vectorizes them only where it can tell that the rows
+    do not overlap, and it loses that when it inlines the function itself, as for `inlined`.
+    """
+    return numba.njit(inline="always", nogil=True, error_model="numpy", _nrt=False,
+                      no_cfunc_wrapper=True)(function)  # fmt: skip
+
+
 @intrinsic
 def lowest_bit(typing: object, bits: numba.types.Type) -> tuple[object, Callable]:
     """The number of the lowest bit of an integer of 64 bits that is not 0; for compiled functions.

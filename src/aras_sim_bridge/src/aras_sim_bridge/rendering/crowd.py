@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import inlined
+from aras_visual_servo_base.compiled import inlined, inlined_by_numba
 
 from .areas import PLANE, TOUCHING
 
@@ -17,7 +17,7 @@ SAMPLE_ROW = np.array([int(f"{n:05b}"[::-1], 2) for n in range(FINE)], np.int32)
 SAMPLE_Y = SAMPLE_X[SAMPLE_ROW]
 
 
-@inlined
+@inlined_by_numba
 def sampled(here, line, lines, sliver, x0, y0, left, solid, work, counts):
     """counts (., 2): of each of the `left` triangles in the pixel at x0, y0 the samples in it, and
     those that it shows, -1 for slivers; one over the distance of the farthest of those that samples
@@ -94,7 +94,7 @@ def sample_mean(work, n, shown, middle):
     middle[n, 1] = (y / shown + 0.5) / FINE - 0.5
 
 
-@inlined
+@inlined_by_numba
 def by_rows(own, lines, work, middle, n):
     """The area of a pixel above the lines own[0, :lines], as the mean of its exact width along FINE
     rows, or columns where it is thinner along those; its middle into middle[n]. work: (3, FINE)

@@ -1,7 +1,10 @@
 """An experiment is checked when it is made, and says what is wrong with it in one line."""
 
+import dataclasses
 import math
+from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -44,6 +47,59 @@ def test_keys_with_values_are_taken_by_the_constructor_as_from_a_file():
         Experiment(believed={"fokal": 0.9})
 
 
+SQUARE = [[-0.05, -0.04], [0.05, -0.05], [0.04, 0.05], [-0.03, 0.03]]
+
+
+class Own:
+    """A scheme that is named by its class."""
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        ({"target": "l_shape"}, {"target": {"shape": "l_shape"}}),
+        ({"target": Path("f.svg")}, {"target": {"shape": "f.svg"}}),
+        ({"target": np.array(SQUARE)}, {"target": {"shape": SQUARE}}),
+        ({"target": {"shape": SQUARE, "pose": np.zeros(6)}}, {"target": {"shape": SQUARE}}),
+        ({"robot": Path("arm.urdf")}, {"robot": {"urdf": "arm.urdf"}}),
+        ({"camera": Path("lens.yaml")}, {"camera": "lens.yaml"}),
+        ({"camera": {"width": np.int64(320)}}, {"camera": {"width": 320}}),
+        ({"cameras": {"left": "wide"}}, {"cameras": {"left": {"model": "wide"}}}),
+        ({"goal": {"pose": np.arange(6.0)}}, {"goal": {"pose": [0, 1, 2, 3, 4, 5]}}),
+        ({"start": np.ones(6)}, {"start": [1, 1, 1, 1, 1, 1]}),
+        ({"start": 2016}, {"start": "2016"}),
+        ({"gain": np.float32(2)}, {"gain": 2.0}),
+        ({"seed": np.int64(3)}, {"seed": 3}),
+        ({"scheme": Own}, {"scheme": f"{__name__}:Own"}),
+        ({"options": {"max_velocity": np.ones(2)}}, {"options": {"max_velocity": [1.0, 1.0]}}),
+    ],
+)  # fmt: skip
+def test_values_of_python_stand_for_those_of_a_file(given, meant):
+    values = {"plant": "free", **given}
+    experiment = Experiment(**values)
+    assert experiment == Experiment.from_mapping({"plant": "free", **meant})
+    assert Experiment.of(values) == Experiment.of(experiment) == experiment
+    assert Experiment.from_mapping(yaml.safe_load(yaml.safe_dump(experiment.to_mapping()))) == (
+        experiment
+    )
+
+
+@pytest.mark.parametrize("key", [f.name for f in dataclasses.fields(Experiment)])
+def test_the_constructor_names_a_key_whose_value_is_of_no_use(key):
+    with pytest.raises(ExperimentError, match=rf"^{key}\b.* is .*must be"):
+        Experiment(**{key: object()})
+
+
+def test_what_is_no_experiment_is_named():
+    for given in (None, [Experiment()], Experiment, 3):
+        with pytest.raises(ExperimentError, match=r"is no experiment: give Experiment\(...\)"):
+            Experiment.of(given)
+    with pytest.raises(ExperimentError, match="give values by name"):
+        Experiment("free")
+    with pytest.raises(ExperimentError, match="cannot be imported: define the class at the top"):
+        Experiment(scheme=type("Inner", (), {"__qualname__": "f.<locals>.Inner"}))
+
+
 def test_a_changed_experiment_is_checked_again():
     assert Experiment().with_(gain=2, seed=4).seed == 4
     with pytest.raises(ExperimentError, match="gain is -2"):
@@ -53,6 +109,13 @@ def test_a_changed_experiment_is_checked_again():
 @pytest.mark.parametrize(
     ("values", "complaint"),
     [
+        ({"believed": {"focal": 400}}, "believed.focal is 400.0, must be <= 10 times the true"),
+        ({"believed": {"rpy": [5, 0, 0]}}, r"believed.rpy\[0\] is 5.0.*5 degrees are 0.08727 rad"),
+        ({"camera_rpy": [0, 10, 0]}, r"camera_rpy\[1\] is 10.0, must be <= 3.142 rad"),
+        ({"start": {"turn": 45}}, "start.turn is 45.0, must be <= 3.142 rad"),
+        ({"delay": 15}, r"no command would arrive: delay is in s \(15 ms are 0.015 s\)"),
+        ({"features": True}, "features is True, must be one of auto, pictures, exact"),
+        ({"options": {"gain": 2}}, "options.gain: gain is a key of the experiment itself"),
         ({"plnt": "free"}, r"unknown key 'plnt': did you mean 'plant'\?"),
         ({"believed": {"focall": 1.0}}, r"'believed.focall': did you mean 'focal'\?"),
         ({"start": {"heigth": [0.2, 0.3]}}, r"'start.heigth': did you mean 'height'\?"),
@@ -83,7 +146,7 @@ def test_a_changed_experiment_is_checked_again():
          r"target.size\[0\] is 9.0, must be <= 2 m, the table's"),
         ({"plant": "free", "traced": True}, "no steps"),
         ({"believed": {"focal": 0}}, "believed.focal is 0"),
-        ({"robot": "ur5"}, "robot is 'ur5', must be keys with values"),
+        ({"robot": 5}, "robot.urdf is 5, must be a text"),
         ([], "must be keys with values"),
     ],
 )

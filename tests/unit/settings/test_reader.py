@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from aras_visual_servo_base.names import find_class, imported, nearest
-from aras_visual_servo_base.settings import build, check, defaults, parameter, read
+from aras_visual_servo_base.settings import build, check, defaults, parameter, read, to_mapping
 from aras_visual_servo_base.yaml_files import parse_yaml, read_yaml
 
 
@@ -99,7 +100,7 @@ def test_values_of_a_yaml_file_come_in_the_kind_that_is_wanted(key, text, expect
         ({"quiet": "true"}, "quiet is 'true', must be true or false"),
         ({"mode": "fats"}, "mode is 'fats': did you mean 'fast'?"),
         ({"mode": "x"}, "mode is 'x': known are fast, slow"),
-        ({"mode": 4}, "mode is 4, must be a text"),
+        ({"mode": 4}, "mode is 4, must be one of fast, slow"),
         ({"limit": "x"}, "limit is 'x', must be a finite number"),
         ({"pair": [1]}, "pair is [1], must be a list of 2 finite numbers"),
         ({"pair": "one two"}, "pair[0] is 'one', must be a finite number"),
@@ -166,12 +167,23 @@ def test_a_key_that_is_needed_is_named():
 def test_bounds_hold_however_the_settings_were_made():
     check(Outer(), OwnError)
     for made, message in (
-        (Outer(gain=math.nan), "a.gain is nan, must be > 0 1/s"),
+        (Outer(gain=math.nan), "a.gain is nan, must be a finite number"),
+        (Outer(gain=0), "a.gain is 0.0, must be > 0 1/s"),
         (Outer(mode="x"), "a.mode is 'x': known"),
         (Outer(lead=(0.1, -1.0)), r"a.lead\[1\] is -1.0, must be >= 0"),
     ):
         with pytest.raises(OwnError, match=message):
             check(made, OwnError, "a")
+
+
+def test_settings_made_in_python_hold_what_a_file_would_give():
+    made = Outer(gain=np.float32(3), count=np.int64(4), start=np.arange(3), pair=range(2),
+                 quiet=np.bool_(True), options={"at": np.eye(2), "by": Path("a/b")})  # fmt: skip
+    check(made, OwnError)
+    written = of({"gain": 3, "count": 4, "start": [0, 1, 2], "pair": [0, 1], "quiet": True,
+                  "options": {"at": [[1.0, 0.0], [0.0, 1.0]], "by": "a/b"}})  # fmt: skip
+    assert made == written and type(made.count) is int and type(made.quiet) is bool
+    assert of(to_mapping(made)) == made
 
 
 def test_defaults_are_listed_once_and_settings_go_to_other_processes():

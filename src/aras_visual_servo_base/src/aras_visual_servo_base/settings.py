@@ -8,6 +8,8 @@ bounds it. Known annotations: float, int, bool, str, Path, Any, None, tuples (of
   text though it is a number (1e1, -.5) is a number.
 - A whole number is written as one: neither 10.0 nor 1e1.
 - A list of numbers may be given as a text, as in a launch argument: '0 0 0.05'.
+- In Python, NumPy arrays and numbers, ranges and paths are taken as the lists, numbers and texts
+  that a file would hold.
 - Keys are texts; a whole number as a key is its digits.
 
 Every fault is one line: the full path of the key, its value, what is wanted, the nearest name.
@@ -22,6 +24,8 @@ import dataclasses
 import functools
 import math
 import numbers
+import operator
+import os
 import re
 import types
 import typing
@@ -66,6 +70,8 @@ def parameter(
     words: bool = False,
     infinite: bool = False,
     internal: bool = False,
+    shorthand: bool = False,
+    importable: bool = False,
 ) -> Any:
     """A dataclass field with its rules.
 
@@ -77,11 +83,14 @@ def parameter(
         words: a text stands for the list of its words.
         infinite: infinity is a number too.
         internal: not to be given from outside.
+        shorthand: a value that is no mapping, given for the whole dataclass, is this field's.
+        importable: a class stands for its 'package.module:Class'.
     """
     rules = {
         "unit": unit, "least": least, "above": above, "most": most, "below": below,
         "choices": tuple(choices), "wanted": wanted, "name": name, "words": words,
-        "infinite": infinite, "internal": internal,
+        "infinite": infinite, "internal": internal, "shorthand": shorthand,
+        "importable": importable,
     }  # fmt: skip
     if isinstance(default, dict):
         return dataclasses.field(default_factory=lambda: dict(default), metadata=rules)
@@ -113,6 +122,9 @@ def build(cls: type[T], values: Any, where: str, fault: Fault) -> T:
     Raises:
         fault: an unknown or missing key, a wrong value, or what the class itself refuses.
     """
+    short = _shorthand(cls)
+    if short and not isinstance(values, Mapping) and values is not None:
+        values = {short: values}
     found = converted(cls, values, where, fault)
     for name, field in _known(cls).items():
         if name not in found and _needed(field):
@@ -191,6 +203,13 @@ def _known(cls: type) -> dict[str, dataclasses.Field]:
     }
 
 
+@functools.lru_cache(maxsize=64)
+def _shorthand(cls: type) -> str:
+    """The field for which a value stands that is no mapping; '': there is none."""
+    names = (name for name, field in _known(cls).items() if field.metadata.get("shorthand"))
+    return next(names, "")
+
+
 def _needed(field: dataclasses.Field) -> bool:
     return field.default is field.default_factory is dataclasses.MISSING
 
@@ -203,14 +222,36 @@ def convert(
     Raises:
         fault: it cannot be.
     """
+    value = _as_in_a_file(value)
     if rules.get("name") and type(value) is int:
         value = str(value)
+    if rules.get("importable") and isinstance(value, type):
+        if "<locals>" in value.__qualname__:
+            raise fault(f"{where} is {said(value)}, which cannot be imported: define the class at "
+                        "the top level of a module")
+        value = f"{value.__module__}:{value.__qualname__}"
     if rules.get("words") and isinstance(value, str):
         value = value.split()
     found = _convert(value, hint, where, fault, rules)
     if not dataclasses.is_dataclass(found):
         _check_bounds(found, where, fault, rules)
     return found
+
+
+def _as_in_a_file(value: Any) -> Any:
+    """The lists, numbers and texts that a file would hold for a value given in Python."""
+    if isinstance(value, Mapping):
+        return {key: _as_in_a_file(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        items = list(map(_as_in_a_file, value))
+        return items if any(map(operator.is_not, items, value)) else value
+    if isinstance(value, range):
+        return list(value)
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if not isinstance(value, type) and hasattr(value, "tolist"):  # NumPy's arrays and numbers
+        return value.tolist()
+    return value
 
 
 def _convert(
@@ -238,6 +279,8 @@ def _convert(
         found = value if isinstance(value, hint) else None
     if found is None and hint is not type(None) or hint is type(None) and value is not None:
         words = "a number, or .inf" if hint is float and rules.get("infinite") else _words(hint)
+        if hint is str and rules.get("choices"):
+            words = "one of " + ", ".join(rules["choices"])
         raise fault(f"{where} is {said(value)}, must be {rules.get('wanted') or words}")
     return found
 
@@ -305,6 +348,8 @@ def _spelt(word: str) -> float | str:
 
 
 def _mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping[str, Any]:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = to_mapping(value)
     if not isinstance(value, Mapping):
         raise fault(f"{where.rstrip(': ')} is {said(value)}, must be {_words(hint)}")
     kind = (typing.get_args(hint) or (str, Any))[1]
@@ -318,13 +363,68 @@ def _mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping[str, An
 
 
 def check(settings: Any, fault: Fault, where: str = "") -> None:
-    """Hold a dataclass to the bounds of its fields, however it was made.
+    """Convert and check the fields of a dataclass, however it was made.
+
+    Raises:
+        fault: naming the field, its value and what is wanted.
+    """
+    hints = annotations(type(settings))
+    for name, field in _known(type(settings)).items():
+        value = getattr(settings, name)
+        found = convert(value, hints[name], _place(where, name), fault, field.metadata)
+        if found is not value:
+            object.__setattr__(settings, name, found)  # it may be frozen
+
+
+def to_mapping(settings: Any) -> dict[str, Any]:
+    """The fields of a dataclass that differ from their defaults, as `build` takes them."""
+    found = {}
+    for name, field in _known(type(settings)).items():
+        value = getattr(settings, name)
+        if _needed(field) or value != default_of(field):
+            found[name] = _plain(value)
+    return found
+
+
+def _plain(value: Any) -> Any:
+    """Lists, numbers, texts and mappings of a field's value."""
+    if dataclasses.is_dataclass(value):
+        return to_mapping(value)
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return list(map(_plain, value)) if isinstance(value, tuple) else value
+
+
+class NamedValues:
+    """Base of settings that users construct: wrong keywords are refused as a file's keys are.
+
+    Attributes:
+        fault: exception class to raise.
+    """
+
+    fault: Fault = ValueError
+
+    def __new__(cls, *values: Any, **named: Any) -> NamedValues:
+        """Refuse positional arguments and unknown keywords; `__init__` takes the rest."""
+        known = _known(cls)
+        if values:
+            example = next(iter(known))
+            raise cls.fault(f"{cls.__name__}({said(values[0])}): give values by name, as in "
+                            f"{cls.__name__}({example}=...)")
+        for key in named:
+            if key not in known:
+                raise cls.fault(unknown_key("", key, known))
+        return super().__new__(cls)
+
+
+def check_bounds(settings: Any, fault: Fault) -> None:
+    """Check the bounds of a dataclass whose values have been converted already, to arrays, say.
 
     Raises:
         fault: naming the field, its value and the bound.
     """
     for name, field in _known(type(settings)).items():
-        _check_bounds(getattr(settings, name), _place(where, name), fault, field.metadata)
+        _check_bounds(getattr(settings, name), name, fault, field.metadata)
 
 
 def _check_bounds(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) -> None:
@@ -343,6 +443,8 @@ def _check_bounds(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]
         for name, sign, holds in _BOUNDS:
             if (bound := rules.get(name)) is not None and not holds(value, bound):
                 unit = f" {rules['unit']}" if rules.get("unit") else ""
+                if rules.get("unit") == "rad":
+                    unit += f" ({value:g} degrees are {math.radians(value):.4g} rad)"
                 raise fault(f"{where} is {value}, must be {sign} {bound:g}{unit}")
 
 

@@ -22,6 +22,7 @@ from ..errors import ExperimentError, require
 from .packages import PackagePath
 from .target_spec import Six, TargetSpec
 
+HALF_TURN = 3.142  # rad; pi as rounded up in files
 PRESETS = "config/cameras"
 WHITE, DARK = 255, 0  # grey levels of a drawn picture, as the renderer has table and target
 
@@ -37,12 +38,14 @@ class Belief:
     depth: factor on the depth that the controller believes.
     """
 
-    focal: float = parameter(1.0, above=0.0)
+    focal: float = parameter(1.0, "times the true focal length", above=0.0, most=10.0)
     centre: tuple[float, float] = parameter((0.0, 0.0), "px")
     distortion: tuple[float, ...] | None = None
     xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
-    rpy: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "rad")
-    depth: float = parameter(1.0, above=0.0)
+    rpy: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0), "rad", least=-HALF_TURN, most=HALF_TURN
+    )
+    depth: float = parameter(1.0, "times the true depth", above=0.0, most=10.0)
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "believed")
@@ -82,10 +85,12 @@ class CameraSpec:
         and the camera's, are in this link's frame; '': robot.target_frame.
     """
 
-    model: str | Mapping[str, Any] = "original"
+    model: str | Mapping[str, Any] = parameter("original", shorthand=True)
     rate: float | None = parameter(None, "1/s", above=0.0)
     xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
-    rpy: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "rad")
+    rpy: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0), "rad", least=-HALF_TURN, most=HALF_TURN
+    )
     pose: Six | None = parameter(None, "m, rad")
     frame: str = ""
     delay: float = parameter(0.0, "s", least=0.0)

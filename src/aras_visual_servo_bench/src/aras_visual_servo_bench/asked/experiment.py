@@ -12,12 +12,19 @@ from typing import Any
 from aras_sim_bridge.description.lights import SUN
 from aras_sim_bridge.rendering import EXPOSURES, RENDERERS
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_base.settings import annotations, build, check, convert, parameter
+from aras_visual_servo_base.settings import (
+    NamedValues,
+    build,
+    check,
+    parameter,
+    said,
+    to_mapping,
+)
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..errors import ExperimentError, require
-from .cameras import Belief, CameraSpec
+from .cameras import HALF_TURN, Belief, CameraSpec
 from .relative_start import RelativeStart
 from .robots import RobotSpec
 from .target_spec import Pair, Six, TargetSpec, check_times
@@ -26,6 +33,9 @@ PLANTS = ("bullet", "chain", "free", "ideal")
 FLYING = ("free", "ideal")
 FEATURES = ("auto", "pictures", "exact")
 COMMANDS = ("joint_states", "images")
+# Parameters of the controller that the experiment has as keys of its own.
+OWN_PARAMETERS = ("scheme", "law", "gain", "delay", "duration")
+NAMED_CLASS = "a name, a class, or 'package.module:Class'"
 
 
 @dataclass(frozen=True)
@@ -40,8 +50,8 @@ class Sampler:
 
     height: Pair = parameter((0.15, 0.5), "m")
     side: float = parameter(0.1, "m", least=0.0)
-    turn: float = parameter(2.967, "rad", least=0.0)  # 170 degrees
-    tilt: float = parameter(0.0, "rad", least=0.0)
+    turn: float = parameter(2.967, "rad", least=0.0, most=HALF_TURN)  # 170 degrees
+    tilt: float = parameter(0.0, "rad", least=0.0, most=HALF_TURN)
     margin: float = parameter(2.0, "px", least=0.0)
     attempts: int = parameter(500, least=1)
 
@@ -114,8 +124,11 @@ class Ideal:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Experiment(NamedValues):
     """Everything that decides how a run goes; the same experiment gives the same run.
+
+    Values may be those of a YAML file or of Python: paths, NumPy arrays and numbers, classes. A
+    value that is no mapping stands for `target.shape`, `robot.urdf` and a camera's `model`.
 
     plant: 'bullet' (simulated arm), 'chain' (arm without dynamics), 'free' (flying camera with
         the servo loop's ticks, limits and delay) or 'ideal' (the scheme's own twist, one exact
@@ -141,13 +154,15 @@ class Experiment:
         that its delay is over, so a delay is rounded up to whole image periods.
     start: name of a pose, joints (rad, m), a CameraPose, a Sampler, or a RelativeStart.
     goal: name or path of a goal file, joints, or a CameraPose, at which the goal is taught.
-    scheme: name, or 'package.module:Class'. law: its name. gain: 1/s; None: the law's own.
+    scheme: name, class, or 'package.module:Class'. law: its name. gain: 1/s; None: the law's own.
     options: further parameters of the controller, by name, as its node has them.
     duration: s after the first image. linger: s to go on after it has converged; None: to the end.
     reached: m and rad within which the goal counts as reached.
     seed: of all that is random. renderer: of the Bullet arm; all names mean one.
     traced: note each joint's greatest speed at every step of the physics.
     """
+
+    fault = ExperimentError
 
     plant: str = parameter("bullet", choices=PLANTS)
     ideal: Ideal = Ideal()
@@ -159,7 +174,9 @@ class Experiment:
     world: str = ""
     camera: str | Mapping[str, Any] = "original"
     camera_xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
-    camera_rpy: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "rad")
+    camera_rpy: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0), "rad", least=-HALF_TURN, most=HALF_TURN
+    )
     believed: Belief = Belief()
     cameras: Mapping[str, CameraSpec] = parameter({})
     features: str = parameter("auto", choices=FEATURES)
@@ -171,8 +188,8 @@ class Experiment:
         "2016", name=True
     )
     goal: str | tuple[float, ...] | CameraPose = parameter("auto", name=True)
-    scheme: str = parameter("moments", name=True)
-    law: str = "proportional"
+    scheme: str = parameter("moments", name=True, importable=True, wanted=NAMED_CLASS)
+    law: str = parameter("proportional", importable=True, wanted=NAMED_CLASS)
     gain: float | None = parameter(None, "1/s", above=0.0)
     options: Mapping[str, Any] = parameter({})
     duration: float = parameter(8.0, "s", above=0.0)
@@ -183,11 +200,15 @@ class Experiment:
     traced: bool = False
 
     def __post_init__(self) -> None:
-        for name, hint in annotations(type(self)).items():
-            value = getattr(self, name)
-            if isinstance(value, Mapping | list):  # as in a file: believed={"focal": 0.9}
-                object.__setattr__(self, name, convert(value, hint, name, ExperimentError))
         check(self, ExperimentError)
+        require(
+            self.delay < self.duration,
+            f"delay is {self.delay:g} s and the run lasts {self.duration:g} s, so no command would "
+            f"arrive: delay is in s ({self.delay:g} ms are {self.delay / 1e3:g} s)",
+        )
+        for name in OWN_PARAMETERS:
+            require(name not in self.options,
+                    f"options.{name}: {name} is a key of the experiment itself; give it there")
         self._check_cameras()
         if self.plant == "bullet":
             require(
@@ -292,7 +313,30 @@ class Experiment:
     @classmethod
     def from_yaml(cls, path: str | Path) -> Experiment:
         """An experiment of a YAML file; ExperimentError as above."""
+        require(isinstance(path, str | Path), f"{said(path)} is no path of a YAML file")
         return cls.from_mapping(read_yaml(path, ExperimentError) or {})
+
+    @classmethod
+    def of(cls, given: Experiment | Mapping[str, Any] | str | Path | None) -> Experiment:
+        """Return an experiment as it is, or make it of keys with values or of a YAML file.
+
+        Raises:
+            ExperimentError: it is none of these, or its keys are wrong.
+        """
+        if isinstance(given, cls):
+            return given
+        if isinstance(given, Mapping):
+            return cls.from_mapping(given)
+        if isinstance(given, str | Path):
+            return cls.from_yaml(given)
+        raise ExperimentError(
+            f"{said(given)} is no experiment: give Experiment(...), keys with values, or the path "
+            "of a YAML file; for several experiments use a Study"
+        )
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the keys that differ from their defaults; `from_mapping` takes them."""
+        return to_mapping(self)
 
     @property
     def placed(self) -> Experiment:

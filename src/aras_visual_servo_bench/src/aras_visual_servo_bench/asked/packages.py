@@ -9,6 +9,7 @@ from pathlib import Path
 from aras_sim_bridge.description import packages as environment
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.names import likely
+from aras_visual_servo_base.settings import said
 
 from ..errors import ExperimentError
 
@@ -55,6 +56,9 @@ class PackagePath:
             path = Path(self.find(name)) / inside
         else:
             path = Path(text).expanduser()
+        if "\n" in text or "\0" in text:
+            raise ExperimentError(f"{said(text)} is no path: write the text to a file, and give "
+                                  "the file's path")
         if not path.is_file():
             beside = [file.name for file in path.parent.glob(f"*{path.suffix}") if path.suffix]
             near = likely(path.name, beside)

@@ -16,6 +16,7 @@ from aras_sim_bridge.description import RobotDescription, parse_urdf
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import inverse, optical, to_xyz_rpy, transform
+from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.arm import Arm
@@ -64,7 +65,9 @@ class RobotSpec:
     search: folders that hold packages, for package://.
     """
 
-    urdf: str = "package://aras_visual_servo_gazebo/robots/aras_visual_servo.urdf"
+    urdf: str = parameter(
+        "package://aras_visual_servo_gazebo/robots/aras_visual_servo.urdf", shorthand=True
+    )
     config: str = "package://aras_visual_servo_gazebo/config/aras_visual_servo_control.yaml"
     namespace: str = "/aras_visual_servo"
     camera_frame: str = "camera_optical_frame"
@@ -74,6 +77,9 @@ class RobotSpec:
     joint_states: str = "joint_state_controller"
     cameras: str = "aras_visual_servo_gazebo"
     search: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        check(self, ExperimentError, "robot")
 
     def carrier_for(self, camera: CameraSpec | None) -> str:
         """The link that carries what a camera looks at, None: the robot's own; '': the world."""

@@ -65,7 +65,7 @@ class TargetSpec:
         of the robot's own description, which no joint moves.
     """
 
-    shape: str | tuple[Pair, ...] = "aras"
+    shape: str | tuple[Pair, ...] = parameter("aras", shorthand=True)
     size: tuple[float, ...] = parameter(
         (0.2, 0.2), "m, the table's", above=0.0, most=LARGEST_TARGET
     )

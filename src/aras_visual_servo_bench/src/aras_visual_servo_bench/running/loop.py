@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import heapq
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,12 +38,16 @@ SHAKES = "camera '{}' shakes {}; the verdict and the camera's path are of its pl
 log = logging.getLogger(__name__)
 
 
-def run(experiment: Experiment) -> Run:
+def run(experiment: Experiment | Mapping[str, Any] | str | Path | None = None) -> Run:
     """Run an experiment from its start to its end.
+
+    Args:
+        experiment: itself, its keys with values, or the path of its YAML file.
 
     Raises:
         ExperimentError: it cannot be run. What goes wrong while it runs is an outcome.
     """
+    experiment = Experiment.of(experiment)
     loop = Loop(experiment, assemble(experiment), filmed=experiment.pictures)
     try:
         loop.to_end()

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.settings import build, check, convert, parameter
+from aras_visual_servo_base.settings import NamedValues, build, check, convert, parameter
 from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..asked.experiment import Experiment
@@ -63,10 +63,10 @@ class Combination:
 
 
 @dataclass(frozen=True)
-class Study:
+class Study(NamedValues):
     """What is to be run.
 
-    experiment: keys of the base experiment, or the path of its YAML file.
+    experiment: keys of the base experiment, the Experiment itself, or the path of its YAML file.
     vary: by dotted key, what it takes in turn or is drawn from; see variations.py.
     source: where it is published. chosen: what was chosen where that is ambiguous.
     cases: sets of keys with values that belong together, in turn; each with all that is varied.
@@ -84,6 +84,8 @@ class Study:
         which ends with it; see images.py. depth: keep their depth images too.
     limit: of a run's wall time, s; one that takes longer has the outcome 'time_limit'.
     """
+
+    fault = StudyError
 
     experiment: Mapping[str, Any] | str = parameter({})
     vary: Mapping[str, Any] = parameter({})
@@ -104,12 +106,12 @@ class Study:
     chosen: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        check(self, StudyError)
         if isinstance(self.experiment, str):
             given = read_yaml(self.experiment, StudyError) or {}
+            if not isinstance(given, Mapping):
+                raise StudyError(f"{self.experiment} holds no keys with values")
             object.__setattr__(self, "experiment", given)
-        if not isinstance(self.experiment, Mapping):
-            raise StudyError("experiment must be keys with values, or the path of such a file")
-        check(self, StudyError)
         if "seed" in self.experiment:
             raise StudyError("seed belongs to the study, not to its experiment: every run has one")
         for key in self.keys:

@@ -64,7 +64,10 @@ def variation(key: str, given: Any) -> Axis | Draw:
         )
     kind, numbers = next(iter(given.items()))
     if kind not in _KINDS:
-        raise StudyError(f"vary.{key}: unknown '{kind}': {nearest(kind, _KINDS)}")
+        raise StudyError(
+            f"vary.{key}: unknown '{kind}': {nearest(kind, _KINDS)}; a key below {key} is written "
+            f"with a dot: {key}.{kind}"
+        )
     return _KINDS[kind](key, kind, numbers)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from aras_visual_servo_base.settings import check, parameter
+from aras_visual_servo_base.settings import check_bounds, parameter
 
 from ..arm.limits import Limits, check_inside
 from ..arm.resolution import Resolution, rank
@@ -82,7 +82,7 @@ class ServoSettings:
     duration: float = parameter(float("inf"), "s", above=0.0)
 
     def __post_init__(self) -> None:
-        check(self, ConfigurationError)
+        check_bounds(self, ConfigurationError)
 
     def check_for(self, names: Sequence[str], limits: Limits) -> None:
         """Refuse what does not fit an arm with these joints.

@@ -109,11 +109,11 @@ def test_a_changed_experiment_is_checked_again():
 @pytest.mark.parametrize(
     ("values", "complaint"),
     [
-        ({"believed": {"focal": 400}}, "believed.focal is 400.0, must be <= 10 times the true"),
+        ({"believed": {"focal": 400}}, "believed.focal is 400.0, must be <= 10, the factor on the"),
         ({"believed": {"rpy": [5, 0, 0]}}, r"believed.rpy\[0\] is 5.0.*5 degrees are 0.08727 rad"),
         ({"camera_rpy": [0, 10, 0]}, r"camera_rpy\[1\] is 10.0, must be <= 3.142 rad"),
         ({"start": {"turn": 45}}, "start.turn is 45.0, must be <= 3.142 rad"),
-        ({"delay": 15}, r"no command would arrive: delay is in s \(15 ms are 0.015 s\)"),
+        ({"delay": 15}, r"delay is 15.0, must be <= 10 s \(15 ms are 0.015 s\)"),
         ({"features": True}, "features is True, must be one of auto, pictures, exact"),
         ({"options": {"gain": 2}}, "options.gain: gain is a key of the experiment itself"),
         ({"plnt": "free"}, r"unknown key 'plnt': did you mean 'plant'\?"),

@@ -276,7 +276,7 @@ def test_starts_in_every_form_are_one():
         ({"gain": -1.0}, "gain is -1.0, must be > 0"),
         ({"gain": 1e9}, "gain is 1e.09 1/s, more than 1000"),
         ({"robot": {"urdf": "/nowhere.urdf"}}, "there is no file /nowhere.urdf"),
-        ({"robot": "/nowhere.urdf"}, "robot is '/nowhere.urdf', must be keys with values"),
+        ({"robot": "/nowhere.urdf"}, "there is no file /nowhere.urdf"),
         ({"camera": "orignal"}, "camera 'orignal' is no preset: did you mean 'original'"),
         ({"camera": {"widht": 3}}, "widht"),
     ],

@@ -158,7 +158,7 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     (tmp_path / "base.yaml").write_text("- 3.0\n")
     with pytest.raises(StudyError, match="base.yaml holds no keys with values: it is no study"):
         Study.from_yaml(tmp_path / "base.yaml")
-    with pytest.raises(StudyError, match="experiment must be keys with values, or the path"):
+    with pytest.raises(StudyError, match="base.yaml holds no keys with values"):
         Study.from_mapping({"experiment": str(tmp_path / "base.yaml")})
 
 

@@ -442,12 +442,16 @@ def _check_bounds(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]
     elif isinstance(value, int | float) and not isinstance(value, bool):
         for name, sign, holds in _BOUNDS:
             if (bound := rules.get(name)) is not None and not holds(value, bound):
-                unit = f" {rules['unit']}" if rules.get("unit") else ""
-                if rules.get("unit") == "rad":
-                    unit += f" ({value:g} degrees are {math.radians(value):.4g} rad)"
-                raise fault(f"{where} is {value}, must be {sign} {bound:g}{unit}")
+                unit = rules.get("unit") or ""
+                text = unit if unit[:1] in ("", ",") else f" {unit}"
+                if sign == "<=" and unit in _MISTAKEN:
+                    other, size = _MISTAKEN[unit]
+                    text += f" ({value:g} {other} are {value * size:.4g} {unit})"
+                raise fault(f"{where} is {value}, must be {sign} {bound:g}{text}")
 
 
+# What a number that is too large may be given in: its unit's name and size, by the right unit.
+_MISTAKEN = {"rad": ("degrees", math.pi / 180.0), "s": ("ms", 1e-3)}
 _BOUNDS = (
     ("least", ">=", lambda value, bound: value >= bound),
     ("above", ">", lambda value, bound: value > bound),

@@ -23,6 +23,7 @@ from .packages import PackagePath
 from .target_spec import Six, TargetSpec
 
 HALF_TURN = 3.142  # rad; pi as rounded up in files
+LONGEST_DELAY = 10.0  # s
 PRESETS = "config/cameras"
 WHITE, DARK = 255, 0  # grey levels of a drawn picture, as the renderer has table and target
 
@@ -38,14 +39,14 @@ class Belief:
     depth: factor on the depth that the controller believes.
     """
 
-    focal: float = parameter(1.0, "times the true focal length", above=0.0, most=10.0)
+    focal: float = parameter(1.0, ", the factor on the true focal length", above=0.0, most=10.0)
     centre: tuple[float, float] = parameter((0.0, 0.0), "px")
     distortion: tuple[float, ...] | None = None
     xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
     rpy: tuple[float, float, float] = parameter(
         (0.0, 0.0, 0.0), "rad", least=-HALF_TURN, most=HALF_TURN
     )
-    depth: float = parameter(1.0, "times the true depth", above=0.0, most=10.0)
+    depth: float = parameter(1.0, ", the factor on the true depth", above=0.0, most=10.0)
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "believed")
@@ -93,7 +94,7 @@ class CameraSpec:
     )
     pose: Six | None = parameter(None, "m, rad")
     frame: str = ""
-    delay: float = parameter(0.0, "s", least=0.0)
+    delay: float = parameter(0.0, "s", least=0.0, most=LONGEST_DELAY)
     believed: Belief = Belief()
     target: TargetSpec | None = None
     target_frame: str = ""

@@ -24,7 +24,7 @@ from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..errors import ExperimentError, require
-from .cameras import HALF_TURN, Belief, CameraSpec
+from .cameras import HALF_TURN, LONGEST_DELAY, Belief, CameraSpec
 from .relative_start import RelativeStart
 from .robots import RobotSpec
 from .target_spec import Pair, Six, TargetSpec, check_times
@@ -34,7 +34,7 @@ FLYING = ("free", "ideal")
 FEATURES = ("auto", "pictures", "exact")
 COMMANDS = ("joint_states", "images")
 # Parameters of the controller that the experiment has as keys of its own.
-OWN_PARAMETERS = ("scheme", "law", "gain", "delay", "duration")
+OWN_PARAMETERS = ("scheme", "law", "gain", "duration")
 NAMED_CLASS = "a name, a class, or 'package.module:Class'"
 
 
@@ -182,7 +182,7 @@ class Experiment(NamedValues):
     features: str = parameter("auto", choices=FEATURES)
     noise: float = parameter(0.0, "grey levels", least=0.0)
     jitter: float = parameter(0.0, "px", least=0.0)
-    delay: float = parameter(0.015, "s", least=0.0)
+    delay: float = parameter(0.015, "s", least=0.0, most=LONGEST_DELAY)
     commands: str = parameter("joint_states", choices=COMMANDS)
     start: str | tuple[float, ...] | CameraPose | Sampler | RelativeStart = parameter(
         "2016", name=True
@@ -201,11 +201,6 @@ class Experiment(NamedValues):
 
     def __post_init__(self) -> None:
         check(self, ExperimentError)
-        require(
-            self.delay < self.duration,
-            f"delay is {self.delay:g} s and the run lasts {self.duration:g} s, so no command would "
-            f"arrive: delay is in s ({self.delay:g} ms are {self.delay / 1e3:g} s)",
-        )
         for name in OWN_PARAMETERS:
             require(name not in self.options,
                     f"options.{name}: {name} is a key of the experiment itself; give it there")

@@ -18,11 +18,9 @@ import sys
 import time
 from pathlib import Path
 
+import checkout  # noqa: F401
 import cv2
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "servo"))
-
 from feature_scenes import CORNERS, GOAL, PARALLELOGRAM, VIEWS, look
 
 from aras_visual_servo_bench.targets.pictures import seen as picture

@@ -21,14 +21,9 @@ import sys
 import time
 from pathlib import Path
 
-TESTS = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(TESTS / "unit" / "world"))
-SERVO = ("visual_servo_camera", "visual_servo_controller", "visual_servo_bench")
-for package in ("sim_bridge", *SERVO):
-    sys.path.insert(0, str(TESTS.parent / "src" / f"aras_{package}" / "src"))
-
-from aras_robot import ArasRobot  # noqa: E402
-from closed_loop import closed_loop  # noqa: E402
+import checkout  # noqa: F401
+from aras_robot import ArasRobot
+from closed_loop import closed_loop
 
 POSES = ((0.1, 0.0, 0.17, -0.09, -0.09, 0.0), (-0.1, 0.2, 0.35, -0.26, -0.09, 0.17))
 

@@ -20,11 +20,9 @@ import tempfile
 import time
 from pathlib import Path
 
+import checkout  # noqa: F401
 import cv2
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "camera"))
-
 from tracking_scenes import (
     BOX,
     CAMERA,

@@ -26,11 +26,9 @@ from types import SimpleNamespace
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"  # before numpy loads its BLAS
 
+import checkout  # noqa: F401
 import cv2
 import numpy as np
-
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "src" / "aras_visual_servo_camera" / "src"))
 
 from aras_visual_servo_camera.features import PAPER, Reference, compute
 from aras_visual_servo_camera.images import decode

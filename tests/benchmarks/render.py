@@ -32,21 +32,17 @@ from pathlib import Path
 
 import numpy as np
 import pybullet
+from checkout import ROOT as REPOSITORY
+from scenes import Bench, link_pose, looking, table_and_target
+from tiny import TinyRenderer
 
-REPOSITORY = Path(__file__).resolve().parents[2]
-sys.path[:0] = map(str, REPOSITORY.glob("src/*/src"))
-sys.path.insert(0, str(REPOSITORY / "tests/unit/camera"))
-
-from scenes import Bench, link_pose, looking, table_and_target  # noqa: E402
-from tiny import TinyRenderer  # noqa: E402
-
-from aras_sim_bridge.camera import CameraConfig, CameraSensor  # noqa: E402
-from aras_sim_bridge.camera.effects import EffectChain, Effects  # noqa: E402
-from aras_sim_bridge.description import Geometry, parse_urdf  # noqa: E402
-from aras_sim_bridge.rendering import Sun, View, create_renderer  # noqa: E402
-from aras_sim_bridge.rendering.renderer import Renderer  # noqa: E402
-from aras_sim_bridge.rendering.scene import Scene  # noqa: E402
-from aras_visual_servo_base.poses import Pose, optical  # noqa: E402
+from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.camera.effects import EffectChain, Effects
+from aras_sim_bridge.description import Geometry, parse_urdf
+from aras_sim_bridge.rendering import Sun, View, create_renderer
+from aras_sim_bridge.rendering.renderer import Renderer
+from aras_sim_bridge.rendering.scene import Scene
+from aras_visual_servo_base.poses import Pose, optical
 
 ROBOT = REPOSITORY / "src/aras_visual_servo_gazebo"
 NEAR, FAR = 0.02, 100.0
@@ -230,6 +226,16 @@ def answer(process: subprocess.Popen, patience: float) -> str:
     return process.stdout.readline().strip() if ready else ""
 
 
+def failure(process: subprocess.Popen, log: Path) -> str:
+    """Why a renderer's process gave no answer: it is slow, or its last line of error."""
+    try:
+        process.wait(1.0)
+    except subprocess.TimeoutExpired:
+        return "it takes too long"
+    lines = log.with_suffix(".stderr").read_text().strip().splitlines()
+    return f"it failed: {lines[-1] if lines else f'status {process.returncode}'}"
+
+
 def side_by_side(case: str, checkouts: dict[str, tuple[Path, str]], folder: Path, rounds: int,
                  pictures: int, patience: float) -> dict[str, float]:
     """Processor milliseconds a picture, of all threads: the median over the rounds, in turns, of
@@ -241,7 +247,8 @@ def side_by_side(case: str, checkouts: dict[str, tuple[Path, str]], folder: Path
     for name, (checkout, what) in checkouts.items():
         running[name] = subprocess.Popen(
             [sys.executable, "-c", DRIVER, case, what, str(folder)], cwd=checkout, text=True,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=(folder / f"{name}.stderr").open("w"))
     times: dict[str, list[float]] = {name: [] for name in running}
     try:
         for turn in range(rounds + 1):
@@ -253,7 +260,8 @@ def side_by_side(case: str, checkouts: dict[str, tuple[Path, str]], folder: Path
                 # A new checkout compiles first.
                 said = answer(process, patience if turn else 10 * patience)
                 if not said:
-                    print(f"{name} does not draw {case} in time: left out", flush=True)
+                    print(f"{name} is left out of {case}: {failure(process, folder / name)}",
+                          flush=True)
                     del times[name]
                 elif turn:
                     times[name].append(float(said))
@@ -266,6 +274,7 @@ def side_by_side(case: str, checkouts: dict[str, tuple[Path, str]], folder: Path
 
 # The last commit that drew with OpenGL.
 BEFORE = "dd000ac"
+CASES = ("servo", "servo_640x480", "room", "triangles_40000")
 SIZES = [(320, 240), (640, 480), (1280, 960), (1920, 1200)]
 ANGLES = {
     "pinhole 57": dict(horizontal_fov=1.0),
@@ -308,7 +317,9 @@ def outline_moments(outline: np.ndarray) -> np.ndarray:
 def picture_moments(image: np.ndarray, outline: np.ndarray) -> np.ndarray:
     """The same of what is dark around an outline."""
     low, high = outline.min(axis=0).astype(int) - 3, outline.max(axis=0).astype(int) + 4
-    dark = 1.0 - image[low[1]:high[1], low[0]:high[0], 0] / 255.0
+    window = image[low[1]:high[1], low[0]:high[0], 0].astype(float)
+    black, white = window.min(), window.max()
+    dark = (white - window) / (white - black)
     v, u = np.mgrid[low[1]:high[1], low[0]:high[0]]
     area = dark.sum()
     cx, cy = (dark * u).sum() / area, (dark * v).sum() / area
@@ -388,8 +399,13 @@ def main() -> None:
     parser.add_argument("--pictures", type=int, default=12, help="a round, of each renderer")
     parser.add_argument("--patience", type=float, default=30.0,
                         help="s of wall time for a cell of the table, and for a renderer's answer")
+    parser.add_argument("--sizes", default=",".join(f"{w}x{h}" for w, h in SIZES),
+                        help="of the table's pictures, px (default: %(default)s)")
+    parser.add_argument("--cases", default=",".join(CASES),
+                        help="drawn side by side (default: %(default)s)")
     parser.add_argument("--no-table", action="store_true", help="only what is side by side")
     arguments = parser.parse_args()
+    sizes = [tuple(map(int, size.split("x"))) for size in arguments.sizes.split(",")]
     result: dict[str, object] = {}
     with tempfile.TemporaryDirectory() as name, checkout_of(arguments.before) as before:
         folder = Path(name)
@@ -400,7 +416,7 @@ def main() -> None:
             bench = target_scene(triangles, folder)
             renderer = create_renderer("exact", bench.world)
             for lens, settings in ANGLES.items():
-                for size in SIZES:
+                for size in sizes:
                     one = cell(renderer, size, settings,
                                max(arguments.poses * SIZES[0][0] // size[0], 3),
                                arguments.patience)
@@ -422,7 +438,7 @@ def main() -> None:
                                   ("mujoco", "mujoco_without_shadows")):
                 if importlib.util.find_spec(module):
                     checkouts[other] = (REPOSITORY, other)
-        for case in ("servo", "servo_640x480", "room", "triangles_40000"):
+        for case in arguments.cases.split(","):
             times = side_by_side(case, checkouts, folder, *side)
             result[case] = {"ms": times, "now_to": {
                 other: round(times["now"] / value, 3) for other, value in times.items()

@@ -1,17 +1,19 @@
 """Where the arm ends before solids that it servoes by the moments of their silhouettes.
 
-    python3 tests/benchmarks/silhouettes.py [STARTS]
+    python3 tests/benchmarks/silhouettes.py [--starts 12] [--only sphere]
 
-in a sourced workspace prints the table of docs/solid_targets.md: distance and angle from the goal,
-by the truth.
+Prints the table of docs/solid_targets.md: distance and angle from the goal, by the truth. The last
+line is JSON, in m and rad.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
+import json
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import checkout  # noqa: F401
 import numpy as np
 
 from aras_visual_servo_bench.asked.experiment import Experiment
@@ -47,9 +49,15 @@ def red(size: tuple[float, ...], folder: str) -> str:
 
 def main() -> None:
     """Run all, and print a line each."""
-    starts = int(sys.argv[1]) if len(sys.argv) > 1 else 12
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--starts", type=int, default=12, help="of each target (default 12)")
+    parser.add_argument("--only", default="", help="targets whose name starts so")
+    options = parser.parse_args()
+    starts, found = options.starts, {}
     with TemporaryDirectory() as folder:
         for name, size, scheme, told, goal, noise in CASES:
+            if not name.startswith(options.only):
+                continue
             shape = red(tuple(size), folder) if name.startswith("red") else name
             target = {"shape": shape, "size": size,
                       "pose": [0.0, 0.0, TABLE + size[2] / 2.0, 0.0, 0.0, 0.3]}  # fmt: skip
@@ -66,9 +74,12 @@ def main() -> None:
             good = sum(word.startswith("converged") for word in words)
             askew = ", askew" if goal is ASKEW else ""
             noisy = f", noise {noise:g}" if noise else ""
-            print(f"| {name}, {told.get('method', 'fixed')}{askew}{noisy} | {good} of {starts} "
+            case = f"{name}, {told.get('method', 'fixed')}{askew}{noisy}"
+            found[case] = {"converged": good, "worst": [worst[0] / 1e3, np.radians(worst[1])]}
+            print(f"| {case} | {good} of {starts} "
                   f"| {middle[0]:.3f} mm, {middle[1]:.3f}° | {worst[0]:.3f} mm, {worst[1]:.3f}° |",
                   flush=True)
+    print(json.dumps(found))
 
 
 if __name__ == "__main__":

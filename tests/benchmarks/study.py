@@ -24,16 +24,14 @@ import tempfile
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
-for package in sorted((ROOT / "src").glob("*/src")):
-    sys.path.insert(0, str(package))
+import checkout  # noqa: F401
 
-from aras_visual_servo_bench.study import engine, rows  # noqa: E402
-from aras_visual_servo_bench.study.folder import TIMES, Folder  # noqa: E402
-from aras_visual_servo_bench.study.pools import DaskPool, Pool  # noqa: E402
-from aras_visual_servo_bench.study.progress import Progress  # noqa: E402
-from aras_visual_servo_bench.study.study import Study  # noqa: E402
-from aras_visual_servo_bench.study.work import one_thread  # noqa: E402
+from aras_visual_servo_bench.study import engine, rows
+from aras_visual_servo_bench.study.folder import TIMES, Folder
+from aras_visual_servo_bench.study.pools import DaskPool, Pool
+from aras_visual_servo_bench.study.progress import Progress
+from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.study.work import one_thread
 
 LONG = {"experiment": {"plant": "bullet", "duration": 3.0, "linger": None,
                        "start": {"height": [0.15, 0.4], "side": 0.05}}}  # fmt: skip
@@ -53,8 +51,8 @@ class Watched(Progress):
         super().__init__(total, out=io.StringIO())
         self.memory: list[float] = []
 
-    def more(self, runs: int, failed: int) -> None:
-        """Told of a chunk."""
+    def more(self, *chunk: object) -> None:
+        """Note the resident memory after each chunk."""
         self.memory.append(resident_mb())
 
 

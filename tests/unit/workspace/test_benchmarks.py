@@ -1,0 +1,89 @@
+"""Every benchmark runs at a tiny size, and prints figures that are possible."""
+
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).resolve().parents[2] / "benchmarks"
+# What a benchmark is run with, and bounds of the figures whose dotted names match.
+RUNS = {
+    "browse": (["--runs", "400"], {"reading_s": (0, 60), "longest_answer_s": (0, 30)}),
+    "camera_contact_sheet": (["--out", "{folder}/sheet.png"], {}),
+    "environment": (["--steps", "2", "--rounds", "1"], {r"here\..*": (0.1, 1e5)}),
+    "features": (["--count", "1"], {r"ours\..*": (1, 1e7)}),
+    "loop": (
+        ["--seconds", "1", "--hours", "0.0001"],
+        {"(closed_loop.)?real_time_multiple": (0.1, 1000), r".*parts_[um]s\..*": (0, 1e4),
+         "closed_loop.image_to_command_ms": (0.01, 1e3), "memory_.*_mb": (20, 4000)},
+    ),
+    "model_tracking": (
+        ["--count", "2", "--only", "box"],
+        {r".*\.mm": (0, 0.3), r".*\.degrees": (0, 0.3), r".*\.lost": (0, 0), r".*\.ms": (0, 1e3)},
+    ),
+    "moments": (["--repeats", "2", "--rounds", "1"], {r"cases\..*\.ours.*": (1e-3, 1e4)}),
+    "render": (
+        ["--before", "", "--poses", "1", "--rounds", "1", "--pictures", "1", "--patience", "60",
+         "--sizes", "320x240", "--cases", "servo"],
+        {"worst_centroid_rms_px": (0, 0.005), "worst_angle_mrad": (0, 0.5),
+         "worst_area_rms_percent": (0, 0.02), r".*\bnow": (0.05, 1e4)},
+    ),
+    "silhouettes": (
+        ["--starts", "1", "--only", "sphere"],
+        {r".*\.converged": (1, 1), r".*\.worst\.0": (0, 1e-3)},
+    ),
+    "study": (
+        ["--runs", "0", "--short", "2", "--two"],
+        {"short.runs": (2, 2), "short.seconds": (0, 600), "short.engine_overhead": (0, 100)},
+    ),
+    "study_kills": (["--only", "client", "--runs", "60"], {"client": (1, 1)}),
+}  # fmt: skip
+# They need what no test sets up: a real-time graph for minutes, ViSP, or another Debian package.
+ON_A_GRAPH = {
+    "by_roslaunch", "calibrate_live", "camera_graph", "original_controllers", "page_cost",
+    "show_chessboard", "study_beside",
+}  # fmt: skip
+IMPORTED = {"checkout", "closed_loop", "graph"}  # by the others
+
+
+def figures(value, name=""):
+    """The numbers of a JSON value by their dotted names."""
+    if isinstance(value, dict | list):
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, item in items:
+            yield from figures(item, f"{name}.{key}".lstrip("."))
+    elif isinstance(value, bool | int | float):
+        yield name, float(value)
+
+
+def test_every_benchmark_is_run_or_named_with_the_reason_why_not():
+    here = {path.stem for path in FOLDER.glob("*.py")}
+    assert here | {"by_roslaunch"} == RUNS.keys() | ON_A_GRAPH | IMPORTED
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_benchmark_prints_possible_figures(name, tmp_path):
+    arguments, bounds = RUNS[name]
+    arguments = [argument.format(folder=tmp_path) for argument in arguments]
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("ROS_", "PYTHONPATH"))}
+    done = subprocess.run(
+        [sys.executable, FOLDER / f"{name}.py", *arguments], cwd=tmp_path, env=environment,
+        capture_output=True, text=True, timeout=600, check=False,
+    )  # fmt: skip
+    # 1 is for speed that is not reached, which a loaded machine does not reach either.
+    assert done.returncode in (0, 1) and "Traceback" not in done.stderr, done.stderr
+    if not bounds:
+        assert next(tmp_path.iterdir()).stat().st_size > 10_000
+        return
+    found = dict(figures(json.loads(done.stdout.splitlines()[-1])))
+    assert all(map(math.isfinite, found.values())), found
+    for pattern, (least, most) in bounds.items():
+        matching = {key: value for key, value in found.items() if re.fullmatch(pattern, key)}
+        assert matching, f"no figure {pattern} among {sorted(found)}"
+        for key, value in matching.items():
+            assert least <= value <= most, (key, value)

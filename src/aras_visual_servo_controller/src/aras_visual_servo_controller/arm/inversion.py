@@ -7,7 +7,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 
-from .algebra import NOISE_PART, all_above, applied, svd, times
+from .algebra import ROUNDING_PART, all_above, applied, svd, times
 from .held import held_at
 from .kinematics import CHAIN, viewed
 
@@ -65,7 +65,7 @@ def _demanded(L, rate, held, speeds, free, scaled, least, fully):
         rest[i] = rate[i] - rest[i]
     u, s, vt = svd(times(L, free.T))
     rank = 0
-    while rank < len(s) and s[rank] > NOISE_PART * s[0]:
+    while rank < len(s) and s[rank] > ROUNDING_PART * s[0]:
         rank += 1
     seen = applied(u.T, rest)
     basis = np.empty((rank + len(reach), 6))

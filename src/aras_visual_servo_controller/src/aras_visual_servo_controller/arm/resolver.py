@@ -41,9 +41,9 @@ from .fold import Fold, find
 from .inversion import LASTING, resolved
 from .kinematics import NO_JOINTS
 from .limits import Limits
-from .resolution import UNITS, Resolution
+from .resolution import Resolution
 from .secondary import Pull, SecondaryTask
-from .task import DIRECTIONS
+from .task import DIRECTIONS, UNITS
 
 if TYPE_CHECKING:
     from .task import Task

@@ -97,11 +97,15 @@ class Feature(ABC):
             "interaction 'current', or give it desired_interaction(goal)"
         )
 
-    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """How well s is measured in the image that was measured last, noise apart.
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
+        """How exactly s is measured in the image that was measured last.
 
-        Answers (k, m): the effects on s of m independent errors, one standard deviation each; None
-        where s is exact, or nobody knows. It is asked for when the goal is reached.
+        A direction of the camera is servoed where this tells it better than UNCERTAIN (arm/task),
+        and it bounds how far from its goal a camera that has arrived may be.
+
+        Returns:
+            (k, m): the effects on s of m independent errors, one standard deviation each; or one
+            standard deviation of all components, independent of each other; None where s is exact.
         """
         return None
 
@@ -195,13 +199,14 @@ class Stack(Feature):
         """See Feature.desired_interaction."""
         return np.vstack([f.desired_interaction(goal) for f in self.features])
 
-    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
         """See Feature.accuracy; errors of one part are none of another's."""
         parts = [f.accuracy(observation, goal) for f in self.features]
         if all(part is None for part in parts):
             return None
         return scipy.linalg.block_diag(*(
-            np.zeros((len(f.names), 0)) if part is None else part
+            np.zeros((len(f.names), 0)) if part is None else
+            part * np.eye(len(f.names)) if np.ndim(part) == 0 else part
             for f, part in zip(self.features, parts, strict=True)
         ))  # fmt: skip
 

@@ -76,9 +76,9 @@ class Matches(Luminance):
             judged=np.array([rms]),
         )  # fmt: skip
 
-    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
         """See Feature.accuracy: by how far the matches miss the plane's motion."""
-        return self._missed * np.eye(self._L.shape[0])
+        return self._missed
 
     def keypoints(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Of a grey picture (H, W): where its keypoints are (n, 2), px, and descriptors (n, k).
@@ -150,4 +150,4 @@ class MatchesPose(Matches):
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Matches.accuracy; at the goal s is the camera's offset itself."""
-        return np.linalg.pinv(self._L) @ super().accuracy(observation, goal)
+        return np.linalg.pinv(self._L) * super().accuracy(observation, goal)

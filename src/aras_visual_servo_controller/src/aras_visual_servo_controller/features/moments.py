@@ -163,9 +163,10 @@ class MomentFeature(Feature):
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Feature.accuracy; of displacements of the goal's outline, by differences."""
-        if not observation.pixel_count:
-            return None
         at = self._at(goal)
+        if not observation.pixel_count:
+            noise = observation.corner_accuracy  # of an exact outline whose corners have noise
+            return noise * at.slopes if noise and observation.moments is not None else None
         size = EDGE / sqrt(observation.pixel_count) / observation.camera.K[0]
         if goal.camera != observation.camera:
             return size * at.slopes

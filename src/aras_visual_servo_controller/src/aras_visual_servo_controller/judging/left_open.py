@@ -100,25 +100,26 @@ class Margin:
         observation: Observation,
         goal: Goal,
         error: np.ndarray,
-        accuracy: np.ndarray | None,
+        accuracy: np.ndarray | float | None,
         resolution: Resolution | None,
     ) -> None:
         """Of the image with which the goal was reached.
 
         Args:
             error: (k,) mean of the last images.
-            accuracy: (k, m) effects on what L's rows belong to of m independent errors of
-                measurement, one standard deviation each; None: it is exact.
+            accuracy: of what L's rows belong to, see Feature.accuracy.
             resolution: says what an arm of few joints can move; None: all six directions.
         """
         self._goal, self._modelled = goal, decision.task.modelled
         self._up_to, self._round = decision.up_to, symmetric(decision.up_to, goal)
         self._lasting = 0.0 if accuracy is None else LASTING
-        self._depth = depth = _plane(goal).C ** -1.0
+        self._depth = depth = goal.distance
         scale = self._scale = np.array([1.0] * 3 + [depth] * 3)
         L = np.asarray(decision.L, float) / scale
         if decision.residual is not None:
             error = decision.residual
+        if np.ndim(accuracy) == 0 and accuracy is not None:
+            accuracy = accuracy * np.eye(len(L))
         if accuracy is not None and len(error) <= MOST:
             accuracy = accuracy * max(unexplained(L, error, accuracy), 1.0)
         if len(L) > 6:  # the same least squares with six rows
@@ -287,8 +288,8 @@ def _shape(moments: Moments, order: int) -> np.ndarray:
 
 
 def _plane(goal: Goal) -> Plane:
-    """The target's plane at the goal; at 1 m where nobody knows."""
-    return goal.plane or Plane.fronto_parallel(goal.depth or 1.0)
+    """The target's plane at the goal."""
+    return goal.plane or Plane.fronto_parallel(goal.distance)
 
 
 def _middle(goal: Goal) -> np.ndarray:

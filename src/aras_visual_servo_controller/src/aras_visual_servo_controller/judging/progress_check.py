@@ -133,6 +133,8 @@ class ProgressCheck:
         for cause in (_limit, _rank, _reach, _saturation):
             if (found := cause(seen)) is not None:
                 return found
+        if (dropped := next((s.state.dropped for s in reversed(seen) if s.state.dropped), "")):
+            return outcome("too_noisy", f"{reason}; {dropped}" if dropped not in reason else reason)
         if (noise := _noise(seen)) > 0.0:
             return outcome(
                 "too_noisy", f"{reason}; from image to image the error scatters by {noise:.1f} "
@@ -182,10 +184,10 @@ def _limit(seen: Sequence[_Seen]) -> Outcome | None:
 def _rank(seen: Sequence[_Seen]) -> Outcome | None:
     if not seen or sum(s.rank < s.full_rank for s in seen) < MOST * len(seen):
         return None
-    return outcome(
-        "singular", f"L has rank {seen[-1].rank} of {seen[-1].full_rank}: some direction of the "
-        "camera is not seen",
-    )  # fmt: skip
+    words = f"L has rank {seen[-1].rank} of {seen[-1].full_rank}"
+    if (dropped := seen[-1].state.dropped):
+        return outcome("too_noisy", f"{words}: {dropped}")
+    return outcome("singular", f"{words}: some direction of the camera is not seen")
 
 
 def _minimum(seen: Sequence[_Seen]) -> Outcome | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,12 @@ from .of_feature import OfFeature
 INTERACTIONS = ("current", "desired", "mean", "estimated")
 # A gap after which a filter begins anew, s; a jump that no camera makes (an angle that wrapped).
 LONGEST_GAP, LONGEST_JUMP = 0.3, 1.0
+# Part of L's greatest singular value up to which one counts as noise, where features come from
+# pictures and do not say how exact they are.
+NOISE_PART = 1e-4
+# Part of the greatest one from which on noise is no reason to let a direction go: the pose's, whose
+# L is always well conditioned, is servoed however noisy it is.
+WELL_SEEN = 0.05
 Estimator = Callable[[Observation, Measured], np.ndarray]
 
 
@@ -109,7 +116,10 @@ class Composed(OfFeature):
             features=measured.s if judged is None else judged,
             desired=measured.desired if judged is None else np.zeros_like(judged),
             error=measured.error if judged is None else judged,
-            task=Task.of(L, wanted - measured.rate, self._modelled, self.feature.weights),
+            task=Task.of(
+                L, wanted - measured.rate, self._modelled, self.feature.weights, goal.distance,
+                **self._exactness(L, observation, goal),
+            ),
             L=L,
             residual=None if judged is None else measured.error,
             rate=measured.rate if judged is None else 0.0,
@@ -117,6 +127,23 @@ class Composed(OfFeature):
             up_to=measured.up_to,
             notes=measured.notes,
         )
+
+    def _exactness(self, L: np.ndarray, observation: Observation, goal: Goal) -> dict[str, Any]:
+        """Task.accuracy and Task.least of this image, where L (k, 6) sees some direction badly.
+
+        Rows are compared with each other whatever their units: each as if its length were 1, with
+        lengths in depths.
+        """
+        scaled = L[:, self._modelled] * np.repeat((goal.distance, 1.0), 3)[self._modelled]
+        lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
+        rows = np.divide(scaled, lengths, out=np.zeros_like(scaled), where=lengths > 0.0)
+        weak = np.linalg.eigvalsh(rows.T @ rows if len(rows) > len(rows.T) else rows @ rows.T)
+        if weak[0] > WELL_SEEN**2 * weak[-1]:
+            return {}
+        accuracy = self.feature.accuracy(observation.with_noise(), goal)
+        if accuracy is not None:
+            return {"accuracy": accuracy}
+        return {"least": NOISE_PART} if observation.pictured else {}
 
     def _interaction(
         self, observation: Observation, measured: Measured, goal: Goal

@@ -19,6 +19,10 @@ from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
 
 
+# rad: the rounding of a turn by pi; a turn that is so much short of -pi counts as one by +pi.
+HALF_TURN = 1e-6
+
+
 @dataclass(frozen=True, eq=False)
 class Measured:
     """One feature vector in one image.
@@ -262,3 +266,16 @@ def other_camera(width: int, height: int, K: np.ndarray, camera: CameraModel) ->
 def wrap(angle: np.ndarray | float, period: float = 2.0 * np.pi) -> np.ndarray | float:
     """The angle (rad) modulo the period, in [-period/2, period/2)."""
     return (angle + 0.5 * period) % period - 0.5 * period
+
+
+def wrap_together(angles: np.ndarray, period: float = 2.0 * np.pi) -> np.ndarray:
+    """Angles (k, ...) modulo the period, each within half a period of their common direction.
+
+    Near half a turn rounding would send some of them one way round and some the other, and what
+    they ask for together would be no turn at all. The common direction is that of the sum of their
+    unit vectors, along the first axis; where it is half a turn to rounding, it is taken as +.
+    """
+    unit = np.exp(2j * np.pi / period * angles).sum(axis=0)
+    common = np.angle(unit) * period / (2.0 * np.pi)
+    common = np.where(common < HALF_TURN - 0.5 * period, common + period, common)
+    return common + wrap(angles - common, period)

@@ -15,7 +15,7 @@ from .kinematics import CHAIN, viewed
 WELL_SEEN = 0.05
 # A weak joint motion is damped at least as if the demand saw so much of it.
 LEAST_SEEN = 0.3
-SMALLEST = 1e-9  # a singular value below is a rounding error
+SMALLEST = 1e-9  # part of the greatest singular value below which one is a rounding error
 STRAIGHT = 1e-9  # rad; where an elbow is bent less, rounding would choose its side
 # Joints that move less than this leave the Jacobian as it is, beside an elbow too, rad or m.
 STILL = 0.002
@@ -135,7 +135,7 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
         wishes[column] = wish[joint]
     towards, against = applied(u[:m].T, rates), applied(u[:m].T, applied(task, wishes))
     for i in range(len(s)):
-        inverse = 1.0 / s[i] if s[i] >= SMALLEST else 0.0
+        inverse = 1.0 / s[i] if s[i] >= SMALLEST * s[0] and s[i] > 0.0 else 0.0
         towards[i] *= inverse
         against[i] *= inverse
     moved, seen_wish = applied(vt.T, towards), applied(vt.T, against)
@@ -341,11 +341,11 @@ def resolved(order, parents, slides, signs, places, axes, ends, tips, q, view, j
         L, rate, modelled: (k, 6), (k,), (6,) of the task.
         wish: (n,) of the secondary tasks; pulls: (p, 3, n) of those that are a Pull.
         folds: (m, 7) of each elbow, see Fold.
-        limits: (4, n) lower, upper, velocity, acceleration.
+        limits: (5, n) lower, upper, velocity, acceleration; motion that leaves J as it is.
         dt, limited, previous: see `_within`; last: (2, n) the last velocities, and their part for
             the task.
         settings: length, damping, damping_below, hold_gain, held_from, held_fully, reach_bend,
-            shortfall, lost_part.
+            shortfall, lost_part; see ResolverSettings.
 
     Returns:
         velocities, primary (n,); twists asked, given and lost (6,), in SI units; scale; the joint
@@ -393,9 +393,9 @@ def resolved(order, parents, slides, signs, places, axes, ends, tips, q, view, j
     for i in range(3, 6):
         asked[i], missing[i] = asked[i] / length, missing[i] / length
     for i in range(len(q)):
-        fast = max(fast, abs(velocities[i]))
+        fast = max(fast, abs(velocities[i]) / limits[4, i])
         margins[i] = min(q[i] - limits[0, i], limits[1, i] - q[i])
-    lasts = len(stopped) == 0 and not straight and slowest < 0 and fast * LASTING <= STILL
+    lasts = len(stopped) == 0 and not straight and slowest < 0 and fast * LASTING <= 1.0
     if lasts:
         low, high = _ranges(q, limits, LASTING)
         for i in range(len(q)):

@@ -23,6 +23,17 @@ from ..seeing.observation import Need, Observation
 HALF_TURN = 1e-6
 
 
+class DepthPart(float):
+    """A tolerance of a length, as a part of the target's depth at the goal."""
+
+
+def tolerances_at(tolerances: Sequence[float], goal: Goal) -> tuple[float, ...]:
+    """Tolerances (k,) at this goal: lengths in m."""
+    return tuple(
+        float(t) * goal.distance if isinstance(t, DepthPart) else float(t) for t in tolerances
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Measured:
     """One feature vector in one image.
@@ -57,7 +68,7 @@ class Feature(ABC):
         cameras: names of those that it reads; none: the first, the control camera, alone.
         reads: how many cameras, where they are named in the scheme.
         names, tolerances, units: (k,) of the components; |error| below the tolerance counts as
-            reached.
+            reached. A DepthPart among the tolerances is a part of the target's depth.
         directions: (6,) camera directions that it models, vx ... wz; the others are held.
         weights: (k,) of the components in the least squares; None: all equal.
         geometric: whether s follows from where the points of the target are seen. Of what a

@@ -21,10 +21,12 @@ from aras_visual_servo_base.poses import skew
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
-from .base import Measured, plane_in, wrap, wrap_together
+from .base import DepthPart, Measured, plane_in, wrap, wrap_together
 from .points import TOLERANCE, PointFeature, at_plane, places, point_interaction
 
 TURN = 2.0 * np.pi
+# Of the place of a point, aside and along the optical axis.
+PLACE = (DepthPart(TOLERANCE), DepthPart(TOLERANCE), DepthPart(2.0 * TOLERANCE))
 SMALLEST = 1e-9  # normalised length below which a direction is undefined
 
 
@@ -175,7 +177,7 @@ class Points3D(CornerFeature):
 
     name = "points_3d"
     parts, periods = ("X", "Y", "Z"), (0.0, 0.0, 0.0)
-    part_tolerances, part_units = (0.0005, 0.0005, 0.001), ("m", "m", "m")
+    part_tolerances, part_units = PLACE, ("m", "m", "m")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.values."""

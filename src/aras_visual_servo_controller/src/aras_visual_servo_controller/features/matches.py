@@ -23,7 +23,7 @@ RATIO = 0.8  # of the distances of the best and the second best match (Lowe 2004
 LEAST = 8  # matches that agree, below which a picture tells nothing
 APART = 3.0  # px by which a match may miss the homography
 ASIDE = 0.25  # px that SIFT finds keypoints too far right and down: it doubles the picture first
-FARTHEST = 1e-3  # 1/m that a match counts as near at least: one may lie beyond the horizon
+FARTHEST = 500.0  # goal's depths that a match is away at most: it may lie beyond the horizon
 
 
 class Matches(Luminance):
@@ -68,7 +68,7 @@ class Matches(Luminance):
         error = (points - desired).ravel()
         rms = float(np.sqrt(np.mean(error**2) * 2.0))
         A, B, C = plane_in(observation)
-        w = np.maximum(A * points[:, 0] + B * points[:, 1] + C, FARTHEST)
+        w = np.maximum(A * points[:, 0] + B * points[:, 1] + C, 1.0 / (FARTHEST * goal.distance))
         self._L = L = point_interaction(points, w)
         self._missed = float(np.std(error - L @ np.linalg.lstsq(L, error, rcond=None)[0]))
         return Measured(

@@ -105,6 +105,11 @@ class Goal:
         return self.depth or DEPTH
 
     @property
+    def scale(self) -> float:
+        """Times as far as the laboratory's target, for which lengths of settings were chosen."""
+        return self.distance / DEPTH
+
+    @property
     def cameras(self) -> dict[str, Goal]:
         """The goal of each camera of the scheme, by name; the first, this one, is the control
         camera's."""

@@ -44,14 +44,15 @@ class Diagnosis:
         jacobian: Callable[[np.ndarray], np.ndarray] | None = None,
         beyond: str = "",
         names: Sequence[str] = (),
+        lengths: np.ndarray | float = 1.0,
     ) -> None:
         """Args:
             jacobian: (6, n) of the arm at joints (n,); None: there is no arm.
             beyond: why the arm cannot be where the goal was taught, where it cannot.
-            names: of the n joints.
+            names: of the n joints. lengths: see JointCheck.
         """
         self.settings, self._jacobian, self._beyond = settings, jacobian, beyond
-        self._names = tuple(names)
+        self._names, self._lengths = tuple(names), lengths
         self.reset()
 
     def reset(self) -> None:
@@ -59,7 +60,7 @@ class Diagnosis:
         self.outcome = Outcome()
         self._progress = ProgressCheck()
         self._oscillation = Oscillation()
-        self._joints = JointCheck(self._names)
+        self._joints = JointCheck(self._names, self._lengths)
         self._target = TargetCheck()
         self._cameras: dict[str, CameraCheck] = {}
         self._shapes: dict[str, ShapeCheck] = {}
@@ -168,17 +169,21 @@ class Diagnosis:
         if fault := self._strange(observation, goal):
             return outcome("wrong_object", fault)
         tolerances = np.asarray(scheme.tolerances, float)
-        error = self._progress.add(state, tolerances)
+        error = self._progress.add(state, tolerances, goal.distance)
         viewed = getattr(scheme, "judges_camera", True)
-        moves = self._target.add(state.decision, observation, goal, tolerances, viewed)
+        # What can wrap: an angle, or what may be one; a length cannot.
+        angles = np.array([unit != "m" for unit in scheme.units] or [True] * len(tolerances))
+        moves = self._target.add(state.decision, observation, goal, tolerances, viewed, angles)
         if moves:
             self._cameras.clear()  # what they saw was the target's doing
         elif viewed:
-            for name, part, tolerated in _by_camera(state.decision, observation, tolerances):
+            for name, part, tolerated, wrap in _by_camera(
+                state.decision, observation, tolerances, angles
+            ):
                 check = self._cameras.get(name)
                 if check is None:
                     check = self._cameras[name] = CameraCheck(self._jacobian)
-                check.add(part, observation, tolerated)
+                check.add(part, observation, tolerated, wrap)
         swings = self._swinging(state.stamp, error)
         fast = swings is not None and self._faster_than_targets
         if moves and state.phase != CONVERGED and not fast:
@@ -305,15 +310,15 @@ def _shown(observation: Observation, goal: Goal) -> bool:
 
 
 def _by_camera(
-    decision: Decision, observation: Observation, tolerances: np.ndarray
-) -> Iterator[tuple[str, Decision, np.ndarray]]:
-    """Name of each camera, its part of the decision, and the tolerances of that.
+    decision: Decision, observation: Observation, tolerances: np.ndarray, angles: np.ndarray
+) -> Iterator[tuple[str, Decision, np.ndarray, np.ndarray]]:
+    """Name of each camera, its part of the decision, the tolerances of that, and what may wrap.
 
     Of a scheme of several cameras, features of one are called 'camera.feature'; the others have no
     camera's name: they may be of all.
     """
     if not observation.others:
-        yield observation.name, decision, tolerances
+        yield observation.name, decision, tolerances, angles
         return
     L, count = decision.L, len(decision.names)
     if np.shape(L) != (count, 6):
@@ -326,7 +331,7 @@ def _by_camera(
     for camera, at in rows.items():
         yield camera, replace(decision, error=decision.error[at], L=L[at], rate=rate[at]), (
             tolerances[at]
-        )
+        ), angles[at]
 
 
 def _converged(arrived: Arrived) -> Outcome:

@@ -28,9 +28,10 @@ if TYPE_CHECKING:
     from ..schemes.base import Decision
     from ..seeing.observation import Observation
 
-PLAIN = (3e-4, radians(0.3))  # m and rad: plain 'converged' leaves open no more than this
-# m and rad that a camera which stands still is known to: its joints move between images.
-STILL = (1e-5, 1e-4)
+# Parts of the target's depth and rad: plain 'converged' leaves open no more, 0.3 mm at 0.2 m.
+PLAIN = (1.5e-3, radians(0.3))
+# Parts of the depth and rad that a camera at rest is known to: its joints move between images.
+STILL = (5e-5, 1e-4)
 # s for which a camera may go on as before the last image: its answer takes time and is ramped.
 GOES_ON = 0.06
 # Times that an offset by L counts, its translation and its rotation: L's depth may be believed 0.6
@@ -159,7 +160,7 @@ class Margin:
         distance, angle = _bounds(
             offsets.mean, offsets.scatter, self._measured, part, self._coupling, held, self._scale
         )
-        distance += STILL[0] + GOES_ON * offsets.speed[0]
+        distance += STILL[0] * self._depth + GOES_ON * offsets.speed[0]
         angle = angle / self._depth + STILL[1] + GOES_ON * offsets.speed[1]
         words = [self._up_to] if self._up_to else []
         reason = mend = ""
@@ -167,7 +168,7 @@ class Margin:
             words.append(f"{count} direction{'s' if count > 1 else ''}")
             reason = f"there are {count} motions of the camera that no feature sees, or too little"
             mend = "add a feature for them, if the pose matters"
-        elif size := _in_words(distance, angle):
+        elif size := _in_words(distance, angle, self._depth):
             words.append(size)
             reason = (
                 f"by noise and the accuracy of the picture the camera may be {1e3 * distance:.2f} "
@@ -302,9 +303,9 @@ def _middle(goal: Goal) -> np.ndarray:
     return np.zeros(2)
 
 
-def _in_words(distance: float, angle: float) -> str:
+def _in_words(distance: float, angle: float, depth: float) -> str:
     """'0.4 mm' or '0.5 degrees', the larger part; empty where both are next to nothing."""
-    parts = distance / PLAIN[0], angle / PLAIN[1]
+    parts = distance / (PLAIN[0] * depth), angle / PLAIN[1]
     if max(parts) <= 1.0:
         return ""
     if parts[0] >= parts[1]:

@@ -111,7 +111,8 @@ class Servo:
             )
         self._arrival = Arrival(self.settings.hold)
         self.beyond = self.goal.beyond(arm)
-        self.diagnosis = Diagnosis(self.settings, arm.jacobian, self.beyond, arm.names)
+        lengths = np.where(arm.prismatic, resolver.settings.slide, 1.0)
+        self.diagnosis = Diagnosis(self.settings, arm.jacobian, self.beyond, arm.names, lengths)
         self.reset()
 
     # -- what the loop is told -------------------------------------------------------------

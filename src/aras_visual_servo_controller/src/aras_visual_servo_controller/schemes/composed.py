@@ -106,7 +106,8 @@ class Composed(OfFeature):
         filtered = self._smoothed(measured.error, observation.stamp)
         rotated = np.zeros(6)
         if modelled.shape == (len(filtered), 6) and np.isfinite(modelled).all():
-            rotated = _rotated(modelled, filtered, self.feature.weights)
+            scale = np.repeat((goal.distance, 1.0), 3)
+            rotated = scale * _rotated(modelled * scale, filtered, self.feature.weights)
         wanted = self.law.rate(filtered, modelled, rotated, t, observation.dt)
         if self.ratio is not None:
             wanted = self.ratio * wanted
@@ -167,7 +168,9 @@ class Composed(OfFeature):
             before, value = self._filter
             dt = stamp - before
             same = np.shape(value) == np.shape(error)
-            if same and 0.0 <= dt <= LONGEST_GAP and np.abs(error - value).max() < LONGEST_JUMP:
+            wraps = [unit != "m" for unit in self.units] or slice(None)
+            jump = np.abs(error - value)[wraps].max(initial=0.0) if same else np.inf
+            if 0.0 <= dt <= LONGEST_GAP and jump < LONGEST_JUMP:
                 error = value + (1.0 - np.exp(-dt / self.smoothing)) * (error - value)
         self._filter = (stamp, error)
         return error

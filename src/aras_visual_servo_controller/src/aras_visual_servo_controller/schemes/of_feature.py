@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import MeasurementError
-from ..features.base import Feature, Measured, Stack
+from ..features.base import Feature, Measured, Stack, tolerances_at
 from ..goals.goal import Goal
 from ..laws import Law
 from ..seeing.observation import SEGMENTED, Need, Observation
@@ -39,6 +39,7 @@ class OfFeature(Scheme):
         """See Scheme.check."""
         self.feature.check(goal)
         self._describe()
+        self.tolerances = tolerances_at(self.feature.tolerances, goal)
 
     def needs_of(self, *cameras: str) -> frozenset[Need]:
         """See Scheme.needs_of."""

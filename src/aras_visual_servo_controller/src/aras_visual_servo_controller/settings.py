@@ -467,7 +467,7 @@ class Settings:
             tasks.append(SingularityAvoidance(arm))
         numbers = ResolverSettings(hold_gain=self.hold_gain)
         if goal is not None and flies(arm):
-            numbers = ResolverSettings.without_arm(goal.distance, goal.scale, self.hold_gain)
+            numbers = ResolverSettings.without_arm(goal.distance, self.hold_gain)
         return Resolver(arm, limits, tasks, numbers, folds)
 
     def build(

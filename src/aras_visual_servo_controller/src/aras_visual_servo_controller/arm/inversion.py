@@ -84,8 +84,8 @@ def _demanded(L, rate, held, speeds, free, scaled, least, fully):
     return basis, speed, weight
 
 
-@compiled("f8[:,:], f8[:,:], f8[:], f8[:], f8[:], b1[:], f8[:], f8, f8")
-def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
+@compiled("f8[:,:], f8[:,:], f8[:], f8[:], f8[:], b1[:], f8[:], f8, f8, f8[:]")
+def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below, units):
     """Joint velocities for a demand, the others at their fixed ones, and what is free.
 
     Args:
@@ -94,6 +94,7 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
         wish: (n,) velocities where the demand leaves a choice.
         free, fixed: (n,) joints that may move, velocities (n,) of the others.
         damping, below: greatest damping, and singular value of the Jacobian where it sets in.
+        units: (n,) motion of each joint that counts as much as any other's.
 
     Returns:
         (n,) for the demand; (n,) of the wish, what the demand does not see.
@@ -102,7 +103,7 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     arm = np.empty((6, len(joints)))
     for column, joint in enumerate(joints):
         for i in range(6):
-            arm[i, column] = scaled[i, joint]
+            arm[i, column] = scaled[i, joint] * units[joint]
     rows = np.empty(basis.shape)
     for i in range(len(basis)):
         for j in range(6):
@@ -132,7 +133,7 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     u, s, vt = svd(damped)
     wishes = np.empty(len(joints))
     for column, joint in enumerate(joints):
-        wishes[column] = wish[joint]
+        wishes[column] = wish[joint] / units[joint]
     towards, against = applied(u[:m].T, rates), applied(u[:m].T, applied(task, wishes))
     for i in range(len(s)):
         inverse = 1.0 / s[i] if s[i] >= SMALLEST * s[0] and s[i] > 0.0 else 0.0
@@ -141,7 +142,8 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     moved, seen_wish = applied(vt.T, towards), applied(vt.T, against)
     primary, secondary = fixed.copy(), np.zeros(len(free))
     for column, joint in enumerate(joints):
-        primary[joint], secondary[joint] = moved[column], wishes[column] - seen_wish[column]
+        primary[joint] = moved[column] * units[joint]
+        secondary[joint] = (wishes[column] - seen_wish[column]) * units[joint]
     return primary, secondary
 
 
@@ -267,7 +269,7 @@ def _joint_by_joint(scaled, bent, basis, wanted, weights, wish, low, high, folds
             near |= free[int(fold[0])] and abs(q[int(fold[0])] - fold[1]) < reach
         if near:  # with slightly bent elbows, when that is the way back from straight
             solution, spare = _solved(
-                bent, basis, wanted, weights, wish, free, fixed, damping[0], damping[1]
+                bent, basis, wanted, weights, wish, free, fixed, damping[0], damping[1], limits[4]
             )
             for fold in folds:
                 joint = int(fold[0])
@@ -277,7 +279,8 @@ def _joint_by_joint(scaled, bent, basis, wanted, weights, wish, low, high, folds
                     back &= solution[joint] * side > 0.0
         if not (near and back):
             solution, spare = _solved(
-                scaled, basis, wanted, weights, wish, free, fixed, damping[0], damping[1]
+                scaled, basis, wanted, weights, wish, free, fixed, damping[0], damping[1],
+                limits[4],
             )
         done = True
         for fold in folds:
@@ -341,7 +344,7 @@ def resolved(order, parents, slides, signs, places, axes, ends, tips, q, view, j
         L, rate, modelled: (k, 6), (k,), (6,) of the task.
         wish: (n,) of the secondary tasks; pulls: (p, 3, n) of those that are a Pull.
         folds: (m, 7) of each elbow, see Fold.
-        limits: (5, n) lower, upper, velocity, acceleration; motion that leaves J as it is.
+        limits: (5, n) lower, upper, velocity, acceleration; units, see `_solved`.
         dt, limited, previous: see `_within`; last: (2, n) the last velocities, and their part for
             the task.
         settings: length, damping, damping_below, hold_gain, held_from, held_fully, reach_bend,
@@ -395,7 +398,7 @@ def resolved(order, parents, slides, signs, places, axes, ends, tips, q, view, j
     for i in range(len(q)):
         fast = max(fast, abs(velocities[i]) / limits[4, i])
         margins[i] = min(q[i] - limits[0, i], limits[1, i] - q[i])
-    lasts = len(stopped) == 0 and not straight and slowest < 0 and fast * LASTING <= 1.0
+    lasts = len(stopped) == 0 and not straight and slowest < 0 and fast * LASTING <= STILL
     if lasts:
         low, high = _ranges(q, limits, LASTING)
         for i in range(len(q)):

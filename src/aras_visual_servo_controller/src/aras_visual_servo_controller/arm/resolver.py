@@ -38,7 +38,7 @@ import numpy as np
 from .algebra import finite
 from .arm import Arm
 from .fold import Fold, find
-from .inversion import LASTING, STILL, resolved
+from .inversion import LASTING, resolved
 from .kinematics import NO_JOINTS
 from .limits import Limits
 from .resolution import Resolution
@@ -78,14 +78,14 @@ class ResolverSettings:
     slide: float = 1.0
 
     @classmethod
-    def without_arm(cls, depth: float, slide: float, hold_gain: float) -> ResolverSettings:
+    def without_arm(cls, depth: float, hold_gain: float) -> ResolverSettings:
         """Those of a camera that flies: it has no singularities, and its lengths are the scene's.
 
-        `depth`: of the target, m; `slide`: see above.
+        `depth`: of the target, m.
         """
         return cls(
-            length=0.5 * depth, damping=0.0, damping_below=0.0, hold_gain=hold_gain,
-            held_from=0.0, held_fully=1e-9, shortfall=0.01 * depth, slide=slide,
+            length=depth, damping=0.0, damping_below=0.0, hold_gain=hold_gain, held_from=0.0,
+            held_fully=1e-9, shortfall=0.01 * depth, slide=depth,
         )  # fmt: skip
 
 
@@ -116,8 +116,8 @@ class Resolver:
         self.goal: np.ndarray | None = None
         self._scale = np.array([1.0] * 3 + [self.settings.length] * 3)
         self.numbers = np.array(astuple(self.settings))
-        still = np.where(arm.prismatic, self.settings.slide, 1.0) * STILL
-        self.limit_rows = np.array([*astuple(self.limits)[1:], still], float)
+        units = np.where(arm.prismatic, self.settings.slide, 1.0)
+        self.limit_rows = np.array([*astuple(self.limits)[1:], units], float)
         self.accelerates = bool(np.isfinite(self.limits.acceleration).any())
         self.fold_rows = np.array([astuple(fold) for fold in self.folds], float).reshape(-1, 7)
         pulls = [task for task in self.tasks if type(task).velocity is Pull.velocity]

@@ -89,6 +89,12 @@ class Feature(ABC):
     directions: Sequence[bool] = ALL_DIRECTIONS
     weights: np.ndarray | None = None
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        """A feature without a name is called as its class."""
+        super().__init_subclass__(**options)
+        if not cls.name or cls.name == cls.__base__.__name__:
+            cls.name = cls.__name__
+
     @abstractmethod
     def measure(self, observation: Observation, goal: Goal) -> Measured:
         """The feature in this image.
@@ -128,8 +134,13 @@ class Feature(ABC):
         """Refuse a goal that this feature cannot servo to, before anything moves.
 
         Raises:
-            ConfigurationError: what the goal lacks.
+            ConfigurationError: what the goal lacks; here, what `teach` would have kept.
         """
+        if type(self).teach is not Feature.teach and self.name not in goal.features:
+            raise ConfigurationError(
+                f"{goal.name} holds nothing of the feature '{self.name}': teach it (rosrun "
+                "aras_visual_servo_controller teach --scheme ...)"
+            )
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
         """What to keep of the view at the goal; plain numbers, lists and strings for YAML.

@@ -55,8 +55,34 @@ class Diagnosis:
         self._names, self._lengths = tuple(names), lengths
         self.reset()
 
+    @property
+    def outcome(self) -> Outcome:
+        """What the loop knows of the run so far."""
+        found = self._outcome
+        if not self._faults or found.kind in ("running", "scheme_fault"):
+            return found
+        reason = f"{found.reason}; {self._faulty}" if found.reason else self._faulty
+        return replace(found, reason=reason)
+
+    @outcome.setter
+    def outcome(self, found: Outcome) -> None:
+        self._outcome = found
+
+    @property
+    def _faulty(self) -> str:
+        """How many images the scheme gave no answer to, when and why, as text."""
+        first, last, reason = self._faults[0], self._faults[-1], self._faults[-1][1]
+        when = f"at {first[0]:.2f} s" if first is last else (
+            f"from {first[0]:.2f} s to {last[0]:.2f} s"
+        )  # fmt: skip
+        count = len(self._faults)
+        images = f"{count} image{'s' if count > 1 else ''} of {self._images}"
+        return f"{images} got no answer from the scheme ({when}): {reason}"
+
     def reset(self) -> None:
         """A new run."""
+        self._faults: list[tuple[float, str]] = []  # of images, with the scheme's fault
+        self._images = 0
         self.outcome = Outcome()
         self._progress = ProgressCheck()
         self._oscillation = Oscillation()
@@ -108,7 +134,14 @@ class Diagnosis:
         """The time for the run is over; what was found before stays the outcome."""
         if self.outcome.kind == "running":
             last = f": {self.outcome.reason}" if self.outcome.reason else ""
-            self.outcome = self._unfinished(f"not at the goal after {duration:.1f} s{last}")
+            found = self._unfinished(f"not at the goal after {duration:.1f} s{last}")
+            # An image without an answer interrupts the loop: the camera has to settle again.
+            recent = self._faults and self._faults[-1][0] > (self._measured or 0.0) - (
+                self.settings.hold
+            )
+            if recent and found.kind in ("timed_out", "no_progress"):
+                found = outcome("scheme_fault", f"{found.reason}; {self._faulty}")
+            self.outcome = found
         self._ended = True
 
     def _unfinished(self, reason: str) -> Outcome:
@@ -130,6 +163,9 @@ class Diagnosis:
         faulty: bool = False,
     ) -> Outcome:
         """Take in the state of one image; answers the outcome as of now."""
+        self._images += 1
+        if faulty:
+            self._faults.append((state.stamp, state.reason))
         if not self._ended:
             found = self._judged(state, observation, goal, scheme, faulty)
             # Stopped by the watchdog again and again: the images between do not mend it.

@@ -16,6 +16,7 @@ from ..features.base import Feature, Measured, Stack
 from ..goals.goal import Goal
 from ..laws import Law
 from ..seeing.observation import Observation
+from .answer_checks import checked_array
 from .base import Decision
 from .broyden import Broyden
 from .of_feature import OfFeature
@@ -104,11 +105,10 @@ class Composed(OfFeature):
         L = self._interaction(observation, measured, goal)
         modelled = L * self._modelled
         filtered = self._smoothed(measured.error, observation.stamp)
-        rotated = np.zeros(6)
-        if modelled.shape == (len(filtered), 6) and np.isfinite(modelled).all():
-            scale = np.repeat((goal.distance, 1.0), 3)
-            rotated = scale * _rotated(modelled * scale, filtered, self.feature.weights)
+        scale = np.repeat((goal.distance, 1.0), 3)
+        rotated = scale * _rotated(modelled * scale, filtered, self.feature.weights)
         wanted = self.law.rate(filtered, modelled, rotated, t, observation.dt)
+        wanted = checked_array(self.law, "rate", wanted, filtered.shape)
         if self.ratio is not None:
             wanted = self.ratio * wanted
         judged = measured.judged
@@ -141,7 +141,7 @@ class Composed(OfFeature):
         weak = np.linalg.eigvalsh(rows.T @ rows if len(rows) > len(rows.T) else rows @ rows.T)
         if weak[0] > WELL_SEEN**2 * weak[-1]:
             return {}
-        accuracy = self.feature.accuracy(observation.with_noise(), goal)
+        accuracy = self.accuracy(observation.with_noise(), goal)
         if accuracy is not None:
             return {"accuracy": accuracy}
         return {"least": NOISE_PART} if observation.pictured else {}
@@ -152,8 +152,10 @@ class Composed(OfFeature):
         if self.interaction == "current":
             return measured.L
         if self.interaction == "estimated":
-            return self.estimator(observation, measured)
+            L = self.estimator(observation, measured)
+            return checked_array(self.estimator, "__call__", L, measured.L.shape)
         desired = self.feature.desired_interaction(goal)
+        desired = checked_array(self.feature, "desired_interaction", desired, measured.L.shape)
         return desired if self.interaction == "desired" else 0.5 * (measured.L + desired)
 
     def _smoothed(self, error: np.ndarray, stamp: float) -> np.ndarray:

@@ -7,8 +7,8 @@ from aras_visual_servo_controller.arm.resolution import Resolution, rank
 
 
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
-def test_a_rank_counts_what_is_a_ten_thousandth_of_the_largest(size):
-    assert rank(size * np.array([3.0, 3.3e-4, 2.7e-4])) == 2
+def test_a_rank_counts_what_is_more_than_rounding(size):
+    assert rank(size * np.array([3.0, 3.3e-12, 2.7e-12])) == 2
     assert rank(size * np.array([3.0, 0.0])) == 1
 
 

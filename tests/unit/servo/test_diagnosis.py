@@ -641,7 +641,7 @@ def test_noise_is_no_swing_when_the_time_is_over(noise, kind):
         error += noise * random.normal(size=1) + 3.0 * noise * np.cos(0.5 * np.pi * (k // 12))
         decision = SimpleNamespace(error=error, task=None, L=None)
         state = SimpleNamespace(stamp=t, phase="servoing", decision=decision, reason="",
-                                resolution=None, rank=1)  # fmt: skip
+                                resolution=None, rank=1, dropped="")  # fmt: skip
         diagnosis._oscillation.add(t, diagnosis._progress.add(state, np.ones(1)))
     diagnosis.timed_out(1.5)
     assert diagnosis.outcome.kind == kind

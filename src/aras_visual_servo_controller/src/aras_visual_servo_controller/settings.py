@@ -440,8 +440,11 @@ class Settings:
     def _shipped(self, name: str) -> Path:
         return self.package / "config" / f"goal_{Path(name).name}.yaml"
 
-    def resolver(self, arm: Arm, limits: Limits) -> Resolver:
-        """The resolver with its secondary tasks; ConfigurationError for unknown joints."""
+    def resolver(self, arm: Arm, limits: Limits, goal: Goal | None = None) -> Resolver:
+        """The resolver with its secondary tasks; ConfigurationError for unknown joints.
+
+        `goal`: tells the lengths of a camera that flies without an arm.
+        """
         sides = self.elbow
         folds = find(arm)
         if isinstance(sides, float):
@@ -462,7 +465,10 @@ class Settings:
             tasks.append(JointLimitAvoidance(limits))
         if self.singularity_avoidance:
             tasks.append(SingularityAvoidance(arm))
-        return Resolver(arm, limits, tasks, ResolverSettings(hold_gain=self.hold_gain), folds)
+        numbers = ResolverSettings(hold_gain=self.hold_gain)
+        if goal is not None and flies(arm):
+            numbers = ResolverSettings.without_arm(goal.distance, self.hold_gain)
+        return Resolver(arm, limits, tasks, numbers, folds)
 
     def build(
         self,
@@ -497,6 +503,11 @@ class Settings:
             goal = self.load_goal().for_cameras({self.read_by(scheme)[0]: arm, **others})
             if self.tracker == OUTLINE:  # other points than its corners are for trackers to teach
                 goal = by_geometry(goal, scheme)
+        if flies(arm):  # what slides is the camera: its lengths are the scene's
+            for name in ("lead", "arrived"):
+                slides = np.where(arm.prismatic, goal.scale, 1.0)
+                given = values.get(name, getattr(ServoSettings, name))
+                values[name] = tuple((slides * np.asarray(given, float)).tolist())
         near = goal.posture(arm) if isinstance(self.start, Mapping) else None
         start = start_joints(self.start, arm, self.package, near)
         values["start"] = None if start is None else tuple(start.tolist())
@@ -504,7 +515,7 @@ class Settings:
             scheme,
             arm,
             goal,
-            self.resolver(arm, limits) if resolver is None else resolver,
+            self.resolver(arm, limits, goal) if resolver is None else resolver,
             ServoSettings(**values),
             clock,
             self.scheme,
@@ -571,6 +582,11 @@ class Settings:
             )
         made = TRACKERS[self.tracker]
         return None if made is None else made()
+
+
+def flies(arm: Arm) -> bool:
+    """Whether it is a camera that flies, without joints of an arm."""
+    return getattr(arm, "free", False)
 
 
 def per_joint(name: str, value: Any, arm: Arm) -> Any:

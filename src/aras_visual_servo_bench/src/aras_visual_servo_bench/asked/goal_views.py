@@ -46,7 +46,8 @@ def observed(
     return observer.of_exact(
         reading.stamp, eye.believed,
         contour=cameras.read(reading.outline, eye.true, eye.believed, closed=True),
-        points=cameras.read(reading.points, eye.true, eye.believed), **known,
+        points=cameras.read(reading.points, eye.true, eye.believed),
+        noise=reading.jitter / eye.believed.K[0], **known,
     )  # fmt: skip
 
 

@@ -65,7 +65,8 @@ class CameraReading:
 
     stamp_ns: of the exposure. image: (rows, columns[, 3]) uint8 and its encoding, or None.
     depth: (rows, columns) m or None. labelled: (rows, columns) 255 where a label image has the
-    target, or None. outline: (n, 2), points: (m, 2), px; None: not in view.
+    target, or None. outline: (n, 2), points: (m, 2), px; None: not in view. jitter: standard
+    deviation of the noise in their coordinates, px.
     camera: its name.
     """
 
@@ -77,6 +78,7 @@ class CameraReading:
     points: np.ndarray | None = None
     camera: str = CAMERA
     labelled: np.ndarray | None = None
+    jitter: float = 0.0
 
     @property
     def stamp(self) -> float:

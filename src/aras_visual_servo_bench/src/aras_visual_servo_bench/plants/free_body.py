@@ -25,6 +25,7 @@ class FreeBody:
     """
 
     names = NAMES
+    free = True
     camera_frame, base_frame, target_frame = "camera_optical_frame", "world", ""
 
     def __init__(self, origin: np.ndarray, mounting: np.ndarray | None = None) -> None:

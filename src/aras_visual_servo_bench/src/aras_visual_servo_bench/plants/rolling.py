@@ -53,7 +53,7 @@ def rolling(
         seen = _in_own_rows(np.array([sight.pixels(one) for one in points]), sight.parts)
     return CameraReading(
         stamp_ns, outline=sight.jittered(outline, random, closed=True),
-        points=sight.jittered(seen, random), camera=sight.name,
+        points=sight.jittered(seen, random), camera=sight.name, jitter=sight.jitter,
     )  # fmt: skip
 
 

@@ -80,7 +80,7 @@ class Sight:
                 stamp_ns,
                 outline=self.jittered(self.pixels(outline), random, closed=True),
                 points=self.jittered(self.pixels(points), random),
-                camera=self.name,
+                camera=self.name, jitter=self.jitter,
             )
         drawn = self._drawn(outline, seen_from, within(self.occluded, stamp_ns / NS))
         image = self.noisy(drawn, stamp_ns, random)

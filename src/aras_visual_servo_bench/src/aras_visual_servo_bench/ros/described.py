@@ -17,6 +17,7 @@ import yaml
 from aras_visual_servo_base.yaml_files import parse_yaml, read_yaml
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import ServoError
+from aras_visual_servo_controller.features.base import DepthPart
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.settings import Settings
 
@@ -144,7 +145,8 @@ class Described:
             if self.goal is not None:
                 made.check(self.goal)
             if len(made.units) == count:
-                return tuple(made.units), tuple(made.tolerances)
+                known = not any(isinstance(t, DepthPart) for t in made.tolerances)
+                return tuple(made.units), tuple(made.tolerances) if known else ()
             self.notes.append(f"units of the features are unknown: '{scheme}' has others here")
         return (), ()
 

@@ -4,10 +4,8 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 
-# Parts of the greatest singular value below which one counts as 0: of what was measured, where it
-# is nothing but noise, and of what was computed, where it is a rounding error: float64
-# leaves 1e-15.
-NOISE_PART, ROUNDING_PART = 1e-4, 1e-9
+# Part of the greatest singular value up to which one counts as 0: float64 leaves 1e-15.
+ROUNDING_PART = 1e-12
 # Cosine between two rows that rounding leaves of a right angle; six sweeps are usual.
 RIGHT_ANGLE, SWEEPS = 2e-15, 40
 

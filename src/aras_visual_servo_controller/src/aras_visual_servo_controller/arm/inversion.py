@@ -7,7 +7,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 
-from .algebra import NOISE_PART, all_above, applied, svd, times
+from .algebra import ROUNDING_PART, all_above, applied, svd, times
 from .held import held_at
 from .kinematics import CHAIN, viewed
 
@@ -15,7 +15,7 @@ from .kinematics import CHAIN, viewed
 WELL_SEEN = 0.05
 # A weak joint motion is damped at least as if the demand saw so much of it.
 LEAST_SEEN = 0.3
-SMALLEST = 1e-9  # a singular value below is a rounding error
+SMALLEST = 1e-9  # part of the greatest singular value below which one is a rounding error
 STRAIGHT = 1e-9  # rad; where an elbow is bent less, rounding would choose its side
 # Joints that move less than this leave the Jacobian as it is, beside an elbow too, rad or m.
 STILL = 0.002
@@ -65,7 +65,7 @@ def _demanded(L, rate, held, speeds, free, scaled, least, fully):
         rest[i] = rate[i] - rest[i]
     u, s, vt = svd(times(L, free.T))
     rank = 0
-    while rank < len(s) and s[rank] > NOISE_PART * s[0]:
+    while rank < len(s) and s[rank] > ROUNDING_PART * s[0]:
         rank += 1
     seen = applied(u.T, rest)
     basis = np.empty((rank + len(reach), 6))
@@ -84,8 +84,8 @@ def _demanded(L, rate, held, speeds, free, scaled, least, fully):
     return basis, speed, weight
 
 
-@compiled("f8[:,:], f8[:,:], f8[:], f8[:], f8[:], b1[:], f8[:], f8, f8")
-def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
+@compiled("f8[:,:], f8[:,:], f8[:], f8[:], f8[:], b1[:], f8[:], f8, f8, f8[:]")
+def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below, units):
     """Joint velocities for a demand, the others at their fixed ones, and what is free.
 
     Args:
@@ -94,6 +94,7 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
         wish: (n,) velocities where the demand leaves a choice.
         free, fixed: (n,) joints that may move, velocities (n,) of the others.
         damping, below: greatest damping, and singular value of the Jacobian where it sets in.
+        units: (n,) motion of each joint that counts as much as any other's.
 
     Returns:
         (n,) for the demand; (n,) of the wish, what the demand does not see.
@@ -102,7 +103,7 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     arm = np.empty((6, len(joints)))
     for column, joint in enumerate(joints):
         for i in range(6):
-            arm[i, column] = scaled[i, joint]
+            arm[i, column] = scaled[i, joint] * units[joint]
     rows = np.empty(basis.shape)
     for i in range(len(basis)):
         for j in range(6):
@@ -132,16 +133,17 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     u, s, vt = svd(damped)
     wishes = np.empty(len(joints))
     for column, joint in enumerate(joints):
-        wishes[column] = wish[joint]
+        wishes[column] = wish[joint] / units[joint]
     towards, against = applied(u[:m].T, rates), applied(u[:m].T, applied(task, wishes))
     for i in range(len(s)):
-        inverse = 1.0 / s[i] if s[i] >= SMALLEST else 0.0
+        inverse = 1.0 / s[i] if s[i] >= SMALLEST * s[0] and s[i] > 0.0 else 0.0
         towards[i] *= inverse
         against[i] *= inverse
     moved, seen_wish = applied(vt.T, towards), applied(vt.T, against)
     primary, secondary = fixed.copy(), np.zeros(len(free))
     for column, joint in enumerate(joints):
-        primary[joint], secondary[joint] = moved[column], wishes[column] - seen_wish[column]
+        primary[joint] = moved[column] * units[joint]
+        secondary[joint] = (wishes[column] - seen_wish[column]) * units[joint]
     return primary, secondary
 
 
@@ -267,7 +269,7 @@ def _joint_by_joint(scaled, bent, basis, wanted, weights, wish, low, high, folds
             near |= free[int(fold[0])] and abs(q[int(fold[0])] - fold[1]) < reach
         if near:  # with slightly bent elbows, when that is the way back from straight
             solution, spare = _solved(
-                bent, basis, wanted, weights, wish, free, fixed, damping[0], damping[1]
+                bent, basis, wanted, weights, wish, free, fixed, damping[0], damping[1], limits[4]
             )
             for fold in folds:
                 joint = int(fold[0])
@@ -277,7 +279,8 @@ def _joint_by_joint(scaled, bent, basis, wanted, weights, wish, low, high, folds
                     back &= solution[joint] * side > 0.0
         if not (near and back):
             solution, spare = _solved(
-                scaled, basis, wanted, weights, wish, free, fixed, damping[0], damping[1]
+                scaled, basis, wanted, weights, wish, free, fixed, damping[0], damping[1],
+                limits[4],
             )
         done = True
         for fold in folds:
@@ -341,11 +344,11 @@ def resolved(order, parents, slides, signs, places, axes, ends, tips, q, view, j
         L, rate, modelled: (k, 6), (k,), (6,) of the task.
         wish: (n,) of the secondary tasks; pulls: (p, 3, n) of those that are a Pull.
         folds: (m, 7) of each elbow, see Fold.
-        limits: (4, n) lower, upper, velocity, acceleration.
+        limits: (5, n) lower, upper, velocity, acceleration; units, see `_solved`.
         dt, limited, previous: see `_within`; last: (2, n) the last velocities, and their part for
             the task.
         settings: length, damping, damping_below, hold_gain, held_from, held_fully, reach_bend,
-            shortfall, lost_part.
+            shortfall, lost_part; see ResolverSettings.
 
     Returns:
         velocities, primary (n,); twists asked, given and lost (6,), in SI units; scale; the joint
@@ -393,7 +396,7 @@ def resolved(order, parents, slides, signs, places, axes, ends, tips, q, view, j
     for i in range(3, 6):
         asked[i], missing[i] = asked[i] / length, missing[i] / length
     for i in range(len(q)):
-        fast = max(fast, abs(velocities[i]))
+        fast = max(fast, abs(velocities[i]) / limits[4, i])
         margins[i] = min(q[i] - limits[0, i], limits[1, i] - q[i])
     lasts = len(stopped) == 0 and not straight and slowest < 0 and fast * LASTING <= STILL
     if lasts:

@@ -7,9 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .algebra import NOISE_PART, svd
-
-UNITS = ("m/s",) * 3 + ("rad/s",) * 3
+from .algebra import ROUNDING_PART, svd
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,4 +108,4 @@ def rank(singular_values: np.ndarray) -> int:
     """How many singular values, largest first, are more than noise."""
     if not singular_values.size or singular_values[0] <= 0.0:
         return 0
-    return int((singular_values > NOISE_PART * singular_values[0]).sum())
+    return int((singular_values > ROUNDING_PART * singular_values[0]).sum())

@@ -41,9 +41,9 @@ from .fold import Fold, find
 from .inversion import LASTING, resolved
 from .kinematics import NO_JOINTS
 from .limits import Limits
-from .resolution import UNITS, Resolution
+from .resolution import Resolution
 from .secondary import Pull, SecondaryTask
-from .task import DIRECTIONS
+from .task import DIRECTIONS, UNITS
 
 if TYPE_CHECKING:
     from .task import Task
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ResolverSettings:
-    """Numbers of the resolver.
+    """Numbers of the resolver: those of an arm, or `without_arm`.
 
     Attributes:
         length: metres that weigh as much as one radian of camera rotation, m.
@@ -63,6 +63,7 @@ class ResolverSettings:
         reach_bend: bend of an elbow at which the Jacobian is taken to come back from straight, rad.
         shortfall: missing speed of the camera that is worth a word, m/s.
         lost_part: part of what was asked that has to be missing for it.
+        slide: m that a sliding joint moves while one that turns moves by a radian.
     """
 
     length: float = 0.1
@@ -74,6 +75,18 @@ class ResolverSettings:
     reach_bend: float = 0.05
     shortfall: float = 0.002
     lost_part: float = 0.1
+    slide: float = 1.0
+
+    @classmethod
+    def without_arm(cls, depth: float, hold_gain: float) -> ResolverSettings:
+        """Those of a camera that flies: it has no singularities, and its lengths are the scene's.
+
+        `depth`: of the target, m.
+        """
+        return cls(
+            length=depth, damping=0.0, damping_below=0.0, hold_gain=hold_gain, held_from=0.0,
+            held_fully=1e-9, shortfall=0.01 * depth, slide=depth,
+        )  # fmt: skip
 
 
 class Resolver:
@@ -103,7 +116,8 @@ class Resolver:
         self.goal: np.ndarray | None = None
         self._scale = np.array([1.0] * 3 + [self.settings.length] * 3)
         self.numbers = np.array(astuple(self.settings))
-        self.limit_rows = np.array(astuple(self.limits)[1:], float)
+        units = np.where(arm.prismatic, self.settings.slide, 1.0)
+        self.limit_rows = np.array([*astuple(self.limits)[1:], units], float)
         self.accelerates = bool(np.isfinite(self.limits.acceleration).any())
         self.fold_rows = np.array([astuple(fold) for fold in self.folds], float).reshape(-1, 7)
         pulls = [task for task in self.tasks if type(task).velocity is Pull.velocity]

@@ -13,6 +13,10 @@ from .algebra import ROUNDING_PART, least_squares, svd, task_finite
 
 ALL_DIRECTIONS = (True,) * 6
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
+UNITS = ("m/s",) * 3 + ("rad/s",) * 3
+# Standard deviation of the camera's offset by one image, in depths and rad, up to which a direction
+# is servoed: noise moves the camera by some tenths of it.
+UNCERTAIN = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,11 +29,18 @@ class Task:
         rate: (k,) wanted, e_dot.
         modelled: (6,) bool; the camera's directions that the task speaks of. The others are held
             by the resolver, as constraints.
+        depth: of the target, m: a translation by it counts as much as a rotation by 1 rad.
+        accuracy: how exactly the rows of L are measured: (k, m), the effects of m independent
+            errors, one standard deviation each; or one standard deviation of all rows; 0: exactly.
+        least: part of the greatest singular value up to which one counts as 0.
     """
 
     L: np.ndarray
     rate: np.ndarray
     modelled: np.ndarray
+    depth: float = 1.0
+    accuracy: np.ndarray | float = 0.0
+    least: float = ROUNDING_PART
 
     def __post_init__(self) -> None:
         """Check it; one taller than six rows is reduced to six with the same solution.
@@ -47,8 +58,17 @@ class Task:
             raise TaskError(f"modelled directions: six are needed, got {modelled.shape}")
         if not task_finite(L, rate):
             raise TaskError("the interaction matrix or the wanted rate is not finite")
+        accuracy = self.accuracy
+        if np.ndim(accuracy):
+            accuracy = _numbers(accuracy)
+            if accuracy.ndim != 2 or len(accuracy) != len(L) or not np.isfinite(accuracy).all():
+                raise TaskError(
+                    f"accuracy of shape {accuracy.shape} for {len(L)} features: (k, m) finite "
+                    "numbers are needed"
+                )
         if len(L) > 6:
-            L, rate = _reduced(L, rate)
+            L, rate, accuracy = _reduced(L, rate, accuracy)
+        object.__setattr__(self, "accuracy", accuracy)
         for name, array in (("L", L), ("rate", rate), ("modelled", modelled)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -60,12 +80,16 @@ class Task:
         rate: ArrayLike,
         modelled: ArrayLike = ALL_DIRECTIONS,
         weights: ArrayLike | None = None,
+        depth: float = 1.0,
+        accuracy: ArrayLike | float = 0.0,
+        least: float = ROUNDING_PART,
     ) -> Task:
         """The task of L (k, 6), any k, and rate (k,); TaskError as above.
 
         Args:
             modelled: (6,) bool.
             weights: (k,) of the rows, >= 0: least squares weighted by their squares.
+            depth, accuracy, least: see Task.
         """
         if weights is not None:
             L, rate, weights = _numbers(L), _numbers(rate), _numbers(weights)
@@ -74,7 +98,10 @@ class Task:
                     f"weights of shape {weights.shape} for {len(rate)} features; they must be >= 0"
                 )
             L, rate = weights[:, None] * L, weights * rate
-        return cls(L, rate, modelled)
+            accuracy = np.diag(accuracy * weights) if np.ndim(accuracy) == 0 else (
+                weights[:, None] * accuracy
+            )
+        return cls(L, rate, modelled, depth, accuracy, least)
 
     @classmethod
     def of_twist(cls, twist: ArrayLike, modelled: ArrayLike = ALL_DIRECTIONS) -> Task:
@@ -87,29 +114,81 @@ class Task:
         return cls.of(np.eye(6)[modelled], twist[modelled], modelled)
 
     @cached_property
+    def singular_values(self) -> np.ndarray:
+        """Of L in its modelled directions, m and rad as they are, largest first."""
+        return svd(self.L[:, self.modelled])[1]
+
+    @cached_property
     def _factors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Singular value decomposition of L in its modelled directions."""
-        return svd(self.L[:, self.modelled])
+        """Singular value decomposition of L in its modelled directions, lengths in depths."""
+        return svd((self.L * self._scale)[:, self.modelled])
 
     @property
-    def singular_values(self) -> np.ndarray:
-        """Of L in its modelled directions, largest first."""
-        return self._factors[1]
+    def _scale(self) -> np.ndarray:
+        """(6,) units of a twist whose lengths are counted in depths."""
+        return np.array([self.depth] * 3 + [1.0] * 3)
+
+    @cached_property
+    def uncertainty(self) -> np.ndarray:
+        """(r,) for each singular direction of L: the standard deviation, in depths and rad, to
+        which one image tells the camera's offset along it; inf where no feature sees it."""
+        u, s, _ = self._factors
+        seen = s > self.least * s[0]
+        noise = np.full(len(s), float(self.accuracy)) if np.ndim(self.accuracy) == 0 else (
+            np.linalg.norm(u.T @ self.accuracy, axis=1)
+        )  # fmt: skip
+        return np.divide(noise, s, out=np.full(len(s), np.inf), where=seen)
 
     @property
     def rank(self) -> int:
-        """Rank of L in its modelled directions."""
-        s = self.singular_values
-        return int((s > ROUNDING_PART * s[0]).sum()) if s.size and s[0] > 0.0 else 0
+        """How many directions of the camera the features tell, see UNCERTAIN."""
+        return int((self.uncertainty <= UNCERTAIN).sum())
+
+    @cached_property
+    def measurable(self) -> Task:
+        """The task without the directions that are less certain than UNCERTAIN; itself where there
+        are none. What rounding alone hides is left to the resolver."""
+        if not np.any(self.accuracy) and self.least == ROUNDING_PART:
+            return self
+        kept = self.uncertainty <= UNCERTAIN
+        if kept.all():
+            return self
+        u = self._factors[0][:, kept].T
+        if not len(u):
+            return Task(np.zeros((1, 6)), np.zeros(1), self.modelled, self.depth)
+        return Task(u @ self.L, u @ self.rate, self.modelled, self.depth)
+
+    @property
+    def dropped(self) -> str:
+        """Which part of the commanded twist is not servoed, and why, as text; empty: all is."""
+        kept = self.measurable
+        if kept is self:
+            return ""
+        given = kept.twist
+        lost = np.abs((self.twist - given) / self._scale)
+        main = np.flatnonzero(lost > 0.3 * lost.max())
+        parts = ", ".join(
+            f"{DIRECTIONS[i]} commanded {self.twist[i]:.3g}, achieved {given[i]:.3g} {UNITS[i]}"
+            for i in main
+        )
+        count = int((self.uncertainty > UNCERTAIN).sum())
+        least = float(self.uncertainty[self.uncertainty > UNCERTAIN].min())
+        known = "no feature shows more than noise there" if least == np.inf else (
+            f"one image tells the camera's place there to {100.0 * least:.0f} % of the depth"
+        )  # fmt: skip
+        return (
+            f"{count} direction{'s' if count > 1 else ''} of the camera not servoed ({parts}): "
+            f"{known}, more than {100.0 * UNCERTAIN:.0f} % is not safe"
+        )
 
     @cached_property
     def twist(self) -> np.ndarray:
         """(6,) least-squares twist of a camera that moves in the modelled directions alone."""
         twist = np.zeros(6)
         twist[self.modelled] = least_squares(
-            self.L[:, self.modelled], self.rate, ROUNDING_PART
+            (self.L * self._scale)[:, self.modelled], self.rate, ROUNDING_PART
         )
-        return twist
+        return self._scale * twist
 
 
 def _numbers(values: ArrayLike) -> np.ndarray:
@@ -119,17 +198,24 @@ def _numbers(values: ArrayLike) -> np.ndarray:
         raise TaskError(f"not an array of numbers: {error}") from error
 
 
-def _reduced(L: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _reduced(
+    L: np.ndarray, rate: np.ndarray, accuracy: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | float]:
     """Six rows with the normal equations, and so the solutions and singular values, of L.
 
     With L^T L = V S^2 V^T they are S V^T and S^-1 V^T L^T rate. A matrix that fits the cache is
-    orthogonalised instead, which keeps all digits.
+    orthogonalised instead, which keeps all digits. One accuracy of all rows stays as it is.
     """
+    apart = np.ndim(accuracy) == 2
     if len(L) <= 512:
         Q, R = np.linalg.qr(L)
-        return R, Q.T @ rate
+        return R, Q.T @ rate, Q.T @ accuracy if apart else accuracy
     squares, V = np.linalg.eigh(L.T @ L)
     kept = squares > 1e-13 * max(squares[-1], 0.0)
     s = np.sqrt(np.where(kept, squares, 0.0))
+    kept &= s > 0.0
     projected = V.T @ (L.T @ rate)
-    return s[:, None] * V.T, np.divide(projected, s, out=np.zeros(6), where=kept & (s > 0.0))
+    if apart:
+        accuracy = V.T @ (L.T @ accuracy)
+        accuracy[kept] /= s[kept, None]
+    return s[:, None] * V.T, np.divide(projected, s, out=np.zeros(6), where=kept), accuracy

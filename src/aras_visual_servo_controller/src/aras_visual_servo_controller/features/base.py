@@ -19,6 +19,21 @@ from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
 
 
+# rad: the rounding of a turn by pi; a turn that is so much short of -pi counts as one by +pi.
+HALF_TURN = 1e-6
+
+
+class DepthPart(float):
+    """A tolerance of a length, as a part of the target's depth at the goal."""
+
+
+def tolerances_at(tolerances: Sequence[float], goal: Goal) -> tuple[float, ...]:
+    """Tolerances (k,) at this goal: lengths in m."""
+    return tuple(
+        float(t) * goal.distance if isinstance(t, DepthPart) else float(t) for t in tolerances
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Measured:
     """One feature vector in one image.
@@ -53,7 +68,7 @@ class Feature(ABC):
         cameras: names of those that it reads; none: the first, the control camera, alone.
         reads: how many cameras, where they are named in the scheme.
         names, tolerances, units: (k,) of the components; |error| below the tolerance counts as
-            reached.
+            reached. A DepthPart among the tolerances is a part of the target's depth.
         directions: (6,) camera directions that it models, vx ... wz; the others are held.
         weights: (k,) of the components in the least squares; None: all equal.
         geometric: whether s follows from where the points of the target are seen. Of what a
@@ -73,6 +88,12 @@ class Feature(ABC):
     units: Sequence[str] = ()
     directions: Sequence[bool] = ALL_DIRECTIONS
     weights: np.ndarray | None = None
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """A feature without a name is called as its class."""
+        super().__init_subclass__(**options)
+        if not cls.name or cls.name == cls.__base__.__name__:
+            cls.name = cls.__name__
 
     @abstractmethod
     def measure(self, observation: Observation, goal: Goal) -> Measured:
@@ -97,11 +118,15 @@ class Feature(ABC):
             "interaction 'current', or give it desired_interaction(goal)"
         )
 
-    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """How well s is measured in the image that was measured last, noise apart.
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
+        """How exactly s is measured in the image that was measured last.
 
-        Answers (k, m): the effects on s of m independent errors, one standard deviation each; None
-        where s is exact, or nobody knows. It is asked for when the goal is reached.
+        A direction of the camera is servoed where this tells it better than UNCERTAIN (arm/task),
+        and it bounds how far from its goal a camera that has arrived may be.
+
+        Returns:
+            (k, m): the effects on s of m independent errors, one standard deviation each; or one
+            standard deviation of all components, independent of each other; None where s is exact.
         """
         return None
 
@@ -109,8 +134,13 @@ class Feature(ABC):
         """Refuse a goal that this feature cannot servo to, before anything moves.
 
         Raises:
-            ConfigurationError: what the goal lacks.
+            ConfigurationError: what the goal lacks; here, what `teach` would have kept.
         """
+        if type(self).teach is not Feature.teach and self.name not in goal.features:
+            raise ConfigurationError(
+                f"{goal.name} holds nothing of the feature '{self.name}': teach it (rosrun "
+                "aras_visual_servo_controller teach --scheme ...)"
+            )
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
         """What to keep of the view at the goal; plain numbers, lists and strings for YAML.
@@ -195,13 +225,14 @@ class Stack(Feature):
         """See Feature.desired_interaction."""
         return np.vstack([f.desired_interaction(goal) for f in self.features])
 
-    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
         """See Feature.accuracy; errors of one part are none of another's."""
         parts = [f.accuracy(observation, goal) for f in self.features]
         if all(part is None for part in parts):
             return None
         return scipy.linalg.block_diag(*(
-            np.zeros((len(f.names), 0)) if part is None else part
+            np.zeros((len(f.names), 0)) if part is None else
+            part * np.eye(len(f.names)) if np.ndim(part) == 0 else part
             for f, part in zip(self.features, parts, strict=True)
         ))  # fmt: skip
 
@@ -257,3 +288,16 @@ def other_camera(width: int, height: int, K: np.ndarray, camera: CameraModel) ->
 def wrap(angle: np.ndarray | float, period: float = 2.0 * np.pi) -> np.ndarray | float:
     """The angle (rad) modulo the period, in [-period/2, period/2)."""
     return (angle + 0.5 * period) % period - 0.5 * period
+
+
+def wrap_together(angles: np.ndarray, period: float = 2.0 * np.pi) -> np.ndarray:
+    """Angles (k, ...) modulo the period, each within half a period of their common direction.
+
+    Near half a turn rounding would send some of them one way round and some the other, and what
+    they ask for together would be no turn at all. The common direction is that of the sum of their
+    unit vectors, along the first axis; where it is half a turn to rounding, it is taken as +.
+    """
+    unit = np.exp(2j * np.pi / period * angles).sum(axis=0)
+    common = np.angle(unit) * period / (2.0 * np.pi)
+    common = np.where(common < HALF_TURN - 0.5 * period, common + period, common)
+    return common + wrap(angles - common, period)

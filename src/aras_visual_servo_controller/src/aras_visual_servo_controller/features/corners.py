@@ -11,6 +11,7 @@ Transactions on Robotics and Automation 8(3), 1992 (lines, segments, vanishing p
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -20,10 +21,12 @@ from aras_visual_servo_base.poses import skew
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
-from .base import Measured, plane_in, wrap
+from .base import DepthPart, Measured, plane_in, wrap, wrap_together
 from .points import TOLERANCE, PointFeature, at_plane, places, point_interaction
 
 TURN = 2.0 * np.pi
+# Of the place of a point, aside and along the optical axis.
+PLACE = (DepthPart(TOLERANCE), DepthPart(TOLERANCE), DepthPart(2.0 * TOLERANCE))
 SMALLEST = 1e-9  # normalised length below which a direction is undefined
 
 
@@ -94,8 +97,8 @@ class CornerFeature(NumberedPoints):
         w = at_plane(plane_in(observation), points)
         s = self.values(points, w)
         goal_s = self.values(desired, self._goal_depth(goal, desired))
-        return Measured(s, goal_s, self._wrapped(s - goal_s), self.interaction(points, w),
-                        up_to=up_to)  # fmt: skip
+        error = self._wrapped(s - goal_s, wrap_together)
+        return Measured(s, goal_s, error, self.interaction(points, w), up_to=up_to)
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Feature.accuracy; of each point's by differences."""
@@ -108,12 +111,14 @@ class CornerFeature(NumberedPoints):
         moved = np.transpose([self.values(desired + d.reshape(-1, 2), w) - s for d in points.T])
         return self._wrapped(moved)
 
-    def _wrapped(self, change: np.ndarray) -> np.ndarray:
-        """A change of s, (k,) or (k, m), its angles wrapped."""
+    def _wrapped(
+        self, change: np.ndarray, modulo: Callable[[np.ndarray, float], np.ndarray] = wrap
+    ) -> np.ndarray:
+        """A change of s, (k,) or (k, m), its angles taken modulo their periods."""
         for i, period in enumerate(self.periods):
             if period:
                 every = slice(i, None, len(self.parts))
-                change[every] = wrap(change[every], period)
+                change[every] = modulo(change[every], period)
         return change
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
@@ -172,7 +177,7 @@ class Points3D(CornerFeature):
 
     name = "points_3d"
     parts, periods = ("X", "Y", "Z"), (0.0, 0.0, 0.0)
-    part_tolerances, part_units = (0.0005, 0.0005, 0.001), ("m", "m", "m")
+    part_tolerances, part_units = PLACE, ("m", "m", "m")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.values."""

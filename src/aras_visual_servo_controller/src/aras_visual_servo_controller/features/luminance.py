@@ -29,7 +29,7 @@ from .base import Feature, Measured, other_camera, plane_in
 GREY = 0.2  # grey levels: what rounding and drawing amount to in a fit of two pictures of one view
 TOGETHER = 3.5  # a smoothed pixel's error counts so much in a fit: its neighbours have it as well
 FOLDS = (8, 7, 6, 5, 4, 3, 2)  # of the symmetries that are looked for
-FARTHEST = 1e-3  # 1/m: of the plane is not looked at what is farther
+FARTHEST = 500.0  # goal's depths: of the plane is not looked at what is farther
 OVERLAP = 0.3  # part of the picture that has to be in view before and after the turn
 BORDER = 10  # pixels at the picture's rim that are left out: what comes in there was not seen
 FLAT = 1e-12  # part of the greatest eigenvalue of L^T L below which the picture tells nothing
@@ -160,10 +160,10 @@ class Luminance(Feature):
         wanted = self._desired[rays.inside]
         normal = np.array(plane) / np.linalg.norm(plane)
         directions = np.stack([rays.x.ravel(), rays.y.ravel(), np.ones(rays.x.size)])
-        depth = 1.0 / np.maximum(np.array(plane) @ directions, FARTHEST)
+        depth = 1.0 / np.maximum(np.array(plane) @ directions, plane.C / FARTHEST)
         # A pixel covers an area of the plane that grows with the cube of the depth.
         weight = np.abs(wanted - np.median(wanted)).ravel() * depth**3
-        middle = directions @ (weight * depth) / max(weight.sum(), FARTHEST)
+        middle = directions @ (weight * depth) / max(weight.sum(), np.finfo(float).tiny)
         for folds in FOLDS:
             # X' = R (X - middle) + middle of the points of the plane, whose rays a homography maps.
             turn = cv2.Rodrigues(2.0 * np.pi / folds * normal)[0]

@@ -23,7 +23,7 @@ RATIO = 0.8  # of the distances of the best and the second best match (Lowe 2004
 LEAST = 8  # matches that agree, below which a picture tells nothing
 APART = 3.0  # px by which a match may miss the homography
 ASIDE = 0.25  # px that SIFT finds keypoints too far right and down: it doubles the picture first
-FARTHEST = 1e-3  # 1/m that a match counts as near at least: one may lie beyond the horizon
+FARTHEST = 500.0  # goal's depths that a match is away at most: it may lie beyond the horizon
 
 
 class Matches(Luminance):
@@ -68,7 +68,7 @@ class Matches(Luminance):
         error = (points - desired).ravel()
         rms = float(np.sqrt(np.mean(error**2) * 2.0))
         A, B, C = plane_in(observation)
-        w = np.maximum(A * points[:, 0] + B * points[:, 1] + C, FARTHEST)
+        w = np.maximum(A * points[:, 0] + B * points[:, 1] + C, 1.0 / (FARTHEST * goal.distance))
         self._L = L = point_interaction(points, w)
         self._missed = float(np.std(error - L @ np.linalg.lstsq(L, error, rcond=None)[0]))
         return Measured(
@@ -76,9 +76,9 @@ class Matches(Luminance):
             judged=np.array([rms]),
         )  # fmt: skip
 
-    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
         """See Feature.accuracy: by how far the matches miss the plane's motion."""
-        return self._missed * np.eye(self._L.shape[0])
+        return self._missed
 
     def keypoints(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Of a grey picture (H, W): where its keypoints are (n, 2), px, and descriptors (n, k).
@@ -150,4 +150,4 @@ class MatchesPose(Matches):
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Matches.accuracy; at the goal s is the camera's offset itself."""
-        return np.linalg.pinv(self._L) @ super().accuracy(observation, goal)
+        return np.linalg.pinv(self._L) * super().accuracy(observation, goal)

@@ -8,7 +8,7 @@ servoing of planar objects, IEEE T-RO 21(6), 2005. A user's own is a subclass wi
 
 from __future__ import annotations
 
-from .moments import ALPHA, LEVEL_CAMERA, MomentFeature
+from .moments import ALPHA, ASIDE, AWAY, LEVEL_CAMERA, MomentFeature
 
 
 class BasicMoments(MomentFeature):
@@ -41,7 +41,7 @@ class NormalisedGravityCentre(MomentFeature):
 
     name = "gravity_centre_normalised"
     formulas = names = ("xn", "yn")
-    tolerances, units = (0.0005, 0.0005), ("m", "m")
+    tolerances, units = (ASIDE, ASIDE), ("m", "m")
     directions = (True, True, False, False, False, False)
 
 
@@ -59,7 +59,7 @@ class NormalisedArea(MomentFeature):
 
     name = "area_normalised"
     formulas = names = ("an",)
-    tolerances, units = (0.001,), ("m",)
+    tolerances, units = (AWAY,), ("m",)
     directions = (False, False, True, False, False, False)
 
 
@@ -120,7 +120,7 @@ class MomentsPitch(MomentFeature):
 
     name = "moments_pitch"
     formulas = names = ("xn", "yn", "an", "Sy", ALPHA)
-    tolerances = (0.0005, 0.0005, 0.001, 0.001, 0.005)
+    tolerances = (ASIDE, ASIDE, AWAY, 0.001, 0.005)
     units = ("m", "m", "m", "", "rad")
     directions = (*LEVEL_CAMERA[:4], True, True)
 
@@ -130,5 +130,5 @@ class MomentsSix(MomentFeature):
 
     name = "moments_six"
     formulas = names = ("xn", "yn", "an", "Sx", "Sy", ALPHA)
-    tolerances = (0.0005, 0.0005, 0.001, 0.001, 0.001, 0.005)
+    tolerances = (ASIDE, ASIDE, AWAY, 0.001, 0.001, 0.005)
     units = ("m", "m", "m", "", "", "rad")

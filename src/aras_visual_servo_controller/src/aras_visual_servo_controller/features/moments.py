@@ -30,7 +30,7 @@ from aras_visual_servo_camera.moments import Moments
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
-from .base import Feature, Measured, wrap
+from .base import DepthPart, Feature, Measured, wrap
 
 LEVEL_CAMERA = (True, True, True, False, False, True)  # vx, vy, vz, wz
 ALPHA, FULL_ALPHA = "alpha", "alpha_full"
@@ -44,6 +44,8 @@ EDGE, FRESH = 0.03, 0.12
 ROUND = 0.1
 HARMONICS = 9  # 1, cos phi, sin phi, ... cos 4 phi, sin 4 phi, of the direction from the middle
 PIECES = 16  # of each side of an outline
+# Tolerances of xn and yn, and of an: 0.5 and 1 mm before the laboratory's target, at 0.2 m.
+ASIDE, AWAY = DepthPart(0.0025), DepthPart(0.005)
 STEP = 1e-5  # normalised; displacement by which the features' slopes are taken
 
 
@@ -163,9 +165,10 @@ class MomentFeature(Feature):
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Feature.accuracy; of displacements of the goal's outline, by differences."""
-        if not observation.pixel_count:
-            return None
         at = self._at(goal)
+        if not observation.pixel_count:
+            noise = observation.corner_accuracy  # of an exact outline whose corners have noise
+            return noise * at.slopes if noise and observation.moments is not None else None
         size = EDGE / sqrt(observation.pixel_count) / observation.camera.K[0]
         if goal.camera != observation.camera:
             return size * at.slopes
@@ -205,7 +208,7 @@ class ImageMoments(MomentFeature):
     name = "moments"
     formulas = names = camera_features.PAPER
     # The means of a second: a friction of the joints leaves less, the noisy camera a tenth.
-    tolerances = (0.0005, 0.0005, 0.001, 0.005)
+    tolerances = (ASIDE, ASIDE, AWAY, 0.005)
     units = ("m", "m", "m", "rad")
     directions = LEVEL_CAMERA
 

@@ -13,7 +13,7 @@ from aras_visual_servo_base.poses import adjoint, relative
 from ..errors import ConfigurationError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
-from .base import Feature, Measured
+from .base import Feature, Measured, tolerances_at
 
 ROUNDING = 1e-6  # of a matrix of twists, below which a direction is none
 
@@ -33,6 +33,7 @@ class OfCamera(Feature):
         self.geometric, self.stackable = feature.geometric, feature.stackable
         self.name = f"{feature.name or type(feature).__name__}@{camera}"
         self._goals: tuple[Goal, Goal] | None = None
+        self.tolerances = feature.tolerances
         self._describe(None)
 
     def _describe(self, control_T_camera: np.ndarray | None) -> None:
@@ -43,7 +44,7 @@ class OfCamera(Feature):
         """
         feature = self.feature
         self.names = tuple(f"{self.camera}.{name}" for name in feature.names)
-        self.tolerances, self.units = feature.tolerances, feature.units
+        self.units = feature.units
         self.weights = feature.weights
         modelled = np.array(feature.directions, bool)
         if control_T_camera is not None:
@@ -82,6 +83,7 @@ class OfCamera(Feature):
                 f"{goal.name} has no view of camera '{self.camera}': teach it with this scheme"
             )
         self.feature.check(self._own(goal))
+        self.tolerances = tolerances_at(self.feature.tolerances, self._own(goal))
         control = self.camera == goal.seen_by
         self._describe(None if control else relative(*(
             goal.cameras[name].world_T_camera for name in (goal.seen_by, self.camera)

@@ -21,10 +21,10 @@ from aras_visual_servo_base.poses import exponential, rotation_vector, rotation_
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Observation
-from .base import Measured
+from .base import DepthPart, Measured
 from .corners import NumberedPoints
+from .points import TOLERANCE, point_interaction
 from .points import places as places_of
-from .points import point_interaction
 
 REFINEMENTS, REFINED = 10, 1e-13
 FLATTEST = 1e-9  # part of the greatest singular value below which points lie on one line
@@ -92,7 +92,7 @@ class RelativePose(NumberedPoints):
         self.names, self.tolerances, self.units = zip(*self.rows, strict=True)
 
 
-METRES = tuple((name, 0.0005, "m") for name in ("tx", "ty", "tz"))
+METRES = tuple((name, DepthPart(TOLERANCE), "m") for name in ("tx", "ty", "tz"))
 RADIANS = tuple((name, 0.003, "rad") for name in ("ux", "uy", "uz"))
 
 

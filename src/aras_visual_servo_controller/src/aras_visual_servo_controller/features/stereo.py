@@ -18,11 +18,11 @@ from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
 from .base import Feature, Measured
-from .corners import NumberedPoints
+from .corners import PLACE, NumberedPoints
 from .points import accuracy_beside
 from .pose import FLATTEST, PoseInGoalFrame, in_goal_frame
 
-NEAREST = 1e-3  # m between two cameras, below which they tell no depth
+NEAREST = 5e-3  # part of the depth between two cameras, below which they tell none
 STEP = 1e-6  # normalised length, of differences
 
 
@@ -82,7 +82,7 @@ class StereoPoints(Feature):
                     f"{goal.name} has no view of camera '{name}': teach it with this scheme"
                 )
         apart = float(np.linalg.norm(self._between(goal.cameras)[:3, 3]))
-        if apart < NEAREST:
+        if apart < NEAREST * goal.distance:
             raise ConfigurationError(
                 f"{self.name}: cameras {' and '.join(self.cameras)} are {1e3 * apart:.1f} mm apart "
                 "and tell no depth: move one of them"
@@ -104,7 +104,7 @@ class StereoPoints(Feature):
 
     def _set_count(self, count: int) -> None:
         self.names = tuple(f"{axis}{i}" for i in range(count) for axis in "XYZ")
-        self.tolerances, self.units = (0.0005, 0.0005, 0.001) * count, ("m",) * (3 * count)
+        self.tolerances, self.units = PLACE * count, ("m",) * (3 * count)
 
     def _between(self, seen: Mapping[str, Observation] | Mapping[str, Goal]) -> np.ndarray:
         """second_T_first (4, 4) of two views or goals, each camera at its own exposure."""

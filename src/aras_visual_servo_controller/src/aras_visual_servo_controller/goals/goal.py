@@ -49,6 +49,7 @@ from .goal_file import EDGE_ON, GoalKernel, goal_fields
 if TYPE_CHECKING:
     from ..arm import Arm
 
+DEPTH = 0.2  # m: a target's depth where the goal does not say it; the laboratory's
 REACHABLE = 2e-3  # m, and 0.1 m x rad, from which on a pose counts as beyond the arm's reach
 # Beyond these the camera is mounted elsewhere than when the goal was taught, m and rad.
 SAME_PLACE, SAME_ANGLE = 1e-4, 1e-3
@@ -95,6 +96,18 @@ class Goal:
     mounting: np.ndarray | None = None
     seen_by: str = CAMERA
     others: Mapping[str, Goal] = field(default_factory=dict)
+
+    @cached_property
+    def distance(self) -> float:
+        """Depth of the target's plane on the optical axis, m: the scene's unit of length."""
+        if self.plane is not None and self.plane.C > 0.0:
+            return 1.0 / self.plane.C
+        return self.depth or DEPTH
+
+    @property
+    def scale(self) -> float:
+        """Times as far as the laboratory's target, for which lengths of settings were chosen."""
+        return self.distance / DEPTH
 
     @property
     def cameras(self) -> dict[str, Goal]:

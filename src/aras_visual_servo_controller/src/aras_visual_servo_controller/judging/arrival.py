@@ -27,10 +27,11 @@ if TYPE_CHECKING:
     from ..schemes.base import Decision, JointController, Scheme
     from ..seeing.observation import Observation
 
-# Offset from the goal within which the camera counts as there, m and rad: somewhat less than 0.3
-# mm and 0.3 degrees, as pictures are not exact either. In a direction that changes the features
-# little, their tolerances alone may be 6 mm (four points of a plane that was turned by 40 degrees).
-ARRIVED = (2e-4, 3.5e-3)
+# Offset from the goal within which the camera counts as there, parts of the target's depth and rad:
+# somewhat less than 0.3 mm at 0.2 m and 0.3 degrees, as pictures are not exact either. In a
+# direction that changes the features little, their tolerances alone may be 6 mm (four points of a
+# plane that was turned by 40 degrees).
+ARRIVED = (1e-3, 3.5e-3)
 STAYS = 1.5  # times tolerances and offset within which a camera that has arrived stays so
 DEVIATIONS = 2.0  # standard deviations of the mean within which it is taken as known
 # Errors may scatter about their mean by so many tolerances, rms: more is a motion, not noise.
@@ -49,7 +50,7 @@ CERTAIN = 3.0  # standard deviations of that mean by which it has to be another,
 ELSEWISE = 5.0
 STEPS = 8  # latest images, at least, whose steps tell how noisy they are
 TALL = 64  # rows of L from which on the normal equations are solved
-ROUNDING = 1e-9  # s
+ROUNDING = 1e-9  # s; rad, and parts of the depth
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,8 @@ class Arrival:
         offsets = None
         if settled and len(self._offsets):
             offsets, short = mean_offset(self._offsets.stamps, self._offsets.errors,
-                                         _seen(decision), len(self._errors), self._reached)
+                                         _seen(decision), len(self._errors), self._reached,
+                                         goal.distance)
         self._reached = settled and not short
         if not self._reached:
             self._views.clear()
@@ -171,7 +173,8 @@ class Arrival:
 
 
 def mean_offset(
-    stamps: np.ndarray, rows: np.ndarray, seen: np.ndarray, settled: int, reached: bool
+    stamps: np.ndarray, rows: np.ndarray, seen: np.ndarray, settled: int, reached: bool,
+    depth: float,
 ) -> tuple[Offsets, str]:
     """How far the camera is from its goal, averaged over images, and why that is too much.
 
@@ -181,14 +184,16 @@ def mean_offset(
         seen: L^+ L (6, 6), the part of a motion that changes the offsets.
         settled: number of images for which the features have settled.
         reached: whether the camera was at its goal by the image before.
+        depth: of the target at the goal, m.
 
     Returns:
         The mean offset, as of the last image; a sentence, empty where it is small enough.
     """
+    near = ARRIVED[0] * depth, ARRIVED[1]
     mean, scatter, count, enough = _averaged(
-        rows, seen, min(settled, FEW), np.array(ARRIVED) / DEVIATIONS
+        rows, seen, min(settled, FEW), np.array(near) / DEVIATIONS
     )
-    latest, noise = rows[-1, :6], _noise(rows[-max(count, STEPS) :, :6])
+    latest, noise = rows[-1, :6], _noise(rows[-max(count, STEPS) :, :6], depth)
     if (np.abs(latest - mean) > ELSEWISE * noise).any():
         mean, scatter, count = latest, np.diag(noise**2), 1
     off = _size(mean.tolist())
@@ -202,7 +207,7 @@ def mean_offset(
             f"known to {1e3 * unknown[0]:.2f} mm and {np.degrees(unknown[1]):.2f} degrees"
         )
     limits = [STAYS * a + u if reached else max(a, u) for a, u in zip(
-        ARRIVED, unknown, strict=True
+        near, unknown, strict=True
     )]  # fmt: skip
     if off[0] <= limits[0] and off[1] <= limits[1]:
         return offsets, ""
@@ -236,13 +241,13 @@ def _views(observation: Observation, goal: Goal) -> np.ndarray:
     ])  # fmt: skip
 
 
-def _noise(offsets: np.ndarray) -> np.ndarray:
+def _noise(offsets: np.ndarray, depth: float) -> np.ndarray:
     """Standard deviation (6,) of offsets (m, 6), by their steps from image to image, or better by
     how these differ, which a slow motion changes little."""
     order = 2 if len(offsets) > 2 else 1
     steps = np.diff(offsets, n=order, axis=0)
     variance = (steps**2).sum(axis=0) / max(len(steps), 1) / (2.0, 6.0)[order - 1]
-    return np.sqrt(variance) + ROUNDING
+    return np.sqrt(variance) + ROUNDING * np.repeat((depth, 1.0), 3)
 
 
 def offset_of(decision: Decision) -> np.ndarray | None:

@@ -73,8 +73,11 @@ class CameraCheck:
         """An image without measurement: the next one has no predecessor."""
         self._before = self._joints = self._last = None
 
-    def add(self, decision: Decision, observation: Observation, tolerances: np.ndarray) -> None:
-        """Take in one image."""
+    def add(
+        self, decision: Decision, observation: Observation, tolerances: np.ndarray,
+        angles: np.ndarray,
+    ) -> None:
+        """Take in one image; tolerances: (k,) of the error, angles: (k,) bool, what may wrap."""
         L, error = decision.L, decision.error
         before, self._before = self._before, None
         joints, self._joints = self._joints, observation.joints
@@ -86,7 +89,7 @@ class CameraCheck:
             return
         predicted, wrapped = _advanced(
             *before, *self._before, observation.motion, observation.dt, tolerances, self._parts,
-            self._own,
+            self._own, angles,
         )  # fmt: skip
         if wrapped:
             self._begin(error)
@@ -248,10 +251,10 @@ def _scales(normal, right, square, rows, known, turned, off, deviations, quiet):
     return depth, misfit / square, rest, one, other, scale[max(one, 0)], beside
 
 
-@compiled("f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[:], f8[:,::1], f8[::1]",
-          allocates=False)
+@compiled("f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[:], f8[:,::1], f8[::1], "
+          "b1[:]", allocates=False)
 def _advanced(error_before, L_before, rate_before, error, L, rate, motion, dt, tolerances, parts,
-              own):
+              own, angles):
     """Add what each direction of the camera should have done to the features up to this image, and
     what was no doing of the camera's.
 
@@ -261,20 +264,23 @@ def _advanced(error_before, L_before, rate_before, error, L, rate, motion, dt, t
         motion: (6,) of the camera between them; dt: s.
         tolerances: (k,), the unit of `parts`.
         parts, own: (k, 6), (k,) up to the image before; they are added to.
+        angles: (k,) whether it may wrap.
 
     Returns:
         The greatest of the sums of `parts`; whether an error moved so far that an angle wrapped.
     """
     widest, greatest, wrapped = 0.0, 0.0, False
-    for tolerance in tolerances:
-        widest = max(widest, tolerance)
+    for i in range(len(error)):
+        if angles[i]:
+            widest = max(widest, tolerances[i])
     for i in range(len(error)):
         predicted = 0.0
         for j in range(6):
             parts[i, j] += 0.5 * (L_before[i, j] + L[i, j]) * motion[j] / tolerances[i]
             predicted += parts[i, j]
         greatest = max(greatest, abs(predicted))
-        wrapped |= abs(error[i] - error_before[i]) / tolerances[i] > 1.0 / widest
+        if angles[i]:
+            wrapped |= abs(error[i] - error_before[i]) / tolerances[i] > 1.0 / widest
         both = rate_before[min(i, len(rate_before) - 1)] + rate[min(i, len(rate) - 1)]
         own[i] += 0.5 * both * dt
     return greatest, wrapped

@@ -44,22 +44,49 @@ class Diagnosis:
         jacobian: Callable[[np.ndarray], np.ndarray] | None = None,
         beyond: str = "",
         names: Sequence[str] = (),
+        lengths: np.ndarray | float = 1.0,
     ) -> None:
         """Args:
             jacobian: (6, n) of the arm at joints (n,); None: there is no arm.
             beyond: why the arm cannot be where the goal was taught, where it cannot.
-            names: of the n joints.
+            names: of the n joints. lengths: see JointCheck.
         """
         self.settings, self._jacobian, self._beyond = settings, jacobian, beyond
-        self._names = tuple(names)
+        self._names, self._lengths = tuple(names), lengths
         self.reset()
+
+    @property
+    def outcome(self) -> Outcome:
+        """What the loop knows of the run so far."""
+        found = self._outcome
+        if not self._faults or found.kind in ("running", "scheme_fault"):
+            return found
+        reason = f"{found.reason}; {self._faulty}" if found.reason else self._faulty
+        return replace(found, reason=reason)
+
+    @outcome.setter
+    def outcome(self, found: Outcome) -> None:
+        self._outcome = found
+
+    @property
+    def _faulty(self) -> str:
+        """How many images the scheme gave no answer to, when and why, as text."""
+        first, last, reason = self._faults[0], self._faults[-1], self._faults[-1][1]
+        when = f"at {first[0]:.2f} s" if first is last else (
+            f"from {first[0]:.2f} s to {last[0]:.2f} s"
+        )  # fmt: skip
+        count = len(self._faults)
+        images = f"{count} image{'s' if count > 1 else ''} of {self._images}"
+        return f"{images} got no answer from the scheme ({when}): {reason}"
 
     def reset(self) -> None:
         """A new run."""
+        self._faults: list[tuple[float, str]] = []  # of images, with the scheme's fault
+        self._images = 0
         self.outcome = Outcome()
         self._progress = ProgressCheck()
         self._oscillation = Oscillation()
-        self._joints = JointCheck(self._names)
+        self._joints = JointCheck(self._names, self._lengths)
         self._target = TargetCheck()
         self._cameras: dict[str, CameraCheck] = {}
         self._shapes: dict[str, ShapeCheck] = {}
@@ -107,7 +134,14 @@ class Diagnosis:
         """The time for the run is over; what was found before stays the outcome."""
         if self.outcome.kind == "running":
             last = f": {self.outcome.reason}" if self.outcome.reason else ""
-            self.outcome = self._unfinished(f"not at the goal after {duration:.1f} s{last}")
+            found = self._unfinished(f"not at the goal after {duration:.1f} s{last}")
+            # An image without an answer interrupts the loop: the camera has to settle again.
+            recent = self._faults and self._faults[-1][0] > (self._measured or 0.0) - (
+                self.settings.hold
+            )
+            if recent and found.kind in ("timed_out", "no_progress"):
+                found = outcome("scheme_fault", f"{found.reason}; {self._faulty}")
+            self.outcome = found
         self._ended = True
 
     def _unfinished(self, reason: str) -> Outcome:
@@ -129,6 +163,9 @@ class Diagnosis:
         faulty: bool = False,
     ) -> Outcome:
         """Take in the state of one image; answers the outcome as of now."""
+        self._images += 1
+        if faulty:
+            self._faults.append((state.stamp, state.reason))
         if not self._ended:
             found = self._judged(state, observation, goal, scheme, faulty)
             # Stopped by the watchdog again and again: the images between do not mend it.
@@ -168,17 +205,21 @@ class Diagnosis:
         if fault := self._strange(observation, goal):
             return outcome("wrong_object", fault)
         tolerances = np.asarray(scheme.tolerances, float)
-        error = self._progress.add(state, tolerances)
+        error = self._progress.add(state, tolerances, goal.distance)
         viewed = getattr(scheme, "judges_camera", True)
-        moves = self._target.add(state.decision, observation, goal, tolerances, viewed)
+        # What can wrap: an angle, or what may be one; a length cannot.
+        angles = np.array([unit != "m" for unit in scheme.units] or [True] * len(tolerances))
+        moves = self._target.add(state.decision, observation, goal, tolerances, viewed, angles)
         if moves:
             self._cameras.clear()  # what they saw was the target's doing
         elif viewed:
-            for name, part, tolerated in _by_camera(state.decision, observation, tolerances):
+            for name, part, tolerated, wrap in _by_camera(
+                state.decision, observation, tolerances, angles
+            ):
                 check = self._cameras.get(name)
                 if check is None:
                     check = self._cameras[name] = CameraCheck(self._jacobian)
-                check.add(part, observation, tolerated)
+                check.add(part, observation, tolerated, wrap)
         swings = self._swinging(state.stamp, error)
         fast = swings is not None and self._faster_than_targets
         if moves and state.phase != CONVERGED and not fast:
@@ -305,15 +346,15 @@ def _shown(observation: Observation, goal: Goal) -> bool:
 
 
 def _by_camera(
-    decision: Decision, observation: Observation, tolerances: np.ndarray
-) -> Iterator[tuple[str, Decision, np.ndarray]]:
-    """Name of each camera, its part of the decision, and the tolerances of that.
+    decision: Decision, observation: Observation, tolerances: np.ndarray, angles: np.ndarray
+) -> Iterator[tuple[str, Decision, np.ndarray, np.ndarray]]:
+    """Name of each camera, its part of the decision, the tolerances of that, and what may wrap.
 
     Of a scheme of several cameras, features of one are called 'camera.feature'; the others have no
     camera's name: they may be of all.
     """
     if not observation.others:
-        yield observation.name, decision, tolerances
+        yield observation.name, decision, tolerances, angles
         return
     L, count = decision.L, len(decision.names)
     if np.shape(L) != (count, 6):
@@ -326,7 +367,7 @@ def _by_camera(
     for camera, at in rows.items():
         yield camera, replace(decision, error=decision.error[at], L=L[at], rate=rate[at]), (
             tolerances[at]
-        )
+        ), angles[at]
 
 
 def _converged(arrived: Arrived) -> Outcome:

@@ -29,9 +29,9 @@ class JointCheck:
     EVERY = 5  # images from one look to the next
     SOON = 0.3  # s after which a joint that swings is told; one that stays behind after SPAN
 
-    def __init__(self, names: Sequence[str] = ()) -> None:
-        """`names`: of the n joints."""
-        self._names = tuple(names)
+    def __init__(self, names: Sequence[str] = (), lengths: np.ndarray | float = 1.0) -> None:
+        """`names`: of the n joints. `lengths`: (n,) of each, what counts as much as 1 rad or m."""
+        self._names, self._lengths = tuple(names), np.asarray(lengths, float)
         self._seen = RecentErrors()
         self._new = 0
         self.joints, self.reason = "", ""
@@ -46,7 +46,9 @@ class JointCheck:
             commanded, measured: (n,) velocities, rad/s or m/s.
         """
         seen = self._seen
-        seen.add(stamp, np.concatenate([late, commanded, measured]))
+        seen.add(stamp, np.concatenate([
+            late, commanded / self._lengths, measured / self._lengths
+        ]))  # fmt: skip
         self._new += 1
         if self._new >= self.EVERY:
             self._new = 0

@@ -28,9 +28,10 @@ if TYPE_CHECKING:
     from ..schemes.base import Decision
     from ..seeing.observation import Observation
 
-PLAIN = (3e-4, radians(0.3))  # m and rad: plain 'converged' leaves open no more than this
-# m and rad that a camera which stands still is known to: its joints move between images.
-STILL = (1e-5, 1e-4)
+# Parts of the target's depth and rad: plain 'converged' leaves open no more, 0.3 mm at 0.2 m.
+PLAIN = (1.5e-3, radians(0.3))
+# Parts of the depth and rad that a camera at rest is known to: its joints move between images.
+STILL = (5e-5, 1e-4)
 # s for which a camera may go on as before the last image: its answer takes time and is ramped.
 GOES_ON = 0.06
 # Times that an offset by L counts, its translation and its rotation: L's depth may be believed 0.6
@@ -100,25 +101,26 @@ class Margin:
         observation: Observation,
         goal: Goal,
         error: np.ndarray,
-        accuracy: np.ndarray | None,
+        accuracy: np.ndarray | float | None,
         resolution: Resolution | None,
     ) -> None:
         """Of the image with which the goal was reached.
 
         Args:
             error: (k,) mean of the last images.
-            accuracy: (k, m) effects on what L's rows belong to of m independent errors of
-                measurement, one standard deviation each; None: it is exact.
+            accuracy: of what L's rows belong to, see Feature.accuracy.
             resolution: says what an arm of few joints can move; None: all six directions.
         """
         self._goal, self._modelled = goal, decision.task.modelled
         self._up_to, self._round = decision.up_to, symmetric(decision.up_to, goal)
         self._lasting = 0.0 if accuracy is None else LASTING
-        self._depth = depth = _plane(goal).C ** -1.0
+        self._depth = depth = goal.distance
         scale = self._scale = np.array([1.0] * 3 + [depth] * 3)
         L = np.asarray(decision.L, float) / scale
         if decision.residual is not None:
             error = decision.residual
+        if np.ndim(accuracy) == 0 and accuracy is not None:
+            accuracy = accuracy * np.eye(len(L))
         if accuracy is not None and len(error) <= MOST:
             accuracy = accuracy * max(unexplained(L, error, accuracy), 1.0)
         if len(L) > 6:  # the same least squares with six rows
@@ -158,7 +160,7 @@ class Margin:
         distance, angle = _bounds(
             offsets.mean, offsets.scatter, self._measured, part, self._coupling, held, self._scale
         )
-        distance += STILL[0] + GOES_ON * offsets.speed[0]
+        distance += STILL[0] * self._depth + GOES_ON * offsets.speed[0]
         angle = angle / self._depth + STILL[1] + GOES_ON * offsets.speed[1]
         words = [self._up_to] if self._up_to else []
         reason = mend = ""
@@ -166,7 +168,7 @@ class Margin:
             words.append(f"{count} direction{'s' if count > 1 else ''}")
             reason = f"there are {count} motions of the camera that no feature sees, or too little"
             mend = "add a feature for them, if the pose matters"
-        elif size := _in_words(distance, angle):
+        elif size := _in_words(distance, angle, self._depth):
             words.append(size)
             reason = (
                 f"by noise and the accuracy of the picture the camera may be {1e3 * distance:.2f} "
@@ -287,8 +289,8 @@ def _shape(moments: Moments, order: int) -> np.ndarray:
 
 
 def _plane(goal: Goal) -> Plane:
-    """The target's plane at the goal; at 1 m where nobody knows."""
-    return goal.plane or Plane.fronto_parallel(goal.depth or 1.0)
+    """The target's plane at the goal."""
+    return goal.plane or Plane.fronto_parallel(goal.distance)
 
 
 def _middle(goal: Goal) -> np.ndarray:
@@ -301,9 +303,9 @@ def _middle(goal: Goal) -> np.ndarray:
     return np.zeros(2)
 
 
-def _in_words(distance: float, angle: float) -> str:
+def _in_words(distance: float, angle: float, depth: float) -> str:
     """'0.4 mm' or '0.5 degrees', the larger part; empty where both are next to nothing."""
-    parts = distance / PLAIN[0], angle / PLAIN[1]
+    parts = distance / (PLAIN[0] * depth), angle / PLAIN[1]
     if max(parts) <= 1.0:
         return ""
     if parts[0] >= parts[1]:

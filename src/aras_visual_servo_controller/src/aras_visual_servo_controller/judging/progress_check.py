@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..goals.goal import DEPTH
 from ..loop.state import SERVOING, ServoState
 from .outcomes import Outcome, outcome
 
@@ -25,8 +26,8 @@ MOST = 0.6
 # Tolerances by which errors scatter from image to image, and the part of their whole scatter that
 # this is, from which on noise hides whether the camera is at its goal.
 NOISE, OF_ALL = 1.0, 0.5
-# Asked speed of the camera that is worth a word, m/s and (rad/s) x 0.1 m.
-SLOW = 2e-4
+# Commanded speed of the camera that is worth a word, depths/s; 1 rad/s counts as TURNING of them.
+SLOW, TURNING = 1e-3, 0.5
 # Part of the wanted rate that L can give below which the error is no camera motion's.
 UNREACHED = 0.1
 # s between two images from which on it is their rate, and not the gain, that makes a run slow.
@@ -43,6 +44,7 @@ class _Seen:
     full_rank: int
     error: np.ndarray
     tolerances: np.ndarray
+    depth: float
 
     @property
     def resolution(self) -> Resolution | None:
@@ -60,8 +62,9 @@ class _Seen:
         """Whether the arm gives little of the twist that was asked of the camera."""
         if self.resolution is None:
             return False
-        asked = _speed(self.state.twist)
-        return asked >= SLOW and _speed(np.asarray(self.resolution.lost)) > 0.3 * asked
+        asked = _speed(self.state.twist, self.depth)
+        lost = _speed(np.asarray(self.resolution.lost), self.depth)
+        return asked >= SLOW and lost > 0.3 * asked
 
     @cached_property
     def reached(self) -> float:
@@ -69,7 +72,7 @@ class _Seen:
         L, norm = self.state.decision.L, float(np.linalg.norm(self.error))
         if L is None or len(L) != len(self.error) or norm == 0.0:
             return 1.0
-        L = L / self.tolerances[:, None]
+        L = L * np.repeat((self.depth, 1.0), 3) / self.tolerances[:, None]
         answer = np.linalg.lstsq(L, self.error, rcond=1e-6)[0]
         return float(np.linalg.norm(L @ answer)) / norm
 
@@ -84,14 +87,16 @@ class ProgressCheck:
         """Forget what was seen: the loop was interrupted."""
         self._seen.clear()
 
-    def add(self, state: ServoState, tolerances: np.ndarray) -> np.ndarray:
-        """Take in one image; its error (k,) in tolerances (k,)."""
+    def add(
+        self, state: ServoState, tolerances: np.ndarray, depth: float = DEPTH
+    ) -> np.ndarray:
+        """Take in one image; its error (k,) in tolerances (k,). depth: of the target, m."""
         decision = state.decision
         error = decision.error / tolerances
         size = max(map(abs, error.tolist()))
         modelled = 6 if decision.task is None else int(decision.task.modelled.sum())
         self._seen.append(
-            _Seen(state.stamp, size, state, min(modelled, len(error)), error, tolerances)
+            _Seen(state.stamp, size, state, min(modelled, len(error)), error, tolerances, depth)
         )
         while self._seen[0].stamp < state.stamp - WINDOW:
             self._seen.popleft()
@@ -133,6 +138,8 @@ class ProgressCheck:
         for cause in (_limit, _rank, _reach, _saturation):
             if (found := cause(seen)) is not None:
                 return found
+        if (dropped := next((s.state.dropped for s in reversed(seen) if s.state.dropped), "")):
+            return outcome("too_noisy", f"{reason}; {dropped}" if dropped not in reason else reason)
         if (noise := _noise(seen)) > 0.0:
             return outcome(
                 "too_noisy", f"{reason}; from image to image the error scatters by {noise:.1f} "
@@ -149,9 +156,9 @@ class ProgressCheck:
         return outcome("no_progress", reason)
 
 
-def _speed(twist: np.ndarray) -> float:
-    """Size of a twist (6,), m/s and (rad/s) x 0.1 m."""
-    return float(np.linalg.norm(twist[:3]) + 0.1 * np.linalg.norm(twist[3:]))
+def _speed(twist: np.ndarray, depth: float) -> float:
+    """Size of a twist (6,), m/s and rad/s, in depths (m) a second."""
+    return float(np.linalg.norm(twist[:3]) / depth + TURNING * np.linalg.norm(twist[3:]))
 
 
 def _noise(seen: Sequence[_Seen]) -> float:
@@ -182,10 +189,10 @@ def _limit(seen: Sequence[_Seen]) -> Outcome | None:
 def _rank(seen: Sequence[_Seen]) -> Outcome | None:
     if not seen or sum(s.rank < s.full_rank for s in seen) < MOST * len(seen):
         return None
-    return outcome(
-        "singular", f"L has rank {seen[-1].rank} of {seen[-1].full_rank}: some direction of the "
-        "camera is not seen",
-    )  # fmt: skip
+    words = f"L has rank {seen[-1].rank} of {seen[-1].full_rank}"
+    if (dropped := seen[-1].state.dropped):
+        return outcome("too_noisy", f"{words}: {dropped}")
+    return outcome("singular", f"{words}: some direction of the camera is not seen")
 
 
 def _minimum(seen: Sequence[_Seen]) -> Outcome | None:

@@ -84,17 +84,19 @@ class TargetCheck:
         goal: Goal,
         tolerances: np.ndarray,
         viewed: bool,
+        angles: np.ndarray,
     ) -> str:
         """Take in one image; how the target moves, in words, empty where it does not.
 
         Args:
             tolerances: (k,) of the error.
             viewed: whether the decision's L is that of this view.
+            angles: (k,) bool, of components that may wrap.
         """
         error, L, rate = decision.error, decision.L, decision.rate
         if not viewed or np.shape(L) != (len(error), 6):
             error, L, rate = _centre(observation, goal)
-            tolerances = np.full(len(error), self.TOLERANCE)
+            tolerances, angles = np.full(len(error), self.TOLERANCE), np.ones(len(error), bool)
         rate = np.array(rate, float, ndmin=1)
         now = np.asarray(error, float), np.asarray(L, float), rate, tolerances
         before, self._before = self._before, now
@@ -105,7 +107,9 @@ class TargetCheck:
         if not self._images:
             self._moved, self._L = np.zeros(len(error)), np.zeros((len(error), 6))
         dt = observation.dt
-        if not len(error) or _followed(*before, *now, dt, self._moved, self._L):
+        if not len(error) or _followed(
+            *before, *now, dt, self._moved, self._L, angles
+        ):
             self._begin()
             return self._moves
         self._time += dt
@@ -205,19 +209,19 @@ def _centre(observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarra
     return centre[0], point_interaction(centre, np.array([1.0 / depth])), 0.0
 
 
-@compiled("f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[::1], f8[:,::1]",
+@compiled("f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[::1], f8[:,::1], b1[:]",
           allocates=False)
 def _followed(error_before, L_before, rate_before, tolerances_before, error, L, rate, tolerances,
-              dt, moved, summed):
+              dt, moved, summed, angles):
     """Add how features moved from one image to the next, and the mean of both L, in tolerances, to
     moved (k,) and summed (k, 6); True where an angle wrapped: by more than any feature moves.
 
-    rate_before, rate: (k,) or (1,); dt: s.
+    rate_before, rate: (k,) or (1,); dt: s. angles: (k,) that may wrap.
     """
     wrapped = False
     for i in range(len(error)):
         before, now = error_before[i] / tolerances_before[i], error[i] / tolerances[i]
-        wrapped |= abs((now - before) * tolerances[i]) > 1.0
+        wrapped |= angles[i] and abs((now - before) * tolerances[i]) > 1.0
         own = rate_before[min(i, len(rate_before) - 1)] / tolerances_before[i]
         own += rate[min(i, len(rate) - 1)] / tolerances[i]
         moved[i] = moved[i] + now - before - 0.5 * own * dt

@@ -111,7 +111,8 @@ class Servo:
             )
         self._arrival = Arrival(self.settings.hold)
         self.beyond = self.goal.beyond(arm)
-        self.diagnosis = Diagnosis(self.settings, arm.jacobian, self.beyond, arm.names)
+        lengths = np.where(arm.prismatic, resolver.settings.slide, 1.0)
+        self.diagnosis = Diagnosis(self.settings, arm.jacobian, self.beyond, arm.names, lengths)
         self.reset()
 
     # -- what the loop is told -------------------------------------------------------------
@@ -244,8 +245,9 @@ class Servo:
         if decision.task is None:
             return decision, None
         resolution = self.resolver.resolve(
-            joints.positions, decision.task, self.settings.resolve_period, self.motion.velocity
-        )
+            joints.positions, decision.task.measurable, self.settings.resolve_period,
+            self.motion.velocity,
+        )  # fmt: skip
         return decision, checked_resolution(resolution)
 
     def _commit(
@@ -259,11 +261,14 @@ class Servo:
         stamp = observation.stamp
         self._paused, self._fault = False, ""
         self._fresh = True
-        self.pursuit.ask(decision.task, resolution, stamp, self._now)
+        task, dropped = decision.task, ""
+        if task is not None:
+            task, dropped = task.measurable, task.dropped
+        self.pursuit.ask(task, resolution, stamp, self._now)
         arrived = self._arrival.add(decision, observation, self.goal, self.scheme, resolution)
         self.phase = CONVERGED if arrived.reached else SERVOING
         reasons = [] if resolution is None else list(resolution.reasons)
-        reasons += [t for t in (*decision.notes, self._late, arrived.short) if t]
+        reasons += [t for t in (dropped, *decision.notes, self._late, arrived.short) if t]
         if seconds > self._period > 0.0:
             reasons.append(
                 f"scheme {self.name} took {seconds:.3f} s, longer than the image period of "

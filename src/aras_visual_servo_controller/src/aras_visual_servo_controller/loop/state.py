@@ -206,8 +206,15 @@ class ServoState:
 
     @property
     def rank(self) -> int:
-        """Of L in its modelled directions."""
-        return rank(self.singular_values_L)
+        """How many directions of the camera the features tell, of those that are modelled."""
+        if self._task is None:
+            return rank(self.singular_values_L)
+        return self._task.rank
+
+    @property
+    def dropped(self) -> str:
+        """Which part of the commanded twist is not servoed, and why, as text; see Task."""
+        return "" if self._task is None else self._task.dropped
 
     @property
     def singular_values_L(self) -> np.ndarray:

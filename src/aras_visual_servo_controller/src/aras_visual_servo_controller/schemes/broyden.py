@@ -19,7 +19,9 @@ from aras_visual_servo_base.poses import logarithm
 from ..features.base import Measured
 from ..seeing.observation import Observation
 
-LENGTH = 0.3  # m that weigh as much as one radian
+# One radian weighs as much as this part of the translation that moves the features as far.
+TURNING = 0.5
+FLOOR = 1 / 600  # part of that translation: of a motion so small is half noise
 LONGEST_JUMP = 1.0  # of an error: more is an angle that wrapped round
 
 
@@ -30,13 +32,12 @@ class Broyden:
     """
 
     def __init__(
-        self, gain: float = 0.5, floor: float = 1e-3, start: np.ndarray | None = None
+        self, gain: float = 0.5, floor: float | None = None, start: np.ndarray | None = None
     ) -> None:
         """`gain`: part of the misfit that is corrected at once, in (0, 1]; `floor`: m, of a motion
-        so small that its features' change is half noise; `start`: L (k, 6) to begin with."""
-        self.gain, self.floor = float(gain), float(floor)
+        so small that its features' change is half noise, None: by the first L; `start`: L (k, 6) to begin with."""
+        self.gain, self.floor = float(gain), floor
         self.start = None if start is None else np.array(start, float)
-        self._weights = np.array([1.0, 1.0, 1.0, LENGTH**2, LENGTH**2, LENGTH**2])
         self.reset()
 
     def reset(self) -> None:
@@ -51,6 +52,11 @@ class Broyden:
         if self._L is None or len(self._L) != len(error):
             known = self.start if self.start is not None else measured.L
             self._L = np.array(known, float)
+            # m that move the features as far as one radian: the distance, of points.
+            moving, turning = (np.linalg.norm(part) for part in np.hsplit(self._L, 2))
+            length = turning / moving if moving > 0.0 and turning > 0.0 else 1.0
+            self._weights = np.repeat((1.0, (TURNING * length) ** 2), 3)
+            self._floor = FLOOR * length if self.floor is None else self.floor
         moved = observation.previous_T_camera
         # The motion is that since the last image; where that was not measured, nothing is learnt.
         if before is None or moved is None or len(before[1]) != len(error):
@@ -63,6 +69,6 @@ class Broyden:
         v = logarithm(moved)
         weighted = self._weights * v
         misfit = change - self._L @ v
-        scale = self.gain / (self.floor**2 + float(v @ weighted))
+        scale = self.gain / (self._floor**2 + float(v @ weighted))
         self._L = self._L + np.outer(misfit, scale * weighted)
         return self._L

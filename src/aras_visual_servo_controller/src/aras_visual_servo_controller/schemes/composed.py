@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from ..features.base import Feature, Measured, Stack
 from ..goals.goal import Goal
 from ..laws import Law
 from ..seeing.observation import Observation
+from .answer_checks import checked_array
 from .base import Decision
 from .broyden import Broyden
 from .of_feature import OfFeature
@@ -22,6 +24,12 @@ from .of_feature import OfFeature
 INTERACTIONS = ("current", "desired", "mean", "estimated")
 # A gap after which a filter begins anew, s; a jump that no camera makes (an angle that wrapped).
 LONGEST_GAP, LONGEST_JUMP = 0.3, 1.0
+# Part of L's greatest singular value up to which one counts as noise, where features come from
+# pictures and do not say how exact they are.
+NOISE_PART = 1e-4
+# Part of the greatest one from which on noise is no reason to let a direction go: the pose's, whose
+# L is always well conditioned, is servoed however noisy it is.
+WELL_SEEN = 0.05
 Estimator = Callable[[Observation, Measured], np.ndarray]
 
 
@@ -97,10 +105,10 @@ class Composed(OfFeature):
         L = self._interaction(observation, measured, goal)
         modelled = L * self._modelled
         filtered = self._smoothed(measured.error, observation.stamp)
-        rotated = np.zeros(6)
-        if modelled.shape == (len(filtered), 6) and np.isfinite(modelled).all():
-            rotated = _rotated(modelled, filtered, self.feature.weights)
+        scale = np.repeat((goal.distance, 1.0), 3)
+        rotated = scale * _rotated(modelled * scale, filtered, self.feature.weights)
         wanted = self.law.rate(filtered, modelled, rotated, t, observation.dt)
+        wanted = checked_array(self.law, "rate", wanted, filtered.shape)
         if self.ratio is not None:
             wanted = self.ratio * wanted
         judged = measured.judged
@@ -109,7 +117,10 @@ class Composed(OfFeature):
             features=measured.s if judged is None else judged,
             desired=measured.desired if judged is None else np.zeros_like(judged),
             error=measured.error if judged is None else judged,
-            task=Task.of(L, wanted - measured.rate, self._modelled, self.feature.weights),
+            task=Task.of(
+                L, wanted - measured.rate, self._modelled, self.feature.weights, goal.distance,
+                **self._exactness(L, observation, goal),
+            ),
             L=L,
             residual=None if judged is None else measured.error,
             rate=measured.rate if judged is None else 0.0,
@@ -118,14 +129,33 @@ class Composed(OfFeature):
             notes=measured.notes,
         )
 
+    def _exactness(self, L: np.ndarray, observation: Observation, goal: Goal) -> dict[str, Any]:
+        """Task.accuracy and Task.least of this image, where L (k, 6) sees some direction badly.
+
+        Rows are compared with each other whatever their units: each as if its length were 1, with
+        lengths in depths.
+        """
+        scaled = L[:, self._modelled] * np.repeat((goal.distance, 1.0), 3)[self._modelled]
+        lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
+        rows = np.divide(scaled, lengths, out=np.zeros_like(scaled), where=lengths > 0.0)
+        weak = np.linalg.eigvalsh(rows.T @ rows if len(rows) > len(rows.T) else rows @ rows.T)
+        if weak[0] > WELL_SEEN**2 * weak[-1]:
+            return {}
+        accuracy = self.accuracy(observation.with_noise(), goal)
+        if accuracy is not None:
+            return {"accuracy": accuracy}
+        return {"least": NOISE_PART} if observation.pictured else {}
+
     def _interaction(
         self, observation: Observation, measured: Measured, goal: Goal
     ) -> np.ndarray:
         if self.interaction == "current":
             return measured.L
         if self.interaction == "estimated":
-            return self.estimator(observation, measured)
+            L = self.estimator(observation, measured)
+            return checked_array(self.estimator, "__call__", L, measured.L.shape)
         desired = self.feature.desired_interaction(goal)
+        desired = checked_array(self.feature, "desired_interaction", desired, measured.L.shape)
         return desired if self.interaction == "desired" else 0.5 * (measured.L + desired)
 
     def _smoothed(self, error: np.ndarray, stamp: float) -> np.ndarray:
@@ -140,7 +170,9 @@ class Composed(OfFeature):
             before, value = self._filter
             dt = stamp - before
             same = np.shape(value) == np.shape(error)
-            if same and 0.0 <= dt <= LONGEST_GAP and np.abs(error - value).max() < LONGEST_JUMP:
+            wraps = [unit != "m" for unit in self.units] or slice(None)
+            jump = np.abs(error - value)[wraps].max(initial=0.0) if same else np.inf
+            if 0.0 <= dt <= LONGEST_GAP and jump < LONGEST_JUMP:
                 error = value + (1.0 - np.exp(-dt / self.smoothing)) * (error - value)
         self._filter = (stamp, error)
         return error

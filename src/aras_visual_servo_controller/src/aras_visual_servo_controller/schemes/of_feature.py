@@ -8,10 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import MeasurementError
-from ..features.base import Feature, Measured, Stack
+from ..features.base import Feature, Measured, Stack, tolerances_at
 from ..goals.goal import Goal
 from ..laws import Law
 from ..seeing.observation import SEGMENTED, Need, Observation
+from .answer_checks import checked_accuracy, checked_entry, checked_measured
 from .base import Scheme
 
 
@@ -28,6 +29,7 @@ class OfFeature(Scheme):
         super().__init__(law)
         self.feature = self.made_of() if feature is None else feature
         self.needs, self.cameras = self.feature.needs, tuple(self.feature.cameras)
+        self._rows = len(self.feature.names)  # of L in the last image
         self._describe()
 
     def reset(self) -> None:
@@ -39,6 +41,7 @@ class OfFeature(Scheme):
         """See Scheme.check."""
         self.feature.check(goal)
         self._describe()
+        self.tolerances = tolerances_at(self.feature.tolerances, goal)
 
     def needs_of(self, *cameras: str) -> frozenset[Need]:
         """See Scheme.needs_of."""
@@ -51,11 +54,12 @@ class OfFeature(Scheme):
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Scheme.accuracy."""
-        return self.feature.accuracy(observation, goal)
+        found = self.feature.accuracy(observation, goal)
+        return None if found is None else checked_accuracy(self.feature, found, self._rows)
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
         """See Scheme.teach."""
-        taught = {f.name or type(f).__name__: f.teach(observation) for f in self.features}
+        taught = {f.name: checked_entry(f, f.teach(observation)) for f in self.features}
         return {name: entry for name, entry in taught.items() if entry}
 
     def measured(self, observation: Observation, goal: Goal) -> Measured:
@@ -63,13 +67,19 @@ class OfFeature(Scheme):
         if not observation.others:
             if self.needs & SEGMENTED and not observation.valid:
                 raise MeasurementError(observation.reason or "the target is not visible")
-            return self.feature.measure(observation, goal)
+            return self._checked(self.feature.measure(observation, goal))
         for name, view in observation.cameras.items():
             own = (name,) if view.of_control is not None else ("", name)
             if self.needs_of(*own) & SEGMENTED and not view.valid:
                 reason = view.reason or "the target is not visible"
                 raise MeasurementError(f"camera {name}: {reason}")
-        return self.feature.measure(observation, goal)
+        return self._checked(self.feature.measure(observation, goal))
+
+    def _checked(self, found: object) -> Measured:
+        """What the feature measured; SchemeError."""
+        measured = checked_measured(self.feature, found)
+        self._rows = len(measured.error)
+        return measured
 
     def _describe(self) -> None:
         """Take the feature's names, tolerances and units; it may learn them from the goal."""

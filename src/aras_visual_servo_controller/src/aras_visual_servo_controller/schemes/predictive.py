@@ -23,7 +23,8 @@ class Predictive(OfFeature):
 
     Over `horizon` seconds the camera flies with one twist v; at each of `steps` instants the
     points are s + j dt L v. Minimised is the sum of squares of their distances from s* + (s - s*)
-    exp(-gain j dt) and of `effort` times the twist, subject to |v| <= `speed`, and to every
+    exp(-gain j dt) and of `effort` times the twist, subject to |v| <= `speed`, with lengths in the
+    goal's distance, and to every
     predicted point `margin` pixels inside of the picture (a point that is nearer than that to the
     border must not go further out). Solved by SciPy's sequential least squares programming.
     Joints' limits are the resolver's. Reference: G. Allibert, E. Courtial and F. Chaumette,
@@ -34,7 +35,7 @@ class Predictive(OfFeature):
     horizon: ClassVar[float] = 0.4
     steps: ClassVar[int] = 4
     effort: ClassVar[float] = 1e-4
-    speed: ClassVar[tuple[float, ...]] = (0.5, 0.5, 0.5, 1.5, 1.5, 1.5)
+    speed: ClassVar[tuple[float, ...]] = (1.0, 1.0, 1.0, 1.5, 1.5, 1.5)
     margin: ClassVar[float] = 12.0  # what the linear prediction errs by at these speeds
 
     def __init__(self, law: Law | None = None) -> None:
@@ -53,8 +54,11 @@ class Predictive(OfFeature):
     def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
         """See Scheme.compute."""
         measured = self.measured(observation, goal)
-        twist, note = self._planned(observation, measured.error, measured.s, measured.L)
-        self._last = twist
+        scale = np.repeat((goal.distance, 1.0), 3)
+        self._last, note = self._planned(
+            observation, measured.error, measured.s, measured.L * scale
+        )
+        twist = scale * self._last
         return Decision(
             names=self.names, features=measured.s, desired=measured.desired,
             error=measured.error, task=Task.of_twist(twist), L=measured.L,
@@ -64,7 +68,8 @@ class Predictive(OfFeature):
     def _planned(
         self, observation: Observation, error: np.ndarray, s: np.ndarray, L: np.ndarray
     ) -> tuple[np.ndarray, str]:
-        """The twist (6,), and a word where the constraints could not all be kept."""
+        """The twist (6,) that L (k, 6) is for, and a word where the constraints could not all be
+        kept."""
         gain = float(getattr(self.law, "gain", GAIN))
         dt = self.horizon / self.steps
         times = dt * np.arange(1, self.steps + 1)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from aras_visual_servo_base.names import construct, find_class
 
 from ..errors import ConfigurationError
@@ -11,6 +13,7 @@ from ..features.base import Feature
 from ..features.of_camera import OfCamera
 from ..features.registry import FEATURES
 from ..laws import Law
+from ..seeing.observation import Need
 from .base import JointController, Scheme
 from .composed import Composed
 from .laboratory import Laboratory2016
@@ -117,6 +120,12 @@ def checked(made: object, name: str) -> object:
     for attribute in ("names", "tolerances", "needs"):
         if not hasattr(made, attribute):
             raise ConfigurationError(f"scheme '{name}': {type(made).__name__} has no {attribute}")
+    for attribute, single in (("names", str), ("units", str), ("needs", Need)):
+        if isinstance(getattr(made, attribute), single):  # one, not in a tuple
+            value = getattr(made, attribute)
+            setattr(made, attribute, (value,) if value else ())
+    if np.ndim(made.tolerances) == 0 and isinstance(made.tolerances, int | float):
+        made.tolerances = (made.tolerances,) * len(made.names)
     try:
         tolerances = [float(t) for t in made.tolerances]
         count = len(tuple(made.names))

@@ -8,7 +8,7 @@ down; `a_T_b` (4, 4) maps b to a.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -70,6 +70,8 @@ class Observation:
         corners: (n, 2) of that outline, in its order, normalised.
         corner_accuracy: normalised length to which they are found, noise apart, rms; 0: exactly.
         corner_unshared: the part of it that a goal shown by the same camera does not share.
+        corner_noise: standard deviation of noise in corners and contour, normalised, where their
+            source declares it.
         numbered: whether each corner is known by itself, as a marker's is; None: they are exact,
             and a scheme takes them as it needs.
         pixel_count: pixels of the target, 0 where not known.
@@ -107,6 +109,7 @@ class Observation:
     corners: np.ndarray | None = None
     corner_accuracy: float = 0.0
     corner_unshared: float = 0.0
+    corner_noise: float = 0.0
     numbered: bool | None = None
     pixel_count: int = 0
     touches: tuple[str, ...] = ()
@@ -130,6 +133,21 @@ class Observation:
         Their stamps are the same where they were exposed together.
         """
         return {self.name: self, **self.others}
+
+    @property
+    def pictured(self) -> bool:
+        """Whether what is seen comes from a picture, and not from exact geometry."""
+        return self.image is not None or self.depth is not None or self.pixel_count > 0
+
+    def with_noise(self) -> Observation:
+        """The same with noise as a part of the accuracy that the corners have in each image."""
+        if not self.corner_noise:
+            return self
+        return replace(
+            self, corner_accuracy=float(np.hypot(self.corner_accuracy, self.corner_noise)),
+            corner_unshared=max(self.corner_unshared, self.corner_noise),
+            others={name: view.with_noise() for name, view in self.others.items()},
+        )  # fmt: skip
 
     def brought(self, L: np.ndarray) -> np.ndarray:
         """L (k, 6) of features of this camera, for the twist of the control camera."""
@@ -271,6 +289,7 @@ class Observer:
         points: ArrayLike | None = None,
         commands: Sequence[JointSample] = (),
         plane: Plane | None = None,
+        noise: float = 0.0,
     ) -> Observation:
         """Exact features of a target, without pictures.
 
@@ -279,6 +298,7 @@ class Observer:
             world_T_camera: (4, 4); from the joints where it is left out.
             contour: (n, 2) outline, normalised: its moments are exact, its vertices the corners.
             points: (n, 2) corners where the contour has others, or where there is none.
+            noise: standard deviation that was added to their coordinates, normalised.
         """
         valid, reason, moments, corners = True, "", None, None
         if contour is not None:
@@ -295,7 +315,7 @@ class Observer:
             valid, reason = False, "a coordinate of the target is not finite"
         return self._made(
             stamp, valid, reason, camera, joints, world_T_camera, commands,
-            moments=moments, contour=contour, corners=corners, plane=plane,
+            moments=moments, contour=contour, corners=corners, plane=plane, corner_noise=noise,
         )  # fmt: skip
 
     def _pose_at(

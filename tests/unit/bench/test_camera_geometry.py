@@ -145,7 +145,7 @@ def test_pixels_are_read_through_the_believed_lens():
 def test_what_a_camera_delivers_is_read_as_it_is_believed():
     """An outline's edges are bent by another lens; points are points."""
     true = CameraModel(320, 240, (300.0, 0, 166.0, 0, 280.0, 115.0, 0, 0, 1))
-    eye = Eye("left", CameraSpec(), {}, true, replace(true, D=BENT))
+    eye = Eye("left", CameraSpec(), {}, {}, true, replace(true, D=BENT))
     pixels, given = np.array([(10.0, 20.0), (300.0, 30.0), (160.0, 200.0)]), []
     observer = SimpleNamespace(of_exact=lambda *a, **k: given.append((a, k)) or "exact",
                                of_image=lambda *a, **k: given.append((a, k)) or "seen")
@@ -201,10 +201,19 @@ def test_a_camera_is_read_with_its_rate(tmp_path):
     assert Eye.of("a", CameraSpec(settings), packages, ROBOT).rate == 20.0
     del settings["update_rate"]
     assert Eye.of("a", CameraSpec(settings), packages, ROBOT).rate == 30.0
-    (tmp_path / "own.yaml").write_text("width: 64\n")
-    for given in (str(tmp_path / "own.yaml"), {"width": 64}):
-        assert preset(given, packages, ROBOT) == {"width": 64}
-    assert preset("original", packages, ROBOT)["width"] == 320
+    own = tmp_path / "own.yaml"
+    own.write_text("width: 64\neffects: {gain: 2.0}\n")
+    assert preset(str(own), packages, ROBOT) == {"width": 64, "effects": {"gain": 2.0}}
+    original = preset("original", packages, ROBOT)
+    assert original["width"] == 320
+    # Keys lie over a preset, or a file, key by key.
+    assert preset({"width": 64}, packages, ROBOT) == {**original, "width": 64}
+    found = preset({"preset": "noisy", "effects": {"gain": 0.5}}, packages, ROBOT)
+    assert found == {**original, "effects": {"noise_stddev": 5.0, "gain": 0.5}}
+    found = preset({"preset": str(own), "effects": {"exposure": 0.5}}, packages, ROBOT)
+    assert found == {"width": 64, "effects": {"gain": 2.0, "exposure": 0.5}}
+    with pytest.raises(ExperimentError, match="camera.preset is 3, must be the name of a preset"):
+        preset({"preset": 3}, packages, ROBOT)
     for name, words in (("orignal", "no preset: did you mean 'original'"),
                         (str(tmp_path / "list.yml"), "holds no keys with values")):
         (tmp_path / "list.yml").write_text("[1, 2]")
@@ -215,7 +224,10 @@ def test_a_camera_is_read_with_its_rate(tmp_path):
 
 
 def eye(name, rate, delay=0.0):
-    return SimpleNamespace(name=name, rate=rate, spec=CameraSpec(delay=delay))
+    true = CameraModel(320, 240, (300.0, 0, 166.0, 0, 280.0, 115.0, 0, 0, 1))
+    # Its latency is a delay too.
+    settings = {"update_rate": rate, "latency": 0.5 * delay}
+    return Eye(name, CameraSpec(delay=0.5 * delay), settings, settings, true, true)
 
 
 @pytest.mark.parametrize(("control", "other", "why"), [

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from aras_sim_bridge.camera.effects import Effects
 from aras_visual_servo_base.poses import exponential, inverse, logarithm, skew, transform
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
@@ -307,10 +308,11 @@ def test_noise_is_the_seeds(arm, sight):
     pose = arm.pose(np.zeros(6))
     for noisy in (
         dataclasses.replace(sight, jitter=0.5),
-        dataclasses.replace(sight, pictures=True, grey_noise=5.0),
+        dataclasses.replace(sight, pictures=True, effects=Effects(noise_stddev=5.0)),
     ):
         def seen(seed, noisy=noisy):
-            reading = noisy.look(pose, 0, np.random.default_rng(seed))
+            reading = dataclasses.replace(noisy, seed=seed).look(
+                pose, 0, np.random.default_rng(seed))
             return reading.image if reading.pictured else reading.outline
 
         np.testing.assert_array_equal(seen(1), seen(1))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,7 @@ from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.errors import CameraError
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import inverse, optical, transform
-from aras_visual_servo_base.settings import check, parameter
+from aras_visual_servo_base.settings import check, merge, parameter
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -23,6 +25,8 @@ from .packages import PackagePath
 from .target_spec import Six, TargetSpec
 
 PRESETS = "config/cameras"
+PRESET, DEFAULT = "preset", "original"  # key that names one, and the one that is meant without it
+NOTHING: Mapping[str, Any] = MappingProxyType({})
 WHITE, DARK = 255, 0  # grey levels of a drawn picture, as the renderer has table and target
 
 
@@ -82,7 +86,7 @@ class CameraSpec:
         and the camera's, are in this link's frame; '': robot.target_frame.
     """
 
-    model: str | Mapping[str, Any] = "original"
+    model: str | Mapping[str, Any] = DEFAULT
     rate: float | None = parameter(None, "1/s", above=0.0)
     xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
     rpy: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "rad")
@@ -125,29 +129,40 @@ class CameraSpec:
 class Eye:
     """A camera of an experiment, with its files read.
 
-    settings: as the simulator takes them. true: its intrinsics. believed: those that the controller
+    overrides: keys that the experiment sets, by preset or by itself. settings: all that are known,
+    with those of the robot's description. true: its intrinsics. believed: those that the controller
     uses.
     """
 
     name: str
     spec: CameraSpec
+    overrides: Mapping[str, Any]
     settings: Mapping[str, Any]
     true: CameraModel
     believed: CameraModel
 
     @classmethod
-    def of(cls, name: str, spec: CameraSpec, packages: PackagePath, robot: str) -> Eye:
-        """Read; see `preset`."""
-        settings = preset(spec.model, packages, robot)
+    def of(
+        cls, name: str, spec: CameraSpec, packages: PackagePath, robot: str,
+        described: Mapping[str, Any] = NOTHING,
+    ) -> Eye:
+        """Read; see `preset`. described: settings of the description's camera, to lie below."""
+        overrides = preset(spec.model, packages, robot)
         if spec.rate is not None:
-            settings["update_rate"] = spec.rate
+            overrides["update_rate"] = spec.rate
+        settings = merge(described, overrides)
         true = model_of(settings)
-        return cls(name, spec, settings, true, spec.believed.camera(true))
+        return cls(name, spec, overrides, settings, true, spec.believed.camera(true))
 
     @property
     def rate(self) -> float:
         """Pictures a second."""
         return float(self.settings.get("update_rate", 30.0))
+
+    @property
+    def delay(self) -> float:
+        """s from an exposure to when the loop has the image: the camera's latency, and `delay`."""
+        return self.spec.delay + float(self.settings.get("latency", 0.0))
 
 
 def check_meeting(eyes: Sequence[Eye], duration: float) -> None:
@@ -159,16 +174,16 @@ def check_meeting(eyes: Sequence[Eye], duration: float) -> None:
     """
     control, *others = eyes
     for other in others:
-        first = 1.0 / other.rate + other.spec.delay
+        first = 1.0 / other.rate + other.delay
         require(
             first < duration,
             f"camera '{other.name}' delivers its first picture after {first:.3g} s, and the run "
             f"lasts {duration:g} s: give it a higher rate, a shorter delay, or the run more time",
         )
         late, early = other, control
-        if late.spec.delay < early.spec.delay:
+        if late.delay < early.delay:
             late, early = early, late
-        behind = late.spec.delay - early.spec.delay
+        behind = late.delay - early.delay
         kept = KEPT / early.rate
         require(
             behind < kept,
@@ -180,25 +195,38 @@ def check_meeting(eyes: Sequence[Eye], duration: float) -> None:
 
 
 def preset(camera: str | Mapping[str, Any], packages: PackagePath, robot: str) -> dict[str, Any]:
-    """Settings of a camera as the simulator takes them.
+    """Settings that an experiment names for a camera, as the simulator takes them.
 
     Args:
-        camera: name of a preset of the package `robot`, path of a YAML file, or the settings.
+        camera: name of a preset of the package `robot`, path of a YAML file, or keys of their own,
+            laid over the preset or file that their key `preset` names, by default 'original'.
 
     Raises:
         ExperimentError: no such preset, or a file that cannot be used.
     """
     if isinstance(camera, Mapping):
-        return dict(camera)
+        own = dict(camera)
+        base = own.pop(PRESET, None)
+        if base is None and not _presets(packages, robot, default=True):
+            return own  # a robot package of one's own need not have it
+        require(base is None or isinstance(base, str),
+                f"camera.{PRESET} is {base!r}, must be the name of a preset or the path of a file")
+        return merge(preset(base or DEFAULT, packages, robot), own)
     if "/" in camera or camera.endswith((".yaml", ".yml")):
         settings = read_yaml(packages.file(camera), ExperimentError)
     else:
-        folder = packages.file(f"package://{robot}/package.xml").parent / PRESETS
-        known = sorted(path.stem for path in folder.glob("*.yaml"))
-        require(camera in known, f"camera '{camera}' is no preset: {nearest(camera, known)}")
-        settings = read_yaml(folder / f"{camera}.yaml", ExperimentError)
+        files = _presets(packages, robot)
+        require(camera in files, f"camera '{camera}' is no preset: {nearest(camera, files)}")
+        settings = read_yaml(files[camera], ExperimentError)
     require(isinstance(settings, Mapping), f"camera '{camera}' holds no keys with values")
     return dict(settings)
+
+
+def _presets(packages: PackagePath, robot: str, default: bool = False) -> dict[str, Path]:
+    """Files of the presets of a package, by name; `default`: of the one called DEFAULT alone."""
+    folder = packages.file(f"package://{robot}/package.xml").parent / PRESETS
+    found = folder.glob(f"{DEFAULT if default else '*'}.yaml")
+    return {path.stem: path for path in sorted(found)}
 
 
 def config_of(settings: Mapping[str, Any]) -> CameraConfig:

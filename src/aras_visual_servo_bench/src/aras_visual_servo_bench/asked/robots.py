@@ -12,8 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from aras_sim_bridge.description import RobotDescription, parse_urdf
-from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.camera.from_description import settings as sensor_settings
+from aras_sim_bridge.description import (
+    CameraDescription,
+    RobotDescription,
+    parse_cameras,
+    parse_urdf,
+)
+from aras_sim_bridge.errors import CameraError, DescriptionError
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import inverse, optical, to_xyz_rpy, transform
 from aras_visual_servo_base.urdf import parse_tree
@@ -32,6 +38,11 @@ ROBOT = "robot"  # its model in the simulated world
 FRAME = "camera_frame_of_"  # of a camera that the robot's own description has not, by its name
 OF = "target_of_"  # of what a camera looks at, by its name
 NONE: Mapping[str, CameraSpec] = {}
+# Keys of a described camera that say how it takes images; the others say where, and for whom.
+IMAGING = frozenset((
+    "width", "height", "horizontal_fov", "update_rate", "format", "near", "far", "lens",
+    "camera_matrix", "cutoff_angle", "distortion_model", "distortion_coefficients", "effects",
+))  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +142,20 @@ class Robot:
             return described(self.urdf, self.spec.search)
         except DescriptionError as error:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
+
+    def camera_settings(self) -> dict[str, Any]:
+        """How its camera takes images, as the description has it; empty where it has none.
+
+        Raises:
+            ExperimentError: the description says something impossible of it.
+        """
+        try:
+            found = [one for one in described_cameras(self.urdf)
+                     if self.spec.camera in ("", camera_name(one))]
+            settings = sensor_settings(found[0]) if found else {}
+        except (DescriptionError, CameraError) as error:
+            raise ExperimentError(f"{self.spec.urdf}: {error}") from None
+        return {key: value for key, value in settings.items() if key in IMAGING}
 
     def frame(self, camera: str) -> str:
         """The optical frame of a camera, in the description."""
@@ -294,6 +319,18 @@ _functions = functools.cache(runpy.run_path)
 def arm_from(urdf: str, camera_frame: str, target_frame: str) -> Arm:
     """Read once a process, as `described`."""
     return Arm.from_urdf(urdf, camera_frame, target_frame=target_frame)
+
+
+def camera_name(camera: CameraDescription) -> str:
+    """A described camera's name, below which its topics are."""
+    named = camera.plugin.camera_name if camera.plugin is not None else ""
+    return (named or camera.name).strip("/")
+
+
+@functools.lru_cache(maxsize=32)
+def described_cameras(urdf: str) -> tuple[CameraDescription, ...]:
+    """Read once a process, as `described`."""
+    return parse_cameras(urdf)
 
 
 @functools.lru_cache(maxsize=8)

@@ -38,12 +38,11 @@ from aras_visual_servo_camera.errors import SegmentationError
 from aras_visual_servo_camera.labels import TargetLabels
 
 from ..asked import cameras
-from ..asked.robots import ROBOT, Robot
+from ..asked.robots import ROBOT, Robot, camera_name
 from ..errors import ExperimentError
 from ..targets.geometry import Course, PlacedTarget
 from .base import CAMERA, CameraReading, JointListener, JointReading, Plant, Reading
-from .kinematic import exposures, vibrations
-from .sight import Sight
+from .sight import Sight, exposures, vibrations
 
 if TYPE_CHECKING:
     from aras_visual_servo_controller.loop.driver import Driver
@@ -132,15 +131,15 @@ class BulletArm(Plant):
             ExperimentError: what of it is impossible.
         """
         description = robot.description()
-        mounted = [c for c in description.cameras if robot.spec.camera in ("", _name(c))]
+        mounted = [c for c in description.cameras if robot.spec.camera in ("", camera_name(c))]
         if not mounted:
-            known = ", ".join(map(_name, description.cameras)) or "none"
+            known = ", ".join(map(camera_name, description.cameras)) or "none"
             raise ExperimentError(f"the robot has no camera '{robot.spec.camera}'; it has: {known}")
         self._name, self._others = name or CAMERA, others
         self.control = self._name
         first, self._link = mounted[0], mounted[0].link
         own: dict[str, Any] = {}
-        for part in reversed(_name(first).split("/")):
+        for part in reversed(camera_name(first).split("/")):
             own = {part: own or dict(camera)}
         for settings in (camera, *others.values()):
             cameras.model_of(settings)  # the simulator would go on without an impossible camera
@@ -149,7 +148,7 @@ class BulletArm(Plant):
             own, self._link = {name: dict(camera), **others}, described[0].link
             description = replace(description, cameras=tuple(described))
         else:
-            name = _name(first)
+            name = camera_name(first)
         self._arm = robot.arm(self._name)
         self.joint_names = self._arm.names
         controllers, kind = robot.controllers(self.joint_names)
@@ -379,9 +378,3 @@ def _seated(camera: CameraDescription, name: str, robot: Robot) -> CameraDescrip
     link_T_sensor = inverse(optical(np.eye(4)))  # it looks along +x, z up
     xyz, rpy = to_xyz_rpy(link_T_sensor)
     return replace(seated, link=frame, pose=(tuple(xyz), tuple(rpy)))
-
-
-def _name(camera: Any) -> str:
-    """A described camera's name, below which its topics stand."""
-    named = camera.plugin.camera_name if camera.plugin is not None else ""
-    return (named or camera.name).strip("/")

@@ -94,7 +94,8 @@ def test_a_moved_camera_is_moved_in_the_physics_and_can_be_believed_elsewhere(pr
         plant.close()
     shipped = Robot(RobotSpec())
     assert np.linalg.norm(moved.arm().pose(START) - shipped.arm().pose(START)) > 0.1
-    believed = shipped.believed_arm((0.0, 0.03, 0.0), (0.0, 0.17, 0.0))
+    # y left is -x right, and a pitch about y one of the other sign about x.
+    believed = shipped.believed_arm((-0.03, 0.0, 0.0), (-0.17, 0.0, 0.0))
     np.testing.assert_allclose(believed.pose(START), moved.arm().pose(START), atol=1e-12)
 
 

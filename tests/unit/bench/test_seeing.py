@@ -306,7 +306,8 @@ def test_a_picture_s_rows_are_of_their_own_instants():
     # The part that is nearest to the stamp sees the depth.
     np.testing.assert_allclose(found.depth, still.look(ASIDE[1], STAMP, drawn()).depth)
     assert (found.encoding, found.camera, found.stamp_ns) == ("mono8", "left", STAMP)
-    grained = rolling(replace(moving, effects=Effects(noise_stddev=4.0)), ASIDE, STAMP, drawn()).image
+    grain = replace(moving, effects=Effects(noise_stddev=4.0))
+    grained = rolling(grain, ASIDE, STAMP, drawn()).image
     off = grained[found.image == 0].astype(float)
     assert 0 < off.max() < 25 and (off > 0).mean() == pytest.approx(0.45, abs=0.1)
     plain = rolling(replace(moving, depth=False, labelled=False), ASIDE, STAMP, drawn())

@@ -36,8 +36,8 @@ class Belief:
 
     focal: factor on the focal length. centre: of the principal point, px (right, down).
     distortion: coefficients that the controller uses; None: the true ones.
-    xyz, rpy: where the camera is believed to sit, off its true place, m and rad: in camera_link,
-        or of a camera that flies in its own optical frame.
+    xyz, rpy: where the camera is believed to sit, off its true place, m and rad: in its own optical
+        frame (z forward, x right, y down), on every plant.
     depth: factor on the depth that the controller believes.
     """
 
@@ -111,18 +111,12 @@ class CameraSpec:
         """Whether the robot's description has its place: that of its own camera, or a frame."""
         return self.pose is None and not (any(self.xyz) or any(self.rpy))
 
-    def place(self, believed: bool = False) -> np.ndarray:
-        """(4, 4) of its optical frame: in the world, or in that of the robot's own camera.
-
-        believed: as the controller has it.
-        """
-        link = optical(np.eye(4))
-        seat = transform(self.xyz, self.rpy)
+    def place(self) -> np.ndarray:
+        """(4, 4) of its optical frame: in the world, or in that of the robot's own camera."""
         if self.pose is not None:
-            seat = link @ transform(self.pose[:3], self.pose[3:]) @ inverse(link)
-        if believed:
-            seat = seat @ transform(self.believed.xyz, self.believed.rpy)
-        return inverse(link) @ seat @ link
+            return transform(self.pose[:3], self.pose[3:])
+        link = optical(np.eye(4))
+        return inverse(link) @ transform(self.xyz, self.rpy) @ link
 
 
 @dataclass(frozen=True, eq=False)

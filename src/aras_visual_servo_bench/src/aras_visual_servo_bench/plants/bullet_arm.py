@@ -132,12 +132,15 @@ class BulletArm(Plant):
         """
         description = robot.description()
         mounted = [c for c in description.cameras if robot.spec.camera in ("", camera_name(c))]
-        if not mounted:
+        if robot.spec.camera and not mounted:
             known = ", ".join(map(camera_name, description.cameras)) or "none"
             raise ExperimentError(f"the robot has no camera '{robot.spec.camera}'; it has: {known}")
         self._name, self._others = name or CAMERA, others
         self.control = self._name
-        first, self._link = mounted[0], mounted[0].link
+        first = mounted[0] if mounted else _bare(robot.frame(""))
+        if not (name or mounted and robot.carries_camera(first.link)):
+            name = CAMERA  # it sits at a frame of the description that has no sensor there
+        self._link = first.link
         own: dict[str, Any] = {}
         for part in reversed(camera_name(first).split("/")):
             own = {part: own or dict(camera)}
@@ -373,8 +376,19 @@ def _seated(camera: CameraDescription, name: str, robot: Robot) -> CameraDescrip
     )
     seated = replace(camera, name=name, plugin=plugin, shutter="")
     frame = robot.frame(name)
-    if frame == robot.spec.camera_frame:
+    if frame == robot.frame("") and robot.carries_camera(camera.link):
         return seated
-    link_T_sensor = inverse(optical(np.eye(4)))  # it looks along +x, z up
-    xyz, rpy = to_xyz_rpy(link_T_sensor)
-    return replace(seated, link=frame, pose=(tuple(xyz), tuple(rpy)))
+    return replace(seated, link=frame, pose=_in_optical_frame())
+
+
+def _bare(frame: str) -> CameraDescription:
+    """A camera at an optical frame of a robot without a camera, as SDF has it by default."""
+    return CameraDescription(
+        CAMERA, frame, _in_optical_frame(), "camera", 0.0, 1.047, 320, 240, "R8G8B8", 0.1, 100.0
+    )
+
+
+def _in_optical_frame() -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """xyz (m) and rpy (rad) in an optical frame of a sensor, which looks along its +x, z up."""
+    xyz, rpy = to_xyz_rpy(inverse(optical(np.eye(4))))
+    return tuple(xyz), tuple(rpy)

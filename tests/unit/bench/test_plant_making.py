@@ -171,10 +171,9 @@ def test_the_bullet_arm_is_given_all_that_was_asked(built):
     assert robot is made.robot and joints == dict(zip(arm.names, START.tolist(), strict=True))
     assert (seed, renderer, traced, name, exposure, label) == (
         4, "exact", True, "left", "gazebo", "target")
-    given = {"horizontal_fov": 2.0, **EYE}  # over the preset that is there without one
-    assert settings == {**given, "effects": {"noise_stddev": 1.5}, "depth": True,
+    assert settings == {**EYE, "effects": {"noise_stddev": 1.5}, "depth": True,
                         "segmentation": True}
-    assert others == {"right": {**given, "effects": {"noise_stddev": 1.5}}}
+    assert others == {"right": {**EYE, "effects": {"noise_stddev": 1.5}}}
     assert sights == () and followed is None and world.lights[0].diffuse[0] == 0.5
     assert [(one.name, one.times) for one in shown] == [
         ("target_of_right", None), ("target", None), ("occluder", ((0.1, 0.2),))]
@@ -182,7 +181,7 @@ def test_the_bullet_arm_is_given_all_that_was_asked(built):
     np.testing.assert_allclose(shown[0].placed.pose, made.target_of("right").pose)
     made.plant(arm, START, exactly=True)
     (_, settings, *_, shown, _, _, _, others, _, _, _), _ = built["BulletArm"]
-    assert settings == {**given, "effects": {}, "depth": True, "segmentation": True}
+    assert settings == {**EYE, "effects": {}, "depth": True, "segmentation": True}
     assert [one.name for one in shown] == ["target_of_right", "target"]
 
 

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.description import parse_cameras, parse_urdf
 from aras_visual_servo_base.poses import optical, relative, transform
 from aras_visual_servo_bench.asked import packages
 from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec
 from aras_visual_servo_bench.asked.packages import PackagePath
-from aras_visual_servo_bench.asked.robots import Carried, Robot, RobotSpec
+from aras_visual_servo_bench.asked.robots import Carried, Robot, RobotSpec, camera_name
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.seeing.rig import StandingCamera
@@ -25,6 +25,8 @@ FRAME = ('<link name="camera_optical_frame"/><joint name="opt" type="fixed"><par
          'rpy="-1.570796326794897 0 -1.570796326794897"/></joint>')
 SENSOR = ('<gazebo reference="camera_link"><sensor type="camera" name="c"><camera/></sensor>'
           '</gazebo>')
+PLUGIN = ('<plugin name="p" filename="libgazebo_ros_camera.so"><cameraName>{}</cameraName>'
+          '</plugin>')
 URDF = ('<robot name="r"><link name="world"/>' + JOINT.format("a", "revolute", "world", "0 0 0.2",
         "0 0 1") + JOINT.format("b", "prismatic", "a", "0.3 0 0", "1 0 0") + EYE + FRAME
         + '<link name="wall"/><joint name="w" type="fixed"><parent link="world"/><child '
@@ -52,6 +54,12 @@ def made(tmp_path):
         return Robot(RobotSpec(**spec), **more)
     robot.folder = tmp_path
     return robot
+
+
+def sensor_of(urdf):
+    """The one camera of a description."""
+    (found,) = parse_cameras(urdf)
+    return found
 
 
 Q = np.array([0.4, -0.1])
@@ -121,6 +129,13 @@ def test_more_cameras_get_frames_of_their_own(made, described):
                                atol=1e-9)
     np.testing.assert_allclose(robot.arm("carried").pose(Q), relative(hand(), place), atol=1e-9)
     np.testing.assert_allclose(optical(np.eye(4)), LINK_T_EYE, atol=1e-12)
+
+
+def test_a_camera_s_name_is_its_plugin_s_or_its_own():
+    named = sensor_of(URDF.replace("<camera/>", "<camera/>" + PLUGIN.format("/eye/left/")))
+    assert camera_name(named) == "eye/left"
+    assert camera_name(sensor_of(URDF.replace("<camera/>", "<camera/>" + PLUGIN.format("")))) == "c"
+    assert camera_name(sensor_of(URDF)) == "c"
 
 
 OFF = {"xyz": (0.01, 0.02, 0.03), "rpy": (0.1, -0.2, 0.3)}

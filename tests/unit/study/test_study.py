@@ -260,13 +260,17 @@ def test_a_key_below_a_name_cannot_be_set():
 
 
 NOISY = {"preset": "noisy", "effects": {"drop_probability": 0.3}}
+ORIGINAL = {"preset": "original"}
 POSE, OTHER = {"pose": [0, 0, 0.3, 3.1, 0, 0]}, {"pose": [0, 0, 0.4, 3.1, 0, 0]}
 
 
 @pytest.mark.parametrize(("here", "settings", "wanted"), [
     # A preset stays in force, the one that is there without a word included.
     ({"camera": "noisy"}, {"camera.effects.drop_probability": 0.3}, {"camera": NOISY}),
-    ({}, {"camera.effects.gain": 2.0}, {"camera": {"effects": {"gain": 2.0}}}),
+    ({}, {"camera.effects.gain": 2.0}, {"camera": {**ORIGINAL, "effects": {"gain": 2.0}}}),
+    ({}, {"camera": {"width": 64}}, {"camera": {**ORIGINAL, "width": 64}}),
+    ({"cameras": {"a": {"rate": 9.0}}}, {"cameras.a.model.width": 64},
+     {"cameras": {"a": {"model": {**ORIGINAL, "width": 64}, "rate": 9.0}}}),
     ({"camera": "noisy"}, {"camera": {"effects": {"drop_probability": 0.3}}}, {"camera": NOISY}),
     ({"camera": {"effects": {"gain": 2.0}}}, {"camera.effects.drop_probability": 0.3},
      {"camera": {"effects": {"gain": 2.0, "drop_probability": 0.3}}}),

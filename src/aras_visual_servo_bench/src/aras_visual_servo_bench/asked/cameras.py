@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -25,7 +24,7 @@ from .packages import PackagePath
 from .target_spec import Six, TargetSpec
 
 PRESETS = "config/cameras"
-PRESET, DEFAULT = "preset", "original"  # key that names one, and the one that is meant without it
+PRESET, DEFAULT = "preset", "original"  # the key that names one, and the one without a word
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 WHITE, DARK = 255, 0  # grey levels of a drawn picture, as the renderer has table and target
 
@@ -193,34 +192,28 @@ def preset(camera: str | Mapping[str, Any], packages: PackagePath, robot: str) -
 
     Args:
         camera: name of a preset of the package `robot`, path of a YAML file, or keys of their own,
-            laid over the preset or file that their key `preset` names, by default 'original'.
+            laid over the preset or file that the key `preset` among them names.
 
     Raises:
         ExperimentError: no such preset, or a file that cannot be used.
     """
     if isinstance(camera, Mapping):
         own = dict(camera)
-        base = own.pop(PRESET, None)
-        if base is None and not _presets(packages, robot, default=True):
-            return own  # a robot package of one's own need not have it
-        require(base is None or isinstance(base, str),
+        if PRESET not in own:
+            return own
+        base = own.pop(PRESET)
+        require(isinstance(base, str),
                 f"camera.{PRESET} is {base!r}, must be the name of a preset or the path of a file")
-        return merge(preset(base or DEFAULT, packages, robot), own)
+        return merge(preset(base, packages, robot), own)
     if "/" in camera or camera.endswith((".yaml", ".yml")):
         settings = read_yaml(packages.file(camera), ExperimentError)
     else:
-        files = _presets(packages, robot)
-        require(camera in files, f"camera '{camera}' is no preset: {nearest(camera, files)}")
-        settings = read_yaml(files[camera], ExperimentError)
+        folder = packages.file(f"package://{robot}/package.xml").parent / PRESETS
+        known = sorted(path.stem for path in folder.glob("*.yaml"))
+        require(camera in known, f"camera '{camera}' is no preset: {nearest(camera, known)}")
+        settings = read_yaml(folder / f"{camera}.yaml", ExperimentError)
     require(isinstance(settings, Mapping), f"camera '{camera}' holds no keys with values")
     return dict(settings)
-
-
-def _presets(packages: PackagePath, robot: str, default: bool = False) -> dict[str, Path]:
-    """Files of the presets of a package, by name; `default`: of the one called DEFAULT alone."""
-    folder = packages.file(f"package://{robot}/package.xml").parent / PRESETS
-    found = folder.glob(f"{DEFAULT if default else '*'}.yaml")
-    return {path.stem: path for path in sorted(found)}
 
 
 def config_of(settings: Mapping[str, Any]) -> CameraConfig:

@@ -13,7 +13,7 @@ from aras_visual_servo_base.settings import merge
 from aras_visual_servo_base.yaml_files import parse_yaml
 from aras_visual_servo_controller.settings import Settings
 
-from ..asked.cameras import PRESET
+from ..asked.cameras import DEFAULT, PRESET
 from ..asked.experiment import CameraPose, Experiment, Sampler
 from ..asked.relative_start import RelativeStart
 from ..errors import StudyError
@@ -69,9 +69,10 @@ def _with_keys(
     """The base, with the presets that it names below `changes` written as keys."""
     found = dict(base)
     for name, value in changes.items():
-        if not isinstance(value, Mapping) or name not in found:
+        place = f"{above}{name}"
+        if not isinstance(value, Mapping) or name not in found and not is_camera(place):
             continue
-        place, here = f"{above}{name}", found[name]
+        here = found.get(name, DEFAULT)
         if isinstance(here, str) and is_camera(place):
             here = {PRESET: here}
         if isinstance(here, Mapping):

@@ -8,7 +8,7 @@ import pinocchio
 import pytest
 from arms import NAMES, make, urdf, within
 
-from aras_visual_servo_base.poses import optical, pose_difference
+from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import (
     ConfigurationError,
@@ -103,8 +103,37 @@ def test_an_optical_frame_not_described_is_where_gazebo_s_camera_looks():
     arm = Arm.from_urdf(without)
     assert np.abs(arm.pose(q) - make("aras").pose(q)).max() < 1e-12
     assert np.abs(arm.jacobian(q) - make("aras").jacobian(q)).max() < 1e-12
-    link = Arm.from_urdf(without, "camera_link")
-    assert np.abs(optical(link.pose(q)) - arm.pose(q)).max() < 1e-15
+    named = Arm.from_urdf(without, "camera_link")  # its sensor says where it looks
+    assert np.abs(named.pose(q) - arm.pose(q)).max() < 1e-15
+
+
+SENSOR = """<gazebo reference="{}"><sensor type="camera" name="c">{}<camera/></sensor></gazebo>"""
+BODY = """<robot name="r"><link name="world"/><link name="camera_link"/>
+<joint name="pan" type="continuous"><parent link="world"/><child link="camera_link"/>
+<origin xyz="0 0 1"/></joint>{}</robot>"""
+LOOKS_DOWN = "<pose>0.1 0 0 0 1.5707963267948966 0</pose>"
+
+
+@pytest.mark.parametrize(("sensor", "frame", "axis"), [
+    # A sensor looks along the +x of its pose, whatever the axes of its link are.
+    (SENSOR.format("camera_link", ""), "camera_optical_frame", (1, 0, 0)),
+    (SENSOR.format("camera_link", LOOKS_DOWN), "camera_optical_frame", (0, 0, -1)),
+    (SENSOR.format("camera_link", LOOKS_DOWN), "camera_link", (0, 0, -1)),
+    # Without one, what is named as the optical frame is it.
+    ("", "camera_link", (0, 0, 1)), (SENSOR.format("world", ""), "camera_link", (0, 0, 1)),
+])  # fmt: skip
+def test_a_camera_looks_where_its_sensor_or_its_optical_frame_does(sensor, frame, axis):
+    pose = Arm.from_urdf(BODY.format(sensor), frame).pose(np.zeros(1))
+    np.testing.assert_allclose(pose[:3, 2], axis, atol=1e-12)
+    np.testing.assert_allclose(pose[:3, 3], (0.1 if LOOKS_DOWN in sensor else 0, 0, 1), atol=1e-12)
+
+
+@pytest.mark.parametrize("sensor", ["", SENSOR.format("world", "")])
+def test_a_camera_link_of_which_nothing_says_where_it_looks_is_refused(sensor):
+    words = "link 'camera_link' carries no camera sensor.*name as camera_frame"
+    with pytest.raises(ConfigurationError, match=words) as caught:
+        Arm.from_urdf(BODY.format(sensor))
+    assert "\n" not in str(caught.value)
 
 
 EYE_TO_HAND = """<robot name="r"><link name="world"/><link name="camera_link"/><link name="stand"/>
@@ -119,7 +148,7 @@ EYE_TO_HAND = """<robot name="r"><link name="world"/><link name="camera_link"/><
 <joint name="elbow" type="revolute"><parent link="arm"/><child link="hand"/>
   <origin xyz="0.4 0 0.1"/><axis xyz="0 1 0"/>
   <limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
-</robot>"""
+""" + SENSOR.format("camera_link", "") + "</robot>"
 
 
 def test_eye_to_hand_has_the_joints_between_camera_and_target():

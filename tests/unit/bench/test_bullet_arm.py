@@ -1,7 +1,6 @@
 """The simulated arm: what is put into its world, and what it tells of itself."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -37,15 +36,6 @@ def test_a_shown_target_is_where_it_lies_at_its_times():
     assert not ShownTarget(still, Path("x"), times=((0.0, 1.0),)).still
     assert not ShownTarget(lies.placed, Path("x")).still
     assert (ShownTarget(still, Path("x")).name, lies.name) == ("target", "target")
-
-
-def test_a_camera_s_name_is_its_plugin_s_or_its_own():
-    plugin = SimpleNamespace(camera_name="/eye/left/")
-    named = SimpleNamespace(name="/cam/", plugin=plugin)
-    assert bullet_arm._name(named) == "eye/left"
-    plugin.camera_name = ""
-    assert bullet_arm._name(named) == "cam"
-    assert bullet_arm._name(SimpleNamespace(name="cam", plugin=None)) == "cam"
 
 
 @pytest.fixture(scope="module")

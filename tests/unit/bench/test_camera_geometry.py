@@ -145,7 +145,7 @@ def test_pixels_are_read_through_the_believed_lens():
 def test_what_a_camera_delivers_is_read_as_it_is_believed():
     """An outline's edges are bent by another lens; points are points."""
     true = CameraModel(320, 240, (300.0, 0, 166.0, 0, 280.0, 115.0, 0, 0, 1))
-    eye = Eye("left", CameraSpec(), {}, true, replace(true, D=BENT))
+    eye = Eye("left", CameraSpec(), {}, {}, true, replace(true, D=BENT))
     pixels, given = np.array([(10.0, 20.0), (300.0, 30.0), (160.0, 200.0)]), []
     observer = SimpleNamespace(of_exact=lambda *a, **k: given.append((a, k)) or "exact",
                                of_image=lambda *a, **k: given.append((a, k)) or "seen")
@@ -171,16 +171,13 @@ def test_a_camera_sits_in_the_hand_or_stands():
     """In the hand x is forward, y left and z up; its own axes are right, down and forward."""
     link = np.eye(4)
     link[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
-    seat, off = transform((0.1, 0.2, 0.3), (0.1, -0.2, 0.3)), transform((0, 0.01, 0), (0.1, 0, 0.2))
-    belief = Belief(xyz=(0.0, 0.01, 0.0), rpy=(0.1, 0.0, 0.2))
-    held = CameraSpec(xyz=(0.1, 0.2, 0.3), rpy=(0.1, -0.2, 0.3), believed=belief)
+    seat = transform((0.1, 0.2, 0.3), (0.1, -0.2, 0.3))
+    held = CameraSpec(xyz=(0.1, 0.2, 0.3), rpy=(0.1, -0.2, 0.3))
     back = np.linalg.inv(link)
     np.testing.assert_allclose(held.place(), back @ seat @ link, atol=1e-12)
-    np.testing.assert_allclose(held.place(believed=True), back @ seat @ off @ link, atol=1e-12)
     np.testing.assert_allclose(held.place()[:3, 3], [-0.2, -0.3, 0.1], atol=1e-12)
-    stands = CameraSpec(pose=(0.1, 0.2, 0.3, 0.1, -0.2, 0.3), believed=belief)
+    stands = CameraSpec(pose=(0.1, 0.2, 0.3, 0.1, -0.2, 0.3))
     np.testing.assert_allclose(stands.place(), seat, atol=1e-12)
-    np.testing.assert_allclose(stands.place(True), seat @ back @ off @ link, atol=1e-12)
     assert CameraSpec().own and CameraSpec(frame="f").own
     assert not held.own and not stands.own and not CameraSpec(rpy=(0, 0, 0.1)).own
     np.testing.assert_allclose(CameraSpec(rpy=(0, 0, 0.5)).place()[:3, :3],
@@ -201,10 +198,19 @@ def test_a_camera_is_read_with_its_rate(tmp_path):
     assert Eye.of("a", CameraSpec(settings), packages, ROBOT).rate == 20.0
     del settings["update_rate"]
     assert Eye.of("a", CameraSpec(settings), packages, ROBOT).rate == 30.0
-    (tmp_path / "own.yaml").write_text("width: 64\n")
-    for given in (str(tmp_path / "own.yaml"), {"width": 64}):
-        assert preset(given, packages, ROBOT) == {"width": 64}
-    assert preset("original", packages, ROBOT)["width"] == 320
+    own = tmp_path / "own.yaml"
+    own.write_text("width: 64\neffects: {gain: 2.0}\n")
+    assert preset(str(own), packages, ROBOT) == {"width": 64, "effects": {"gain": 2.0}}
+    original = preset("original", packages, ROBOT)
+    assert original["width"] == 320
+    # Keys lie over a preset, or a file, key by key.
+    assert preset({"width": 64}, packages, ROBOT) == {"width": 64}  # over the description alone
+    found = preset({"preset": "noisy", "effects": {"gain": 0.5}}, packages, ROBOT)
+    assert found == {**original, "effects": {"noise_stddev": 5.0, "gain": 0.5}}
+    found = preset({"preset": str(own), "effects": {"exposure": 0.5}}, packages, ROBOT)
+    assert found == {"width": 64, "effects": {"gain": 2.0, "exposure": 0.5}}
+    with pytest.raises(ExperimentError, match="camera.preset is 3, must be the name of a preset"):
+        preset({"preset": 3}, packages, ROBOT)
     for name, words in (("orignal", "no preset: did you mean 'original'"),
                         (str(tmp_path / "list.yml"), "holds no keys with values")):
         (tmp_path / "list.yml").write_text("[1, 2]")
@@ -215,7 +221,10 @@ def test_a_camera_is_read_with_its_rate(tmp_path):
 
 
 def eye(name, rate, delay=0.0):
-    return SimpleNamespace(name=name, rate=rate, spec=CameraSpec(delay=delay))
+    true = CameraModel(320, 240, (300.0, 0, 166.0, 0, 280.0, 115.0, 0, 0, 1))
+    # Its latency is a delay too.
+    settings = {"update_rate": rate, "latency": 0.5 * delay}
+    return Eye(name, CameraSpec(delay=0.5 * delay), settings, settings, true, true)
 
 
 @pytest.mark.parametrize(("control", "other", "why"), [

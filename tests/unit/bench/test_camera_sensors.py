@@ -65,7 +65,7 @@ def test_a_point_is_where_it_was_when_its_own_row_was_exposed():
 @pytest.mark.parametrize("depth", [False, True])
 def test_a_picture_is_made_of_rows_of_the_pictures_of_their_instants(depth):
     rolling = sight(pictures=True, depth=depth)
-    found, still = flying(rolling), replace(rolling, parts=())
+    found, still = flying(rolling), replace(rolling, parts=(), effects=Effects())
     for part in rolling.parts:
         now = still.look(pose_at(1e-9 * part.offset_ns), STAMP, np.random.default_rng(0)).image
         rows = slice(part.first, part.last)
@@ -141,7 +141,7 @@ def test_impossible_ones_are_refused_before_the_first_run(plant, keys, told):
 def test_the_loop_converges_with_a_rolling_noisy_camera():
     effects = {"row_time": 1e-4, "sensor": {"gain": 0.01, "full_well": 25e3, "read_noise": 20.0}}
     camera = {"horizontal_fov": 2.0, "effects": effects}
-    keys = {"plant": "chain", "gain": 1.5, "linger": 0.1, "camera": camera}
+    keys = {"plant": "chain", "features": "pictures", "gain": 1.5, "linger": 0.1, "camera": camera}
     assert run(Experiment.from_mapping(keys)).outcome == "converged"
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from aras_sim_bridge.camera.effects import Effects
 from aras_visual_servo_base.poses import exponential, inverse, logarithm, skew, transform
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
@@ -93,7 +94,8 @@ def test_a_moved_camera_is_moved_in_the_physics_and_can_be_believed_elsewhere(pr
         plant.close()
     shipped = Robot(RobotSpec())
     assert np.linalg.norm(moved.arm().pose(START) - shipped.arm().pose(START)) > 0.1
-    believed = shipped.believed_arm((0.0, 0.03, 0.0), (0.0, 0.17, 0.0))
+    # y left is -x right, and a pitch about y one of the other sign about x.
+    believed = shipped.believed_arm((-0.03, 0.0, 0.0), (-0.17, 0.0, 0.0))
     np.testing.assert_allclose(believed.pose(START), moved.arm().pose(START), atol=1e-12)
 
 
@@ -307,10 +309,11 @@ def test_noise_is_the_seeds(arm, sight):
     pose = arm.pose(np.zeros(6))
     for noisy in (
         dataclasses.replace(sight, jitter=0.5),
-        dataclasses.replace(sight, pictures=True, grey_noise=5.0),
+        dataclasses.replace(sight, pictures=True, effects=Effects(noise_stddev=5.0)),
     ):
         def seen(seed, noisy=noisy):
-            reading = noisy.look(pose, 0, np.random.default_rng(seed))
+            reading = dataclasses.replace(noisy, seed=seed).look(
+                pose, 0, np.random.default_rng(seed))
             return reading.image if reading.pictured else reading.outline
 
         np.testing.assert_array_equal(seen(1), seen(1))

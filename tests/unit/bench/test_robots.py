@@ -1,14 +1,16 @@
 """A robot as the bench knows it: where its packages are, its frames, cameras and controllers."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.description import parse_cameras, parse_urdf
 from aras_visual_servo_base.poses import optical, relative, transform
 from aras_visual_servo_bench.asked import packages
 from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec
 from aras_visual_servo_bench.asked.packages import PackagePath
-from aras_visual_servo_bench.asked.robots import Carried, Robot, RobotSpec
+from aras_visual_servo_bench.asked.robots import Carried, Robot, RobotSpec, camera_name
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.seeing.rig import StandingCamera
@@ -21,10 +23,14 @@ EYE = ('<link name="camera_link"/><joint name="mount" type="fixed"><parent link=
 FRAME = ('<link name="camera_optical_frame"/><joint name="opt" type="fixed"><parent '
          'link="camera_link"/><child link="camera_optical_frame"/><origin '
          'rpy="-1.570796326794897 0 -1.570796326794897"/></joint>')
+SENSOR = ('<gazebo reference="camera_link"><sensor type="camera" name="c"><camera/></sensor>'
+          '</gazebo>')
+PLUGIN = ('<plugin name="p" filename="libgazebo_ros_camera.so"><cameraName>{}</cameraName>'
+          '</plugin>')
 URDF = ('<robot name="r"><link name="world"/>' + JOINT.format("a", "revolute", "world", "0 0 0.2",
         "0 0 1") + JOINT.format("b", "prismatic", "a", "0.3 0 0", "1 0 0") + EYE + FRAME
         + '<link name="wall"/><joint name="w" type="fixed"><parent link="world"/><child '
-        'link="wall"/><origin xyz="1 2 3" rpy="0 0 0.5"/></joint></robot>')
+        'link="wall"/><origin xyz="1 2 3" rpy="0 0 0.5"/></joint>' + SENSOR + '</robot>')
 KIND = "{}_controllers/Joint{}Controller"
 POSITION, VELOCITY = KIND.format("position", "Position"), KIND.format("velocity", "Velocity")
 CONFIG = f"""r:
@@ -50,6 +56,12 @@ def made(tmp_path):
     return robot
 
 
+def sensor_of(urdf):
+    """The one camera of a description."""
+    (found,) = parse_cameras(urdf)
+    return found
+
+
 Q = np.array([0.4, -0.1])
 HAND_T_LINK = transform((0.05, 0.0, 0.1), (0.0, 0.3, 0.0))
 LINK_T_EYE = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
@@ -67,10 +79,10 @@ def test_its_camera_is_where_its_description_has_it_or_is_moved_to(made):
     np.testing.assert_allclose(moved.arm().pose(Q), hand() @ link @ LINK_T_EYE, atol=1e-9)
     off = transform((0.0, 0.01, 0.0), (0.0, 0.0, 0.2))
     believed = moved.believed_arm((0.0, 0.01, 0.0), (0.0, 0.0, 0.2))
-    np.testing.assert_allclose(believed.pose(Q), hand() @ link @ off @ LINK_T_EYE, atol=1e-9)
+    np.testing.assert_allclose(believed.pose(Q), hand() @ link @ LINK_T_EYE @ off, atol=1e-9)
     turned = moved.believed_arm((0.0,) * 3, (0.0, 0.0, 0.2))  # by one number of six
     off = transform((0.0, 0.0, 0.0), (0.0, 0.0, 0.2))
-    np.testing.assert_allclose(turned.pose(Q), hand() @ link @ off @ LINK_T_EYE, atol=1e-9)
+    np.testing.assert_allclose(turned.pose(Q), hand() @ link @ LINK_T_EYE @ off, atol=1e-9)
     same = moved.believed_arm((0.0,) * 3, (0.0,) * 3)
     np.testing.assert_array_equal(same.pose(Q), moved.arm().pose(Q))
 
@@ -100,7 +112,7 @@ def test_more_cameras_get_frames_of_their_own(made, described):
     held, control = robot.arm("held"), robot.arm("held")
     np.testing.assert_allclose(held.pose(Q), at, atol=1e-9)
     off = transform((0.0, 0.01, 0.0), (0.1, 0.0, 0.0))
-    wrong = hand() @ HAND_T_LINK @ seat @ off @ LINK_T_EYE
+    wrong = at @ off
     np.testing.assert_allclose(robot.arm_of("held", control).pose(Q), at, atol=1e-9)
     np.testing.assert_allclose(robot.arm_of("held", control, True).pose(Q), wrong, atol=1e-9)
     belief = CAMERAS["held"].believed
@@ -112,13 +124,50 @@ def test_more_cameras_get_frames_of_their_own(made, described):
     other = robot.arm_of("stands", control)
     assert isinstance(other, StandingCamera)
     np.testing.assert_allclose(other.pose(Q), place, atol=1e-9)
-    off = np.linalg.inv(LINK_T_EYE) @ transform((0.02, 0, 0), (0, 0, 0.1)) @ LINK_T_EYE
+    off = transform((0.02, 0, 0), (0, 0, 0.1))
     np.testing.assert_allclose(robot.arm_of("stands", control, True).pose(Q), place @ off,
                                atol=1e-9)
     np.testing.assert_allclose(robot.arm("carried").pose(Q), relative(hand(), place), atol=1e-9)
-    with pytest.raises(ExperimentError, match="camera 'framed' has its place in the robot's desc"):
-        robot.believed_arm((0.1, 0.0, 0.0), (0.0, 0.0, 0.0), "framed")
     np.testing.assert_allclose(optical(np.eye(4)), LINK_T_EYE, atol=1e-12)
+
+
+def test_a_camera_s_name_is_its_plugin_s_or_its_own():
+    named = sensor_of(URDF.replace("<camera/>", "<camera/>" + PLUGIN.format("/eye/left/")))
+    assert camera_name(named) == "eye/left"
+    assert camera_name(sensor_of(URDF.replace("<camera/>", "<camera/>" + PLUGIN.format("")))) == "c"
+    assert camera_name(sensor_of(URDF)) == "c"
+
+
+OFF = {"xyz": (0.01, 0.02, 0.03), "rpy": (0.1, -0.2, 0.3)}
+
+
+@pytest.mark.parametrize("camera_frame", ["camera_optical_frame", "camera_link", "b"])
+def test_a_camera_is_moved_and_believed_in_the_same_axes_at_any_frame(made, camera_frame):
+    """Moved in the axes of a camera's link (x forward, y left, z up), believed in its own (z
+    forward, x right, y down); also at a frame of a description that has no camera."""
+    own = {"camera_frame": camera_frame}
+    if camera_frame == "b":
+        (made.folder / "r.urdf").write_text(URDF.replace(EYE + FRAME, "").replace(SENSOR, ""))
+    place = made(own).arm().pose(Q)
+    off, link = transform(OFF["xyz"], OFF["rpy"]), np.linalg.inv(LINK_T_EYE)
+    moved = made(own, **OFF).arm().pose(Q)
+    np.testing.assert_allclose(moved, place @ link @ off @ LINK_T_EYE, atol=1e-9)
+    for robot, true in ((made(own), place), (made(own, **OFF), moved)):
+        np.testing.assert_allclose(robot.believed_arm(**OFF).pose(Q), true @ off, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_any_camera_is_believed_off_its_place_in_its_own_axes(made, name):
+    robot = made(cameras=CAMERAS)
+    try:
+        true = robot.arm(name).pose(Q)
+    except ExperimentError:  # it stands
+        true = robot.standing(name)
+        cameras = {name: dataclasses.replace(CAMERAS[name], believed=Belief(**OFF))}
+        found = made(cameras=cameras).arm_of(name, robot.arm(), believed=True).pose(Q)
+    else:
+        found = robot.believed_arm(**OFF, camera=name).pose(Q)
+    np.testing.assert_allclose(found, true @ transform(OFF["xyz"], OFF["rpy"]), atol=1e-9)
 
 
 def test_a_target_is_put_onto_a_link(made, tmp_path):
@@ -166,7 +215,7 @@ def test_files_that_cannot_be_used_are_named(made):
         with pytest.raises(ExperimentError, match=r"^/.*bad.urdf: "):
             ask()
     (made.folder / "bare.urdf").write_text('<robot name="x"><link name="world"/></robot>')
-    with pytest.raises(ExperimentError, match="bare.urdf: camera cannot be moved: "):
+    with pytest.raises(ExperimentError, match="bare.urdf: robot description: robot .x. has no li"):
         made({"urdf": str(made.folder / "bare.urdf")}, xyz=(0.1, 0.0, 0.0))
 
 

@@ -6,14 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aras_sim_bridge.camera.shutter import RowBand
+from aras_sim_bridge.camera.effects import AutoExposure, Effects
+from aras_sim_bridge.camera.shutter import RowBand, parts
 from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.settings import convert
 from aras_visual_servo_bench.asked import cameras
 from aras_visual_servo_bench.plants import CameraReading, JointReading
 from aras_visual_servo_bench.plants.base import Place, Plant, seconds
-from aras_visual_servo_bench.plants.kinematic import Exposures, exposures, vibrations
-from aras_visual_servo_bench.plants.rolling import rolling
-from aras_visual_servo_bench.plants.sight import Sight
+from aras_visual_servo_bench.plants.sight import Exposures, Sight, exposures, vibrations
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
 from aras_visual_servo_bench.targets.solids import primitive
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -28,6 +28,11 @@ STAMP = 500_000_000
 
 def drawn():
     return np.random.default_rng(0)
+
+
+def rolling(sight, poses, stamp_ns, random):
+    """The image of a camera that is at each of the poses when its part is exposed."""
+    return Exposures(sight, random).image(poses, stamp_ns)
 
 
 def exactly(pose, time=0.5, sight=SIGHT):
@@ -78,16 +83,45 @@ def test_an_outline_s_noise_is_drawn_a_hundred_times_at_most():
     assert noisy.jittered(None, random) is None and SIGHT.jittered(pixels, random) is pixels
 
 
-def test_a_picture_has_the_sensor_s_noise_and_then_grain():
-    sensor = SimpleNamespace(apply=lambda image, ns: image // 2 + np.uint8(ns == STAMP))
-    picture = np.full((40, 60), 200, np.uint8)
-    noisy = replace(SIGHT, sensor=sensor, grey_noise=3.0)
-    found = noisy.noisy(picture, STAMP, drawn())
-    assert found.dtype == np.uint8 and found.mean() == pytest.approx(101.0, abs=0.3)
-    assert found.std() == pytest.approx(3.0, rel=0.1)
-    bright = replace(SIGHT, grey_noise=30.0).noisy(np.full((40, 60), 250, np.uint8), 0, drawn())
-    assert bright.max() == 255 and bright.min() > 100
-    assert replace(SIGHT, grey_noise=0.0).noisy(picture, 0, drawn()) is picture
+def test_each_effect_acts_on_a_drawn_image_and_on_its_seed():
+    sight, bare = replace(SIGHT, pictures=True), replace(SIGHT, pictures=True)
+    plain = bare.look(POSE, STAMP, drawn()).image
+    for effects in ({"noise_stddev": 8.0}, {"shot_noise": 2.0}, {"gain": 0.5}, {"exposure": 0.5},
+                    {"vignetting": 0.5}, {"noise_mean": -20.0},
+                    {"sensor": {"gain": 0.1, "full_well": 2e3, "read_noise": 9.0}}):
+        one = replace(sight, effects=convert(effects, Effects, "", ValueError), seed=5)
+        found = one.look(POSE, STAMP, drawn()).image
+        assert (found != plain).mean() > 0.3, effects
+        np.testing.assert_array_equal(found, one.look(POSE, STAMP, drawn()).image)
+        by_chance = not {"noise_stddev", "shot_noise", "sensor"}.isdisjoint(effects)
+        other = replace(one, seed=6).look(POSE, STAMP, drawn()).image
+        assert (found != other).any() == by_chance, effects
+
+
+def test_an_open_shutter_blurs_what_moves():
+    effects = Effects(exposure_time=0.02, exposure_samples=3)
+    sight = replace(SIGHT, target=FLAT, pictures=True, labelled=True, effects=effects,
+                    parts=parts(effects, CAMERA.height))
+    found = rolling(sight, ASIDE, STAMP, drawn())
+    each = [replace(sight, parts=(), effects=Effects()).look(pose, STAMP, drawn()).image
+            for pose in ASIDE]
+    np.testing.assert_array_equal(found.image, (np.sum(each, axis=0, dtype=int) + 1) // 3)
+    np.testing.assert_array_equal(found.labelled, np.where(found.image < 128, 255, 0))
+
+
+def test_the_auto_exposure_follows_the_images_that_were_delivered():
+    effects = Effects(auto_exposure=AutoExposure(target=100.0, speed=1.0))
+    exposed = Exposures(replace(SIGHT, pictures=True, effects=effects), drawn())
+    means = [exposed.expose(POSE).image.mean() for _ in range(3)]
+    assert means[0] > 150 and means[1:] == pytest.approx([100.0, 100.0], abs=1.0)
+
+
+def test_a_mosaic_and_wide_pixels_are_delivered_in_their_encoding():
+    plain = replace(SIGHT, pictures=True).look(POSE, STAMP, drawn()).image
+    for encoding, factor in (("bayer_rggb8", 1), ("mono16", 257)):
+        found = replace(SIGHT, pictures=True, encoding=encoding).look(POSE, STAMP, drawn())
+        assert found.encoding == encoding
+        np.testing.assert_array_equal(found.image, plain.astype(int) * factor)
 
 
 def test_depth_is_the_plane_s_in_each_pixel_and_none_behind_its_horizon():
@@ -115,7 +149,8 @@ def test_a_flat_target_is_drawn_and_told_by_where_it_is_dark():
     np.testing.assert_array_equal(found.labelled, np.where(found.image < 128, 255, 0))
     assert found.labelled.dtype == np.uint8
     assert replace(sight, labelled=False).look(POSE, STAMP, drawn()).labelled is None
-    noisy = replace(sight, grey_noise=60.0).look(POSE, STAMP, drawn())
+    noisy = replace(sight, effects=Effects(noise_stddev=60.0)).look(POSE, STAMP, drawn())
+    assert (noisy.image != found.image).mean() > 0.4
     np.testing.assert_array_equal(noisy.labelled, found.labelled)  # of the picture without noise
 
 
@@ -149,7 +184,8 @@ def test_a_cover_hides_what_lies_under_it_at_its_times():
 
 
 def test_images_come_with_their_period_and_some_are_lost():
-    exposed = Exposures(replace(SIGHT, rate=8.0, drop=0.3), np.random.default_rng(3))
+    dropping = replace(SIGHT, rate=8.0, effects=Effects(drop_probability=0.3), seed=3)
+    exposed = Exposures(dropping, drawn())
     stamps = []
     for k in range(400):
         assert exposed.due_ns == (k + 1) * 125_000_000
@@ -270,15 +306,15 @@ def test_a_picture_s_rows_are_of_their_own_instants():
     # The part that is nearest to the stamp sees the depth.
     np.testing.assert_allclose(found.depth, still.look(ASIDE[1], STAMP, drawn()).depth)
     assert (found.encoding, found.camera, found.stamp_ns) == ("mono8", "left", STAMP)
-    grained = rolling(replace(moving, grey_noise=4.0), ASIDE, STAMP, drawn()).image
+    grain = replace(moving, effects=Effects(noise_stddev=4.0))
+    grained = rolling(grain, ASIDE, STAMP, drawn()).image
     off = grained[found.image == 0].astype(float)
     assert 0 < off.max() < 25 and (off > 0).mean() == pytest.approx(0.45, abs=0.1)
     plain = rolling(replace(moving, depth=False, labelled=False), ASIDE, STAMP, drawn())
     assert plain.depth is None and plain.labelled is None
-    apply = SimpleNamespace(apply=lambda image, ns: np.uint8(255) - image)
-    turned = rolling(replace(moving, sensor=apply), ASIDE, STAMP, drawn())
-    np.testing.assert_array_equal(turned.image, 255 - found.image)  # once, over the whole
-    np.testing.assert_array_equal(turned.labelled, found.labelled)
+    dim = rolling(replace(moving, effects=Effects(gain=0.5)), ASIDE, STAMP, drawn())
+    np.testing.assert_array_equal(dim.image, np.round(0.5 * found.image))  # once, over the whole
+    np.testing.assert_array_equal(dim.labelled, found.labelled)
 
 
 # -- what plants have in common ------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import copy
 import dataclasses
 import datetime
 
@@ -12,6 +13,7 @@ import pytest
 import yaml
 from scipy import stats
 
+from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.study import overrides, rows
 from aras_visual_servo_bench.study.engine import check_study
@@ -251,7 +253,67 @@ def test_overrides_that_are_none(words, complaint):
 
 
 def test_a_key_below_a_name_cannot_be_set():
-    study = Study.from_mapping({"experiment": {**FREE, "camera": "original"},
-                                "vary": {"camera.update_rate": [30.0]}})  # fmt: skip
-    with pytest.raises(StudyError, match="camera is 'original', which has no keys"):
+    study = Study.from_mapping({"experiment": {**FREE, "start": "2016"},
+                                "vary": {"start.side": [0.1]}})  # fmt: skip
+    with pytest.raises(StudyError, match="'start.side' cannot be set: start is '2016', which has"):
         study.experiment_of(0)
+
+
+NOISY = {"preset": "noisy", "effects": {"drop_probability": 0.3}}
+ORIGINAL = {"preset": "original"}
+POSE, OTHER = {"pose": [0, 0, 0.3, 3.1, 0, 0]}, {"pose": [0, 0, 0.4, 3.1, 0, 0]}
+
+
+@pytest.mark.parametrize(("here", "settings", "wanted"), [
+    # A preset stays in force, the one that is there without a word included.
+    ({"camera": "noisy"}, {"camera.effects.drop_probability": 0.3}, {"camera": NOISY}),
+    ({}, {"camera.effects.gain": 2.0}, {"camera": {**ORIGINAL, "effects": {"gain": 2.0}}}),
+    ({}, {"camera": {"width": 64}}, {"camera": {**ORIGINAL, "width": 64}}),
+    ({"cameras": {"a": {"rate": 9.0}}}, {"cameras.a.model.width": 64},
+     {"cameras": {"a": {"model": {**ORIGINAL, "width": 64}, "rate": 9.0}}}),
+    ({"camera": "noisy"}, {"camera": {"effects": {"drop_probability": 0.3}}}, {"camera": NOISY}),
+    ({"camera": {"effects": {"gain": 2.0}}}, {"camera.effects.drop_probability": 0.3},
+     {"camera": {"effects": {"gain": 2.0, "drop_probability": 0.3}}}),
+    ({"cameras": {"a": {"model": "wide", "rate": 9.0}}}, {"cameras.a.model.effects.gain": 2.0},
+     {"cameras": {"a": {"model": {"preset": "wide", "effects": {"gain": 2.0}}, "rate": 9.0}}}),
+    # Wholes before their parts, in whatever order they are given.
+    ({}, {"camera.effects.drop_probability": 0.3, "camera": "noisy"}, {"camera": NOISY}),
+    ({"camera": NOISY}, {"camera": "wide"}, {"camera": "wide"}),
+    # Any mapping.
+    ({"believed": {"focal": 0.9, "xyz": [0, 0, 1]}}, {"believed": {"focal": 1.1}},
+     {"believed": {"focal": 1.1, "xyz": [0, 0, 1]}}),
+    ({"target": {"shape": "square", "motion": {"begin": 1.0}}}, {"target": {"motion": {"turn": 2}}},
+     {"target": {"shape": "square", "motion": {"begin": 1.0, "turn": 2}}}),
+    ({"options": {"lag": 1}}, {"options": {"lead": 2}}, {"options": {"lag": 1, "lead": 2}}),
+    # A start of another kind, and one of the same.
+    ({"start": {"side": 0.1, "turn": 0.2}}, {"start": POSE}, {"start": POSE}),
+    ({"start": {"side": 0.1, "turn": 0.2}}, {"start": {"turn": 1}},
+     {"start": {"side": 0.1, "turn": 1}}),
+    ({"start": {"kind": "turned", "angle": 9.0}}, {"start": {"kind": "back", "distance": 0.1}},
+     {"start": {"kind": "back", "distance": 0.1}}),
+    ({"goal": POSE}, {"goal": OTHER}, {"goal": OTHER}), ({"goal": POSE}, {"goal": "a"},
+     {"goal": "a"}), ({"start": "2016"}, {"start": POSE}, {"start": POSE}),
+])  # fmt: skip
+def test_an_override_changes_the_key_that_it_names_and_nothing_else(here, settings, wanted):
+    before = copy.deepcopy(here)
+    assert overrides.with_overrides(here, settings) == wanted
+    assert here == before
+
+
+def test_an_override_of_a_preset_acts_the_same_however_it_is_written(tmp_path):
+    key, value = "camera.effects.drop_probability", 0.3
+    base = {**FREE, "camera": "wide"}
+    file = tmp_path / "study.yaml"
+    file.write_text(yaml.safe_dump({"experiment": base}))
+    written = [
+        Study.from_mapping({"experiment": base, "vary": {key: [value]}}).experiment_of(0),
+        Study.from_mapping({"experiment": base, "cases": [{key: value}]}).experiment_of(0),
+        Study.from_mapping({"experiment": base, "cases": {"a": [
+            {"name": "b", "set": {key: value}}]}}).experiment_of(0),
+        Study.from_yaml(file, overrides.parsed([f"{key}={value}"])).experiment_of(0),
+    ]
+    assert len({str(dict(one.camera)) for one in written}) == 1
+    parts = assemble(written[0])
+    wide = assemble(written[0].with_(camera="wide"))
+    assert parts.eyes["camera"].true == wide.eyes["camera"].true
+    assert parts.plant.sight.effects.drop_probability == value

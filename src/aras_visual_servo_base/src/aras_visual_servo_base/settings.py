@@ -145,6 +145,20 @@ def converted(cls: type, values: Any, where: str, fault: Fault) -> dict[str, Any
     return found
 
 
+def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Lay `changes` over `base`, key by key at every depth: what they do not name stays.
+
+    A mapping over something that has no keys, or the reverse, replaces it. Neither argument is
+    changed.
+    """
+    merged = dict(base)
+    for key, value in changes.items():
+        below = merged.get(key)
+        both = isinstance(below, Mapping) and isinstance(value, Mapping)
+        merged[key] = merge(below, value) if both else value
+    return merged
+
+
 def read(
     values: Mapping[str, Any],
     key: str,

@@ -6,7 +6,7 @@ What a link weighs, looks like and touches is for the simulator to read.
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Self
@@ -16,10 +16,11 @@ from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import Pose, Vector3
-from aras_visual_servo_base.safe_xml import direction, number, numbers, shorten
+from aras_visual_servo_base.safe_xml import direction, number, numbers, shorten, text_of
 
 ZERO: Vector3 = (0.0, 0.0, 0.0)
 MOVING_KINDS = ("revolute", "continuous", "prismatic")
+CAMERA_KINDS = ("camera", "depth", "wideanglecamera", "multicamera")
 JOINT_KINDS = (*MOVING_KINDS, "fixed", "floating", "planar")
 
 
@@ -106,12 +107,15 @@ class UrdfTree:
     """Links and joints of a URDF; mappings keep the file's order and are read-only.
 
     root: the one link without a parent. links: name -> its element. joints: by name.
+    cameras: pose of the first camera sensor on a link, in it, by the link's name; it looks along
+        the pose's +x with z up, which is Gazebo's convention.
     """
 
     name: str
     root: str
     links: Mapping[str, Element]
     joints: Mapping[str, Joint]
+    cameras: Mapping[str, Pose] = field(default_factory=lambda: MappingProxyType({}))
 
     def path(self, base: str, link: str) -> list[Joint]:
         """The joints from a base link down to a link; base '': from the root.
@@ -173,7 +177,30 @@ def parse_tree(xml: str | Element) -> UrdfTree:
         joints[joint.name] = joint
     root = root_link(links, joints, f"robot '{shorten(name)}'")
     _check_mimics(joints)
-    return UrdfTree(name, root, MappingProxyType(links), MappingProxyType(joints))
+    cameras: dict[str, Pose] = {}
+    for block in robot.findall("gazebo[@reference]"):
+        link = block.get("reference")
+        for sensor in block.findall("sensor"):
+            node = sensor.find("camera")
+            if sensor.get("type") in CAMERA_KINDS and node is not None and link not in cameras:
+                where = f"camera '{shorten(sensor.get('name') or '')}' on link '{shorten(link)}'"
+                cameras[link] = Pose.from_rpy(*camera_pose(sensor, node, where))
+    return UrdfTree(name, root, MappingProxyType(links), MappingProxyType(joints),
+                    MappingProxyType(cameras))
+
+
+def camera_pose(sensor: Element, node: Element, where: str) -> tuple[Vector3, Vector3]:
+    """xyz (m) and rpy (rad) of a camera in the link of its sensor; `node`: the sensor's <camera>.
+
+    Raises:
+        DescriptionError: a pose that is not six numbers; `where` names the camera.
+    """
+    at = numbers(text_of(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
+    own = safe_xml.pose(text_of(node, "pose"), f"{where}: camera pose")
+    if own == Pose():
+        return at[:3], at[3:]
+    both = Pose.from_rpy(at[:3], at[3:]) @ own
+    return both.xyz, both.rpy
 
 
 def _named(xml: str | Element) -> tuple[Element, str]:

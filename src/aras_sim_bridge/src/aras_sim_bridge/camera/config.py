@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from aras_visual_servo_base.settings import build, parameter
+from aras_visual_servo_base.settings import build, merge, parameter
 from aras_visual_servo_base.settings import check as hold_to_bounds
 
 from ..description import CameraDescription, DepthTopics
@@ -248,13 +248,14 @@ class CameraConfig:
     @classmethod
     def from_description(cls, camera: CameraDescription,
                          overrides: Mapping[str, object] | None = None) -> CameraConfig:
-        """Settings of a description's camera with the keys of a preset laid over it.
+        """Settings of a description's camera with the keys of a preset laid over it, at every
+        depth: effects that the preset does not name stay the description's.
 
         Raises CameraError naming the key that is wrong.
         """
         from .from_description import settings
 
-        return cls.from_mapping({**settings(camera), **(overrides or {})})
+        return cls.from_mapping(merge(settings(camera), overrides or {}))
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object]) -> CameraConfig:

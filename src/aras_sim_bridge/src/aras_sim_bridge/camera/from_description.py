@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import asdict
 
 from ..description import CameraDescription
 from ..errors import CameraError
@@ -49,7 +50,7 @@ def settings(camera: CameraDescription) -> dict[str, object]:
             "declared": (plugin.focal_length, plugin.cx, plugin.cy, *_in_ros_order(told)),
         }
         if plugin.depth is not None:
-            values |= {"depth": True, "depth_topics": plugin.depth}
+            values |= {"depth": True, "depth_topics": asdict(plugin.depth)}
     if any(rates):
         values["update_rate"] = min(filter(None, rates))
     if camera.kind == "wideanglecamera":

@@ -20,7 +20,7 @@ from aras_sim_bridge.camera.config import Three
 from aras_sim_bridge.description import CameraDescription
 from aras_sim_bridge.errors import CameraError, RenderingError
 from aras_sim_bridge.world import Model, Pose
-from aras_visual_servo_base.settings import build, convert
+from aras_visual_servo_base.settings import build, convert, merge
 
 T = TypeVar("T")
 
@@ -150,7 +150,7 @@ def robot_camera(camera: CameraDescription, settings: Mapping[str, object],
     _check_link(own, name)
     try:
         return CameraConfig.from_description(
-            camera, {"seed": seed_of(seed, name), **defaults, **own}
+            camera, merge({"seed": seed_of(seed, name), **defaults}, own)
         )
     except CameraError as error:
         if not own:
@@ -176,7 +176,7 @@ def world_camera(name: str, settings: Mapping[str, object], defaults: Mapping[st
     pose = _pose_of(settings.get("pose"), name)
     frame = name.replace("/", "_") + "_optical_frame"
     values = {"name": name, "camera_name": name, "link": WORLD, "optical_frame_name": frame}
-    values |= {"seed": seed_of(seed, name), **defaults, **own}
+    values = merge({**values, "seed": seed_of(seed, name), **defaults}, own)
     return CameraConfig.from_mapping(values), pose
 
 

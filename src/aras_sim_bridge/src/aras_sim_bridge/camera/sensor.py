@@ -17,8 +17,8 @@ from ..rendering import View
 from ..rendering.tiles import Tiles, shared
 from . import formats
 from .config import CameraConfig
-from .effects import EffectChain
 from .intrinsics import CameraIntrinsics
+from .pipeline import ImagePipeline
 from .shaking import Vibration
 from .shutter import duration, parts
 
@@ -71,9 +71,6 @@ class CameraSensor:
         self.info: CameraIntrinsics = config.intrinsics()
         self._link_T_optical = mounting(config.xyz, config.rpy)
         self._parts = parts(config.effects, config.height)
-        # The last of those that are as near to the stamp.
-        self._middle = min(range(len(self._parts)), key=lambda n: (
-            abs(self._parts[n].offset_ns), -n))  # fmt: skip
         try:
             self._whole = self._pixels(0, config.height)
             self._bands = {part.first: self._pixels(part.first, part.last)
@@ -83,7 +80,7 @@ class CameraSensor:
             reason = str(error) or "not enough memory; make width and height smaller"
             raise CameraError(f"camera '{config.name}': {reason}") from None
         shape = formats.shape_of(config.encoding, config.height, config.width)
-        self._effects = EffectChain(config.effects, shape, config.seed)
+        self._pipeline = ImagePipeline(config.effects, shape, config.seed, self._parts)
         self.vibration = None if config.shake is None else Vibration(config.shake, config.seed)
         self._rate = config.update_rate
         self._latency_ns = round(config.latency * 1e9)
@@ -149,9 +146,9 @@ class CameraSensor:
         self.check_time_step(step_ns, rate)
         self.config.check_rate(rate)
         self._rate = float(rate)
-        under_way, factor = self._waiting, self._factor
-        self.reset(time_ns)
-        self._waiting, self._factor = under_way, factor
+        under_way = self._waiting
+        self._restart(time_ns, exposure=False)
+        self._waiting = under_way
 
     def trigger(self, time_ns: int, step_ns: int) -> None:
         """Expose once more, in the step of `step_ns` from `time_ns` on, or after the exposures
@@ -170,15 +167,19 @@ class CameraSensor:
 
         Call it when the clock jumps back, and when pictures are wanted again after a pause.
         """
+        self._restart(time_ns, exposure=True)
+
+    def _restart(self, time_ns: int, exposure: bool) -> None:
+        """`reset`; `exposure`: the auto exposure starts again too."""
         self._triggered: deque[int] = deque()
         self._index = int(time_ns * self._rate / 1e9)
         while self._instant(self._index) + self._parts[0].offset_ns <= time_ns:
             self._index += 1
         self._before: tuple[int, np.ndarray] | None = None
         self._waiting: deque[tuple[int, Frame]] = deque()
-        self._sum: np.ndarray | None = None
+        self._pipeline.reset(exposure)
         self._measured: tuple[np.ndarray, np.ndarray] | None = None
-        self._part, self._factor = 0, 1.0
+        self._part = 0
         self._plan()
 
     def _instant(self, index: int) -> int:
@@ -237,7 +238,7 @@ class CameraSensor:
     def _expose(self, pose: np.ndarray, time_ns: int) -> None:
         """Draw one partial exposure; with the last one, the frame is ready."""
         stamp = self._instant(self._index)
-        if not self._effects.lost(stamp):
+        if not self._pipeline.is_lost(stamp):
             self._draw(pose, time_ns)
             if self._part + 1 == len(self._parts):
                 self._finish(stamp, pose)
@@ -253,27 +254,17 @@ class CameraSensor:
         shaken = None if self.vibration is None else self.vibration.at(self._next_ns)
         part = self._parts[self._part]
         image = self.renderer.render(self.view(pose, self._bands[part.first], shaken), blend)
-        if self._part == self._middle and (self.depth or self.segmentation):
+        if self._part == self._pipeline.middle and (self.depth or self.segmentation):
             self._measured = self.renderer.measure(self.view(pose, shaken=shaken), blend)
-        if len(self._parts) == 1:
-            self._sum = image
-            return
-        if self._part == 0:
-            self._sum = np.zeros((self.config.height, self.config.width, 3), np.uint16)
-        self._sum[part.first : part.last] += image
+        self._pipeline.light.add(self._part, image)
 
     def _finish(self, stamp: int, pose: np.ndarray) -> None:
-        image, e = self._sum, self.config.effects
-        if len(self._parts) > 1:
-            n = e.exposure_samples if e.exposure_time > 0.0 else 1
-            image = ((image + n // 2) // n).astype(np.uint8)
+        image = self._pipeline.light.take()
         self._warn_if_blind(image, pose @ self._link_T_optical)
         encoding = self.config.encoding
-        image = self._effects.apply(formats.read_out(image, encoding), stamp, self._factor)
-        if e.auto_exposure is not None:
-            self._factor = e.auto_exposure.following(self._factor, float(image.mean()))
+        image = self._pipeline.read_out(formats.read_out(image, encoding), stamp)
         depth, segmentation = self._measured or (None, None)
-        self._sum = self._measured = None
+        self._measured = None
         frame = Frame(stamp, formats.widened(image, encoding), encoding,
                       depth if self.depth else None,
                       segmentation if self.segmentation else None)

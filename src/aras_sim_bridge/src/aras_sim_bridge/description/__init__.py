@@ -25,7 +25,7 @@ from aras_sim_bridge.description.types import (
     Transmission,
     Visual,
 )
-from aras_sim_bridge.description.urdf import parse_urdf
+from aras_sim_bridge.description.urdf import parse_cameras, parse_urdf
 from aras_visual_servo_base.urdf import Joint, JointLimits, Mimic, SoftLimits
 
 __all__ = [
@@ -50,6 +50,7 @@ __all__ = [
     "SoftLimits",
     "Transmission",
     "Visual",
+    "parse_cameras",
     "parse_sdf",
     "parse_urdf",
     "read_sdf",

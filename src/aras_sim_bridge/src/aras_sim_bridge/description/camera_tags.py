@@ -11,11 +11,9 @@ from aras_sim_bridge.description.types import (
     Noise,
 )
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base import safe_xml
-from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.safe_xml import integer, number, numbers, shorten, text_of, truth
+from aras_visual_servo_base.urdf import camera_pose
 
-CAMERA_KINDS = ("camera", "depth", "wideanglecamera", "multicamera")
 _LENSES = ("gnomonical", "stereographic", "equidistant", "equisolid_angle", "orthographic",
            "custom")
 
@@ -63,12 +61,6 @@ def _camera(sensor: Element, node: Element, name: str, link: str, where: str,
             plugin: CameraPlugin | None) -> CameraDescription:
     """The camera that `node`, a <camera> of `sensor`, describes."""
     image, clip = node.find("image"), node.find("clip")
-    at = numbers(text_of(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
-    pose = at[:3], at[3:]
-    own = safe_xml.pose(text_of(node, "pose"), f"{where}: camera pose")
-    if own != Pose():
-        both = Pose.from_rpy(*pose) @ own
-        pose = both.xyz, both.rpy
     near = number(text_of(clip, "near"), f"{where}: clip near", 0.1)
     far = number(text_of(clip, "far"), f"{where}: clip far", 100.0)
     width = integer(text_of(image, "width"), f"{where}: image width", 320)
@@ -88,7 +80,7 @@ def _camera(sensor: Element, node: Element, name: str, link: str, where: str,
             raise DescriptionError(f"{where}: {problem}")
     distortion, center = _distortion(node, where)
     return CameraDescription(
-        name=name, link=link, pose=pose, kind=kind, update_rate=rate,
+        name=name, link=link, pose=camera_pose(sensor, node, where), kind=kind, update_rate=rate,
         horizontal_fov=fov, width=width, height=height,
         format=text_of(image, "format") or "R8G8B8", near=near, far=far,
         noise=_noise(node, where), distortion=distortion, distortion_center=center,

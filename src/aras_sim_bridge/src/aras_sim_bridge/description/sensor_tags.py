@@ -14,7 +14,7 @@ from aras_sim_bridge.description.types import (
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.safe_xml import number, numbers, shorten, text_of
-from aras_visual_servo_base.urdf import Joint
+from aras_visual_servo_base.urdf import CAMERA_KINDS, Joint
 
 WORLDS = ("world", "/world", "map", "/map")
 _CHANNELS = {
@@ -35,7 +35,7 @@ def of_link(element: Element, link: str, cameras: list[CameraDescription],
     """
     for sensor in element.findall("sensor"):
         kind = sensor.get("type") or ""
-        if kind in camera_tags.CAMERA_KINDS:
+        if kind in CAMERA_KINDS:
             cameras += camera_tags.cameras(sensor, link, warnings)
         elif kind == "imu":
             sensors += _imus(sensor, link, warnings)

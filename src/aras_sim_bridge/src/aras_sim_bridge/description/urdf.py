@@ -7,6 +7,7 @@ from aras_sim_bridge.description import gazebo_tags, packages
 from aras_sim_bridge.description.geometry import Resolve, urdf_geometry
 from aras_sim_bridge.description.inertia import checked_inertial
 from aras_sim_bridge.description.types import (
+    CameraDescription,
     Collision,
     Link,
     RobotDescription,
@@ -56,6 +57,14 @@ def parse_urdf(
         static=tags.static,
         warnings=tuple(warnings),
     )
+
+
+def parse_cameras(xml: str | Element) -> tuple[CameraDescription, ...]:
+    """The cameras of a URDF, without what its links look like; raises as `parse_urdf`."""
+    robot = safe_xml.parse(xml, "URDF")
+    tree = parse_tree(robot)
+    links = {name: Link(name, None, (), ()) for name in tree.links}
+    return gazebo_tags.parse(robot, links, tree.joints, []).cameras
 
 
 def _link(name: str, element: Element, resolve: Resolve, warnings: list[str]) -> Link:

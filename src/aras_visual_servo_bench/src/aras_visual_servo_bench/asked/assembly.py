@@ -34,6 +34,7 @@ from ..targets.solids import SolidTarget
 from .cameras import Eye, check_meeting
 from .experiment import FLYING, CameraPose, Experiment, Sampler
 from .goal_views import GoalViews, observed
+from .imaging import check_imaging
 from .loop_settings import named_goal, settings_of
 from .packages import PackagePath
 from .plant_making import PlantMaker, carried_by
@@ -111,10 +112,13 @@ class _Builder:
             experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction,
             experiment.cameras, carried_by(experiment),
         )  # fmt: skip
+        described = self.robot.camera_settings()
         eyes = {
-            name: Eye.of(name, spec, self.robot.packages, experiment.robot.cameras)
+            name: Eye.of(name, spec, self.robot.packages, experiment.robot.cameras, described)
             for name, spec in experiment.seen_by.items()
         }
+        for eye in eyes.values():
+            check_imaging(eye, experiment)
         self.loop_settings = settings_of(experiment, self.robot)
         try:
             self.scheme = self.loop_settings.make_scheme()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.errors import CameraError
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import inverse, optical, transform
-from aras_visual_servo_base.settings import check, parameter
+from aras_visual_servo_base.settings import check, merge, parameter
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -25,6 +26,8 @@ from .target_spec import Six, TargetSpec
 HALF_TURN = 3.142  # rad; pi as rounded up in files
 LONGEST_DELAY = 10.0  # s
 PRESETS = "config/cameras"
+PRESET, DEFAULT = "preset", "original"  # the key that names one, and the one without a word
+NOTHING: Mapping[str, Any] = MappingProxyType({})
 WHITE, DARK = 255, 0  # grey levels of a drawn picture, as the renderer has table and target
 
 
@@ -34,8 +37,8 @@ class Belief:
 
     focal: factor on the focal length. centre: of the principal point, px (right, down).
     distortion: coefficients that the controller uses; None: the true ones.
-    xyz, rpy: where the camera is believed to sit, off its true place, m and rad: in camera_link,
-        or of a camera that flies in its own optical frame.
+    xyz, rpy: where the camera is believed to sit, off its true place, m and rad: in its own optical
+        frame (z forward, x right, y down), on every plant.
     depth: factor on the depth that the controller believes.
     """
 
@@ -86,7 +89,7 @@ class CameraSpec:
         and the camera's, are in this link's frame; '': robot.target_frame.
     """
 
-    model: str | Mapping[str, Any] = parameter("original", shorthand=True)
+    model: str | Mapping[str, Any] = parameter(DEFAULT, shorthand=True)
     rate: float | None = parameter(None, "1/s", above=0.0)
     xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
     rpy: tuple[float, float, float] = parameter(
@@ -113,47 +116,52 @@ class CameraSpec:
         """Whether the robot's description has its place: that of its own camera, or a frame."""
         return self.pose is None and not (any(self.xyz) or any(self.rpy))
 
-    def place(self, believed: bool = False) -> np.ndarray:
-        """(4, 4) of its optical frame: in the world, or in that of the robot's own camera.
-
-        believed: as the controller has it.
-        """
-        link = optical(np.eye(4))
-        seat = transform(self.xyz, self.rpy)
+    def place(self) -> np.ndarray:
+        """(4, 4) of its optical frame: in the world, or in that of the robot's own camera."""
         if self.pose is not None:
-            seat = link @ transform(self.pose[:3], self.pose[3:]) @ inverse(link)
-        if believed:
-            seat = seat @ transform(self.believed.xyz, self.believed.rpy)
-        return inverse(link) @ seat @ link
+            return transform(self.pose[:3], self.pose[3:])
+        link = optical(np.eye(4))
+        return inverse(link) @ transform(self.xyz, self.rpy) @ link
 
 
 @dataclass(frozen=True, eq=False)
 class Eye:
     """A camera of an experiment, with its files read.
 
-    settings: as the simulator takes them. true: its intrinsics. believed: those that the controller
+    overrides: keys that the experiment sets, by preset or by itself. settings: all that are known,
+    with those of the robot's description. true: its intrinsics. believed: those that the controller
     uses.
     """
 
     name: str
     spec: CameraSpec
+    overrides: Mapping[str, Any]
     settings: Mapping[str, Any]
     true: CameraModel
     believed: CameraModel
 
     @classmethod
-    def of(cls, name: str, spec: CameraSpec, packages: PackagePath, robot: str) -> Eye:
-        """Read; see `preset`."""
-        settings = preset(spec.model, packages, robot)
+    def of(
+        cls, name: str, spec: CameraSpec, packages: PackagePath, robot: str,
+        described: Mapping[str, Any] = NOTHING,
+    ) -> Eye:
+        """Read; see `preset`. described: settings of the description's camera, to lie below."""
+        overrides = preset(spec.model, packages, robot)
         if spec.rate is not None:
-            settings["update_rate"] = spec.rate
+            overrides["update_rate"] = spec.rate
+        settings = merge(described, overrides)
         true = model_of(settings)
-        return cls(name, spec, settings, true, spec.believed.camera(true))
+        return cls(name, spec, overrides, settings, true, spec.believed.camera(true))
 
     @property
     def rate(self) -> float:
         """Pictures a second."""
         return float(self.settings.get("update_rate", 30.0))
+
+    @property
+    def delay(self) -> float:
+        """s from an exposure to when the loop has the image: the camera's latency, and `delay`."""
+        return self.spec.delay + float(self.settings.get("latency", 0.0))
 
 
 def check_meeting(eyes: Sequence[Eye], duration: float) -> None:
@@ -165,16 +173,16 @@ def check_meeting(eyes: Sequence[Eye], duration: float) -> None:
     """
     control, *others = eyes
     for other in others:
-        first = 1.0 / other.rate + other.spec.delay
+        first = 1.0 / other.rate + other.delay
         require(
             first < duration,
             f"camera '{other.name}' delivers its first picture after {first:.3g} s, and the run "
             f"lasts {duration:g} s: give it a higher rate, a shorter delay, or the run more time",
         )
         late, early = other, control
-        if late.spec.delay < early.spec.delay:
+        if late.delay < early.delay:
             late, early = early, late
-        behind = late.spec.delay - early.spec.delay
+        behind = late.delay - early.delay
         kept = KEPT / early.rate
         require(
             behind < kept,
@@ -186,16 +194,23 @@ def check_meeting(eyes: Sequence[Eye], duration: float) -> None:
 
 
 def preset(camera: str | Mapping[str, Any], packages: PackagePath, robot: str) -> dict[str, Any]:
-    """Settings of a camera as the simulator takes them.
+    """Settings that an experiment names for a camera, as the simulator takes them.
 
     Args:
-        camera: name of a preset of the package `robot`, path of a YAML file, or the settings.
+        camera: name of a preset of the package `robot`, path of a YAML file, or keys of their own,
+            laid over the preset or file that the key `preset` among them names.
 
     Raises:
         ExperimentError: no such preset, or a file that cannot be used.
     """
     if isinstance(camera, Mapping):
-        return dict(camera)
+        own = dict(camera)
+        if PRESET not in own:
+            return own
+        base = own.pop(PRESET)
+        require(isinstance(base, str),
+                f"camera.{PRESET} is {base!r}, must be the name of a preset or the path of a file")
+        return merge(preset(base, packages, robot), own)
     if "/" in camera or camera.endswith((".yaml", ".yml")):
         settings = read_yaml(packages.file(camera), ExperimentError)
     else:

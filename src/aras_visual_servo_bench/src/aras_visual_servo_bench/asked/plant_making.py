@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from aras_sim_bridge.camera.effects import EffectChain, Effects
+from aras_sim_bridge.camera.effects import Effects
 from aras_sim_bridge.camera.mounting import seed_of
 from aras_sim_bridge.camera.shaking import Vibration
 from aras_sim_bridge.camera.shutter import parts
@@ -31,13 +31,14 @@ from ..targets.geometry import PlacedTarget
 from ..targets.textures import TexturedTarget
 from .cameras import Eye, config_of
 from .experiment import FLYING, Experiment
+from .imaging import ON_FEATURES, drawn_settings, imaging_settings
 from .postures import Postures
 from .robots import OF, Carried, Robot
 from .target_spec import TargetSpec
 from .worlds import around, world_path
 
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
-CHANCE = {"noise_stddev", "shot_noise", "sensor", "drop_probability"}  # of a camera's effects
+COLOUR = ("rgb", "bgr")  # encodings of pictures that without a renderer are grey
 WATCHES: frozenset[Need] = frozenset()  # what a camera that steers nothing is asked for
 # The demo's target as the launch files put it into the world: a model whose origin lies there.
 PLATES = "package://aras_visual_servo_gazebo/targets/aras.urdf"
@@ -136,6 +137,7 @@ class PlantMaker:
         """How a camera sees without a world; `exactly`: as for teaching, without noise."""
         experiment, needs = self.experiment, self.needs.get(eye.name, WATCHES)
         pictures = experiment.pictures and not (exactly and experiment.plant == "bullet")
+        pictures = pictures or (exactly and Need.IMAGE in needs)
         target, own = self.target_of(eye.name), eye.spec.target is not None
         on_it = TargetSpec() if own else experiment.target
         if on_it.perturbed and not exactly:
@@ -145,39 +147,33 @@ class PlantMaker:
                     "use poster or a PNG"
                 )
             target = replace(target, shape=target.shape.perturbed(experiment.seed))
-        config = config_of(eye.settings)
+        settings = imaging_settings(eye, experiment, exactly)
+        config = config_of(settings)
         effects = config.effects
-        if effects.row_time and experiment.plant == "ideal":
-            raise ExperimentError(
-                f"camera '{eye.name}' has a row_time of {effects.row_time:g} s, and plant ideal "
-                "exposes all rows at once: take plant free, or leave row_time out"
-            )
-        rows, sensor, vibration = (), None, None
-        seed = eye.settings.get("seed", seed_of(experiment.seed, eye.name))
-        if config.shake is not None and not exactly:
-            vibration = Vibration(config.shake, seed)
-        if effects.row_time and not exactly:
-            rows = parts(replace(effects, exposure_time=0.0, sensor=None), config.height)
-        if effects.sensor is not None and not exactly:
-            alone = Effects(sensor=effects.sensor, exposure_time=effects.exposure_time)
-            sensor = EffectChain(alone, (config.height, config.width), seed)
+        if exactly:  # of one instant, as the camera is at rest
+            effects = replace(effects, row_time=0.0, exposure_time=0.0)
+        elif not pictures:  # of one instant for each row
+            effects = Effects(**{key: getattr(effects, key) for key in ON_FEATURES})
+        seed = settings.get("seed", seed_of(experiment.seed, eye.name))
+        vibration = None if config.shake is None else Vibration(config.shake, seed)
+        encoding = "mono8" if config.encoding.startswith(COLOUR) else config.encoding
         return Sight(
             eye.true,
             target,
             eye.rate,
-            pictures=pictures or (exactly and Need.IMAGE in needs),
-            grey_noise=0.0 if exactly else experiment.noise,
+            pictures=pictures,
+            effects=effects,
+            seed=seed,
+            encoding=encoding,
             jitter=0.0 if exactly else experiment.jitter,
-            depth=self.depth or Need.DEPTH in needs,
+            depth=self.depth or config.depth or Need.DEPTH in needs,
             labelled=bool(self.label and needs & SEGMENTED),
             occluder=on_it.occluder,
             occluded=() if exactly and on_it.occluded else on_it.occluded,
             unbounded=self.unbounded,
-            drop=0.0 if experiment.plant == "bullet" else effects.drop_probability,
             name=eye.name,
             place=self.places.get(eye.name),
-            parts=rows,
-            sensor=sensor,
+            parts=parts(effects, config.height),
             vibration=vibration,
         )  # fmt: skip
 
@@ -239,13 +235,8 @@ class PlantMaker:
 
     def _drawn(self, eye: Eye, exactly: bool) -> dict[str, Any]:
         """Settings of a camera whose pictures are rendered; `exactly`: without noise."""
-        settings, needs = dict(eye.settings), self.needs.get(eye.name, WATCHES)
-        effects = dict(settings.get("effects", {}))
-        if exactly:  # one picture teaches the goal, and its noise would stay in it
-            settings.pop("shake", None)
-            settings["effects"] = {k: v for k, v in effects.items() if k not in CHANCE}
-        elif self.experiment.noise:
-            settings["effects"] = {**effects, "noise_stddev": self.experiment.noise}
+        settings = drawn_settings(eye, self.experiment, exactly)
+        needs = self.needs.get(eye.name, WATCHES)
         if self.depth or Need.DEPTH in needs:
             settings["depth"] = True
         if self.label and needs & SEGMENTED:

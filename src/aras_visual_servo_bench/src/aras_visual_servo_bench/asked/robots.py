@@ -12,15 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from aras_sim_bridge.description import RobotDescription, parse_urdf
-from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.camera.from_description import settings as sensor_settings
+from aras_sim_bridge.description import (
+    CameraDescription,
+    RobotDescription,
+    parse_cameras,
+    parse_urdf,
+)
+from aras_sim_bridge.errors import CameraError, DescriptionError
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import inverse, optical, to_xyz_rpy, transform
 from aras_visual_servo_base.settings import check, parameter
-from aras_visual_servo_base.urdf import parse_tree
+from aras_visual_servo_base.urdf import Joint, parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.arm import LINK, OPTICAL
+from aras_visual_servo_controller.arm.arm import camera_path
 from aras_visual_servo_controller.arm.joint_controllers import joint_controllers
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.seeing.rig import MovedBy, StandingCamera, beside
@@ -31,8 +37,15 @@ from .packages import PackagePath
 
 ROBOT = "robot"  # its model in the simulated world
 FRAME = "camera_frame_of_"  # of a camera that the robot's own description has not, by its name
+MOVED, BELIEVED = "moved_", "believed_"  # frames of one that is not where that has it
+CAMERA_LINK = "camera_link"  # the one that the launch files move
 OF = "target_of_"  # of what a camera looks at, by its name
 NONE: Mapping[str, CameraSpec] = {}
+# Keys of a described camera that say how it takes images; the others say where, and for whom.
+IMAGING = frozenset((
+    "width", "height", "horizontal_fov", "update_rate", "format", "near", "far", "lens",
+    "camera_matrix", "cutoff_angle", "distortion_model", "distortion_coefficients", "effects",
+))  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +133,8 @@ class Robot:
         self._plain = self.packages.file(spec.urdf).read_text(encoding="utf-8")
         if not friction:
             self._plain = self._adapted("without_friction", self._plain)
-        self._mount = transform(xyz, rpy)
-        self.urdf = self._framed(self._mounted(self._mount))
+        self._frame = spec.camera_frame
+        self.urdf = self._framed(self._mounted(transform(xyz, rpy)))
         for name, one in carried.items():
             self.urdf = self._with_target(self.urdf, name, one)
         tree = read_yaml(self.packages.file(spec.config), ExperimentError)
@@ -138,12 +151,35 @@ class Robot:
         except DescriptionError as error:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
 
+    def camera_settings(self) -> dict[str, Any]:
+        """How its camera takes images, as the description has it; empty where it has none.
+
+        Raises:
+            ExperimentError: the description says something impossible of it.
+        """
+        try:
+            found = [one for one in described_cameras(self.urdf)
+                     if self.spec.camera in ("", camera_name(one))]
+            settings = sensor_settings(found[0]) if found else {}
+        except (DescriptionError, CameraError) as error:
+            raise ExperimentError(f"{self.spec.urdf}: {error}") from None
+        return {key: value for key, value in settings.items() if key in IMAGING}
+
     def frame(self, camera: str) -> str:
         """The optical frame of a camera, in the description."""
         spec = self._cameras.get(camera)
         if spec is None or spec.own:
-            return self.spec.camera_frame if spec is None or not spec.frame else spec.frame
+            return self._frame if spec is None or not spec.frame else spec.frame
         return f"{FRAME}{camera}"
+
+    def carries_camera(self, link: str) -> bool:
+        """Whether the optical frame of its own camera is a link, or fixed to it."""
+        for joint in reversed(_path(self.urdf, self._frame, self.spec.urdf)):
+            if joint.child == link or joint.kind == "fixed" and joint.parent == link:
+                return True
+            if joint.kind != "fixed":
+                break
+        return False
 
     def target_frame(self, camera: str) -> str:
         """The link that carries what a camera looks at; '': that stands in the world."""
@@ -167,37 +203,37 @@ class Robot:
         """
         belief, place = self._cameras[camera].believed, self.standing(camera)
         if place is not None:
-            link = optical(np.eye(4))
-            off = inverse(link) @ transform(belief.xyz, belief.rpy) @ link
+            off = transform(belief.xyz, belief.rpy)
             return StandingCamera(place @ off if believed else place)
-        urdf = self.urdf
+        urdf, frame = self.urdf, self.frame(camera)
         if believed:
-            urdf = self._believed(belief.xyz, belief.rpy, camera)
-        return beside(urdf, control, self._arm(urdf, camera), camera)
+            urdf, frame = self._believed(belief.xyz, belief.rpy, camera)
+        return beside(urdf, control, self._arm(urdf, camera, frame), camera)
 
     def believed_arm(self, xyz: Sequence[float], rpy: Sequence[float], camera: str = "") -> Arm:
-        """Its kinematics with a camera believed elsewhere, off its place in its link, m, rad."""
-        return self._arm(self._believed(xyz, rpy, camera), camera)
+        """Its kinematics with a camera believed elsewhere: off its place in its own optical frame
+        (z forward, x right, y down), m, rad."""
+        urdf, frame = self._believed(xyz, rpy, camera)
+        return self._arm(urdf, camera, frame)
 
-    def _believed(self, xyz: Sequence[float], rpy: Sequence[float], camera: str) -> str:
-        """The description with a camera where it is believed, off its place in its link, m, rad."""
+    def _believed(
+        self, xyz: Sequence[float], rpy: Sequence[float], camera: str
+    ) -> tuple[str, str]:
+        """The description with a camera where it is believed, and the optical frame there."""
+        frame = self.frame(camera)
         if not (any(xyz) or any(rpy)):
-            return self.urdf
-        if self.frame(camera) == self.spec.camera_frame:
-            return self._framed(self._mounted(self._mount @ transform(xyz, rpy)))
-        if camera in self._cameras and self._cameras[camera].frame:
-            raise ExperimentError(
-                f"camera '{camera}' has its place in the robot's description: believed.xyz and rpy "
-                "are for one that the experiment puts somewhere"
-            )
-        return self._framed(self._mounted(self._mount), believed=camera)
+            return self.urdf, frame
+        believed = f"{BELIEVED}{frame}"
+        return self._with_frame(self.urdf, believed, frame, transform(xyz, rpy)), believed
 
-    def _framed(self, urdf: str, believed: str = "") -> str:
-        """The description with the frames of all cameras that the experiment puts somewhere; one of
-        them as it is believed."""
+    def _framed(self, urdf: str) -> str:
+        """The description with the frames of all cameras that the experiment puts somewhere."""
         for name, camera in self._cameras.items():
-            if not camera.own:
-                urdf = self._with_frame(urdf, name, camera, name == believed)
+            if camera.pose is not None:
+                child, root = f"{FRAME}{name}", parse_tree(urdf).root
+                urdf = _with_link(urdf, child, root, camera.place())
+            elif not camera.own:
+                urdf = self._with_frame(urdf, f"{FRAME}{name}", self._frame, camera.place())
         return urdf
 
     def controllers(self, joints: Sequence[str]) -> tuple[dict[str, str], str]:
@@ -232,26 +268,21 @@ class Robot:
             )
         return {joint: found[joint] for joint in joints}, kinds.pop()
 
-    def _arm(self, urdf: str, camera: str) -> Arm:
+    def _arm(self, urdf: str, camera: str, frame: str = "") -> Arm:
         try:
-            return arm_from(urdf, self.frame(camera), self.target_frame(camera))
+            return arm_from(urdf, frame or self.frame(camera), self.target_frame(camera))
         except ConfigurationError as error:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
 
     def _with_frame(
-        self, urdf: str, name: str, camera: CameraSpec, believed: bool = False
+        self, urdf: str, name: str, frame: str, frame_T_child: np.ndarray
     ) -> str:
-        """The description with the optical frame of one more camera."""
-        robot = ElementTree.fromstring(urdf)
-        place, parent = camera.place(believed), self.spec.camera_frame
-        if camera.pose is not None:
-            parent = parse_tree(urdf).root
-        elif robot.find(f"link[@name='{parent}']") is None:  # its camera link alone is described
-            parent, place = f"{parent.removesuffix(OPTICAL)}{LINK}", optical(np.eye(4)) @ place
-        child = f"{FRAME}{name}"
-        ElementTree.SubElement(robot, "link", name=child)
-        _fix(robot, parent, child, place)
-        return ElementTree.tostring(robot, encoding="unicode")
+        """The description with one more link, fixed to an optical frame, which need not be
+        described itself."""
+        last = _path(urdf, frame, self.spec.urdf)[-1]
+        if last.child not in parse_tree(urdf).links:
+            frame, frame_T_child = last.parent, last.pose.matrix() @ frame_T_child
+        return _with_link(urdf, name, frame, frame_T_child)
 
     def _with_target(self, urdf: str, name: str, target: Carried) -> str:
         """The description with what is seen of a target, fixed to a link."""
@@ -269,9 +300,16 @@ class Robot:
         return ElementTree.tostring(robot, encoding="unicode")
 
     def _mounted(self, link_T_link: np.ndarray) -> str:
-        """The description with camera_link moved as the launch files do it."""
+        """The description with its camera moved in its link: as the launch files do it where
+        camera_link carries the optical frame, else by a frame of its own."""
         if np.array_equal(link_T_link, np.eye(4)):
             return self._plain
+        carried = _path(self._plain, self._frame, self.spec.urdf)
+        if not any(joint.child == CAMERA_LINK for joint in carried):
+            link = optical(np.eye(4))  # the axes of a camera's link: x forward, y left, z up
+            frame, self._frame = self._frame, f"{MOVED}{self._frame}"
+            moved = inverse(link) @ link_T_link @ link
+            return self._with_frame(self._plain, self._frame, frame, moved)
         texts = (" ".join(map(repr, numbers)) for numbers in to_xyz_rpy(link_T_link))
         try:
             return self._adapted("mounted", self._plain, *texts)
@@ -282,6 +320,23 @@ class Robot:
         """The description as a function of the launch files' own script makes it."""
         script = self.packages.file("package://aras_visual_servo_gazebo/scripts/adapt_description")
         return _functions(script)[how](*texts)
+
+
+def _path(urdf: str, camera_frame: str, name: str) -> list[Joint]:
+    """The joints from the root to an optical frame; ExperimentError, with the description's name,
+    where there is no such frame."""
+    try:
+        return camera_path(parse_tree(urdf), "", camera_frame)
+    except DescriptionError as error:
+        raise ExperimentError(f"{name}: robot description: {error}") from None
+
+
+def _with_link(urdf: str, name: str, parent: str, parent_T_link: np.ndarray) -> str:
+    """The description with one more link, fixed to another."""
+    robot = ElementTree.fromstring(urdf)
+    ElementTree.SubElement(robot, "link", name=name)
+    _fix(robot, parent, name, parent_T_link)
+    return ElementTree.tostring(robot, encoding="unicode")
 
 
 def _fix(robot: ElementTree.Element, parent: str, child: str, place: np.ndarray) -> None:
@@ -300,6 +355,18 @@ _functions = functools.cache(runpy.run_path)
 def arm_from(urdf: str, camera_frame: str, target_frame: str) -> Arm:
     """Read once a process, as `described`."""
     return Arm.from_urdf(urdf, camera_frame, target_frame=target_frame)
+
+
+def camera_name(camera: CameraDescription) -> str:
+    """A described camera's name, below which its topics are."""
+    named = camera.plugin.camera_name if camera.plugin is not None else ""
+    return (named or camera.name).strip("/")
+
+
+@functools.lru_cache(maxsize=32)
+def described_cameras(urdf: str) -> tuple[CameraDescription, ...]:
+    """Read once a process, as `described`."""
+    return parse_cameras(urdf)
 
 
 @functools.lru_cache(maxsize=8)

@@ -112,10 +112,9 @@ def _experiment(given: Path | None, changed: dict[str, Any]) -> Experiment | Non
         own = {f.name for f in fields(Experiment)} - {f.name for f in fields(Study)}
         if not keys & own:
             return None
-    for key, value in changed.items():
+    for key in changed:
         overrides.check_key(key)
-        values = overrides.with_override(values, key, value)
-    return Experiment.from_mapping(values)
+    return Experiment.from_mapping(overrides.with_overrides(values, changed))
 
 
 def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:

@@ -38,12 +38,11 @@ from aras_visual_servo_camera.errors import SegmentationError
 from aras_visual_servo_camera.labels import TargetLabels
 
 from ..asked import cameras
-from ..asked.robots import ROBOT, Robot
+from ..asked.robots import ROBOT, Robot, camera_name
 from ..errors import ExperimentError
 from ..targets.geometry import Course, PlacedTarget
 from .base import CAMERA, CameraReading, JointListener, JointReading, Plant, Reading
-from .kinematic import exposures, vibrations
-from .sight import Sight
+from .sight import Sight, exposures, vibrations
 
 if TYPE_CHECKING:
     from aras_visual_servo_controller.loop.driver import Driver
@@ -132,15 +131,18 @@ class BulletArm(Plant):
             ExperimentError: what of it is impossible.
         """
         description = robot.description()
-        mounted = [c for c in description.cameras if robot.spec.camera in ("", _name(c))]
-        if not mounted:
-            known = ", ".join(map(_name, description.cameras)) or "none"
+        mounted = [c for c in description.cameras if robot.spec.camera in ("", camera_name(c))]
+        if robot.spec.camera and not mounted:
+            known = ", ".join(map(camera_name, description.cameras)) or "none"
             raise ExperimentError(f"the robot has no camera '{robot.spec.camera}'; it has: {known}")
         self._name, self._others = name or CAMERA, others
         self.control = self._name
-        first, self._link = mounted[0], mounted[0].link
+        first = mounted[0] if mounted else _bare(robot.frame(""))
+        if not (name or mounted and robot.carries_camera(first.link)):
+            name = CAMERA  # it sits at a frame of the description that has no sensor there
+        self._link = first.link
         own: dict[str, Any] = {}
-        for part in reversed(_name(first).split("/")):
+        for part in reversed(camera_name(first).split("/")):
             own = {part: own or dict(camera)}
         for settings in (camera, *others.values()):
             cameras.model_of(settings)  # the simulator would go on without an impossible camera
@@ -149,7 +151,7 @@ class BulletArm(Plant):
             own, self._link = {name: dict(camera), **others}, described[0].link
             description = replace(description, cameras=tuple(described))
         else:
-            name = _name(first)
+            name = camera_name(first)
         self._arm = robot.arm(self._name)
         self.joint_names = self._arm.names
         controllers, kind = robot.controllers(self.joint_names)
@@ -374,14 +376,19 @@ def _seated(camera: CameraDescription, name: str, robot: Robot) -> CameraDescrip
     )
     seated = replace(camera, name=name, plugin=plugin, shutter="")
     frame = robot.frame(name)
-    if frame == robot.spec.camera_frame:
+    if frame == robot.frame("") and robot.carries_camera(camera.link):
         return seated
-    link_T_sensor = inverse(optical(np.eye(4)))  # it looks along +x, z up
-    xyz, rpy = to_xyz_rpy(link_T_sensor)
-    return replace(seated, link=frame, pose=(tuple(xyz), tuple(rpy)))
+    return replace(seated, link=frame, pose=_in_optical_frame())
 
 
-def _name(camera: Any) -> str:
-    """A described camera's name, below which its topics stand."""
-    named = camera.plugin.camera_name if camera.plugin is not None else ""
-    return (named or camera.name).strip("/")
+def _bare(frame: str) -> CameraDescription:
+    """A camera at an optical frame of a robot without a camera, as SDF has it by default."""
+    return CameraDescription(
+        CAMERA, frame, _in_optical_frame(), "camera", 0.0, 1.047, 320, 240, "R8G8B8", 0.1, 100.0
+    )
+
+
+def _in_optical_frame() -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """xyz (m) and rpy (rad) in an optical frame of a sensor, which looks along its +x, z up."""
+    xyz, rpy = to_xyz_rpy(inverse(optical(np.eye(4))))
+    return tuple(xyz), tuple(rpy)

@@ -18,7 +18,7 @@ from aras_visual_servo_controller.arm.task import Task
 from .base import JointReading, Reading
 from .free_body import FreeBody
 from .kinematic import FreeCamera
-from .sight import NS, Sight
+from .sight import NS, Exposures, Sight
 
 STILL = np.zeros(6)
 
@@ -33,12 +33,13 @@ class IdealCamera(FreeCamera):
     ) -> None:
         """Stand at coordinates q (6,); `believed`: the same body with the camera as believed."""
         super().__init__(arm, q, sight, seed=seed)
-        self._believed, self._images, self._asked = believed, 0, STILL
-        self._image_period = NS / sight.rate
+        self._believed, self._asked = believed, STILL
+        self._exposures = [Exposures(sight, self._random, first=0)]
 
     def advance(self, until_ns: int) -> list[Reading]:
         """Go to the next image, or to `until_ns` if it does not come before."""
-        image_ns = round(self._images * self._image_period)
+        (exposure,) = self._exposures
+        image_ns = exposure.due_ns
         time_ns = min(image_ns, until_ns)
         if self._asked is not STILL:
             mounting = self._believed.mounting
@@ -47,11 +48,11 @@ class IdealCamera(FreeCamera):
         self._time_ns = time_ns
         if image_ns > time_ns:
             return []
-        self._images += 1
         q, speed = self.joints()
+        image = exposure.expose(self.at_rest())
         return [
             JointReading(time_ns, self.joint_names, q.tolist(), speed.tolist()),
-            self.sight.look(self.at_rest(), time_ns, self._random),
+            *([] if image is None else [image]),
         ]
 
     def joints(self) -> tuple[np.ndarray, np.ndarray]:

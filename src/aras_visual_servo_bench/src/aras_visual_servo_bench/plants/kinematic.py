@@ -10,67 +10,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aras_sim_bridge.camera.shaking import Vibration
 from aras_visual_servo_base.poses import exponential
 from aras_visual_servo_controller.arm import Arm
 
 from ..errors import ExperimentError
-from .base import CameraReading, JointReading, Plant, Reading
+from .base import JointReading, Plant, Reading
 from .free_body import FreeBody
-from .rolling import rolling
-from .sight import NS, Sight
+from .sight import NS, Sight, exposures, vibrations
 
 JOINT_PHASE_NS = 1_000_000  # joint states come a millisecond after the hundredths, as in physics
-
-
-class Exposures:
-    """When a camera exposes, from its first period on, and what it sees then.
-
-    Poses are those of the control camera at rest: a `Sight` knows how its camera shakes.
-
-    Attributes:
-        due_ns: simulated time at which it has to be asked next: of an exposure, or of its part.
-    """
-
-    def __init__(self, sight: Sight, random: np.random.Generator) -> None:
-        """`random`: draws its noise, and which images are lost."""
-        self._sight, self._random, self._count = sight, random, 1
-        self._period = NS / sight.rate
-        self._offsets = [part.offset_ns for part in sight.parts] or [0]
-        self._poses: list[np.ndarray] = []
-        self.due_ns = self._stamp_ns + self._offsets[0]
-
-    @property
-    def _stamp_ns(self) -> int:
-        return round(self._count * self._period)
-
-    def expose(self, pose: np.ndarray) -> CameraReading | None:
-        """Where the control camera is at world_T_camera (4, 4); None: the image is lost, or not
-        whole yet."""
-        at_ns, poses = self._stamp_ns, [*self._poses, pose]
-        whole = len(poses) == len(self._offsets)
-        self._poses, self._count = [] if whole else poses, self._count + whole
-        self.due_ns = self._stamp_ns + self._offsets[len(self._poses)]
-        if not whole or self._sight.drop and self._random.random() < self._sight.drop:
-            return None
-        if self._sight.parts:
-            return rolling(self._sight, poses, at_ns, self._random)
-        return self._sight.look(pose, at_ns, self._random)
-
-
-def exposures(
-    sight: Sight, others: Sequence[Sight], random: np.random.Generator, seed: int
-) -> list[Exposures]:
-    """Those of the control camera, whose chance is `random`, and of the other cameras."""
-    # From 1 on: (seed, 0) draws as `seed` alone does, which is the control camera's.
-    return [Exposures(sight, random)] + [
-        Exposures(other, np.random.default_rng((seed, i))) for i, other in enumerate(others, 1)
-    ]
-
-
-def vibrations(*sights: Sight) -> dict[str, Vibration]:
-    """Of those that shake, by the names of their cameras."""
-    return {sight.name: sight.vibration for sight in sights if sight.vibration is not None}
 
 
 class KinematicPlant(Plant):

@@ -1,13 +1,16 @@
-"""How a plant without a simulated world sees its target."""
+"""How a plant without a renderer sees its target: exact features, or drawn images."""
 
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aras_sim_bridge.camera.effects import EffectChain
+from aras_sim_bridge.camera import formats
+from aras_sim_bridge.camera.effects import Effects
+from aras_sim_bridge.camera.pipeline import ExposureMean, ImagePipeline
 from aras_sim_bridge.camera.shaking import Vibration
 from aras_sim_bridge.camera.shutter import RowBand
 from aras_sim_bridge.description.types import within
@@ -16,7 +19,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..asked import cameras
 from ..errors import ViewError
-from ..targets.geometry import PlacedTarget, project
+from ..targets.geometry import PlacedTarget, Target, project
 from ..targets.pictures import seen, shows
 from ..targets.solids import SolidTarget
 from ..targets.textures import TexturedTarget
@@ -29,19 +32,21 @@ TRIES = 100  # draws of an outline's noise
 
 @dataclass(frozen=True)
 class Sight:
-    """How a plant without a simulated world sees its target.
+    """How a plant without a renderer sees its target.
+
+    What becomes of its images is the affair of `Exposures`: effects and lost frames.
 
     camera: the true one. target: in the world. rate: pictures a second.
     pictures: draw them; otherwise outlines and corners are exact.
-    grey_noise: standard deviation of drawn pixels, grey levels. jitter: of exact points, px.
+    effects: of the camera; on exact features those of light do nothing. seed: of their chance.
+    encoding: of drawn images, which are grey: mono8, mono16 or a Bayer pattern.
+    jitter: standard deviation of exact points, px.
     depth: deliver a depth image too. labelled: and which pixels are the target's.
-    drop: probability that an image is lost.
     occluder: corners (x, y), m, of a white rectangle on the target. occluded: from when and until
         when it lies there, s; None: always.
     unbounded: exact features have no picture's border, and are lost behind the camera alone.
     name: of the camera. place: of another camera than the control camera.
-    parts: rows that are exposed one after the other; empty: all at once.
-    sensor: adds a calibrated sensor's noise to drawn pictures; None: there is none.
+    parts: the exposures of an image, in the order of time; empty: all of it at the stamp.
     vibration: how it shakes about its place; None: it does not.
     """
 
@@ -49,59 +54,65 @@ class Sight:
     target: PlacedTarget
     rate: float = 30.0
     pictures: bool = False
-    grey_noise: float = 0.0
+    effects: Effects = Effects()
+    seed: int = 0
+    encoding: str = "mono8"
     jitter: float = 0.0
     depth: bool = False
     labelled: bool = False
-    drop: float = 0.0
     occluder: tuple[tuple[float, float], tuple[float, float]] | None = None
     occluded: tuple[tuple[float, float], ...] | None = None
     unbounded: bool = False
     name: str = CAMERA
     place: Place | None = None
     parts: tuple[RowBand, ...] = ()
-    sensor: EffectChain | None = None
     vibration: Vibration | None = None
 
     def look(self, pose: np.ndarray, stamp_ns: int, random: np.random.Generator) -> CameraReading:
-        """What the camera sees where the control camera, at rest, is at world_T_camera (4, 4)."""
+        """What it delivers where the control camera is at rest at world_T_camera (4, 4).
+
+        random: draws the jitter of exact points.
+        """
+        return Exposures(self, random).image([pose] * len(self.exposures), stamp_ns)
+
+    @property
+    def exposures(self) -> tuple[RowBand, ...]:
+        """`parts`, at least one."""
+        return self.parts or (RowBand(0, 0, self.camera.height),)
+
+    def at_rows(self, part: RowBand) -> Sight:
+        """The same with a camera of these rows alone."""
+        if part.last - part.first == self.camera.height:
+            return self
+        K = np.reshape(self.camera.K, (3, 3)) - [[0, 0, 0], [0, 0, part.first], [0, 0, 0]]
+        camera = replace(
+            self.camera, height=part.last - part.first, K=tuple(K.ravel().tolist())
+        )
+        return replace(self, camera=camera, parts=())
+
+    def exact(self, pose: np.ndarray, stamp_ns: int) -> tuple[np.ndarray, np.ndarray] | None:
+        """Outline (n, 2) and points (m, 2), px, at one instant; None: the target is not in view.
+
+        pose: world_T_camera (4, 4) of the control camera at rest.
+        """
         seen_from = self.seen_from(pose, stamp_ns)
         try:
             outline = self.target.shape.outline(seen_from)
             points = self.target.shape.points(seen_from)
         except ViewError:
-            outline = points = None
-        if not self.pictures:
-            if outline is None or not (
-                self.unbounded or cameras.in_view(outline, self.camera, 0.0)
-            ):
-                return CameraReading(stamp_ns, camera=self.name)
-            return CameraReading(
-                stamp_ns,
-                outline=self.jittered(self.pixels(outline), random, closed=True),
-                points=self.jittered(self.pixels(points), random),
-                camera=self.name, jitter=self.jitter,
-            )
-        drawn = self._drawn(outline, seen_from, within(self.occluded, stamp_ns / NS))
-        image = self.noisy(drawn, stamp_ns, random)
-        depth = self._depth(seen_from) if self.depth else None
-        labelled = None
-        if self.labelled:
-            labelled = self._labelled(drawn, seen_from)
-        return CameraReading(
-            stamp_ns, image, "mono8", depth, camera=self.name, labelled=labelled
-        )
+            return None
+        if not (self.unbounded or cameras.in_view(outline, self.camera, 0.0)):
+            return None
+        return self.pixels(outline), self.pixels(points)
 
-    def noisy(
-        self, image: np.ndarray, stamp_ns: int, random: np.random.Generator
-    ) -> np.ndarray:
-        """A drawn picture (rows, columns) uint8 with its noise."""
-        if self.sensor is not None:
-            image = self.sensor.apply(image, stamp_ns)
-        if self.grey_noise:
-            noise = image + random.normal(0.0, self.grey_noise, image.shape)
-            image = np.clip(np.round(noise), 0, 255).astype(np.uint8)
-        return image
+    def draw(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray:
+        """The image (rows, columns) uint8 at one instant, before effects; `pose`: as of `exact`."""
+        seen_from = self.seen_from(pose, stamp_ns)
+        try:
+            outline = self.target.shape.outline(seen_from)
+        except ViewError:
+            outline = None
+        return self._drawn(outline, seen_from, within(self.occluded, stamp_ns / NS))
 
     def jittered(
         self, pixels: np.ndarray | None, random: np.random.Generator, closed: bool = False
@@ -144,17 +155,17 @@ class Sight:
                 image = np.where(covered < OCCLUDED, np.uint8(cameras.WHITE), image)
         return image
 
-    def _labelled(self, drawn: np.ndarray, seen_from: np.ndarray) -> np.ndarray:
-        """(rows, columns) 255 where the target is; of a flat black one, where the picture
-        without noise is dark."""
-        shape = self.target.shape
-        if isinstance(shape, SolidTarget):
-            return shows(shape, self.camera, seen_from)
-        return (drawn < OCCLUDED).view(np.uint8) * 255
+    def label(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray | None:
+        """(rows, columns) 255 where a solid target is, at one instant; None of a flat black one,
+        which is where the image without effects is dark. `pose`: as of `exact`."""
+        if not isinstance(self.target.shape, SolidTarget):
+            return None
+        return shows(self.target.shape, self.camera, self.seen_from(pose, stamp_ns))
 
-    def _depth(self, target_T_camera: np.ndarray) -> np.ndarray:
-        """(rows, columns) m of the plane that the target lies in; inf where it is not before."""
-        a, b, c = self.target.shape.plane(target_T_camera)
+    def depth_image(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray:
+        """(rows, columns) m of the plane that the target lies in; inf where it is not before.
+        `pose`: as of `exact`."""
+        a, b, c = self.target.shape.plane(self.seen_from(pose, stamp_ns))
         u, v = np.meshgrid(np.arange(self.camera.width), np.arange(self.camera.height))
         x, y, valid = self.camera.normalise(u.ravel(), v.ravel())
         nearness = a * x + b * y + c
@@ -162,3 +173,145 @@ class Sight:
         before = valid & (nearness > 0.0)
         depth[before] = 1.0 / nearness[before]
         return depth.reshape(self.camera.height, self.camera.width)
+
+
+class Exposures:
+    """The images of one camera: when it exposes, and what it sees then.
+
+    Poses are those of the control camera at rest: a `Sight` knows how its camera shakes.
+
+    Attributes:
+        due_ns: simulated time at which it has to be asked next: of an exposure, or of its part.
+    """
+
+    def __init__(self, sight: Sight, random: np.random.Generator, first: int = 1) -> None:
+        """`random`: draws the jitter of exact points. `first`: period with the first image."""
+        self._sight, self._random, self._count = sight, random, first
+        self._period = NS / sight.rate
+        self._parts = sight.exposures
+        self._bands = [sight.at_rows(part) for part in self._parts] if sight.pictures else []
+        shape = (sight.camera.height, sight.camera.width)
+        self._pipeline = ImagePipeline(sight.effects, shape, sight.seed, self._parts)
+        self._poses: list[np.ndarray] = []
+        self.due_ns = self._stamp_ns + self._parts[0].offset_ns
+
+    @property
+    def _stamp_ns(self) -> int:
+        return round(self._count * self._period)
+
+    def expose(self, pose: np.ndarray) -> CameraReading | None:
+        """Where the control camera is at world_T_camera (4, 4); None: the image is lost, or not
+        whole yet."""
+        stamp_ns, poses = self._stamp_ns, [*self._poses, pose]
+        is_whole = len(poses) == len(self._parts)
+        self._poses, self._count = [] if is_whole else poses, self._count + is_whole
+        self.due_ns = self._stamp_ns + self._parts[len(self._poses)].offset_ns
+        if not is_whole or self._pipeline.is_lost(stamp_ns):
+            return None
+        return self.image(poses, stamp_ns)
+
+    def image(self, poses: Sequence[np.ndarray], stamp_ns: int) -> CameraReading:
+        """The image of that stamp; `poses`: (4, 4) at each of its parts."""
+        at = [stamp_ns + part.offset_ns for part in self._parts]
+        if self._sight.pictures:
+            return self._picture(poses, at, stamp_ns)
+        return self._features(poses, at, stamp_ns)
+
+    def _picture(
+        self, poses: Sequence[np.ndarray], at: Sequence[int], stamp_ns: int
+    ) -> CameraReading:
+        sight, pipeline = self._sight, self._pipeline
+        labels = ExposureMean(self._parts, sight.camera.height)
+        is_solid = False
+        for index, (band, pose, ns) in enumerate(zip(self._bands, poses, at, strict=True)):
+            pipeline.light.add(index, band.draw(pose, ns))
+            if sight.labelled and (label := band.label(pose, ns)) is not None:
+                labels.add(index, label)
+                is_solid = True
+        light = pipeline.light.take()
+        labelled = depth = None
+        if sight.labelled:
+            # Of a solid where it is for the greater part of the exposure.
+            found = labels.take() >= OCCLUDED if is_solid else light < OCCLUDED
+            labelled = found.view(np.uint8) * 255
+        if sight.depth:
+            depth = sight.depth_image(poses[pipeline.middle], stamp_ns)
+        image = formats.widened(pipeline.read_out(light, stamp_ns), sight.encoding)
+        return CameraReading(
+            stamp_ns, image, sight.encoding, depth, camera=sight.name, labelled=labelled
+        )
+
+    def _features(
+        self, poses: Sequence[np.ndarray], at: Sequence[int], stamp_ns: int
+    ) -> CameraReading:
+        sight, nothing = self._sight, CameraReading(stamp_ns, camera=self._sight.name)
+        if len(self._parts) == 1:
+            if (found := sight.exact(poses[0], at[0])) is None:
+                return nothing
+            outline, points = found
+        else:
+            looks = [sight.seen_from(pose, ns) for pose, ns in zip(poses, at, strict=True)]
+            try:
+                outlines = _outlines(sight.target.shape, looks, self._pipeline.middle)
+                places = [sight.target.shape.points(look) for look in looks]
+            except ViewError:
+                return nothing
+            outline = _in_own_rows(np.array([sight.pixels(one) for one in outlines]), self._parts)
+            last = np.array([sight.camera.width, sight.camera.height]) - 1
+            if not sight.unbounded and not ((outline >= 0.0) & (outline <= last)).all():
+                return nothing
+            points = None
+            if places[0] is not None:
+                points = _in_own_rows(np.array([sight.pixels(one) for one in places]), self._parts)
+        return CameraReading(
+            stamp_ns, outline=sight.jittered(outline, self._random, closed=True),
+            points=sight.jittered(points, self._random), camera=sight.name,
+            jitter=sight.jitter,
+        )  # fmt: skip
+
+
+def exposures(
+    sight: Sight, others: Sequence[Sight], random: np.random.Generator, seed: int
+) -> list[Exposures]:
+    """Those of the control camera, whose jitter `random` draws, and of the other cameras."""
+    # From 1 on: (seed, 0) draws as `seed` alone does, which is the control camera's.
+    return [Exposures(sight, random)] + [
+        Exposures(other, np.random.default_rng((seed, i))) for i, other in enumerate(others, 1)
+    ]
+
+
+def vibrations(*sights: Sight) -> dict[str, Vibration]:
+    """Of those that shake, by the names of their cameras."""
+    return {sight.name: sight.vibration for sight in sights if sight.vibration is not None}
+
+
+def _outlines(
+    shape: Target, looks: Sequence[np.ndarray], middle: int
+) -> list[np.ndarray]:
+    """Where the corners (n, 2) of the outline seen at one of target_T_camera (4, 4) are at each,
+    normalised: as if they lay in the target's plane, for an outline may have others meanwhile.
+
+    Raises:
+        ViewError: it is behind the camera.
+    """
+    x, y = shape.outline(looks[middle]).T
+    A, B, C = shape.plane(looks[middle])
+    places = np.column_stack([x, y, np.ones_like(x)]) / (A * x + B * y + C)[:, None]
+    in_target = places @ looks[middle][:3, :3].T + looks[middle][:3, 3]
+    return [project(in_target, look) for look in looks]
+
+
+def _in_own_rows(pixels: np.ndarray, parts: Sequence[RowBand]) -> np.ndarray:
+    """Pixels (n, 2) where points were when their own rows were exposed.
+
+    pixels: (parts, n, 2), px, of a camera that stands still at each part. Between two parts a point
+    moves evenly; what lies above or below the picture is of its first or last rows.
+    """
+    rows = np.array([0.5 * (part.first + part.last - 1) for part in parts])
+    ahead = pixels[..., 1] - rows[:, None]  # rows that the shutter still has to go
+    after = np.maximum(np.argmax(ahead <= 0.0, axis=0), 1)
+    after = np.where((ahead > 0.0).all(axis=0), len(parts) - 1, after)
+    n = np.arange(pixels.shape[1])
+    first, last = ahead[after - 1, n], ahead[after, n]
+    share = np.clip(first / (first - last), 0.0, 1.0)[:, None]
+    return (1.0 - share) * pixels[after - 1, n] + share * pixels[after, n]

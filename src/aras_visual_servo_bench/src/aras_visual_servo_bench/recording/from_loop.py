@@ -97,7 +97,7 @@ class Recorder:
             at = np.array([stamp for stamp, _, _ in seen])
             place = np.array([pose for _, pose, _ in seen]).reshape(-1, 4, 4)
             film = tuple((stamp, shown) for stamp, _, shown in seen if shown)
-            found[name] = CameraRecord(eye.true, at, at + eye.spec.delay, place, film=film)
+            found[name] = CameraRecord(eye.true, at, at + eye.delay, place, film=film)
         return found
 
 

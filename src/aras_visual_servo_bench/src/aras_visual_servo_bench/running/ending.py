@@ -27,7 +27,7 @@ class Ending:
         self._ideal, self._duration = experiment.ideal, experiment.duration
         self._linger = experiment.linger if experiment.ideal.stop is None else None
         self._period = 1.0 / parts.plant.sight.rate
-        self._images, self._converged = 0, None
+        self._converged = None
         self._goal_pose, self._target = parts.goal_pose, parts.target
         first = parts.plant.pose()
         self._first = pose_difference(self._goal_pose, first)
@@ -38,7 +38,7 @@ class Ending:
     def image(self, state: ServoState, pose: np.ndarray) -> None:
         """Take in the answer to an image, at the true world_T_camera (4, 4)."""
         decision = state.decision
-        time, self._images = self._images * self._period, self._images + 1
+        time = round(state.stamp / self._period) * self._period  # images may be lost
         self._blind = self._blind + 1 if decision is None else 0
         if state.phase != CONVERGED:
             self._converged = None

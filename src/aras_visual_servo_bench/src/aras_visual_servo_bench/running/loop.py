@@ -86,7 +86,7 @@ class Loop:
         self._answered = False
         self._coming: list[tuple[int, int, CameraReading]] = []  # heap, by when they arrive, ns
         self._delayed = 0
-        self._delays_ns = {name: round(eye.spec.delay * NS) for name, eye in parts.eyes.items()}
+        self._delays_ns = {name: round(eye.delay * NS) for name, eye in parts.eyes.items()}
         self._began_ns: int | None = None
         self._converged_ns: int | None = None
         self._touched: tuple[str, str] | None = None

@@ -9,11 +9,17 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.settings import merge
 from aras_visual_servo_base.yaml_files import parse_yaml
 from aras_visual_servo_controller.settings import Settings
 
-from ..asked.experiment import Experiment
+from ..asked.cameras import DEFAULT, PRESET
+from ..asked.experiment import CameraPose, Experiment, Sampler
+from ..asked.relative_start import RelativeStart
 from ..errors import StudyError
+
+KINDS = ("start", "goal")  # keys of an experiment whose values are of several kinds
+KINDS_OF_PLACES = (CameraPose, Sampler, RelativeStart)
 
 
 def parsed(words: Iterable[str]) -> dict[str, Any]:
@@ -32,23 +38,67 @@ def parsed(words: Iterable[str]) -> dict[str, Any]:
 
 
 def with_override(values: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
-    """A copy of nested mappings with the value under a dotted key.
+    """A copy of an experiment's keys with the value laid over them under a dotted key.
+
+    Nothing else changes: a value that has keys itself is laid over those that are there, and a key
+    below `camera` or a camera's `model` over the preset that these name. `start` and `goal` are
+    values of several kinds: keys of another kind replace them.
 
     Raises:
-        StudyError: on the way stands something that has no keys.
+        StudyError: on the way is something that has no keys.
     """
-    first, _, rest = key.partition(".")
+    changes, base, path = value, dict(values), key.split(".")
+    for part in reversed(path):
+        changes = {part: changes}
+    if path[0] in KINDS and len(path) == 1 and not _same_kind(base.get(key), value):
+        base.pop(key, None)
+    return merge(_with_keys(base, changes, key), changes)
+
+
+def with_overrides(values: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """The same with several, by dotted key: wholes before their parts, else in their order."""
     changed = dict(values)
-    if rest:
-        inner = changed.get(first, {})
-        if not isinstance(inner, Mapping):
+    for key, value in sorted(settings.items(), key=lambda item: item[0].count(".")):
+        changed = with_override(changed, key, value)
+    return changed
+
+
+def _with_keys(
+    base: Mapping[str, Any], changes: Mapping[str, Any], key: str, above: str = ""
+) -> dict[str, Any]:
+    """The base, with the presets that it names below `changes` written as keys."""
+    found = dict(base)
+    for name, value in changes.items():
+        place = f"{above}{name}"
+        if not isinstance(value, Mapping) or name not in found and not is_camera(place):
+            continue
+        here = found.get(name, DEFAULT)
+        if isinstance(here, str) and is_camera(place):
+            here = {PRESET: here}
+        if isinstance(here, Mapping):
+            found[name] = _with_keys(here, value, key, f"{place}.")
+        elif key.startswith(f"{place}."):
             raise StudyError(
-                f"'{key}' cannot be set: {first} is {inner!r}, which has no keys; write {first} as "
+                f"'{key}' cannot be set: {place} is {here!r}, which has no keys; write {place} as "
                 "keys with values"
             )
-        value = with_override(inner, rest, value)
-    changed[first] = value
-    return changed
+    return found
+
+
+def is_camera(key: str) -> bool:
+    """Whether under this dotted key of an experiment the name of a preset may be written."""
+    parts = key.split(".")
+    return parts == ["camera"] or len(parts) == 3 and (parts[0], parts[2]) == ("cameras", "model")
+
+
+def _same_kind(here: Any, value: Any) -> bool:
+    """Whether keys of a start or a goal can be of one kind with those that are there."""
+    if not (isinstance(here, Mapping) and isinstance(value, Mapping)):
+        return False
+    if "kind" in value and value["kind"] != here.get("kind"):
+        return False
+    names = {*here, *value}
+    return any(names <= {f.name for f in dataclasses.fields(kind)} for kind in KINDS_OF_PLACES)
 
 
 def unit_of(key: str) -> str:

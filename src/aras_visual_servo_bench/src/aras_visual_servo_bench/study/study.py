@@ -24,7 +24,7 @@ from aras_visual_servo_base.yaml_files import read_yaml
 from ..asked.experiment import Experiment
 from ..errors import ExperimentError, StudyError
 from ..numbers import metrics as known_metrics
-from .overrides import check_key, with_override
+from .overrides import check_key, with_override, with_overrides
 from .variations import Axis, Draw, drawn, variation
 
 MOST_RUNS = 100_000_000  # 1e6 chunks of 100 runs: beyond that a scheduler chokes
@@ -294,9 +294,7 @@ class Study(NamedValues):
         return self._experiment(settings, self.seed_of(run))
 
     def _experiment(self, settings: Mapping[str, Any], seed: int) -> Experiment:
-        values: dict[str, Any] = dict(self.experiment)
-        for key, value in settings.items():
-            values = with_override(values, key, value)
+        values = with_overrides(self.experiment, settings)
         values.setdefault("seed", seed)
         return Experiment.from_mapping(values)
 
@@ -350,13 +348,16 @@ def _combined(axes: Mapping[str, tuple[Case, ...]]) -> Iterator[Combination]:
 
 def _overridden(values: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
     own = {f.name for f in dataclasses.fields(Study)}
+    of_experiment = {}
     for key, value in overrides.items():
         if key.partition(".")[0] in own:
             values = with_override(values, key, value)
             continue
         check_key(key)
         values["vary"] = {k: v for k, v in dict(values.get("vary", {})).items() if k != key}
-        values["experiment"] = with_override(values.get("experiment", {}), key, value)
+        of_experiment[key] = value
+    if of_experiment:
+        values["experiment"] = with_overrides(values.get("experiment", {}), of_experiment)
     return values
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.poses import optical, to_xyz_rpy
 from aras_visual_servo_base.urdf import MOVING_KINDS, Joint, UrdfTree, parse_tree
 
 from ..errors import ConfigurationError, MeasurementError
@@ -87,8 +88,8 @@ class Arm:
 
         Args:
             urdf: text of the description.
-            camera_frame: optical frame (z forward, x right, y down). Where the description has
-                only its camera link (x forward, z up), the optical frame is put there.
+            camera_frame: optical frame (z forward, x right, y down), or a link with a camera
+                sensor; see `camera_path`.
             base_frame: '' for the description's root.
             joints: names of the joints to use, in the order wanted; None: all that move the
                 camera, from the base on. The others stand still.
@@ -101,17 +102,17 @@ class Arm:
         """
         try:
             tree = parse_tree(urdf)
-            camera_path = _camera_path(tree, base_frame, camera_frame)
+            path = camera_path(tree, base_frame, camera_frame)
             target_path = tree.path(base_frame, target_frame) if target_frame else []
-            for joint in [*camera_path, *target_path]:
+            for joint in [*path, *target_path]:
                 _check(joint)
         except DescriptionError as error:
             raise ConfigurationError(f"robot description: {error}") from None
-        if not camera_path:
+        if not path:
             raise ConfigurationError(
                 f"robot description: {camera_frame} is the base itself, no joint moves it"
             )
-        return cls(camera_path, target_path, joints, locked)
+        return cls(path, target_path, joints, locked)
 
     @staticmethod
     def standing(urdf: str, camera_frame: str, base_frame: str = "") -> np.ndarray | None:
@@ -121,7 +122,7 @@ class Arm:
             ConfigurationError: as `from_urdf`.
         """
         try:
-            path = _camera_path(parse_tree(urdf), base_frame, camera_frame)
+            path = camera_path(parse_tree(urdf), base_frame, camera_frame)
         except DescriptionError as error:
             raise ConfigurationError(f"robot description: {error}") from None
         if any(joint.kind != "fixed" for joint in path):
@@ -272,18 +273,33 @@ def implausible(q, velocities, least, most, fastest):
     return -1, False
 
 
-def _camera_path(tree: UrdfTree, base: str, camera_frame: str) -> list[Joint]:
-    """The joints from the base to the camera's optical frame.
+def camera_path(tree: UrdfTree, base: str, camera_frame: str) -> list[Joint]:
+    """The joints from the base to the camera's optical frame (z forward, x right, y down).
 
-    A frame `x_optical_frame` that is not described is put on the camera link `x_link`, which looks
-    along its +x, z up, as Gazebo's cameras do.
+    A described frame is the optical one, unless it carries a camera sensor, whose pose then says
+    along which axis it looks, and its name does not end in `_optical_frame`. A frame
+    `x_optical_frame` that is not described is that of the sensor on the link `x_link`.
+
+    Raises:
+        DescriptionError: no such frame, or nothing says along which axis it looks.
     """
-    link = camera_frame.removesuffix(OPTICAL) + LINK
-    if camera_frame in tree.links or not camera_frame.endswith(OPTICAL) or link not in tree.links:
-        return tree.path(base, camera_frame)
-    turn = (-0.5 * np.pi, 0.0, -0.5 * np.pi)
-    optical = Joint(f"{link}_to_{camera_frame}", "fixed", link, camera_frame, origin_rpy=turn)
-    return [*tree.path(base, link), optical]
+    link = camera_frame
+    if camera_frame.endswith(OPTICAL):
+        link = camera_frame.removesuffix(OPTICAL) + LINK
+        if camera_frame in tree.links or link not in tree.links:
+            return tree.path(base, camera_frame)
+    path = tree.path(base, link)
+    if link not in tree.cameras:
+        if link == camera_frame:
+            return path
+        raise DescriptionError(
+            f"link '{link}' carries no camera sensor that would say along which axis it looks: "
+            f"describe '{camera_frame}' in it, z forward, x right and y down, or name as "
+            "camera_frame a link that looks along its z axis"
+        )
+    xyz, rpy = to_xyz_rpy(optical(tree.cameras[link].matrix()))
+    frame = camera_frame if camera_frame != link else f"{link}{OPTICAL}"
+    return [*path, Joint(f"{link}_to_{frame}", "fixed", link, frame, tuple(xyz), tuple(rpy))]
 
 
 def _check(joint: Joint) -> None:

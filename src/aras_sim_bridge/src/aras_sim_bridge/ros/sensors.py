@@ -91,7 +91,8 @@ class SensorTopic(StateTopic):
             message.header.stamp, message.header.frame_id = to_time(reading.stamp_ns), frame
             write(message, reading, sensor)
 
-        super().__init__(resolve_name(namespace, given.topic), message_type, 1, sensor, fill, thread)
+        topic = resolve_name(namespace, given.topic)
+        super().__init__(topic, message_type, 1, sensor, fill, thread)
 
     @staticmethod
     def _own_frame(sensor: RateSensor) -> str:

@@ -98,8 +98,10 @@ class CameraTopics:
         if config.segmentation:
             topic = config.topic("segmentation/image_raw")
             self._segmentation = self._kept(ImageTopic(topic, self._changed))
-            self._labels = self._kept(LabelTopic(config.topic("segmentation/labels"), self._changed))
-        self._figures = rospy.Publisher(config.topic("sensor_info"), String, latch=True, queue_size=1)
+            topic = config.topic("segmentation/labels")
+            self._labels = self._kept(LabelTopic(topic, self._changed))
+        topic = config.topic("sensor_info")
+        self._figures = rospy.Publisher(topic, String, latch=True, queue_size=1)
         self._figures.publish(String(sensor_yaml(config)))
         self._closing.append(ServiceTable(self.namespace, self._thread, self.set_camera_info))
         if config.camera_name:  # as upstream: none without a name of its own

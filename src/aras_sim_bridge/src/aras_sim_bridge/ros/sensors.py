@@ -79,7 +79,7 @@ class SensorTopic(StateTopic):
     def __init__(self, sensor: RateSensor, thread: SimulationThread) -> None:
         """Advertise; SimError where the message's package is not installed."""
         given = sensor.description
-        namespace = sensor.model.name if given.namespace is None else given.namespace
+        namespace = sensor.model.whole.name if given.namespace is None else given.namespace
         frame = prefixed(given.frame or self._own_frame(sensor), namespace)
         name, write = MESSAGES[given.kind]
         message_type = get_message_class(name)

@@ -85,36 +85,36 @@ class _Span:
     """
 
     def __init__(self, joints: Sequence[PlacedJoint]) -> None:
-        self._joints = sorted(joints, key=lambda one: one.cut)
+        self._joints = joints
+        self._below: dict[str, list[Joint]] = {}
+        for one in joints:
+            if not one.cut:
+                self._below.setdefault(one.joint.parent, []).append(one.joint)
         self.tree_of: dict[str, str] = {}
         self.edges: dict[str, bool] = {}
         self.stands: list[str] = []
 
     def grow(self, root: str) -> None:
-        """Add all that hangs together with `root`; downwards first, then through other roots."""
+        """Add all that hangs together with `root`: downwards first, then by joints that are to be
+        cut, then through other roots, whose joints are turned round."""
         self.tree_of[root] = root
-        by_parent: dict[str, list[Joint]] = {}
-        by_child: dict[str, list[Joint]] = {}
-        for one in self._joints:
-            by_parent.setdefault(one.joint.parent, []).append(one.joint)
-            by_child.setdefault(one.joint.child, []).append(one.joint)
-        reached = [root]
-        pending = [root]
+        pending, reached = [root], {root}
         while pending:
             for link in pending:  # grows while it is read: nearest links first
-                for joint in by_parent.get(link, ()):
-                    if joint.child not in self.tree_of:
-                        self._add(joint, joint.child, root, False)
-                        pending.append(joint.child)
-                        reached.append(joint.child)
+                for joint in self._below.get(link, ()):
+                    if self._is_new(joint.child):
+                        pending.append(self._add(joint, joint.child, root, False))
+            reached.update(pending)
             pending = []
-            for link in reached:
-                joint = next((one for one in by_child.get(link, ())
-                              if one.parent not in self.tree_of), None)
-                if joint is not None:
-                    self._add(joint, joint.parent, root, True)
-                    pending = [joint.parent]
-                    reached.append(joint.parent)
+            for one in self._joints:
+                joint = one.joint
+                if joint.parent in reached and self._is_new(joint.child):
+                    pending = [self._add(joint, joint.child, root, False)]
+                    break
+            for one in self._joints if not pending else ():
+                joint = one.joint
+                if joint.child in reached and self._is_new(joint.parent):
+                    pending = [self._add(joint, joint.parent, root, True)]
                     break
 
     def join(self, roots: Sequence[str]) -> None:
@@ -122,9 +122,13 @@ class _Span:
         self.stands = list(roots[1:])
         self.tree_of = dict.fromkeys(self.tree_of, roots[0])
 
-    def _add(self, joint: Joint, link: str, root: str, turned: bool) -> None:
+    def _is_new(self, link: str) -> bool:
+        return link not in self.tree_of
+
+    def _add(self, joint: Joint, link: str, root: str, turned: bool) -> str:
         self.tree_of[link] = root
         self.edges[joint.name] = turned
+        return link
 
 
 def _tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: Mapping[str, Pose],

@@ -181,7 +181,7 @@ def _flat(model: Element, warnings: list[str], base: str | None,
                 part.set("name", f"{inner}::{part.get('name')}")
             elif part.tag == "joint":
                 part.set("name", f"{inner}::{part.get('name')}")
-                sdf_dialects.rotate_axes(part, at)
+                sdf_dialects.rotate_axes(part, at, inner)
                 for end in (part.find("parent"), part.find("child")):
                     if end is not None and (end.text or "").strip() != "world":
                         end.text = f"{inner}::{(end.text or '').strip()}"

@@ -86,10 +86,14 @@ def _unify_flag(flag: Element, where: str, warnings: list[str]) -> bool:
     return bool(word)
 
 
-def rotate_axes(joint: Element, pose: Pose) -> None:
-    """Move a joint from a model's frame to that of the model around it, in which it has `pose`."""
+def rotate_axes(joint: Element, pose: Pose, inner: str) -> None:
+    """Give the axes of a joint of the model `inner` as the model around it has them, in which the
+    inner one has `pose`."""
     for axis in (*joint.findall("axis/xyz"), *joint.findall("axis2/xyz")):
-        if axis.get("expressed_in") == MODEL_FRAME:
+        frame = axis.get("expressed_in")
+        if frame == MODEL_FRAME:
             there = Pose((0.0, 0.0, 0.0), pose.quat)
             vector = there.apply(numbers(axis.text, 3, f"joint '{joint.get('name')}': axis"))
             axis.text = " ".join(map(repr, vector))
+        elif frame:
+            axis.set("expressed_in", f"{inner}::{frame}")

@@ -12,6 +12,7 @@ from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.free_damping import FreeDamping
 from aras_sim_bridge.world.joint_dynamics import FASTEST_SPEED, NO_LIMIT_FORCE
 from aras_sim_bridge.world.joint_space import JointSpace
+from aras_sim_bridge.world.loops import close_loop
 from aras_visual_servo_base.poses import Pose, Vector3
 
 
@@ -43,6 +44,8 @@ class ModelJoints:
         joints = [description.joints[name] for name in self.names]
         self.damping_coefficients = [joint.damping for joint in joints]
         self.friction = [joint.friction for joint in joints]
+        self.stiffness = [joint.stiffness for joint in joints]
+        self._rest = [joint.rest for joint in joints]
         self._mimics = [joint.mimic for joint in joints]
         self._slot = {name: slot for slot, name in enumerate(self.names)}
         self._indices = [body.joint_indices[name] for name in self.names]
@@ -60,16 +63,17 @@ class ModelJoints:
         for name, position in positions.items():
             self._set_state(self._slot[name], position)
         self._gears = self._make_gears()
+        self._loops = [made for loop in description.loops for made in close_loop(body, loop)]
         self.pending_efforts = [0.0] * len(self.names)
         self.applied = [0.0] * len(self.names)
         self._dirty = False
         self._cache: tuple[Sequence[float], Sequence[float]] | None = None
         self.damping = FreeDamping(self) if jointed and not body.fixed_base else None
 
-    def remove_gears(self) -> None:
-        """Take the mimicking joints' constraints out of Bullet."""
-        for gear in self._gears:
-            pybullet.removeConstraint(gear, physicsClientId=self.body.client)
+    def remove_constraints(self) -> None:
+        """Take the constraints of mimicking joints and of closed chains out of Bullet."""
+        for constraint in (*self._gears, *self._loops):
+            pybullet.removeConstraint(constraint, physicsClientId=self.body.client)
 
     def _set_state(self, slot: int, position: float, velocity: float = 0.0) -> None:
         if self.own:
@@ -178,6 +182,11 @@ class ModelJoints:
             total = [e + t for e, t in zip(efforts, self.space.react(dt), strict=True)]
         else:
             self.damping.before_step(dt)
+            if self.damping.springs:
+                positions, speeds, _ = self.read()
+                total, self._dirty = list(efforts), True
+                for slot, k in self.damping.springs.items():
+                    total[slot] -= k * (positions[slot] + dt * speeds[slot] - self._rest[slot])
         if self._dirty or self.space is not None:
             pybullet.setJointMotorControlArray(
                 self.body.body_id, self._indices, pybullet.TORQUE_CONTROL, forces=total,

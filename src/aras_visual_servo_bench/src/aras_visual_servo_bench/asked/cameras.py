@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from aras_sim_bridge.camera import CameraConfig
+from aras_sim_bridge.camera.camera_file import KEY as CALIBRATION
+from aras_sim_bridge.camera.camera_file import read_camera, with_calibration
 from aras_sim_bridge.errors import CameraError
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import inverse, optical, transform
 from aras_visual_servo_base.settings import check, parameter
-from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.seeing.rig import KEPT
@@ -68,7 +70,7 @@ class Belief:
 class CameraSpec:
     """One of several cameras of an experiment.
 
-    model: name of a preset, path of a YAML file, or the settings: the true one.
+    model: name of a preset, path of a YAML file or of a calibration, or the settings: the true one.
     rate: pictures a second; None: the model's.
     xyz, rpy: where it sits in the hand, beside the robot's own camera: in camera_link (x forward, y
         left, z up), m and rad.
@@ -183,22 +185,34 @@ def preset(camera: str | Mapping[str, Any], packages: PackagePath, robot: str) -
     """Settings of a camera as the simulator takes them.
 
     Args:
-        camera: name of a preset of the package `robot`, path of a YAML file, or the settings.
+        camera: name of a preset of the package `robot`, path of a YAML file or of a calibration
+            (`path#name`: of one of its cameras), or the settings.
 
     Raises:
         ExperimentError: no such preset, or a file that cannot be used.
     """
-    if isinstance(camera, Mapping):
-        return dict(camera)
-    if "/" in camera or camera.endswith((".yaml", ".yml")):
-        settings = read_yaml(packages.file(camera), ExperimentError)
-    else:
+    try:
+        if isinstance(camera, Mapping):
+            named = camera.get(CALIBRATION)
+            if isinstance(named, str | Path):
+                camera = {**camera, CALIBRATION: _file(str(named), packages)}
+            return with_calibration(camera)
+        if "/" in camera or Path(camera.partition("#")[0]).suffix:
+            return read_camera(_file(camera, packages))
         folder = packages.file(f"package://{robot}/package.xml").parent / PRESETS
         known = sorted(path.stem for path in folder.glob("*.yaml"))
         require(camera in known, f"camera '{camera}' is no preset: {nearest(camera, known)}")
-        settings = read_yaml(folder / f"{camera}.yaml", ExperimentError)
-    require(isinstance(settings, Mapping), f"camera '{camera}' holds no keys with values")
-    return dict(settings)
+        return read_camera(folder / f"{camera}.yaml")
+    except CameraError as error:
+        raise ExperimentError(str(error)) from None
+
+
+def _file(name: str, packages: PackagePath) -> str:
+    """The absolute path of a camera's file, with the `#name` of the camera in it."""
+    path, hash_, camera = name, "", ""
+    if "#" in name and not Path(name).expanduser().is_file():
+        path, hash_, camera = name.rpartition("#")
+    return f"{packages.file(path).resolve()}{hash_}{camera}"
 
 
 def config_of(settings: Mapping[str, Any]) -> CameraConfig:

@@ -127,7 +127,8 @@ class Experiment:
     sun: see SunSpec (bullet). world: an SDF world file around the arm, by path or as 'workbench' of
         the shipped ones: its models, lights and scene, in place of the sun and the plain ground
         (bullet).
-    camera: name of a preset, path of a YAML file, or the settings: the true one.
+    camera: name of a preset, path of a YAML file or of a calibration (ROS, OpenCV, Kalibr, ViSP),
+        or the settings: the true one.
     camera_xyz, camera_rpy: how it is moved in its link, m and rad; all that hangs on it goes along.
     believed: how the controller's idea of the camera differs; see Belief.
     cameras: several cameras by name, in place of camera and believed; see CameraSpec. A scheme says

@@ -55,7 +55,11 @@ def read_camera(name: str | Path) -> dict[str, Any]:
                           "nor a calibration")
     if camera:
         raise CameraError(f"{path} is a preset of one camera: leave out '#{camera}'")
-    return with_calibration(settings, path.parent)
+    from .config import CameraConfig  # which reads calibrations by this module
+
+    found = with_calibration(settings, path.parent)
+    CameraConfig.check_keys(found, f"{path}: ")
+    return found
 
 
 def with_calibration(settings: Mapping[str, Any], folder: Path | None = None) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from aras_visual_servo_base.lenses import kannala_brandt_fold
-from aras_visual_servo_base.settings import build, parameter
+from aras_visual_servo_base.settings import build, converted, parameter
 from aras_visual_servo_base.settings import check as hold_to_bounds
 
 from ..description import CameraDescription, DepthTopics
@@ -55,7 +55,7 @@ class CameraConfig:
         rational_polynomial, equidistant); empty coefficients mean none.
     cutoff_angle: the picture is black beyond it, rad from the axis; None: the lens's reach.
     rectification_matrix, projection_matrix: R (3, 3) and P (3, 4) that CameraInfo publishes, row by
-        row; None: the identity, and K. They change no picture.
+        row; None: the identity, and K with hack_baseline. They change no image.
     hack_baseline: m, only for CameraInfo's P. legacy_camera_info: publish Gazebo's formulas,
         and with them `declared`, the plugin's focalLength, Cx, Cy, distortionK1, K2, T1, T2, K3,
         of which the first three are computed where they are 0.
@@ -189,9 +189,12 @@ class CameraConfig:
         w, h = self.width - 1, self.height - 1
         border = np.array([[x, y] for t in np.linspace(0, 1, 33) for x, y in
                            ((t * w, 0), (t * w, h), (0, t * h), (w, t * h))])
+        angle = (f"at {math.degrees(lens.cutoff):.1f} deg from the axis, "
+                 if isinstance(lens, FisheyeLens) else "")
         self._check(bool(np.isfinite(self.model.unproject(border)).all()),
                     f"distortion_coefficients {list(self.distortion_coefficients)} fold the "
-                    "picture over inside the image; make them smaller or the focal length longer")
+                    f"picture over {angle}inside the image; make them smaller or the focal length "
+                    "longer")
 
     def check_rate(self, rate: float) -> None:
         """Raise CameraError where pictures at this rate, Hz, leave no time to expose and read."""
@@ -243,9 +246,9 @@ class CameraConfig:
             K = camera_matrix(f, f, cx or (self.width + 1) / 2, cy or (self.height + 1) / 2)
             D, name = tuple(D), "plumb_bob"
         R, P = np.eye(3), projection_matrix(K, self.hack_baseline)
-        if self.rectification_matrix is not None:
+        if self.rectification_matrix is not None and not self.legacy_camera_info:
             R = np.reshape(self.rectification_matrix, (3, 3))
-        if self.projection_matrix is not None:
+        if self.projection_matrix is not None and not self.legacy_camera_info:
             P = np.reshape(self.projection_matrix, (3, 4))
         return CameraIntrinsics(self.width, self.height, K, D, name, R, P)
 
@@ -282,12 +285,19 @@ class CameraConfig:
         CameraError naming the key that is wrong.
         """
         where = f"camera '{values.get('name', 'camera')}': "
-        values = with_calibration(values)
+        return build(cls, cls.check_keys(with_calibration(values), where), where, CameraError)
+
+    @classmethod
+    def check_keys(cls, values: Mapping[str, object], where: str) -> dict[str, object]:
+        """Some of a camera's settings, each by itself of the kind that its field wants.
+
+        Raises CameraError naming the key that is wrong, after `where`.
+        """
         matrix = values.get("camera_matrix")
         if isinstance(matrix, Mapping):
             given = build(MatrixEntry, matrix, f"{where}camera_matrix", CameraError)
             values = {**values, "camera_matrix": (given.fx, given.fy, given.cx, given.cy)}
-        return build(cls, values, where, CameraError)
+        return converted(cls, values, where, CameraError)
 
     @property
     def topic_root(self) -> str:

@@ -12,12 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_base.lenses import (
-    brown,
-    fold_radius,
-    kannala_brandt,
-    kannala_brandt_fold,
-)
+from aras_visual_servo_base.lenses import brown, fold_radius, kannala_brandt
 
 from ..errors import CameraError
 

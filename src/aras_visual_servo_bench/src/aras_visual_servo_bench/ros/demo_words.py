@@ -114,8 +114,8 @@ def _add_world(parser: argparse.ArgumentParser) -> None:
         "--urdf", type=_file, help="the robot's description (default: the ARAS robot's); "
         "what another arm needs beside it follows as NAME:=VALUE (robot, gains, controllers)",
     )
-    parser.add_argument("--camera", default="original", help="camera preset, or its YAML "
-                        "file (default original)")  # fmt: skip
+    parser.add_argument("--camera", default="original", help="camera preset, or the path "
+                        "of a preset or a calibration (default original)")  # fmt: skip
     for part, unit in (("xyz", "m"), ("rpy", "rad")):
         parser.add_argument(
             f"--camera-{part}", type=_three, metavar="'0 0 0'",

@@ -20,7 +20,7 @@ from ..errors import ExperimentError, require
 from .cameras import Belief, CameraSpec
 from .relative_start import RelativeStart
 from .robots import RobotSpec
-from .target_spec import Pair, Six, TargetSpec, check_times
+from .target_spec import LARGEST_TARGET, Pair, Six, TargetSpec, check_times
 
 PLANTS = ("bullet", "chain", "free", "ideal")
 FLYING = ("free", "ideal")
@@ -191,6 +191,7 @@ class Experiment:
         check(self, ExperimentError)
         self._check_cameras()
         if self.plant == "bullet":
+            self._check_size()
             require(
                 not self.world or replace(self.sun, exposure=EXPOSURES[0]) == SunSpec(),
                 "the lights are those of the world file: give sun.exposure alone, or no world",
@@ -229,6 +230,14 @@ class Experiment:
             "jitter is for exact features: give noise for pictures",
         )
         require(self.pictures or not self.noise, "noise is for pictures: give jitter, in px")
+
+    def _check_size(self) -> None:
+        """ExperimentError where a target is larger than the shipped robot's table."""
+        if self.world or self.robot.urdf != RobotSpec().urdf:
+            return
+        for i, length in enumerate(self.target.size or ()):
+            require(length <= LARGEST_TARGET, f"target.size[{i}] is {length}, must be <= "
+                    f"{LARGEST_TARGET:g} m, the table's: use a world or a robot of your own")
 
     def _check_cameras(self) -> None:
         if not self.cameras:

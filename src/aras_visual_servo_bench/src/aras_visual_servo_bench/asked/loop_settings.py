@@ -90,7 +90,7 @@ def _model(target: TargetSpec) -> dict[str, Any]:
     if not is_solid(target.shape):
         return {}
     # It is looked for where it is, or where the options say.
-    mesh = str(shape_of(target.shape, target.size).path)
+    mesh = str(shape_of(target.shape, target.size, target.scale).path)
     return {"model": mesh, "model_start": {"pose": list(target.pose)}}
 
 

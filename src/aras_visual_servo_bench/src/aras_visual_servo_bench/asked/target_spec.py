@@ -50,7 +50,9 @@ class TargetSpec:
         l_shape, heptagon, circle; four_dots, marker, line_grid, poster; the solids box, cylinder,
         sphere, about their frame's origin; the path of a picture, of an SVG with an outline, or of
         a mesh (STL, OBJ, DAE, glTF; m), which is a solid.
-    size: of a named shape, a picture or an SVG, along x and y, of a named solid also along z, m.
+    size: of a named shape, a picture or an SVG's page, along x and y, of a solid along z too, m;
+        None: that of the file (a mesh; an SVG with units), else 0.2 along each.
+    scale: factor on the lengths of a mesh, in place of size: 0.001 where they are in mm.
     pose: x, y, z (m), roll, pitch, yaw (rad) of its frame in the world; its z axis is its normal.
         The plates of 'aras' lie at (0, 0, 0.59) in that frame. motion: see Motion.
     occluder: low and high corner (x, y), m, of an opaque rectangle that lies on the target.
@@ -66,9 +68,8 @@ class TargetSpec:
     """
 
     shape: str | tuple[Pair, ...] = "aras"
-    size: tuple[float, ...] = parameter(
-        (0.2, 0.2), "m, the table's", above=0.0, most=LARGEST_TARGET
-    )
+    size: tuple[float, ...] | None = parameter(None, "m", above=0.0)
+    scale: float | None = parameter(None, above=0.0)
     pose: Six = (0.0,) * 6
     motion: Motion = Motion()
     occluder: tuple[Pair, Pair] | None = None
@@ -81,7 +82,7 @@ class TargetSpec:
     @property
     def placed(self) -> PlacedTarget:
         """The target in the world; ExperimentError where its shape cannot be read."""
-        shape = shape_of(self.shape, self.size)
+        shape = shape_of(self.shape, self.size, self.scale)
         course = Course() if self.model else None
         pose = transform(self.pose[:3], self.pose[3:])
         return PlacedTarget(shape, pose, self.motion, course)

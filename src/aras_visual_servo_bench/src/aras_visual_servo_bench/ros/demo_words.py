@@ -22,7 +22,7 @@ from ..asked.packages import PackagePath
 from ..asked.robots import Robot, RobotSpec
 from ..asked.target_spec import TargetSpec
 from ..errors import ExperimentError
-from ..targets.outlines import NAMES, tracker_of
+from ..targets.outlines import NAMES, default_size, tracker_of
 
 LAUNCH = "package://aras_visual_servo_gazebo/launch/"
 # The launch files that are started, and those of their arguments that are options here.
@@ -191,7 +191,9 @@ def _taught(arguments: argparse.Namespace, goal: Goal) -> Goal:
         assemble,
     )  # the physics: a second that the usual demo need not wait for
 
-    size = tuple(map(float, arguments.target_size.split())) if arguments.target_size else (0.1, 0.1)
+    size = default_size(arguments.target)
+    if arguments.target_size:
+        size = tuple(map(float, arguments.target_size.split()))
     moved = {
         name: tuple(map(float, value.split()))
         for name in ("camera_xyz", "camera_rpy") if (value := getattr(arguments, name))

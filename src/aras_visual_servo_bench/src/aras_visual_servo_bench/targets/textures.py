@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from aras_visual_servo_base.errors import DescriptionError
-from aras_visual_servo_base.picture_files import picture_size
+from aras_visual_servo_base.picture_files import picture_size, read_on_white
 
 from ..errors import ExperimentError
 from .geometry import Target, project
@@ -71,7 +71,8 @@ class TexturedTarget(Target):
 
 
 def from_picture(path: Path, size: tuple[float, float]) -> TexturedTarget:
-    """A target with a PNG, a JPEG or whatever Pillow and OpenCV read.
+    """A target with a PNG, a JPEG or another file that Pillow and OpenCV read; what is transparent
+    is white.
 
     Raises:
         ExperimentError: it cannot be read, or is too large, by its header, before it is decoded.
@@ -80,13 +81,7 @@ def from_picture(path: Path, size: tuple[float, float]) -> TexturedTarget:
         size_px = picture_size(path)
     except DescriptionError as error:
         raise ExperimentError(f"target.texture: {error}") from None
-    pixels = None
-    if size_px is not None:
-        level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-        try:
-            pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-        finally:
-            cv2.utils.logging.setLogLevel(level)
+    pixels = read_on_white(path) if size_px is not None else None
     if pixels is None or pixels.size == 0:
         raise ExperimentError(f"target.texture: {path} is no picture that can be read: give a PNG")
     return TexturedTarget(pixels, size)

@@ -21,7 +21,7 @@ from aras_visual_servo_camera.moments import signed_area
 from ..asked.target_spec import BoxSpec, Pair, TargetSpec
 from ..errors import ExperimentError, require, writing
 from .geometry import Target
-from .outlines import default_size, shape_of
+from .outlines import default_size
 from .scratch import scratch
 from .solids import SolidTarget
 from .textures import TexturedTarget
@@ -135,7 +135,7 @@ def description_file(spec: TargetSpec, perturbed_by: int | None = None) -> Path:
     Raises:
         ExperimentError: see `write` and `shape_of`.
     """
-    target = shape_of(spec.shape, spec.size, spec.scale)
+    target = spec.placed.shape
     if perturbed_by is not None:
         require(
             isinstance(target, TexturedTarget),
@@ -228,6 +228,7 @@ def main(argv: list[str] | None = None) -> int:
                         help="x and y, m; of a solid x, y and z (default: an SVG's, a mesh's, "
                         "else 0.1 0.1)")  # fmt: skip
     parser.add_argument("--scale", type=float, help="factor on a mesh's lengths, 0.001 for mm")
+    parser.add_argument("--marker", default="", help="of the shape 'marker', as DICT_5X5_100:5")
     parser.add_argument("--occluder", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"),
                         help="corners of a white rectangle that lies on it, m")  # fmt: skip
     parser.add_argument("--name", help="of the files")
@@ -236,10 +237,10 @@ def main(argv: list[str] | None = None) -> int:
     options = parser.parse_args(argv)
     try:
         size = tuple(options.size) if options.size else default_size(options.shape)
-        spec = TargetSpec(options.shape, size, options.scale)
+        spec = TargetSpec(options.shape, size, options.scale, options.marker)
         covered = options.occluder and (tuple(options.occluder[:2]), tuple(options.occluder[2:]))
         path = write(
-            shape_of(spec.shape, spec.size, spec.scale), options.out,
+            spec.placed.shape, options.out,
             options.name or Path(options.shape).stem, options.meshes, covered or None,
         )  # fmt: skip
     except ExperimentError as error:

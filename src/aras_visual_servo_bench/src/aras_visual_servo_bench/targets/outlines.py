@@ -48,6 +48,7 @@ OUTLINES: dict[str, tuple[tuple[float, float], ...]] = {
     "heptagon": _ring(7),
 }
 NAMES = ("aras", "circle", *OUTLINES, *MADE, *PRIMITIVES)
+UNMARKED = frozenset(NAMES) - {"marker"}  # that show no ArUco or AprilTag marker
 # What finds the points of those that are more than an outline.
 TRACKERS = {"four_dots": "dots", "marker": "marker", "line_grid": "lines"}
 
@@ -64,12 +65,13 @@ def shape_of(
     shape: str | tuple[tuple[float, float], ...],
     size: tuple[float, ...] | None = None,
     scale: float | None = None,
+    marker: str = "",
 ) -> Target:
     """The target of a name, of a picture's, an SVG's or a mesh's path, or of a flat polygon's
     corners.
 
     Args:
-        shape, size, scale: as in TargetSpec.
+        shape, size, scale: as in TargetSpec. marker: that the shape 'marker' shows.
 
     Raises:
         ExperimentError: there is none of that name, or its file cannot be used.
@@ -102,6 +104,8 @@ def shape_of(
         return RoundTarget(_scaled(_ring(CIRCLE_EDGES), size))
     if shape in OUTLINES:
         return PolygonTarget(_scaled(OUTLINES[shape], size))
+    if shape == "marker":
+        return MADE[shape](size, marker)
     if shape in MADE:
         return MADE[shape](size)
     return from_picture(path, size)

@@ -347,9 +347,9 @@ def test_what_is_transparent_in_a_png_is_white(tmp_path):
         image = np.full((100, 100, 4), hidden, depth)
         image[ink > 0, :3] = 0
         image[..., 3] = np.round(ink / 255.0 * full)
-        cv2.imwrite(str(tmp_path / "ink.png"), image)
-        shape_of.cache_clear()
-        target = shape_of(str(tmp_path / "ink.png"), (0.1, 0.1))
+        path = str(tmp_path / f"ink_{full}_{hidden}.png")
+        cv2.imwrite(path, image)
+        target = shape_of(path, (0.1, 0.1))
         assert np.abs(target.pixels - expected).max() <= 1.0
 
 

@@ -277,7 +277,7 @@ def test_an_occluder_hides_what_lies_under_it():
     ("tracker", "shape", "view", "told"),
     [
         (DotTracker(), "square", VIEW, "in view"),
-        (MarkerTracker(), "four_dots", VIEW, "no marker of DICT_4X4_50 or DICT_APRIL"),
+        (MarkerTracker(), "four_dots", VIEW, "no marker of DICT_4X4_50, DICT_APRIL"),
         (LineTracker(), "square", VIEW, "is no line: use tracker 'outline'"),
         (LineTracker(), "circle", VIEW, "is no line|not four"),
         (LineTracker(), "line_grid", CLOSE, "touch the picture's border"),

@@ -115,7 +115,7 @@ class MarkerChoice:
             return f"the board of markers {numbers} of {self.dictionary}"
         if self.number is not None:
             return f"marker {self.number}" + (f" of {self.dictionary}" if self.dictionary else "")
-        return f"a marker of {self.dictionary}" if self.dictionary else "a marker"
+        return "the largest marker" + (f" of {self.dictionary}" if self.dictionary else "")
 
     @property
     def cells(self) -> int:
@@ -146,6 +146,9 @@ class MarkerChoice:
             other += [one.name for _, one in found]
         seen = f"; in view: {', '.join(sorted(set(other)))}" if other else ""
         searched = "" if self.dictionary else f" (of {', '.join(SEARCHED)})"
+        if self.number is None and self.board is None:
+            dictionaries = self.dictionary or ", ".join(SEARCHED)
+            raise VisionError(f"no marker of {dictionaries} is in view")
         raise VisionError(f"{self} is not in view{searched}{seen}")
 
     def _is_chosen(self, number: int) -> bool:

@@ -327,7 +327,7 @@ def _is_xml(text: str) -> bool:
 
 
 def _is_opencv(text: str) -> bool:
-    return text.startswith("%YAML") or "opencv-matrix" in text
+    return text.startswith("%YAML") or re.search("opencv-(nd-)?matrix", text) is not None
 
 
 def _is_ini(text: str) -> bool:

@@ -13,6 +13,7 @@ from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.camera.camera_file import KEY as CALIBRATION
 from aras_sim_bridge.camera.camera_file import read_camera, with_calibration
 from aras_sim_bridge.errors import CameraError
+from aras_visual_servo_base.hand_eye import UNITS, HandEye, read_hand_eye
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import inverse, optical, transform
 from aras_visual_servo_base.settings import check, parameter
@@ -67,6 +68,26 @@ class Belief:
 
 
 @dataclass(frozen=True)
+class HandEyeSpec:
+    """A file with the result of a hand-eye calibration; see aras_visual_servo_base.hand_eye.
+
+    file: its path. units: of its lengths, m, cm or mm; '': as the file says, else metres.
+    link: that carries the camera; '': as the file names it.
+    """
+
+    file: str
+    units: str = parameter("", choices=("", *UNITS))
+    link: str = ""
+
+    def __post_init__(self) -> None:
+        check(self, ExperimentError, "hand_eye")
+
+    def read(self, packages: PackagePath) -> HandEye:
+        """What the file says; HandEyeError, or ExperimentError for a file that is not there."""
+        return read_hand_eye(packages.file(self.file), self.units)
+
+
+@dataclass(frozen=True)
 class CameraSpec:
     """One of several cameras of an experiment.
 
@@ -77,6 +98,7 @@ class CameraSpec:
     pose: of its optical frame in the world (the arm's base), x, y, z (m), roll, pitch, yaw (rad):
         of one that stands there, and not in the hand.
     frame: its optical frame, where the robot's description has it.
+    hand_eye: file of a hand-eye calibration that says where it is; see HandEyeSpec.
     delay: s from an exposure to when the loop has the picture.
     believed: how the controller's idea of it differs; see Belief.
     target: what it looks at, where that is not the experiment's target: shape, size, pose, motion.
@@ -90,6 +112,7 @@ class CameraSpec:
     rpy: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "rad")
     pose: Six | None = parameter(None, "m, rad")
     frame: str = ""
+    hand_eye: str | HandEyeSpec | None = None
     delay: float = parameter(0.0, "s", least=0.0)
     believed: Belief = Belief()
     target: TargetSpec | None = None
@@ -97,17 +120,21 @@ class CameraSpec:
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "cameras")
-        seats = (self.pose is not None, any(self.xyz) or any(self.rpy), bool(self.frame))
+        if isinstance(self.hand_eye, str):
+            object.__setattr__(self, "hand_eye", HandEyeSpec(self.hand_eye))
+        seats = (self.pose is not None, any(self.xyz) or any(self.rpy), bool(self.frame),
+                 self.hand_eye is not None)  # fmt: skip
         require(
             sum(seats) < 2,
             "a camera has a pose in the world, or xyz and rpy in the hand, or a frame of the "
-            "robot's description: one of them",
+            "robot's description, or a hand_eye calibration: one of them",
         )
 
     @property
     def own(self) -> bool:
         """Whether the robot's description has its place: that of its own camera, or a frame."""
-        return self.pose is None and not (any(self.xyz) or any(self.rpy))
+        placed = self.pose is not None or self.hand_eye is not None
+        return not placed and not (any(self.xyz) or any(self.rpy))
 
     def place(self, believed: bool = False) -> np.ndarray:
         """(4, 4) of its optical frame: in the world, or in that of the robot's own camera.
@@ -121,6 +148,15 @@ class CameraSpec:
         if believed:
             seat = seat @ transform(self.believed.xyz, self.believed.rpy)
         return inverse(link) @ seat @ link
+
+
+    def offset(self, link_T_optical: np.ndarray, believed: bool) -> np.ndarray:
+        """A pose (4, 4) of its optical frame, as it is or as the controller has it."""
+        if not believed:
+            return link_T_optical
+        link = optical(np.eye(4))
+        return link_T_optical @ inverse(link) @ transform(
+            self.believed.xyz, self.believed.rpy) @ link  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

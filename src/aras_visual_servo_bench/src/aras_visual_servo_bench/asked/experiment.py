@@ -17,7 +17,7 @@ from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..errors import ExperimentError, require
-from .cameras import Belief, CameraSpec
+from .cameras import Belief, CameraSpec, HandEyeSpec
 from .relative_start import RelativeStart
 from .robots import RobotSpec
 from .target_spec import LARGEST_TARGET, Pair, Six, TargetSpec, check_times
@@ -130,6 +130,8 @@ class Experiment:
     camera: name of a preset, path of a YAML file or of a calibration (ROS, OpenCV, Kalibr, ViSP),
         or the settings: the true one.
     camera_xyz, camera_rpy: how it is moved in its link, m and rad; all that hangs on it goes along.
+    hand_eye: file of a hand-eye calibration that says where the camera is on the arm, in place of
+        the robot's description; see HandEyeSpec.
     believed: how the controller's idea of the camera differs; see Belief.
     cameras: several cameras by name, in place of camera and believed; see CameraSpec. A scheme says
         which it reads ('points@left+points@right', by default the first); the others only watch.
@@ -161,6 +163,7 @@ class Experiment:
     camera: str | Mapping[str, Any] = "original"
     camera_xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
     camera_rpy: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "rad")
+    hand_eye: str | HandEyeSpec | None = None
     believed: Belief = Belief()
     cameras: Mapping[str, CameraSpec] = parameter({})
     features: str = parameter("auto", choices=FEATURES)
@@ -189,6 +192,11 @@ class Experiment:
             if isinstance(value, Mapping | list):  # as in a file: believed={"focal": 0.9}
                 object.__setattr__(self, name, convert(value, hint, name, ExperimentError))
         check(self, ExperimentError)
+        if isinstance(self.hand_eye, str):
+            object.__setattr__(self, "hand_eye", HandEyeSpec(self.hand_eye))
+        require(self.hand_eye is None or self.plant not in FLYING,
+                f"hand_eye says where an arm carries the camera, and plant '{self.plant}' has no "
+                "arm: use chain or bullet")
         self._check_cameras()
         if self.plant == "bullet":
             self._check_size()
@@ -243,8 +251,9 @@ class Experiment:
         if not self.cameras:
             return
         require(
-            self.camera == "original" and self.believed == Belief(),
-            "camera and believed are of an experiment with one camera: cameras has them for each",
+            self.camera == "original" and self.believed == Belief() and self.hand_eye is None,
+            "camera, hand_eye and believed are of an experiment with one camera: cameras has them "
+            "for each",
         )
         require(self.plant != "ideal", "plant 'ideal' has one camera: use free, chain or bullet")
         for name, camera in self.cameras.items():

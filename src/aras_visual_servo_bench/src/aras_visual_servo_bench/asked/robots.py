@@ -13,19 +13,19 @@ from typing import Any
 import numpy as np
 
 from aras_sim_bridge.description import RobotDescription, parse_urdf
-from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.errors import DescriptionError, SimError
+from aras_visual_servo_base.camera_mounting import carrying_link, check_optical, with_camera
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import inverse, optical, to_xyz_rpy, transform
-from aras_visual_servo_base.urdf import parse_tree
+from aras_visual_servo_base.urdf import LINK, OPTICAL, parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.arm import LINK, OPTICAL
 from aras_visual_servo_controller.arm.joint_controllers import joint_controllers
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.seeing.rig import MovedBy, StandingCamera, beside
 
 from ..errors import ExperimentError
-from .cameras import CameraSpec
+from .cameras import CameraSpec, HandEyeSpec
 from .packages import PackagePath
 
 ROBOT = "robot"  # its model in the simulated world
@@ -97,6 +97,7 @@ class Robot:
         friction: bool = True,
         cameras: Mapping[str, CameraSpec] = NONE,
         carried: Mapping[str, Carried] = NOTHING,
+        hand_eye: HandEyeSpec | None = None,
     ) -> None:
         """Read the files.
 
@@ -105,6 +106,7 @@ class Robot:
             friction: False takes the joints' dry friction out of the description.
             cameras: that it has, by name: each that is not its own gets a frame in the description.
             carried: targets on its links, by the names of the links that they become.
+            hand_eye: where its camera is; None: where the description has it.
 
         Raises:
             ExperimentError: a file that is missing or cannot be used.
@@ -114,6 +116,8 @@ class Robot:
         self._plain = self.packages.file(spec.urdf).read_text(encoding="utf-8")
         if not friction:
             self._plain = self._adapted("without_friction", self._plain)
+        if hand_eye is not None:
+            self._plain = self._calibrated(hand_eye)
         self._mount = transform(xyz, rpy)
         self.urdf = self._framed(self._mounted(self._mount))
         for name, one in carried.items():
@@ -242,10 +246,24 @@ class Robot:
             parent = parse_tree(urdf).root
         elif robot.find(f"link[@name='{parent}']") is None:  # its camera link alone is described
             parent, place = f"{parent.removesuffix(OPTICAL)}{LINK}", optical(np.eye(4)) @ place
+        if camera.hand_eye is not None:
+            parent, place = self._calibrated_place(urdf, name, camera, believed)
         child = f"{FRAME}{name}"
         ElementTree.SubElement(robot, "link", name=child)
         _fix(robot, parent, child, place)
         return ElementTree.tostring(robot, encoding="unicode")
+
+    def _calibrated_place(
+        self, urdf: str, name: str, camera: CameraSpec, believed: bool
+    ) -> tuple[str, np.ndarray]:
+        """The link of a camera whose place is a hand-eye calibration's, and link_T_optical."""
+        try:
+            found = camera.hand_eye.read(self.packages)
+            check_optical(found)
+            link = carrying_link(urdf, found, camera.hand_eye.link)
+        except SimError as error:
+            raise ExperimentError(f"cameras.{name}.hand_eye: {error}") from None
+        return link, camera.offset(found.link_T_camera, believed)
 
     def _with_target(self, urdf: str, name: str, target: Carried) -> str:
         """The description with what is seen of a target, fixed to a link."""
@@ -261,6 +279,14 @@ class Robot:
             robot.append(one)
         _fix(robot, target.link, name, target.pose)
         return ElementTree.tostring(robot, encoding="unicode")
+
+    def _calibrated(self, spec: HandEyeSpec) -> str:
+        """The description with its camera where a hand-eye calibration found it."""
+        try:
+            found = spec.read(self.packages)
+            return with_camera(self._plain, found, spec.link, self.spec.camera_frame)
+        except SimError as error:
+            raise ExperimentError(f"hand_eye: {error}") from None
 
     def _mounted(self, link_T_link: np.ndarray) -> str:
         """The description with camera_link moved as the launch files do it."""

@@ -76,8 +76,6 @@ class TargetSpec:
 
     shape: str | tuple[Pair, ...] = "aras"
     size: tuple[float, ...] | None = parameter(None, "m", above=0.0)
-    scale: float | None = parameter(None, above=0.0)
-    marker: str | Mapping[str, Any] = parameter("", name=True)
     pose: Six = (0.0,) * 6
     motion: Motion = Motion()
     occluder: tuple[Pair, Pair] | None = None
@@ -86,6 +84,8 @@ class TargetSpec:
     box: BoxSpec | None = None
     model: str = ""
     link: str = ""
+    scale: float | None = parameter(None, above=0.0)
+    marker: str | Mapping[str, Any] = parameter("", name=True)
 
     @property
     def placed(self) -> PlacedTarget:

@@ -237,7 +237,7 @@ def main(argv: list[str] | None = None) -> int:
     options = parser.parse_args(argv)
     try:
         size = tuple(options.size) if options.size else default_size(options.shape)
-        spec = TargetSpec(options.shape, size, options.scale, options.marker)
+        spec = TargetSpec(options.shape, size, scale=options.scale, marker=options.marker)
         covered = options.occluder and (tuple(options.occluder[:2]), tuple(options.occluder[2:]))
         path = write(
             spec.placed.shape, options.out,

@@ -60,7 +60,6 @@ def tracker_of(shape: str | tuple[tuple[float, float], ...]) -> str:
     return TRACKERS.get(Path(shape).stem, OUTLINE) if isinstance(shape, str) else OUTLINE
 
 
-@lru_cache(maxsize=32)
 def shape_of(
     shape: str | tuple[tuple[float, float], ...],
     size: tuple[float, ...] | None = None,
@@ -76,6 +75,16 @@ def shape_of(
     Raises:
         ExperimentError: there is none of that name, or its file cannot be used.
     """
+    return _shape_of(shape, size, scale, marker)
+
+
+@lru_cache(maxsize=32)
+def _shape_of(
+    shape: str | tuple[tuple[float, float], ...],
+    size: tuple[float, ...] | None,
+    scale: float | None,
+    marker: str,
+) -> Target:
     if not isinstance(shape, str):
         return PolygonTarget(shape)
     require(

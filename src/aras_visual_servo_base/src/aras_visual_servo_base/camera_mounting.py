@@ -21,8 +21,8 @@ def carrying_link(urdf: str, found: HandEye, link: str = "") -> str:
     """
     name, links = link or found.link, parse_tree(urdf).links
     if not name:
-        raise HandEyeError("the hand-eye file does not name the link that carries the camera: set "
-                           "its link, as tool0")  # fmt: skip
+        raise HandEyeError("the file does not name the link that carries the camera: set "
+                           "hand_eye.link (launch: hand_eye_link), as tool0")  # fmt: skip
     if name not in links:
         raise HandEyeError(f"the description has no link '{name}' that could carry the camera: "
                            f"{nearest(name, links)}: set hand_eye.link")  # fmt: skip

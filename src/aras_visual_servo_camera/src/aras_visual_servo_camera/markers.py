@@ -67,11 +67,14 @@ class MarkerChoice:
     board: Mapping[int, tuple[float, float, float]] | None = None
 
     @classmethod
-    def read(cls, given: str | Mapping[str, Any], where: str = "marker") -> MarkerChoice:
+    def read(cls, given: str | int | Mapping[str, Any], where: str = "marker") -> MarkerChoice:
         """The choice that is written so; VisionError after `where` for what is none."""
         if isinstance(given, Mapping):
             return cls._read_board(given, where)
-        name, colon, number = given.strip().rpartition(":")
+        if not isinstance(given, str | int) or isinstance(given, bool):
+            raise VisionError(f"{where} is {said(given)}, must be a number, a text as "
+                              "DICT_5X5_100:5, or a board")  # fmt: skip
+        name, colon, number = str(given).strip().rpartition(":")
         if not colon and number and not number.lstrip("-").isdigit():
             name, number = number, ""
         dictionary = _dictionary(name, where) if name else ""

@@ -17,6 +17,7 @@ from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.settings import Settings
 
+from ..asked.cameras import HandEyeSpec
 from ..asked.experiment import CameraPose, Experiment
 from ..asked.packages import PackagePath
 from ..asked.robots import Robot, RobotSpec
@@ -203,11 +204,17 @@ def _taught(arguments: argparse.Namespace, goal: Goal) -> Goal:
         SHIPPED, urdf=str(arguments.urdf or SHIPPED.urdf), config=given.get("gains", SHIPPED.config)
     )
     mounting = (moved.get(name, (0.0,) * 3) for name in ("camera_xyz", "camera_rpy"))
-    xyz, rpy = to_xyz_rpy(goal.for_arm(Robot(spec, *mounting).arm()).world_T_camera)
+    hand_eye = None
+    if given.get("hand_eye"):
+        hand_eye = HandEyeSpec(
+            given["hand_eye"], given.get("hand_eye_units", ""), given.get("hand_eye_link", "")
+        )
+    robot = Robot(spec, *mounting, hand_eye=hand_eye)
+    xyz, rpy = to_xyz_rpy(goal.for_arm(robot.arm()).world_T_camera)
     experiment = Experiment(
         robot=spec, target=TargetSpec(arguments.target, size, PLACE), camera=arguments.camera,
         goal=CameraPose((*xyz, *rpy)), start=CameraPose((*xyz, *rpy)), scheme=arguments.scheme,
-        **moved,
+        hand_eye=hand_eye, **moved,
     )  # fmt: skip
     parts = assemble(experiment)
     parts.plant.close()

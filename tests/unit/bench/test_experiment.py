@@ -142,7 +142,7 @@ def test_a_changed_experiment_is_checked_again():
         ({"jitter": 1}, "give noise"),
         ({"plant": "free", "target": {"motion": {"amplitude": [1, 0, 0]}}}, "needs a frequency"),
         ({"plant": "free", "target": {"shape": "squar"}}, "did you mean 'square'"),
-        ({"plant": "free", "target": {"shape": "square", "size": [9, 9]}},
+        ({"target": {"shape": "square", "size": [9, 9], "pose": [0, 0, 0.591, 0, 0, 0]}},
          r"target.size\[0\] is 9.0, must be <= 2 m, the table's"),
         ({"plant": "free", "traced": True}, "no steps"),
         ({"believed": {"focal": 0}}, "believed.focal is 0"),

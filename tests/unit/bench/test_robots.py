@@ -8,7 +8,7 @@ import pytest
 from aras_sim_bridge.description import parse_cameras, parse_urdf
 from aras_visual_servo_base.poses import optical, relative, transform
 from aras_visual_servo_bench.asked import packages
-from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec
+from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec, HandEyeSpec
 from aras_visual_servo_bench.asked.packages import PackagePath
 from aras_visual_servo_bench.asked.robots import Carried, Robot, RobotSpec, camera_name
 from aras_visual_servo_bench.errors import ExperimentError
@@ -277,3 +277,30 @@ def test_files_are_found_in_packages_and_the_nearest_is_named(tmp_path, monkeypa
         assert str(told.value) == why
     monkeypatch.setenv("HOME", str(own))
     assert found.file("~/package.xml") == own / "package.xml"
+
+
+def test_a_hand_eye_calibration_puts_the_camera(made):
+    """The robot's own one, one of several, and that of a robot without a camera; in any unit."""
+    found = transform((0.02, -0.05, 0.12), (0.1, 0.2, 1.5))
+    in_mm = found.copy()
+    in_mm[:3, 3] *= 1e3
+    np.savetxt(made.folder / "metres.txt", found)
+    np.savetxt(made.folder / "mm.txt", in_mm)
+    (made.folder / "bare.urdf").write_text(URDF.replace(EYE + FRAME, ""))
+    metres = HandEyeSpec(str(made.folder / "metres.txt"), link="b")
+    mm = HandEyeSpec(str(made.folder / "mm.txt"), "mm", "b")
+    for spec in (metres, mm):
+        for keys in ({}, {"urdf": str(made.folder / "bare.urdf")}):
+            pose = made(keys, hand_eye=spec).arm().pose(Q)
+            np.testing.assert_allclose(pose, hand() @ found, atol=1e-9)
+        two = {"own": CameraSpec(), "other": CameraSpec(hand_eye=spec)}
+        robot = made(cameras=two)
+        np.testing.assert_allclose(robot.arm("other").pose(Q), hand() @ found, atol=1e-9)
+        np.testing.assert_allclose(robot.arm("own").pose(Q), hand() @ HAND_T_LINK @ LINK_T_EYE,
+                                   atol=1e-9)  # fmt: skip
+    moved = made(hand_eye=metres, xyz=(0.0, 0.01, 0.0)).arm().pose(Q)  # on top, in camera_link
+    assert np.linalg.norm((moved - hand() @ found)[:3, 3]) == pytest.approx(0.01)
+    with pytest.raises(ExperimentError, match="hand_eye: .*mm.txt: the translation .* units to mm"):
+        made(hand_eye=HandEyeSpec(mm.file, link="b"))
+    with pytest.raises(ExperimentError, match="cameras.other.hand_eye: .* no link 'c'"):
+        made(cameras={"other": CameraSpec(hand_eye=HandEyeSpec(metres.file, link="c"))})

@@ -293,8 +293,8 @@ def test_the_command_s_words_are_explained(capsys):
         main(["--help"])
     usage, does, *told, example = capsys.readouterr().out.strip().split("\n\n")
     assert " ".join(usage.split()) == (
-        "usage: target_files [-h] [--size SIZE [SIZE ...]] [--occluder X0 Y0 X1 Y1] [--name NAME] "
-        "[--meshes MESHES] --out OUT shape")
+        "usage: target_files [-h] [--size SIZE [SIZE ...]] [--scale SCALE] [--marker MARKER] "
+        "[--occluder X0 Y0 X1 Y1] [--name NAME] [--meshes MESHES] --out OUT shape")
     assert does.startswith("Targets as descriptions") and "l_shape --size 0.1 0.08" in example
     told = " ".join(" ".join(told).split())
     for words in ("a target's name, a picture", "of a box, cylinder", "white rectangle",

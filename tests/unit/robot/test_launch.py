@@ -84,7 +84,7 @@ def test_an_earlier_preset_leaves_nothing_behind():
     groups = root("aras_visual_servo_gazebo.launch").findall("group")
     (group,) = [group for group in groups if group.get("ns") == "/gazebo/cameras"]
     assert group.get("clear_params") == "true"
-    assert group.find("group").get("ns") == "labrob/camera"
+    assert group.find("param").get("name") == "labrob/camera"
 
 
 def test_spawner_starts_every_configured_controller():

@@ -77,10 +77,12 @@ def test_a_target_of_a_file(target, tmp_path):
     assert target.described(str(other), (0.1, 0.2), tmp_path) == "<robot name='x'/>"
     mesh = tmp_path / "MINE.STL"
     mesh.touch()
-    assert eval(target.described(str(mesh), (0.3, 0.2), tmp_path))[-2:] == ["0.3", "0.2"]
+    sized = eval(target.described(str(mesh), (0.3, 0.2, 0.1), tmp_path))
+    assert sized[-4:] == ["--size", "0.3", "0.2", "0.1"]
+    assert eval(target.described(str(mesh), None, tmp_path, 0.001))[-2:] == ["--scale", "0.001"]
     assert target.described(str(urdf), None, tmp_path) == "<robot/>"
     words = eval(target.described(str(outline), None, tmp_path))
-    assert words[0] == str(outline) and words[-3:] == ["--size", "0.1", "0.1"]
+    assert words[0] == str(outline) and "--size" not in words  # its own
 
 
 def test_a_picture_lies_upright_on_a_plane_of_its_size(target, tmp_path):
@@ -160,7 +162,7 @@ def test_where_it_is_installed_targets_are_in_its_share(tmp_path, monkeypatch):
 
 def test_a_target_on_the_command_line(target, monkeypatch, capsys):
     assert [target.lengths(t) for t in (" ", "0.1 2", "1 .5 .1")] == [None, (0.1, 2), (1, 0.5, 0.1)]
-    for text in ("0.1", "0.1 0", "0.1 2.001", "a b", "1 1 1 1", "nan 1"):
+    for text in ("0.1", "0.1 0", "0.1 inf", "a b", "1 1 1 1", "nan 1"):
         with pytest.raises(argparse.ArgumentTypeError, match="must be two lengths"):
             target.lengths(text)
     shipped = (PACKAGE / "targets" / "l_shape.urdf").read_text()

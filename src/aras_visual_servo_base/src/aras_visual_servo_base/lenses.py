@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,12 +12,13 @@ import numpy as np
 def brown(x: np.ndarray, y: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray, ...]:
     """Distorted x and y (n,) by Brown's model with a rational radial part, and their Jacobian.
 
-    D: k1 k2 p1 p2 k3 k4 k5 k6, or the first of them.
+    D: k1 k2 p1 p2 k3 k4 k5 k6, the thin prism's s1 s2 s3 s4 and the tilt of the sensor taux tauy
+    (rad), or the first of them. Source: OpenCV, calib3d, "Detailed description".
 
     Returns:
-        x, y, and the entries a, b, d of the symmetric Jacobian [[a, b], [b, d]], each (n,).
+        x, y, and the entries of the Jacobian [[a, b], [c, d]], each (n,).
     """
-    k1, k2, p1, p2, k3, k4, k5, k6 = (*D, *(0.0,) * (8 - len(D)))
+    k1, k2, p1, p2, k3, k4, k5, k6, *more = (*D, *(0.0,) * (8 - len(D)))
     r2 = x * x + y * y
     top = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
     low = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))
@@ -28,7 +31,63 @@ def brown(x: np.ndarray, y: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray,
     a = radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
     b = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y
     d = radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
-    return xd, yd, a, b, d
+    if not any(more):
+        return xd, yd, a, b, b, d
+    s1, s2, s3, s4, *tilt = more
+    xd, yd = xd + r2 * (s1 + s2 * r2), yd + r2 * (s3 + s4 * r2)
+    of_x, of_y = 2.0 * (s1 + 2.0 * s2 * r2), 2.0 * (s3 + 2.0 * s4 * r2)
+    a, b, c, d = a + of_x * x, b + of_x * y, b + of_y * x, d + of_y * y
+    if not any(tilt):
+        return xd, yd, a, b, c, d
+    H = _tilt(*tilt)
+    u, v, w = (H[i, 0] * xd + H[i, 1] * yd + H[i, 2] for i in range(3))
+    xt, yt = u / w, v / w
+    # Chain rule: the Jacobian of the tilt times that of all before it.
+    e, f = ((H[0, j] - xt * H[2, j]) / w for j in range(2))
+    g, h = ((H[1, j] - yt * H[2, j]) / w for j in range(2))
+    return xt, yt, e * a + f * c, e * b + f * d, g * a + h * c, g * b + h * d
+
+
+@functools.lru_cache(maxsize=32)
+def _tilt(taux: float, tauy: float) -> np.ndarray:
+    """Homography (3, 3) of a sensor tilted about x, then y, rad; OpenCV's sign of angles."""
+    cx, sx, cy, sy = math.cos(taux), math.sin(taux), math.cos(tauy), math.sin(tauy)
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, sx], [0.0, -sx, cx]])
+    about_y = np.array([[cy, 0.0, -sy], [0.0, 1.0, 0.0], [sy, 0.0, cy]])
+    R = about_y @ about_x
+    onto_z = np.array([[R[2, 2], 0.0, -R[0, 2]], [0.0, R[2, 2], -R[1, 2]], [0.0, 0.0, 1.0]])
+    return onto_z @ R
+
+
+@functools.lru_cache(maxsize=32)
+def fold_radius(D: tuple[float, ...]) -> float:
+    """Undistorted radius at which the radial part of `brown` stops growing; infinite if it never
+    does.
+    """
+    k1, k2, _, _, k3, k4, k5, k6 = (*D, *(0.0,) * (8 - len(D)))[:8]
+    one = np.polynomial.Polynomial([1.0])
+    s = np.polynomial.Polynomial([0.0, 1.0])  # r squared
+    n, d = one + k1 * s + k2 * s**2 + k3 * s**3, one + k4 * s + k5 * s**2 + k6 * s**3
+    # d/dr (r n / d) = 0  <=>  n d + 2 s (n' d - n d') = 0
+    slope = n * d + 2.0 * s * (n.deriv() * d - n * d.deriv())
+    roots = np.concatenate([slope.roots(), d.roots() if d.degree() else []])
+    real = roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 1e-12)].real
+    return float(np.sqrt(real.min())) if len(real) else math.inf
+
+
+def brown_beyond_fold(
+    x: np.ndarray, y: np.ndarray, D: tuple[float, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distorted x and y (n,) as `brown` has them up to the fold; beyond it they go on outwards.
+
+    There the polynomial would bring a point that no pixel shows back into the image.
+    """
+    fold = fold_radius(D)
+    if math.isinf(fold):
+        return brown(x, y, D)[:2]
+    factor = np.maximum(np.hypot(x, y) / fold, 1.0)
+    xd, yd = brown(x / factor, y / factor, D)[:2]
+    return factor * xd, factor * yd
 
 
 def kannala_brandt(theta: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
@@ -40,3 +99,19 @@ def kannala_brandt(theta: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray, n
     t2 = np.square(theta)
     radius = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
     return radius, 1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
+
+
+def kannala_brandt_beyond_fold(theta: np.ndarray, D: Sequence[float]) -> np.ndarray:
+    """Distances (n,) as `kannala_brandt` has them up to the fold; beyond it they go on growing."""
+    factor = np.maximum(theta / kannala_brandt_fold(D), 1.0)
+    return factor * kannala_brandt(theta / factor, D)[0]
+
+
+def kannala_brandt_fold(D: Sequence[float]) -> float:
+    """Angle from the axis, rad, at which the radius of `kannala_brandt` stops growing; infinite if
+    it never does.
+    """
+    k1, k2, k3, k4 = D
+    roots = np.polynomial.Polynomial([1.0, 3 * k1, 5 * k2, 7 * k3, 9 * k4]).trim().roots()
+    real = roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 1e-12)].real
+    return float(np.sqrt(real.min())) if len(real) else math.inf

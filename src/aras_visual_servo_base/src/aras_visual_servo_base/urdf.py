@@ -35,6 +35,7 @@ class Placed:
     def at(self, pose: Pose) -> Self:
         """A copy at another pose."""
         return replace(self, origin_xyz=pose.xyz, origin_rpy=pose.rpy)
+OPTICAL, LINK = "_optical_frame", "_link"  # ends of the names of a camera's frame and link
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,11 @@ def read_yaml(path: str | Path, fault: type[Exception], what: str = "") -> Any:
     Raises:
         fault: it is no ordinary file, cannot be read, is too large, or is no YAML.
     """
+    return parse_yaml(read_text(path, fault, what), str(Path(path).expanduser()), fault)
+
+
+def read_text(path: str | Path, fault: type[Exception], what: str = "") -> str:
+    """The text of a file of settings; see `read_yaml`."""
     path = Path(path).expanduser()
     cannot = " ".join(filter(None, ("cannot read", what, str(path))))
     try:
@@ -34,10 +39,9 @@ def read_yaml(path: str | Path, fault: type[Exception], what: str = "") -> Any:
     if len(data) > LARGEST_FILE:
         raise fault(f"{path} holds more than {LARGEST_FILE} bytes: no such file is meant")
     try:
-        text = data.decode()
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise fault(f"{path} is not valid YAML: {error}") from None
-    return parse_yaml(text, str(path), fault)
+        raise fault(f"{path} is no text in UTF-8: {error}") from None
 
 
 def parse_yaml(text: str, where: str, fault: type[Exception]) -> Any:

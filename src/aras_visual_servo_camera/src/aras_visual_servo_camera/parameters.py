@@ -39,6 +39,7 @@ class VisionParameters:
     original_threshold: float = of(PipelineSettings, "original_threshold")
     dark_target: bool = of(Segmentation, "dark_target")
     component: str = of(Segmentation, "component")
+    marker: str | Mapping[str, Any] = of(Segmentation, "marker")
     mask_image: str = ""
     min_pixels: int = of(Segmentation, "min_pixels")
     min_contrast: float = of(Segmentation, "min_contrast")

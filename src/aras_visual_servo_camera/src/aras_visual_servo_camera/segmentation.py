@@ -5,7 +5,9 @@ Columns and rows count from the first pixel's centre (0, 0); boxes are (column, 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,7 +15,8 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.settings import check, parameter
 
-from .errors import SegmentationError
+from .errors import SegmentationError, VisionError
+from .markers import MarkerChoice
 
 Mask = NDArray[np.uint8]
 Box = tuple[int, int, int, int]
@@ -28,6 +31,7 @@ TAKEN = {
     "largest": "the largest is taken",
     "nearest": "the one nearest to where the target was is taken",
     "mask": "the one that fills most of the mask image is taken",
+    "marker": "what lies in the marker is taken",
 }
 
 
@@ -50,6 +54,8 @@ class Segmentation:
         label: of 'label', the model, or 'model::link', that is the target.
         component: 'all' pixels as one target, the 'largest' connected piece, the one 'nearest'
             to where the target was last, or the one with most pixels inside a 'mask' image.
+        marker: ArUco or AprilTag marker, or board of them, whose pixels are the target, whatever
+            `component` says; see markers. '' for none.
         min_pixels: fewer pixels than this are no target.
         min_contrast: 'otsu' needs this many grey levels between target and background.
     """
@@ -65,11 +71,16 @@ class Segmentation:
     colour_distance: float = parameter(25.0, above=0.0, most=255.0)
     label: str = "target"
     component: str = parameter("largest", choices=COMPONENTS)
+    marker: str | Mapping[str, Any] = parameter("", name=True)
     min_pixels: int = parameter(16, least=1, most=10**9)
     min_contrast: float = parameter(40.0, least=0.0, most=255.0)
 
     def __post_init__(self) -> None:
         check(self, SegmentationError)
+        try:
+            MarkerChoice.read(self.marker)
+        except VisionError as error:
+            raise SegmentationError(str(error)) from None
         if self.adaptive_block % 2 == 0:
             raise SegmentationError(f"adaptive_block is {self.adaptive_block}, must be odd")
         for name in ("colour_low", "colour_high"):
@@ -232,7 +243,16 @@ def segment(
     pieces, component = 1, settings.component
     if settings.method == "label":
         component = "all"
-    if component != "all":
+    elif settings.marker:
+        component = "marker"
+        try:
+            region = MarkerChoice.read(settings.marker).region(grey)
+        except VisionError as error:
+            return SegmentedTarget(np.zeros_like(mask), (0, 0, 0, 0), 0, level, (), str(error))
+        mask, box, pieces = _pieces_in(mask, region)
+        if box[2] == 0:
+            return SegmentedTarget(mask, box, 0, level, (), "no pixel of the marker is target")
+    if component not in ("all", "marker"):
         mask, box, pieces = _choose(mask, box, settings, previous, region)
         if box[2] == 0:
             return SegmentedTarget(mask, box, 0, level, (), "no target inside the mask image")
@@ -242,6 +262,16 @@ def segment(
         mask, box, count, level, borders(box, mask.shape), unusable, pieces, component,
         settings.method in UNEVEN,
     )  # fmt: skip
+
+
+def _pieces_in(mask: Mask, region: Mask) -> tuple[Mask, Box, int]:
+    """The connected pieces that lie mostly in a region, their box, and the number of all pieces."""
+    count, labels = cv2.connectedComponents(mask, connectivity=8)
+    inside = np.bincount(labels[region > 0], minlength=count)
+    taken = 2 * inside > np.bincount(labels.ravel(), minlength=count)
+    taken[0] = False
+    found = taken[labels].view(np.uint8) * 255
+    return found, cv2.boundingRect(found), count - 1
 
 
 def _unusable(count: int, box: Box, mask: Mask, settings: Segmentation) -> str:

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from .errors import VisionError
 from .interaction import Plane
+from .markers import MarkerChoice
 from .segmentation import borders
 from .undistortion import CameraModel
 
-MARKERS = {"DICT_4X4_50": 6, "DICT_APRILTAG_36h11": 8}  # cells across, the black rim with them
 SMALLEST_DOT = 4  # pixels: of less, no centre can be had
 # Area of a dot over that of the ellipse in its box: least, most (an upright rectangle has 1.27),
 # and least of one of so few pixels that they shape it; how long it may be for its width.
@@ -44,13 +44,14 @@ class TrackedPoints(NamedTuple):
 
     points: (n, 2) normalised. plane: of the target, where it tells that. accuracy: normalised
     length to which the points are found. unshared: the part of it in which another picture from the
-    same place, as the goal's, may differ.
+    same place, as the goal's, may differ. marker: `DICTIONARY:number` of the marker that they are.
     """
 
     points: np.ndarray
     plane: Plane | None
     accuracy: float
     unshared: float = 0.0
+    marker: str = ""
 
 
 class Tracker(ABC):
@@ -190,28 +191,37 @@ class MarkerTracker(EdgeTracker):
     # some hundredths of a pixel, each by where it lies on the texture's texels.
     accuracy = 0.025
 
-    def __init__(self) -> None:
-        self._detectors = [
-            (
-                cv2.aruco.ArucoDetector(
-                    cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
-                ),
-                cells,
-            )
-            for name, cells in MARKERS.items()
-        ]
+    def __init__(self, choice: MarkerChoice | None = None) -> None:
+        """`choice`: which marker, or a board of several; None: the largest in view."""
+        self.choice = choice if choice is not None else MarkerChoice()
 
     def places(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
-        """See Tracker.places; of the largest marker."""
-        for detector, cells in self._detectors:
-            found, _, _ = detector.detectMarkers(np.ascontiguousarray(grey))
-            if len(found):
-                largest = max(found, key=lambda c: cv2.contourArea(c.reshape(-1, 2)))
-                x, y, _ = camera.normalise(*largest.reshape(-1, 2).T.astype(float))
-                scale = camera.pinhole.fx
-                rough = scale * np.column_stack([x, y])
-                return self._fitted(grey, camera, scale, rough, cells) / scale
-        raise VisionError(f"no marker of {' or '.join(MARKERS)} is in view")
+        """See Tracker.places; of a board the corners of the rectangle about its markers."""
+        return self.look(grey, camera).points
+
+    def look(
+        self, grey: NDArray[np.uint8], camera: CameraModel,
+        world_T_camera: np.ndarray | None = None, depth: NDArray[np.float32] | None = None,
+    ) -> TrackedPoints:  # fmt: skip
+        """See Tracker.look."""
+        found, scale = self.choice.find(grey), camera.pinhole.fx
+        corners = []
+        for one in found:
+            x, y, _ = camera.normalise(*one.corners.T.astype(float))
+            rough = scale * np.column_stack([x, y])
+            corners.append(self._fitted(grey, camera, scale, rough, one.cells) / scale)
+        accuracy = self.accuracy / camera.K[0]
+        if self.choice.board is None:
+            return TrackedPoints(corners[0], None, accuracy, marker=found[0].name)
+        places = np.concatenate([self.choice.corners_on_board(one.name) for one in found])
+        rectangle = self.choice.board_corners()
+        H, _ = cv2.findHomography(places, np.concatenate(corners))
+        if H is None:
+            raise VisionError(f"{self.choice}: its markers in view lie on no plane")
+        # Corners that lie far beyond the visible markers are as much less accurate.
+        beyond = np.ptp(rectangle, axis=0).max() / np.ptp(places, axis=0).max()
+        points = cv2.perspectiveTransform(rectangle[None], H)[0]
+        return TrackedPoints(points, None, accuracy * max(beyond, 1.0))
 
     def _fitted(
         self, grey: np.ndarray, camera: CameraModel, scale: float, corners: np.ndarray, cells: int

@@ -14,7 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aras_visual_servo_base.lenses import brown, kannala_brandt
+from aras_visual_servo_base.lenses import (
+    brown,
+    brown_beyond_fold,
+    fold_radius,
+    kannala_brandt,
+    kannala_brandt_beyond_fold,
+    kannala_brandt_fold,
+)
 
 from .errors import CalibrationError
 from .moments import Array, Pinhole
@@ -77,7 +84,7 @@ class CameraModel:
             raise CalibrationError(f"camera_info: skew K[1]={self.K[1]:g} is not supported")
         if self.width < 1 or self.height < 1:
             raise CalibrationError(f"camera_info: size {self.width} x {self.height} is empty")
-        allowed = (0, 4) if self.model in FISHEYE_MODELS else (0, 4, 5, 8)
+        allowed = (0, 4) if self.model in FISHEYE_MODELS else (0, 4, 5, 8, 12, 14)
         if len(self.D) not in allowed:
             raise CalibrationError(
                 f"camera_info: '{self.model}' takes {allowed} coefficients, got {len(self.D)}"
@@ -150,7 +157,7 @@ class CameraModel:
             if self.model in FISHEYE_MODELS:
                 x, y = _distort_fisheye(x, y, self.D or (0.0,) * 4)
             else:
-                x, y = brown(x, y, self.D)[:2]
+                x, y = brown_beyond_fold(x, y, self.D)
         camera = self.pinhole
         return camera.fx * x + camera.cx, camera.fy * y + camera.cy
 
@@ -160,24 +167,25 @@ def _undistort_polynomial(xd: Array, yd: Array, D: tuple[float, ...]):
     x, y = xd.copy(), yd.copy()
     with np.errstate(all="ignore"):
         for _ in range(30):
-            px, py, jxx, jxy, jyy = brown(x, y, D)
+            px, py, jxx, jxy, jyx, jyy = brown(x, y, D)
             ex, ey = px - xd, py - yd
             if float(np.nanmax(np.abs(ex) + np.abs(ey))) < 1e-14:
                 break
-            determinant = jxx * jyy - jxy * jxy
+            determinant = jxx * jyy - jxy * jyx
             x = x - (jyy * ex - jxy * ey) / determinant
-            y = y - (jxx * ey - jxy * ex) / determinant
-        px, py, jxx, jxy, jyy = brown(x, y, D)
+            y = y - (jxx * ey - jyx * ex) / determinant
+        px, py, jxx, jxy, jyx, jyy = brown(x, y, D)
         valid = np.abs(px - xd) + np.abs(py - yd) < 1e-10
         # beyond a fold a root on the far side of the axis mirrors twice: its Jacobian is negative
-        valid &= (jxx * jyy - jxy * jxy > 0.0) & (jxx + jyy > 0.0)
-        valid &= x * x + y * y < np.tan(_MAX_FIELD_ANGLE) ** 2
+        valid &= (jxx * jyy - jxy * jyx > 0.0) & (jxx + jyy > 0.0)
+        # nor does a root beyond the fold lie on the branch that starts at the axis
+        valid &= x * x + y * y < min(np.tan(_MAX_FIELD_ANGLE), fold_radius(D)) ** 2
     return np.where(valid, x, 0.0), np.where(valid, y, 0.0), valid
 
 
 def _distort_fisheye(x: Array, y: Array, D: tuple[float, ...]):
     r = np.hypot(x, y)
-    rd, _ = kannala_brandt(np.arctan(r), D)
+    rd = kannala_brandt_beyond_fold(np.arctan(r), D)
     scale = np.divide(rd, r, out=np.ones_like(r), where=r > 0.0)
     return x * scale, y * scale
 
@@ -193,6 +201,6 @@ def _undistort_fisheye(xd: Array, yd: Array, D: tuple[float, ...]):
             if float(np.nanmax(np.abs(step))) < 1e-15:
                 break
         valid = (np.abs(step) < 1e-10) & (slope > 0.0) & (theta >= 0.0)
-        valid &= theta < _MAX_FIELD_ANGLE
+        valid &= theta < min(_MAX_FIELD_ANGLE, kannala_brandt_fold(D))
         scale = np.where(rd > 0.0, np.tan(theta) / np.where(rd > 0.0, rd, 1.0), 1.0)
     return np.where(valid, xd * scale, 0.0), np.where(valid, yd * scale, 0.0), valid

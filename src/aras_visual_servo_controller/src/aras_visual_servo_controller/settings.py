@@ -21,11 +21,12 @@ from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import SegmentationError, VisionError
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.markers import MarkerChoice
 from aras_visual_servo_camera.model import Start, model_tracker
 from aras_visual_servo_camera.pipeline import PipelineSettings
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.silhouette import OutlinePlane
-from aras_visual_servo_camera.trackers import TRACKERS, Tracker
+from aras_visual_servo_camera.trackers import TRACKERS, MarkerTracker, Tracker
 
 from .arm import (
     Arm,
@@ -63,6 +64,7 @@ BY_JOINT = ("max_velocity", "max_acceleration", "lower", "upper", "posture", "el
             "stiffness", "damping", "controllers")  # fmt: skip
 NONE: Mapping[str, Any] = {}
 MODEL = "model"  # the tracker of a known mesh
+MARKER = "marker"  # the tracker of an ArUco or AprilTag marker, or of a board of them
 OUTLINE = "outline"  # the tracker that takes the corners of what was segmented
 # Names of former versions.
 ALIASES = {"pitch_gain": "hold_gain"}
@@ -104,6 +106,7 @@ class Settings:
     scheme: feature, scheme, several joined by '+', or 'package.module:Class'.
     interaction: L at the view: current, desired, mean, estimated.
     tracker: of a target's points: outline, dots, marker, lines, model.
+    marker: that is the target: 5, DICT_5X5_100:5, or a board; that of the goal.
     model: mesh of the target (STL, OBJ, DAE), m, whose pose is followed: the tracker is 'model'.
     model_start: where the model is at first: {pose: x y z roll pitch yaw in the base}, {marker:
         {size, pose}} or {clicks: rows x y z u v}.
@@ -158,6 +161,7 @@ class Settings:
     scheme: str = parameter("moments", name=True)
     interaction: str = parameter("current")
     tracker: str = parameter(OUTLINE)
+    marker: str | Mapping[str, Any] = parameter("", name=True)
     model: str = parameter("")
     model_start: Mapping[str, Any] = parameter({})
     segmentation: Mapping[str, Any] = parameter({})
@@ -539,7 +543,8 @@ class Settings:
         return Rig(
             Observer(
                 arm, scheme.needs_of(*(("", name) if name == control else (name,))) | depth,
-                PipelineSettings(self.make_segmentation()), self.make_tracker(),
+                PipelineSettings(self.make_segmentation()),
+                self.make_tracker(held[name].marker if name in held else ""),
                 held[name].plane_from if name in held else plane, name,
             )
             for name, arm in arms.items()
@@ -559,7 +564,10 @@ class Settings:
         """How the target's pixels are told; ConfigurationError for what is wrong with it."""
         where = f"{where}segmentation"
         try:
-            found = build(Segmentation, self.segmentation, where, ConfigurationError)
+            given = self.segmentation
+            if self.marker and "marker" not in given:
+                given = {"marker": self.marker, **given}
+            found = build(Segmentation, given, where, ConfigurationError)
         except SegmentationError as error:
             raise ConfigurationError(f"{where}: {error}") from error
         if found.component == "mask":
@@ -569,8 +577,12 @@ class Settings:
             )
         return found
 
-    def make_tracker(self) -> Tracker | None:
-        """What finds the points of the target; None: the outline's corners."""
+    def make_tracker(self, marker: str = "") -> Tracker | None:
+        """What finds the points of the target; None: the outline's corners.
+
+        Args:
+            marker: that the goal was taught by, for the tracker 'marker' where none is chosen.
+        """
         if self.tracker == MODEL or self.model or "model" in re.split(r"[+@]", self.scheme):
             try:
                 return model_tracker(self.model, Start(self.model_start))
@@ -580,6 +592,11 @@ class Settings:
             raise ConfigurationError(
                 f"unknown tracker '{self.tracker}': {nearest(self.tracker, (*TRACKERS, MODEL))}"
             )
+        if self.tracker == MARKER:
+            try:
+                return MarkerTracker(MarkerChoice.read(self.marker or marker, "parameter ~marker"))
+            except VisionError as error:
+                raise ConfigurationError(str(error)) from None
         made = TRACKERS[self.tracker]
         return None if made is None else made()
 

@@ -9,12 +9,14 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
+from aras_visual_servo_base.lenses import kannala_brandt_fold
 from aras_visual_servo_base.names import resolve_name
-from aras_visual_servo_base.settings import build, merge, parameter
+from aras_visual_servo_base.settings import build, converted, merge, parameter
 from aras_visual_servo_base.settings import check as hold_to_bounds
 
 from ..description import CameraDescription, DepthTopics
 from ..errors import CameraError
+from .camera_file import with_calibration
 from .effects import Effects
 from .formats import encoding_of
 from .intrinsics import CameraIntrinsics, CameraProjection, camera_matrix, projection_matrix
@@ -53,6 +55,8 @@ class CameraConfig:
     distortion_model, distortion_coefficients: as in CameraInfo (plumb_bob,
         rational_polynomial, equidistant); empty coefficients mean none.
     cutoff_angle: the picture is black beyond it, rad from the axis; None: the lens's reach.
+    rectification_matrix, projection_matrix: R (3, 3) and P (3, 4) that CameraInfo publishes, row by
+        row; None: the identity, and K with hack_baseline. They change no image.
     hack_baseline: m, only for CameraInfo's P. legacy_camera_info: publish Gazebo's formulas,
         and with them `declared`, the plugin's focalLength, Cx, Cy, distortionK1, K2, T1, T2, K3,
         of which the first three are computed where they are 0.
@@ -79,6 +83,8 @@ class CameraConfig:
     distortion_model: str = parameter("", choices=("", *COEFFICIENTS))
     distortion_coefficients: tuple[float, ...] = ()
     cutoff_angle: float | None = None
+    rectification_matrix: tuple[(float,) * 9] | None = None
+    projection_matrix: tuple[(float,) * 12] | None = None
     hack_baseline: float = 0.0
     legacy_camera_info: bool = False
     declared: tuple[float, float, float, float, float, float, float, float] = (0.0,) * 8
@@ -118,8 +124,7 @@ class CameraConfig:
                   f"camera_matrix fx={fx} fy={fy} cx={cx} cy={cy}: give focal lengths above 0")
         if isinstance(self.model.lens, FisheyeLens):
             check_fisheye(self.model.lens, self.name)
-        else:
-            self._check_folding()
+        self._check_folding()
 
     def _fill_in_lens(self) -> None:
         """A fisheye distortion model implies the lens, and the lens the model."""
@@ -176,15 +181,21 @@ class CameraConfig:
                     "two different names")
 
     def _check_folding(self) -> None:
-        """Every pixel needs a ray; beyond a fold there is none."""
-        if not any(self.distortion_coefficients):
+        """Every pixel needs a ray; beyond a fold there is none. Past a cutoff_angle it is black."""
+        if not any(self.distortion_coefficients) or self.cutoff_angle is not None:
+            return
+        lens = self.model.lens
+        if isinstance(lens, FisheyeLens) and lens.cutoff >= REACH[self.lens]:
             return
         w, h = self.width - 1, self.height - 1
         border = np.array([[x, y] for t in np.linspace(0, 1, 33) for x, y in
                            ((t * w, 0), (t * w, h), (0, t * h), (w, t * h))])
+        angle = (f"at {math.degrees(lens.cutoff):.1f} deg from the axis, "
+                 if isinstance(lens, FisheyeLens) else "")
         self._check(bool(np.isfinite(self.model.unproject(border)).all()),
                     f"distortion_coefficients {list(self.distortion_coefficients)} fold the "
-                    "picture over inside the image; make them smaller or the focal length longer")
+                    f"picture over {angle}inside the image; make them smaller or the focal length "
+                    "longer")
 
     def check_rate(self, rate: float) -> None:
         """Raise CameraError where pictures at this rate, Hz, leave no time to expose and read."""
@@ -223,6 +234,8 @@ class CameraConfig:
         reach = REACH[self.lens] if self.cutoff_angle is None else self.cutoff_angle
         if not D:
             D = ideal_coefficients(self.lens, REACH[self.lens])
+        elif self.cutoff_angle is None:
+            reach = min(reach, kannala_brandt_fold(D) * (1.0 - 1e-6))
         return CameraProjection(self.K, FisheyeLens(D, reach))
 
     def intrinsics(self) -> CameraIntrinsics:
@@ -233,8 +246,12 @@ class CameraConfig:
             f = f or self.width / (2.0 * math.tan(min(self.horizontal_fov, 3.14) / 2.0))
             K = camera_matrix(f, f, cx or (self.width + 1) / 2, cy or (self.height + 1) / 2)
             D, name = tuple(D), "plumb_bob"
-        return CameraIntrinsics(self.width, self.height, K, D, name, np.eye(3),
-                                projection_matrix(K, self.hack_baseline))
+        R, P = np.eye(3), projection_matrix(K, self.hack_baseline)
+        if self.rectification_matrix is not None and not self.legacy_camera_info:
+            R = np.reshape(self.rectification_matrix, (3, 3))
+        if self.projection_matrix is not None and not self.legacy_camera_info:
+            P = np.reshape(self.projection_matrix, (3, 4))
+        return CameraIntrinsics(self.width, self.height, K, D, name, R, P)
 
     def sensor_figures(self) -> dict[str, object]:
         """What CameraInfo has no place for, as keys of a preset: shutter, exposure and noise."""
@@ -256,21 +273,33 @@ class CameraConfig:
         """
         from .from_description import settings
 
-        return cls.from_mapping(merge(settings(camera), overrides or {}))
+        described, own = settings(camera), with_calibration(overrides or {})
+        if own.get("lens", described.get("lens")) != described.get("lens"):
+            described.pop("cutoff_angle", None)  # it is that of the described lens
+        return cls.from_mapping(merge(described, own))
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object]) -> CameraConfig:
         """Settings from a preset file's keys.
 
         camera_matrix is a mapping fx, fy, cx, cy or four numbers; effects a mapping of
-        effects.Effects' fields. Raises CameraError naming the key that is wrong.
+        effects.Effects' fields; calibration the path of a file, see camera_file. Raises
+        CameraError naming the key that is wrong.
         """
         where = f"camera '{values.get('name', 'camera')}': "
+        return build(cls, cls.check_keys(with_calibration(values), where), where, CameraError)
+
+    @classmethod
+    def check_keys(cls, values: Mapping[str, object], where: str) -> dict[str, object]:
+        """Some of a camera's settings, each by itself of the kind that its field wants.
+
+        Raises CameraError naming the key that is wrong, after `where`.
+        """
         matrix = values.get("camera_matrix")
         if isinstance(matrix, Mapping):
             given = build(MatrixEntry, matrix, f"{where}camera_matrix", CameraError)
             values = {**values, "camera_matrix": (given.fx, given.fy, given.cx, given.cy)}
-        return build(cls, values, where, CameraError)
+        return converted(cls, values, where, CameraError)
 
     @property
     def topic_root(self) -> str:

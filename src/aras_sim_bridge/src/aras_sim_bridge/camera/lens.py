@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_base.lenses import brown, kannala_brandt
+from aras_visual_servo_base.lenses import brown, fold_radius, kannala_brandt
 
 from ..errors import CameraError
 
@@ -32,12 +32,12 @@ RADIUS: dict[str, Callable] = {
     "equisolid": lambda theta: 2.0 * np.sin(theta / 2.0),
     "orthographic": np.sin,
 }
-COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8,), "equidistant": (4,)}
+COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,)}
 
 
 @dataclass(frozen=True)
 class BrownLens:
-    """Pinhole with Brown's distortion; D = (k1, k2, p1, p2, k3[, k4, k5, k6])."""
+    """Pinhole with Brown's distortion; D as in lenses.brown, 5 or more."""
 
     D: tuple[float, ...]
 
@@ -61,17 +61,17 @@ class BrownLens:
             for share, most in ((0.25, 2), (0.5, 2), (0.75, 2), (1.0, 20)):
                 x = x + 0.25 * points
                 for _ in range(most):
-                    value, a, b, d = self.distort(x)
+                    value, a, b, c, d = self.distort(x)
                     error = value - share * points
                     if np.abs(error).max(initial=0.0) < 1e-13:
                         break
-                    det = a * d - b * b
+                    det = a * d - b * c
                     det = np.where(np.abs(det) > 1e-9, det, 1e-9)
                     step = np.stack([d * error[:, 0] - b * error[:, 1],
-                                     a * error[:, 1] - b * error[:, 0]], axis=1) / det[:, None]
+                                     a * error[:, 1] - c * error[:, 0]], axis=1) / det[:, None]
                     x = x - np.clip(step, -0.5, 0.5)
-            value, a, b, d = self.distort(x)
-            good = (np.abs(value - points).max(axis=1) < 1e-9) & (a * d - b * b > 0) & (a > 0)
+            value, a, b, c, d = self.distort(x)
+            good = (np.abs(value - points).max(axis=1) < 1e-9) & (a * d - b * c > 0) & (a > 0)
             good &= np.hypot(*x.T) < self.fold_radius()
         rays = np.concatenate([x, np.ones((len(x), 1))], axis=1)
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
@@ -79,21 +79,13 @@ class BrownLens:
         return rays
 
     def fold_radius(self) -> float:
-        """Undistorted radius at which the radial part stops growing; infinite if it never does."""
-        k1, k2, _, _, k3, k4, k5, k6 = (*self.D, *(0.0,) * (8 - len(self.D)))
-        one = np.polynomial.Polynomial([1.0])
-        s = np.polynomial.Polynomial([0.0, 1.0])  # r squared
-        n, d = one + k1 * s + k2 * s**2 + k3 * s**3, one + k4 * s + k5 * s**2 + k6 * s**3
-        # d/dr (r n / d) = 0  <=>  n d + 2 s (n' d - n d') = 0
-        slope = n * d + 2.0 * s * (n.deriv() * d - n * d.deriv())
-        roots = np.concatenate([slope.roots(), d.roots() if d.degree() else []])
-        real = roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 1e-12)].real
-        return float(np.sqrt(real.min())) if len(real) else math.inf
+        """See lenses.fold_radius."""
+        return fold_radius(self.D)
 
-    def distort(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Distorted points and the entries a, b, d of the symmetric Jacobian [[a, b], [b, d]]."""
-        x, y, a, b, d = brown(*p.T, self.D)
-        return np.stack([x, y], axis=1), a, b, d
+    def distort(self, p: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Distorted points (N, 2) and the entries of the Jacobian [[a, b], [c, d]], each (N,)."""
+        x, y, *jacobian = brown(*p.T, self.D)
+        return np.stack([x, y], axis=1), *jacobian
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,7 @@ class _Builder:
         self.experiment = experiment = experiment.placed
         self.robot = Robot(
             experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction,
-            experiment.cameras, carried_by(experiment),
+            experiment.cameras, carried_by(experiment), experiment.hand_eye,
         )  # fmt: skip
         described = self.robot.camera_settings()
         eyes = {

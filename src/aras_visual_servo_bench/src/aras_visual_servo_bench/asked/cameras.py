@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from aras_sim_bridge.camera import CameraConfig
+from aras_sim_bridge.camera.camera_file import KEY as CALIBRATION
+from aras_sim_bridge.camera.camera_file import read_camera, with_calibration
 from aras_sim_bridge.errors import CameraError
+from aras_visual_servo_base.hand_eye import UNITS, HandEye, read_hand_eye
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import inverse, optical, transform
 from aras_visual_servo_base.settings import check, merge, parameter
-from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.seeing.rig import KEPT
@@ -72,16 +75,37 @@ class Belief:
 
 
 @dataclass(frozen=True)
+class HandEyeSpec:
+    """A file with the result of a hand-eye calibration; see aras_visual_servo_base.hand_eye.
+
+    file: its path. units: of its lengths, m, cm or mm; '': as the file says, else metres.
+    link: that carries the camera; '': as the file names it.
+    """
+
+    file: str = parameter(shorthand=True)
+    units: str = parameter("", choices=("", *UNITS))
+    link: str = ""
+
+    def __post_init__(self) -> None:
+        check(self, ExperimentError, "hand_eye")
+
+    def read(self, packages: PackagePath) -> HandEye:
+        """What the file says; HandEyeError, or ExperimentError for a file that is not there."""
+        return read_hand_eye(packages.file(self.file), self.units)
+
+
+@dataclass(frozen=True)
 class CameraSpec:
     """One of several cameras of an experiment.
 
-    model: name of a preset, path of a YAML file, or the settings: the true one.
+    model: name of a preset, path of a YAML file or of a calibration, or the settings: the true one.
     rate: pictures a second; None: the model's.
     xyz, rpy: where it sits in the hand, beside the robot's own camera: in camera_link (x forward, y
         left, z up), m and rad.
     pose: of its optical frame in the world (the arm's base), x, y, z (m), roll, pitch, yaw (rad):
         of one that stands there, and not in the hand.
     frame: its optical frame, where the robot's description has it.
+    hand_eye: file of a hand-eye calibration that says where it is; see HandEyeSpec.
     delay: s from an exposure to when the loop has the picture.
     believed: how the controller's idea of it differs; see Belief.
     target: what it looks at, where that is not the experiment's target: shape, size, pose, motion.
@@ -97,6 +121,7 @@ class CameraSpec:
     )
     pose: Six | None = parameter(None, "m, rad")
     frame: str = ""
+    hand_eye: HandEyeSpec | None = None
     delay: float = parameter(0.0, "s", least=0.0, most=LONGEST_DELAY)
     believed: Belief = Belief()
     target: TargetSpec | None = None
@@ -104,17 +129,19 @@ class CameraSpec:
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "cameras")
-        seats = (self.pose is not None, any(self.xyz) or any(self.rpy), bool(self.frame))
+        seats = (self.pose is not None, any(self.xyz) or any(self.rpy), bool(self.frame),
+                 self.hand_eye is not None)  # fmt: skip
         require(
             sum(seats) < 2,
             "a camera has a pose in the world, or xyz and rpy in the hand, or a frame of the "
-            "robot's description: one of them",
+            "robot's description, or a hand_eye calibration: one of them",
         )
 
     @property
     def own(self) -> bool:
         """Whether the robot's description has its place: that of its own camera, or a frame."""
-        return self.pose is None and not (any(self.xyz) or any(self.rpy))
+        placed = self.pose is not None or self.hand_eye is not None
+        return not placed and not (any(self.xyz) or any(self.rpy))
 
     def place(self) -> np.ndarray:
         """(4, 4) of its optical frame: in the world, or in that of the robot's own camera."""
@@ -197,29 +224,41 @@ def preset(camera: str | Mapping[str, Any], packages: PackagePath, robot: str) -
     """Settings that an experiment names for a camera, as the simulator takes them.
 
     Args:
-        camera: name of a preset of the package `robot`, path of a YAML file, or keys of their own,
-            laid over the preset or file that the key `preset` among them names.
+        camera: name of a preset of the package `robot`, path of a YAML file or of a calibration
+            (`path#name`: of one of its cameras), or keys of their own, laid over the preset or file
+            that the key `preset` among them names.
 
     Raises:
         ExperimentError: no such preset, or a file that cannot be used.
     """
-    if isinstance(camera, Mapping):
-        own = dict(camera)
-        if PRESET not in own:
-            return own
-        base = own.pop(PRESET)
-        require(isinstance(base, str),
-                f"camera.{PRESET} is {base!r}, must be the name of a preset or the path of a file")
-        return merge(preset(base, packages, robot), own)
-    if "/" in camera or camera.endswith((".yaml", ".yml")):
-        settings = read_yaml(packages.file(camera), ExperimentError)
-    else:
+    try:
+        if isinstance(camera, Mapping):
+            own = dict(camera)
+            base = own.pop(PRESET, None)
+            if isinstance(named := own.get(CALIBRATION), str):
+                own[CALIBRATION] = _file(named, packages)
+            own = with_calibration(own)
+            if PRESET not in camera:
+                return own
+            require(isinstance(base, str), f"camera.{PRESET} is {base!r}, must be the name of a "
+                                           "preset or the path of a file")  # fmt: skip
+            return merge(preset(base, packages, robot), own)
+        if "/" in camera or Path(camera.partition("#")[0]).suffix:
+            return read_camera(_file(camera, packages))
         folder = packages.file(f"package://{robot}/package.xml").parent / PRESETS
         known = sorted(path.stem for path in folder.glob("*.yaml"))
         require(camera in known, f"camera '{camera}' is no preset: {nearest(camera, known)}")
-        settings = read_yaml(folder / f"{camera}.yaml", ExperimentError)
-    require(isinstance(settings, Mapping), f"camera '{camera}' holds no keys with values")
-    return dict(settings)
+        return read_camera(folder / f"{camera}.yaml")
+    except CameraError as error:
+        raise ExperimentError(str(error)) from None
+
+
+def _file(name: str, packages: PackagePath) -> str:
+    """The absolute path of a camera's file, with the `#name` of the camera in it."""
+    path, hash_, camera = name, "", ""
+    if "#" in name and not Path(name).expanduser().is_file():
+        path, hash_, camera = name.rpartition("#")
+    return f"{packages.file(path).resolve()}{hash_}{camera}"
 
 
 def config_of(settings: Mapping[str, Any]) -> CameraConfig:

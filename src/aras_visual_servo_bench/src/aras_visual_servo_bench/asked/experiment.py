@@ -24,10 +24,10 @@ from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..errors import ExperimentError, require
-from .cameras import HALF_TURN, LONGEST_DELAY, Belief, CameraSpec
+from .cameras import HALF_TURN, LONGEST_DELAY, Belief, CameraSpec, HandEyeSpec
 from .relative_start import RelativeStart
 from .robots import RobotSpec
-from .target_spec import Pair, Six, TargetSpec, check_times
+from .target_spec import LARGEST_TARGET, Pair, Six, TargetSpec, check_times
 
 PLANTS = ("bullet", "chain", "free", "ideal")
 FLYING = ("free", "ideal")
@@ -140,8 +140,11 @@ class Experiment(NamedValues):
     sun: see SunSpec (bullet). world: an SDF world file around the arm, by path or as 'workbench' of
         the shipped ones: its models, lights and scene, in place of the sun and the plain ground
         (bullet).
-    camera: name of a preset, path of a YAML file, or the settings: the true one.
+    camera: name of a preset, path of a YAML file or of a calibration (ROS, OpenCV, Kalibr, ViSP),
+        or the settings: the true one.
     camera_xyz, camera_rpy: how it is moved in its link, m and rad; all that hangs on it goes along.
+    hand_eye: file of a hand-eye calibration that says where the camera is on the arm, in place of
+        the robot's description; see HandEyeSpec.
     believed: how the controller's idea of the camera differs; see Belief.
     cameras: several cameras by name, in place of camera and believed; see CameraSpec. A scheme says
         which it reads ('points@left+points@right', by default the first); the others only watch.
@@ -177,6 +180,7 @@ class Experiment(NamedValues):
     camera_rpy: tuple[float, float, float] = parameter(
         (0.0, 0.0, 0.0), "rad", least=-HALF_TURN, most=HALF_TURN
     )
+    hand_eye: HandEyeSpec | None = None
     believed: Belief = Belief()
     cameras: Mapping[str, CameraSpec] = parameter({})
     features: str = parameter("auto", choices=FEATURES)
@@ -204,8 +208,12 @@ class Experiment(NamedValues):
         for name in OWN_PARAMETERS:
             require(name not in self.options,
                     f"options.{name}: {name} is a key of the experiment itself; give it there")
+        require(self.hand_eye is None or self.plant not in FLYING,
+                f"hand_eye says where an arm carries the camera, and plant '{self.plant}' has no "
+                "arm: use chain or bullet")
         self._check_cameras()
         if self.plant == "bullet":
+            self._check_size()
             require(
                 not self.world or replace(self.sun, exposure=EXPOSURES[0]) == SunSpec(),
                 "the lights are those of the world file: give sun.exposure alone, or no world",
@@ -245,12 +253,21 @@ class Experiment(NamedValues):
         )
         require(self.pictures or not self.noise, "noise is for pictures: give jitter, in px")
 
+    def _check_size(self) -> None:
+        """ExperimentError where a target is larger than the shipped robot's table."""
+        if self.world or self.robot.urdf != RobotSpec().urdf:
+            return
+        for i, length in enumerate(self.target.size or ()):
+            require(length <= LARGEST_TARGET, f"target.size[{i}] is {length}, must be <= "
+                    f"{LARGEST_TARGET:g} m, the table's: use a world or a robot of your own")
+
     def _check_cameras(self) -> None:
         if not self.cameras:
             return
         require(
-            self.camera == "original" and self.believed == Belief(),
-            "camera and believed are of an experiment with one camera: cameras has them for each",
+            self.camera == "original" and self.believed == Belief() and self.hand_eye is None,
+            "camera, hand_eye and believed are of an experiment with one camera: cameras has them "
+            "for each",
         )
         require(self.plant != "ideal", "plant 'ideal' has one camera: use free, chain or bullet")
         for name, camera in self.cameras.items():

@@ -202,4 +202,4 @@ def _too_long(target: PlacedTarget) -> str:
     length = float(np.ptp(target.shape.solid.vertices, axis=0).max())
     if length < LONG:
         return ""
-    return f"its mesh is {length:.3g} m long; where it is in millimetres, scale it by 0.001"
+    return f"its mesh is {length:.3g} m long; where it is in millimetres, set target.scale to 0.001"

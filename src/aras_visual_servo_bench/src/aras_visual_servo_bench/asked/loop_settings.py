@@ -10,10 +10,10 @@ from typing import Any
 from aras_visual_servo_base.urdf import robot_name
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import MARKER, Settings
 
 from ..errors import ExperimentError, require
-from ..targets.outlines import shape_of, tracker_of
+from ..targets.outlines import tracker_of
 from ..targets.solids import is_solid
 from .experiment import FLYING, Experiment
 from .packages import PackagePath
@@ -46,7 +46,8 @@ def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
         "duration": experiment.duration,
         "start": "none",
         "lockstep": experiment.commands == "images",
-        "tracker": tracker_of(experiment.target.shape),
+        "tracker": MARKER if experiment.target.marker else tracker_of(experiment.target.shape),
+        "marker": experiment.target.marker,
         **_model(experiment.target),
         "cameras": {
             name: {"frame": name, "target_frame": camera.target_frame}
@@ -90,7 +91,7 @@ def _model(target: TargetSpec) -> dict[str, Any]:
     if not is_solid(target.shape):
         return {}
     # It is looked for where it is, or where the options say.
-    mesh = str(shape_of(target.shape, target.size).path)
+    mesh = str(target.placed.shape.path)
     return {"model": mesh, "model_start": {"pose": list(target.pose)}}
 
 

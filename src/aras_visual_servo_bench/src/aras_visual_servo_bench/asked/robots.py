@@ -19,7 +19,8 @@ from aras_sim_bridge.description import (
     parse_cameras,
     parse_urdf,
 )
-from aras_sim_bridge.errors import CameraError, DescriptionError
+from aras_sim_bridge.errors import CameraError, DescriptionError, SimError
+from aras_visual_servo_base.camera_mounting import carrying_link, check_optical, with_camera
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import inverse, optical, to_xyz_rpy, transform
 from aras_visual_servo_base.settings import check, parameter
@@ -32,7 +33,7 @@ from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.seeing.rig import MovedBy, StandingCamera, beside
 
 from ..errors import ExperimentError
-from .cameras import CameraSpec
+from .cameras import CameraSpec, HandEyeSpec
 from .packages import PackagePath
 
 ROBOT = "robot"  # its model in the simulated world
@@ -116,6 +117,7 @@ class Robot:
         friction: bool = True,
         cameras: Mapping[str, CameraSpec] = NONE,
         carried: Mapping[str, Carried] = NOTHING,
+        hand_eye: HandEyeSpec | None = None,
     ) -> None:
         """Read the files.
 
@@ -124,6 +126,7 @@ class Robot:
             friction: False takes the joints' dry friction out of the description.
             cameras: that it has, by name: each that is not its own gets a frame in the description.
             carried: targets on its links, by the names of the links that they become.
+            hand_eye: where its camera is; None: where the description has it.
 
         Raises:
             ExperimentError: a file that is missing or cannot be used.
@@ -133,6 +136,8 @@ class Robot:
         self._plain = self.packages.file(spec.urdf).read_text(encoding="utf-8")
         if not friction:
             self._plain = self._adapted("without_friction", self._plain)
+        if hand_eye is not None:
+            self._plain = self._calibrated(hand_eye)
         self._frame = spec.camera_frame
         self.urdf = self._framed(self._mounted(transform(xyz, rpy)))
         for name, one in carried.items():
@@ -232,6 +237,8 @@ class Robot:
             if camera.pose is not None:
                 child, root = f"{FRAME}{name}", parse_tree(urdf).root
                 urdf = _with_link(urdf, child, root, camera.place())
+            elif camera.hand_eye is not None:
+                urdf = _with_link(urdf, f"{FRAME}{name}", *self._calibrated_place(urdf, name))
             elif not camera.own:
                 urdf = self._with_frame(urdf, f"{FRAME}{name}", self._frame, camera.place())
         return urdf
@@ -284,6 +291,17 @@ class Robot:
             frame, frame_T_child = last.parent, last.pose.matrix() @ frame_T_child
         return _with_link(urdf, name, frame, frame_T_child)
 
+    def _calibrated_place(self, urdf: str, name: str) -> tuple[str, np.ndarray]:
+        """The link of a camera whose place is a hand-eye calibration's, and link_T_optical."""
+        camera = self._cameras[name]
+        try:
+            found = camera.hand_eye.read(self.packages)
+            check_optical(found)
+            link = carrying_link(urdf, found, camera.hand_eye.link)
+        except SimError as error:
+            raise ExperimentError(f"cameras.{name}.hand_eye: {error}") from None
+        return link, found.link_T_camera
+
     def _with_target(self, urdf: str, name: str, target: Carried) -> str:
         """The description with what is seen of a target, fixed to a link."""
         robot, drawn = ElementTree.fromstring(urdf), ElementTree.parse(target.urdf).getroot()
@@ -298,6 +316,14 @@ class Robot:
             robot.append(one)
         _fix(robot, target.link, name, target.pose)
         return ElementTree.tostring(robot, encoding="unicode")
+
+    def _calibrated(self, spec: HandEyeSpec) -> str:
+        """The description with its camera where a hand-eye calibration found it."""
+        try:
+            found = spec.read(self.packages)
+            return with_camera(self._plain, found, spec.link, self.spec.camera_frame)
+        except SimError as error:
+            raise ExperimentError(f"hand_eye: {error}") from None
 
     def _mounted(self, link_T_link: np.ndarray) -> str:
         """The description with its camera moved in its link: as the launch files do it where

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_base.settings import check, parameter
+from aras_visual_servo_camera.errors import VisionError
+from aras_visual_servo_camera.markers import MarkerChoice
 
 from ..errors import ExperimentError, require
 from ..targets.geometry import Course, Motion, PlacedTarget
-from ..targets.outlines import NAMES, shape_of
+from ..targets.outlines import NAMES, UNMARKED, shape_of
 from ..targets.solids import is_solid
 
 LARGEST_TARGET = 2.0  # m
@@ -50,7 +54,12 @@ class TargetSpec:
         l_shape, heptagon, circle; four_dots, marker, line_grid, poster; the solids box, cylinder,
         sphere, about their frame's origin; the path of a picture, of an SVG with an outline, or of
         a mesh (STL, OBJ, DAE, glTF; m), which is a solid.
-    size: of a named shape, a picture or an SVG, along x and y, of a named solid also along z, m.
+    size: of a named shape, a picture or an SVG's page, along x and y, of a solid along z too, m;
+        None: that of the file (a mesh; an SVG with units), else 0.2 along each.
+    scale: factor on the lengths of a mesh, in place of size: 0.001 where they are in mm.
+    marker: number of the ArUco or AprilTag marker that is followed (5, 'DICT_5X5_100:5'), or a
+        board of several, where the shape shows them; '': the one that the goal was taught by. The
+        shape 'marker' is drawn as the one that is given.
     pose: x, y, z (m), roll, pitch, yaw (rad) of its frame in the world; its z axis is its normal.
         The plates of 'aras' lie at (0, 0, 0.59) in that frame. motion: see Motion.
     occluder: low and high corner (x, y), m, of an opaque rectangle that lies on the target.
@@ -66,9 +75,7 @@ class TargetSpec:
     """
 
     shape: str | tuple[Pair, ...] = parameter("aras", shorthand=True)
-    size: tuple[float, ...] = parameter(
-        (0.2, 0.2), "m, the table's", above=0.0, most=LARGEST_TARGET
-    )
+    size: tuple[float, ...] | None = parameter(None, "m", above=0.0)
     pose: Six = (0.0,) * 6
     motion: Motion = Motion()
     occluder: tuple[Pair, Pair] | None = None
@@ -77,14 +84,21 @@ class TargetSpec:
     box: BoxSpec | None = None
     model: str = ""
     link: str = ""
+    scale: float | None = parameter(None, above=0.0)
+    marker: str | Mapping[str, Any] = parameter("", name=True)
 
     @property
     def placed(self) -> PlacedTarget:
         """The target in the world; ExperimentError where its shape cannot be read."""
-        shape = shape_of(self.shape, self.size)
+        shape = shape_of(self.shape, self.size, self.scale, self.drawn_marker)
         course = Course() if self.model else None
         pose = transform(self.pose[:3], self.pose[3:])
         return PlacedTarget(shape, pose, self.motion, course)
+
+    @property
+    def drawn_marker(self) -> str:
+        """The marker that the shape 'marker' shows."""
+        return self.marker if self.shape == "marker" else ""
 
     @property
     def plain(self) -> bool:
@@ -119,6 +133,21 @@ class TargetSpec:
             isinstance(self.shape, tuple) or self.shape in NAMES or bool(Path(self.shape).suffix),
             f"target.shape is '{self.shape}', must be a list of corners, the path of a picture, "
             f"an SVG or a mesh, or a name: {nearest(str(self.shape), NAMES)}",
+        )
+        try:
+            choice = MarkerChoice.read(self.marker, "target.marker")
+        except VisionError as error:
+            raise ExperimentError(str(error)) from None
+        require(
+            self.shape != "marker" or choice.board is None,
+            "target.marker of the shape 'marker' is one that is drawn: a board is for an image of "
+            "it, as a PNG",
+        )
+        require(
+            not self.marker or not is_solid(self.shape) and not self.is_link
+            and self.shape not in UNMARKED and isinstance(self.shape, str),
+            f"target.marker is for a target that shows markers, as an image, and {self.shape} has "
+            "none: leave it out",
         )
         require(self.occluded is None or self.occluder is not None,
                 "target.occluded says when an occluder lies there: give target.occluder")

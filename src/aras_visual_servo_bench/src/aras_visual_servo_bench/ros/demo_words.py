@@ -17,12 +17,13 @@ from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.settings import Settings
 
+from ..asked.cameras import HandEyeSpec
 from ..asked.experiment import CameraPose, Experiment
 from ..asked.packages import PackagePath
 from ..asked.robots import Robot, RobotSpec
 from ..asked.target_spec import TargetSpec
 from ..errors import ExperimentError
-from ..targets.outlines import NAMES, tracker_of
+from ..targets.outlines import NAMES, default_size, tracker_of
 
 LAUNCH = "package://aras_visual_servo_gazebo/launch/"
 # The launch files that are started, and those of their arguments that are options here.
@@ -114,8 +115,8 @@ def _add_world(parser: argparse.ArgumentParser) -> None:
         "--urdf", type=_file, help="the robot's description (default: the ARAS robot's); "
         "what another arm needs beside it follows as NAME:=VALUE (robot, gains, controllers)",
     )
-    parser.add_argument("--camera", default="original", help="camera preset, or its YAML "
-                        "file (default original)")  # fmt: skip
+    parser.add_argument("--camera", default="original", help="camera preset, or the path "
+                        "of a preset or a calibration (default original)")  # fmt: skip
     for part, unit in (("xyz", "m"), ("rpy", "rad")):
         parser.add_argument(
             f"--camera-{part}", type=_three, metavar="'0 0 0'",
@@ -191,7 +192,9 @@ def _taught(arguments: argparse.Namespace, goal: Goal) -> Goal:
         assemble,
     )  # the physics: a second that the usual demo need not wait for
 
-    size = tuple(map(float, arguments.target_size.split())) if arguments.target_size else (0.1, 0.1)
+    size = default_size(arguments.target)
+    if arguments.target_size:
+        size = tuple(map(float, arguments.target_size.split()))
     moved = {
         name: tuple(map(float, value.split()))
         for name in ("camera_xyz", "camera_rpy") if (value := getattr(arguments, name))
@@ -201,11 +204,17 @@ def _taught(arguments: argparse.Namespace, goal: Goal) -> Goal:
         SHIPPED, urdf=str(arguments.urdf or SHIPPED.urdf), config=given.get("gains", SHIPPED.config)
     )
     mounting = (moved.get(name, (0.0,) * 3) for name in ("camera_xyz", "camera_rpy"))
-    xyz, rpy = to_xyz_rpy(goal.for_arm(Robot(spec, *mounting).arm()).world_T_camera)
+    hand_eye = None
+    if given.get("hand_eye"):
+        hand_eye = HandEyeSpec(
+            given["hand_eye"], given.get("hand_eye_units", ""), given.get("hand_eye_link", "")
+        )
+    robot = Robot(spec, *mounting, hand_eye=hand_eye)
+    xyz, rpy = to_xyz_rpy(goal.for_arm(robot.arm()).world_T_camera)
     experiment = Experiment(
         robot=spec, target=TargetSpec(arguments.target, size, PLACE), camera=arguments.camera,
         goal=CameraPose((*xyz, *rpy)), start=CameraPose((*xyz, *rpy)), scheme=arguments.scheme,
-        **moved,
+        hand_eye=hand_eye, **moved,
     )  # fmt: skip
     parts = assemble(experiment)
     parts.plant.close()

@@ -221,6 +221,9 @@ class Described:
         for key in ("camera_xyz", "camera_rpy"):
             if launch.get(key):
                 keys[key] = [float(number) for number in launch[key].split()]
+        if launch.get("hand_eye"):
+            parts = {"file": "hand_eye", "units": "hand_eye_units", "link": "hand_eye_link"}
+            keys["hand_eye"] = {key: launch[arg] for key, arg in parts.items() if launch.get(arg)}
         if launch.get("joint_friction", "true").lower() == "false":
             keys["friction"] = False
         if "urdf" in launch or "gains" in launch:
@@ -251,6 +254,6 @@ class Described:
         kept = ("scheme", "law", "gain", "start", "goal", "camera", "seed")
         asked = {key: asked[key] for key in kept if key in asked}
         launch = self.arguments
-        moved = {k: launch[k] for k in ("camera_xyz", "camera_rpy") if launch.get(k)}
+        moved = {k: launch[k] for k in ("camera_xyz", "camera_rpy", "hand_eye") if launch.get(k)}
         told = "; ".join(" ".join(words) for words in self.given.get("launch", []))
         return {**asked, **moved, **({"launched by": told} if told else {})}

@@ -21,7 +21,7 @@ from aras_visual_servo_camera.moments import signed_area
 from ..asked.target_spec import BoxSpec, Pair, TargetSpec
 from ..errors import ExperimentError, require, writing
 from .geometry import Target
-from .outlines import shape_of
+from .outlines import default_size
 from .scratch import scratch
 from .solids import SolidTarget
 from .textures import TexturedTarget
@@ -31,12 +31,13 @@ URDF = """<?xml version="1.0"?>
 <robot name="{name}">
   <link name="{name}">
     <visual>
-      <geometry><mesh filename="{mesh}"/></geometry>
+      <geometry><mesh filename="{mesh}"{scale}/></geometry>
     </visual>{more}
   </link>
   {physics}
 </robot>
 """
+SCALE = ' scale="{!r} {!r} {!r}"'
 STANDS = "<gazebo><static>true</static></gazebo>"
 BOX = """
     <visual name="box"><origin xyz="0 0 {z!r}"/><geometry><box size="{size}"/></geometry></visual>
@@ -94,9 +95,8 @@ def write(
             physics = RUBS.format(name=name, friction=box.friction)
             more += _box(box)
         path = folder / f"{name}.urdf"
-        path.write_text(
-            URDF.format(name=name, mesh=f"{where}/{name}.obj", more=more, physics=physics)
-        )
+        mesh = f"{where}/{name}.obj"
+        path.write_text(URDF.format(name=name, mesh=mesh, scale="", more=more, physics=physics))
     return path
 
 
@@ -104,13 +104,14 @@ def _solid(target: SolidTarget, folder: Path, name: str) -> Path:
     """The URDF of a solid that stands still, by its own mesh file."""
     with writing(f"the target into {folder}", ExperimentError):
         folder.mkdir(parents=True, exist_ok=True)
-        path, mesh = folder / f"{name}.urdf", target.path
+        path, mesh = folder / f"{name}.urdf", target.drawn or target.path
         grey = "" if target.coloured else GREY.format(name=name)
         if target.made:
             mesh = folder.resolve() / f"{name}.obj"
             mesh.write_text(target.path.read_text())
         path.write_text(URDF.format(
-            name=name, mesh=f"file://{mesh}", more="", physics=STANDS + grey
+            name=name, mesh=f"file://{mesh}", scale=SCALE.format(*target.factor), more="",
+            physics=STANDS + grey,
         ))  # fmt: skip
     return path
 
@@ -134,7 +135,7 @@ def description_file(spec: TargetSpec, perturbed_by: int | None = None) -> Path:
     Raises:
         ExperimentError: see `write` and `shape_of`.
     """
-    target = shape_of(spec.shape, spec.size)
+    target = spec.placed.shape
     if perturbed_by is not None:
         require(
             isinstance(target, TexturedTarget),
@@ -152,7 +153,8 @@ def occluder_file(rectangle: tuple[Pair, Pair]) -> Path:
     _white(folder, name, rectangle)
     path = folder / f"{name}.urdf"
     path.write_text(URDF.format(
-        name=name, mesh=f"file://{folder.resolve()}/{name}.obj", more="", physics=STANDS
+        name=name, mesh=f"file://{folder.resolve()}/{name}.obj", scale="", more="",
+        physics=STANDS,
     ))  # fmt: skip
     return path
 
@@ -222,8 +224,11 @@ def main(argv: list[str] | None = None) -> int:
         epilog="example: rosrun aras_visual_servo_bench target_files l_shape --size 0.1 0.08",
     )  # fmt: skip
     parser.add_argument("shape", help="a target's name, a picture, or an SVG with an outline")
-    parser.add_argument("--size", type=float, nargs="+", default=(0.1, 0.1),
-                        help="x and y, m; of a box, cylinder or sphere x, y and z")  # fmt: skip
+    parser.add_argument("--size", type=float, nargs="+",
+                        help="x and y, m; of a solid x, y and z (default: an SVG's, a mesh's, "
+                        "else 0.1 0.1)")  # fmt: skip
+    parser.add_argument("--scale", type=float, help="factor on a mesh's lengths, 0.001 for mm")
+    parser.add_argument("--marker", default="", help="of the shape 'marker', as DICT_5X5_100:5")
     parser.add_argument("--occluder", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"),
                         help="corners of a white rectangle that lies on it, m")  # fmt: skip
     parser.add_argument("--name", help="of the files")
@@ -231,11 +236,12 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder")
     options = parser.parse_args(argv)
     try:
-        spec = TargetSpec(options.shape, tuple(options.size))
+        size = tuple(options.size) if options.size else default_size(options.shape)
+        spec = TargetSpec(options.shape, size, scale=options.scale, marker=options.marker)
         covered = options.occluder and (tuple(options.occluder[:2]), tuple(options.occluder[2:]))
         path = write(
-            shape_of(spec.shape, spec.size), options.out, options.name or Path(options.shape).stem,
-            options.meshes, covered or None,
+            spec.placed.shape, options.out,
+            options.name or Path(options.shape).stem, options.meshes, covered or None,
         )  # fmt: skip
     except ExperimentError as error:
         print(f"target_files: {error}", file=sys.stderr)

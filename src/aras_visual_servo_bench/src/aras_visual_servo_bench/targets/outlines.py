@@ -8,8 +8,8 @@ import re
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
-from xml.etree.ElementTree import Element
+from typing import TYPE_CHECKING, NamedTuple
+from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
 
@@ -20,14 +20,17 @@ from aras_visual_servo_controller.settings import MODEL, OUTLINE
 
 from ..errors import ExperimentError, require
 from .geometry import ARAS, PolygonTarget, RoundTarget, Target
-from .solids import PRIMITIVES, is_solid, primitive, solid_target
-from .textures import MADE, from_picture
+from .solids import PRIMITIVES, is_mesh, is_solid, primitive, solid_target
+from .textures import FLIPPED, MADE, from_picture
 
 if TYPE_CHECKING:
     from svgelements import Shape
 
+SIZE = (0.2, 0.2)  # m, of a target that has no size of its own
 CIRCLE_EDGES = 180
 LARGEST_SVG = 1_000_000  # bytes
+UNITS = ("", "mm", "cm", "in", "pt", "pc", "px")  # of lengths of an SVG's page
+PPI = 96.0  # px in an inch, by CSS
 MOST_ELEMENTS = 10_000  # of an SVG, with the copies that <use> makes
 SAMPLES = 24  # of each curve of an SVG path
 
@@ -45,6 +48,7 @@ OUTLINES: dict[str, tuple[tuple[float, float], ...]] = {
     "heptagon": _ring(7),
 }
 NAMES = ("aras", "circle", *OUTLINES, *MADE, *PRIMITIVES)
+UNMARKED = frozenset(NAMES) - {"marker"}  # that show no ArUco or AprilTag marker
 # What finds the points of those that are more than an outline.
 TRACKERS = {"four_dots": "dots", "marker": "marker", "line_grid": "lines"}
 
@@ -56,45 +60,69 @@ def tracker_of(shape: str | tuple[tuple[float, float], ...]) -> str:
     return TRACKERS.get(Path(shape).stem, OUTLINE) if isinstance(shape, str) else OUTLINE
 
 
-@lru_cache(maxsize=32)
 def shape_of(
-    shape: str | tuple[tuple[float, float], ...], size: tuple[float, ...]
+    shape: str | tuple[tuple[float, float], ...],
+    size: tuple[float, ...] | None = None,
+    scale: float | None = None,
+    marker: str = "",
 ) -> Target:
     """The target of a name, of a picture's, an SVG's or a mesh's path, or of a flat polygon's
     corners.
 
     Args:
-        shape: as in TargetSpec.
-        size: of what has a name, or a picture's or an SVG's path, along x and y, of a box, a
-            cylinder or a sphere also along z, m.
+        shape, size, scale: as in TargetSpec. marker: that the shape 'marker' shows.
 
     Raises:
         ExperimentError: there is none of that name, or its file cannot be used.
     """
+    return _shape_of(shape, size, scale, marker)
+
+
+@lru_cache(maxsize=32)
+def _shape_of(
+    shape: str | tuple[tuple[float, float], ...],
+    size: tuple[float, ...] | None,
+    scale: float | None,
+    marker: str,
+) -> Target:
     if not isinstance(shape, str):
         return PolygonTarget(shape)
+    require(
+        scale is None or is_mesh(shape),
+        f"target.scale is a factor on a mesh's lengths, and '{shape}' is none: give target.size",
+    )
     if shape == "aras":
         return ARAS
     if shape in PRIMITIVES:
-        return primitive(shape, size)
+        return primitive(shape, size or (SIZE[0],) * 3)
+    path = Path(shape).expanduser()
+    if is_mesh(shape):
+        return solid_target(path, size, scale)
     require(
-        len(size) == 2 or is_solid(shape),
-        f"target.size of {shape} is {list(size)}, must be two lengths, along x and y, m",
+        size is None or len(size) == 2,
+        f"target.size of {shape} is {list(size or ())}, must be two lengths, along x and y, m",
     )
+    require(shape in NAMES or bool(path.suffix), f"target.shape is '{shape}': "
+            f"{nearest(shape, NAMES)}")
+    if path.suffix and shape not in NAMES:
+        require(path.is_file(), f"target.shape: there is no file {path}")
+    if path.suffix.lower() == ".svg":
+        return PolygonTarget(read_svg(path).placed(size))
+    size = size or SIZE
     if shape == "circle":
         return RoundTarget(_scaled(_ring(CIRCLE_EDGES), size))
     if shape in OUTLINES:
         return PolygonTarget(_scaled(OUTLINES[shape], size))
+    if shape == "marker":
+        return MADE[shape](size, marker)
     if shape in MADE:
         return MADE[shape](size)
-    path = Path(shape).expanduser()
-    require(bool(path.suffix), f"target.shape is '{shape}': {nearest(shape, NAMES)}")
-    if is_solid(shape):
-        return solid_target(path)
-    require(path.is_file(), f"target.shape: there is no file {path}")
-    if path.suffix.lower() == ".svg":
-        return PolygonTarget(_scaled(svg_outline(path), size))
     return from_picture(path, size)
+
+
+def default_size(shape: str) -> tuple[float, float] | None:
+    """Size, m, that programs give a target whose size is not given; None: its file has one."""
+    return None if is_mesh(shape) or Path(shape).suffix.lower() == ".svg" else (0.1, 0.1)
 
 
 def _scaled(
@@ -106,29 +134,58 @@ def _scaled(
 # -- SVG ---------------------------------------------------------------------------------------
 
 
-def svg_outline(path: Path) -> tuple[tuple[float, float], ...]:
-    """Corners of the one outline in an SVG file, fitted into a square of side 1 about 0.
+class Drawing(NamedTuple):
+    """The outline in an SVG file.
 
-    Understood are polygon, polyline, rect, circle, ellipse and path, where their transforms put
-    them. A curve becomes SAMPLES edges, an arc CIRCLE_EDGES a turn.
+    corners: (n, 2) about the middle of the page, x to the right and y up. page: width and height.
+    Both in px of CSS. metres: of a px; None where the file gives its page no length.
+    """
+
+    corners: np.ndarray
+    page: tuple[float, float]
+    metres: float | None
+
+    def placed(self, size: tuple[float, float] | None) -> tuple[tuple[float, float], ...]:
+        """Corners, m, on a page of that size along x and y, m, as an image of the drawing has them.
+
+        size: None: the file's own; of one that has none, SIZE for the longer side.
+        """
+        if size is None:
+            factor = np.full(2, self.metres or SIZE[0] / max(self.page))
+        else:
+            factor = np.divide(size, self.page)
+        return tuple((float(x), float(y)) for x, y in self.corners * factor)
+
+
+def read_svg(path: Path) -> Drawing:
+    """The one outline in an SVG file.
+
+    Understood are polygon, polyline, rect, circle, ellipse and path, where their transforms and
+    viewBox put them, and lengths with the units mm, cm, in, pt, pc and px (1/96 in). A curve
+    becomes SAMPLES edges, an arc CIRCLE_EDGES a turn. A file without width, height and viewBox has
+    the box of its outline as its page.
 
     Raises:
         ExperimentError: it is no SVG, holds entities or too many copies, or none or several
             outlines.
     """
-    from svgelements import SVG, Shape
+    from svgelements import SVG, Length, Shape
 
     where = f"target.shape: {path}"
     require(path.stat().st_size <= LARGEST_SVG, f"{where} is larger than {LARGEST_SVG} bytes")
     try:
         text = path.read_text(encoding="utf-8")
-        count = _count_drawn(safe_xml.parse(text, f"{where} is no SVG", doctype=True))
+        root = safe_xml.parse(text, f"{where} is no SVG", doctype=True)
+        count = _count_drawn(root)
         require(
             count <= MOST_ELEMENTS,
             f"{where} draws more than {MOST_ELEMENTS} elements, copies by <use> counted: draw the "
             "outline once, as one path",
         )
-        drawing = SVG.parse(io.StringIO(text), reify=False, on_error="raise")
+        lengths = _page(root)
+        drawing = SVG.parse(
+            io.StringIO(tostring(root, encoding="unicode")), reify=False, on_error="raise"
+        )
         require(isinstance(drawing, SVG), f"{where} is no SVG: its root is not <svg>")
         shapes = [element for element in drawing.elements() if isinstance(element, Shape)]
         found = [corners for shape in shapes for corners in _outlines(shape)]
@@ -148,8 +205,42 @@ def svg_outline(path: Path) -> tuple[tuple[float, float], ...]:
     points = found[0]
     low, high = points.min(axis=0), points.max(axis=0)
     require(bool((high > low).all()), f"target.shape: the outline in {path} has no area")
-    points = (points - 0.5 * (low + high)) / (high - low).max()
-    return tuple((float(x), float(y)) for x, y in points)
+    page, middle = high - low, 0.5 * (low + high)
+    if lengths or drawing.viewbox is not None:
+        page = np.array([drawing.width, drawing.height], float)
+        middle = 0.5 * page
+        require(bool((page > 0.0).all()), f"{where}: its width and height must be above 0")
+    metres = 1e-3 / Length("1mm").value(ppi=PPI) if lengths else None
+    return Drawing((points - middle) * FLIPPED, tuple(page.tolist()), metres)
+
+
+def _page(root: Element) -> bool:
+    """Whether an SVG gives its page a length; the side that it leaves out is set, as the aspect of
+    its viewBox has it.
+
+    Raises:
+        ValueError: a length that is none.
+    """
+    sides = {}
+    for side in ("width", "height"):
+        text = root.get(side, "").strip()
+        if not text or text == "auto" or text.endswith("%"):
+            root.attrib.pop(side, None)
+            continue
+        found = re.fullmatch(r"([+-]?[\d.]+(?:e[+-]?\d+)?)\s*([a-z]*)", text, re.IGNORECASE)
+        if found is None or found[2].lower() not in UNITS:
+            raise ValueError(f"{side} is '{text}', must be a length in {', '.join(UNITS[1:])}")
+        sides[side] = float(found[1]), found[2]
+    box = root.get("viewBox", "").replace(",", " ").split()
+    if len(sides) == 1 and len(box) == 4:
+        ((side, (length, unit)),) = sides.items()
+        wide, high = float(box[2]), float(box[3])
+        other, ratio = ("height", high / wide) if side == "width" else ("width", wide / high)
+        root.set(other, f"{length * ratio!r}{unit}")
+        return True
+    if len(sides) == 1:
+        root.attrib.pop(next(iter(sides)))
+    return len(sides) == 2
 
 
 def _count_drawn(root: Element) -> int:

@@ -14,7 +14,8 @@ from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.meshes import files
 from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.model import Solid, read_solid
+from aras_visual_servo_camera.model import Solid
+from aras_visual_servo_camera.model.solid import triangles_of
 from aras_visual_servo_camera.silhouette import fitting_plane, outline_points
 
 from ..errors import ExperimentError, ViewError, require
@@ -34,17 +35,21 @@ MESHES = (".stl", ".obj", ".dae", ".glb", ".gltf")
 class SolidTarget(Target):
     """A solid; as plane and points it has those halfway up its z axis (Solid.points).
 
-    path: of its mesh file. made: whether that file was made for this process.
+    path: of its mesh file, m. made: whether that file was made for this process.
+    drawn: the file with its colours; None: path. factor: on the lengths of that along x, y and z.
     """
 
     solid: Solid
     path: Path
     made: bool = False
+    drawn: Path | None = None
+    factor: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     @property
     def coloured(self) -> bool:
         """Whether its file says a colour of any part."""
-        return any(m.rgba is not None or m.texture for m in files.read(str(self.path)))
+        meshes = files.read(str(self.drawn or self.path))
+        return any(mesh.rgba is not None or mesh.texture for mesh in meshes)
 
     def vertices(self) -> np.ndarray:
         """Corners of its middle plane."""
@@ -75,11 +80,14 @@ class SolidTarget(Target):
         return self.solid.vertices[ConvexHull(self.solid.vertices).vertices]
 
 
+def is_mesh(shape: str | tuple) -> bool:
+    """Whether a target's shape is the path of a mesh file."""
+    return isinstance(shape, str) and Path(shape).suffix.lower() in MESHES
+
+
 def is_solid(shape: str | tuple) -> bool:
     """Whether a target's shape is the path of a mesh file, or a primitive's name."""
-    if not isinstance(shape, str):
-        return False
-    return shape in PRIMITIVES or Path(shape).suffix.lower() in MESHES
+    return is_mesh(shape) or isinstance(shape, str) and shape in PRIMITIVES
 
 
 @lru_cache(maxsize=32)
@@ -101,22 +109,48 @@ def made_solid(corners: np.ndarray, name: str) -> SolidTarget:
         solid = Solid.of(corners, name)
     except ModelError as error:
         raise ExperimentError(f"target: {error}") from error
+    return SolidTarget(solid, _written(corners, name), made=True)
+
+
+@lru_cache(maxsize=32)
+def solid_target(
+    path: Path, size: tuple[float, ...] | None = None, scale: float | None = None
+) -> SolidTarget:
+    """The target of a mesh file.
+
+    Args:
+        size: of its box along x, y and z, m; None: the file's. scale: factor on the file's lengths,
+            0.001 where they are mm; None: 1.
+
+    Raises:
+        ExperimentError: it cannot be read, or is no closed solid of that size in metres.
+    """
+    require(path.is_file(), f"target.shape: there is no file {path}")
+    require(size is None or scale is None,
+            "target.size and target.scale both set the lengths of a mesh: leave one out")
+    require(size is None or len(size) == 3,
+            f"target.size of {path.name} is {list(size or ())}, must be three lengths, along x, y "
+            "and z, m")
+    try:
+        corners = triangles_of(files.read(str(path)))
+        factor = (scale or 1.0,) * 3
+        if size is not None:
+            extent = np.ptp(corners.reshape(-1, 3), axis=0)
+            require(bool((extent > 0.0).all()), f"target.shape: {path} is flat: leave out its size")
+            factor = tuple((np.asarray(size) / extent).tolist())
+        solid = Solid.of(corners * factor, path.name)
+    except (DescriptionError, ModelError) as error:
+        raise ExperimentError(f"target.shape: {error}") from error
+    if factor == (1.0,) * 3:
+        return SolidTarget(solid, path.resolve())
+    written = _written(corners * factor, path.stem)  # the tracker's model is in metres
+    return SolidTarget(solid, written, drawn=path.resolve(), factor=factor)
+
+
+def _written(corners: np.ndarray, name: str) -> Path:
+    """A mesh file of triangles (n, 3, 3), m, in a folder of this process."""
     path = scratch() / f"{name.replace(':', '_')}.obj"
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.reshape(corners, (-1, 3))]
     lines += [f"f {k} {k + 1} {k + 2}" for k in range(1, len(lines), 3)]
     path.write_text("\n".join(lines) + "\n")
-    return SolidTarget(solid, path, made=True)
-
-
-@lru_cache(maxsize=32)
-def solid_target(path: Path) -> SolidTarget:
-    """The target of a mesh file.
-
-    Raises:
-        ExperimentError: it cannot be read, or is no closed solid in metres.
-    """
-    require(path.is_file(), f"target.shape: there is no file {path}")
-    try:
-        return SolidTarget(read_solid(str(path)), path.resolve())
-    except (DescriptionError, ModelError) as error:
-        raise ExperimentError(f"target.shape: {error}") from error
+    return path

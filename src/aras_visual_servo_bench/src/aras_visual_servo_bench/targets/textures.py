@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 
 from aras_visual_servo_base.errors import DescriptionError
-from aras_visual_servo_base.picture_files import picture_size
+from aras_visual_servo_base.picture_files import picture_size, read_on_white
+from aras_visual_servo_camera.markers import MarkerChoice
 
 from ..errors import ExperimentError
 from .geometry import Target, project
@@ -71,7 +72,8 @@ class TexturedTarget(Target):
 
 
 def from_picture(path: Path, size: tuple[float, float]) -> TexturedTarget:
-    """A target with a PNG, a JPEG or whatever Pillow and OpenCV read.
+    """A target with a PNG, a JPEG or another file that Pillow and OpenCV read; what is transparent
+    is white.
 
     Raises:
         ExperimentError: it cannot be read, or is too large, by its header, before it is decoded.
@@ -80,13 +82,7 @@ def from_picture(path: Path, size: tuple[float, float]) -> TexturedTarget:
         size_px = picture_size(path)
     except DescriptionError as error:
         raise ExperimentError(f"target.texture: {error}") from None
-    pixels = None
-    if size_px is not None:
-        level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-        try:
-            pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-        finally:
-            cv2.utils.logging.setLogLevel(level)
+    pixels = read_on_white(path) if size_px is not None else None
     if pixels is None or pixels.size == 0:
         raise ExperimentError(f"target.texture: {path} is no picture that can be read: give a PNG")
     return TexturedTarget(pixels, size)
@@ -103,14 +99,16 @@ def four_dots(size: tuple[float, float]) -> TexturedTarget:
     return TexturedTarget(pixels, size, middles * FLIPPED)
 
 
-def marker(size: tuple[float, float]) -> TexturedTarget:
-    """An AprilTag (36h11, number 0) with a white rim; its corners are known."""
-    cells = 10  # eight of the tag, one of white on either side
+def marker(size: tuple[float, float], which: str = "") -> TexturedTarget:
+    """An ArUco or AprilTag marker with a white rim; its corners are known.
+
+    which: see MarkerChoice; '': AprilTag 36h11, number 0.
+    """
+    choice = MarkerChoice.read(which, "target.marker")
     pixels, _ = _blank(size)
-    side = min(pixels.shape) // cells * 8
-    tag = cv2.aruco.generateImageMarker(
-        cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), 0, side
-    )
+    cells = choice.cells + 2  # one of white on either side
+    side = min(pixels.shape) // cells * choice.cells
+    tag = choice.image(side)
     top, left = ((n - side) // 2 for n in pixels.shape)
     pixels[top : top + side, left : left + side] = tag
     per = pixels.shape[1] / size[0]

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.poses import inverse, transform
 
-from ..errors import ModelError
+from ..errors import ModelError, VisionError
+from ..markers import MarkerChoice
 from ..trackers import MarkerTracker
 from ..undistortion import CameraModel
 
@@ -23,7 +24,8 @@ class Start:
 
     pose: of the solid in the arm's base (the world), m and rad.
     marker: an ArUco or AprilTag marker on the solid: size of its black square, m, and pose of its
-        middle in the solid's frame, its x to the right and y up as it is read.
+        middle in the solid's frame, its x to the right and y up as it is read; number: see
+        MarkerChoice, the largest in view where it is left out.
     clicks: places x, y, z of the solid, m, and the pixels u, v where the first picture has them;
         four at least.
     """
@@ -42,12 +44,12 @@ class Start:
                 self._pose = _pose(value)
             elif self.kind == "marker":
                 self._side, self._pose = float(value["size"]), _pose(value["pose"])
-                self._marker = MarkerTracker()
+                self._marker = MarkerTracker(MarkerChoice.read(str(value.get("number", ""))))
             else:
                 self._clicks = np.array(value, float)
                 if self._clicks.ndim != 2 or self._clicks.shape[1] != 5 or len(self._clicks) < 4:
                     raise ValueError("four rows of five numbers at least")
-        except (TypeError, ValueError, KeyError, IndexError) as error:
+        except (TypeError, ValueError, KeyError, IndexError, VisionError) as error:
             raise ModelError(f"model_start: {self.kind} {value}: {error}: {WAYS}") from None
 
     def camera_T_solid(

@@ -8,7 +8,14 @@ from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import optical, to_xyz_rpy
-from aras_visual_servo_base.urdf import MOVING_KINDS, Joint, UrdfTree, parse_tree
+from aras_visual_servo_base.urdf import (
+    LINK,
+    MOVING_KINDS,
+    OPTICAL,
+    Joint,
+    UrdfTree,
+    parse_tree,
+)
 
 from ..errors import ConfigurationError, MeasurementError
 from ..seeing.joint_sample import JointSample
@@ -17,7 +24,6 @@ from .kinematics import Chain
 # A measured position further outside its limits than their span, or a speed so many times the
 # joint's greatest, is no measurement. A joint without limits may have turned this far, rad or m.
 UNLIMITED_SPAN, IMPLAUSIBLE_SPEED = 1e4, 100.0
-OPTICAL, LINK = "_optical_frame", "_link"
 
 
 class Arm:

@@ -10,6 +10,7 @@
     features: {points: {...}}                    # what features taught, under their names
     target: {surface: 0.5905, ground: 0.59, boxes: [[low, high], ...]}   # where it is known
     mounting: {xyz: [...], rpy: [...]}           # of the camera on its link, for the record
+    marker: DICT_APRILTAG_36h11:0                # that is the target
     seen_by: left                                # of several cameras the control camera
     cameras: {right: {camera_pose: ..., plane: ..., moments: ..., camera: ...}}   # the others
 
@@ -81,6 +82,7 @@ class Goal:
         mounting: (4, 4) of the camera on its link when it was taught.
         seen_by: name of the camera, of a scheme of several.
         others: the goals of the other cameras, by name: what they see there, and from where.
+        marker: `DICTIONARY:number` of the marker that is the target.
     """
 
     name: str = "goal"
@@ -96,6 +98,7 @@ class Goal:
     mounting: np.ndarray | None = None
     seen_by: str = CAMERA
     others: Mapping[str, Goal] = field(default_factory=dict)
+    marker: str = ""
 
     @cached_property
     def distance(self) -> float:
@@ -161,7 +164,8 @@ class Goal:
             kernel = GoalKernel(camera.width, camera.height, np.reshape(camera.K, (3, 3)),
                                 np.array(observation.kernel[16:]))  # fmt: skip
         goal = cls(name, values, pose, depth, plane, observation.moments, kernel,
-                   observation.camera, taught, target, None, observation.name)  # fmt: skip
+                   observation.camera, taught, target, None, observation.name,
+                   marker=observation.marker)  # fmt: skip
         return goal._with_others(observation) if observation.others else goal
 
     def _with_others(self, observation: Observation) -> Goal:
@@ -400,6 +404,7 @@ class Goal:
             "features": self.features,
             "target": None if self.target is None else self.target.to_mapping(),
             "mounting": _pose_entry(self.mounting),
+            "marker": self.marker or None,
             "seen_by": self.seen_by if self.others else None,
             "cameras": {name: yaml.safe_load(goal.to_yaml()) for name, goal in self.others.items()},
         })  # fmt: skip

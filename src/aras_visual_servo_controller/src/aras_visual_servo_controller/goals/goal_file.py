@@ -13,6 +13,7 @@ from aras_visual_servo_base.poses import transform
 from aras_visual_servo_base.settings import build, parameter
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.markers import MarkerChoice
 from aras_visual_servo_camera.moments import MAX_ORDER, Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -70,6 +71,7 @@ class GoalEntries:
     features: Mapping[str, Mapping[str, Any]] | None = None
     target: Mapping[str, Any] | None = None
     mounting: PoseEntry | None = None
+    marker: str = ""
     seen_by: str = CAMERA
     cameras: Mapping[str, Mapping[str, Any]] | None = None
 
@@ -94,8 +96,17 @@ def goal_fields(data: Any, name: str) -> dict[str, Any]:
             target, f"{name}: target"
         ),
         "mounting": _pose(given.mounting),
+        "marker": _marker(given.marker, name),
         "seen_by": given.seen_by,
     }
+
+
+def _marker(given: str, name: str) -> str:
+    try:
+        MarkerChoice.read(given, f"{name}: marker")
+    except VisionError as error:
+        raise ConfigurationError(str(error)) from None
+    return given
 
 
 def _plane(given: Three | None, name: str) -> Plane | None:

@@ -74,6 +74,7 @@ class Observation:
             source declares it.
         numbered: whether each corner is known by itself, as a marker's is; None: they are exact,
             and a scheme takes them as it needs.
+        marker: `DICTIONARY:number` of the marker whose corners they are; '' where there is none.
         pixel_count: pixels of the target, 0 where not known.
         touches: borders of the image that the target touches: left, right, top, bottom.
         image: (rows, columns) or (rows, columns, 3) RGB, uint8.
@@ -111,6 +112,7 @@ class Observation:
     corner_unshared: float = 0.0
     corner_noise: float = 0.0
     numbered: bool | None = None
+    marker: str = ""
     pixel_count: int = 0
     touches: tuple[str, ...] = ()
     image: np.ndarray | None = None
@@ -240,6 +242,7 @@ class Observer:
                 seen["corner_accuracy"] = found.accuracy
                 seen["corner_unshared"] = found.unshared
                 seen["numbered"] = self.tracker.numbered
+                seen["marker"] = found.marker
                 plane = found.plane if plane is None else plane
             except VisionError as error:
                 valid, reason = False, str(error)

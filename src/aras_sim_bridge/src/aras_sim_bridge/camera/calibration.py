@@ -1,0 +1,147 @@
+"""Calibrations of cameras: what a file of any format must give, checked, as a camera's settings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.settings import said
+
+from ..errors import CameraError
+from .lens import COEFFICIENTS
+
+# What other programs call a distortion model, and what it is called here (as in CameraInfo).
+MODELS = {
+    "plumb_bob": "plumb_bob", "radtan": "plumb_bob", "rational_polynomial": "rational_polynomial",
+    "equidistant": "equidistant", "fisheye": "equidistant", "none": "plumb_bob", "": "plumb_bob",
+}  # fmt: skip
+# Part of the width or height within which the principal point lies: beyond, the matrix is that of
+# another resolution, for lenses are centred to some percent.
+MIDDLE = (0.3, 0.7)
+LARGEST_ASPECT = 1.5  # of a pixel; analogue video has 1.46
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Intrinsics and distortion of one camera, as a file gives them.
+
+    where: file and camera, for messages. width, height: px; None: the file does not say.
+    matrix: (3, 3) rows of the camera matrix, px. model: name of the distortion model as in
+        CameraInfo; None: as the number of coefficients says (OpenCV). D: coefficients, OpenCV's
+        order. R, P: 9 and 12 numbers of CameraInfo, row by row; None: not given.
+
+    Raises:
+        CameraError: numbers that contradict each other, or that no camera has.
+    """
+
+    where: str
+    width: int | None
+    height: int | None
+    matrix: tuple[float, ...]
+    model: str | None
+    D: tuple[float, ...]
+    R: tuple[float, ...] | None = None
+    P: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            value = getattr(self, name)
+            self._check(value is None or value >= 1,
+                        f"image_{name} is {value}, must be at least 1 px")
+        self._check_matrix()
+        if self.model is None:
+            names = {n: model for model, counts in COEFFICIENTS.items()
+                     if model != "equidistant" for n in counts}  # fmt: skip
+            self._check(len(self.D) in (0, *names),
+                        f"distortion_coefficients hold {len(self.D)} numbers, must be "
+                        f"{', '.join(map(str, sorted(names)))}, or none")
+            object.__setattr__(self, "model", names.get(len(self.D), "plumb_bob"))
+        self._check_coefficients()
+
+    def settings(self) -> dict[str, Any]:
+        """Keys of a CameraConfig that describe the lens and the image's size."""
+        found: dict[str, Any] = {
+            "lens": "pinhole" if self.model != "equidistant" else "equidistant",
+            "camera_matrix": [self.matrix[i] for i in (0, 4, 2, 5)],
+            "distortion_model": self.model,
+            "distortion_coefficients": list(self.D),
+        }
+        for name in ("width", "height"):
+            if getattr(self, name) is not None:
+                found[name] = getattr(self, name)
+        if self.R is not None:
+            found["rectification_matrix"] = list(self.R)
+        if self.P is not None:
+            found["projection_matrix"] = list(self.P)
+        return found
+
+    def _check_matrix(self) -> None:
+        fx, skew, cx, zero, fy, cy, *last = self.matrix
+        self._check(fx > 0.0 and fy > 0.0,
+                    f"focal lengths of the camera matrix are {fx:g} and {fy:g} px, must be above "
+                    "0: calibrate the camera")
+        self._check(skew == zero == 0.0,
+                    f"the camera matrix has a skew of {(skew or zero):g} px, which is not served: "
+                    "calibrate without skew")
+        self._check(last == [0.0, 0.0, 1.0],
+                    f"the last row of the camera matrix is {last}, must be [0, 0, 1]")
+        self._check(1.0 / LARGEST_ASPECT < fx / fy < LARGEST_ASPECT,
+                    f"the camera matrix has fx = {fx:g} and fy = {fy:g} px: pixels are not "
+                    f"{fx / fy:.3g} times as high as wide; correct the camera matrix")
+        for name, side, centre, axis in (
+            ("width", self.width, cx, "cx"), ("height", self.height, cy, "cy")
+        ):  # fmt: skip
+            low, high = MIDDLE
+            self._check(
+                side is None or low * side <= centre <= high * side,
+                f"the camera matrix has {axis} = {centre:g} px and image_{name} is {side} px: they "
+                f"are of different resolutions, for {axis} lies near the middle; correct one (of a "
+                f"cropped image give width, height and camera_matrix in a preset)",
+            )
+
+    def _check_coefficients(self) -> None:
+        counts = COEFFICIENTS[self.model]
+        fits = [name for name, number in COEFFICIENTS.items() if len(self.D) in number]
+        other = f", or set the model {' or '.join(fits)}" if fits else ""
+        self._check(
+            len(self.D) in (0, *counts),
+            f"distortion_coefficients hold {len(self.D)} numbers, and the distortion model "
+            f"{self.model} takes {' or '.join(map(str, counts))}: correct them{other}",
+        )
+
+    def _check(self, condition: bool, message: str) -> None:
+        if not condition:
+            raise CameraError(f"{self.where}: {message}")
+
+
+def model_of(name: Any, where: str) -> str:
+    """CameraInfo's name of a distortion model.
+
+    Raises:
+        CameraError: it is not served.
+    """
+    known = str(name).strip().lower()
+    if known not in MODELS:
+        raise CameraError(
+            f"{where}: distortion_model {said(name)} is not served: "
+            f"{nearest(known, [model for model in MODELS if model])}; calibrate with one of them"
+        )
+    return MODELS[known]
+
+
+def finite(values: Any, where: str, counts: Sequence[int] = ()) -> tuple[float, ...]:
+    """The finite numbers of a list, as many as `counts` says (empty: any number of them).
+
+    Raises:
+        CameraError: something else.
+    """
+    wanted = f"{' or '.join(map(str, counts))} finite numbers" if counts else "finite numbers"
+    fits = isinstance(values, list | tuple) and all(
+        isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in values
+    )
+    if not fits or counts and len(values) not in counts:
+        raise CameraError(f"{where} is {said(values)}, must be {wanted}")
+    return tuple(map(float, values))

@@ -1,0 +1,93 @@
+"""A camera in a robot's description, put where a hand-eye calibration found it."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+
+from .errors import DescriptionError
+from .hand_eye import HandEye, HandEyeError
+from .names import nearest
+from .poses import LINK_R_OPTICAL, inverse, to_xyz_rpy, transform
+from .urdf import LINK, OPTICAL, parse_tree
+
+
+def carrying_link(urdf: str, found: HandEye, link: str = "") -> str:
+    """The link that carries the camera: as given, else as the file names it.
+
+    Raises:
+        HandEyeError: neither names one, or the description has none of that name.
+    """
+    name, links = link or found.link, parse_tree(urdf).links
+    if not name:
+        raise HandEyeError("the file does not name the link that carries the camera: set "
+                           "hand_eye.link (launch: hand_eye_link), as tool0")  # fmt: skip
+    if name not in links:
+        raise HandEyeError(f"the description has no link '{name}' that could carry the camera: "
+                           f"{nearest(name, links)}: set hand_eye.link")  # fmt: skip
+    return name
+
+
+def check_optical(found: HandEye) -> None:
+    """HandEyeError where the camera's frame is not said to be the optical one."""
+    if found.frame and "optical" not in found.frame:
+        raise HandEyeError(
+            f"the hand-eye file places the frame '{found.frame}', which the description has not: "
+            "whether it is the optical one (z forward) is not known; name it "
+            f"{found.frame}_optical_frame if it is"
+        )
+
+
+def with_camera(urdf: str, found: HandEye, link: str, camera_frame: str) -> str:
+    """A description whose camera sits where a hand-eye calibration found it.
+
+    What is moved is the camera's link (`camera_link` of `camera_optical_frame`) with all that is
+    fixed to it; it is added where the description has none.
+
+    Args:
+        link: that carries the camera; '': as the file names it. camera_frame: the optical frame.
+
+    Raises:
+        HandEyeError: a link that is not there, or a camera that joints move in the carrying link.
+    """
+    tree, robot = parse_tree(urdf), ElementTree.fromstring(urdf)
+    carrier = carrying_link(urdf, found, link)
+    moved = f"{camera_frame.removesuffix(OPTICAL)}{LINK}"
+    if moved not in tree.links and (camera_frame in tree.links or OPTICAL not in camera_frame):
+        moved = camera_frame
+    frame = found.frame if found.frame in tree.links else camera_frame
+    if frame == camera_frame and found.frame != moved:
+        check_optical(found)
+    moved_T_frame = np.eye(4)
+    if frame in tree.links and moved in tree.links:
+        try:
+            for joint in tree.path(moved, frame):
+                if joint.kind != "fixed":
+                    raise HandEyeError(f"joint '{joint.name}' moves {frame} on {moved}: a hand-eye "
+                                       "calibration is of a camera that is fixed")  # fmt: skip
+                moved_T_frame = moved_T_frame @ transform(joint.origin_xyz, joint.origin_rpy)
+        except DescriptionError as error:
+            raise HandEyeError(f"the camera's frame is not on its link: {error}") from None
+    elif frame != moved:
+        moved_T_frame[:3, :3] = LINK_R_OPTICAL
+    joint = next((j for j in robot.findall("joint") if j.find("child").get("link") == moved), None)
+    if joint is None:
+        joint = ElementTree.SubElement(robot, "joint", name=f"{moved}_joint", type="fixed")
+        ElementTree.SubElement(joint, "parent")
+        ElementTree.SubElement(joint, "child", link=moved)
+        if moved not in tree.links:
+            ElementTree.SubElement(robot, "link", name=moved)
+    elif joint.get("type") != "fixed":
+        raise HandEyeError(f"joint '{joint.get('name')}' moves {moved}: a hand-eye calibration is "
+                           "of a camera that is fixed to its link")  # fmt: skip
+    if moved in tree.links and moved in (carrier, *(j.parent for j in tree.path("", carrier))):
+        raise HandEyeError(f"link '{carrier}' is the camera itself or hangs on it: set "
+                           "hand_eye.link to the link that carries the camera")  # fmt: skip
+    joint.find("parent").set("link", carrier)
+    for old in joint.findall("origin"):
+        joint.remove(old)
+    xyz, rpy = to_xyz_rpy(found.link_T_camera @ inverse(moved_T_frame))
+    words = (" ".join(repr(float(v)) for v in part) for part in (xyz, rpy))
+    ElementTree.SubElement(joint, "origin", dict(zip(("xyz", "rpy"), words, strict=True)))
+    return ElementTree.tostring(robot, encoding="unicode")

@@ -1,0 +1,141 @@
+"""Markers: every dictionary, which of several is the target, boards; in the loop and in moments."""
+
+import cv2
+import numpy as np
+import pytest
+from aras_visual_servo_bench.experiment import Experiment
+from aras_visual_servo_bench.runner import run
+
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_camera.errors import ParameterError, VisionError
+from aras_visual_servo_camera.images import Image
+from aras_visual_servo_camera.markers import DICTIONARIES, SEARCHED, MarkerChoice
+from aras_visual_servo_camera.parameters import VisionParameters
+from aras_visual_servo_camera.pipeline import Pipeline
+from aras_visual_servo_camera.trackers import MarkerTracker
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.goals.goal import Goal
+
+CAMERA = CameraModel(640, 480, (600.0, 0, 319.5, 0, 600.0, 239.5, 0, 0, 1))
+APRIL = "DICT_APRILTAG_36h11"
+
+
+def drawn(*markers, shape=(480, 640)):
+    """An image with markers (written choice, side px, column, row), a white rim about each."""
+    image = np.full(shape, 255, np.uint8)
+    for choice, side, column, row in markers:
+        image[row : row + side, column : column + side] = MarkerChoice.read(choice).image(side)
+    return image
+
+
+@pytest.mark.parametrize("name", DICTIONARIES)
+def test_markers_of_every_dictionary_are_found(name):
+    side = 10 * DICTIONARIES[name]
+    image = drawn((f"{name}:7", side, 200, 150))
+    corners = np.array([(0, 0), (side, 0), (side, side), (0, side)]) + (199.5, 149.5)
+    searched = name in SEARCHED or not name.startswith(("DICT_4X4", "DICT_APRIL"))
+    for given in (f"{name}:7", name.removeprefix("DICT_").lower(), *(["", "7"] * searched)):
+        found = MarkerTracker(MarkerChoice.read(given)).look(image, CAMERA)
+        assert found.marker.endswith(":7")
+        assert np.abs(np.column_stack(CAMERA.project(*found.points.T)) - corners).max() < 0.05
+    assert MarkerTracker(MarkerChoice.read(name)).look(image, CAMERA).marker == f"{name}:7"
+
+
+def test_a_chosen_marker_is_named_where_it_is_not_in_view():
+    image = drawn((f"{APRIL}:5", 120, 100, 150), (f"{APRIL}:3", 120, 400, 150))
+    for given in (f"{APRIL}:3", "3", "apriltag_36h11:3"):
+        found = MarkerTracker(MarkerChoice.read(given)).look(image, CAMERA)
+        assert found.marker == f"{APRIL}:3" and found.points[:, 0].min() > 0.1
+    with pytest.raises(VisionError, match=f"marker 4 of {APRIL} is not in view; .*11:3, .*11:5"):
+        MarkerTracker(MarkerChoice.read(f"{APRIL}:4")).find(image)
+
+
+@pytest.mark.parametrize(("given", "words"), [
+    ("DICT_5X5_50:50", "number 50, must be at most 49 in DICT_5X5_50"),
+    ("DICT_5X6_50:1", "dictionary 'DICT_5X6_50': did you mean .DICT_6X6_50."),
+    ("-1", "must be a number from 0 on"), ("5X5_50:x", "must be a number"),
+    ("99999", "at most 2319"),
+    ({"dictionary": "5X5_50", "size": 0.1}, "key 'markers' of the board is missing"),
+    ({"dictionary": "5X5_50", "size": -1, "markers": {1: [0, 0]}}, "marker.size is -1"),
+    ({"dictionary": "5X5_50", "size": 0.1, "markers": {1: [0]}}, r"marker.markers.1 is \[0\]"),
+    ({"dictionary": "5X5_50", "size": 0.1, "markers": {70: [0, 0]}}, "number 70, must be at most"),
+    ({"dictionary": "5X5_50", "sise": 0.1, "markers": {1: [0, 0]}}, "did you mean 'size'"),
+])  # fmt: skip
+def test_what_is_no_marker_is_refused_by_name(given, words):
+    with pytest.raises(VisionError, match=words):
+        MarkerChoice.read(given)
+    with pytest.raises(ParameterError, match=words):  # of the camera node
+        VisionParameters.from_mapping({"marker": given})
+    with pytest.raises(ExperimentError, match=words):
+        Experiment(target={"shape": "./tags.png", "marker": given}, plant="free")
+
+
+def test_a_board_has_the_same_corners_whichever_of_its_markers_are_in_view():
+    side, gap = 80, 120  # px; 1 px is 0.5 mm
+    names, numbers = "5X5_100", (3, 8, 40, 99)
+    places = {n: [0.5e-3 * gap * (i % 2), -0.5e-3 * gap * (i // 2)] for i, n in enumerate(numbers)}
+    board = {"dictionary": names, "size": 0.5e-3 * side, "markers": places}
+    tracker = MarkerTracker(MarkerChoice.read(board))
+    every = [(f"{names}:{n}", side, 200 + gap * (i % 2), 120 + gap * (i // 2))
+             for i, n in enumerate(numbers)]  # fmt: skip
+    corners = np.array([(0, 0), (200, 0), (200, 200), (0, 200)]) + (199.5, 119.5)
+    for shown, apart in ((every, 0.05), (every[:1], 0.3), (every[1:3], 0.2), (every[2:], 0.2)):
+        found = tracker.look(drawn(*shown, (f"{names}:1", 80, 480, 350)), CAMERA)
+        pixels = np.column_stack(CAMERA.project(*found.points.T))
+        assert np.abs(pixels - corners).max() < apart
+    with pytest.raises(VisionError, match="the board of markers 3, 8, 40, 99 .* not in view"):
+        tracker.look(drawn((f"{names}:1", 80, 480, 350)), CAMERA)
+
+
+def test_moments_are_of_the_chosen_marker():
+    """As the camera node measures them by its parameters."""
+    one, other = (f"{APRIL}:5", 120, 100, 150), (f"{APRIL}:0", 160, 400, 150)
+
+    def measured(image, **given):
+        pipeline = Pipeline(VisionParameters.from_mapping(given).settings)
+        pipeline.set_camera(CAMERA)
+        return pipeline.measure(Image(image, "mono8"))
+
+    both = measured(drawn(one, other), marker=5)
+    alone = measured(drawn(one), component="all")
+    assert both.valid and both.moments.xg == pytest.approx(alone.moments.xg, abs=1e-12)
+    assert both.moments.m00 == pytest.approx(alone.moments.m00)
+    missing = measured(drawn(other), segmentation={"method": "otsu", "marker": f"{APRIL}:5"})
+    assert not missing.valid and f"marker 5 of {APRIL} is not in view" in missing.reason
+
+
+@pytest.mark.parametrize(("given", "number"), [
+    ({}, 0), ({"marker": 5}, 5), ({"marker": f"{APRIL}:0"}, 0),
+])  # fmt: skip
+def test_the_loop_keeps_to_its_marker(tmp_path, given, number):
+    """Two markers of one size; without a choice, the one that the goal was taught by."""
+    path = tmp_path / "two.png"
+    cv2.imwrite(str(path), drawn((f"{APRIL}:5", 300, 100, 100), (f"{APRIL}:0", 300, 600, 100),
+                                 shape=(500, 1000)))  # fmt: skip
+    experiment = Experiment(
+        plant="free", features="pictures", options={"tracker": "marker"}, scheme="numbered_points",
+        camera={"width": 640, "height": 480, "horizontal_fov": 1.05}, gain=2.0, duration=6.0,
+        target={"shape": str(path), "size": [0.24, 0.12], **given},
+        goal={"pose": [0, 0, 0.4, np.pi, 0, 0]},
+        start={"pose": [0.02, -0.02, 0.45, 3.1, 0.05, 1.6]},
+    )  # fmt: skip
+    goal = assemble(experiment).goal
+    assert goal.marker.startswith(APRIL) and (not given or goal.marker == f"{APRIL}:{number}")
+    again = tmp_path / "goal.yaml"
+    again.write_text(goal.to_yaml())
+    assert Goal.load(again).marker == goal.marker
+    done = run(experiment)
+    assert done.outcome.startswith("converged") and done.verdict.distance < 1e-3
+
+
+def test_the_target_marker_is_drawn_as_the_one_that_is_chosen():
+    keys = {"plant": "free", "features": "pictures", "scheme": "pose", "duration": 3.0, "gain": 3.0,
+            "goal": {"pose": [0, 0, 0.4, np.pi, 0, 0]},
+            "start": {"pose": [0.02, -0.02, 0.45, 3.1, 0.05, 0.3]}}  # fmt: skip
+    for given in ("6X6_250:17", "ARUCO_ORIGINAL:1023", "APRILTAG_16h5:29", 12):
+        experiment = Experiment(target={"shape": "marker", "size": [0.1, 0.1], "marker": given},
+                                **keys)  # fmt: skip
+        assert assemble(experiment).goal.marker.endswith(str(given).rpartition(":")[2])
+    with pytest.raises(ExperimentError, match="target.marker is for a target that shows markers"):
+        Experiment(target={"shape": "l_shape", "marker": 3}, **keys)

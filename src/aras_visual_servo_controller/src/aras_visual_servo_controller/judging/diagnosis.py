@@ -19,9 +19,9 @@ from ..schemes.base import Decision, JointController, Scheme
 from ..seeing.observation import Observation
 from .arrival import Arrived
 from .camera_check import CameraCheck
-from .joint_check import JointCheck
+from .joint_check import JointCheck, foreign_text, listed
 from .oscillation import Oscillation
-from .outcomes import CALIBRATE, Outcome, outcome
+from .outcomes import CALIBRATE, DO_NOT_FOLLOW, Outcome, outcome
 from .progress_check import WINDOW, ProgressCheck
 from .shape_check import ShapeCheck
 from .target_check import TargetCheck
@@ -52,6 +52,7 @@ class Diagnosis:
         """
         self.settings, self._jacobian, self._beyond = settings, jacobian, beyond
         self._names = tuple(names)
+        self.foreign: dict[str, str] = {}  # other nodes that command joints now, by joint
         self.reset()
 
     def reset(self) -> None:
@@ -161,7 +162,7 @@ class Diagnosis:
         if self._retreated.kind != "running" and state.phase != CONVERGED:
             return self._retreated
         if self._joints.reason and state.phase != CONVERGED:
-            return outcome("joints_do_not_follow", self._joints.reason, self._joints.joints)
+            return self._disobeying()
         if state.decision is None:
             return self._blind(state, observation)
         self._measured = state.stamp
@@ -208,6 +209,17 @@ class Diagnosis:
         if self._beyond and stalled.kind != "running":
             return outcome("out_of_reach", self._beyond)
         return stalled
+
+    def _disobeying(self) -> Outcome:
+        """The outcome of joints that do not follow: another node may command them."""
+        found = outcome(DO_NOT_FOLLOW, self._joints.reason, self._joints.joints)
+        if not self.foreign:
+            return found
+        nodes = listed(list(dict.fromkeys(self.foreign.values())))
+        return replace(
+            found, reason=f"{found.reason}: {foreign_text(self.foreign)}",
+            mend=f"end the commands of {nodes}; the loop then continues by itself",
+        )  # fmt: skip
 
     def _strange(self, observation: Observation, goal: Goal) -> str:
         """Why what a camera sees cannot be its goal's target, in words; empty where it can."""
@@ -261,7 +273,9 @@ class Diagnosis:
     def _blind(self, state: ServoState, observation: Observation) -> Outcome:
         """Of an image that the scheme has no answer to."""
         if state.phase != HOLDING:
-            return self.outcome
+            # What the joints did before is over.
+            over = self.outcome.kind in (DO_NOT_FOLLOW, "no_joint_states")
+            return Outcome("running", state.reason) if over else self.outcome
         if observation.valid:
             return self._unanswered(state)
         # However long ago: what was swinging when it was lost, was lost by that.

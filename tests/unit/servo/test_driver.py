@@ -512,7 +512,8 @@ def test_the_loop_continues_by_itself_once_foreign_commands_end(when, heard):
     assert bench.servo.phase == ("servoing" if when == "blind" else when)
     parked = bench.q[5] + (0.4 if when == "blind" else 0.15)
     if when == "blind":
-        bench.look = lambda stamp, valid=True, look=bench.look: look(stamp, bench.q[5] < parked - 0.2)
+        look = bench.look
+        bench.look = lambda stamp, valid=True: look(stamp, bench.q[5] < parked - 0.2)
     bench.flood(10.0, parked, heard=heard)
     assert not (heard and [t for t, _ in bench.sent if t > bench.t - 0.8])
     last = bench.states[-1]

@@ -26,6 +26,8 @@ from .progress_check import WINDOW, ProgressCheck
 from .shape_check import ShapeCheck
 from .target_check import TargetCheck
 
+# s after which an interruption of the images is forgotten: they come well since.
+FORGOTTEN = 10.0
 # s for which a swing is not forgotten: one that was cut short, or the target lost by it.
 SWINGS_ON = 1.0
 # Times as far as L says that a camera may be from its goal whose motion L does not explain.
@@ -67,7 +69,7 @@ class Diagnosis:
         self._touched = ""  # borders that the target touched last, in words
         self._measured: float | None = None  # when the scheme could last answer, s
         self._ended = False
-        self._starvings, self._starved = 0, Outcome()
+        self._starvings, self._starved, self._starved_at = 0, Outcome(), -np.inf
         self._swung: tuple[float, Outcome] | None = None
         self._faster_than_targets = False  # the latest swing
         self._first = 0.0  # distance of the target at the first image, goal's distances
@@ -97,7 +99,8 @@ class Diagnosis:
 
     def starved(self, t: float, period: float) -> None:
         """The watchdog stopped the arm at t (s); period of the images before, s."""
-        self._starvings += 1
+        self._starvings = 1 if t - self._starved_at > FORGOTTEN else self._starvings + 1
+        self._starved_at = t
         self.outcome = self._starved = outcome(
             "too_few_images",
             f"no image came for longer than the watchdog's time, at {t:.2f} s"
@@ -133,7 +136,8 @@ class Diagnosis:
         if not self._ended:
             found = self._judged(state, observation, goal, scheme, faulty)
             # Stopped by the watchdog again and again: the images between do not mend it.
-            starved = found.kind == "running" and self._starvings > 1
+            lately = state.stamp - self._starved_at < FORGOTTEN
+            starved = found.kind == "running" and lately and self._starvings > 1
             self.outcome = self._starved if starved else found
         return self.outcome
 

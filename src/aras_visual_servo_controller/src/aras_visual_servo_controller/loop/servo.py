@@ -474,7 +474,8 @@ class Servo:
     ) -> ServoState:
         """The state of this image, with what the diagnosis makes of it."""
         state = ServoState(
-            float(observation.stamp), self.phase, reason=self._with_foreign(self.reason if reason is None else reason),
+            float(observation.stamp), self.phase,
+            reason=self._with_foreign(self.reason if reason is None else reason),
             decision=decision, resolution=resolution,
             joints=joints or observation.joints or self._joints, command=self.command,
             computing=seconds, fault=fault, answers_image=reason is None,

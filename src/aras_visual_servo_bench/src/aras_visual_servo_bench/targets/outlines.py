@@ -56,7 +56,7 @@ def tracker_of(shape: str | tuple[tuple[float, float], ...]) -> str:
     return TRACKERS.get(Path(shape).stem, OUTLINE) if isinstance(shape, str) else OUTLINE
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=4)  # pictures and meshes are large
 def shape_of(
     shape: str | tuple[tuple[float, float], ...], size: tuple[float, ...]
 ) -> Target:

@@ -108,7 +108,7 @@ def made_solid(corners: np.ndarray, name: str) -> SolidTarget:
     return SolidTarget(solid, path, made=True)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=4)  # meshes are large
 def solid_target(path: Path) -> SolidTarget:
     """The target of a mesh file.
 

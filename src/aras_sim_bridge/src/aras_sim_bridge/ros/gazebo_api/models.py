@@ -49,12 +49,11 @@ class Models:
         """Put a robot into the world."""
         root = descriptions.root_of(request.model_xml)
         if root.tag != "robot":
-            _refuse(f"the model's root is {descriptions.shown(root)}, not <robot>; is it URDF?")
+            raise SimError(
+                f"the model's root is {descriptions.shown(root)}, not <robot>; is it URDF?"
+            )
         for package in descriptions.named_packages(root):
-            try:
-                packages.find(package)
-            except SimError as error:
-                _refuse(str(error))
+            packages.find(package)
         return self._spawn(thread, request, root, "spawn_urdf_model")
 
     @serves(SpawnModel, outside=True)
@@ -176,14 +175,19 @@ def set_model_configuration(simulation: Simulation, request: SetModelConfigurati
         raise SimError(
             f"{len(names)} joint_names but {len(positions)} joint_positions; give as many"
         )
-    conversions.bounded(tuple(positions), "joint_positions")
     model = simulation.world.model(request.model_name)
     plain = [name.rpartition("::")[2] for name in names]
-    wanted = zip(plain, positions, strict=True)
-    simulation.set_joint_positions(
-        model.name, {n: within_limits(model, n, q) for n, q in wanted if n in model.joint_names}
-    )
-    return {"status_message": "SetModelConfiguration: success"}
+    for name, position in zip(plain, positions, strict=True):
+        where = f"joint_positions: joint '{name}' of '{model.name}'"
+        conversions.bounded((position,), where, conversions.FARTHEST)
+    wanted = {n: q for n, q in zip(plain, positions, strict=True) if n in model.joint_names}
+    put = {name: within_limits(model, name, position) for name, position in wanted.items()}
+    simulation.set_joint_positions(model.name, put)
+    text = "SetModelConfiguration: success"
+    for name in wanted:
+        if put[name] != wanted[name]:
+            text += f"; {name} is at its limit of {put[name]:g}, {wanted[name]:g} is beyond it"
+    return {"status_message": text}
 
 
 def within_limits(model: Model, joint: str, position: float) -> float:
@@ -202,9 +206,3 @@ def _add_light(simulation: Simulation, request: SpawnModel, light: Light, pose: 
         raise SimError(f"a light named '{name}' exists already; delete it first")
     rpy = at.rpy
     simulation.set_light(replace(light, name=name, origin_xyz=at.xyz, origin_rpy=rpy))
-
-
-def _refuse(why: str) -> None:
-    """Make the call itself fail, as upstream does for text that is no URDF."""
-    rospy.logerr("spawn_urdf_model: %s", why)
-    raise rospy.ServiceException(f"SpawnModel: {why}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 import rospy
 from gazebo_msgs.msg import LinkState, ModelState, ODEJointProperties
@@ -166,6 +167,18 @@ def test_a_place_that_cannot_be_is_refused(api, call, ball, service):
             answer = call(service, kind(name, pose, Twist(), ""), refused=refused)
         assert not refused or "pose of 'ball" in answer.status_message or "'m'" in (
             answer.status_message)
+
+
+def test_a_mesh_that_would_hold_time_up_is_refused_with_the_limit(call, tmp_path):
+    """A million triangles held simulated time up for 16 s."""
+    triangles = np.zeros(1_000_000, [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("", "<u2")])
+    triangles["corners"] = np.eye(3)
+    path = tmp_path / "large.stl"
+    path.write_bytes(bytes(80) + np.uint32(len(triangles)).tobytes() + triangles.tobytes())
+    shape = f'<geometry><mesh filename="file://{path}"/></geometry>'
+    text = f'<robot name="m"><link name="l"><visual>{shape}</visual></link></robot>'
+    answer = call("spawn_urdf_model", "m", text, "", Pose(), "", refused=True)
+    assert "1000000 triangles, more than the limit of 300000" in answer.status_message
 
 
 def test_joint_positions_that_cannot_be_are_refused_and_limits_are_named(call, slider):

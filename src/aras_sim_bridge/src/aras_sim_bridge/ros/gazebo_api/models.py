@@ -17,7 +17,7 @@ from gazebo_msgs.srv import (
 )
 from std_msgs.msg import Header
 
-from aras_sim_bridge.description import Light, packages
+from aras_sim_bridge.description import Light, packages, shapes
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.camera import settings
@@ -82,6 +82,7 @@ class Models:
         pose = pose @ Pose.from_rpy(*description.initial_pose)
         for warning in description.warnings:
             rospy.logwarn("model '%s': %s", name, warning)
+        shapes.read_all(description, name)  # here: the simulation must not wait for it
         namespace = descriptions.robot_namespace(description, request.robot_namespace)
         parameters = namespace_of(namespace or "/")
         presets = settings.read()

@@ -24,7 +24,8 @@ from ..safe_xml import shorten
 from .mesh import Mesh, Rgba, from_corners, from_indices
 
 LARGEST_FILE = 256 * 1024 * 1024  # bytes
-# Of one file. Read in 3 s (STL); while Bullet and the renderer take it in, time stands for 3 s more.
+# Of one file. It is read in 3 s (STL); simulated time stands still for 3 s while Bullet and the
+# renderer take it in.
 MOST_TRIANGLES = 300_000
 MOST_MESHES = 10_000  # of one file
 GREY: Rgba = (0.7, 0.7, 0.7, 1.0)  # of what lacks its material or its picture

@@ -76,6 +76,33 @@ def test_simulator_restarted_mid_run(plant, start, states):
     assert np.isfinite(plant.received).all()
 
 
+@pytest.mark.parametrize("during", ["approaching", "converged"])
+def test_another_node_s_commands_are_named_and_the_loop_continues_after_them(
+    plant, start, states, during
+):
+    """The loop sent nothing any more and blamed the controllers."""
+    start("_gain:=3.0", "_start:=2015", "_approach_speed:=1.0")
+    wait_for(phase_is(states, during), 60, during)
+    joint = f"{NAMESPACE}/{CONTROLLERS['J6']}/command"
+    other = rospy.Publisher(joint, Float64, queue_size=1, tcp_nodelay=True)
+    parked = Float64(plant.q[5] + 0.2)
+
+    def named():
+        other.publish(parked)
+        return f"{rospy.get_name()} commands J6" in states.messages[-1].reason
+
+    wait_for(named, 60, "the reason that names the other node")
+    count = len(plant.received)
+    for _ in range(50):
+        other.publish(parked)
+        time.sleep(0.01)
+    assert sum(q[5] != parked.data for q in plant.received[count:]) < 20  # on their way before
+    states.messages.clear()
+    wait_for(phase_is(states, "converged"), 60, "convergence once the other node is silent")
+    assert rospy.get_name() not in states.messages[-1].reason
+    other.unregister()
+
+
 def test_a_camera_moved_in_a_description_that_comes_later(plant, start, states):
     """The node goes by the robot_description there is when joint states begin."""
     moved = URDF.replace(

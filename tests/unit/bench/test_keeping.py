@@ -42,6 +42,19 @@ def kept(tmp_path, monkeypatch):
     return found
 
 
+def test_nothing_is_recorded_where_no_simulator_answers(tmp_path):
+    """The recorder waited for a time, and the page had no answer."""
+
+    def check():
+        raise RefusedError("/gazebo/get_world_properties does not answer")
+
+    page = keeping.Keeping(tmp_path)
+    page.check = check
+    with pytest.raises(RefusedError, match="does not answer"):
+        page.record()
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_recorder_that_writes_is_no_trouble(kept):
     assert kept.trouble() == ""
     assert kept.stop_record().startswith(f"recorded {kept.recorded}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 import rospy
 from gazebo_msgs.msg import LinkState, ModelState, ODEJointProperties
@@ -140,8 +141,52 @@ def test_a_link_state_is_less_the_frame_s_motion(api, call, another, ball):
     assert xyz(there.pose.position) == pytest.approx((0.0, 1.0, 100.0))
     assert xyz(there.twist.linear) == pytest.approx((3.0, 0.0, 0.0))
     assert xyz(there.twist.angular) == pytest.approx((0.0, 5.0, -3.0))
-    api.graph.subscribers["/gazebo/set_link_state"](LinkState("other::ball", Pose(), Twist(), ""))
+    there = Pose(Point(), Quaternion(w=1.0))
+    api.graph.subscribers["/gazebo/set_link_state"](LinkState("other::ball", there, Twist(), ""))
     assert xyz(call("get_model_state", "other", "").pose.position) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("service", ["set_model_state", "set_link_state", "spawn_urdf_model"])
+def test_a_place_that_cannot_be_is_refused(api, call, ball, service):
+    """The zero quaternion is none where Gazebo takes it so: not in set_link_state."""
+    free = service != "set_link_state"
+    upright = Quaternion(w=1.0)
+    for position, quaternion, refused in (
+        (Point(1.0, 2.0, 3.0), Quaternion(), not free),
+        (Point(1e9, 0.0, 0.0), upright, True), (Point(0.0, -2e6, 0.0), upright, True),
+        (Point(), Quaternion(w=1e-9), True), (Point(), Quaternion(x=math.nan, w=1.0), True),
+        (Point(0.0, 0.0, 1e5), upright, False),
+    ):
+        pose = Pose(position, quaternion)
+        if service == "spawn_urdf_model":
+            text = '<robot name="m"><link name="l"/></robot>'
+            answer = call(service, "m", text, "", pose, "", refused=refused)
+            call("delete_model", "m", refused=refused)
+        else:
+            kind, name = (ModelState, "ball") if free else (LinkState, "ball::ball")
+            answer = call(service, kind(name, pose, Twist(), ""), refused=refused)
+        assert not refused or "pose of 'ball" in answer.status_message or "'m'" in (
+            answer.status_message)
+
+
+def test_a_mesh_that_would_hold_time_up_is_refused_with_the_limit(call, tmp_path):
+    """A million triangles held simulated time up for 16 s."""
+    triangles = np.zeros(1_000_000, [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("", "<u2")])
+    triangles["corners"] = np.eye(3)
+    path = tmp_path / "large.stl"
+    path.write_bytes(bytes(80) + np.uint32(len(triangles)).tobytes() + triangles.tobytes())
+    shape = f'<geometry><mesh filename="file://{path}"/></geometry>'
+    text = f'<robot name="m"><link name="l"><visual>{shape}</visual></link></robot>'
+    answer = call("spawn_urdf_model", "m", text, "", Pose(), "", refused=True)
+    assert "1000000 triangles, more than the limit of 300000" in answer.status_message
+
+
+def test_joint_positions_that_cannot_be_are_refused_and_limits_are_named(call, slider):
+    for position in (1e9, -2e6, math.inf):
+        answer = call("set_model_configuration", "slider", "", ["rail"], [position], refused=True)
+        assert "joint_positions: joint 'rail' of 'slider'" in answer.status_message
+    answer = call("set_model_configuration", "slider", "", ["slider::rail"], [7.0])
+    assert "rail is at its limit of 2, 7 is beyond it" in answer.status_message
 
 
 def test_a_link_on_a_joint_cannot_be_put_somewhere(call, slider):

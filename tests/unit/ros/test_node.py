@@ -183,6 +183,16 @@ def test_topics_and_services_are_gazebo_ros_s(make):
         assert kind._type.rpartition("/")[2] == wanted
 
 
+def test_a_display_that_does_not_answer_is_a_warning(graph, monkeypatch):
+    """Bullet ended the process there, and the simulator with it."""
+    monkeypatch.setenv("DISPLAY", ":4711")
+    simulation = node.build_simulation(NodeParameters(gui=True), WorldFile())
+    assert simulation.config.gui is False
+    simulation.close()
+    assert any("display ':4711'" in line and "going on without a window" in line
+               for line in graph.lines)
+
+
 def test_without_extras_there_is_what_gazebo_ros_has(make):
     make(paused=True, extra_interfaces=False)
     assert "/gazebo/step_world" not in make.graph.services and len(make.graph.services) == 28

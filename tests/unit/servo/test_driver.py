@@ -42,8 +42,9 @@ class Bench:
         self.t, self.wall, self.n = 1.0, 0.0, 0
         self.sent, self.states, self.words = [], [], []
         rig = settings.rig({"camera": self.arm}, self.servo.scheme)
+        self.foreign, self.listening = {}, False
         self.driver = Driver(
-            self.servo, rig, settings, self, lambda: self.t, lambda: self.wall
+            self.servo, rig, settings, self, lambda: self.t, lambda: self.wall, self
         )
         self.q = np.array([-0.1, 0.0, 0.349, -0.262, -0.0873, 0.1745])
         self.command, self.seen = self.q.copy(), []
@@ -60,6 +61,20 @@ class Bench:
 
     def say(self, text):
         self.words.append(text)
+
+    def listen(self, active):
+        self.listening = active
+
+    def latest(self):
+        return self.foreign if self.listening else {}
+
+    def flood(self, seconds, value, joint=5, heard=True):
+        """Another node commands a joint with a value, after each of the loop's own commands."""
+        for _ in range(int(seconds / DT)):
+            self.command[joint] = value
+            if heard:
+                self.foreign = {self.arm.names[joint]: ("/flooder", self.wall)}
+            self.step()
 
     def step(self, count=1, stamp=None, image_stamp=None, position=None, valid=True):
         for _ in range(count):
@@ -486,6 +501,58 @@ def test_a_command_is_not_sent_again_where_the_arm_is_not_to_move(why):
     if why == "released":
         bench.driver.start()
         assert stuck(bench, 2.0)
+
+
+@pytest.mark.parametrize("heard", [True, False])
+@pytest.mark.parametrize("when", ["approaching", "servoing", "blind", "converged"])
+def test_the_loop_continues_by_itself_once_foreign_commands_end(when, heard):
+    """It sent nothing any more, however long the other node had been silent."""
+    bench = Bench(gain=1.0, start="2015" if when == "approaching" else "none")
+    bench.step({"approaching": 30, "converged": 1200}.get(when, 60))
+    assert bench.servo.phase == ("servoing" if when == "blind" else when)
+    parked = bench.q[5] + (0.4 if when == "blind" else 0.15)
+    if when == "blind":
+        look = bench.look
+        bench.look = lambda stamp, valid=True: look(stamp, bench.q[5] < parked - 0.2)
+    bench.flood(10.0, parked, heard=heard)
+    assert not (heard and [t for t, _ in bench.sent if t > bench.t - 0.8])
+    last = bench.states[-1]
+    assert ("/flooder commands J6" in last.reason) is heard, last.reason
+    if heard and when in ("servoing", "converged"):
+        assert last.outcome == "joints_do_not_follow" and "/flooder" in last.mend
+    count, q = len(bench.sent), bench.q.copy()
+    bench.step(900)
+    path = np.array([q, *(command.positions for _, command in bench.sent[count:])])
+    assert not heard or np.abs(np.diff(path, axis=0)).max() < 0.03, "the arm would jump"
+    assert bench.states[-1].phase == "converged" and not bench.listening
+    assert "/flooder" not in bench.states[-1].reason
+
+
+def test_joints_are_not_commanded_again_between_foreign_commands():
+    bench = servoing()
+    bench.flood(3.0, bench.q[5] + 0.2)
+    count = len(bench.sent)
+    for _ in range(5):
+        bench.step(60)
+        bench.flood(DT, bench.command[5])
+    assert len(bench.sent) == count
+    bench.driver.stop()
+    bench.step(200)
+    assert len(bench.sent) == count and bench.servo.phase == "stopped"
+
+
+@pytest.mark.parametrize("order", ["stop", "hold"])
+def test_a_loop_without_images_that_is_stopped_stays_so_when_they_come_again(order):
+    bench = servoing()
+    bench.images = False
+    for _ in range(700):
+        bench.wall += DT  # the simulator is paused
+        bench.driver.watch()
+    assert "no answer for" in bench.servo.reason
+    getattr(bench.driver, order)()
+    bench.images = True
+    bench.step(60)
+    assert bench.servo.phase == {"stop": "stopped", "hold": "holding"}[order] and bench.at_rest()
 
 
 @pytest.mark.parametrize(("joint", "jumps"), [(0, True), (1, False)])

@@ -74,6 +74,27 @@ def test_at_the_pose_without_images_it_is_images_that_are_missed():
     assert "on the way" in reasons[0] and reasons[-1] == "no images arrive"
 
 
+def test_views_of_an_arm_that_was_moved_away_from_the_pose_do_not_count():
+    arm, sent = the_arm(), []
+    wanted = the_goal("2016").joint_values(arm.names)
+    teacher = Teacher(arm, Rig([Observer(arm)]), wanted, sent.append)
+
+    def step(t, q):
+        teacher.joints(arm.names, q, np.zeros(6), t)
+        teacher.image(t, lambda joints, commands: view_at(teacher.rig.control, t, joints))
+
+    for i in range(600):
+        step(0.01 * i, sent[-1] if sent else np.zeros(6))
+    assert teacher.there and teacher.views
+    count = len(sent)
+    step(6.0, wanted + 0.1 * np.eye(6)[5])
+    assert not teacher.there and not teacher.views
+    for i in range(600):
+        step(6.01 + 0.01 * i, sent[-1])
+    assert teacher.there and teacher.views
+    assert np.abs(np.diff(sent[count:], axis=0)).max() < 0.01
+
+
 def test_a_joint_that_hangs_is_pushed_by_the_time_that_passed_and_rests_a_second():
     """Not by how many joint states came: a gap counts as 0.1 s, a way back as none."""
     arm, sent = the_arm(), []

@@ -18,6 +18,10 @@ class WorldError(SimError):
     """The physics world refuses a request: unknown name, impossible value, name taken."""
 
 
+class WindowError(WorldError):
+    """Bullet's window cannot be opened on this display."""
+
+
 class UnknownModelError(WorldError):
     """No model is called `name`; `known` are those that exist."""
 

@@ -27,7 +27,7 @@ def triangles(geometry: Geometry) -> tuple[Mesh, ...]:
                  tuple(geometry.normal))
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=32)  # a sphere takes 150 kB
 def _made(kind: str, size: Vector3, radius: float, length: float, normal: Vector3
           ) -> tuple[Mesh, ...]:
     """Of a shape that no file describes: the same in every world of this process."""

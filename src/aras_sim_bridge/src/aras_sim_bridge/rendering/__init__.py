@@ -33,10 +33,19 @@ __all__ = ["EXPOSURES", "RENDERERS", "SHADOWS", "Sun", "View", "create_renderer"
 RENDERERS = ("auto", "exact", "tiny", "opengl")
 
 
-def create_renderer(name: str, world: World, light: Sun | None = None) -> Renderer:
-    """The renderer of a World, by one of RENDERERS; RenderingError for an unknown name."""
+# Memory for what is prepared for views that come again, bytes: 20 cameras of 1920 x 1200.
+KEPT = 1 << 28
+
+
+def create_renderer(
+    name: str, world: World, light: Sun | None = None, kept: int = KEPT
+) -> Renderer:
+    """The renderer of a World, by one of RENDERERS; RenderingError for an unknown name.
+
+    kept: memory for what is prepared for views that come again, bytes.
+    """
     if name not in RENDERERS:
         raise RenderingError(f"there is no renderer '{name}'; there are {', '.join(RENDERERS)}")
     from .renderer import Renderer
 
-    return Renderer(world, light or Sun())
+    return Renderer(world, light or Sun(), kept)

@@ -1,27 +1,27 @@
-"""Things made once for each key, of which those used last are kept."""
+"""Values made once for each key, of which those used last are kept."""
 
 from __future__ import annotations
 
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from typing import Generic, Protocol, TypeVar
-
-
-class _Sized(Protocol):
-    nbytes: int
-
+from typing import Generic, TypeVar
 
 K = TypeVar("K", bound=Hashable)
-V = TypeVar("V", bound=_Sized)
+V = TypeVar("V")
 
 
 class Recent(Generic[K, V]):
     """The values that were asked for last, as many as fit into `most` bytes, at least one; any
     thread may ask."""
 
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(
+        self, most: int, size: Callable[[V], int] = lambda value: value.nbytes,
+        drop: Callable[[V], None] = lambda value: None,
+    ) -> None:
+        """`size`: of a value, in the unit of `most`; `drop`: is called with what is not kept any
+        more."""
+        self._most, self._size, self._drop = most, size, drop
         self._values: OrderedDict[K, V] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -34,9 +34,12 @@ class Recent(Generic[K, V]):
         value = make()
         with self._lock:
             value = self._values.setdefault(key, value)
-            while len(self._values) > 1 and sum(
-                    v.nbytes for v in self._values.values()) > self._most:
-                self._values.popitem(last=False)
+            total, dropped = sum(map(self._size, self._values.values())), []
+            while len(self._values) > 1 and total > self._most:
+                dropped.append(self._values.popitem(last=False)[1])
+                total -= self._size(dropped[-1])
+        for old in dropped:
+            self._drop(old)
         return value
 
     def clear(self) -> None:

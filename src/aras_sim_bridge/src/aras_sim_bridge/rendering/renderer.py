@@ -25,8 +25,6 @@ from .tiles import Tiles
 from .triangles import Triangles
 from .view import Sun, View
 
-# Memory for what is prepared for views that come again, bytes: 20 cameras of 1920 x 1200.
-KEPT = 1 << 28
 # Where pixels are sampled, px.
 CENTRE, UPPER_LEFT = 0.0, -0.5
 
@@ -64,10 +62,11 @@ class Renderer:
         triangles: of the scene as it was last drawn; None before.
     """
 
-    def __init__(self, world: World, light: Sun) -> None:
+    def __init__(self, world: World, light: Sun, kept: int) -> None:
+        """`kept`: memory for what is prepared for views that come again, bytes."""
         self.scene = Scene(world)
         self.light = light
-        self._canvases: Recent[Hashable, _Canvas] = Recent(KEPT)
+        self._canvases: Recent[Hashable, _Canvas] = Recent(kept)
         self.triangles: Triangles | None = None
         self._binning: Binning | None = None
         self._illumination: Illumination | None = None

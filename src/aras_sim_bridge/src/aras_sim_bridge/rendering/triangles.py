@@ -15,7 +15,7 @@ from .scene import Part
 from .textures import Textures
 
 # Memory for scenes that come again, bytes: a study shows the same one ten thousand times.
-KEPT = 1 << 27
+KEPT = 1 << 24
 # Corners times triangles of a part, up to which it is asked whether it is convex; and how far a
 # corner may be before a triangle, of the part's size: meshes have single precision.
 MUCH, FLAT = 1 << 22, 1e-6

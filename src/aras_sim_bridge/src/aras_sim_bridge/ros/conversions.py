@@ -14,6 +14,7 @@ from geometry_msgs.msg import Twist as TwistMessage
 from aras_sim_bridge.errors import WorldError
 from aras_visual_servo_base.poses import Pose, Twist, checked_pose, checked_vector
 
+FARTHEST = 1e6  # m, rad: where a model or a joint can be put; double precision leaves 1e-10 there
 LARGEST = 1e9  # m, m/s, rad/s, N: what a client may ask for; squares of more leave the floats
 
 
@@ -42,27 +43,33 @@ def to_twist(twist: Twist) -> TwistMessage:
     return TwistMessage(Vector3(*twist.linear), Vector3(*twist.angular))
 
 
-def from_pose(message: PoseMessage, what: str) -> Pose:
-    """Return a pose; the zero quaternion is identity, as Gazebo takes it.
+def from_pose(message: PoseMessage, what: str, zero_is_identity: bool = True) -> Pose:
+    """Return a pose.
+
+    zero_is_identity: take the zero quaternion, that of an unset message, for no rotation, as
+        Gazebo does where it spawns a model or puts it somewhere.
 
     Raises:
-        WorldError: naming `what` when a number is not finite or beyond LARGEST.
+        WorldError: naming `what` when the position is not finite or beyond FARTHEST, or the
+            orientation is no unit quaternion.
     """
     p, q = message.position, message.orientation
-    from_vector(p, f"{what}: position")
+    from_vector(p, f"{what}: position", FARTHEST)
     pose = (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
-    return checked_pose(pose, what, WorldError, zero_is_identity=True)
+    return checked_pose(pose, what, WorldError, zero_is_identity)
 
 
-def from_vector(message: Vector3 | Point, what: str) -> tuple[float, float, float]:
-    """Return (x, y, z); raises WorldError naming `what`: one is not finite or beyond LARGEST."""
-    return bounded(checked_vector((message.x, message.y, message.z), what, WorldError), what)
+def from_vector(
+    message: Vector3 | Point, what: str, most: float = LARGEST
+) -> tuple[float, float, float]:
+    """Return (x, y, z); raises WorldError naming `what`: one is not finite or beyond `most`."""
+    return bounded(checked_vector((message.x, message.y, message.z), what, WorldError), what, most)
 
 
-def bounded(values: tuple[float, ...], what: str) -> tuple[float, ...]:
-    """Return the values; raises WorldError naming `what` when one is beyond LARGEST or NaN."""
-    if not all(abs(value) <= LARGEST for value in values):
-        raise WorldError(f"{what}: {values} is not finite or beyond ±{LARGEST:g}")
+def bounded(values: tuple[float, ...], what: str, most: float = LARGEST) -> tuple[float, ...]:
+    """Return the values; raises WorldError naming `what` when one is beyond `most` or NaN."""
+    if not all(abs(value) <= most for value in values):
+        raise WorldError(f"{what}: {values} is not finite or beyond ±{most:g}")
     return values
 
 

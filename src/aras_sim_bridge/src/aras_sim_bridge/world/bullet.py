@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -45,9 +46,35 @@ __all__ = ["connected", "contacts_of", "give_back", "pybullet", "quiet"]
 _spare: list[int] = []
 
 
+# Bullet ends the whole process where it cannot open its window: another one tries first.
+_WINDOW = "import pybullet; raise SystemExit(pybullet.connect(pybullet.GUI) < 0)"
+WINDOW_TIME = 30.0  # s
+
+
+def check_window() -> None:
+    """Try to open Bullet's window in a process that may end.
+
+    Raises:
+        pybullet.error: it cannot be opened on this display.
+    """
+    display = os.environ.get("DISPLAY", "")
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _WINDOW], capture_output=True, text=True, check=False,
+            timeout=WINDOW_TIME, stdin=subprocess.DEVNULL,
+        )
+    except subprocess.TimeoutExpired:
+        raise pybullet.error(f"display '{display}' does not answer") from None
+    if done.returncode:
+        said = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+        why = next((line for line in reversed(said) if "build time" not in line), "it ends")
+        raise pybullet.error(f"display '{display}': {why}")
+
+
 def connected(window: bool) -> int:
     """An empty Bullet's client id, or a negative number; pybullet.error without a display."""
     if window:
+        check_window()
         return pybullet.connect(pybullet.GUI)
     try:
         return _spare.pop()

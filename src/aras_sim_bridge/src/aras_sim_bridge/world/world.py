@@ -2,6 +2,7 @@
 
 import logging
 import math
+import weakref
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -15,7 +16,12 @@ from aras_sim_bridge.description.types import (
     RobotDescription,
     Visual,
 )
-from aras_sim_bridge.errors import UnknownJointError, UnknownModelError, WorldError
+from aras_sim_bridge.errors import (
+    UnknownJointError,
+    UnknownModelError,
+    WindowError,
+    WorldError,
+)
 from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.bullet import connected, give_back, pybullet, quiet
 from aras_sim_bridge.world.checks import LARGEST, check_simulable
@@ -74,11 +80,14 @@ class World:
         try:
             self.client = connected(gui)
         except pybullet.error as error:
-            raise WorldError(f"Bullet cannot open its window ({error}); start with gui:=false") \
-                from None
+            raise WindowError(
+                f"Bullet cannot open its window ({error}); start with gui:=false") from None
         if self.client < 0:
             raise WorldError("Bullet does not start: no free client, or no display for gui:=true")
         self._gui = self._stepped = gui
+        # Bullet keeps 30 MB for a robot: also of a world that is dropped without `close`.
+        self._leave = weakref.finalize(self, pybullet.disconnect, self.client)
+        self._leave.atexit = False
         if gui:  # without panels of sliders and empty previews, and shadows: half a picture's cost
             for part in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_SHADOWS):
                 pybullet.configureDebugVisualizer(part, False, physicsClientId=self.client)
@@ -388,6 +397,7 @@ class World:
 
     def close(self) -> None:
         """Leave Bullet. Safe to call twice."""
+        self._leave.detach()
         if self.client >= 0 and pybullet.isConnected(self.client):
             give_back(self.client, not self._stepped)
         self.client = -1

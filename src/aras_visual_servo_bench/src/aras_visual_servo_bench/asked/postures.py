@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.rendering.recent import Recent
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import UnreachableError
 
@@ -169,17 +170,30 @@ def _touched(postures: Postures, joints: tuple[float, ...]) -> str:
     return posed.touched(dict(zip(postures.arm.names, joints, strict=True)))
 
 
-@lru_cache(maxsize=4)
 def _posed(postures: Postures) -> PosedArm | None:
     """None: it cannot be put into a world; the plant says why."""
-    search, spec = postures.search, postures.target
+    spec, solid = postures.target, postures.solid
     own = postures.carrier or spec.brought
-    try:
-        robot = described(postures.urdf, search)
-        if spec.link and not spec.model:  # the target itself does not hide it
-            robot = without_visuals(robot, spec.link)
-        around = read_world(postures.world, PackagePath(search)) if postures.solid else None
-        target = spec.placed if postures.solid and not own else None
-        return PosedArm(robot, postures.carrier, around, target)
-    except (SimError, ExperimentError):
-        return None
+    bare = spec.link if spec.link and not spec.model else ""  # the target does not hide itself
+    target = spec if solid and not own else None
+    world = postures.world if solid else ""
+    key = postures.urdf, postures.search, postures.carrier, bare, solid, world, target
+
+    def make() -> PosedArm | None:
+        try:
+            robot = described(postures.urdf, postures.search)
+            if bare:
+                robot = without_visuals(robot, bare)
+            around = read_world(world, PackagePath(postures.search)) if solid else None
+            placed = None if target is None else target.placed
+            return PosedArm(robot, postures.carrier, around, placed)
+        except (SimError, ExperimentError):
+            return None
+
+    return _arms.get(key, make)
+
+
+# Worlds are large: a robot's meshes are in each of them.
+_arms: Recent[tuple, PosedArm | None] = Recent(
+    2, size=lambda arm: 1, drop=lambda arm: None if arm is None else arm.close()
+)

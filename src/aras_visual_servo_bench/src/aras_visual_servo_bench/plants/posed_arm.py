@@ -61,6 +61,11 @@ class PosedArm:
             self._world.spawn(_thing("target", shape, middle), "target", pose)
         self._renderer = create_renderer("auto", self._world)
 
+    def close(self) -> None:
+        """Give the world back; safe to call twice."""
+        self._renderer.close()
+        self._world.close()
+
     def touched(self, joints: Mapping[str, float]) -> str:
         """What the arm runs into at these positions (rad or m, by name), in words; '': nothing."""
         self._model.set_joint_positions(joints)

@@ -20,7 +20,7 @@ from aras_sim_bridge.srv import StepWorld
 from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
 from dynamic_reconfigure.msg import Config, DoubleParameter
 from dynamic_reconfigure.srv import Reconfigure
-from gazebo_msgs.srv import DeleteModel, GetModelState, SpawnModel
+from gazebo_msgs.srv import DeleteModel, GetModelState, GetWorldProperties, SpawnModel
 from geometry_msgs.msg import Pose
 from std_srvs.srv import Empty, Trigger
 
@@ -122,6 +122,11 @@ class Actions:
         self._call(f"/gazebo/{name}", Empty, "is the simulator running?")
         return {"pause_physics": "time stands still", "unpause_physics": "time goes on",
                 "reset_simulation": "everything begins anew, at time 0"}[name]  # fmt: skip
+
+    def check_simulator(self) -> None:
+        """RefusedError where no simulator answers."""
+        name = "/gazebo/get_world_properties"
+        self._call(name, GetWorldProperties, "is the simulator running?")
 
     def step(self, steps: int) -> str:
         """So many physics steps of the paused simulation."""

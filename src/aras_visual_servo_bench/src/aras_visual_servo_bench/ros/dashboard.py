@@ -59,6 +59,7 @@ class Dashboard:
         self.page, self._listener = Page(), listener
         self._actions = Actions(listener, settings, directory, robot)
         self._keeping, self._target = Keeping(directory), TargetWatch()
+        self._keeping.check = self._check_time
         self._driving = Driving(listener, settings)
         self._pictures = Pictures(
             settings.namespace.rstrip("/"), settings.camera_namespace.rstrip("/")
@@ -132,6 +133,12 @@ class Dashboard:
     def file(self, path: str) -> Path | None:
         """A file of the last run's report."""
         return self._keeping.file(path)
+
+    def _check_time(self) -> None:
+        """RefusedError where a recorder would wait for a time that does not come."""
+        story = self._listener.story
+        if story is None or story.factor is None:
+            self._actions.check_simulator()
 
     def _teach(self, name: str) -> str:
         """Refused at once where it is known already that the tool would see nothing."""

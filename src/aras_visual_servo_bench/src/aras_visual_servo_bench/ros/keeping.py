@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import writing
@@ -25,10 +26,12 @@ class Keeping:
     Attributes:
         recording: bag that is being written, None while none is.
         recorded: the last one that was; unclosed where its recorder was killed.
+        check: raises RefusedError where nothing could be recorded; called before it is begun.
         report: path of the last report's page within the reports, '' while there is none.
     """
 
     def __init__(self, directory: Path) -> None:
+        self.check: Callable[[], None] = lambda: None
         self.directory = directory
         self.recording: Path | None = None
         self.recorded: Path | None = None
@@ -47,6 +50,7 @@ class Keeping:
         """A bag of every topic that matters, until `stop_record`."""
         if self.recording is not None and self._recorder.running:
             raise RefusedError(f"recording already, to {self.recording}")
+        self.check()
         bag = self._made("bags") / time.strftime("run_%Y-%m-%d_%H-%M-%S.bag")
         self._recorder = Launch(
             ["aras_visual_servo_gazebo", "record.launch", f"bag:={bag}"],

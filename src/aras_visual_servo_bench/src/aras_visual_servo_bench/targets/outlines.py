@@ -78,7 +78,7 @@ def shape_of(
     return _shape_of(shape, size, scale, marker)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=4)  # images and meshes are large
 def _shape_of(
     shape: str | tuple[tuple[float, float], ...],
     size: tuple[float, ...] | None,

@@ -23,7 +23,8 @@ from .solids import SolidTarget
 FARTHEST = 1e3  # m
 SHOWN = Sun(ambient=1.0, diffuse=0.0, background=(1.0, 1.0, 1.0, 1.0))  # colours as they are
 LIT = Sun(background=(1.0, 1.0, 1.0, 1.0))  # a solid is seen by the light on its faces
-KEPT = 8  # targets: a picture as the renderer reads it takes 3 MB
+KEPT = 2  # targets: a picture as the renderer reads it takes up to 11 MB
+CANVASES = 1 << 24  # bytes for the cameras that see one of them
 
 
 class _Still:
@@ -81,4 +82,4 @@ def _rays(camera: CameraModel, pixels: np.ndarray) -> np.ndarray:
 def _renderer(target: Target, occluder: tuple[Pair, Pair] | None) -> Renderer:
     urdf: Path = write(target, scratch(), occluder=occluder)
     light = LIT if isinstance(target, SolidTarget) else SHOWN
-    return create_renderer("exact", _Still(parse_urdf(urdf.read_text())), light)
+    return create_renderer("exact", _Still(parse_urdf(urdf.read_text())), light, CANVASES)

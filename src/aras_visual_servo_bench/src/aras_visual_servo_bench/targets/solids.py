@@ -112,7 +112,7 @@ def made_solid(corners: np.ndarray, name: str) -> SolidTarget:
     return SolidTarget(solid, _written(corners, name), made=True)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=4)  # meshes are large
 def solid_target(
     path: Path, size: tuple[float, ...] | None = None, scale: float | None = None
 ) -> SolidTarget:

@@ -70,13 +70,23 @@ class Teacher:
         except MeasurementError as error:
             self.reason = str(error)
             return
-        if self._approach is None or self._approach.done:
+        if self._approach is None or self._approach.done and not self._moved_away():
             return
         dt = 0.0 if before is None else min(max(stamp - before.stamp, 0.0), 0.1)
         self._send(self._approach.command(stamp, dt, self._sample.positions))
         self.reason = self._approach.reason or "on the way to the pose"
         if self._approach.done:
             self.reason = NO_IMAGES
+
+    def _moved_away(self) -> bool:
+        """Drive to the pose again where something else has moved the arm: its views are of another
+        pose."""
+        away = np.abs(self._sample.positions - self._approach.start)
+        moved = bool((away > 2.0 * np.asarray(self._approach.settings.arrived)).any())
+        if moved:
+            self._approach.reset()
+            self.views.clear()
+        return moved
 
     def comes_from(self, camera: str, source: Source) -> None:
         """Where a camera's images come from; the one who teaches says so."""

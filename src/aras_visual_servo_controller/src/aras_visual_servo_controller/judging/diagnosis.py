@@ -19,13 +19,15 @@ from ..schemes.base import Decision, JointController, Scheme
 from ..seeing.observation import Observation
 from .arrival import Arrived
 from .camera_check import CameraCheck
-from .joint_check import JointCheck
+from .joint_check import JointCheck, foreign_text, listed
 from .oscillation import Oscillation
-from .outcomes import CALIBRATE, Outcome, outcome
+from .outcomes import CALIBRATE, DO_NOT_FOLLOW, Outcome, outcome
 from .progress_check import WINDOW, ProgressCheck
 from .shape_check import ShapeCheck
 from .target_check import TargetCheck
 
+# s after which an interruption of the images is forgotten: they come well since.
+FORGOTTEN = 10.0
 # s for which a swing is not forgotten: one that was cut short, or the target lost by it.
 SWINGS_ON = 1.0
 # Times as far as L says that a camera may be from its goal whose motion L does not explain.
@@ -53,6 +55,7 @@ class Diagnosis:
         """
         self.settings, self._jacobian, self._beyond = settings, jacobian, beyond
         self._names, self._lengths = tuple(names), lengths
+        self.foreign: dict[str, str] = {}  # other nodes that command joints now, by joint
         self.reset()
 
     @property
@@ -93,7 +96,7 @@ class Diagnosis:
         self._touched = ""  # borders that the target touched last, in words
         self._measured: float | None = None  # when the scheme could last answer, s
         self._ended = False
-        self._starvings, self._starved = 0, Outcome()
+        self._starvings, self._starved, self._starved_at = 0, Outcome(), -np.inf
         self._swung: tuple[float, Outcome] | None = None
         self._faster_than_targets = False  # the latest swing
         self._first = 0.0  # distance of the target at the first image, goal's distances
@@ -123,7 +126,8 @@ class Diagnosis:
 
     def starved(self, t: float, period: float) -> None:
         """The watchdog stopped the arm at t (s); period of the images before, s."""
-        self._starvings += 1
+        self._starvings = 1 if t - self._starved_at > FORGOTTEN else self._starvings + 1
+        self._starved_at = t
         self.outcome = self._starved = outcome(
             "too_few_images",
             f"no image came for longer than the watchdog's time, at {t:.2f} s"
@@ -169,7 +173,8 @@ class Diagnosis:
         if not self._ended:
             found = self._judged(state, observation, goal, scheme, faulty)
             # Stopped by the watchdog again and again: the images between do not mend it.
-            starved = found.kind == "running" and self._starvings > 1
+            lately = state.stamp - self._starved_at < FORGOTTEN
+            starved = found.kind == "running" and lately and self._starvings > 1
             self.outcome = self._starved if starved else found
         return self.outcome
 
@@ -198,7 +203,7 @@ class Diagnosis:
         if self._retreated.kind != "running" and state.phase != CONVERGED:
             return self._retreated
         if self._joints.reason and state.phase != CONVERGED:
-            return outcome("joints_do_not_follow", self._joints.reason, self._joints.joints)
+            return self._disobeying()
         if state.decision is None:
             return self._blind(state, observation)
         self._measured = state.stamp
@@ -249,6 +254,17 @@ class Diagnosis:
         if self._beyond and stalled.kind != "running":
             return outcome("out_of_reach", self._beyond)
         return stalled
+
+    def _disobeying(self) -> Outcome:
+        """The outcome of joints that do not follow: another node may command them."""
+        found = outcome(DO_NOT_FOLLOW, self._joints.reason, self._joints.joints)
+        if not self.foreign:
+            return found
+        nodes = listed(list(dict.fromkeys(self.foreign.values())))
+        return replace(
+            found, reason=f"{found.reason}: {foreign_text(self.foreign)}",
+            mend=f"end the commands of {nodes}; the loop then continues by itself",
+        )  # fmt: skip
 
     def _strange(self, observation: Observation, goal: Goal) -> str:
         """Why what a camera sees cannot be its goal's target, in words; empty where it can."""
@@ -302,7 +318,9 @@ class Diagnosis:
     def _blind(self, state: ServoState, observation: Observation) -> Outcome:
         """Of an image that the scheme has no answer to."""
         if state.phase != HOLDING:
-            return self.outcome
+            # What the joints did before is over.
+            over = self.outcome.kind in (DO_NOT_FOLLOW, "no_joint_states")
+            return Outcome("running", state.reason) if over else self.outcome
         if observation.valid:
             return self._unanswered(state)
         # However long ago: what was swinging when it was lost, was lost by that.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -74,7 +74,18 @@ class JointCheck:
     def _named(self, joints: np.ndarray) -> str:
         """The names of some joints, (n,) bool, in words."""
         names = [name for name, said in zip(self._names, joints, strict=True) if said]
-        return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+        return listed(names)
+
+
+def listed(names: Sequence[str]) -> str:
+    """'a, b and c'."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
+def foreign_text(nodes: Mapping[str, str]) -> str:
+    """Report which other nodes command which joints, from {joint: node}; '' where none does."""
+    joints = {node: [j for j, n in nodes.items() if n == node] for node in nodes.values()}
+    return "; ".join(f"{node} commands {listed(names)}" for node, names in joints.items())
 
 
 @compiled("f8[:,:]")

@@ -7,6 +7,8 @@ from math import nan
 
 CALIBRATE = "calibrate the camera: K, D, and where it is mounted; see that it does not shake there"
 
+DO_NOT_FOLLOW = "joints_do_not_follow"
+
 # Advice by kind of outcome; empty: there is nothing to mend. {joints} are those it is about.
 ADVICE = {
     "running": "",
@@ -15,7 +17,7 @@ ADVICE = {
     "held": "call start",
     "no_joint_states": "look whether the robot or the simulator runs, and whether its "
     "joint_state_controller is loaded and started",
-    "joints_do_not_follow": "look after the controllers of {joints}: whether they run, whether "
+    DO_NOT_FOLLOW: "look after the controllers of {joints}: whether they run, whether "
     "their gains are too small for the load or so large that the joint swings, and whether "
     "nothing is in the way",
     "too_few_images": "raise the camera's rate, or look after what delays its images",

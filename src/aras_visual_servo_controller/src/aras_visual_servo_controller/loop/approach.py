@@ -18,10 +18,12 @@ class Approach:
         velocity: np.ndarray,
         settings: ServoSettings,
         acceleration: np.ndarray | float = np.inf,
+        where: str = "the start pose",
     ) -> None:
-        """`velocity`, `acceleration`: (n,) greatest of the joints, rad/s or m/s, and per second."""
+        """`velocity`, `acceleration`: (n,) greatest of the joints, rad/s or m/s, and per second;
+        `where`: the path ends, for messages."""
         n = len(names)
-        self.names, self.settings = tuple(names), settings
+        self.names, self.settings, self._where = tuple(names), settings, where
         self.start = np.array(settings.start, float)
         self._speed = settings.approach_speed * np.minimum(np.asarray(velocity, float), 1e3)
         self._acceleration = np.broadcast_to(np.asarray(acceleration, float), (n,))
@@ -59,7 +61,7 @@ class Approach:
         self.reason = ""
         if far.any():
             self._arrived_at = None
-            self.reason = "waiting at the start pose for " + ", ".join(
+            self.reason = f"waiting at {self._where} for " + ", ".join(
                 f"{self.names[i]} ({positions[i]:.4f}, to be {self.start[i]:.4f})"
                 for i in np.flatnonzero(far)
             )

@@ -13,7 +13,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Protocol
 
@@ -21,6 +21,7 @@ import numpy as np
 
 from ..arm.algebra import finite
 from ..errors import MeasurementError
+from ..judging.outcomes import DO_NOT_FOLLOW
 from ..seeing.joint_history import FARTHEST, JointHistory
 from ..seeing.joint_sample import JointSample
 from ..seeing.rig import Look, Rig
@@ -44,6 +45,8 @@ SILENT = 0.05  # s without a joint state after which time goes on by the clock
 STANDING = 0.5  # s of wall time after which a clock that does not go on is worth a word
 SKEW = 0.5  # s; stamps further off the clock are of another clock, or of none
 REPEAT_PERIOD = 0.1  # s between two sendings of a command that a joint does not follow
+QUIET = 1.0  # s without a foreign command after which the loop commands the joints again
+LISTENING = 5.0  # s of wall time for which foreign commands are listened for after the last sign
 
 
 class Face(Protocol):
@@ -59,6 +62,16 @@ class Face(Protocol):
         """One line for a person."""
 
 
+class ForeignCommands(Protocol):
+    """Receives the commands that other nodes send to the joints."""
+
+    def listen(self, active: bool) -> None:
+        """Start or stop to receive them; returns at once."""
+
+    def latest(self) -> Mapping[str, tuple[str, float]]:
+        """By joint: the node that commanded it last, and when, s of wall time (monotonic)."""
+
+
 class Driver:
     """One loop and what it is told; every method may be called from any thread."""
 
@@ -70,10 +83,13 @@ class Driver:
         face: Face,
         clock: Callable[[], float],
         wall: Callable[[], float] = time.monotonic,
+        foreign: ForeignCommands | None = None,
     ) -> None:
-        """`clock`: s, of the stamps, simulated or not; `wall`: s of wall time."""
+        """`clock`: s, of the stamps, simulated or not; `wall`: s of wall time; `foreign`: commands
+        of other nodes, None where they cannot be received."""
         self.servo, self.rig, self.settings = servo, rig, settings
         self._face, self._clock, self._wall = face, clock, wall
+        self._foreign, self._suspected = foreign, -np.inf
         self._lead = np.atleast_1d(np.asarray(servo.settings.lead, float))
         self._lock = threading.RLock()
         self.history = JointHistory()
@@ -130,6 +146,7 @@ class Driver:
             if self._discontinuous(sample):
                 self.servo.joints_jumped()
             self.history.add(sample)
+            self._find_foreign()
             command = self._tick(stamp, sample)
             if not self.settings.lockstep:
                 self._send(command)
@@ -227,11 +244,13 @@ class Driver:
     def stop(self, reason: str = "stopped") -> None:
         """Come smoothly to rest until `start`."""
         with self._lock:
+            self._starved = False
             self.servo.stop(reason)
 
     def hold(self, reason: str = "held") -> None:
         """Come smoothly to rest and hold still until `start`."""
         with self._lock:
+            self._starved = False
             self.servo.hold(reason)
 
     def emergency_stop(self, pressed: bool) -> None:
@@ -267,7 +286,7 @@ class Driver:
         self._now: float | None = None
         self.sent: np.ndarray | None = None
         self._sent_at = 0.0
-        self._behind: np.ndarray | None = None  # (n,) that the joints lacked when it came to rest
+        self._forget_foreign()
         self._reported = -np.inf
 
     def _follow(self) -> float:
@@ -316,9 +335,12 @@ class Driver:
             return
         if self.sent is None and self.servo.phase == STOPPED:
             return  # standing by: whoever commands the joints now goes on doing so
+        if self.servo.yields and command.positions is not None:
+            self.sent = None  # a controller has other commands now
+            return
         same = self.sent is not None and values.tolist() == self.sent.tolist()
         if not same:
-            self._behind = None
+            self._forget_foreign()
         elif command.positions is not None and not (repeat or self._due_again(command)):
             return
         self.sent, self._sent_at = values, command.stamp
@@ -326,19 +348,48 @@ class Driver:
             self._face.send(command)
 
     def _due_again(self, command: Command) -> bool:
-        """Whether a controller may not have heard a position command, as one that was loaded anew.
+        """Whether a position command is sent again: a controller may not have received it, as one
+        that was loaded after it was sent.
 
-        A joint that goes away from its command is in other hands.
+        A joint that moves away from its command follows foreign commands that cannot be received.
+        Until it has rested for QUIET nothing is sent; then the loop continues from where it is.
         """
         newest = self.history.newest
         if newest is None or self._e_stopped or not self.servo.waits_for_joints:
             return False
+        if command.stamp - newest.stamp > self.settings.watchdog:
+            return False  # nobody knows where they are
         behind = np.abs(command.positions - newest.positions)
         if self._behind is None:
             self._behind = behind
         if (behind > self._behind + JUMP * self._lead).any():
+            self._behind, self._foreign_at = np.maximum(self._behind, behind), command.stamp
+        elif self._foreign_at is None and self.servo.phase == HOLDING:
+            self._foreign_at = command.stamp  # farther away than the loop itself lets them be
+        if self._foreign_at is not None:
+            if command.stamp - self._foreign_at >= QUIET:
+                self._forget_foreign()
+                self.servo.foreign_commands_ended()
             return False
         return command.stamp - self._sent_at >= REPEAT_PERIOD - 1e-9
+
+    def _forget_foreign(self) -> None:
+        self._behind: np.ndarray | None = None  # (n,) that the joints lacked when it came to rest
+        self._foreign_at: float | None = None  # when a foreign command seemed to act last
+
+    def _find_foreign(self) -> None:
+        """Name the nodes that command the joints; listen for them while joints do not follow."""
+        if self._foreign is None or self.settings.lockstep:
+            return
+        wall = self._wall()
+        active = {
+            joint: node for joint, (node, at) in self._foreign.latest().items()
+            if wall - at < QUIET
+        }  # fmt: skip
+        self.servo.set_foreign(active)
+        if active or self.servo.waits_for_joints or self.servo.outcome.kind == DO_NOT_FOLLOW:
+            self._suspected = wall
+        self._foreign.listen(wall - self._suspected < LISTENING)
 
     def ticked(
         self, samples: Sequence[JointSample], commands: np.ndarray, sent: np.ndarray, at: float
@@ -352,7 +403,8 @@ class Driver:
         self._joints_heard = self._moved = self._wall()
         self._stamp = self._arrived = self.time = self._now = samples[-1].stamp
         if at > self._sent_at:
-            self.sent, self._sent_at, self._behind = sent, at, None
+            self.sent, self._sent_at = sent, at
+            self._forget_foreign()
 
     def _discontinuous(self, sample: JointSample) -> bool:
         """Whether the joints were not heard of for long, or jumped since."""

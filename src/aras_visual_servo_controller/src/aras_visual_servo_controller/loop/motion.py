@@ -58,6 +58,11 @@ class CommandMotion:
         """Nothing is asked of the joints: none of them is late."""
         self.late = np.zeros(len(self.names), bool)
 
+    def yield_to(self, late: Sequence[bool], dt: float) -> None:
+        """Come to rest while another node commands joints (n,), which are late meanwhile."""
+        self.late = np.array(late)
+        self.brake(dt)
+
     @property
     def at_rest(self) -> bool:
         """Whether the command stands still."""

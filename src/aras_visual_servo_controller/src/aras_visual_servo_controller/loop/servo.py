@@ -15,7 +15,7 @@ the stamps and `tick` say, simulated or not; nothing here reads a clock of its o
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -27,6 +27,7 @@ from ..errors import ConfigurationError, MeasurementError, SchemeError, ServoErr
 from ..goals.goal import Goal
 from ..judging.arrival import NOT_ARRIVED, Arrival, Arrived
 from ..judging.diagnosis import Diagnosis
+from ..judging.joint_check import foreign_text
 from ..judging.outcomes import Outcome
 from ..schemes.answer_checks import checked_decision, checked_goal, guarded
 from ..schemes.base import Decision, JointController, Scheme
@@ -103,12 +104,9 @@ class Servo:
         resolver.goal = self.goal.world_T_camera if joints is None else arm.view(joints)[0]
         self.motion = CommandMotion(arm.names, resolver.limits, self.settings)
         self.pursuit = Pursuit(self.name, scheme, resolver, self.motion, self.settings)
-        self._approach = None
+        self._to_start = None
         if self.settings.start is not None:
-            limits = resolver.limits
-            self._approach = Approach(
-                arm.names, limits.velocity, self.settings, limits.acceleration
-            )
+            self._to_start = self._approach_to(self.settings.start, "the start pose")
         self._arrival = Arrival(self.settings.hold)
         self.beyond = self.goal.beyond(arm)
         lengths = np.where(arm.prismatic, resolver.settings.slide, 1.0)
@@ -122,7 +120,8 @@ class Servo:
         self.phase, self.reason = WAITING, ""
         self.state: ServoState | None = None
         self.motion.reset()
-        self._jumped = False
+        self._jumped, self._foreign = False, {}
+        self._approach = self._to_start
         if self._approach is not None:
             self._approach.reset()
         self.diagnosis.reset()
@@ -167,11 +166,41 @@ class Servo:
         """The joints may be elsewhere: command them from where they are, once the arm moves on."""
         self._jumped = True
 
+    def set_foreign(self, nodes: Mapping[str, str]) -> None:
+        """Name the other nodes that command joints now, by joint; empty: none does any more."""
+        ended, self._foreign = bool(self._foreign) and not nodes, dict(nodes)
+        self.diagnosis.foreign = self._foreign
+        if ended:
+            self.foreign_commands_ended()
+
+    @property
+    def yields(self) -> bool:
+        """Whether another node commands joints, and the loop waits for its end."""
+        return bool(self._foreign)
+
+    def foreign_commands_ended(self) -> None:
+        """Command the joints again after another node did, from where they are.
+
+        Where the images show no target since, the arm first returns to where it was to be.
+        """
+        if self.phase == HOLDING and not self._held and self.motion.command is not None:
+            self._approach = self._approach_to(self.motion.command, "the last commanded pose")
+        self._jumped = True
+
+    def _approach_to(self, joints: Sequence[float], where: str) -> Approach:
+        """The path to joints (n,)."""
+        limits, settings = self.resolver.limits, replace(self.settings, start=tuple(joints))
+        return Approach(self.arm.names, limits.velocity, settings, limits.acceleration, where)
+
     @property
     def waits_for_joints(self) -> bool:
-        """Whether the command rests, on the way, until joints have followed it."""
+        """Whether the command rests until joints have followed it: of itself never while the loop
+        is stopped or held."""
         if self.phase == APPROACHING:
             return bool(self._approach.reason)
+        if self.phase == HOLDING and not (self._held or self._jumped or self._joints is None):
+            away = np.abs(self.motion.command - self._joints.positions)
+            return self.motion.at_rest and bool((away > self.motion.lead).any())
         return self.phase in (SERVOING, CONVERGED) and bool(self.motion.late.any())
 
     @property
@@ -205,7 +234,9 @@ class Servo:
         if self.phase == STOPPED or self._held:
             return self._record(observation)
         if self.approaching:
-            return self._record(observation)
+            if self._approach is self._to_start or not observation.valid:
+                return self._record(observation)
+            self._approach, self._jumped = None, True  # the target is visible on the way back
         joints = observation.joints if observation.joints is not None else self._joints
         if joints is None:
             self._halt(WAITING, "no joint states yet")
@@ -329,6 +360,9 @@ class Servo:
     def _move(self, t: float, dt: float, measured: JointSample) -> str:
         """Integrate what was asked last; what held it back, in words."""
         self.pursuit.take_up(t)
+        if self._foreign:
+            self.motion.yield_to([name in self._foreign for name in self.motion.names], dt)
+            return ""
         if self.pursuit.task is not None and dt <= 0.0:
             return ""  # an image's own instant: the joints will be newer when time goes on
         try:
@@ -423,7 +457,13 @@ class Servo:
         self._arrival.clear()
 
     def _sent(self, t: float, measured: JointSample | None, reason: str) -> Command:
-        return self.motion.sent(t, measured, self.arm.effort, reason, self.phase)
+        return self.motion.sent(
+            t, measured, self.arm.effort, self._with_foreign(reason), self.phase
+        )
+
+    def _with_foreign(self, reason: str) -> str:
+        """A reason, with the other nodes that command joints."""
+        return "; ".join(text for text in (reason, foreign_text(self._foreign)) if text)
 
     def _record(
         self,
@@ -439,7 +479,8 @@ class Servo:
     ) -> ServoState:
         """The state of this image, with what the diagnosis makes of it."""
         state = ServoState(
-            float(observation.stamp), self.phase, reason=self.reason if reason is None else reason,
+            float(observation.stamp), self.phase,
+            reason=self._with_foreign(self.reason if reason is None else reason),
             decision=decision, resolution=resolution,
             joints=joints or observation.joints or self._joints, command=self.command,
             computing=seconds, fault=fault, answers_image=reason is None,

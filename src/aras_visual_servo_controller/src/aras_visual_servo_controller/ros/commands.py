@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import rospy
+from genpy import Message
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
@@ -20,7 +21,11 @@ KEPT = 10  # commands that wait for a slow connection; the last one counts, a re
 
 
 class CommandTopics:
-    """Publishers of one arm's commands: to each joint's controller, or to one for all."""
+    """Publishers of one arm's commands: to each joint's controller, or to one for all.
+
+    Attributes:
+        echoed: whether this node itself subscribes to them.
+    """
 
     def __init__(self, settings: Settings, names: Sequence[str], kind: str) -> None:
         """Find who takes them, by the parameters of the controllers.
@@ -34,6 +39,7 @@ class CommandTopics:
             ConfigurationError: a joint whose controllers take other commands.
         """
         space, group = settings.namespace.rstrip("/"), settings.command_topic
+        self._names, self.echoed = tuple(names), False
         self._order = range(len(names))
         self._group: rospy.Publisher | None = None
         self._each: dict[str, rospy.Publisher] = {}
@@ -63,10 +69,18 @@ class CommandTopics:
             if only in ("", name):
                 publish(publisher, Float64(value))
 
+    def listed(self) -> Iterator[tuple[str, type[Message], tuple[str, ...]]]:
+        """Each topic with the type of its messages and the joints that it commands."""
+        for name, publisher in self._each.items():
+            yield publisher.resolved_name, Float64, (name,)
+        if self._group is not None:
+            yield self._group.resolved_name, Float64MultiArray, self._names
+
     def unheard(self) -> list[str]:
-        """Topics of commands to which nobody listens."""
+        """Topics of commands to which nobody listens, this node itself left out."""
         publishers = [p for p in (*self._each.values(), self._group) if p is not None]
-        return [p.resolved_name for p in publishers if not p.get_num_connections()]
+        own = int(self.echoed)
+        return [p.resolved_name for p in publishers if p.get_num_connections() <= own]
 
     def close(self) -> None:
         """Publish no more."""

@@ -14,8 +14,10 @@ from ..errors import ServoError
 from ..goals.goal import Goal
 from ..goals.starts import start_joints
 from ..goals.teaching import Teacher, goal_of
+from ..judging.joint_check import foreign_text
 from ..seeing.observation import Need
 from .commands import CommandTopics
+from .foreign_commands import ForeignCommandListener
 from .given import robots_settings
 from .inputs import Inputs
 
@@ -37,7 +39,7 @@ def live(arguments: argparse.Namespace) -> Goal:
     for observer in rig.observers.values():
         if observer.needs <= {Need.MOMENTS, Need.KERNEL}:
             observer.needs |= {Need.MOMENTS}
-    joints, commands = None, None
+    joints, commands, foreign = None, None, None
     if arguments.go:
         path = Path(arguments.go).expanduser()
         if not path.is_file():
@@ -47,6 +49,9 @@ def live(arguments: argparse.Namespace) -> Goal:
         if joints is None:
             joints = start_joints(arguments.go, arm, package)
         commands = CommandTopics(settings, arm.names, "position")
+        foreign = ForeignCommandListener(commands)
+        foreign.listen(True)
+        foreign.update()
     teacher = Teacher(arm, rig, joints, None if commands is None else commands.put)
     inputs = Inputs(settings, teacher)
     deadline = time.monotonic() + arguments.timeout
@@ -57,9 +62,11 @@ def live(arguments: argparse.Namespace) -> Goal:
                 f"({teacher.reason}): bring the target into view and teach again"
             )
         if rospy.is_shutdown() or time.monotonic() > deadline:
+            nodes = {} if foreign is None else {j: n for j, (n, _) in foreign.latest().items()}
+            reason = "; ".join(filter(None, (teacher.reason, foreign_text(nodes))))
             raise ServoError(
                 f"after {arguments.timeout:.0f} s only {len(teacher.views)} of {arguments.images} "
-                f"images ({teacher.reason}): are the simulator and the camera node running, and is "
+                f"images ({reason}): are the simulator and the camera node running, and is "
                 "the target in view?"
             )
         time.sleep(0.02)

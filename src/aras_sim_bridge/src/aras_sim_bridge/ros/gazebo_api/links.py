@@ -60,8 +60,6 @@ def set_link_state(simulation: Simulation, request: SetLinkState) -> Fields:
 def put_link(simulation: Simulation, state: LinkState) -> None:
     """Move a model by its root link; raises SimError naming what is wrong."""
     what = f"'{state.link_name}'"
-    pose = conversions.from_pose(state.pose, f"pose of {what}")
-    twist = conversions.from_twist(state.twist, f"twist of {what}")
     model, link = entities.link(simulation, state.link_name)
     if link != model.description.root:
         raise WorldError(
@@ -69,6 +67,8 @@ def put_link(simulation: Simulation, state: LinkState) -> None:
             f"'{model.description.root}' can be put somewhere, joints are set with "
             "set_model_configuration"
         )
+    pose = conversions.from_pose(state.pose, f"pose of {what}", zero_is_identity=False)
+    twist = conversions.from_twist(state.twist, f"twist of {what}")
     frame, frame_twist = entities.frame(simulation, state.reference_frame)
     model.set_pose(frame @ pose)
     linear = subtract(twist.linear, frame_twist.linear)

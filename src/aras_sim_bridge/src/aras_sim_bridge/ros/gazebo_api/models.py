@@ -17,7 +17,7 @@ from gazebo_msgs.srv import (
 )
 from std_msgs.msg import Header
 
-from aras_sim_bridge.description import Light, packages
+from aras_sim_bridge.description import Light, packages, shapes
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.camera import settings
@@ -49,12 +49,11 @@ class Models:
         """Put a robot into the world."""
         root = descriptions.root_of(request.model_xml)
         if root.tag != "robot":
-            _refuse(f"the model's root is {descriptions.shown(root)}, not <robot>; is it URDF?")
+            raise SimError(
+                f"the model's root is {descriptions.shown(root)}, not <robot>; is it URDF?"
+            )
         for package in descriptions.named_packages(root):
-            try:
-                packages.find(package)
-            except SimError as error:
-                _refuse(str(error))
+            packages.find(package)
         return self._spawn(thread, request, root, "spawn_urdf_model")
 
     @serves(SpawnModel, outside=True)
@@ -83,6 +82,7 @@ class Models:
         pose = pose @ Pose.from_rpy(*description.initial_pose)
         for warning in description.warnings:
             rospy.logwarn("model '%s': %s", name, warning)
+        shapes.read_all(description, name)  # here: the simulation must not wait for it
         namespace = descriptions.robot_namespace(description, request.robot_namespace)
         parameters = namespace_of(namespace or "/")
         presets = settings.read()
@@ -177,14 +177,21 @@ def set_model_configuration(simulation: Simulation, request: SetModelConfigurati
         raise SimError(
             f"{len(names)} joint_names but {len(positions)} joint_positions; give as many"
         )
-    conversions.bounded(tuple(positions), "joint_positions")
     model = simulation.world.model(request.model_name)
     plain = [name.rpartition("::")[2] for name in names]
-    wanted = dict(zip(plain, positions, strict=True))
+    for name, position in zip(plain, positions, strict=True):
+        where = f"joint_positions: joint '{name}' of '{model.name}'"
+        conversions.bounded((position,), where, conversions.FARTHEST)
+    wanted, put = dict(zip(plain, positions, strict=True)), {}
     for body in model.bodies:
-        simulation.set_joint_positions(body.name, {
-            n: within_limits(body, n, q) for n, q in wanted.items() if n in body.joint_names})
-    return {"status_message": "SetModelConfiguration: success"}
+        own = {n: within_limits(body, n, q) for n, q in wanted.items() if n in body.joint_names}
+        simulation.set_joint_positions(body.name, own)
+        put.update(own)
+    text = "SetModelConfiguration: success"
+    for name, position in put.items():
+        if position != wanted[name]:
+            text += f"; {name} is at its limit of {position:g}, {wanted[name]:g} is beyond it"
+    return {"status_message": text}
 
 
 def within_limits(model: Model, joint: str, position: float) -> float:
@@ -203,9 +210,3 @@ def _add_light(simulation: Simulation, request: SpawnModel, light: Light, pose: 
         raise SimError(f"a light named '{name}' exists already; delete it first")
     rpy = at.rpy
     simulation.set_light(replace(light, name=name, origin_xyz=at.xyz, origin_rpy=rpy))
-
-
-def _refuse(why: str) -> None:
-    """Make the call itself fail, as upstream does for text that is no URDF."""
-    rospy.logerr("spawn_urdf_model: %s", why)
-    raise rospy.ServiceException(f"SpawnModel: {why}")

@@ -16,7 +16,7 @@ import rospy
 
 from aras_sim_bridge.description import world_file
 from aras_sim_bridge.description.world_file import WorldFile
-from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.errors import SimError, WindowError
 from aras_sim_bridge.ros.camera import settings
 from aras_sim_bridge.ros.gazebo_api import GazeboApi
 from aras_sim_bridge.ros.runtime.clock import ClockPublisher
@@ -154,20 +154,23 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
     scene = world.scene
     if parameters.shadows != "world":
         scene = replace(scene, shadows=parameters.shadows)
-    simulation = Simulation(
-        SimulationConfig(
-            time_step=world.time_step,
-            gravity=world.gravity,
-            gui=gui,
-            renderer=parameters.renderer,
-            exposure=parameters.exposure,
-            scene=scene,
-            seed=parameters.seed,
-            legacy_camera_info=parameters.legacy_camera_info,
-            ground_plane=world.ground_plane,
-            lights=world.lights,
-        )
+    config = SimulationConfig(
+        time_step=world.time_step,
+        gravity=world.gravity,
+        gui=gui,
+        renderer=parameters.renderer,
+        exposure=parameters.exposure,
+        scene=scene,
+        seed=parameters.seed,
+        legacy_camera_info=parameters.legacy_camera_info,
+        ground_plane=world.ground_plane,
+        lights=world.lights,
     )
+    try:
+        simulation = Simulation(config)
+    except WindowError as error:
+        rospy.logwarn("gui is true but %s; going on without a window", error)
+        simulation = Simulation(replace(config, gui=False))
     simulation.time_ns = world.time_ns
     world_file.populate(partial(simulation.spawn, cameras=settings.read()), world,
                         partial(rospy.logwarn, "world file: %s"))

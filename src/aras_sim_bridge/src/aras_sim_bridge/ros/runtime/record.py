@@ -81,8 +81,11 @@ class Record:
 
 
 def _call(service: str, kind: type, *given: object) -> None:
-    """Call a service, which logs itself what it refuses; one failure does not stop the others."""
+    """Call a service; one failure does not stop the others."""
     try:
-        rospy.ServiceProxy(service, kind)(*given)
+        answer = rospy.ServiceProxy(service, kind)(*given)
+        refused = "" if getattr(answer, "success", True) else answer.status_message
     except rospy.ServiceException as error:
-        rospy.logerr("%s: %s; it does not come back", service, error)
+        refused = str(error)
+    if refused:
+        rospy.logerr("%s: %s; it does not come back", service, refused)

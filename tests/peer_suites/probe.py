@@ -32,6 +32,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 STEP = 0.1  # rad or m that a joint is asked to move; less where its range is small
 REACHED = 0.5  # part of the step that a joint has to make: PIDs of their authors may sag
+LOADED = 20.0  # s of wall time for controllers to be loaded before time passes
 PATIENCE = 40.0  # s of wall time for a joint, a message or a service
 SECONDS = 2.0  # of a trajectory
 
@@ -291,6 +292,8 @@ def start_simulation(wanted: Mapping[str, object]) -> list[str]:
     missing -= set(world().model_names)
     faults = [f"no model {name}" for name in sorted(missing)]
     if call("/gazebo/get_physics_properties", GetPhysicsProperties).pause:
+        wait(lambda: all(set(names) <= set(listed(manager))
+                         for manager, names in wanted["controllers"].items()), LOADED)
         call("/gazebo/unpause_physics", Empty)  # what the user's play button does
     first, second = message_of_clock(), message_of_clock()
     if second <= first:
@@ -312,25 +315,28 @@ def message_of_clock() -> float:
     return found[-1].clock.to_sec() if found else 0.0
 
 
+def listed(manager: str) -> dict[str, tuple[str, str]]:
+    """State and type of each controller of the manager in a namespace; none while there is none."""
+    service = f"{manager.rstrip('/')}/controller_manager/list_controllers"
+    try:
+        answer = rospy.ServiceProxy(service, ListControllers)()
+    except rospy.ServiceException:
+        return {}
+    return {one.name: (one.state, one.type) for one in answer.controller}
+
+
 def check_controllers(wanted: Mapping[str, Iterable[str]], seconds: float, works: list[str],
                       faults: list[str]) -> None:
     """Each named controller runs, and its joints follow it."""
     for manager, names in wanted.items():
         root = manager.rstrip("/")
-        service = f"{root}/controller_manager/list_controllers"
-        states: dict[str, tuple[str, str]] = {}
 
-        def running(service: str = service, names: Iterable[str] = names,
-                    states: dict[str, tuple[str, str]] = states) -> bool:
-            try:
-                listed = rospy.ServiceProxy(service, ListControllers)().controller
-            except rospy.ServiceException:
-                return False
-            states.update({one.name: (one.state, one.type) for one in listed})
+        def running(manager: str = manager, names: Iterable[str] = names) -> bool:
+            states = listed(manager)
             return all(states.get(name, ("", ""))[0] == "running" for name in names)
 
         wait(running, seconds)
-        commander = Controllers()
+        states, commander = listed(manager), Controllers()
         for name in names:
             state, kind = states.get(name, ("not loaded", ""))
             if state != "running":
@@ -345,9 +351,8 @@ def main() -> None:
     wanted = json.loads(sys.argv[1])
     works: list[str] = []
     faults = start_simulation(wanted)
-    if not faults or rospy.core.is_initialized():
-        if not faults:
-            works.extend(wanted["models"])
+    if not faults:
+        works.extend(wanted["models"])
         check_controllers(wanted["controllers"], float(wanted["start"]), works, faults)
         for check, entries in ((check_topic, wanted["topics"]),
                                (check_service, wanted["services"]),

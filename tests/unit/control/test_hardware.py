@@ -4,11 +4,10 @@ from math import inf, nan, pi
 
 import pytest
 
-from aras_sim_bridge.control.joints import Occurrence
+from aras_sim_bridge.control.joints import EFFORT, POSITION, VELOCITY, Occurrence
 from aras_sim_bridge.control.limits import NO_RULE
 from aras_sim_bridge.errors import HardwareError
 
-POSITION = "PositionJointInterface"
 VELOCITY = "VelocityJointInterface"
 GAINS = "gazebo_ros_control"
 
@@ -224,6 +223,22 @@ class TestReporting:
             rig.hardware.write(k * 10_000_000, 0.01)
         assert rig.log == ["joint 'J': position command 1.25 is beyond its stop at 1.23, where it "
                            "rests; lower the command, or joint_limits"]
+
+    @pytest.mark.parametrize("interface", [EFFORT, POSITION, VELOCITY])
+    def test_a_command_that_is_beyond_a_limit_by_rounding_is_not_worth_a_line(
+        self, make_rig, make_joint, interface
+    ):
+        """As after a conversion from degrees, or a sum of steps."""
+        rig = make_rig([make_joint("J", interface=interface)])
+        handle = rig.hardware.handles["J"]
+        limits = handle.limits
+        bound = {EFFORT: limits.effort, POSITION: limits.upper, VELOCITY: limits.velocity}
+        name = {EFFORT: "effort", POSITION: "position", VELOCITY: "velocity"}[interface]
+        for k in range(2000):
+            sign = 1.0 if k < 1000 else -1.0
+            setattr(handle, f"{name}_command", sign * bound[interface] * (1.0 + 1e-15))
+            rig.hardware.write(k * 1_000_000, 0.001)
+        assert rig.log == []
 
     def test_a_short_saturation_of_effort_is_not_worth_a_line_a_lasting_one_is(
         self, make_rig, make_joint

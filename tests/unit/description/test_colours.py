@@ -51,11 +51,25 @@ MIXED = {  # of Gazebo's script; of those with a picture its mean colour
 
 
 def test_all_other_colours_are_gazebo_s():
-    others = {name.removeprefix("Gazebo/"): rgba for name, rgba in COLOURS.items()
-              if not name.startswith(tuple(f"Gazebo/{pure}" for pure in LIGHTS))
-              or name == "Gazebo/RedBright"}
-    assert others == {name: (*rgb, 0.5 if name.endswith("Transparent") else 1.0)
-                      for name, rgb in MIXED.items()}
+    for name, rgb in MIXED.items():
+        assert COLOURS[f"Gazebo/{name}"] == (*rgb, 0.5 if name.endswith("Transparent") else 1.0)
+
+
+SHIPPED = """Grey DarkGrey White FlatBlack Black Red RedBright Green Blue SkyBlue Yellow ZincYellow
+    Purple Turquoise Orange WhiteGlow RedGlow GreenGlow BlueGlow YellowGlow PurpleGlow TurquoiseGlow
+    TurquoiseGlowOutline RedTransparentOverlay BlueTransparentOverlay GreenTransparentOverlay
+    OrangeTransparentOverlay DarkOrangeTransparentOverlay RedTransparent GreenTransparent
+    BlueTransparent DarkMagentaTransparent GreyTransparent YellowTransparent OrangeTransparent
+    LightOn LightOff LightBlueLaser BlueLaser JointAnchor CoM WoodFloor CeilingTiled PaintedWall
+    PioneerBody Pioneer2Body Gold GreyGradientSky CloudySky WoodPallet Wood Bricks Road Residential
+    Tertiary Pedestrian Footway Motorway Lanes_6 Trunk Lanes_4 Primary Lanes_2 Secondary Lane_1
+    Steps BuildingFrame WindowFrame Runway Grass"""
+
+
+def test_every_material_that_gazebo_ships_has_a_colour():
+    assert not {f"Gazebo/{name}" for name in SHIPPED.split()} - COLOURS.keys()
+    assert all(len(rgba) == 4 and 0.0 <= min(rgba) <= max(rgba) <= 1.0
+               for rgba in COLOURS.values())
 
 
 @pytest.mark.parametrize("name, nearest", [

@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 from dataclasses import replace
 
 import pytest
@@ -13,6 +14,7 @@ from aras_sim_bridge.description import (
     Mimic,
     SoftLimits,
     Transmission,
+    packages,
     parse_sdf,
     parse_urdf,
 )
@@ -116,32 +118,35 @@ def test_meshes_name_their_files(tmp_path):
     assert found.links["a"].visuals[0].geometry.filename == str(file)
 
 
-@pytest.mark.parametrize("uri, reason", [
-    ("package://p/../a.stl", "climbs out of package 'p'"), ("package://p/b.stl", "does not exist"),
-    ("http://p/a.stl", "unknown scheme 'http://'"), ("a.stl", "is a relative path"),
-    ("", "has no filename"), ("package://no such/a.stl", "is not a package name"),
+@pytest.mark.parametrize(("shape", "reason"), [
+    ("<mesh filename='package://p/../a.stl'/>", "climbs out of package 'p'"),
+    ("<mesh filename='package://p/b.stl'/>", "does not exist"),
+    ("<mesh filename='package://no such/a.stl'/>", "is not a package name"),
+    ("<mesh filename='package://gone/a.stl'/>", "package 'gone' is not in ROS_PACKAGE_PATH"),
+    ("<mesh filename='http://p/a.stl'/>", "unknown scheme 'http://'"),
+    ("<mesh filename='a.stl'/>", "is a relative path"), ("<mesh/>", "has no filename"),
+    ("<mesh filename='package://p/folder.stl'/>", "is no regular file"),
+    ("<mesh filename='package://p/pipe.stl'/>", "is no regular file"),
+    ("<mesh filename='package://p/device.stl'/>", "is no regular file"),
+    ("<mesh filename='package://p/whole.stl' scale='1 0 1'/>", "holds a zero"),
+    ("<cone/>", "shape <cone> is not served; use box, cylinder, sphere"), ("", "has no <geometry>"),
 ])
-def test_mesh_files_that_are_not_to_be_had(tmp_path, uri, reason):
-    (tmp_path / "p").mkdir()
-    (tmp_path / "a.stl").touch()
-    text = (f"<robot name='r'><link name='a'><visual><geometry><mesh filename='{uri}'/></geometry>"
-            "</visual></link></robot>")
-    from aras_sim_bridge.description import packages
-    with pytest.raises(DescriptionError, match=reason):
-        parse_urdf(text, lambda name: str(tmp_path / "p") if name == "p" else packages.find(name))
-
-
-@pytest.mark.parametrize("kind", ["folder", "pipe", "device"])
-def test_meshes_are_files_and_nothing_else(tmp_path, kind):
-    path = tmp_path / "a.stl"
-    if kind == "folder":
-        path.mkdir()
-    elif kind == "pipe":
-        os.mkfifo(path)
-    else:
-        path.symlink_to("/dev/zero")
-    with pytest.raises(DescriptionError, match="a.stl.* is no regular file"):
-        shown(f"<mesh filename='file://{path}'/>")
+@pytest.mark.parametrize("kind", ["visual", "collision"])
+def test_a_shape_that_cannot_be_served_is_left_out_and_named(tmp_path, shape, reason, kind):
+    package = tmp_path / "p"
+    (package / "folder.stl").mkdir(parents=True)
+    os.mkfifo(package / "pipe.stl")
+    (package / "device.stl").symlink_to("/dev/zero")
+    for file in (tmp_path / "a.stl", package / "whole.stl"):
+        file.touch()
+    box = f"<{kind}><geometry><box size='1 1 1'/></geometry></{kind}>"
+    found = parse_urdf(
+        f"<robot name='r'><link name='a'>{box}<{kind}><geometry>{shape}</geometry></{kind}></link>"
+        "</robot>", lambda name: str(package) if name == "p" else packages.find(name))
+    assert len(found.links["a"].visuals + found.links["a"].collisions) == 1
+    (warning,) = found.warnings
+    assert re.search(reason, warning) and f"link 'a', {kind} 2" in warning
+    assert warning.endswith(f"; the {kind} is left out")
 
 
 def test_inertials_origins_and_names_of_parts():
@@ -210,23 +215,34 @@ JOINT = "<joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint
     (AB + JOINT.replace("fixed", "continuous").replace("<child", "<axis xyz='0 0 0'/><child"),
      "joint 'j': axis is zero; it needs a direction"),
     ("<link name='a'><inertial/></link>", "link 'a': <inertial> has no <mass>"),
-    ("<link name='a'><visual/></link>", "link 'a', visual 1: has no <geometry>"),
-    ("<link name='a'><visual><geometry><cone/></geometry></visual></link>",
-     "shape <cone> is not supported; use box, cylinder, sphere, capsule, plane, mesh"),
     ("<link name='a'><visual><geometry><box size='1 1'/></geometry></visual></link>",
      "link 'a', visual 1: box size: needs 3 numbers, got '1 1'"),
-    ("<link name='a'><visual><geometry><box size='1 0 1'/></geometry></visual></link>",
-     r"box size is \(1.0, 0.0, 1.0\); it must be positive"),
+    ("<link name='a'><visual><geometry><box size='1 0 -1'/></geometry></visual></link>",
+     r"box size is \(1.0, 0.0, -1.0\); it must be positive"),
     ("<link name='a'><collision><geometry><sphere radius='-2'/></geometry></collision></link>",
      "link 'a', collision 1: sphere radius is -2.0; it must be positive"),
     ("<link name='a'><collision><geometry><cylinder radius='1'/></geometry></collision></link>",
      "cylinder length is missing"),
-    ("<link name='a'><visual><geometry><mesh filename='/dev/null' scale='1 0 1'/></geometry>"
-     "</visual></link>", "does not exist|holds a zero"),
 ])
 def test_what_is_wrong_is_named(inside, reason):
     with pytest.raises(DescriptionError, match=reason):
         robot(inside)
+
+
+@pytest.mark.parametrize("before", [
+    "<!-- c --><?xml version='1.0'?>", "\ufeff<?xml version='1.0'?>\n<!-- a -- b -->",
+    "\n\n<!--\n<a>\n--><?xml version='1.0' encoding='utf-8'?><!---->"])
+def test_comments_may_stand_anywhere_as_gazebo_takes_them(before):
+    """Before the XML declaration and with dashes; lines are counted with them."""
+    assert parse_urdf(f"{before}<robot name='r'><link name='a'/><!-- -- --></robot>").root == "a"
+    line = before.count("\n") + 2
+    with pytest.raises(DescriptionError, match=f"line {line}, column"):
+        parse_urdf(f"{before}<robot name='r'>\n<link</robot>")
+
+
+def test_a_comment_that_never_ends_is_named():
+    with pytest.raises(DescriptionError, match="line 2"):
+        parse_urdf("<robot name='r'>\n<!-- <link name='a'/></robot>")
 
 
 @pytest.mark.parametrize("text, reason", [
@@ -292,16 +308,21 @@ def test_each_shape_in_full_in_urdf_and_sdf(kind):
 @pytest.mark.parametrize(("kind", "key"), [
     (kind, key) for kind, (settings, _) in SHAPES.items() for key in settings if key != "normal"])
 def test_each_size_of_a_shape_is_a_positive_number(kind, key):
-    """And is needed, but for a plane's."""
+    """And is needed, but for a plane's; 0 is Gazebo's 0.1 mm, and is named."""
     settings, _ = SHAPES[kind]
     count = len(settings[key].split())
     for place in range(count):
-        for bad in ("0", "-1", "-1e-9"):
+        for bad in ("-1", "-1e-9"):
             text = " ".join(bad if k == place else "1" for k in range(count))
             reason = f"{kind} {key} is .*; it must be positive"
             for read in both(kind, settings | {key: text}):
                 with pytest.raises(DescriptionError, match=reason):
                     read()
+        text = " ".join("0" if k == place else "1" for k in range(count))
+        for read in both(kind, settings | {key: text}):
+            made = read()
+            sizes = [made.radius, made.length, *made.size]
+            assert sorted(size for size in sizes if size)[0] == 1e-4
     for read in both(kind, {name: settings[name] for name in settings if name != key}):
         if kind == "plane":
             assert read().normal == pytest.approx((2 / 7, 3 / 7, 6 / 7))

@@ -161,36 +161,41 @@ def test_image_and_info_of_one_instant(eye):
     assert {named[n] for n in np.unique(seen[seen >= 0]).tolist()} == {"ground_plane::link"}
 
 
-def test_topics_are_gazebo_s(graph, thread):
-    names = {"image": "far/image", "info": "far/info", "points": "far/points"}
-    given = {**SETTINGS, "camera_name": "a/eye", "image_topic": "picture", "info_topic": "lens",
-             "trigger_topic": "go", "depth_topics": {**names, "millimetres": True}}
+@pytest.mark.parametrize(("given", "at"), [("", "/a/eye"), ("/", ""), ("/b/", "/b")])
+def test_topics_are_gazebo_s(graph, thread, given, at):
+    """Names are below the camera's, or global where they begin with '/'."""
+    names = {"image": f"{given}far/image", "info": f"{given}far/info",
+             "points": f"{given}far/points"}
+    given = {**SETTINGS, "camera_name": "a/eye", "image_topic": f"{given}picture",
+             "info_topic": f"{given}lens", "trigger_topic": f"{given}go",
+             "depth_topics": {**names, "millimetres": True}}
     thread.call(lambda: thread.simulation.add_camera("eye", given))
     on_graph = CameraTopics(thread.simulation.cameras[0], thread)
     settings_topics = {
-        f"/a/eye{place}/parameter_{what}": (kind, 10, True) for place in ("", "/picture/compressed")
+        f"{place}/parameter_{what}": (kind, 10, True)
+        for place in ("/a/eye", f"{at}/picture/compressed")
         for what, kind in (("descriptions", ConfigDescription), ("updates", Config))}
     assert graph.told() == settings_topics | {
         "/tf_static": (TFMessage, 10, True),
-        "/a/eye/picture": (Image, 2, True), "/a/eye/lens": (CameraInfo, 2, False),
-        "/a/eye/picture/compressed": (CompressedImage, 30, True),
-        "/a/eye/far/image": (Image, 2, True), "/a/eye/far/info": (CameraInfo, 2, False),
-        "/a/eye/far/points": (PointCloud2, 1, False),
+        f"{at}/picture": (Image, 2, True), f"{at}/lens": (CameraInfo, 2, False),
+        f"{at}/picture/compressed": (CompressedImage, 30, True),
+        f"{at}/far/image": (Image, 2, True), f"{at}/far/info": (CameraInfo, 2, False),
+        f"{at}/far/points": (PointCloud2, 1, False),
         "/a/eye/segmentation/image_raw": (Image, 2, True),
         "/a/eye/segmentation/labels": (String, 2, True), "/a/eye/sensor_info": (String, 1, True),
     }
     no_delay = [one.options.get("tcp_nodelay") for one in graph.publishers.values()
                 if one.kind in (Image, CompressedImage, CameraInfo, PointCloud2)]
     assert no_delay == 7 * [True]
-    assert graph.heard == {"/a/eye/go": (Empty, {"queue_size": 10})}
+    assert graph.heard == {f"{at}/go": (Empty, {"queue_size": 10})}
     assert graph.types == {
         "/a/eye/set_camera_info": SetCameraInfo, "/a/eye/set_parameters": Reconfigure,
-        "/a/eye/picture/compressed/set_parameters": Reconfigure}
-    (depth,) = graph.listen("/a/eye/far/image")
-    (points,) = graph.listen("/a/eye/far/points")
+        f"{at}/picture/compressed/set_parameters": Reconfigure}
+    (depth,) = graph.listen(f"{at}/far/image")
+    (points,) = graph.listen(f"{at}/far/points")
     thread.step(20, 120.0)
     assert not messages(depth, Image)  # it exposes when it is told to
-    graph.subscribers["/a/eye/go"](Empty())
+    graph.subscribers[f"{at}/go"](Empty())
     thread.step(3, 120.0)
     (picture,) = messages(depth, Image)
     assert (picture.encoding, picture.step) == ("16UC1", 16)

@@ -1,20 +1,31 @@
 """Where what is spawned into a namespace has its topics."""
 
+from xml.etree import ElementTree
+
 import pytest
 
-from aras_sim_bridge.ros.gazebo_api.descriptions import in_namespace, parse, root_of
-
-ROBOT = """<robot name="r"><link name="eye"/><gazebo reference="eye"><sensor type="camera" name="c">
-<camera><image><width>8</width><height>6</height></image></camera>
-<plugin name="p" filename="libgazebo_ros_camera.so">{own}<cameraName>eye</cameraName></plugin>
-</sensor></gazebo></robot>"""
+from aras_sim_bridge.description import CameraPlugin
+from aras_sim_bridge.description.plugins import PLUGINS
+from aras_sim_bridge.ros.gazebo_api.descriptions import set_namespace
 
 
-@pytest.mark.parametrize(
-    ("own", "requested", "namespace"),
-    [("", "/left/", "left"), ("", "left", "left"), ("", "/", ""), ("", "", ""),
-     ("<robotNamespace>mine</robotNamespace>", "/left", "mine")],
-)  # fmt: skip
-def test_a_camera_takes_the_requests_namespace_unless_it_has_its_own(own, requested, namespace):
-    given = in_namespace(parse(root_of(ROBOT.format(own=own))), requested)
-    assert given.cameras[0].plugin.robot_namespace == namespace
+@pytest.mark.parametrize("file", PLUGINS)
+@pytest.mark.parametrize(("own", "requested", "namespace"), [
+    ("", "/left/", "left"), ("", "left", "left"), ("", "/", ""),
+    ("<robotNamespace>mine</robotNamespace>", "/left", "mine"), ("<robotNamespace/>", "left", ""),
+])
+def test_every_plugin_takes_the_requested_namespace_unless_it_names_one(
+    file, own, requested, namespace
+):
+    root = ElementTree.fromstring(
+        f"<robot><gazebo><plugin filename='lib{file}.so'>{own}</plugin></gazebo></robot>")
+    set_namespace(root, requested)
+    made = PLUGINS[file](root.find("gazebo/plugin"), "test")
+    found = made.namespace if hasattr(made, "namespace") else made.robot_namespace
+    assert found is not None and found.strip("/") == namespace
+
+
+def test_without_a_request_each_plugin_keeps_its_default():
+    root = ElementTree.fromstring("<robot><plugin filename='libgazebo_ros_camera.so'/></robot>")
+    set_namespace(root, "")
+    assert PLUGINS["gazebo_ros_camera"](root.find("plugin"), "test") == CameraPlugin()

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from aras_visual_servo_base.names import find_class, imported, nearest
+from aras_visual_servo_base.names import find_class, imported, nearest, resolve_name
 from aras_visual_servo_base.settings import build, check, defaults, parameter, read
 from aras_visual_servo_base.yaml_files import parse_yaml, read_yaml
 
@@ -254,3 +254,12 @@ def test_a_class_is_found_by_name_or_by_its_module():
         with pytest.raises(OwnError) as caught:
             find_class("scheme", name, known, (Outer,), OwnError)
         assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(("given", "expected"), [
+    (("arm", "eye", "image"), "/arm/eye/image"), (("/arm/", "eye/image"), "/arm/eye/image"),
+    (("arm", "/image"), "/image"), (("arm", "/eye", "image"), "/eye/image"),
+    (("", "image"), "/image"), (("/", ""), "/"),
+])  # fmt: skip
+def test_names_are_resolved_as_node_handles_do(given, expected):
+    assert resolve_name(*given) == expected

@@ -129,7 +129,6 @@ def test_what_changes_nothing_is_left_out_with_one_warning():
 
 
 @pytest.mark.parametrize(("text", "reason"), [
-    (model(link(part("visual", "<heightmap/>"))), "shape <heightmap> is not supported; use box"),
     (model(link(part("visual", "<box><size>1 1 -1</size></box>"))), "must be positive"),
     (model(link(part("visual", "<box><size>1 nan 1</size></box>"))), "not finite"),
     (model(link(part("visual", "<sphere/>"))), "sphere radius is missing"),

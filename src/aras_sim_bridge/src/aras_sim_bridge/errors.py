@@ -10,8 +10,8 @@ from aras_visual_servo_base.errors import DescriptionError as DescriptionError
 from aras_visual_servo_base.errors import SimError as SimError
 
 
-class MissingFileError(DescriptionError):
-    """A file that a description names, or the package or model folder it lies in, is not there."""
+class LeftOutError(DescriptionError):
+    """A part of a model that cannot be served; the model is served without it."""
 
 
 class WorldError(SimError):

@@ -1,4 +1,4 @@
-"""Names: the nearest known one, and classes by 'package.module:Class'."""
+"""Names: the nearest known one, names of the ROS graph, classes by 'package.module:Class'."""
 
 from __future__ import annotations
 
@@ -25,6 +25,19 @@ def nearest(name: object, known: Iterable[str]) -> str:
     known = [str(entry) for entry in known]
     near = likely(name, known)
     return f"did you mean '{near}'?" if near else f"known are {', '.join(known) or 'none'}"
+
+
+def resolve_name(*names: str) -> str:
+    """Return the global name in the ROS graph of the last name, each relative to those before it.
+
+    As a chain of NodeHandles resolves them: a name that begins with "/" is global, and those before
+    it do not count.
+    """
+    parts: list[str] = []
+    for name in names:
+        own = [part for part in name.split("/") if part]
+        parts = own if name.startswith("/") else parts + own
+    return "/" + "/".join(parts)
 
 
 def unknown(kind: str, name: object, known: Iterable[str], own: bool = False) -> str:

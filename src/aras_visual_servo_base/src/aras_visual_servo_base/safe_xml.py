@@ -38,10 +38,15 @@ def parse(
         )
     if not xml.strip():
         raise DescriptionError(f"{what}: the description is empty")
+    text = _without_comments(xml).lstrip("\ufeff \t\r\n")
+    first_line = xml.count("\n") - text.count("\n")  # of what the parser gets, from 0
     builder = TreeBuilder()
     parser = expat.ParserCreate()
     parser.buffer_text = True
     depth = count = 0
+
+    def line() -> int:
+        return first_line + parser.CurrentLineNumber
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal depth, count
@@ -49,12 +54,12 @@ def parse(
         count += 1
         if depth > LARGEST_DEPTH or count > LARGEST_COUNT:
             raise DescriptionError(
-                f"{what}: line {parser.CurrentLineNumber}: more than {LARGEST_DEPTH} elements deep "
+                f"{what}: line {line()}: more than {LARGEST_DEPTH} elements deep "
                 f"or {LARGEST_COUNT} in all"
             )
         if tag.startswith("xacro:"):
             raise DescriptionError(
-                f"{what}: line {parser.CurrentLineNumber}: unexpanded <{tag}>; "
+                f"{what}: line {line()}: unexpanded <{tag}>; "
                 "run xacro on the file first"
             )
         builder.start(tag, attributes)
@@ -66,7 +71,7 @@ def parse(
 
     def refuse(*_: object) -> None:
         raise DescriptionError(
-            f"{what}: line {parser.CurrentLineNumber}: document type and entity declarations are "
+            f"{what}: line {line()}: document type and entity declarations are "
             "refused; remove <!DOCTYPE …>"
         )
 
@@ -77,15 +82,27 @@ def parse(
         parser.StartDoctypeDeclHandler = refuse
     parser.EntityDeclHandler = refuse
     try:
-        parser.Parse(xml.strip(), True)
+        parser.Parse(text.rstrip(), True)
     except expat.ExpatError as error:
         raise DescriptionError(
-            f"{what}: line {error.lineno}, column {error.offset}: "
+            f"{what}: line {first_line + error.lineno}, column {error.offset}: "
             f"{expat.errors.messages[error.code]}"
         ) from None
     except (UnicodeEncodeError, ValueError) as error:
         raise DescriptionError(f"{what}: not valid text: {error}") from None
     return builder.close()
+
+
+def _without_comments(xml: str) -> str:
+    """The text without its comments, whose ends of lines stay.
+
+    Gazebo's parser takes what XML forbids: a comment before the XML declaration, "--" within one.
+    """
+    kept, at = [], 0
+    while (begin := xml.find("<!--", at)) >= 0 and (end := xml.find("-->", begin + 4)) >= 0:
+        kept += [xml[at:begin], "\n" * xml.count("\n", begin, end)]
+        at = end + 3
+    return "".join((*kept, xml[at:]))
 
 
 def check_names(names: list[str], what: str) -> None:

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
+from aras_visual_servo_base.names import resolve_name
 from aras_visual_servo_base.settings import build, parameter
 from aras_visual_servo_base.settings import check as hold_to_bounds
 
@@ -169,8 +170,8 @@ class CameraConfig:
             self._check(all(map(_NAME.fullmatch, parts)),
                         f"{key} '{name}' is no name in a ROS graph; begin with a "
                         "letter and go on with letters, digits and underscores")
-        self._check(self.image_topic.strip("/") not in ("", self.info_topic.strip("/"))
-                    and bool(self.info_topic.strip("/")),
+        topics = {self.topic_root, *map(self.topic, (self.image_topic, self.info_topic))}
+        self._check(len(topics) == 3,
                     f"image_topic '{self.image_topic}' and info_topic '{self.info_topic}': give "
                     "two different names")
 
@@ -273,15 +274,14 @@ class CameraConfig:
     @property
     def topic_root(self) -> str:
         """Absolute name below which ROS finds this camera: /robotNamespace/cameraName."""
-        return _absolute(self.robot_namespace, self.camera_name)
+        return resolve_name(f"{self.robot_namespace}/{self.camera_name}")
+
+    def topic(self, name: str) -> str:
+        """Absolute name of one of its topics, which the plug-in may have given as a global one."""
+        return resolve_name(self.topic_root, name)
 
     @property
     def names(self) -> frozenset[str]:
         """Absolute names that no other camera may have: its root, its image and its info topic."""
-        root = self.topic_root
-        topics = (_absolute(root, topic) for topic in (self.image_topic, self.info_topic))
-        return frozenset((root, *topics))
-
-
-def _absolute(*names: str) -> str:
-    return "/" + "/".join(part for name in names for part in name.split("/") if part)
+        topics = (self.topic(name) for name in (self.image_topic, self.info_topic))
+        return frozenset((self.topic_root, *topics))

@@ -12,6 +12,7 @@ import numpy as np
 
 from aras_sim_bridge.angles import shortest, towards
 from aras_sim_bridge.control.joints import (
+    COMMAND_ROUNDING,
     EFFORT,
     OCCURRENCE_COLUMNS,
     POSITION,
@@ -139,7 +140,7 @@ class Drive:
         name, output = self.handle.name, self.row.item(OUTPUT)
         if self.kind == SETS_POSITION:
             reached = model.set_position(name, output)
-            if reached != output and self._limited.note(time_ns):
+            if abs(reached - output) > COMMAND_ROUNDING and self._limited.note(time_ns):
                 self._warn(f"joint '{name}': position command {output:g} is beyond its "
                            f"stop at {reached:g}, where it rests; lower the command, or "
                            "joint_limits")
@@ -185,6 +186,7 @@ def _command(row, handle, time_ns, dt, stopped):
             # Slowed by the velocity limit is everyday travel; beyond the range is a mistake.
             beyond = not row[_LOWER] <= wanted <= row[_UPPER]
             given = row[_LOWER] if wanted < row[_LOWER] else row[_UPPER]
+        beyond = beyond and abs(wanted - given) > COMMAND_ROUNDING
         if beyond and noted(row[_LIMITS:_REFUSALS], time_ns, row[_PATIENT], row[_QUIET]):
             row[_NEWS], row[_WANTED], row[_GIVEN] = row[_NEWS] + 2.0, wanted, given
     row[_GOOD] = handle[column]

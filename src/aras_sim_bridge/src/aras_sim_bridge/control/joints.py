@@ -28,6 +28,8 @@ _NS_PER_S = 1_000_000_000
 # Columns of an occurrence's row: times of the first and the last trouble (NaN: none yet), ns, and
 # whether it was told.
 (_FIRST, _LAST, _TOLD), OCCURRENCE_COLUMNS = range(3), 3
+# A command that exceeds a limit by less, rad, m, or per s, N m, N, is within it but for rounding.
+COMMAND_ROUNDING = 1e-6
 
 
 class JointHandle:

@@ -4,29 +4,48 @@ from collections.abc import Callable
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description.types import Geometry
-from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.errors import DescriptionError, LeftOutError
 from aras_visual_servo_base.safe_xml import direction, number, numbers, shorten, text_of
 
 SHAPES = ("box", "cylinder", "sphere", "capsule", "plane", "mesh")
 Resolve = Callable[[str, str], str]  # a mesh's URI and who names it -> the path of its file
+_LEAST = 1e-4  # m, Gazebo's for a size of zero
 
 
-def urdf_geometry(element: Element, where: str, resolve: Resolve) -> Geometry:
-    """The shape in a URDF visual's or collision's `<geometry>`.
+def urdf_geometry(element: Element, where: str, resolve: Resolve, warnings: list[str]
+                  ) -> Geometry | None:
+    """The shape in a URDF visual's or collision's `<geometry>`; None, with a sentence in
+    `warnings`, where it cannot be served. A size of zero is taken as 0.1 mm, as in Gazebo.
 
     Raises:
-        DescriptionError: no shape, one that is not among SHAPES, or a size that is not positive.
+        DescriptionError: a size that is negative or no number.
     """
-    shape = _shape(element, where)
-    return _geometry(shape, where, resolve, shape.get, "filename")
+    return _served(lambda shape: _geometry(
+        shape, where, resolve, shape.get, "filename", warnings), element, where, warnings)
 
 
-def sdf_geometry(element: Element, where: str, resolve: Resolve) -> Geometry:
+def sdf_geometry(element: Element, where: str, resolve: Resolve, warnings: list[str]
+                 ) -> Geometry | None:
     """The same of an SDF visual or collision, whose planes have a size; no submeshes."""
-    shape = _shape(element, where)
-    if shape.find("submesh") is not None:
-        raise DescriptionError(f"{where}: <submesh> is not supported; give it a file of its own")
-    return _geometry(shape, where, resolve, lambda tag: text_of(shape, tag), "uri", (1.0, 1.0))
+
+    def read(shape: Element) -> Geometry:
+        if shape.find("submesh") is not None:
+            raise LeftOutError(f"{where}: <submesh> is not served; give it a file of its own")
+        return _geometry(shape, where, resolve, lambda tag: text_of(shape, tag), "uri", warnings,
+                         (1.0, 1.0))
+
+    if element.find("geometry/empty") is not None:
+        return None
+    return _served(read, element, where, warnings)
+
+
+def _served(read: Callable[[Element], Geometry], element: Element, where: str, warnings: list[str]
+            ) -> Geometry | None:
+    try:
+        return read(_shape(element, where))
+    except LeftOutError as error:
+        warnings.append(f"{error}; the {element.tag} is left out")
+        return None
 
 
 def bounce(collision: Element, where: str) -> tuple[float, float] | None:
@@ -50,21 +69,25 @@ def _shape(element: Element, where: str) -> Element:
     node = element.find("geometry")
     shape = next(iter(node), None) if node is not None else None
     if shape is None:
-        raise DescriptionError(f"{where}: has no <geometry> with a shape in it")
+        raise LeftOutError(f"{where}: has no <geometry> with a shape in it")
     return shape
 
 
 def _geometry(shape: Element, where: str, resolve: Resolve, value: Callable[[str], str | None],
-              file: str, plane: tuple[float, float] = (0.0, 0.0)) -> Geometry:
+              file: str, warnings: list[str], plane: tuple[float, float] = (0.0, 0.0)
+              ) -> Geometry:
     """value: text of one of the shape's settings. file: name of a mesh's. plane: default size."""
     kind = shape.tag
 
     def positive(key: str, count: int, default: tuple[float, ...] | None = None) -> tuple:
         sizes = numbers(value(key), count, f"{where}: {kind} {key}", default)
-        if sizes != default and min(sizes) <= 0.0:
-            shown = sizes[0] if count == 1 else sizes
+        if sizes == default or min(sizes) > 0.0:
+            return sizes
+        shown = sizes[0] if count == 1 else sizes
+        if min(sizes) < 0.0:
             raise DescriptionError(f"{where}: {kind} {key} is {shown}; it must be positive")
-        return sizes
+        warnings.append(f"{where}: {kind} {key} is {shown}; {_LEAST} m is used for 0, as in Gazebo")
+        return tuple(size or _LEAST for size in sizes)
 
     if kind == "box":
         return Geometry(kind, size=positive("size", 3))
@@ -78,11 +101,11 @@ def _geometry(shape: Element, where: str, resolve: Resolve, value: Callable[[str
     if kind == "mesh":
         uri = value(file)
         if not uri:
-            raise DescriptionError(f"{where}: <mesh> has no {file}")
+            raise LeftOutError(f"{where}: <mesh> has no {file}")
         words = (value("scale") or "1 1 1").split()
         scale = numbers(" ".join(words * 3 if len(words) == 1 else words), 3, f"{where}: scale")
         if 0.0 in scale:
-            raise DescriptionError(f"{where}: mesh scale {scale} holds a zero")
+            raise LeftOutError(f"{where}: mesh scale {scale} holds a zero")
         return Geometry(kind, filename=resolve(uri, where), scale=scale)
-    raise DescriptionError(
-        f"{where}: shape <{shorten(kind)}> is not supported; use {', '.join(SHAPES)}")
+    raise LeftOutError(
+        f"{where}: shape <{shorten(kind)}> is not served; use {', '.join(SHAPES)}")

@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable
 
 from aras_sim_bridge.description import model_folders
-from aras_sim_bridge.errors import DescriptionError, MissingFileError
+from aras_sim_bridge.errors import DescriptionError, LeftOutError
 from aras_visual_servo_base.safe_xml import shorten
 
 ResolvePackage = Callable[[str], str]
@@ -33,7 +33,7 @@ def find(name: str) -> str:
         # What is not there is looked for again the next time: it may be built by then.
         found = _search(name, *paths)
     if found is None:
-        raise MissingFileError(
+        raise LeftOutError(
             f"package '{name}' is not in ROS_PACKAGE_PATH: source the workspace that holds it "
             "(. devel/setup.bash) or install it, then try again"
         )
@@ -100,7 +100,7 @@ def resolve_uri(
     path = located(uri, where, resolve_package, base_directory)
     if not os.path.isfile(path):
         kind = "is no regular file" if os.path.exists(path) else "does not exist"
-        raise MissingFileError(f"{where}: mesh file {path} (from '{shorten(uri, 200)}') {kind}")
+        raise LeftOutError(f"{where}: mesh file {path} (from '{shorten(uri, 200)}') {kind}")
     return path
 
 
@@ -123,18 +123,18 @@ def located(
         what: what it is, for the message.
 
     Raises:
-        DescriptionError: unknown scheme or package, or a path that climbs out.
+        LeftOutError: unknown scheme or package, or a path that climbs out.
     """
     text = uri.strip()
     shown = text if len(text) <= 200 else text[:200] + "…"
     if not text or "\0" in text:
-        raise DescriptionError(f"{where}: the {what} file name is empty or holds a NUL character")
+        raise LeftOutError(f"{where}: the {what} file name is empty or holds a NUL character")
     scheme, separator, rest = text.partition("://")
     if not separator:
         path = text
         if not os.path.isabs(path):
             if base_directory is None:
-                raise DescriptionError(
+                raise LeftOutError(
                     f"{where}: {what} '{shown}' is a relative path and the description came as "
                     "text; write package://<package>/<path> or an absolute path"
                 )
@@ -145,17 +145,17 @@ def located(
         try:
             root = os.path.normpath(folder or resolve_package(package))
         except DescriptionError as error:
-            raise type(error)(f"{where}: {what} '{shown}': {error}") from None
+            raise LeftOutError(f"{where}: {what} '{shown}': {error}") from None
         path = os.path.normpath(os.path.join(root, inside.lstrip("/")))
         if os.path.commonpath([root, path]) != root:
-            raise DescriptionError(
+            raise LeftOutError(
                 f"{where}: {what} '{shown}' climbs out of package '{package}'; "
                 "keep the file inside the package"
             )
     elif scheme == "file":
         path = "/" + rest.lstrip("/")
     else:
-        raise DescriptionError(
+        raise LeftOutError(
             f"{where}: {what} '{shown}' has the unknown scheme '{scheme}://'; "
             "use package://, file:// or an absolute path"
         )

@@ -38,7 +38,7 @@ from aras_sim_bridge.description.types import (
     Visual,
 )
 from aras_sim_bridge.description.world_state import WorldState
-from aras_sim_bridge.errors import DescriptionError, MissingFileError
+from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
 from aras_visual_servo_base.safe_xml import (
@@ -288,10 +288,8 @@ def _link(element: Element, model: str, resolve: Resolve, looks: Sequence[Look |
         for part, look in zip(element.findall(kind), paired, strict=False):
             inside = f"{where}, {kind} '{shorten(_name(part, where))}'"
             at = _pose(part, inside)
-            try:
-                shape = sdf_geometry(part, inside, resolve)
-            except MissingFileError as error:  # as in Gazebo, the rest of the model stands
-                warnings.append(f"{error}; the {kind} is left out")
+            shape = sdf_geometry(part, inside, resolve, warnings)
+            if shape is None:
                 continue
             if kind == "visual":
                 texture = "" if look is None else look.texture

@@ -78,13 +78,15 @@ def _link(name: str, element: Element, resolve: Resolve, warnings: list[str]) ->
     visuals, collisions = [], []
     for i, node in enumerate(element.findall("visual")):
         inside = f"{where}, visual {i + 1}"
-        visuals.append(Visual(node.get("name") or "", *origin(node, inside),
-                              urdf_geometry(node, inside, resolve)))
+        shape = urdf_geometry(node, inside, resolve, warnings)
+        if shape is not None:
+            visuals.append(Visual(node.get("name") or "", *origin(node, inside), shape))
     for i, node in enumerate(element.findall("collision")):
         inside = f"{where}, collision {i + 1}"
         label = node.get("name") or (f"{name}_collision" + (f"_{i}" if i else ""))
-        collisions.append(Collision(label, *origin(node, inside),
-                                    urdf_geometry(node, inside, resolve)))
+        shape = urdf_geometry(node, inside, resolve, warnings)
+        if shape is not None:
+            collisions.append(Collision(label, *origin(node, inside), shape))
     return Link(name, inertial, tuple(visuals), tuple(collisions))
 
 

@@ -22,6 +22,7 @@ from aras_sim_bridge.sensors import (
     RateSensor,
     WrenchReading,
 )
+from aras_visual_servo_base.names import resolve_name
 
 
 def _pose(message: Message, reading: PoseReading, sensor: RateSensor) -> None:
@@ -79,8 +80,6 @@ class SensorTopic(StateTopic):
         """Advertise; SimError where the message's package is not installed."""
         given = sensor.description
         namespace = sensor.model.name if given.namespace is None else given.namespace
-        root = "" if given.topic.startswith("/") else "/" + namespace.strip("/")
-        topic = f"{root.rstrip('/')}/{given.topic.lstrip('/')}"
         frame = prefixed(given.frame or self._own_frame(sensor), namespace)
         name, write = MESSAGES[given.kind]
         message_type = get_message_class(name)
@@ -92,6 +91,7 @@ class SensorTopic(StateTopic):
             message.header.stamp, message.header.frame_id = to_time(reading.stamp_ns), frame
             write(message, reading, sensor)
 
+        topic = resolve_name(namespace, given.topic)
         super().__init__(topic, message_type, 1, sensor, fill, thread)
 
     @staticmethod

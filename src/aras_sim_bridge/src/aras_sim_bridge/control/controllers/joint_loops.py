@@ -15,6 +15,7 @@ from aras_sim_bridge.control.controllers.interpolation import (
     moved,
 )
 from aras_sim_bridge.control.joints import (
+    COMMAND_ROUNDING,
     Q_COMMAND,
     JointHandle,
     Occurrence,
@@ -34,7 +35,6 @@ FORWARD, POSITION_PID, SPEED_PID = range(3)
 (_HANDLE, _TARGET, _KIND, _TURNS, _LOWER, _UPPER, _COMMAND, _SET_POINT, _ERROR, _OUTPUT,
  _INTERPOLATES, _UPDATES, _WAY) = range(PID_COLUMNS, PID_COLUMNS + 13)
 LOOP_COLUMNS = _WAY + INTERPOLATION_COLUMNS
-ROUNDING = 1e-6  # rad, m, or per s, N m, N: by which a command may be beyond a limit unsaid
 
 
 class JointLoop:
@@ -118,7 +118,7 @@ class JointLoop:
     def told(self, command: float, time_ns: int) -> None:
         """Say that a command which was taken is beyond the limits, if it is."""
         reachable = self.row.item(_COMMAND)
-        if abs(reachable - command) > ROUNDING and self._beyond.note(time_ns):
+        if abs(reachable - command) > COMMAND_ROUNDING and self._beyond.note(time_ns):
             self._warn(
                 f"controller '{self._label}': command {command:g} for joint "
                 f"'{self.handle.name}' is beyond its limits [{self.row[_LOWER]:g}, "

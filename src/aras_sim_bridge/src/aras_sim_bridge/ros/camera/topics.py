@@ -80,27 +80,28 @@ class CameraTopics:
         return self._mounted.sensor.info
 
     def _advertise(self, config: CameraConfig) -> None:
-        root = self.namespace.rstrip("/")
         peers = Peers(self._changed)
-        self._info = self._info_topic(f"{root}/{config.info_topic}")
-        self._image = self._kept(ImageTopic(f"{root}/{config.image_topic}", self._changed))
-        self._compressed = self._kept(CompressedTopic(f"{root}/{config.image_topic}", peers))
+        self._info = self._info_topic(config.topic(config.info_topic))
+        self._image = self._kept(ImageTopic(config.topic(config.image_topic), self._changed))
+        self._compressed = self._kept(CompressedTopic(config.topic(config.image_topic), peers))
         if config.depth:
             names = config.depth_topics
-            self._depth = self._kept(ImageTopic(f"{root}/{names.image}", self._changed))
-            self._depth_info = self._info_topic(f"{root}/{names.info}")
+            self._depth = self._kept(ImageTopic(config.topic(names.image), self._changed))
+            self._depth_info = self._info_topic(config.topic(names.info))
             if names.points:
                 rays = self._thread.call(self._mounted.sensor.rays)
                 self._points = self._kept(
-                    PointsTopic(f"{root}/{names.points}", rays, names, self._changed))
+                    PointsTopic(config.topic(names.points), rays, names, self._changed))
         if config.trigger_topic:
             self._trigger = rospy.Subscriber(
-                f"{root}/{config.trigger_topic}", Empty, self._on_trigger, queue_size=10)
+                config.topic(config.trigger_topic), Empty, self._on_trigger, queue_size=10)
         if config.segmentation:
-            topic = f"{root}/segmentation/image_raw"
+            topic = config.topic("segmentation/image_raw")
             self._segmentation = self._kept(ImageTopic(topic, self._changed))
-            self._labels = self._kept(LabelTopic(f"{root}/segmentation/labels", self._changed))
-        self._figures = rospy.Publisher(f"{root}/sensor_info", String, latch=True, queue_size=1)
+            topic = config.topic("segmentation/labels")
+            self._labels = self._kept(LabelTopic(topic, self._changed))
+        topic = config.topic("sensor_info")
+        self._figures = rospy.Publisher(topic, String, latch=True, queue_size=1)
         self._figures.publish(String(sensor_yaml(config)))
         self._closing.append(ServiceTable(self.namespace, self._thread, self.set_camera_info))
         if config.camera_name:  # as upstream: none without a name of its own

@@ -27,6 +27,7 @@ from aras_sim_bridge.ros.runtime.record import Record
 from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, handlers_in, serves
 from aras_sim_bridge.ros.runtime.simulation_thread import SHUTTING_DOWN, SimulationThread
 from aras_sim_bridge.simulation import ControlledModel, Simulation
+from aras_visual_servo_base.names import resolve_name
 from aras_visual_servo_ros.parameters import namespace_of
 
 T = TypeVar("T")
@@ -83,13 +84,11 @@ class ManagerServices:
         topic = next((plugin.e_stop_topic for plugin in plugins if plugin.e_stop_topic), None)
         if topic is None:
             return None
-        if not topic.startswith("/"):
-            topic = f"{self._namespace}/{topic}"
 
         def take(message: Bool) -> None:
             self._robot.hardware.e_stop = message.data
 
-        return CommandTopic(topic, Bool, take, self._thread)
+        return CommandTopic(resolve_name(self._namespace, topic), Bool, take, self._thread)
 
     @serves(ListControllers)
     def list_controllers(self, _simulation: Simulation, _request: ListControllers) -> Fields:

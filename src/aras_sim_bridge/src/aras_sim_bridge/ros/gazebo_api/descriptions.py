@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import (
@@ -55,17 +55,11 @@ def parse(root: Element) -> RobotDescription | Light:
     )
 
 
-def in_namespace(description: RobotDescription, requested: str) -> RobotDescription:
-    """The description with its cameras in the namespace of the request, as gazebo_ros gives every
-    plugin one that has none. (The control plugin's own, if it has one, is not the cameras'.)"""
-    if not requested.strip("/"):
-        return description
-    cameras = tuple(
-        camera if camera.plugin is None or camera.plugin.robot_namespace else
-        replace(camera, plugin=replace(camera.plugin, robot_namespace=requested.strip("/")))
-        for camera in description.cameras
-    )
-    return replace(description, cameras=cameras)
+def set_namespace(root: Element, requested: str) -> None:
+    """Give the requested namespace to every plug-in that names none, as gazebo_ros does."""
+    for plugin in root.iter("plugin") if requested else ():
+        if plugin.find("robotNamespace") is None:
+            ElementTree.SubElement(plugin, "robotNamespace").text = requested
 
 
 def robot_namespace(description: RobotDescription, requested: str) -> str:

@@ -74,12 +74,12 @@ class Models:
                 f"model_name '{name[:60]}' cannot be: no '::', at most {LONGEST_NAME} characters"
             )
         pose = conversions.from_pose(request.initial_pose, f"initial_pose of '{name}'")
+        descriptions.set_namespace(root, request.robot_namespace)
         description = descriptions.parse(root)
         done = f"SpawnModel: Successfully spawned entity '{name}'"
         if isinstance(description, Light):
             thread.call(lambda: _add_light(thread.simulation, request, description, pose))
             return {"status_message": done}
-        description = descriptions.in_namespace(description, request.robot_namespace)
         pose = pose @ Pose.from_rpy(*description.initial_pose)
         for warning in description.warnings:
             rospy.logwarn("model '%s': %s", name, warning)

@@ -342,8 +342,8 @@ def check_controllers(wanted: Mapping[str, Iterable[str]], seconds: float, works
             if state != "running":
                 faults.append(f"{root}/{name} is {state}")
                 continue
-            tried(lambda n=name, k=kind: f"{root}/{n}: {commander.check(f'{root}/{n}', k)}",
-                  works, faults)
+            path = f"{root}/{name}"
+            tried(lambda p=path, k=kind, c=commander: f"{p}: {c.check(p, k)}", works, faults)
 
 
 def main() -> None:

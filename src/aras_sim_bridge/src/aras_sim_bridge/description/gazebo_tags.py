@@ -4,11 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import gazebo_materials, plugins, sensor_tags
+from aras_sim_bridge.description import gazebo_materials, grasp_tags, plugins, sensor_tags
 from aras_sim_bridge.description.geometry import bounce
 from aras_sim_bridge.description.types import (
     CameraDescription,
     ControlPlugin,
+    GraspDescription,
     Link,
     Rgba,
     SensorDescription,
@@ -32,6 +33,7 @@ class GazeboTags:
     control_plugins: tuple[ControlPlugin, ...] = ()
     cameras: tuple[CameraDescription, ...] = ()
     sensors: tuple[SensorDescription, ...] = ()
+    grasps: tuple[GraspDescription, ...] = ()
     colours: dict[str, Rgba] = field(default_factory=dict)
     static: bool = False
 
@@ -44,7 +46,7 @@ def parse(root: Element, links: dict[str, Link], joints: Mapping[str, Joint],
     is understood but wrong is a DescriptionError.
     """
     tags = GazeboTags(dict(links))
-    found: list[ControlPlugin | SensorDescription] = []
+    found: list[ControlPlugin | SensorDescription | GraspDescription] = []
     cameras: list[CameraDescription] = []
     sensors: list[SensorDescription] = []
     gauges: dict[str, Element] = {}
@@ -52,7 +54,8 @@ def parse(root: Element, links: dict[str, Link], joints: Mapping[str, Joint],
         reference = block.get("reference")
         if reference is None:
             tags.static = truth(text_of(block, "static"), "<gazebo>: static", tags.static)
-            found += plugins.read(block, "<gazebo>", (ControlPlugin, SensorDescription), warnings)
+            found += plugins.read(
+                block, "<gazebo>", (ControlPlugin, SensorDescription, GraspDescription), warnings)
         elif reference in links:
             _link_flags(block, reference, tags, warnings)
             sensor_tags.of_link(block, reference, cameras, sensors, found, warnings)
@@ -69,6 +72,8 @@ def parse(root: Element, links: dict[str, Link], joints: Mapping[str, Joint],
     asked = [one for one in found if isinstance(one, SensorDescription)]
     sensors += sensor_tags.of_model(asked, links, joints, gauges, warnings)
     tags.cameras, tags.sensors = tuple(cameras), tuple(sensors)
+    tags.grasps = tuple(grasp_tags.of_model(
+        [one for one in found if isinstance(one, GraspDescription)], tags.links, warnings))
     return tags
 
 

@@ -6,10 +6,13 @@ from types import MappingProxyType
 from typing import TypeVar
 from xml.etree.ElementTree import Element
 
+from aras_sim_bridge.description import grasp_tags
 from aras_sim_bridge.description.types import (
     CameraPlugin,
     ControlPlugin,
     DepthTopics,
+    GraspDescription,
+    LinkAttacher,
     SensorDescription,
 )
 from aras_sim_bridge.errors import DescriptionError
@@ -17,7 +20,9 @@ from aras_visual_servo_base.poses import Vector3
 from aras_visual_servo_base.safe_xml import number, numbers, shorten, text_of, truth
 from aras_visual_servo_base.urdf import ZERO
 
-Plugin = ControlPlugin | CameraPlugin | SensorDescription
+Plugin = ControlPlugin | CameraPlugin | SensorDescription | GraspDescription | LinkAttacher
+# What other plug-ins ask for is there without them.
+_NEEDLESS = {"mimic_joint": "mimicking joints follow their <mimic> without it"}
 Kind = TypeVar("Kind", bound=Plugin)
 
 
@@ -37,7 +42,8 @@ def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: 
             found.append(made)
             continue
         problem = "is not known" if made is None else "does not belong here"
-        warning = f"{where}: plugin '{filename}' {problem}; ignored"
+        needless = next((why for part, why in _NEEDLESS.items() if part in filename), None)
+        warning = f"{where}: plugin '{filename}' {needless or f'{problem}; ignored'}"
         if warning not in warnings:
             warnings.append(warning)
     return found
@@ -158,6 +164,23 @@ def _bumper(plugin: Element, where: str) -> SensorDescription:
                    frame=text_of(plugin, "frameName") or "world", noise=0.0, rate=0.0)
 
 
+def _joint_states(plugin: Element, where: str) -> SensorDescription:
+    names = (name.strip() for name in (text_of(plugin, "jointName") or "").split(","))
+    return _sensor(
+        plugin, where, "joint_states", topic="joint_states",
+        namespace=text_of(plugin, "robotNamespace"), frame="", noise=0.0,
+        rate=number(text_of(plugin, "updateRate"), f"{where}: updateRate", 100.0),
+        joints=tuple(name for name in names if name))
+
+
+def _grasp(plugin: Element, _where: str) -> GraspDescription:
+    return grasp_tags.read(plugin)
+
+
+def _link_attacher(_plugin: Element, _where: str) -> LinkAttacher:
+    return LinkAttacher()
+
+
 PLUGINS: Mapping[str, Callable[[Element, str], Plugin]] = MappingProxyType({
     "gazebo_ros_control": _control,
     "gazebo_ros_camera": _camera,
@@ -171,4 +194,7 @@ PLUGINS: Mapping[str, Callable[[Element, str], Plugin]] = MappingProxyType({
     "gazebo_ros_imu_sensor": _imu,
     "gazebo_ros_ft_sensor": _wrench,
     "gazebo_ros_bumper": _bumper,
+    "gazebo_ros_joint_state_publisher": _joint_states,
+    "gazebo_grasp_fix": _grasp,
+    "gazebo_ros_link_attacher": _link_attacher,
 })

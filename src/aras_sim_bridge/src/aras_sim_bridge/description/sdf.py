@@ -15,6 +15,7 @@ from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import (
     gazebo_materials,
+    grasp_tags,
     model_folders,
     ogre_materials,
     packages,
@@ -30,8 +31,10 @@ from aras_sim_bridge.description.ogre_materials import Locate, Look
 from aras_sim_bridge.description.types import (
     CameraDescription,
     Collision,
+    GraspDescription,
     Light,
     Link,
+    LinkAttacher,
     Rgba,
     RobotDescription,
     SensorDescription,
@@ -68,12 +71,14 @@ _ENDLESS = 1e16  # SDF's way to say that a joint has no limit
 @dataclass(frozen=True)
 class SdfContent:
     """models: in file order. lights: in file order. warnings: what was passed over, a sentence
-    each. time_ns: simulated time of a world's `<state>`."""
+    each. time_ns: simulated time of a world's `<state>`. link_attacher: whether its plug-in is in
+    the world."""
 
     models: tuple[RobotDescription, ...] = ()
     lights: tuple[Light, ...] = ()
     warnings: tuple[str, ...] = ()
     time_ns: int = 0
+    link_attacher: bool = False
 
 
 def parse_sdf(
@@ -125,7 +130,7 @@ def read_sdf(
 
     models, lights = [], []
     warnings: list[str] = []
-    plugins.read(scope, "world", (), warnings)
+    link_attacher = bool(plugins.read(scope, "world", (LinkAttacher,), warnings))
     state = WorldState(scope.find("state"))
     inserted = Element("insertions")
     inserted.extend(state.insertions)
@@ -149,7 +154,8 @@ def read_sdf(
     check_names([light.name for light in lights], "lights")
     if not models and not lights and not worlds:
         raise DescriptionError("SDF: there is no <model> and no <light> in it")
-    return SdfContent(tuple(models), tuple(lights), tuple(warnings), state.time_ns)
+    return SdfContent(tuple(models), tuple(lights), tuple(warnings), state.time_ns,
+                      link_attacher)
 
 
 def _refuse_unknown(elements: Iterable[Element], known: set[str], where: str,
@@ -209,7 +215,8 @@ def _model(element: Element, resolve: Resolve, locate: Locate, frames: Mapping[s
     name = _name(element, "SDF")
     where = f"model '{name}'"
     warnings: list[str] = []
-    asked = plugins.read(element, "SDF", (SensorDescription,), warnings)
+    made = plugins.read(element, "SDF", (SensorDescription, GraspDescription), warnings)
+    asked = [one for one in made if isinstance(one, SensorDescription)]
     _refuse_unknown(element, _MODEL_TAGS, where, warnings)
     static = truth(text_of(element, "static"), f"{where}: static", False)
     links: dict[str, Link] = {}
@@ -262,6 +269,8 @@ def _model(element: Element, resolve: Resolve, locate: Locate, frames: Mapping[s
     return RobotDescription(
         name=name, root=root, links=MappingProxyType(links), joints=MappingProxyType(joints),
         cameras=tuple(cameras), sensors=tuple(sensors),
+        grasps=tuple(grasp_tags.of_model(
+            [one for one in made if isinstance(one, GraspDescription)], links, warnings)),
         colours=MappingProxyType(colours), static=static, warnings=tuple(warnings),
         initial_pose=(pose.xyz, pose.rpy),
     )

@@ -95,6 +95,12 @@ def of_model(found: list[SensorDescription], links: Mapping[str, Link],
     """
     kept = []
     for made in found:
+        for name in made.joints:
+            if name not in joints or not joints[name].moves:
+                warnings.append(f"plug-in of a {made.kind} sensor: joint '{shorten(name)}' does "
+                                "not exist or does not move; it is left out")
+        made = replace(made, joints=tuple(
+            name for name in made.joints if name in joints and joints[name].moves))
         problem = _problem(made, links, joints)
         if problem:
             warnings.append(f"plug-in of a {made.kind} sensor: {problem}; left out")
@@ -128,6 +134,8 @@ def _problem(made: SensorDescription, links: Mapping[str, Link], joints: Mapping
         return "it belongs into a <sensor type='imu'>"
     if not made.topic:
         return "it has no <topicName>"
+    if made.kind == "joint_states":
+        return "" if made.joints else "it has no <jointName> of a joint that moves"
     if made.kind == "contact":
         return _untouchable(made, links)
     if made.kind == "wrench":

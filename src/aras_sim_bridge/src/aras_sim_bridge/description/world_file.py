@@ -23,7 +23,7 @@ class WorldFile:
     models, lights: what stands in the file, in its order. scene: what is around.
     ground_plane: whether Gazebo's is to be added, because no file was given. Absent numbers are
     Gazebo's defaults. warnings: what the file asks for in vain, one sentence each. time_ns:
-    simulated time at which it begins.
+    simulated time at which it begins. link_attacher: whether the plug-in of this name is in it.
     """
 
     time_step: float = 0.001
@@ -35,6 +35,7 @@ class WorldFile:
     ground_plane: bool = True
     warnings: tuple[str, ...] = ()
     time_ns: int = 0
+    link_attacher: bool = False
 
 
 def read(path: str, resolve_package: packages.ResolvePackage = packages.find) -> WorldFile:
@@ -84,6 +85,7 @@ def read(path: str, resolve_package: packages.ResolvePackage = packages.find) ->
         ground_plane=False,
         warnings=(*content.warnings, *warnings),
         time_ns=content.time_ns,
+        link_attacher=content.link_attacher,
     )
 
 

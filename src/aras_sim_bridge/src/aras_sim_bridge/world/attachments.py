@@ -40,6 +40,7 @@ class Attachments:
         self._client, self._models, self._changed = client, models, changed
         self._frames: dict[Ends, Pose] = {}
         self._constraints: dict[Ends, int] = {}
+        self._untouchable: set[Ends] = set()
 
     def __bool__(self) -> bool:
         return bool(self._frames)
@@ -47,8 +48,11 @@ class Attachments:
     def __contains__(self, ends: Ends) -> bool:
         return ends in self._frames
 
-    def attach(self, ends: Ends) -> None:
+    def attach(self, ends: Ends, collides: bool = True) -> None:
         """Hold the second link where it is now in the first one's frame.
+
+        Args:
+            collides: whether the second link touches anything meanwhile.
 
         Raises:
             WorldError: a model or link that does not exist, or twice the same link.
@@ -62,6 +66,8 @@ class Attachments:
             return
         self._frames[ends] = (first[0].link_pose(ends.link).inverse()
                               @ second[0].link_pose(ends.other_link))
+        if not collides:
+            self._untouchable.add(ends)
         self._mark()
         self._changed()
 
@@ -71,20 +77,19 @@ class Attachments:
             held = ", ".join(f"{a}::{b} and {c}::{d}" for a, b, c, d in self._frames) or "none"
             raise WorldError(f"'{ends.model}::{ends.link}' and '{ends.other_model}::"
                              f"{ends.other_link}' are not attached; attached are: {held}")
-        self._remove(ends)
-        del self._frames[ends]
+        self._forget(ends)
         self._mark()
         self._changed()
 
     def leaves(self, model: Model) -> None:
         """A model goes: whatever is attached to it is free."""
         for ends in self._of(model):
-            self._remove(ends)
-            del self._frames[ends]
+            self._forget(ends)
         self._mark()
 
     def clear(self) -> None:
         """Forget all of them: Bullet has none any more."""
+        self._untouchable.clear()
         self._frames.clear()
         self._constraints.clear()
         self._mark()
@@ -99,6 +104,19 @@ class Attachments:
         for ends in self._frames:
             if ends not in self._constraints:
                 self._make(ends)
+
+    def hide(self) -> None:
+        """Keep Bullet from looking at links that touch nothing while they are held."""
+        for ends in self._untouchable:
+            second = self._models[ends.other_model]
+            pybullet.setCollisionFilterGroupMask(
+                second.body_id, second.link_index(ends.other_link), 0, 0,
+                physicsClientId=self._client)
+
+    def _forget(self, ends: Ends) -> None:
+        self._remove(ends)
+        del self._frames[ends]
+        self._untouchable.discard(ends)
 
     def _of(self, model: Model) -> list[Ends]:
         return [one for one in self._frames if model.name in (one.model, one.other_model)]

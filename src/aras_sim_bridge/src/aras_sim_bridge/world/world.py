@@ -278,6 +278,7 @@ class World:
         if self._bullet_steps and not self._pairs_left_out:
             self._pairs_left_out = True
             leave_out_pairs(list(models))
+            self.attachments.hide()
 
     # ------------------------------------------------------------------ time
 

@@ -22,7 +22,7 @@ from aras_visual_servo_base.urdf import ZERO
 
 Plugin = ControlPlugin | CameraPlugin | SensorDescription | GraspDescription | LinkAttacher
 # What other plug-ins ask for is there without them.
-_NEEDLESS = {"mimic_joint": "mimicking joints follow their <mimic> without it"}
+_NEEDLESS = {"mimic_joint": "is not needed: <mimic> already works"}
 Kind = TypeVar("Kind", bound=Plugin)
 
 

@@ -37,8 +37,8 @@ class Package:
     """One launch of a public package: see packages.yaml.
 
     repositories: commit by owner/name. folders: of packages, below the checkouts; all if empty.
-    launch: words of the roslaunch command. environment: variables; {sources} is the folder of the
-    checkouts. models, controllers, topics, services, attach: what has to work. not_served: what the
+    launch: words of the roslaunch command. environment: variables. In both, {sources} is the folder
+    of the checkouts. models, controllers, topics, services, attach: what has to work. not_served: what the
     log has to name, once each.
     """
 
@@ -66,8 +66,8 @@ class Result:
     warnings: Sequence[str] = ()
 
 
-def known_packages(file: Path = HERE / "packages.yaml") -> list[Package]:
-    """The packages that are known."""
+def known_packages(file: Path) -> list[Package]:
+    """The packages of a table."""
     return [Package(**row) for row in yaml.safe_load(file.read_text())]
 
 
@@ -117,7 +117,7 @@ def run(package: Package, sources: Path, keep: Path) -> Result:
     log = keep / "output"
     with log.open("wb") as output:
         launched = subprocess.Popen(
-            ["roslaunch", "-p", str(port), *package.launch.split()], env=environment,
+            ["roslaunch", "-p", str(port), *package.launch.format(sources=sources).split()], env=environment,
             stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
             start_new_session=True)
         try:
@@ -216,8 +216,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
                         "expression")
     parser.add_argument("--keep", type=Path, help="folder of the logs (a temporary one)")
     parser.add_argument("--write", type=Path, help="put the table into this page")
+    parser.add_argument("--rows", type=Path, default=HERE / "packages.yaml",
+                        help="table of the packages (%(default)s)")
     asked = parser.parse_args(arguments)
-    chosen = [one for one in known_packages() if re.search(asked.only, one.name)]
+    chosen = [one for one in known_packages(asked.rows) if re.search(asked.only, one.name)]
     if asked.clone:
         print("\n".join(clone_commands(chosen)))
         return 0

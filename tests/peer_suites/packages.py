@@ -38,8 +38,8 @@ class Package:
 
     repositories: commit by owner/name. folders: of packages, below the checkouts; all if empty.
     launch: words of the roslaunch command. environment: variables. In both, {sources} is the folder
-    of the checkouts. models, controllers, topics, services, attach: what has to work. not_served: what the
-    log has to name, once each.
+    of the checkouts. models, controllers, topics, services, attach: what has to work. not_served:
+    what the log has to name, once each.
     """
 
     name: str
@@ -116,8 +116,9 @@ def run(package: Package, sources: Path, keep: Path) -> Result:
     environment = environment_of(package, sources, keep, port)
     log = keep / "output"
     with log.open("wb") as output:
+        words = package.launch.format(sources=sources).split()
         launched = subprocess.Popen(
-            ["roslaunch", "-p", str(port), *package.launch.format(sources=sources).split()], env=environment,
+            ["roslaunch", "-p", str(port), *words], env=environment,
             stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
             start_new_session=True)
         try:

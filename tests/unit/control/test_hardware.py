@@ -8,7 +8,6 @@ from aras_sim_bridge.control.joints import EFFORT, POSITION, VELOCITY, Occurrenc
 from aras_sim_bridge.control.limits import NO_RULE
 from aras_sim_bridge.errors import HardwareError
 
-VELOCITY = "VelocityJointInterface"
 GAINS = "gazebo_ros_control"
 
 

@@ -110,7 +110,7 @@ BLUE, GREEN = (0.0, 0.0, 1.0, 1.0), (0.1, 0.9, 0.2, 1.0)
     ("<ambient>.1 .2 .3</ambient>", (0.1, 0.2, 0.3, 1.0)),
     ("<ambient>1 1 1 1</ambient><diffuse>.1 .2 .3 .4</diffuse>", (0.1, 0.2, 0.3, 0.4)),
     ("<diffuse>1 1 1</diffuse>" + SCRIPT.format("Blue"), BLUE),
-    ("<emissive>1 0 0 1</emissive>", None), ("", None),
+    ("<emissive>0 0 0 1</emissive>", None), ("", None),
 ])
 def test_the_colour_of_a_visual_of_sdf(material, rgba):
     """A script's counts before a diffuse one, and that before an ambient one."""

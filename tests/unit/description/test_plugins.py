@@ -113,10 +113,14 @@ def test_the_eyes_of_a_multicamera(read):
         0.0, pytest.approx(-0.07 * made[1].intrinsics().K[0, 0])]
 
 
-def measured(file, settings="", kind="", inside="<contact><collision>c</collision></contact>"):
+CONTACT = "<contact><collision>c</collision></contact>"
+
+
+def measured(file, settings="", kind="", inside=None):
     """The one sensor of a model whose plug-in is this one, in a <sensor> of that kind or in the
     model itself."""
     own = f"<plugin filename='libgazebo_ros_{file}.so'>{settings}</plugin>"
+    inside = CONTACT if kind == "contact" and inside is None else inside or ""
     sensor = f"<sensor name='s' type='{kind}'>{inside}{own}</sensor>" if kind else ""
     return parse_sdf(
         "<sdf><model name='m'><link name='a'><collision name='c'><geometry><box><size>1 1 1</size>"

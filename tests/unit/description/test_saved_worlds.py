@@ -245,9 +245,9 @@ def test_what_a_state_says_in_vain_is_named(folders, read):
     assert [warning for warning in found.warnings if "<state>" in warning] == [
         "<state> places models that do not exist: a, b; ignored",
         "<state> places lights that do not exist: l; ignored",
-        "<state> has crate in motion; all begins at rest",
         "<state> places links of model 'crate' that do not exist: lid; ignored",
         "<state>: model 'crate': scale (0.0, 1.0, 1.0) is not positive; ignored",
+        "<state> has crate in motion; all begins at rest",
     ]
 
 

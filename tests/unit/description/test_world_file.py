@@ -62,10 +62,6 @@ def test_models_are_put_where_the_file_has_them(tmp_path):
 @pytest.mark.parametrize("inside, reason", [
     ("<physics><max_step_size>fast</max_step_size></physics>", "<max_step_size>: 'fast' is not a"),
     ("<gravity>0 0</gravity>", "<gravity>: needs 3 numbers"),
-    ("<light name='l' type='candle'/>", "type 'candle' is unknown; use directional"),
-    ("<light name='l'/><light name='l'/>", "two lights are named 'l'"),
-    (BOX.format("m") * 2, "two models are named 'm'"),
-    ("<riverbed/>", "<riverbed> is not supported"),
     ("<state><sim_time>1</sim_time></state>", "sim_time: needs 2 numbers"),
 ])
 def test_what_is_wrong_is_named_with_the_file(tmp_path, inside, reason):

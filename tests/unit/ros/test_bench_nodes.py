@@ -137,7 +137,8 @@ NAMESPACE = 'xmlns:xacro="http://ros.org/wiki/xacro"'
 OLD = """<robot {} name="old"><property name="half" value="${{1.0 / 2}}"/>
 <macro name="bar" params="name *shape">
   <link name="${{name}}"><insert_block name="shape"/></link></macro>
-<bar name="a"><box size="${{half}}"/></bar><sensor><bar width="3"/></sensor><if value="${{half > 1}}"><never/></if>
+<bar name="a"><box size="${{half}}"/></bar><sensor><bar width="3"/></sensor>
+<if value="${{half > 1}}"><never/></if>
 {}<include filename="{}"/><gazebo><include><uri>model://x</uri></include></gazebo></robot>"""
 
 

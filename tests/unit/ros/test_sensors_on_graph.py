@@ -38,6 +38,9 @@ MODEL = SimpleNamespace(
 )
 
 
+MODEL.whole = MODEL
+
+
 def sensor(kind: str, topic: str = "t", **more: object) -> SimpleNamespace:
     description = SensorDescription(kind, topic, **{"link": "hand", "joint": "wrist", **more})
     return SimpleNamespace(description=description, model=MODEL, on_state=None)

@@ -72,7 +72,7 @@ def test_unknown_names_carry_what_there_is(make):
     """For programs that want more than the line."""
     with World() as world:
         model = world.spawn(parse_urdf(make.pendulum()), "swing")
-        numbers = links_by_label({"first": model})
+        numbers = links_by_label(world.models)
         with pytest.raises(UnknownJointError) as joint:
             model.apply_effort("elbow", 1.0)
         with pytest.raises(UnknownLinkError) as link:
@@ -83,6 +83,6 @@ def test_unknown_names_carry_what_there_is(make):
         "swing", "elbow", ("swing",))
     assert (link.value.link, link.value.known) == ("hand", ("world", "bob"))
     # as Bullet numbers pixels: the body, and above it the link, 0 for the root
-    assert numbers == {model.body_id: "first::world", model.body_id + (1 << 24): "first::bob"}
+    assert numbers == {model.body_id: "swing::world", model.body_id + (1 << 24): "swing::bob"}
     assert (other.value.name, other.value.known) == ("arm", ("swing",))
     assert str(joint.value) == "model 'swing' has no moving joint 'elbow'; it has: swing"

@@ -134,7 +134,6 @@ def test_what_changes_nothing_is_left_out_with_one_warning():
     (model(link(part("visual", "<sphere/>"))), "sphere radius is missing"),
     (model('<model name="inner"/>'), "model 'm': has no <link>"),
     (model(""), "has no <link>"),
-    (model(solid(BOX, name="a") + solid(BOX, name="b"), ""), "'a' and 'b' are not joined"),
     (model(solid(BOX) + solid(BOX)), "two links are named 'link'"),
     (model(solid(BOX, name="a") + solid(BOX, name="b")
            + '<joint name="j" type="screw"><parent>a</parent><child>b</child></joint>', ""),

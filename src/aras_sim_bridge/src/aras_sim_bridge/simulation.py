@@ -189,11 +189,12 @@ class Simulation:
             raise
         if robot is not None:
             self.robots[name] = robot
-        for camera in description.cameras:
-            self._mount(model, camera, cameras or {})
-        for sensor in description.sensors:
-            seed = seed_of(self.config.seed, f"{name} {sensor.kind} {sensor.topic}")
-            self.sensors.append(KINDS[sensor.kind](sensor, model, self.world, seed))
+        for body in model.bodies:
+            for camera in body.description.cameras:
+                self._mount(body, camera, cameras or {})
+            for sensor in body.description.sensors:
+                seed = seed_of(self.config.seed, f"{name} {sensor.kind} {sensor.topic}")
+                self.sensors.append(KINDS[sensor.kind](sensor, body, self.world, seed))
         self.grasps += [GraspFix(grasp, model, self.world) for grasp in description.grasps]
         return model
 
@@ -203,9 +204,9 @@ class Simulation:
         robot = self.robots.pop(name, None)
         if robot is not None:
             robot.manager.shutdown()
-        self.cameras = [camera for camera in self.cameras if camera.model is not model]
-        self.sensors = [sensor for sensor in self.sensors if sensor.model is not model]
-        self.grasps = [grasp for grasp in self.grasps if grasp.model is not model]
+        self.cameras = [one for one in self.cameras if one.model not in model.bodies]
+        self.sensors = [one for one in self.sensors if one.model not in model.bodies]
+        self.grasps = [one for one in self.grasps if one.model is not model]
         self.world.delete(name)
 
     def light(self, name: str) -> Light:
@@ -347,7 +348,7 @@ class Simulation:
         Raises:
             WorldError: unknown model or joint, or a number that is not finite; nothing is changed.
         """
-        self.world.model(name).set_joint_positions(positions)
+        (self.world.models.get(name) or self.world.model(name)).set_joint_positions(positions)
         if name in self.robots:
             self.robots[name].hardware.stay(positions)
 

@@ -71,7 +71,8 @@ class Joint(Placed):
     """A joint; kind is revolute, continuous, prismatic, fixed, floating or planar.
 
     origin_*: the joint (= child link) frame in the parent link. axis: unit vector in that frame.
-    damping: N m s/rad or N s/m. friction: Coulomb, N m or N.
+    damping: N m s/rad or N s/m. friction: Coulomb, N m or N. stiffness, rest: of a spring, N m/rad
+    or N/m, and where it pulls to, rad or m.
     """
 
     name: str
@@ -86,6 +87,8 @@ class Joint(Placed):
     friction: float = 0.0
     soft_limits: SoftLimits | None = None
     mimic: Mimic | None = None
+    stiffness: float = 0.0
+    rest: float = 0.0
 
     @property
     def moves(self) -> bool:

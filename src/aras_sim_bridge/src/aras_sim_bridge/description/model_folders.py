@@ -13,6 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
+from aras_sim_bridge.description import sdf_dialects
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose
@@ -74,7 +75,7 @@ def folder_of(uri: str, base: str | None) -> str:
     return path
 
 
-def read_model(folder: str) -> Element:
+def read_model(folder: str, warnings: list[str]) -> Element:
     """The model or light that a folder's SDF file holds; mesh files named from that folder on.
 
     Raises:
@@ -91,6 +92,7 @@ def read_model(folder: str) -> Element:
     found = next((child for child in scope if child.tag in ("model", "light")), None)
     if found is None:
         raise DescriptionError(f"{file} has no <model> and no <light>")
+    sdf_dialects.unify(root, warnings)
     for uri in found.iter("uri"):
         text = (uri.text or "").strip()
         if text and "://" not in text and not os.path.isabs(text):
@@ -121,7 +123,14 @@ def expanded(scope: Element, warnings: list[str], base: str | None = None,
             except DescriptionError as error:
                 warnings.append(f"<include> of '{shorten(uri)}' is left out: {error}")
         elif child.tag == "model":
-            yield _flat(child, warnings, base, chain)
+            try:
+                yield _flat(child, warnings, base, chain)
+            except DescriptionError as error:
+                warnings.append(f"model '{shorten(child.get('name') or '')}' is left out: {error}")
+        elif child.tag == "population":
+            whole = Element(child.tag, child.attrib)
+            whole.extend(expanded(child, warnings, base, chain))
+            yield whole
         else:
             yield child
 
@@ -136,7 +145,7 @@ def _included(include: Element, uri: str, warnings: list[str], base: str | None,
         if folder in chain:
             round_trip = [os.path.basename(one) for one in (*chain[chain.index(folder):], folder)]
             raise DescriptionError(f"it includes itself: {' → '.join(round_trip)}")
-        found = read_model(folder)
+        found = read_model(folder, warnings)
     if text_of(include, "name"):
         found.set("name", text_of(include, "name"))
     for tag in ("pose", "static"):
@@ -172,6 +181,7 @@ def _flat(model: Element, warnings: list[str], base: str | None,
                 part.set("name", f"{inner}::{part.get('name')}")
             elif part.tag == "joint":
                 part.set("name", f"{inner}::{part.get('name')}")
+                sdf_dialects.rotate_axes(part, at, inner)
                 for end in (part.find("parent"), part.find("child")):
                     if end is not None and (end.text or "").strip() != "world":
                         end.text = f"{inner}::{(end.text or '').strip()}"

@@ -1,12 +1,14 @@
 """The dataclasses of a robot description. SI units, radians; rotations as rpy, as in URDF."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from aras_visual_servo_base.meshes.mesh import Rgba as Rgba
-from aras_visual_servo_base.poses import Vector3
+from aras_visual_servo_base.poses import Pose, Vector3
 from aras_visual_servo_base.settings import parameter
 from aras_visual_servo_base.urdf import ZERO, Joint, Placed
 
@@ -312,6 +314,18 @@ class Surroundings:
 
 
 @dataclass(frozen=True)
+class LoopJoint:
+    """A joint that closes a chain of a tree: its frame in both of the links that it joins.
+
+    The joint's own `origin_*` mean nothing.
+    """
+
+    joint: Joint
+    in_parent: Pose
+    in_child: Pose
+
+
+@dataclass(frozen=True)
 class RobotDescription:
     """A whole model. Mappings keep file order and are read-only.
 
@@ -321,6 +335,8 @@ class RobotDescription:
     while reading, one sentence each, for the caller to log.
     initial_pose: (xyz, rpy) written in the file (SDF only). initial_joints: rad or m at which a
     world's <state> has joints.
+    loops: joints that close chains of the tree. parts: what of the model no joint holds to it, each
+    a tree of its own that stands at its `initial_pose` in the model.
     """
 
     name: str
@@ -337,6 +353,8 @@ class RobotDescription:
     warnings: tuple[str, ...] = ()
     initial_pose: tuple[Vector3, Vector3] = (ZERO, ZERO)
     initial_joints: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    loops: tuple[LoopJoint, ...] = ()
+    parts: tuple[RobotDescription, ...] = ()
 
     def moving_joints(self) -> tuple[str, ...]:
         """Names of the joints with a degree of freedom, in file order."""

@@ -74,7 +74,8 @@ def read(path: str, resolve_package: packages.ResolvePackage = packages.find) ->
         text = None if element is None else safe_xml.text_of(element, tag)
         return default if text is None else safe_xml.numbers(text, 3, f"{where}: <{tag}>")
 
-    warnings = [f"model '{m.name}': {warning}" for m in content.models for warning in m.warnings]
+    warnings = [text if text.startswith(f"model '{m.name}'") else f"model '{m.name}': {text}"
+                for m in content.models for text in m.warnings]
     return WorldFile(
         time_step=number("max_step_size", defaults.time_step),
         gravity=vector(world, "gravity", vector(physics, "gravity", defaults.gravity)),
@@ -89,11 +90,18 @@ def read(path: str, resolve_package: packages.ResolvePackage = packages.find) ->
     )
 
 
-def populate(spawn: Callable[..., object], world: WorldFile) -> None:
-    """Put the file's models into a world by its `spawn`; SimError naming the one that cannot be."""
+def populate(spawn: Callable[..., object], world: WorldFile,
+             warn: Callable[[str], object] | None = None) -> None:
+    """Put the file's models into a world by its `spawn`.
+
+    warn: takes a sentence on each model that cannot be simulated, which is left out; None: the
+    first such one is a SimError.
+    """
     for model in world.models:
         try:
             spawn(model, model.name, Pose.from_rpy(*model.initial_pose),
                   joint_positions=model.initial_joints)
         except SimError as error:
-            raise SimError(f"model '{model.name}' of the world file: {error}") from None
+            if warn is None:
+                raise SimError(f"model '{model.name}' of the world file: {error}") from None
+            warn(f"model '{model.name}' is left out: {error}")

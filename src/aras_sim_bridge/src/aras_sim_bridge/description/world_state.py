@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import TypeVar
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description.types import Geometry, Light, Link, RobotDescription
+from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
 from aras_visual_servo_base.safe_xml import numbers, shorten, text_of
+
+Item = TypeVar("Item", RobotDescription, Light)
 
 _NS_PER_S = 1_000_000_000
 _UNSCALED = (1.0, 1.0, 1.0)
@@ -47,11 +51,20 @@ class WorldState:
             if lost:
                 warnings.append(f"<state> places {kind}s that do not exist: "
                                 f"{', '.join(map(shorten, lost))}; ignored")
-        moving = [m.name for m in models if _moves(states["model"].get(m.name))]
+        def placed(kind: str, one: Item, place: Callable[[Item, Element], Item]) -> Item:
+            state = states[kind].get(one.name)
+            try:
+                return one if state is None else place(one, state)
+            except DescriptionError as error:
+                warnings.append(f"{error}; that state is left out")
+                return one
+
+        moving: list[str] = []
+        models = [placed("model", model, lambda m, state: _placed_model(m, state, moving, warnings))
+                  for model in models]
         if moving:
             warnings.append(f"<state> has {', '.join(moving)} in motion; all begins at rest")
-        return ([_placed_model(m, states["model"].get(m.name), warnings) for m in models],
-                [_placed_light(one, states["light"].get(one.name)) for one in lights])
+        return models, [placed("light", light, _placed_light) for light in lights]
 
     def _named(self, kind: str) -> dict[str, Element]:
         nodes = [] if self._state is None else self._state.findall(kind)
@@ -71,41 +84,47 @@ def _links(state: Element, prefix: str = "") -> Iterator[tuple[str, Element]]:
         yield from _links(inner, f"{prefix}{inner.get('name')}::")
 
 
-def _moves(state: Element | None) -> bool:
+def _moves(state: Element) -> bool:
     """Whether a link is faster than what is left of a body at rest: 1 cm/s or 0.01 rad/s."""
-    if state is None:
-        return False
     speeds = (numbers(text_of(node, "velocity"), 6, f"<state>: link '{name}': velocity", (0.0,))
               for name, node in _links(state))
     return any(max(map(abs, speed)) > 0.01 for speed in speeds)
 
 
-def _placed_light(light: Light, state: Element | None) -> Light:
-    pose = None if state is None else _pose(state, f"light '{light.name}'")
+def _placed_light(light: Light, state: Element) -> Light:
+    pose = _pose(state, f"light '{light.name}'")
     return light if pose is None else light.at(pose)
 
 
-def _placed_model(model: RobotDescription, state: Element | None, warnings: list[str]
-                  ) -> RobotDescription:
-    if state is None:
-        return model
+def _placed_model(model: RobotDescription, state: Element, moving: list[str],
+                  warnings: list[str]) -> RobotDescription:
+    """moving: gets the model's name where it is saved in motion."""
+    if _moves(state):
+        moving.append(model.name)
     where = f"model '{model.name}'"
     pose = _pose(state, where) or Pose.from_rpy(*model.initial_pose)
     scale = numbers(text_of(state, "scale"), 3, f"<state>: {where}: scale", _UNSCALED)
     links = {name: _pose(node, f"{where}, link '{name}'") for name, node in _links(state)}
-    lost = sorted(links.keys() - model.links.keys())
+    bodies = (model, *model.parts)
+    lost = sorted(links.keys() - {name for body in bodies for name in body.links})
     if lost:
         warnings.append(f"<state> places links of {where} that do not exist: "
                         f"{', '.join(map(shorten, lost))}; ignored")
     if min(scale) <= 0.0:
         warnings.append(f"<state>: {where}: scale {scale} is not positive; ignored")
         scale = _UNSCALED
-    shaped = model.links
     if scale != _UNSCALED:
-        shaped = {name: _scaled(link, scale) for name, link in shaped.items()}
-    return replace(
-        model, links=shaped, initial_pose=(pose.xyz, pose.rpy),
-        initial_joints=_joint_positions(model, {**links, model.root: pose}))
+        bodies = tuple(replace(body, links={
+            name: _scaled(link, scale) for name, link in body.links.items()}) for body in bodies)
+    joints = _joint_positions(model, {**links, model.root: pose})
+    parts = []
+    for part in bodies[1:]:
+        at = links.get(part.root) or pose @ Pose.from_rpy(*part.initial_pose)
+        joints |= _joint_positions(part, {**links, part.root: at})
+        own = pose.inverse() @ at
+        parts.append(replace(part, initial_pose=(own.xyz, own.rpy)))
+    return replace(bodies[0], initial_pose=(pose.xyz, pose.rpy), initial_joints=joints,
+                   parts=tuple(parts))
 
 
 def _joint_positions(model: RobotDescription, links: dict[str, Pose | None]) -> dict[str, float]:

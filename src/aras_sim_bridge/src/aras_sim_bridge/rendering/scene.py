@@ -132,7 +132,7 @@ class Scene:
             models.append(_Rows(model, len(names), indices[0] == -1,
                                 tuple(link.name for index, link in links if index >= 0)))
             for index, link in links:
-                names.append(f"{model.name}::{link.name}")
+                names.append(model.scoped(link.name))
                 parts += self._parts(len(names) - 1, link, model.description.colours.get(link.name))
                 labels.append(label(model.body_id, index))
         self.parts, self._models = parts, models

@@ -86,7 +86,7 @@ class SensorTopic(StateTopic):
     def __init__(self, sensor: RateSensor, thread: SimulationThread) -> None:
         """Advertise; SimError where the message's package is not installed."""
         given = sensor.description
-        namespace = sensor.model.name if given.namespace is None else given.namespace
+        namespace = sensor.model.whole.name if given.namespace is None else given.namespace
         own = given.frame or self._own_frame(sensor)
         frame = prefixed(own, namespace) if own else ""
         name, write = MESSAGES[given.kind]

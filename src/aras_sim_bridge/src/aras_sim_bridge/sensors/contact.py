@@ -88,4 +88,4 @@ class ContactSensor(RateSensor[None]):
 def _scoped(model: Model, link: str) -> str:
     """Name of a link's first collision, as Gazebo has it."""
     collisions = model.description.links[link].collisions
-    return f"{model.name}::{link}::{collisions[0].name if collisions else ''}"
+    return f"{model.scoped(link)}::{collisions[0].name if collisions else ''}"

@@ -108,30 +108,33 @@ class Attachments:
     def hide(self) -> None:
         """Keep Bullet from looking at links that touch nothing while they are held."""
         for ends in self._untouchable:
-            second = self._models[ends.other_model]
-            pybullet.setCollisionFilterGroupMask(
-                second.body_id, second.link_index(ends.other_link), 0, 0,
-                physicsClientId=self._client)
+            second, index = self._end(ends.other_model, ends.other_link)
+            pybullet.setCollisionFilterGroupMask(second.body_id, index, 0, 0,
+                                                 physicsClientId=self._client)
 
     def _forget(self, ends: Ends) -> None:
         self._remove(ends)
         del self._frames[ends]
         self._untouchable.discard(ends)
 
+    def _bodies(self, ends: Ends) -> tuple[Model, Model]:
+        return self._end(ends.model, ends.link)[0], self._end(ends.other_model, ends.other_link)[0]
+
     def _of(self, model: Model) -> list[Ends]:
-        return [one for one in self._frames if model.name in (one.model, one.other_model)]
+        return [one for one in self._frames if model in self._bodies(one)]
 
     def _end(self, model: str, link: str) -> tuple[Model, int]:
         if model not in self._models:
             raise WorldError(f"model '{model}' does not exist; there are: "
                              f"{', '.join(self._models) or 'none'}")
-        found = self._models[model]
+        bodies = self._models[model].bodies
+        found = next((one for one in bodies if link in one.link_indices), bodies[0])
         return found, found.link_index(link)
 
     def _mark(self) -> None:
-        names = {name for one in self._frames for name in (one.model, one.other_model)}
+        held = {id(body) for one in self._frames for body in self._bodies(one)}
         for model in self._models.values():
-            model.attached = model.name in names
+            model.attached = id(model) in held
 
     def _make(self, ends: Ends) -> None:
         (first, index), (second, other) = (self._end(ends.model, ends.link),
@@ -152,7 +155,7 @@ class Attachments:
             self._collide(ends, True)
 
     def _collide(self, ends: Ends, collide: bool) -> None:
-        first, second = self._models[ends.model], self._models[ends.other_model]
-        pybullet.setCollisionFilterPair(
-            first.body_id, second.body_id, first.link_index(ends.link),
-            second.link_index(ends.other_link), collide, physicsClientId=self._client)
+        (first, index), (second, other) = (self._end(ends.model, ends.link),
+                                           self._end(ends.other_model, ends.other_link))
+        pybullet.setCollisionFilterPair(first.body_id, second.body_id, index, other, collide,
+                                        physicsClientId=self._client)

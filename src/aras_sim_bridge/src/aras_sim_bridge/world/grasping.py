@@ -21,6 +21,7 @@ from aras_sim_bridge.world.attachments import Attachments, Ends
 from aras_sim_bridge.world.bullet import contacts_of, pybullet
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.world import World
+from aras_visual_servo_base.poses import Pose
 
 log = logging.getLogger(__name__)
 
@@ -131,13 +132,13 @@ class GraspFix:
                 continue
             if body not in names:
                 names[body] = {index: name for name, index in other.link_indices.items()}
-            thing = other.name, names[body][other_link]
+            thing = other.whole.name, names[body][other_link]
             found.setdefault((fingers[link], thing), []).append(numbers)
         for (finger, thing), points in found.items():
             values = np.array(points)
             on_finger = sum(values[:, [k]] * values[:, k + 1:k + 4] for k in (3, 7, 11))
             back = model.link_pose(finger).inverse()
-            origin = self._world.models[thing[0]].link_pose(thing[1]).xyz
+            origin = self._pose(thing).xyz
             pressed = self._pressed.setdefault(thing, {}).setdefault(finger, Pressed())
             pressed.add(-on_finger.mean(axis=0), np.array(back.apply(values[:, :3].mean(axis=0))),
                         np.array(back.apply(origin)))
@@ -165,8 +166,15 @@ class GraspFix:
                 del self._counts[thing]
 
     def _exists(self, thing: Thing) -> bool:
+        return self._body(thing) is not None
+
+    def _body(self, thing: Thing) -> Model | None:
         model = self._world.models.get(thing[0])
-        return model is not None and thing[1] in model.link_indices
+        bodies = model.bodies if model is not None else ()
+        return next((one for one in bodies if thing[1] in one.link_indices), None)
+
+    def _pose(self, thing: Thing) -> Pose:
+        return self._body(thing).link_pose(thing[1])
 
     def _things(self) -> dict[Thing, str]:
         return {grasped.thing: name for name, grasped in self.held.items()}
@@ -190,7 +198,7 @@ class GraspFix:
         name = self._things().get(thing)
         if name is None:
             return
-        origin = np.array(self._world.models[thing[0]].link_pose(thing[1]).xyz)
+        origin = np.array(self._pose(thing).xyz)
         for finger, one in self.held[name].touched.items():
             point = one.point / one.steps
             before = np.linalg.norm(point - one.origin / one.steps)

@@ -90,7 +90,7 @@ class Islands:
         self._loose = [model for model in models if not model.fixed_base]
         self.bolted = []
         for model in () if self._window else fixed:
-            if model.joint_names:
+            if model.joint_names and not model.description.loops:
                 reach = reach_of(model)
                 moved = {link: reach[link].grown(MARGIN) for link in model.joints.moved_links
                          if link in reach}

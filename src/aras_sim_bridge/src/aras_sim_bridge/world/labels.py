@@ -17,7 +17,7 @@ def label(body: int, index: int) -> int:
 def links_by_label(models: Mapping[str, Model]) -> dict[int, str]:
     """'model::link' by number, of models by name."""
     return {
-        label(model.body_id, index): f"{name}::{link}"
-        for name, model in models.items()
+        label(model.body_id, index): model.scoped(link)
+        for model in models.values()
         for link, index in model.link_indices.items()
     }

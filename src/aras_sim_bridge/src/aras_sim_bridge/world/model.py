@@ -34,16 +34,23 @@ class Model:
         pushed: whether the root was pushed; for whoever looks, to be set back.
         pushes: what `apply_force` was last given, the newest last; for whoever looks, to be
             cleared.
+        whole: the model of which this is a part that no joint holds; the model itself if it is one.
+        bodies: of a whole model, itself and its parts.
     """
 
     def __init__(self, client: int, description: RobotDescription, name: str, pose: Pose,
                  joint_positions: Mapping[str, float], fixed_base: bool,
-                 gravity: Vector3, on_moved: Callable[[Model, bool], None]) -> None:
+                 gravity: Vector3, on_moved: Callable[[Model, bool], None],
+                 whole: Model | None = None) -> None:
         """`on_moved` is called with the model whenever it (True) or its joints (False) are put
         elsewhere, or it gets a twist or, loose, a push (False)."""
         self.client = client
         self.name = name
         self.description = description
+        self.whole = self if whole is None else whole
+        self.bodies = [self]
+        if whole is not None:
+            whole.bodies.append(self)
         self.spawn_pose = pose
         self.fixed_base = fixed_base
         self._spawn_positions = joint_positions
@@ -81,6 +88,10 @@ class Model:
         """All links in file order, root first or not."""
         return tuple(self.description.links)
 
+    def scoped(self, part: str) -> str:
+        """The name of a link or joint with that of the whole model before it."""
+        return f"{self.whole.name}::{part}"
+
     @property
     def mass(self) -> float:
         """Of all links, kg."""
@@ -97,7 +108,7 @@ class Model:
 
     def remove(self) -> None:
         """Take it out of Bullet."""
-        self.joints.remove_gears()
+        self.joints.remove_constraints()
         self.body.remove()
 
     def rebuild(self, description: RobotDescription) -> None:
@@ -236,6 +247,10 @@ class Model:
 
     def set_pose(self, pose: Pose) -> None:
         """Move the whole model rigidly so that its root frame is at `pose`; joints keep angles."""
+        if len(self.bodies) > 1:
+            moved = pose @ self.pose().inverse()
+            for part in self.bodies[1:]:
+                part.set_pose(moved @ part.pose())
         self._release()
         self._root = pose
         com = pose @ self.body.inertial_poses[self.description.root]
@@ -250,6 +265,9 @@ class Model:
 
         Joint velocities become zero. A model with a fixed base keeps still.
         """
+        for part in self.bodies[1:]:
+            lever = subtract(part.pose().xyz, self.pose().xyz)
+            part.set_twist(Twist(add(twist.linear, cross(twist.angular, lever)), twist.angular))
         self._release()
         self.joints.stop_joints()
         if self.fixed_base:

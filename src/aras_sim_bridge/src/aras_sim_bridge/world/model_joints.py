@@ -12,6 +12,7 @@ from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.free_damping import FreeDamping
 from aras_sim_bridge.world.joint_dynamics import FASTEST_SPEED, NO_LIMIT_FORCE
 from aras_sim_bridge.world.joint_space import JointSpace
+from aras_sim_bridge.world.loops import close_loop
 from aras_visual_servo_base.poses import Pose, Vector3
 
 
@@ -60,16 +61,17 @@ class ModelJoints:
         for name, position in positions.items():
             self._set_state(self._slot[name], position)
         self._gears = self._make_gears()
+        self._loops = [made for loop in description.loops for made in close_loop(body, loop)]
         self.pending_efforts = [0.0] * len(self.names)
         self.applied = [0.0] * len(self.names)
         self._dirty = False
         self._cache: tuple[Sequence[float], Sequence[float]] | None = None
         self.damping = FreeDamping(self) if jointed and not body.fixed_base else None
 
-    def remove_gears(self) -> None:
-        """Take the mimicking joints' constraints out of Bullet."""
-        for gear in self._gears:
-            pybullet.removeConstraint(gear, physicsClientId=self.body.client)
+    def remove_constraints(self) -> None:
+        """Take the constraints of mimicking joints and of closed chains out of Bullet."""
+        for constraint in (*self._gears, *self._loops):
+            pybullet.removeConstraint(constraint, physicsClientId=self.body.client)
 
     def _set_state(self, slot: int, position: float, velocity: float = 0.0) -> None:
         if self.own:

@@ -63,6 +63,8 @@ def leave_out_pairs(models: list[Model]) -> None:
     fixed = [model for model in models if model.fixed_base]
     own = iter(_OWN_GROUPS)
     for model in models:
+        if model.whole is not model:
+            _pass_through(model)
         # Bullet has no groups for more models; the links of those that follow are paired in vain.
         group = next(own, 0)
         reach = reach_of(model) if model.fixed_base else None
@@ -75,6 +77,15 @@ def leave_out_pairs(models: list[Model]) -> None:
             left_out = group if meets else group | _STATIC_GROUP
             pybullet.setCollisionFilterGroupMask(model.body_id, index, group or _DEFAULT_GROUP,
                                                  _ALL & ~left_out, physicsClientId=model.client)
+
+
+def _pass_through(part: Model) -> None:
+    """Let a part that no joint holds pass through the rest of its model, as in Gazebo."""
+    for other in part.whole.bodies:
+        for a in part.link_indices.values() if other is not part else ():
+            for b in other.link_indices.values():
+                pybullet.setCollisionFilterPair(part.body_id, other.body_id, a, b, 0,
+                                                physicsClientId=part.client)
 
 
 def solids(model: Model, links: Collection[int]) -> list[Box | HalfSpace]:

@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -49,7 +49,8 @@ class World:
 
     Attributes:
         client: Bullet client id, for renderers.
-        models: by name, in spawn order.
+        models: by name, in spawn order; a part that no joint holds to its model comes after it as
+            <model>::<its root link>.
         revision: counts spawns, deletions and resets, for those who keep copies of the scene.
         islands: decides which bolted models make steps of their own.
         bases: holds the bases of free models that stand still.
@@ -112,8 +113,8 @@ class World:
         solution (Dantzig's). With contacts Bullet goes back to sweeps by itself, step by step; a
         body that stands on the ground would be shaken by the changes, so then it is sweeps always.
         """
-        direct = (all(model.fixed_base for model in self.models.values())
-                  and not self.attachments)
+        direct = not self.attachments and all(model.fixed_base and not model.description.loops
+                                              for model in self.models.values())
         if direct != self._direct:
             self._direct = direct
             solver = (pybullet.CONSTRAINT_SOLVER_LCP_DANTZIG if direct
@@ -176,28 +177,38 @@ class World:
             raise WorldError("a model needs a name that is not empty")
         if name in self.models:
             raise WorldError(f"a model named '{name}' exists already; delete it or take another")
-        check_simulable(description, name)
-        shapes.read_all(description, name)
+        whole = (description, *description.parts)
+        for one in whole:
+            check_simulable(one, name)
+            shapes.read_all(one, name)
         pose = checked_pose(pose, f"model '{name}'", WorldError, zero_is_identity=True)
         if math.hypot(*pose.xyz) > LARGEST:
             raise WorldError(f"model '{name}': position {pose.xyz} is beyond {LARGEST:.0e} m")
-        start = _start_positions(description, name, joint_positions or {})
-        fixed = bullet_file.root_is_fixed(description, fixed_base)
+        starts = _start_positions(whole, name, joint_positions or {})
         bodies = pybullet.getNumBodies(physicsClientId=self.client)
+        made: list[Model] = []
         try:
-            model = Model(self.client, description, name, pose, start, fixed,
-                          self._gravity, self._model_moved)
+            for one, start in zip(whole, starts, strict=True):
+                own, at = name, pose
+                if made:
+                    own, at = f"{name}::{one.root}", pose @ Pose.from_rpy(*one.initial_pose)
+                fixed = bullet_file.root_is_fixed(one, None if made else fixed_base)
+                made.append(Model(self.client, one, own, at, start, fixed, self._gravity,
+                                  self._model_moved, made[0] if made else None))
         except WorldError:
             for i in range(pybullet.getNumBodies(physicsClientId=self.client) - 1, bodies - 1, -1):
                 pybullet.removeBody(pybullet.getBodyUniqueId(i, physicsClientId=self.client),
                                     physicsClientId=self.client)
             raise
-        self.models[name] = model
-        self.bases.came(model)
+        for model in made:
+            self.models[model.name] = model
+            self.bases.came(model)
         self._models_changed()
-        logger.debug("spawned '%s': %d links, %d joints, %s base", name, len(model.link_names),
-                     len(model.joint_names), "fixed" if fixed else "free")
-        return model
+        logger.debug("spawned '%s': %d links, %d joints, %s base", name,
+                     sum(len(model.link_names) for model in made),
+                     sum(len(model.joint_names) for model in made),
+                     "fixed" if made[0].fixed_base else "free")
+        return made[0]
 
     def spawn_ground_plane(self, name: str = "ground_plane") -> Model:
         """Gazebo's ground plane: z = 0, grey, 100 m wide to the eye, endless to the touch."""
@@ -207,20 +218,25 @@ class World:
         return self.spawn(RobotDescription(name, "link", {"link": link}, {}, static=True,
                                            colours={"link": COLOURS["Gazebo/Grey"]}), name)
 
+    @property
+    def whole_models(self) -> dict[str, Model]:
+        """The models by name, without the parts of others."""
+        return {name: model for name, model in self.models.items() if model.whole is model}
+
     def model(self, name: str) -> Model:
         """The model called `name`; WorldError naming those that exist."""
         model = self.models.get(name)
-        if model is None:
-            raise UnknownModelError(name, self.models)
+        if model is None or model.whole is not model:
+            raise UnknownModelError(name, self.whole_models)
         return model
 
     def delete(self, name: str) -> None:
         """Take a model out; WorldError when there is none of that name."""
-        model = self.model(name)
-        self.bases.leaves(model)
-        self.attachments.leaves(model)
-        model.remove()
-        del self.models[name]
+        for model in self.model(name).bodies:
+            self.bases.leaves(model)
+            self.attachments.leaves(model)
+            model.remove()
+            del self.models[model.name]
         self._models_changed()
 
     def change(self, name: str, description: RobotDescription) -> None:
@@ -230,7 +246,7 @@ class World:
             WorldError, DescriptionError: no such model, a joint that moves no mass, or a mesh file
                 that was damaged since; nothing is changed then.
         """
-        model = self.model(name)
+        model = self.models.get(name) or self.model(name)
         check_simulable(description, name)
         shapes.read_all(description, name)
         self.bases.release()
@@ -417,16 +433,21 @@ def _checked_iterations(value: int) -> int:
     return int(value)
 
 
-def _start_positions(description: RobotDescription, name: str,
-                     given: Mapping[str, float]) -> dict[str, float]:
-    moving = description.moving_joints()
-    start: dict[str, float] = {}
+def _start_positions(whole: Sequence[RobotDescription], name: str, given: Mapping[str, float]
+                     ) -> list[dict[str, float]]:
+    """Positions of the joints that are not at 0, of each body of a model."""
+    every = tuple(joint for one in whole for joint in one.moving_joints())
     for joint, value in given.items():
-        if joint not in moving:
-            raise UnknownJointError(name, joint, moving)
+        if joint not in every:
+            raise UnknownJointError(name, joint, every)
         if not math.isfinite(value):
             raise WorldError(f"model '{name}', joint '{joint}': position {value} is not finite")
-        start[joint] = float(value)
+    return [_start_of(one, given) for one in whole]
+
+
+def _start_of(description: RobotDescription, given: Mapping[str, float]) -> dict[str, float]:
+    moving = description.moving_joints()
+    start = {joint: float(value) for joint, value in given.items() if joint in moving}
     for _ in moving:
         for joint in moving:
             mimic = description.joints[joint].mimic

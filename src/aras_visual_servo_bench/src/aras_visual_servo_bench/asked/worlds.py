@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from functools import lru_cache
 
@@ -23,6 +24,8 @@ from ..errors import ExperimentError, require
 from ..targets.solids import made_solid
 from .experiment import Experiment, SunSpec
 from .packages import PackagePath
+
+log = logging.getLogger(__name__)
 
 BEGINNING = 1e-3  # s: the first step of the physics
 WORLDS = "package://aras_visual_servo_gazebo/world/{}.world"
@@ -54,9 +57,18 @@ def read_world(path: str, packages: PackagePath) -> WorldFile:
         ExperimentError: for a bad file.
     """
     try:
-        return world_file.read(path, packages.find) if path else WorldFile()
+        found = world_file.read(path, packages.find) if path else WorldFile()
     except SimError as error:
         raise ExperimentError(str(error)) from error
+    for text in found.warnings:
+        _warn(path, text)
+    return found
+
+
+@lru_cache(maxsize=1024)
+def _warn(path: str, text: str) -> None:
+    """Log once in a process what a world file holds in vain."""
+    log.warning("world file %s: %s", path, text)
 
 
 def with_link(experiment: Experiment, packages: PackagePath) -> Experiment:

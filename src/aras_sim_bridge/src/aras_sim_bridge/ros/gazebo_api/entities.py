@@ -5,6 +5,7 @@ A link is named `model::link`, or plainly `link` when that is enough (first hit 
 
 from __future__ import annotations
 
+from aras_sim_bridge.description.types import LoopJoint
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import Model
@@ -24,16 +25,29 @@ def link(simulation: Simulation, name: str) -> tuple[Model, str]:
 def joint(simulation: Simulation, name: str) -> tuple[Model, str]:
     """Return (model, plain joint name); raises WorldError naming the joint."""
     found = _part(simulation, name, "joints")
+    if found is None and loop(simulation, name) is not None:
+        raise WorldError(f"joint '{name}' closes a chain of joints, and is only read; name another "
+                         "joint of the chain")
     if found is None:
         raise WorldError(f"joint '{name}' does not exist; name it as model::joint or plainly")
     return found
+
+
+def loop(simulation: Simulation, name: str) -> tuple[Model, LoopJoint] | None:
+    """Return (model, joint) where a name means a joint that closes a chain; None where it does
+    not."""
+    for candidate in simulation.world.models.values():
+        for one in candidate.description.loops:
+            if name in (one.joint.name, candidate.scoped(one.joint.name)):
+                return candidate, one
+    return None
 
 
 def _part(simulation: Simulation, name: str, kind: str) -> tuple[Model, str] | None:
     """(model, plain name) of the first link or joint, in world order, that a name means."""
     model_name, scope, plain = name.rpartition("::")
     for candidate in simulation.world.models.values():
-        if scope and candidate.name != model_name:
+        if scope and candidate.whole.name != model_name:
             continue
         if plain and plain in getattr(candidate.description, kind):
             return candidate, plain

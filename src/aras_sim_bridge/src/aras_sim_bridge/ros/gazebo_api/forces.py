@@ -62,7 +62,7 @@ class Forces:
 
     def forget(self, model: Model) -> None:
         """Drop the jobs of a model that goes; called in the simulation's thread."""
-        self._keep(lambda job: job.model is not model)
+        self._keep(lambda job: job.model.whole is not model)
 
     @serves(ApplyBodyWrench)
     def apply_body_wrench(self, simulation: Simulation, request: ApplyBodyWrench) -> Fields:
@@ -79,7 +79,7 @@ class Forces:
             force = rotate(frame.quat, force)
             torque = add(rotate(frame.quat, torque), cross(lever, force))
         start_end = _span(simulation, request)
-        target = f"{model.name}::{link}"
+        target = model.scoped(link)
         self._set([*self._jobs, _Wrench(model, target, *start_end, link, force, torque)])
         return None
 

@@ -20,6 +20,7 @@ from aras_sim_bridge.ros.gazebo_api import entities
 from aras_sim_bridge.ros.runtime.services import Fields, serves
 from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world.changes import with_joint, with_link
+from aras_sim_bridge.world.loops import position
 from aras_visual_servo_base.poses import Twist, subtract
 
 JOINT_TYPES = {
@@ -102,6 +103,12 @@ def set_link_properties(simulation: Simulation, request: SetLinkProperties) -> F
 @serves(GetJointProperties, "got properties")
 def get_joint_properties(simulation: Simulation, request: GetJointProperties) -> Fields:
     """Type, damping, position and rate of a joint."""
+    closing = entities.loop(simulation, request.joint_name)
+    if closing is not None:
+        model, one = closing
+        ends = (model.link_pose(end) for end in (one.joint.parent, one.joint.child))
+        kind = JOINT_TYPES.get(one.joint.kind, GetJointPropertiesResponse.BALL)
+        return {"type": kind, "damping": [0.0], "position": [position(one, *ends)], "rate": [0.0]}
     model, name = entities.joint(simulation, request.joint_name)
     joint = model.description.joints[name]
     fields: Fields = {"type": JOINT_TYPES.get(joint.kind, GetJointPropertiesResponse.BALL)}

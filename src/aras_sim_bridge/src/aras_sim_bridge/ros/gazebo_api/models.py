@@ -154,8 +154,8 @@ def put_model(simulation: Simulation, state: ModelState) -> None:
 @serves(GetModelProperties, "got properties")
 def get_model_properties(simulation: Simulation, request: GetModelProperties) -> Fields:
     """The names of a model's links, shapes and joints."""
-    description = simulation.world.model(request.model_name).description
-    links = description.links.values()
+    bodies = [body.description for body in simulation.world.model(request.model_name).bodies]
+    links = [link for body in bodies for link in body.links.values()]
     return {
         "body_names": [link.name for link in links],
         "geom_names": [
@@ -163,8 +163,9 @@ def get_model_properties(simulation: Simulation, request: GetModelProperties) ->
             for link in links
             for collision in link.collisions
         ],
-        "joint_names": list(description.joints),
-        "is_static": description.static,
+        "joint_names": [name for body in bodies
+                        for name in (*body.joints, *(one.joint.name for one in body.loops))],
+        "is_static": bodies[0].static,
     }
 
 
@@ -179,10 +180,10 @@ def set_model_configuration(simulation: Simulation, request: SetModelConfigurati
     conversions.bounded(tuple(positions), "joint_positions")
     model = simulation.world.model(request.model_name)
     plain = [name.rpartition("::")[2] for name in names]
-    wanted = zip(plain, positions, strict=True)
-    simulation.set_joint_positions(
-        model.name, {n: within_limits(model, n, q) for n, q in wanted if n in model.joint_names}
-    )
+    wanted = dict(zip(plain, positions, strict=True))
+    for body in model.bodies:
+        simulation.set_joint_positions(body.name, {
+            n: within_limits(body, n, q) for n, q in wanted.items() if n in body.joint_names})
     return {"status_message": "SetModelConfiguration: success"}
 
 

@@ -81,7 +81,7 @@ class StateTopics:
 def model_states(simulation: Simulation) -> ModelStates:
     """Return pose and twist of every model's root link in the world."""
     message = ModelStates()
-    for name, model in simulation.world.models.items():
+    for name, model in simulation.world.whole_models.items():
         pose, twist = model.link_state(model.description.root)
         message.name.append(name)
         message.pose.append(to_pose(pose))
@@ -92,9 +92,9 @@ def model_states(simulation: Simulation) -> ModelStates:
 def link_states(simulation: Simulation) -> LinkStates:
     """Return pose and twist of every link in the world, named model::link."""
     message = LinkStates()
-    for name, model in simulation.world.models.items():
+    for model in simulation.world.models.values():
         for link, (pose, twist) in model.link_states().items():
-            message.name.append(f"{name}::{link}")
+            message.name.append(model.scoped(link))
             message.pose.append(to_pose(pose))
             message.twist.append(to_twist(twist))
     return message

@@ -35,7 +35,7 @@ def get_world_properties(simulation: Simulation, _request: GetWorldProperties) -
     """Time and models."""
     return {
         "sim_time": simulation.time_ns / 1e9,
-        "model_names": list(simulation.world.models),
+        "model_names": list(simulation.world.whole_models),
         "rendering_enabled": True,
     }
 

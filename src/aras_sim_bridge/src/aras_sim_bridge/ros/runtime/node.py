@@ -170,11 +170,8 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
         )
     )
     simulation.time_ns = world.time_ns
-    try:
-        world_file.populate(partial(simulation.spawn, cameras=settings.read()), world)
-    except SimError:
-        simulation.close()
-        raise
+    world_file.populate(partial(simulation.spawn, cameras=settings.read()), world,
+                        partial(rospy.logwarn, "world file: %s"))
     return simulation
 
 

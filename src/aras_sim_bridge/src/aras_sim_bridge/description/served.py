@@ -1,0 +1,199 @@
+"""Which elements of URDF and SDF are served: one table, and the names of all others in a file.
+
+A block's entry is, for each of its elements, SERVED (read, or without a meaning here), the entry of
+a block in its turn, or the values with which the element says what holds anyway.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from xml.etree.ElementTree import Element
+
+from aras_visual_servo_base.safe_xml import shorten
+
+SERVED = "served"
+_OFF = ("false", "0", "no")
+_ON = ("true", "1", "yes")
+Entry = str | tuple | Mapping[str, "Entry"]
+
+
+def _all(*tags: str) -> dict[str, Entry]:
+    return dict.fromkeys(tags, SERVED)
+
+
+_NOISE = {**_all("type", "mean", "stddev", "bias_mean", "bias_stddev"), "precision": (0.0,)}
+_AXES = dict.fromkeys("xyz", {"noise": _NOISE})
+_CONTACT = {"soft_cfm": (0.0,), "soft_erp": (0.2,), "kp": (1e12,), "kd": (1.0,),
+            "max_vel": (0.01,), "min_depth": (0.0,)}
+_SURFACE = {
+    "friction": {
+        "ode": {"mu": SERVED, "mu2": ("mu",), "fdir1": ("0 0 0",), "slip1": (0.0,),
+                "slip2": (0.0,)},
+        "torsional": {**_all("coefficient", "use_patch_radius"), "patch_radius": (0.0,),
+                      "surface_radius": (0.0,), "ode": {"slip": (0.0,)}},
+    },
+    "bounce": _all("restitution_coefficient", "threshold"),
+    "contact": {"collide_without_contact": _OFF, "collide_without_contact_bitmask": (1.0,),
+                "collide_bitmask": (65535.0,), "ode": _CONTACT},
+}
+_MATERIAL = {**_all("ambient", "diffuse", "script"), "lighting": _ON,
+             "specular": ("0 0 0 1", "0 0 0 0"), "emissive": ("0 0 0 1", "0 0 0 0")}
+_CAMERA = {
+    **_all("pose", "horizontal_fov"),
+    "image": _all("width", "height", "format"),
+    "clip": _all("near", "far"),
+    "noise": _all("type", "mean", "stddev"),
+    "distortion": _all("k1", "k2", "k3", "p1", "p2", "center"),
+    "lens": {**_all("type", "scale_to_hfov", "cutoff_angle", "env_texture_size"),
+             "intrinsics": {**_all("fx", "fy", "cx", "cy"), "s": (0.0,)}},
+}
+_SENSOR = {**_all("pose", "update_rate", "plugin", "always_on", "visualize"),
+           "topic": ("", "__default_topic__", "__default__")}
+_SENSORS = {
+    **dict.fromkeys(("camera", "depth", "wideanglecamera", "multicamera"),
+                    {**_SENSOR, "camera": _CAMERA}),
+    "imu": {**_SENSOR, "imu": {"angular_velocity": _AXES, "linear_acceleration": _AXES}},
+    "contact": {**_SENSOR, "contact": {"collision": SERVED,
+                                       "topic": ("", "__default_topic__", "__default__")}},
+    "force_torque": {**_SENSOR, "force_torque": {
+        **_all("frame", "measure_direction"), "force": _AXES, "torque": _AXES}},
+}
+_SDF_LINK = {
+    **_all("pose", "gravity", "kinematic", "must_be_base_link"),
+    "inertial": {**_all("mass", "pose"),
+                 "inertia": _all("ixx", "ixy", "ixz", "iyy", "iyz", "izz")},
+    "visual": {**_all("pose", "geometry"), "material": _MATERIAL, "cast_shadows": _ON,
+               "transparency": (0.0,), "laser_retro": (0.0,)},
+    "collision": {**_all("pose", "geometry", "max_contacts"), "surface": _SURFACE,
+                  "laser_retro": (0.0,)},
+    "sensor": _SENSORS, "self_collide": _OFF, "enable_wind": _OFF,
+    "velocity_decay": {"linear": (0.0,), "angular": (0.0,)},
+}
+_ODE_JOINT = {**_all("provide_feedback", "implicit_spring_damper"), "cfm_damping": _OFF,
+              "limit": {"cfm": (0.0,), "erp": (0.2,)},
+              "suspension": {"cfm": (0.0,), "erp": (0.2,)},
+              "fudge_factor": (0.0,), "cfm": (0.0,), "erp": (0.2,), "bounce": (0.0,),
+              "max_force": (0.0,), "velocity": (0.0,)}
+_SDF_JOINT = {
+    **_all("pose", "parent", "child"),
+    "axis": {
+        "xyz": SERVED, "initial_position": (0.0,),
+        "limit": {**_all("lower", "upper", "effort", "velocity"), "stiffness": (1e8,),
+                  "dissipation": (1.0,)},
+        "dynamics": _all("damping", "friction", "spring_reference", "spring_stiffness"),
+    },
+    "physics": {"provide_feedback": SERVED, "ode": _ODE_JOINT,
+                "simbody": _all("must_be_loop_joint")},
+    "sensor": _SENSORS, "thread_pitch": (1.0,),
+}
+BLOCKS: Mapping[str, Entry] = MappingProxyType({
+    "model": {**_all("static", "pose", "plugin", "allow_auto_disable"), "link": _SDF_LINK,
+              "joint": _SDF_JOINT, "self_collide": _OFF, "enable_wind": _OFF},
+    "world": _all("model", "light", "gravity", "physics", "scene", "plugin", "gui", "wind", "state",
+                  "frame", "atmosphere", "magnetic_field", "spherical_coordinates", "audio",
+                  "joint", "population", "include"),
+    "light": {**_all("pose", "diffuse", "specular", "direction", "cast_shadows"),
+              "attenuation": _all("range", "constant", "linear", "quadratic"),
+              "spot": _all("inner_angle", "outer_angle", "falloff"), "intensity": (1.0,)},
+    "robot": {
+        **_all("transmission", "material", "gazebo"),
+        "link": {**_all("inertial"), "visual": _all("origin", "geometry", "material"),
+                 "collision": _all("origin", "geometry")},
+        "joint": _all("origin", "parent", "child", "axis", "limit", "dynamics", "mimic",
+                      "safety_controller", "calibration"),
+    },
+    # <gazebo> without a reference, of a link and of a joint
+    "gazebo": {**_all("static", "plugin", "allow_auto_disable"), "link": _SDF_LINK,
+               "joint": _SDF_JOINT, "self_collide": _OFF, "selfCollide": _OFF},
+    "gazebo link": {
+        **_all("material", "gravity", "turnGravityOff", "kinematic", "mu1", "canonicalBody",
+               "maxContacts", "max_contacts"),
+        "mu2": ("mu1",), "fdir1": ("0 0 0",), "selfCollide": _OFF, "self_collide": _OFF,
+        "kp": (1e12,), "kd": (1.0,), "maxVel": (0.01,), "minDepth": (0.0,), "laserRetro": (0.0,),
+        "dampingFactor": (0.0,), "visual": {"material": _MATERIAL},
+        "collision": {"surface": _SURFACE, "max_contacts": SERVED}, "sensor": _SENSORS,
+    },
+    "gazebo joint": {
+        **_all("springStiffness", "springReference", "provideFeedback", "implicitSpringDamper",
+               "preserveFixedJoint", "disableFixedJointLumping"),
+        "cfmDamping": _OFF, "stopCfm": (0.0,), "stopErp": (0.2,), "fudgeFactor": (0.0,),
+        "physics": {"provide_feedback": SERVED, "ode": _ODE_JOINT}, "sensor": _SENSORS,
+    },
+})
+
+
+def unserved(element: Element, block: str, where: str) -> list[str]:
+    """Name what `element`, a block of this kind, holds and what is not served, a sentence each.
+
+    Equal names in several places are one sentence. Tags of other programs ("program:tag") are not
+    named. where: names the element in messages; '' where what is in it names itself.
+    """
+    return sentences(find_unserved(element, block, where))
+
+
+def find_unserved(element: Element, block: str, where: str) -> list[tuple[str, str]]:
+    """(place, tag) of each element in a block that is not served, in the file's order."""
+    found: list[tuple[str, str]] = []
+    _walk(element, BLOCKS[block], where, found)
+    return list(dict.fromkeys(found))
+
+
+def sentences(found: Iterable[tuple[str, str]]) -> list[str]:
+    """Sentences on (place, tag): what is left out in the same places is named together."""
+    places: dict[str, list[str]] = {}
+    for place, tag in found:
+        places.setdefault(tag, []).append(place)
+    tags: dict[tuple[str, ...], list[str]] = {}
+    for tag, where in places.items():
+        tags.setdefault(tuple(where), []).append(tag)
+    return [f"{where[0]}{f' and {len(where) - 1} more' if len(where) > 1 else ''}: "
+            f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} not served; left out"
+            for where, names in tags.items()]
+
+
+def _walk(element: Element, entry: Mapping[str, Entry], where: str,
+          found: list[tuple[str, str]]) -> None:
+    for child in element:
+        if not isinstance(child.tag, str) or ":" in child.tag:
+            continue
+        inside = entry.get(child.tag)
+        if inside is _SENSORS:
+            inside = _SENSORS.get(child.get("type") or "", SERVED)  # others are named by type
+        name = f" '{shorten(child.get('name'))}'" if child.get("name") else ""
+        if inside is None or isinstance(inside, tuple) and not _holds(child, inside, element):
+            found.append((where, f"<{shorten(child.tag)}>{name}"))
+        elif isinstance(inside, Mapping):
+            own = f"{child.tag}{name}" if name else ""
+            _walk(child, inside, ", ".join(filter(None, (where, own))), found)
+
+
+def _holds(element: Element, values: tuple, block: Element) -> bool:
+    """Whether an element's value is one of these: words, numbers, or that of a sibling."""
+    text = _value(element)
+    for value in values:
+        if isinstance(value, float):
+            if _number(text) == value:
+                return True
+            continue
+        sibling = block.find(value) if value and value.isidentifier() else None
+        other = value if sibling is None else _value(sibling)
+        if text.split() == other.split() or _numbers(text) == _numbers(other) is not None:
+            return True
+    return False
+
+
+def _value(element: Element) -> str:
+    return (element.get("value") or element.text or "").strip().lower()
+
+
+def _number(text: str) -> float | None:
+    numbers = _numbers(text)
+    return numbers[0] if numbers and len(numbers) == 1 else None
+
+
+def _numbers(text: str) -> list[float] | None:
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError:
+        return None

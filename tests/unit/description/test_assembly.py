@@ -1,0 +1,273 @@
+"""SDF models whose links are no tree: free bodies, closed chains, joints given the wrong way round."""
+
+import math
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.description import parse_sdf, read_sdf
+from aras_sim_bridge.errors import DescriptionError, UnknownModelError
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.world import World
+from aras_sim_bridge.world.loops import position
+from aras_visual_servo_base.poses import Pose, Twist
+
+BOX = "<collision name='c'><geometry><box><size>.1 .1 .1</size></box></geometry></collision>"
+
+
+def link(name, pose="0 0 0 0 0 0", inside=""):
+    return f"<link name='{name}'><pose>{pose}</pose>{inside}</link>"
+
+
+def joint(name, parent, child, kind="revolute", inside="<axis><xyz>0 1 0</xyz></axis>"):
+    return (f"<joint name='{name}' type='{kind}'><parent>{parent}</parent><child>{child}</child>"
+            f"{inside}</joint>")
+
+
+def model(inside, version="1.6", name="m"):
+    return parse_sdf(f"<sdf version='{version}'><model name='{name}'>{inside}</model></sdf>")
+
+
+FOUR_BAR = (
+    link("base") + link("left", "0 0 1 0 0 0") + link("right", "1 0 1 0 0 0")
+    + link("top", "0 0 2 0 0 0") + joint("j0", "world", "base", "fixed", "")
+    + joint("j1", "base", "left") + joint("j2", "base", "right") + joint("j3", "left", "top"))
+CLOSING = joint("j4", "right", "top", inside="<pose>1 0 0 0 0 0</pose><axis><xyz>0 1 0</xyz></axis>")
+
+
+def test_links_without_joints_are_free_bodies_of_one_model():
+    made = model(link("a", "0 0 2 0 0 0", BOX) + link("b", "1 0 3 0 0 0.5", BOX)
+                 + link("c", "1 0 4 0 0 0", BOX) + joint("j", "b", "c"))
+    assert [part.root for part in made.parts] == ["b"]
+    assert list(made.parts[0].joints) == ["j"] and not made.warnings
+    with World(gravity=(0.0, 0.0, -1.0)) as world:
+        whole = world.spawn(made, "m", Pose((0, 0, 10)), {"j": 0.25})
+        assert list(world.models) == ["m", "m::b"] and list(world.whole_models) == ["m"]
+        part = world.models["m::b"]
+        np.testing.assert_allclose(part.link_pose("b").matrix(),
+                                   Pose.from_rpy((1, 0, 13), (0, 0, 0.5)).matrix(), atol=1e-9)
+        assert part.read_joints()[0] == pytest.approx((0.25,))
+        for _ in range(100):
+            world.step()
+        fallen = 0.5 * 0.1 * 0.101  # semi-implicit Euler
+        assert 10 - whole.pose().xyz[2] == pytest.approx(fallen, abs=1e-9)
+        assert 13 - part.pose().xyz[2] == pytest.approx(fallen, rel=0.05)
+        whole.set_pose(Pose.from_rpy((5, 0, 0), (0, 0, math.pi / 2)))
+        assert part.pose().xyz[:2] == pytest.approx((5, 1), abs=1e-6)
+        whole.set_twist(Twist((0, 0, 0), (0, 0, 2.0)))
+        assert part.twist().linear[:2] == pytest.approx((-2.0, 0.0), abs=1e-6)
+        world.reset_world()
+        assert part.pose().xyz == pytest.approx((1, 0, 13), abs=1e-9)
+        with pytest.raises(UnknownModelError):
+            world.delete("m::b")
+        world.delete("m")
+        assert not world.models
+
+
+def test_free_bodies_of_one_model_pass_through_each_other_and_rest_on_the_ground():
+    made = model(link("a", "0 0 0.05 0 0 0", BOX) + link("b", "0 0 0.3 0 0 0", BOX)
+                 + "<link name='eye'><pose>0 0 1 0 0 0</pose><sensor name='s' type='camera'><camera/>"
+                 "</sensor></link>")
+    with_ground = Simulation(SimulationConfig())
+    with_ground.spawn(made, "m")
+    assert [(one.model.name, one.link) for one in with_ground.cameras] == [("m::eye", "eye")]
+    for _ in range(800):
+        with_ground.step()
+    # The first link's frame is the model's, which stands on the ground.
+    for name, linked, height in (("m", "a", 0.0), ("m::b", "b", 0.05)):
+        assert with_ground.world.models[name].link_pose(linked).xyz[2] == pytest.approx(
+            height, abs=2e-3)
+    with_ground.delete("m")
+    assert not with_ground.cameras
+    with_ground.close()
+
+
+def test_a_static_model_is_one_body_whatever_joins_its_links():
+    made = model("<static>1</static>" + FOUR_BAR + CLOSING + link("loose"))
+    assert not made.loops and not made.parts and made.static
+    assert {"base", "top", "loose"} < set(made.links)
+
+
+def four_bar_pendulum(made):
+    """Swing a parallelogram from 3 rad for 2 s; its angle, and by how much the chain gapes, m."""
+    with World() as world:
+        arm = world.spawn(made, "m", joint_positions={"j1": 3.0, "j2": 3.0, "j3": -3.0})
+        (loop,) = made.loops
+        for _ in range(2000):
+            world.step()
+        ends = [arm.link_pose(end) for end in (loop.joint.parent, loop.joint.child)]
+        gap = math.dist((ends[0] @ loop.in_parent).xyz, (ends[1] @ loop.in_child).xyz)
+        angles = dict(zip(arm.joint_names, arm.read_joints()[0], strict=True))
+        angles[loop.joint.name] = position(loop, *ends)
+        world.reset_simulation()
+        world.step()
+        return angles, gap
+
+
+def swing(seconds, start):
+    """theta'' = g sin(theta) / 3: two bars that turn, each of 1 kg m², and 1 kg that they carry."""
+    theta, rate, dt = start, 0.0, 1e-5
+    for _ in range(round(seconds / dt)):
+        rate += dt * 9.8 * math.sin(theta) / 3.0
+        theta += dt * rate
+    return theta
+
+
+def test_a_closed_chain_moves_as_a_pendulum_of_its_whole_mass():
+    made = model(FOUR_BAR + CLOSING)
+    assert [one.joint.name for one in made.loops] == ["j4"] and not made.warnings
+    angles, gap = four_bar_pendulum(made)
+    expected = swing(2.0, 3.0)
+    assert gap < 1e-6
+    assert angles["j1"] == pytest.approx(expected, abs=5e-4)
+    assert angles["j2"] == pytest.approx(expected, abs=5e-4)
+    assert math.remainder(angles["j3"] + expected, 2 * math.pi) == pytest.approx(0.0, abs=5e-4)
+    assert math.remainder(angles["j4"] + expected, 2 * math.pi) == pytest.approx(0.0, abs=5e-4)
+
+
+def test_the_joint_that_is_to_be_cut_may_be_chosen():
+    chosen = joint("j3", "left", "top", inside="<axis><xyz>0 1 0</xyz></axis><physics><simbody>"
+                   "<must_be_loop_joint>1</must_be_loop_joint></simbody></physics>")
+    made = model(FOUR_BAR.replace(joint("j3", "left", "top"), chosen) + CLOSING)
+    assert [one.joint.name for one in made.loops] == ["j3"] and "j4" in made.joints
+
+
+@pytest.mark.parametrize("kind", ["prismatic", "fixed", "revolute"])
+def test_what_a_joint_that_closes_a_chain_has_in_vain_is_named(kind):
+    inside = ("<axis><xyz>0 1 0</xyz><limit><lower>-1</lower></limit><dynamics><damping>1</damping>"
+              "<friction>2</friction><spring_stiffness>3</spring_stiffness></dynamics></axis>")
+    made = model(FOUR_BAR + joint("j4", "right", "top", kind, inside))
+    words = [word in " ".join(made.warnings) for word in ("limits", "damping", "friction", "spring")]
+    assert words == [kind != "fixed"] * 4
+    with World() as world:
+        world.spawn(made, "m")
+        for _ in range(10):
+            world.step()
+
+
+def test_joints_that_form_a_ring_or_stand_upside_down_are_one_tree():
+    """No link without a parent; and two roots that meet in one link."""
+    ring = model(link("a") + link("b", "0 0 1 0 0 0") + joint("j", "a", "b") + joint("k", "b", "a"))
+    assert (ring.root, list(ring.joints), [one.joint.name for one in ring.loops]) == (
+        "a", ["j"], ["k"])
+    turned = model(link("a") + link("b", "1 0 0 0.3 0 0") + link("c", "0 0 1 0 0.2 0")
+                   + joint("j", "a", "c") + joint("k", "b", "c"))
+    assert (turned.root, turned.parts, turned.loops) == ("a", (), ())
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        moved = world.spawn(turned, "m", joint_positions={"k": 0.4})
+        a, b, c = (moved.link_pose(name) for name in "abc")
+        # c has turned in b by 0.4 rad about its y axis; a carries c, so it is b that has moved.
+        at_rest = Pose.from_rpy((1, 0, 0), (0.3, 0, 0)).inverse() @ Pose.from_rpy(
+            (0, 0, 1), (0, 0.2, 0))
+        turn = Pose.from_rpy((0, 0, 0), (0, 0.4, 0))
+        np.testing.assert_allclose((b.inverse() @ c).matrix(), (at_rest @ turn).matrix(), atol=1e-6)
+        np.testing.assert_allclose(a.matrix(), np.eye(4), atol=1e-9)
+
+
+TURRET = (link("base") + link("turret", "0 0 1 1.5707963267948966 0 0.3")
+          + joint("fix", "world", "base", "fixed", ""))
+AXIS = "<pose>0 0 0 0.4 0 0</pose><axis><xyz{}>{}</xyz>{}</axis>"
+
+
+@pytest.mark.parametrize(("version", "axis"), [
+    ("1.4", AXIS.format("", "0 0 1", "")), ("1.3", AXIS.format("", "0 0 2", "")),
+    ("1.4", AXIS.format("", "0 0 1", "<use_parent_model_frame>1</use_parent_model_frame>")),
+    ("1.5", AXIS.format("", "0 0 1", "<use_parent_model_frame>1</use_parent_model_frame>")),
+    ("1.6", AXIS.format("", "0 0 1", "<use_parent_model_frame>yes</use_parent_model_frame>")),
+    ("1.7", AXIS.format(" expressed_in='__model__'", "0 0 1", "")),
+    ("1.7", AXIS.format(" expressed_in='base'", "0 0 1", "")),
+    ("1.6", AXIS.format("", f"0 {math.cos(0.4)} {-math.sin(0.4)}", "")),
+    ("1.4", AXIS.format("", f"0 {math.cos(0.4)} {-math.sin(0.4)}",
+                        "<use_parent_model_frame>0</use_parent_model_frame>")),
+])
+@pytest.mark.parametrize("outer", ["", "1 2 3 0.5 0 0.7"])
+def test_an_axis_is_in_the_frame_that_its_version_says(version, axis, outer):
+    """All of these are the model's z axis, in a model in another one too."""
+    inside = TURRET + joint("yaw", "base", "turret", inside=axis)
+    prefix, turn = "", Pose()
+    if outer:
+        inside = f"<model name='in'><pose>{outer}</pose>{inside}</model>"
+        prefix, turn = "in::", Pose.from_rpy((0, 0, 0), (0.5, 0, 0.7))
+    made = model(inside, version)
+    with World() as world:
+        arm = world.spawn(made, "m")
+        before = arm.link_pose(f"{prefix}turret")
+        arm.set_joint_positions({f"{prefix}yaw": 1.0})
+        after = arm.link_pose(f"{prefix}turret")
+    turned = np.array(after.matrix()[:3, :3] @ before.matrix()[:3, :3].T)
+    expected = (turn @ Pose.from_rpy((0, 0, 0), (0, 0, 1.0)) @ turn.inverse()).matrix()[:3, :3]
+    np.testing.assert_allclose(turned, expected, atol=1e-6)
+
+
+BAD = {  # a model that cannot be served, and what is said of it
+    "gone include": ("<include><uri>model://not_there</uri></include>", "not_there"),
+    "no links": ("", "has no <link>"),
+    "ball joint": (link("a") + link("b") + joint("j", "a", "b", "ball"), "type 'ball'"),
+    "no such link": (link("a") + joint("j", "a", "x"), "link 'x' does not exist"),
+    "pose": (link("a", "1 2"), "needs 6 numbers"),
+    "mass": (link("a", inside="<inertial><mass>-1</mass></inertial>"), "must not be negative"),
+    "huge": (link("a", "0 0 0 0 0 0", BOX.replace(".1", "1e12")), "beyond 1e+09 m"),
+    "number": (link("a", inside="<inertial><mass>heavy</mass></inertial>"), "'heavy' is not a"),
+    "twins": (link("a") + link("a"), "two links are named 'a'"),
+    "size": (link("a", inside=BOX.replace(">.1", ">-.1")), "must be positive"),
+    "limits": (link("a") + link("b") + joint("j", "a", "b", inside="<axis><limit><lower>2</lower>"
+               "<upper>1</upper></limit></axis>"), "2.0 is above upper 1.0"),
+    "light": (link("a"), ""),
+}
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_a_world_with_one_bad_model_of_twenty_starts_with_nineteen(tmp_path, bad):
+    from aras_sim_bridge.description import world_file
+    inside, reason = BAD[bad]
+    good = [f"<model name='m{k}'><pose>{k} 0 1 0 0 0</pose>{link('a', inside=BOX)}</model>"
+            for k in range(19)]
+    wrong = f"<model name='bad'>{inside}</model>"
+    if bad == "light":
+        wrong, reason = "<light name='bad' type='candle'/>", "type 'candle' is unknown"
+    path = tmp_path / "w.world"
+    path.write_text("<sdf version='1.6'><world name='w'>" + "".join(
+        [*good[:7], wrong, *good[7:]]) + "</world></sdf>")
+    found = world_file.read(str(path))
+    simulation = Simulation(SimulationConfig(ground_plane=False))
+    said = list(found.warnings)
+    world_file.populate(simulation.spawn, found, said.append)
+    assert list(simulation.world.models) == [f"m{k}" for k in range(19)]
+    assert any("'bad' is left out" in text and (reason in text or bad == "gone include")
+               for text in said)
+    assert any(reason in text for text in said)
+    simulation.close()
+
+
+@pytest.mark.parametrize(("text", "sentence"), [
+    ("<static>yes</static>", "model 'm': static is 'yes', read as true; write true or false"),
+    ("<static>maybe</static>", "static is 'maybe', which is neither true nor false; left out"),
+    ("<pose>1 2 3</pose>", "pose '1 2 3' has three numbers, read as a position without rotation"),
+])
+def test_what_gazebo_s_parser_forgives_is_repaired_and_named(text, sentence):
+    made = model(text + link("a"))
+    assert any(sentence in warning for warning in made.warnings) and len(made.warnings) == 1
+    assert made.static is ("yes" in text)
+    assert made.initial_pose[0] == ((1, 2, 3) if "pose" in text else (0, 0, 0))
+
+
+def test_poses_in_degrees_and_quaternions_are_converted():
+    made = model("<pose degrees='true'>1 2 3 0 0 90</pose>" + link("a", "0 0 0 0 0 0")
+                 + "<link name='b'><pose rotation_format='quat_xyzw'>1 0 0 0 0 2 2</pose></link>")
+    assert made.initial_pose[1] == pytest.approx((0, 0, math.pi / 2))
+    assert made.parts[0].initial_pose[1] == pytest.approx((0, 0, math.pi / 2))
+
+
+def test_states_place_the_free_bodies_of_a_model():
+    content = read_sdf(
+        "<sdf version='1.6'><world name='w'><model name='m'>" + link("a") + link("b", "1 0 0 0 0 0")
+        + "</model><state><model name='m'><pose>0 0 5 0 0 0</pose><link name='a'><pose>0 0 5 0 0 0"
+        "</pose></link><link name='b'><pose>3 0 1 0 0 0</pose></link></model></state></world></sdf>")
+    (made,) = content.models
+    assert made.initial_pose[0] == (0, 0, 5) and not content.warnings
+    assert made.parts[0].initial_pose[0] == pytest.approx((3, 0, -4))
+
+
+def test_a_single_model_that_is_wrong_is_refused():
+    with pytest.raises(DescriptionError, match="joint type 'ball' is not supported"):
+        model(link("a") + link("b") + joint("j", "a", "b", "ball"))

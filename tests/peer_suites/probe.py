@@ -10,7 +10,8 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from xml.etree import ElementTree
 
 import rosgraph
 import rospy
@@ -67,23 +68,15 @@ class Joint:
         return answer.position[0], answer.rate[0]
 
 
-def limits() -> dict[str, tuple[float, float]]:
-    """Ranges of the joints of every description on the parameter server."""
-    from xml.etree import ElementTree
-    found = {}
+def descriptions() -> Iterator[ElementTree.Element]:
+    """Every description on the parameter server."""
     for name in rospy.get_param_names():
         if not name.endswith("_description"):
             continue
         try:
-            root = ElementTree.fromstring(str(rospy.get_param(name)).strip().encode())
+            yield ElementTree.fromstring(str(rospy.get_param(name)).strip().encode())
         except ElementTree.ParseError:
             continue
-        for joint in root.iter("joint"):
-            limit = joint.find("limit")
-            if limit is not None and joint.get("type") in ("revolute", "prismatic"):
-                found[joint.get("name")] = (float(limit.get("lower", 0.0)),
-                                            float(limit.get("upper", 0.0)))
-    return found
 
 
 def goal_of(position: float, bounds: tuple[float, float]) -> float:
@@ -101,13 +94,20 @@ class Controllers:
     """
 
     def __init__(self) -> None:
-        self._bounds = limits()
+        joints = [joint for root in descriptions() for joint in root.findall("joint")]
+        limits = {joint.get("name"): joint.find("limit") for joint in joints
+                  if joint.get("type") in ("revolute", "prismatic")}
+        self._bounds = {name: (float(limit.get("lower", 0.0)), float(limit.get("upper", 0.0)))
+                        for name, limit in limits.items() if limit is not None}
+        self._mimics = {joint.get("name") for joint in joints if joint.find("mimic") is not None}
 
     def check(self, controller: str, kind: str) -> str:
         """What moved; RuntimeError where nothing did."""
         joints = rospy.get_param(f"{controller}/joints", None) or rospy.get_param(
             f"{controller}/joint", None)
         joints = [joints] if isinstance(joints, str) else joints
+        if joints and set(joints) <= self._mimics:
+            return "runs; its joint follows another one"
         for part, run in (
                 ("JointStateController", self._states), ("JointTrajectory", self._trajectory),
                 ("GripperActionController", self._gripper), ("DiffDrive", self._drive),

@@ -55,7 +55,8 @@ def parse(root: Element, links: dict[str, Link], joints: Mapping[str, Joint],
         if reference is None:
             tags.static = truth(text_of(block, "static"), "<gazebo>: static", tags.static)
             found += plugins.read(
-                block, "<gazebo>", (ControlPlugin, SensorDescription, GraspDescription), warnings)
+                block, "<gazebo>", (ControlPlugin, SensorDescription, GraspDescription), warnings,
+                [joint.name for joint in joints.values() if joint.mimic is not None])
         elif reference in links:
             _link_flags(block, reference, tags, warnings)
             sensor_tags.of_link(block, reference, cameras, sensors, found, warnings)

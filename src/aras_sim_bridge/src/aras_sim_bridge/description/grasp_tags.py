@@ -8,7 +8,6 @@ from dataclasses import replace
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description.types import GraspArm, GraspDescription, Link
-from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.safe_xml import integer, number, shorten, text_of, truth
 
 _WHERE = "plugin gazebo_grasp_fix"
@@ -18,14 +17,13 @@ def read(plugin: Element) -> GraspDescription:
     """What the plug-in's elements say, with upstream's defaults.
 
     Raises:
-        DescriptionError: an element that is no number, a rate that is not positive, or forces
-            that are called opposed at less than 90 degrees.
+        DescriptionError: an element that is no number.
     """
     def value(tag: str, default: float) -> float:
         return number(text_of(plugin, tag), f"{_WHERE}: {tag}", default)
 
     most = integer(text_of(plugin, "max_grip_count"), f"{_WHERE}: max_grip_count", 10)
-    found = GraspDescription(
+    return GraspDescription(
         arms=tuple(_arm(arm) for arm in plugin.findall("arm")),
         angle=math.radians(value("forces_angle_tolerance", 120.0)),
         rate=value("update_rate", 5.0),
@@ -36,12 +34,6 @@ def read(plugin: Element) -> GraspDescription:
         collides=not truth(text_of(plugin, "disable_collisions_on_attach"),
                            f"{_WHERE}: disable_collisions_on_attach", False),
     )
-    if found.rate <= 0.0:
-        raise DescriptionError(f"{_WHERE}: update_rate is {found.rate} Hz; it must be positive")
-    if found.angle < math.pi / 2:
-        raise DescriptionError(f"{_WHERE}: forces_angle_tolerance is {math.degrees(found.angle):g} "
-                               "degrees; give 90 or more")
-    return found
 
 
 def _arm(arm: Element) -> GraspArm:
@@ -51,9 +43,15 @@ def _arm(arm: Element) -> GraspArm:
 
 def of_model(found: list[GraspDescription], links: Mapping[str, Link], warnings: list[str]
              ) -> list[GraspDescription]:
-    """The plug-ins with the arms that the model has; a warning names each that it has not."""
+    """The plug-ins that can grasp, with the arms that the model has; a warning names all else."""
     whole = []
     for one in found:
+        if one.rate <= 0.0 or one.angle < math.pi / 2:
+            wrong = (f"update_rate is {one.rate:g} Hz; give a positive one" if one.rate <= 0.0 else
+                     f"forces_angle_tolerance is {math.degrees(one.angle):g} degrees; forces are "
+                     "opposed from 90 degrees on, so nothing is grasped, as in Gazebo")
+            warnings.append(f"{_WHERE}: {wrong}; left out")
+            continue
         arms: dict[str, GraspArm] = {}
         for arm in one.arms:
             problem, arm = _checked(arm, links, warnings)

@@ -1,6 +1,6 @@
 """The plug-ins that are served, by file name; an element's others are named in a warning."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TypeVar
@@ -21,14 +21,14 @@ from aras_visual_servo_base.safe_xml import number, numbers, shorten, text_of, t
 from aras_visual_servo_base.urdf import ZERO
 
 Plugin = ControlPlugin | CameraPlugin | SensorDescription | GraspDescription | LinkAttacher
-# What other plug-ins ask for is there without them.
-_NEEDLESS = {"mimic_joint": "is not needed: <mimic> already works"}
 Kind = TypeVar("Kind", bound=Plugin)
 
 
-def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: list[str]
-         ) -> list[Kind]:
+def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: list[str],
+         mimics: Collection[str] = ()) -> list[Kind]:
     """The plug-ins of `element` that are of these kinds; a warning names each other file, once.
+
+    mimics: joints that have a `<mimic>`.
 
     Raises:
         DescriptionError: a plug-in that is served, with a setting that it cannot have.
@@ -41,12 +41,22 @@ def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: 
         if isinstance(made, kinds):
             found.append(made)
             continue
-        problem = "is not known" if made is None else "does not belong here"
-        needless = next((why for part, why in _NEEDLESS.items() if part in filename), None)
-        warning = f"{where}: plugin '{filename}' {needless or f'{problem}; ignored'}"
+        problem = "is not known; ignored" if made is None else "does not belong here; ignored"
+        if "mimic_joint" in filename:
+            problem = _without_mimic_plugin(plugin, mimics)
+        warning = f"{where}: plugin '{filename}' {problem}"
         if warning not in warnings:
             warnings.append(warning)
     return found
+
+
+def _without_mimic_plugin(plugin: Element, mimics: Collection[str]) -> str:
+    """What becomes of a joint that a plug-in lets follow another one."""
+    joint, follower = text_of(plugin, "joint") or "", text_of(plugin, "mimicJoint") or ""
+    if follower in mimics:
+        return "is not needed: <mimic> already works"
+    return (f"is not served: give joint '{shorten(follower)}' a <mimic "
+            f"joint='{shorten(joint)}'/>, which works")
 
 
 def _control(plugin: Element, where: str) -> ControlPlugin:

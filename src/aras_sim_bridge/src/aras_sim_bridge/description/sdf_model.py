@@ -144,8 +144,8 @@ def _measures(sensor: SensorDescription, tree: Tree) -> bool:
     if sensor.kind == "contact":
         names = {one.name for link in tree.links.values() for one in link.collisions}
         return any(sensor_tags.same(name, one) for name in sensor.collisions for one in names)
-    if sensor.joint:
-        return sensor.joint in tree.joints
+    if sensor.joint or sensor.joints:
+        return {sensor.joint, *sensor.joints} - {""} <= set(tree.joints)
     framed = sensor.kind != "pose" or sensor.frame in (*sensor_tags.WORLDS, *tree.links)
     return sensor.link in tree.links and framed
 

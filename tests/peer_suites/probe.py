@@ -260,7 +260,7 @@ def check_service(name: str) -> str:
 def check_attach(entry: str) -> str:
     """`model1::link1 model2::link2` are attached: two move as one; and detached again."""
     from gazebo_ros_link_attacher.srv import Attach
-    names = [part for word in entry.split() for part in word.split("::")]
+    names = [part for word in entry.split() for part in word.split("::", 1)]
     for service in ("attach", "detach"):
         if not call(f"/link_attacher_node/{service}", Attach, *names).ok:
             raise RuntimeError(f"/link_attacher_node/{service} of {entry} failed")

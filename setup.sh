@@ -332,7 +332,7 @@ mapfile -d '' sources < <(find src -type f \( -name package.xml -o -name CMakeLi
     sort -z)
 # Our upstream_msgs step aside for installed ones, so their coming and going is a change too.
 shopt -s nullglob
-others=(/usr/share/{control_msgs,controller_manager_msgs,gazebo_msgs}/cmake/*Config.cmake)
+others=(/usr/share/{control_msgs,controller_manager_msgs,gazebo_msgs,gazebo_ros_link_attacher}/cmake/*Config.cmake)
 shopt -u nullglob
 # Older catkin asks for the one name of the interpreter, CMake's own module for the other.
 arguments=(-DPYTHON_EXECUTABLE="$root/.venv/bin/python" -DPython_EXECUTABLE="$root/.venv/bin/python")

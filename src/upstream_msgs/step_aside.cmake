@@ -1,6 +1,6 @@
 # step_aside(<package>): let an installed copy of <package> win over the one in this workspace.
 #
-# Debian 12 ships no control_msgs, controller_manager_msgs and gazebo_msgs, so this workspace brings
+# Debian 12 ships none of these packages (control_msgs, gazebo_msgs, ...), so this workspace brings
 # them. On a system that has them (a ROS built from source, a later Debian) ours would overlay the
 # real ones, so they give way: a CATKIN_IGNORE file (not under version control) hides the package from
 # catkin and from rospack, whatever an earlier build left in the devel space is removed, and the

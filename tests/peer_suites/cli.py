@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 
+import page
 import rospkg
 import yaml
 
@@ -29,7 +30,6 @@ WAIT = """#!/bin/sh
 until rosservice list 2>/dev/null | grep -qx {service}; do sleep 0.2; done
 exec {program} "$@"
 """
-BEGIN, END = "<!-- peers -->", "<!-- /peers -->"
 
 
 @dataclass(frozen=True)
@@ -188,14 +188,6 @@ def commits_in(sources: Path) -> dict[str, str]:
     return found
 
 
-def write(page: Path, text: str) -> None:
-    """Put the table between its marks on the page; ValueError where it has none."""
-    head, mark, rest = page.read_text().partition(BEGIN)
-    if not mark or END not in rest:
-        raise ValueError(f"{page} has no {BEGIN} ... {END}")
-    page.write_text(f"{head}{BEGIN}\n{text}\n{END}{rest.partition(END)[2]}")
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command: 0 where every test that applies passed."""
     parser = argparse.ArgumentParser(prog="tests/peers", description=__doc__,
@@ -229,7 +221,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"  {'not applicable' if apart else 'FAILED'} {name}: {apart or why}")
     text = table(tried, commits_in(sources))
     if asked.write:
-        write(asked.write, text)
+        page.write(asked.write, "peers", text)
     print(f"{text}\n\nlogs in {keep}")
     return 1 if any(one.problem or one.counted for one in tried) else 0
 

@@ -55,11 +55,11 @@ LENS = ("gnomonical", True, math.pi / 2, None)
       (0.5, 0.5), None, None, "")),
     (ChannelNoise(), (0.0, 0.0, 0.0, 0.0)),
     (SensorDescription("imu", "t"),
-     ("imu", "t", "", "", 0.0, "", HERE, HERE, 0.0, 0.0, False, (), (), "", "child", False)),
+     ("imu", "t", "", "", 0.0, "", HERE, HERE, 0.0, 0.0, False, (), (), "", "child", False, ())),
     (Light("sun"), ("sun", *SUN)),
     (Surroundings(), ((0.4, 0.4, 0.4, 1.0), (0.7, 0.7, 0.7, 1.0), False, "none")),
     (RobotDescription("r", "a", {}, {}),
-     ("r", "a", {}, {}, (), (), (), (), {}, False, (), HERE, {}, (), ())),
+     ("r", "a", {}, {}, (), (), (), (), (), {}, False, (), HERE, {}, (), ())),
 ])
 def test_what_a_part_is_without_being_told(made, expected):
     assert astuple(made) == expected
@@ -91,7 +91,7 @@ def test_a_model_of_sdf_in_full():
     assert whole(made) == (
         "m", "a", {name: (name, MASS, (), (), True, False, None, None) for name in "ab"},
         {"j": ("j", "continuous", "a", "b", NONE, NONE, (0.0, 0.0, 1.0), ENDLESS, 0.0, 0.0, None,
-               None, 0.0, 0.0)}, (), (), (), (), {}, False, (), HERE, {}, (), ())
+               None, 0.0, 0.0)}, (), (), (), (), (), {}, False, (), HERE, {}, (), ())
     slide = parse_sdf("<sdf><model name='m'><link name='a'/><link name='b'/><joint name='j' "
                       "type='prismatic'><parent>a</parent><child>b</child></joint></model></sdf>")
     assert astuple(slide.joints["j"].limits) == (-1e16, 1e16, 1e16, 1e16)
@@ -100,7 +100,7 @@ def test_a_model_of_sdf_in_full():
 def test_a_model_of_urdf_in_full():
     made = parse_urdf("<robot name='r'><link name='a'/></robot>")
     assert whole(made) == ("r", "a", {"a": ("a", None, (), (), True, False, None, None)}, {},
-                           (), (), (), (), {}, False, (), HERE, {}, (), ())
+                           (), (), (), (), (), {}, False, (), HERE, {}, (), ())
 
 
 def test_a_light_of_sdf_in_full():

@@ -53,6 +53,42 @@ def test_each_unknown_plugin_is_named_once():
         "<gazebo>: plugin 'libgazebo_ros_camera.so' does not belong here; ignored")
 
 
+@pytest.mark.parametrize("mimic, words", [
+    ("<mimic joint='a'/>", "is not needed: <mimic> already works"),
+    ("", "is not served: give joint 'b' a <mimic joint='a'/>, which works"),
+])
+def test_what_becomes_of_a_mimic_plugin_is_said_once(mimic, words):
+    name = "libroboticsgroup_upatras_gazebo_mimic_joint_plugin.so"
+    block = f"<gazebo><plugin name='m' filename='{name}'><joint>a</joint>" \
+            "<mimicJoint>b</mimicJoint></plugin></gazebo>"
+    turn = "<joint name='{0}' type='continuous'><parent link='a'/><child link='{0}'/>{1}</joint>"
+    read = parse_urdf("<robot name='r'><link name='a'/><link name='b'/><link name='c'/>"
+                      "<joint name='a' type='continuous'><parent link='a'/><child link='c'/>"
+                      "</joint>" + turn.format("b", mimic) + block * 2 + "</robot>")
+    assert [one for one in read.warnings if name in one] == [f"<gazebo>: plugin '{name}' {words}"]
+
+
+JOINT_STATES = "<gazebo><plugin name='p' filename='libgazebo_ros_joint_state_publisher.so'>{}" \
+               "</plugin></gazebo>"
+SLIDE = "<link name='b'/><joint name='j' type='prismatic'><parent link='a'/><child link='b'/>" \
+        "<limit lower='0' upper='1' effort='1' velocity='1'/></joint>"
+
+
+def test_a_joint_state_publisher():
+    """Topic and namespace as upstream's: that of the model where it names none."""
+    (bare,) = robot(SLIDE + JOINT_STATES.format("<jointName>j</jointName>")).sensors
+    assert (bare.kind, bare.topic, bare.namespace, bare.rate, bare.joints) == (
+        "joint_states", "joint_states", None, 100.0, ("j",))
+    read = robot(SLIDE + JOINT_STATES.format(
+        "<jointName>k, j</jointName><robotNamespace>arm</robotNamespace>"
+        "<updateRate>7</updateRate>"))
+    assert [(one.namespace, one.rate, one.joints) for one in read.sensors] == [("arm", 7.0, ("j",))]
+    assert sum("joint 'k' does not exist" in one for one in read.warnings) == 1
+    empty = robot(SLIDE + JOINT_STATES.format(""))
+    assert not empty.sensors
+    assert sum("no <jointName>" in one for one in empty.warnings) == 1
+
+
 def test_a_triggered_camera():
     assert config("libgazebo_ros_triggered_camera.so").trigger_topic == "image_trigger"
     named = config("libgazebo_ros_triggered_camera.so", "<triggerTopicName>t/u</triggerTopicName>")

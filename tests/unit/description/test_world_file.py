@@ -197,6 +197,20 @@ def test_a_world_s_own_gravity_comes_before_that_of_its_physics(tmp_path):
     assert world(tmp_path, "<physics/>").gravity == (0, 0, -9.8)
 
 
+@pytest.mark.parametrize("count", [3, 7])
+def test_a_mesh_that_many_models_lack_is_named_in_one_line(tmp_path, count):
+    """A course of barriers gave 180 lines."""
+    model = ("<model name='m{}'><link name='l'><visual name='v'><geometry><mesh><uri>gone.dae</uri>"
+             "</mesh></geometry></visual></link></model>")
+    file = tmp_path / "a.world"
+    file.write_text("<sdf version='1.6'><world name='w'>"
+                    + "".join(map(model.format, range(count))) + "</world></sdf>")
+    told = [one for one in world_file.read(str(file)).warnings if "gone.dae" in one]
+    assert len(told) == (3 if count == 3 else 1)
+    assert "model 'm0'" in told[0]
+    assert told[0].endswith(" (and in 6 more places)") == (count == 7)
+
+
 def test_what_a_model_warns_of_is_named_with_the_model(tmp_path):
     inside = "<model name='{0}'><link name='a'><sensor type='{1}'/></link></model>"
     found = world(tmp_path, "<actor name='x'/>" + inside.format("m", "ray")

@@ -53,7 +53,8 @@ QUARTER = Quaternion(0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4))  # 
 
 def generate(folder: Path) -> None:
     """Write the Python modules of our message packages below `folder`."""
-    packages = {path.parent.name: path.parent for path in SOURCES.glob("upstream_msgs/*/msg")}
+    packages = {path.parent.name: path.parent
+                for path in SOURCES.glob("upstream_msgs/*/package.xml")}
     packages |= {name: SOURCES / name for name in OURS}
     search = {path.parent.name: [str(path)] for path in Path("/usr/share").glob("*_msgs/msg")}
     search |= {name: [str(path / "msg"), str(folder / name)] for name, path in packages.items()}

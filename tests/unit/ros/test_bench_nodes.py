@@ -15,6 +15,7 @@ import time
 import xmlrpc.client
 from pathlib import Path
 from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -130,6 +131,38 @@ def test_xacro_finds_packages_and_takes_older_options(monkeypatch, capsys, tmp_p
     monkeypatch.setitem(sys.modules, "xacro", None)
     with pytest.raises(SystemExit, match="PyPI's xacro is not installed: run ./setup.sh"):
         runpy.run_path(str(XACRO / name), run_name="__main__")
+
+
+NAMESPACE = 'xmlns:xacro="http://ros.org/wiki/xacro"'
+OLD = """<robot {} name="old"><property name="half" value="${{1.0 / 2}}"/>
+<macro name="bar" params="name *shape">
+  <link name="${{name}}"><insert_block name="shape"/></link></macro>
+<bar name="a"><box size="${{half}}"/></bar><sensor><bar width="3"/></sensor>
+<if value="${{half > 1}}"><never/></if>
+{}<include filename="{}"/><gazebo><include><uri>model://x</uri></include></gazebo></robot>"""
+
+
+@pytest.mark.parametrize("unknown", ["", '<xacro:tool name="t"/>'], ids=["known", "unknown"])
+def test_xacro_reads_files_of_before_noetic(tmp_path, unknown):
+    """Tags and macros without prefix, as up to Melodic; what is Gazebo's stays as it is."""
+    pytest.importorskip("xacro")
+    (tmp_path / "part.xacro").write_text(
+        f'<robot {NAMESPACE}><xacro:bar name="b"><c/></xacro:bar></robot>')
+    file = tmp_path / "old.xacro"
+    file.write_text(OLD.format(NAMESPACE, unknown, tmp_path / "part.xacro"))
+    ran = subprocess.run([sys.executable, XACRO / "xacro.py", file], capture_output=True, text=True,
+                         check=False)
+    assert ran.returncode == 0, ran.stderr
+    root = ElementTree.fromstring(ran.stdout)
+    assert [link.get("name") for link in root.findall("link")] == ["a", "b"]
+    assert root.find("link/box").get("size") == "0.5"
+    assert root.findtext("gazebo/include/uri") == "model://x"
+    assert [child.tag for child in root] == ["link", "sensor", "link", "gazebo"]
+    said = ran.stderr.splitlines()
+    for tag in ("property", "macro", "insert_block", "if", "include", "bar"):
+        assert sum(f"<{tag}> without the prefix" in line for line in said) == 1
+    assert sum("<xacro:tool>; left out" in line for line in said) == bool(unknown)
+    assert len(said) == 6 + bool(unknown)
 
 
 def test_rviz_takes_the_program_s_place_where_there_is_a_display(monkeypatch, capsys):

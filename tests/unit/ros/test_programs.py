@@ -266,6 +266,7 @@ STOPPED = [("switch_controller", [], ["a", "b"], 2, False, 0.0), ("unload_contro
     (["--namespace", "/rig"], "/rig", 30.0, True), (["--namespace=/rig/"], "/rig", 30.0, True),
     (["--timeout", "0.5"], "", 0.5, True), (["--timeout", "0"], "", None, True),
     (["--timeout=-1"], "", None, True), (["--no-timeout"], "", None, True),
+    (["--shutdown-timeout", "0.1"], "", 30.0, True),
 ])
 def test_spawner_loads_starts_and_undoes_it(program, given, namespace, timeout, starts):
     program.manager(namespace)
@@ -274,6 +275,9 @@ def test_spawner_loads_starts_and_undoes_it(program, given, namespace, timeout, 
     place = f"{namespace}/" if namespace else ""
     assert program.waited == [(f"{place}controller_manager/{name}", timeout) for name in NEEDED]
     lines = program.graph.lines
+    told = [line for line in lines if "--shutdown-timeout has no effect" in line]
+    assert len(told) == ("--shutdown-timeout" in given)
+    lines = [line for line in lines if line not in told]
     assert lines[2].endswith(f"Waiting for service {namespace}/controller_manager/{NEEDED[2]}")
     assert "Controller Spawner: Loaded controllers: a, b" in lines
     assert ("Started controllers: a, b" in lines) is starts
@@ -549,7 +553,7 @@ USAGES = {
     "[-wait MODEL] [-x X] [-y Y] [-z Z] [-R R] [-P P] [-Y Y] [-J JOINT POSITION] "
     "[-package_to_model] [-b]",
     spawner: "[--stopped] [--wait-for TOPIC] [--namespace NS] [--timeout T] [--no-timeout] "
-    "controllers [controllers ...]",
+             "[--shutdown-timeout T] controllers [controllers ...]",
     unspawner: "controllers [controllers ...]",
     controller_manager: "[--restore] {load,unload,start,stop,spawn,kill,list,list-types,"
     "reload-libraries,sp,kl,lc,lt,rl} [names ...]",

@@ -20,7 +20,7 @@ from geometry_msgs.msg import (
     WrenchStamped,
 )
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import Imu
+from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Header
 
 from aras_sim_bridge import sensors
@@ -76,6 +76,8 @@ IMU = Imu(HEAD, Quaternion(*TURN), diagonal(3, 0.25), Vector3(1, 2, 3), diagonal
     ("body_imu", IMU_READING, IMU),
     ("wrench", sensors.WrenchReading(STAMP, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)),
      WrenchStamped(HEAD, wrench(1, 2, 3, 4, 5, 6))),
+    ("joint_states", sensors.JointReading(STAMP, ("j", "k"), (1.0, 2.0), (3.0, 4.0)),
+     JointState(HEAD, ["j", "k"], [1.0, 2.0], [3.0, 4.0], [])),
     ("contact", sensors.ContactReading(STAMP, TOUCHES), ContactsState(HEAD, [
         ContactState(
             INFO.format(0, "a::b::c", "d::e::f"), "a::b::c", "d::e::f",

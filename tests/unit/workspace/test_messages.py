@@ -10,7 +10,7 @@ from genmsg import MsgContext, gentools, msg_loader
 
 ROOT = Path(__file__).parents[3]
 UPSTREAM = ROOT / "src" / "upstream_msgs"
-PACKAGES = ("control_msgs", "controller_manager_msgs", "gazebo_msgs")
+PACKAGES = ("control_msgs", "controller_manager_msgs", "gazebo_msgs", "gazebo_ros_link_attacher")
 GENACTION = "/usr/lib/actionlib_msgs/genaction.py"  # what catkin_make turns .action files with
 
 

@@ -1,6 +1,6 @@
-"""What tests/peers makes of a suite's results; the suites themselves are upstream's."""
+"""What tests/peers makes of results; the suites and packages themselves are other people's."""
 
-import importlib.util
+import importlib
 import sys
 from pathlib import Path
 
@@ -9,14 +9,23 @@ import pytest
 FOLDER = Path(__file__).parents[2] / "peer_suites"
 
 
+def module_of(name):
+    """A module of the command, which finds those beside it."""
+    sys.path.insert(0, str(FOLDER))
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(str(FOLDER))
+
+
 @pytest.fixture(scope="module")
 def peers():
-    spec = importlib.util.spec_from_file_location("peers_cli", FOLDER / "cli.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
+    return module_of("cli")
+
+
+@pytest.fixture(scope="module")
+def packages():
+    return module_of("packages")
 
 
 RESULTS = """<testsuites><testsuite>
@@ -46,14 +55,15 @@ def test_the_table_counts_apart_what_cannot_apply(peers):
     assert one.counted == {"Arm.stops": "a b"}
 
 
-def test_the_table_goes_between_its_marks(peers, tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text(f"before\n{peers.BEGIN}\nold\n{peers.END}\nafter\n")
-    peers.write(page, "new")
-    assert page.read_text() == f"before\n{peers.BEGIN}\nnew\n{peers.END}\nafter\n"
+def test_the_table_goes_between_its_marks(tmp_path):
+    page, write = tmp_path / "page.md", module_of("page").write
+    page.write_text("before\n<!-- a -->\nold\n<!-- /a -->\n<!-- b -->\n<!-- /b -->\n")
+    write(page, "a", "new")
+    assert page.read_text() == (
+        "before\n<!-- a -->\nnew\n<!-- /a -->\n<!-- b -->\n<!-- /b -->\n")
     page.write_text("no marks")
-    with pytest.raises(ValueError, match="no <!--"):
-        peers.write(page, "new")
+    with pytest.raises(ValueError, match="no <!-- a -->"):
+        write(page, "a", "new")
 
 
 def test_what_is_known_has_its_stand_ins(peers):
@@ -68,3 +78,60 @@ def test_the_first_package_of_a_name_is_taken(peers, tmp_path):
         (tmp_path / folder).mkdir(parents=True)
         (tmp_path / folder / "package.xml").write_text(f"<package><name>{name}</name></package>")
     assert peers.packages(tmp_path) == {"one": tmp_path / "a", "two": tmp_path / "c/d"}
+
+
+LOG = """process[gazebo-2]: started with pid 7
+[WARN] [/gazebo] model 'm': <gazebo>: plugin 'libx.so' is not known; ignored
+[WARN] [/gazebo] liby.so here
+[ERROR] [/gazebo] liby.so there
+[INFO] [/gazebo] libz.so is there
+\x1b[31mERROR: cannot launch node of type [a/b]: a\x1b[0m
+""".replace("\\x1b", "\x1b")
+
+
+def test_a_part_that_is_not_served_has_to_be_named_in_one_line(packages, tmp_path):
+    (tmp_path / "output").write_text(LOG)
+    lines = packages.plain_lines(tmp_path / "output")
+    one = packages.Package("p", {}, "a b.launch", not_served=["libx.so", "a/b", "liby.so", "libz"])
+    assert packages.unnamed(one, lines) == ["'liby.so' is named in 2 lines of the log",
+                                            "'libz' is named in 0 lines of the log"]
+    assert packages.warnings_of(lines) == [
+        "model 'm': <gazebo>: plugin 'libx.so' is not known; ignored", "liby.so here",
+        "liby.so there"]
+
+
+def test_the_packages_are_complete_and_can_be_fetched(packages):
+    known = packages.known_packages(FOLDER / "packages.yaml")
+    assert len({one.name for one in known}) == len(known) >= 28
+    for one in known:
+        checkouts = {repo.partition("/")[2] for repo in one.repositories}
+        assert all(len(commit) == 40 for commit in one.repositories.values())
+        assert one.models or one.services
+        assert {folder.partition("/")[0] for folder in one.folders} <= checkouts
+    commands = packages.clone_commands([packages.Package("p", {"o/r": "0123"}, "x y")] * 2)
+    assert commands == ["git clone https://github.com/o/r && git -C r checkout 0123"]
+
+
+def test_a_package_sees_its_own_folders_first_and_no_display(packages, tmp_path, monkeypatch):
+    for name in ("ROS_PACKAGE_PATH", "PYTHONPATH"):
+        monkeypatch.setenv(name, "/ours")
+    monkeypatch.setenv("DISPLAY", ":0")
+    (tmp_path / "r" / "pkg").mkdir(parents=True)
+    for name in ("setup.py", "package.xml"):
+        (tmp_path / "r" / "pkg" / name).touch()
+    one = packages.Package("p", {"o/r": "0123"}, "x y", environment={"PLACE": "{sources}/r"})
+    found = packages.environment_of(one, tmp_path, tmp_path / "keep", 7)
+    assert found["ROS_PACKAGE_PATH"] == f"{tmp_path}/r:/ours"
+    assert found["PYTHONPATH"] == f"{tmp_path}/r/pkg/src:/ours"
+    assert found["PLACE"] == f"{tmp_path}/r" and "DISPLAY" not in found
+    assert found["ROS_MASTER_URI"] == "http://127.0.0.1:7"
+
+
+def test_the_table_of_packages_counts_those_without_faults(packages):
+    good = packages.Package("a", {"o/r": "0123456789abcdef"}, "a a.launch", not_served=["libx.so"])
+    bad = packages.Package("b", {"o/r": "0123456789abcdef"}, "b b.launch")
+    text = packages.table([packages.Result(good, ["arm"]), packages.Result(bad, [], ["no | clock"])])
+    assert text.startswith("1 of 2 start with every served part working.")
+    assert "| a | `a a.launch` | arm | - | `libx.so` |" in text
+    assert "| b | `b b.launch` | - | no / clock | - |" in text
+    assert text.endswith("Sources: o/r 0123456789ab.")

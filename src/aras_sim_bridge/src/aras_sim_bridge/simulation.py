@@ -37,7 +37,7 @@ from aras_sim_bridge.errors import (
 )
 from aras_sim_bridge.rendering import EXPOSURES, Sun, create_renderer
 from aras_sim_bridge.sensors import KINDS, RateSensor
-from aras_sim_bridge.world import Model, Pose, World
+from aras_sim_bridge.world import GraspFix, Model, Pose, World
 from aras_visual_servo_base.poses import IDENTITY
 
 if TYPE_CHECKING:
@@ -128,7 +128,8 @@ class Simulation:
     `time_ns`, `step_ns`, the model's `joint_names`, `read_joints` and `link_pose`, `close`.
 
     Attributes:
-        world: physics. robots: by model name. cameras, sensors: in spawn order. lights: by name.
+        world: physics. robots: by model name. cameras, sensors, grasps: in spawn order. lights: by
+            name.
         time_ns: simulated time. step_ns: the physics step.
         before_pictures: called with the simulated time [ns] when cameras are about to draw or to
             deliver, or None.
@@ -143,6 +144,7 @@ class Simulation:
         self.robots: dict[str, ControlledModel] = {}
         self.cameras: list[MountedCamera] = []
         self.sensors: list[RateSensor] = []
+        self.grasps: list[GraspFix] = []
         self.before_pictures: Callable[[int], None] | None = None
         self._renderer: Renderer | None = None
         self.lights: dict[str, Light] = {}
@@ -193,6 +195,7 @@ class Simulation:
             for sensor in body.description.sensors:
                 seed = seed_of(self.config.seed, f"{name} {sensor.kind} {sensor.topic}")
                 self.sensors.append(KINDS[sensor.kind](sensor, body, self.world, seed))
+        self.grasps += [GraspFix(grasp, model, self.world) for grasp in description.grasps]
         return model
 
     def delete(self, name: str) -> None:
@@ -203,6 +206,7 @@ class Simulation:
             robot.manager.shutdown()
         self.cameras = [one for one in self.cameras if one.model not in model.bodies]
         self.sensors = [one for one in self.sensors if one.model not in model.bodies]
+        self.grasps = [one for one in self.grasps if one.model is not model]
         self.world.delete(name)
 
     def light(self, name: str) -> Light:
@@ -270,7 +274,7 @@ class Simulation:
         began_ns, time_ns = self.time_ns, self.time_ns + self.step_ns
         cameras = [camera for camera in self.cameras if camera.enabled]
         sensors = [sensor for sensor in self.sensors if sensor.enabled]
-        for looks in (*cameras, *sensors):
+        for looks in (*cameras, *sensors, *self.grasps):
             until_ns = min(until_ns, looks.idle_until_ns)
         begun = self._begun(time_ns, max(until_ns, time_ns), answers)
         if begun is None:
@@ -287,6 +291,8 @@ class Simulation:
             sensor.after_step(self.time_ns)
         for sensor in sensors:
             sensor.model.pushes.clear()
+        for grasp in self.grasps:
+            grasp.after_step(self.time_ns)
         due = [camera for camera in cameras if camera.sensor.due(self.time_ns)]
         if due and self.before_pictures is not None:
             self.before_pictures(self.time_ns)
@@ -360,8 +366,8 @@ class Simulation:
             robot.loop.begin_anew()
         for camera in self.cameras:
             camera.sensor.reset(0)
-        for sensor in self.sensors:
-            sensor.reset()
+        for listener in (*self.sensors, *self.grasps):
+            listener.reset()
 
     def set_physics(
         self, time_step: float, gravity: tuple[float, float, float], solver_iterations: int

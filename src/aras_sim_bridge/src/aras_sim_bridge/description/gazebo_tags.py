@@ -5,7 +5,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import gazebo_materials, plugins, sensor_tags, served
+from aras_sim_bridge.description import (
+    gazebo_materials,
+    grasp_tags,
+    plugins,
+    sensor_tags,
+    served,
+)
 from aras_sim_bridge.description.assembly import PlacedJoint
 from aras_sim_bridge.description.geometry import Resolve, bounce
 from aras_sim_bridge.description.sdf_dialects import unify
@@ -13,6 +19,7 @@ from aras_sim_bridge.description.sdf_model import pose_of, read_joint, read_link
 from aras_sim_bridge.description.types import (
     CameraDescription,
     ControlPlugin,
+    GraspDescription,
     Link,
     Rgba,
     SensorDescription,
@@ -42,6 +49,7 @@ class GazeboTags:
     control_plugins: tuple[ControlPlugin, ...] = ()
     cameras: tuple[CameraDescription, ...] = ()
     sensors: tuple[SensorDescription, ...] = ()
+    grasps: tuple[GraspDescription, ...] = ()
     colours: dict[str, Rgba] = field(default_factory=dict)
     static: bool = False
     added_links: dict[str, Link] = field(default_factory=dict)
@@ -60,7 +68,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
         poses: of the links in the model, with all joints at 0. resolve: finds mesh files.
     """
     tags = GazeboTags(dict(links), dict(joints), poses=dict(poses))
-    found: list[ControlPlugin | SensorDescription] = []
+    found: list[ControlPlugin | SensorDescription | GraspDescription] = []
     cameras: list[CameraDescription] = []
     sensors: list[SensorDescription] = []
     gauges: dict[str, Element] = {}
@@ -71,7 +79,9 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
         where = f"<gazebo reference='{shorten(reference)}'>" if reference else "<gazebo>"
         if reference is None:
             tags.static = truth(text_of(block, "static"), "<gazebo>: static", tags.static)
-            found += plugins.read(block, "<gazebo>", (ControlPlugin, SensorDescription), warnings)
+            found += plugins.read(
+                block, "<gazebo>", (ControlPlugin, SensorDescription, GraspDescription), warnings,
+                [joint.name for joint in joints.values() if joint.mimic is not None])
             idle += served.find_unserved(block, "gazebo", where)
             for node in block.findall("link"):
                 _add_link(node, tags, resolve, warnings)
@@ -102,6 +112,8 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
     sensors += sensor_tags.of_model(asked, {**tags.links, **tags.added_links}, {**joints, **added},
                                     gauges, warnings)
     tags.cameras, tags.sensors = tuple(cameras), tuple(sensors)
+    tags.grasps = tuple(grasp_tags.of_model(
+        [one for one in found if isinstance(one, GraspDescription)], tags.links, warnings))
     return tags
 
 

@@ -1,15 +1,18 @@
 """The plug-ins that are served, by file name; an element's others are named in a warning."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TypeVar
 from xml.etree.ElementTree import Element
 
+from aras_sim_bridge.description import grasp_tags
 from aras_sim_bridge.description.types import (
     CameraPlugin,
     ControlPlugin,
     DepthTopics,
+    GraspDescription,
+    LinkAttacher,
     SensorDescription,
 )
 from aras_sim_bridge.errors import DescriptionError
@@ -17,13 +20,15 @@ from aras_visual_servo_base.poses import Vector3
 from aras_visual_servo_base.safe_xml import number, numbers, shorten, text_of, truth
 from aras_visual_servo_base.urdf import ZERO
 
-Plugin = ControlPlugin | CameraPlugin | SensorDescription
+Plugin = ControlPlugin | CameraPlugin | SensorDescription | GraspDescription | LinkAttacher
 Kind = TypeVar("Kind", bound=Plugin)
 
 
-def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: list[str]
-         ) -> list[Kind]:
+def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: list[str],
+         mimics: Collection[str] = ()) -> list[Kind]:
     """The plug-ins of `element` that are of these kinds; a warning names each other file, once.
+
+    mimics: joints that have a `<mimic>`.
 
     Raises:
         DescriptionError: a plug-in that is served, with a setting that it cannot have.
@@ -36,11 +41,22 @@ def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: 
         if isinstance(made, kinds):
             found.append(made)
             continue
-        problem = "is not known" if made is None else "does not belong here"
-        warning = f"{where}: plugin '{filename}' {problem}; ignored"
+        problem = "is not known; ignored" if made is None else "does not belong here; ignored"
+        if "mimic_joint" in filename:
+            problem = _without_mimic_plugin(plugin, mimics)
+        warning = f"{where}: plugin '{filename}' {problem}"
         if warning not in warnings:
             warnings.append(warning)
     return found
+
+
+def _without_mimic_plugin(plugin: Element, mimics: Collection[str]) -> str:
+    """What becomes of a joint that a plug-in lets follow another one."""
+    joint, follower = text_of(plugin, "joint") or "", text_of(plugin, "mimicJoint") or ""
+    if follower in mimics:
+        return "is not needed: <mimic> already works"
+    return (f"is not served: give joint '{shorten(follower)}' a <mimic "
+            f"joint='{shorten(joint)}'/>, which works")
 
 
 def _control(plugin: Element, where: str) -> ControlPlugin:
@@ -158,6 +174,23 @@ def _bumper(plugin: Element, where: str) -> SensorDescription:
                    frame=text_of(plugin, "frameName") or "world", noise=0.0, rate=0.0)
 
 
+def _joint_states(plugin: Element, where: str) -> SensorDescription:
+    names = (name.strip() for name in (text_of(plugin, "jointName") or "").split(","))
+    return _sensor(
+        plugin, where, "joint_states", topic="joint_states",
+        namespace=text_of(plugin, "robotNamespace"), frame="", noise=0.0,
+        rate=number(text_of(plugin, "updateRate"), f"{where}: updateRate", 100.0),
+        joints=tuple(name for name in names if name))
+
+
+def _grasp(plugin: Element, _where: str) -> GraspDescription:
+    return grasp_tags.read(plugin)
+
+
+def _link_attacher(_plugin: Element, _where: str) -> LinkAttacher:
+    return LinkAttacher()
+
+
 PLUGINS: Mapping[str, Callable[[Element, str], Plugin]] = MappingProxyType({
     "gazebo_ros_control": _control,
     "gazebo_ros_camera": _camera,
@@ -171,4 +204,7 @@ PLUGINS: Mapping[str, Callable[[Element, str], Plugin]] = MappingProxyType({
     "gazebo_ros_imu_sensor": _imu,
     "gazebo_ros_ft_sensor": _wrench,
     "gazebo_ros_bumper": _bumper,
+    "gazebo_ros_joint_state_publisher": _joint_states,
+    "gazebo_grasp_fix": _grasp,
+    "gazebo_ros_link_attacher": _link_attacher,
 })

@@ -22,7 +22,7 @@ from aras_sim_bridge.description import (
 from aras_sim_bridge.description.lights import read_light
 from aras_sim_bridge.description.sdf_dialects import MODEL_FRAME, unify
 from aras_sim_bridge.description.sdf_model import name_of, pose_of, read_model
-from aras_sim_bridge.description.types import Light, RobotDescription
+from aras_sim_bridge.description.types import Light, LinkAttacher, RobotDescription
 from aras_sim_bridge.description.world_state import WorldState
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
@@ -33,12 +33,14 @@ from aras_visual_servo_base.safe_xml import shorten
 @dataclass(frozen=True)
 class SdfContent:
     """models: in file order. lights: in file order. warnings: what was passed over, a sentence
-    each. time_ns: simulated time of a world's `<state>`."""
+    each. time_ns: simulated time of a world's `<state>`. link_attacher: whether its plug-in is in
+    the world."""
 
     models: tuple[RobotDescription, ...] = ()
     lights: tuple[Light, ...] = ()
     warnings: tuple[str, ...] = ()
     time_ns: int = 0
+    link_attacher: bool = False
 
 
 def parse_sdf(
@@ -92,7 +94,7 @@ def read_sdf(
     models, lights = [], []
     warnings: list[str] = []
     unify(root, warnings)
-    plugins.read(scope, "world", (), warnings)
+    link_attacher = bool(plugins.read(scope, "world", (LinkAttacher,), warnings))
     state = WorldState(scope.find("state"))
     inserted = Element("insertions")
     inserted.extend(state.insertions)
@@ -128,7 +130,8 @@ def read_sdf(
     models, lights = state.placed(models, lights, warnings)
     if not models and not lights and not worlds:
         raise DescriptionError("SDF: there is no <model> and no <light> in it")
-    return SdfContent(tuple(models), tuple(lights), tuple(warnings), state.time_ns)
+    return SdfContent(tuple(models), tuple(lights), tuple(warnings), state.time_ns,
+                      link_attacher)
 
 
 def _frames(world: Element, warnings: list[str]) -> Mapping[str, Pose]:

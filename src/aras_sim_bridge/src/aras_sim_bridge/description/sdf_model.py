@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import (
     gazebo_materials,
+    grasp_tags,
     ogre_materials,
     plugins,
     sensor_tags,
@@ -24,6 +25,7 @@ from aras_sim_bridge.description.sdf_dialects import MODEL_FRAME
 from aras_sim_bridge.description.types import (
     CameraDescription,
     Collision,
+    GraspDescription,
     Link,
     Rgba,
     RobotDescription,
@@ -56,7 +58,8 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
     name = name_of(element, "SDF")
     where = f"model '{name}'"
     warnings: list[str] = []
-    asked = plugins.read(element, "SDF", (SensorDescription,), warnings)
+    made = plugins.read(element, "SDF", (SensorDescription, GraspDescription), warnings)
+    asked = [one for one in made if isinstance(one, SensorDescription)]
     warnings += served.unserved(element, "model", where)
     static = truth(text_of(element, "static"), f"{where}: static", False)
     links: dict[str, Link] = {}
@@ -102,6 +105,8 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
     whole = RobotDescription(
         name=name, root=main.root, links={}, joints={}, cameras=tuple(cameras),
         sensors=tuple(sensors), colours=MappingProxyType(colours), static=static,
+        grasps=tuple(grasp_tags.of_model(
+            [one for one in made if isinstance(one, GraspDescription)], main.links, warnings)),
         initial_pose=(pose.xyz, pose.rpy))
     return divide(whole, trees, poses, where, warnings)
 
@@ -129,7 +134,7 @@ def divide(whole: RobotDescription, trees: Sequence[Tree], poses: Mapping[str, P
     for tree in () if whole.static else trees:
         warnings += (text for loop in tree.loops for text in _unserved_loop(loop.joint, where))
     parts = tuple(replace(
-        of(tree, ()), control_plugins=(), transmissions=(), initial_pose=place(tree))
+        of(tree, ()), control_plugins=(), transmissions=(), grasps=(), initial_pose=place(tree))
         for tree in trees[1:])
     lost = set(whole.sensors) - {one for tree in trees for one in whole.sensors
                                  if _measures(one, tree)}
@@ -140,8 +145,11 @@ def divide(whole: RobotDescription, trees: Sequence[Tree], poses: Mapping[str, P
 
 def _measures(sensor: SensorDescription, tree: Tree) -> bool:
     """Whether all that a sensor needs is in one tree."""
-    if sensor.joint:
-        return sensor.joint in tree.joints
+    if sensor.kind == "contact":
+        names = {one.name for link in tree.links.values() for one in link.collisions}
+        return any(sensor_tags.same(name, one) for name in sensor.collisions for one in names)
+    if sensor.joint or sensor.joints:
+        return {sensor.joint, *sensor.joints} - {""} <= set(tree.joints)
     framed = sensor.kind != "pose" or sensor.frame in (*sensor_tags.WORLDS, *tree.links)
     return sensor.link in tree.links and framed
 

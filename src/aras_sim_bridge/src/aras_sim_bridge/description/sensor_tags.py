@@ -95,6 +95,12 @@ def of_model(found: list[SensorDescription], links: Mapping[str, Link],
     """
     kept = []
     for made in found:
+        for name in made.joints:
+            if name not in joints or not joints[name].moves:
+                warnings.append(f"plug-in of a {made.kind} sensor: joint '{shorten(name)}' does "
+                                "not exist or does not move; it is left out")
+        made = replace(made, joints=tuple(
+            name for name in made.joints if name in joints and joints[name].moves))
         problem = _problem(made, links, joints)
         warnings += _missing_collisions(made, links)
         if problem:
@@ -129,6 +135,8 @@ def _problem(made: SensorDescription, links: Mapping[str, Link], joints: Mapping
         return "it belongs into a <sensor type='imu'>"
     if not made.topic:
         return "it has no <topicName>"
+    if made.kind == "joint_states":
+        return "" if made.joints else "it has no <jointName> of a joint that moves"
     if made.kind == "contact":
         return "" if made.collisions else (
             "it names no <collision> in a <contact>, or stands in no <sensor type='contact'>")

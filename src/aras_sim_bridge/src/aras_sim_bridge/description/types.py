@@ -219,6 +219,7 @@ class SensorDescription:
     channels: three of turning and three of moving of an IMU, three forces and three torques of a
     wrench, or none.
     collisions: names of the collisions whose contacts are told.
+    joints: whose states are published.
     joint: what a wrench is of. measured_in: child, parent or sensor; on_child: whether the wrench
     is what the parent does to the child, or the other way round.
     """
@@ -239,6 +240,37 @@ class SensorDescription:
     joint: str = ""
     measured_in: str = "child"
     on_child: bool = False
+    joints: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class GraspArm:
+    """A gripper: what it grasps is held by the link `palm`; `fingers` are the links that touch."""
+
+    name: str
+    palm: str
+    fingers: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class GraspDescription:
+    """libgazebo_grasp_fix.so. angle: rad, from which on two forces are opposed. rate: Hz of
+    simulated time, of its counts. most, threshold: the greatest count, and the one beyond which a
+    thing is held. release_tolerance: m, that a finger may move from where it touched. collides:
+    whether what is held touches anything."""
+
+    arms: tuple[GraspArm, ...]
+    angle: float
+    rate: float
+    most: int
+    threshold: int
+    release_tolerance: float
+    collides: bool
+
+
+@dataclass(frozen=True)
+class LinkAttacher:
+    """libgazebo_ros_link_attacher.so of a world."""
 
 
 def within(times: tuple[tuple[float, float], ...] | None, time: float) -> bool:
@@ -317,6 +349,7 @@ class RobotDescription:
     control_plugins: tuple[ControlPlugin, ...] = ()
     cameras: tuple[CameraDescription, ...] = ()
     sensors: tuple[SensorDescription, ...] = ()
+    grasps: tuple[GraspDescription, ...] = ()
     colours: Mapping[str, Rgba] = field(default_factory=lambda: MappingProxyType({}))
     static: bool = False
     warnings: tuple[str, ...] = ()

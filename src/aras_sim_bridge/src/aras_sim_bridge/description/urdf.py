@@ -59,6 +59,7 @@ def parse_urdf(
         control_plugins=tags.control_plugins,
         cameras=tags.cameras,
         sensors=tags.sensors,
+        grasps=tags.grasps,
         colours=MappingProxyType(tags.colours),
         static=tags.static,
         warnings=tuple(warnings),

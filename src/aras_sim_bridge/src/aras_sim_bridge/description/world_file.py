@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -15,6 +16,10 @@ from aras_sim_bridge.errors import DescriptionError, SimError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
 
+MOST_ALIKE = 3  # warnings that differ only in the part of the world that they are about
+# Where a warning applies, before what it says.
+_PART = re.compile(r"((?:model '[^']*'|link '[^']*'|visual '[^']*'|collision '[^']*')[,:] )+(.*)")
+
 
 @dataclass(frozen=True)
 class WorldFile:
@@ -23,7 +28,7 @@ class WorldFile:
     models, lights: what stands in the file, in its order. scene: what is around.
     ground_plane: whether Gazebo's is to be added, because no file was given. Absent numbers are
     Gazebo's defaults. warnings: what the file asks for in vain, one sentence each. time_ns:
-    simulated time at which it begins.
+    simulated time at which it begins. link_attacher: whether the plug-in of this name is in it.
     """
 
     time_step: float = 0.001
@@ -35,6 +40,7 @@ class WorldFile:
     ground_plane: bool = True
     warnings: tuple[str, ...] = ()
     time_ns: int = 0
+    link_attacher: bool = False
 
 
 def read(path: str, resolve_package: packages.ResolvePackage = packages.find) -> WorldFile:
@@ -83,9 +89,24 @@ def read(path: str, resolve_package: packages.ResolvePackage = packages.find) ->
         lights=content.lights,
         scene=scene,
         ground_plane=False,
-        warnings=(*content.warnings, *warnings),
+        warnings=(*content.warnings, *_grouped(warnings)),
         time_ns=content.time_ns,
+        link_attacher=content.link_attacher,
     )
+
+
+def _grouped(warnings: Sequence[str]) -> list[str]:
+    """One sentence for what more than MOST_ALIKE parts of models have in common, such as a missing
+    mesh: that of the first part, with the number of the others."""
+    groups: dict[str, list[str]] = {}
+    for warning in warnings:
+        found = _PART.match(warning)
+        groups.setdefault(found[2] if found else warning, []).append(warning)
+    found = []
+    for same in groups.values():
+        many = len(same) > MOST_ALIKE
+        found += [f"{same[0]} (and in {len(same) - 1} more places)"] if many else same
+    return found
 
 
 def populate(spawn: Callable[..., object], world: WorldFile,

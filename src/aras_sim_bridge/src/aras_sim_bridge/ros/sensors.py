@@ -18,6 +18,7 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.sensors import (
     ContactReading,
     ImuReading,
+    JointReading,
     PoseReading,
     RateSensor,
     WrenchReading,
@@ -60,6 +61,11 @@ def _contacts(message: Message, reading: ContactReading, _sensor: RateSensor) ->
             depths=[one.depth for one in touches]))
 
 
+def _joint_states(message: Message, reading: JointReading, _sensor: RateSensor) -> None:
+    message.name, message.position = list(reading.names), list(reading.positions)
+    message.velocity = list(reading.velocities)
+
+
 def _uncertain(sensor: RateSensor, step: int, *covariances: list[float]) -> None:
     """Write the noise's variance on the diagonals of square matrices, every `step` numbers."""
     for covariance in covariances:
@@ -70,6 +76,7 @@ MESSAGES: dict[str, tuple[str, Callable[[Message, object, RateSensor], None]]] =
     "pose": ("nav_msgs/Odometry", _pose), "imu": ("sensor_msgs/Imu", _imu),
     "body_imu": ("sensor_msgs/Imu", _imu), "wrench": ("geometry_msgs/WrenchStamped", _wrench),
     "contact": ("gazebo_msgs/ContactsState", _contacts),
+    "joint_states": ("sensor_msgs/JointState", _joint_states),
 }
 
 
@@ -80,7 +87,8 @@ class SensorTopic(StateTopic):
         """Advertise; SimError where the message's package is not installed."""
         given = sensor.description
         namespace = sensor.model.whole.name if given.namespace is None else given.namespace
-        frame = prefixed(given.frame or self._own_frame(sensor), namespace)
+        own = given.frame or self._own_frame(sensor)
+        frame = prefixed(own, namespace) if own else ""
         name, write = MESSAGES[given.kind]
         message_type = get_message_class(name)
         if message_type is None:

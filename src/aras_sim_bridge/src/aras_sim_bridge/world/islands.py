@@ -118,7 +118,7 @@ class Islands:
         wait, self.touchable = _NEVER, False
         for island in self.bolted:
             model = island.model
-            steps = island.steps_alone(loose, fastest, dt)
+            steps = 0.0 if model.attached else island.steps_alone(loose, fastest, dt)
             own = steps >= (1 if model.joints.own else _BACK)
             if model.body.asleep and not own:  # it wakes in the next step
                 model.body.put_to_sleep(False)

@@ -30,6 +30,7 @@ class Model:
         body: what Bullet holds of it. joints: its moving joints; what hardware and programs use
             most of them is at hand here too (read_joints, apply_effort, …).
         let_go: called before the root is moved or pushed, where it is held (see standing.py).
+        attached: whether one of its links is held by a joint of attachments.py.
         pushed: whether the root was pushed; for whoever looks, to be set back.
         pushes: what `apply_force` was last given, the newest last; for whoever looks, to be
             cleared.
@@ -55,6 +56,7 @@ class Model:
         self._spawn_positions = joint_positions
         self._on_moved = on_moved
         self.let_go: Callable[[], None] | None = None
+        self.attached = False
         self.pushed = False
         self.pushes: deque[tuple[str, Vector3, Vector3, Vector3]] = deque(maxlen=100)
         self.body = Body(client, name, fixed_base)

@@ -256,7 +256,7 @@ class FreeBases:
         """A base that is held feels no ground, of which a contact sensor would have to tell."""
         return [model for model in self._models.values()
                 if not model.fixed_base and model.joint_names and not model.body.weightless
-                and not model.description.loops
+                and not model.description.loops and not model.attached
                 and all(sensor.kind != "contact" for sensor in model.description.sensors)]
 
     def begin(self) -> None:

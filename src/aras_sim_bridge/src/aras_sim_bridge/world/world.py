@@ -23,6 +23,7 @@ from aras_sim_bridge.errors import (
     WorldError,
 )
 from aras_sim_bridge.world import bullet_file
+from aras_sim_bridge.world.attachments import Attachments
 from aras_sim_bridge.world.bullet import connected, give_back, pybullet, quiet
 from aras_sim_bridge.world.checks import LARGEST, check_simulable
 from aras_sim_bridge.world.friction import ContactFriction
@@ -59,6 +60,7 @@ class World:
         revision: counts spawns, deletions and resets, for those who keep copies of the scene.
         islands: decides which bolted models make steps of their own.
         bases: holds the bases of free models that stand still.
+        attachments: fixed joints between models.
         friction: gives each contact the smaller of its two coefficients.
 
     Raises:
@@ -95,6 +97,7 @@ class World:
         self.friction = ContactFriction(self.client)
         self._sliding = SlidingFriction(self.client)
         self.bases = FreeBases(self.models, self._models_changed)
+        self.attachments = Attachments(self.client, self.models, self._attachments_changed)
         self._configure()
 
     def _configure(self) -> None:
@@ -119,8 +122,8 @@ class World:
         solution (Dantzig's). With contacts Bullet goes back to sweeps by itself, step by step; a
         body that stands on the ground would be shaken by the changes, so then it is sweeps always.
         """
-        direct = all(model.fixed_base and not model.description.loops
-                     for model in self.models.values())
+        direct = not self.attachments and all(model.fixed_base and not model.description.loops
+                                              for model in self.models.values())
         if direct != self._direct:
             self._direct = direct
             solver = (pybullet.CONSTRAINT_SOLVER_LCP_DANTZIG if direct
@@ -240,6 +243,7 @@ class World:
         """Take a model out; WorldError when there is none of that name."""
         for model in self.model(name).bodies:
             self.bases.leaves(model)
+            self.attachments.leaves(model)
             model.remove()
             del self.models[model.name]
         self._models_changed()
@@ -255,12 +259,19 @@ class World:
         check_simulable(description, name)
         shapes.read_all(description, name)
         self.bases.release()
+        self.attachments.suspend(model)
         model.rebuild(description)
+        self._models_changed()
+
+    def _attachments_changed(self) -> None:
+        """Models were attached or let go: a base that holds something does not stand still."""
+        self.bases.release()
         self._models_changed()
 
     def _models_changed(self) -> None:
         """Models came, went or were loaded anew: note what a step has to do for them."""
         self.revision += 1
+        self.attachments.renew()
         self.friction.models_changed(self.models.values())
         self._sliding.models_changed(self.models.values())
         self._choose_solver()
@@ -292,6 +303,7 @@ class World:
         if self._bullet_steps and not self._pairs_left_out:
             self._pairs_left_out = True
             leave_out_pairs(list(models))
+            self.attachments.hide()
 
     # ------------------------------------------------------------------ time
 
@@ -377,7 +389,7 @@ class World:
         self.bases.models_changed()
 
     def reset_simulation(self) -> None:
-        """A fresh Bullet with the same models at their spawn poses and configurations.
+        """A fresh Bullet with the same models at their spawn poses and configurations, unattached.
 
         From here on every run with the same inputs is bit-identical. Model objects stay valid;
         their body ids may change.
@@ -389,6 +401,7 @@ class World:
             shapes.read_all(model.description, model.name)
         self.bases.release()
         pybullet.resetSimulation(physicsClientId=self.client)
+        self.attachments.clear()
         self._direct = False
         self._configure()
         for model in self.models.values():

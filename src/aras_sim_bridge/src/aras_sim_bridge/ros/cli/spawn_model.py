@@ -29,7 +29,8 @@ def parse(argv: list[str]) -> argparse.Namespace:
     )  # fmt: skip
     kind = parser.add_mutually_exclusive_group(required=True)
     kind.add_argument("-urdf", action="store_true", help="the source is URDF")
-    kind.add_argument("-sdf", action="store_true", help="the source is SDF")
+    kind.add_argument("-sdf", "-gazebo", action="store_true",
+                      help="the source is SDF; -gazebo is its older name")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("-file", metavar="FILE", help="read the model from a file")
     source.add_argument("-param", metavar="PARAM", help="read the model from a ROS parameter")

@@ -34,6 +34,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--namespace", metavar="NS", help="namespace of the controller manager")
     parser.add_argument("--timeout", metavar="T", type=float, default=30.0, help="[s]; <= 0: none")
     parser.add_argument("--no-timeout", action="store_true", help="wait for ever")
+    parser.add_argument("--shutdown-timeout", metavar="T", help="without effect, as upstream")
     parser.add_argument("controllers", nargs="+", help="controller names or YAML files")
     return parser.parse_args(argv)
 
@@ -149,6 +150,8 @@ def main() -> int:
     args = parse(rospy.myargv(sys.argv)[1:])
     # its waits are of wall time: hearing the clock all the while would be a thirtieth of a core
     begin_node("spawner", anonymous=True, disable_rostime=True)
+    if args.shutdown_timeout is not None:
+        rospy.logwarn("--shutdown-timeout has no effect; leave it out")
     namespace = args.namespace or ""
     if namespace and not namespace.endswith("/"):
         namespace += "/"

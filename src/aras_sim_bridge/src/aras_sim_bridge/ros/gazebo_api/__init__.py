@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from aras_sim_bridge.ros.gazebo_api import lights, links, models, stepping, world
+from aras_sim_bridge.ros.gazebo_api import attacher, lights, links, models, stepping, world
 from aras_sim_bridge.ros.gazebo_api.forces import Forces
 from aras_sim_bridge.ros.gazebo_api.models import Models
 from aras_sim_bridge.ros.gazebo_api.physics import Physics
@@ -26,8 +26,11 @@ class GazeboApi:
         on_graph: OnGraph,
         on_time_reset: Callable[[], None],
         extra: bool = True,
+        link_attacher: bool = False,
     ) -> None:
         """Advertise all of it, without `extra` only what gazebo_ros's list of its API names.
+
+        link_attacher: serve the plug-in that attaches links to each other.
 
         `on_time_reset` is called in the simulation's thread.
         """
@@ -44,4 +47,6 @@ class GazeboApi:
                 *([stepping] if extra else []),
             ),
         )
+        if link_attacher:
+            ServiceTable(attacher.NAMESPACE, thread, *handlers_in(attacher))
         subscribe_states(NAMESPACE, thread)

@@ -78,7 +78,8 @@ class GazeboNode:
         self.on_graph = OnGraph(self.thread, before_frame, self.record)
         if parameters.enable_ros_network:
             self.api = GazeboApi(
-                self.thread, self.on_graph, self.on_time_reset, parameters.extra_interfaces
+                self.thread, self.on_graph, self.on_time_reset, parameters.extra_interfaces,
+                self.world_file.link_attacher,
             )
             settings.mount_world_cameras(self.thread)
             self.on_graph.sync()

@@ -1,0 +1,37 @@
+"""libgazebo_ros_joint_state_publisher.so: positions and speeds of some joints of a model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from aras_sim_bridge.description import SensorDescription
+from aras_sim_bridge.sensors.base import RateSensor
+from aras_sim_bridge.world import Model, World
+
+
+@dataclass(frozen=True)
+class JointReading:
+    """names, positions (rad or m) and velocities (per s), in the plug-in's order."""
+
+    stamp_ns: int
+    names: tuple[str, ...]
+    positions: tuple[float, ...]
+    velocities: tuple[float, ...]
+
+
+class JointStates(RateSensor[None]):
+    """Publishes true positions and velocities, and no efforts, as upstream's."""
+
+    def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
+                 ) -> None:
+        super().__init__(description, model, world, seed)
+        self._slots = [model.joint_names.index(name) for name in description.joints]
+
+    def _state(self) -> None:
+        return None
+
+    def _measured(self, before: None, time_ns: int, seconds: float) -> JointReading:
+        positions, velocities, _ = self.model.read_joints()
+        return JointReading(time_ns, self.description.joints,
+                            tuple(positions[slot] for slot in self._slots),
+                            tuple(velocities[slot] for slot in self._slots))

@@ -1,0 +1,137 @@
+"""Links that are attached move as one body, and are free again when they are let go."""
+
+import math
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.world import Pose, World
+from aras_sim_bridge.world.attachments import Ends
+from aras_sim_bridge.world.changes import with_link
+
+TURNED = Pose.from_rpy((0.3, 0.1, 0.6), (0.4, -0.3, 0.8))
+KINDS = ["thing", "arm", "arm on the ground", "ground"]
+
+
+def thing(make, mass=0.5):
+    """A box whose frame is neither its centre of mass nor along its principal axes."""
+    return parse_urdf(make.robot(make.link(
+        "body", mass, "0.02 0.01 -0.03", (2e-3, 3e-3, 4e-3, 5e-4, 0.0, -3e-4),
+        make.box("0.05 0.06 0.07"))))
+
+
+def arm(make, bolted):
+    """Two joints; on the ground, its base is a heavy plate that is not bolted down."""
+    root = make.link("world") if bolted else make.link(
+        "plate", 200.0, "0 0 0.05", (20.0, 20.0, 40.0, 0, 0, 0), make.box("1 1 0.1", "0 0 0.05"))
+    return parse_urdf(make.robot(
+        root, make.link("upper", 2.0, "0 0 0.2", (0.05, 0.05, 0.01, 0, 0, 0)),
+        make.link("lower", 1.0, "0.15 0 0", (0.01, 0.03, 0.03, 0, 0, 0)),
+        make.joint("one", "world" if bolted else "plate", "upper", xyz="0 0 0.1", axis="0 0 1"),
+        make.joint("two", "upper", "lower", xyz="0 0 0.4", axis="0 1 0", rpy="0.2 0 0")))
+
+
+def holder(world, make, kind):
+    """A model that holds something, and its link."""
+    if kind == "ground":
+        return world.model("ground_plane"), "link"
+    if kind == "thing":
+        return world.spawn(thing(make), "hand", Pose.from_rpy((0.0, 0.4, 1.5), (0.1, 0.2, 0.3))), \
+            "body"
+    model = world.spawn(arm(make, kind == "arm"), "hand", joint_positions={"one": 0.5, "two": 0.3})
+    return model, "lower"
+
+
+def move(world, model, steps):
+    """Pass time in which joints are driven; WorldError where it diverges."""
+    for k in range(steps):
+        for name in model.joint_names:
+            model.apply_effort(name, 6.0 * math.sin(0.01 * k) - 2.0 * model.read_joints()[1][
+                model.joint_names.index(name)])
+        world.step()
+
+
+def apart(first, second):
+    """Distance (m) and angle (rad) of two poses."""
+    turned = abs(float(np.dot(first.quat, second.quat)))
+    return math.dist(first.xyz, second.xyz), 2.0 * math.acos(min(1.0, turned))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_attached_links_move_as_one(make, kind):
+    with World() as world:
+        world.spawn_ground_plane()
+        model, link = holder(world, make, kind)
+        held = world.spawn(thing(make), "held", TURNED)
+        move(world, model, 20)
+        ends = Ends(model.name, link, "held", "body")
+        world.attachments.attach(ends)
+        assert ends in world.attachments
+        first = model.link_pose(link).inverse() @ held.link_pose("body")
+        start = held.pose()
+        move(world, model, 500 if kind != "thing" else 200)
+        distance, angle = apart(first, model.link_pose(link).inverse() @ held.link_pose("body"))
+        assert distance < 2e-3
+        assert angle < 1e-2
+        if kind != "ground":
+            assert apart(start, held.pose())[0] > 0.01
+        # Other masses mean another body in Bullet, which holds on all the same.
+        world.change("held", with_link(held.description, "body", 0.2, (0, 0, 0),
+                                       (1e-3, 0, 0, 1e-3, 0, 1e-3), True))
+        move(world, model, 100)
+        now = model.link_pose(link).inverse() @ held.link_pose("body")
+        assert apart(first, now)[0] < 2e-3
+        world.attachments.detach(ends)
+        move(world, model, 300)
+        fallen = model.link_pose(link).inverse() @ held.link_pose("body")
+        if kind != "thing":  # two that fall side by side stay so
+            assert apart(now, fallen)[0] > 0.05
+
+
+def test_what_is_held_is_carried_by_what_holds_it(make):
+    """A bolted arm with a thing on it has the momentum of both: its torque at rest says so."""
+    with World() as world:
+        model = world.spawn(parse_urdf(make.robot(
+            make.link("world"), make.link("beam", 1.0, "0 0 0", (0.01,) * 3 + (0, 0, 0)),
+            make.joint("hinge", "world", "beam", axis="0 1 0"))), "beam")
+        held = world.spawn(thing(make), "held", Pose((0.5, 0.0, 0.0)))
+        world.attachments.attach(Ends("beam", "beam", "held", "body"))
+        torque = -9.8 * 0.5 * (0.5 + 0.02)  # about y, of the thing's centre of mass
+        for _ in range(50):
+            model.apply_effort("hinge", torque)
+            world.step()
+        assert abs(model.read_joints()[1][0]) < 1e-2
+        assert held.pose().xyz[2] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_models_that_go_and_resets_end_attachments(make):
+    with World() as world:
+        for k in range(3):
+            world.spawn(thing(make), f"thing_{k}", Pose((0.3 * k, 0.0, 1.0)))
+        first, second = (Ends("thing_0", "body", f"thing_{k}", "body") for k in (1, 2))
+        world.attachments.attach(first)
+        world.attachments.attach(second)
+        world.delete("thing_1")
+        assert first not in world.attachments
+        assert second in world.attachments
+        world.step()
+        world.reset_simulation()
+        assert not world.attachments
+        world.attachments.attach(second)
+        world.step()
+
+
+def test_impossible_attachments_are_named(make):
+    with World() as world:
+        world.spawn(thing(make), "one")
+        world.spawn(thing(make), "two", Pose((1.0, 0.0, 0.0)))
+        for ends, words in ((Ends("one", "body", "three", "body"), "'three'"),
+                            (Ends("one", "hand", "two", "body"), "'hand'"),
+                            (Ends("one", "body", "one", "body"), "itself")):
+            with pytest.raises(WorldError, match=words):
+                world.attachments.attach(ends)
+        with pytest.raises(WorldError, match="not attached; attached are: none"):
+            world.attachments.detach(Ends("one", "body", "two", "body"))
+        assert not world.attachments

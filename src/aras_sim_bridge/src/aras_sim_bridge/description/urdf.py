@@ -107,7 +107,11 @@ def parse_cameras(xml: str | Element) -> tuple[CameraDescription, ...]:
     robot = safe_xml.parse(xml, "URDF")
     tree = parse_tree(robot)
     links = {name: Link(name, None, (), ()) for name in tree.links}
-    return gazebo_tags.parse(robot, links, tree.joints, []).cameras
+
+    def unread(uri: str, _where: str) -> str:
+        return uri
+
+    return gazebo_tags.parse(robot, links, tree.joints, _link_poses(tree), unread, []).cameras
 
 
 def _link(name: str, element: Element, resolve: Resolve, warnings: list[str]) -> Link:

@@ -86,19 +86,19 @@ class Listener:
 
 
 def measure(master: RosMaster, width: int, height: int, rate: float, what: tuple[str, type],
-            seconds: float) -> dict:
+            seconds: float, folder: Path) -> dict:
     """Run one case; the loop of images servoes from the initial pose and then holds the target."""
     preset = yaml.safe_load((PRESETS / "original.yaml").read_text())
     preset |= {"width": width, "height": height, "update_rate": rate}
     if what is CLOUDS:
         preset |= {"depth": True, "depth_topics": {"points": "points"}}
-    path = PRESETS / "benchmark_camera_graph.yaml"
+    path = folder / "preset.yaml"
     path.write_text(yaml.safe_dump(preset))
     launches = []
     try:
         launches.append(
             Launch(master, ("aras_visual_servo_gazebo", "aras_visual_servo.launch"),
-                   {"camera": path.stem})
+                   {"camera": path})
         )  # fmt: skip
         launches[0].wait_for_nodes(["/gazebo"])
         if what is IMAGES:
@@ -114,7 +114,6 @@ def measure(master: RosMaster, width: int, height: int, rate: float, what: tuple
         listener.close()
         return listener.figures(rate)
     finally:
-        path.unlink()
         for launch in reversed(launches):
             launch.stop()
 
@@ -132,7 +131,7 @@ def main() -> int:
         try:
             for name, *case in CASES:
                 if asked.only in name:
-                    results[name] = measure(master, *case, asked.seconds)
+                    results[name] = measure(master, *case, asked.seconds, Path(directory))
                     print(name, results[name], flush=True)
         finally:
             rospy.signal_shutdown("done")

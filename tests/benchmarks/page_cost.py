@@ -28,7 +28,7 @@ from tornado.websocket import websocket_connect
 
 from aras_visual_servo_bench.ros.processes import Launch, free_port
 
-TOKEN, PORT = "a-token-for-measuring", 18999
+TOKEN, PORT = "a-token-for-measuring", free_port()
 TICK = os.sysconf("SC_CLK_TCK")
 
 
@@ -39,7 +39,7 @@ def processor_time(pid: int) -> float:
 
 
 def node_pid(name: str) -> int:
-    """Process of a node by the name that roslaunch or rosrun gave it."""
+    """Process of a node of this graph, by the name that roslaunch or rosrun gave it."""
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             words = (entry / "cmdline").read_bytes().decode(errors="replace")

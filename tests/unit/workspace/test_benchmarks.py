@@ -43,7 +43,7 @@ RUNS = {
     ),
     "study_kills": (["--only", "client", "--runs", "60"], {"client": (1, 1)}),
 }  # fmt: skip
-# They need what no test sets up: a real-time graph for minutes, ViSP, or another Debian package.
+# tests/integration/test_benchmarks.py runs those that need no other Debian package.
 ON_A_GRAPH = {
     "by_roslaunch", "calibrate_live", "camera_graph", "original_controllers", "page_cost",
     "show_chessboard", "study_beside",

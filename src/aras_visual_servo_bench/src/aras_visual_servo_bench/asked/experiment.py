@@ -20,7 +20,7 @@ from ..errors import ExperimentError, require
 from .cameras import Belief, CameraSpec
 from .relative_start import RelativeStart
 from .robots import RobotSpec
-from .target_spec import Pair, Six, TargetSpec, check_times
+from .target_spec import LARGEST_TARGET, Pair, Six, TargetSpec, check_times
 
 PLANTS = ("bullet", "chain", "free", "ideal")
 FLYING = ("free", "ideal")
@@ -190,6 +190,9 @@ class Experiment:
         check(self, ExperimentError)
         self._check_cameras()
         if self.plant == "bullet":
+            for i, length in enumerate(self.target.size):
+                require(length <= LARGEST_TARGET, f"target.size[{i}] is {length}, must be <= "
+                        f"{LARGEST_TARGET:g} m, the table's")
             require(
                 not self.world or replace(self.sun, exposure=EXPOSURES[0]) == SunSpec(),
                 "the lights are those of the world file: give sun.exposure alone, or no world",

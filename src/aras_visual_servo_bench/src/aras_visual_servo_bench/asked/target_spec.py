@@ -14,7 +14,7 @@ from ..targets.geometry import Course, Motion, PlacedTarget
 from ..targets.outlines import NAMES, shape_of
 from ..targets.solids import is_solid
 
-LARGEST_TARGET = 2.0  # m
+LARGEST_TARGET = 2.0  # m, the table's
 Pair = tuple[float, float]
 Six = tuple[float, float, float, float, float, float]
 
@@ -66,9 +66,7 @@ class TargetSpec:
     """
 
     shape: str | tuple[Pair, ...] = "aras"
-    size: tuple[float, ...] = parameter(
-        (0.2, 0.2), "m, the table's", above=0.0, most=LARGEST_TARGET
-    )
+    size: tuple[float, ...] = parameter((0.2, 0.2), "m", above=0.0)
     pose: Six = (0.0,) * 6
     motion: Motion = Motion()
     occluder: tuple[Pair, Pair] | None = None

@@ -209,8 +209,8 @@ def _centre(observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarra
     return centre[0], point_interaction(centre, np.array([1.0 / depth])), 0.0
 
 
-@compiled("f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[::1], f8[:,::1], b1[:]",
-          allocates=False)
+@compiled("f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[::1], f8[:,::1], "
+          "b1[:]", allocates=False)
 def _followed(error_before, L_before, rate_before, tolerances_before, error, L, rate, tolerances,
               dt, moved, summed, angles):
     """Add how features moved from one image to the next, and the mean of both L, in tolerances, to

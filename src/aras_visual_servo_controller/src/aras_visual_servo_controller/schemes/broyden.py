@@ -35,7 +35,8 @@ class Broyden:
         self, gain: float = 0.5, floor: float | None = None, start: np.ndarray | None = None
     ) -> None:
         """`gain`: part of the misfit that is corrected at once, in (0, 1]; `floor`: m, of a motion
-        so small that its features' change is half noise, None: by the first L; `start`: L (k, 6) to begin with."""
+        so small that its features' change is half noise, None: by the first L; `start`: L (k, 6) to begin
+        with."""
         self.gain, self.floor = float(gain), floor
         self.start = None if start is None else np.array(start, float)
         self.reset()

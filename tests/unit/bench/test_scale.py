@@ -23,10 +23,10 @@ def scaled(scheme, plant, k):
     needs = create_scheme(scheme).needs if scheme not in STEREO else frozenset()
     pictured = bool(needs & {Need.IMAGE, Need.KERNEL}) or scheme in MESH
     values = {
-        "plant": plant, "scheme": scheme, "gain": 4.0, "duration": 1.2, "camera": CAMERA,
+        "plant": plant, "scheme": scheme, "gain": 8.0, "duration": 0.8, "camera": CAMERA,
         "target": {"shape": (k * CORNERS).tolist()}, "goal": {"pose": [0, 0, 0.6 * k, np.pi, 0, 0]},
         "start": {"pose": [0.03 * k, -0.02 * k, 0.66 * k, np.pi + 0.05, 0.04, 0.2]},
-        "features": "pictures" if pictured else "exact", "options": {"hold": 0.2},
+        "features": "pictures" if pictured else "exact", "options": {"hold": 0.1},
         "reached": (3e-4 * k, 0.005),
     }  # fmt: skip
     if pictured:

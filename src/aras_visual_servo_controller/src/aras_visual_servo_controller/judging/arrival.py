@@ -18,6 +18,7 @@ import numpy as np
 from aras_visual_servo_base.compiled import compiled
 
 from ..arm.algebra import least_squares, svd, task_finite
+from ..goals.goal import DEPTH
 from ..seeing.ring_buffer import RecentErrors
 from .left_open import BLIND, LeftOpen, Margin, Offsets, symmetric, view_difference
 
@@ -174,7 +175,7 @@ class Arrival:
 
 def mean_offset(
     stamps: np.ndarray, rows: np.ndarray, seen: np.ndarray, settled: int, reached: bool,
-    depth: float,
+    depth: float = DEPTH,
 ) -> tuple[Offsets, str]:
     """How far the camera is from its goal, averaged over images, and why that is too much.
 

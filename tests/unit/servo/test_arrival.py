@@ -35,7 +35,7 @@ from aras_visual_servo_controller.judging.left_open import (
     within,
 )
 
-DEEP = Goal(depth=0.5)
+DEEP = Goal(depth=0.2)
 
 
 def shown(arrival, stamp, error, L=None, modelled=(True,) * 6, pose=None, goal=DEEP, tolerance=1.0,
@@ -579,11 +579,11 @@ def test_what_is_left_open_is_what_the_inverse_of_L_makes_of_it(seed, rows, mode
         spread = 2.0 * (1.25 * times) ** 2 * inverse @ accuracy @ accuracy.T @ inverse.T
     covariance = part * offsets.scatter + spread
     assert left.distance == pytest.approx(
-        within(known[:3], covariance[:3, :3].copy()) + 1e-5 + 0.06 * 2e-3, rel=1e-6)
+        within(known[:3], covariance[:3, :3].copy()) + 5e-5 * depth + 0.06 * 2e-3, rel=1e-6)
     assert left.angle == pytest.approx(
         within(known[3:], covariance[3:, 3:].copy()) + 1e-4 + 0.06 * 5e-3, rel=1e-6)
     tenths = np.ceil(1e4 * left.distance) / 10.0, np.ceil(10.0 * np.degrees(left.angle)) / 10.0
-    parts = 1e3 * left.distance / 0.3, np.degrees(left.angle) / 0.3
+    parts = left.distance / (1.5e-3 * depth), np.degrees(left.angle) / 0.3
     words = f"{tenths[0]:g} mm" if parts[0] >= parts[1] else f"{tenths[1]:g} degrees"
     assert left.up_to == (words if max(parts) > 1.0 else "")
 

@@ -35,7 +35,7 @@ from aras_visual_servo_controller.judging.left_open import (
     within,
 )
 
-DEEP = Goal(depth=0.5)
+DEEP = Goal(depth=0.2)
 
 
 def shown(arrival, stamp, error, L=None, modelled=(True,) * 6, pose=None, goal=DEEP, tolerance=1.0,
@@ -579,11 +579,11 @@ def test_what_is_left_open_is_what_the_inverse_of_L_makes_of_it(seed, rows, mode
         spread = 2.0 * (1.25 * times) ** 2 * inverse @ accuracy @ accuracy.T @ inverse.T
     covariance = part * offsets.scatter + spread
     assert left.distance == pytest.approx(
-        within(known[:3], covariance[:3, :3].copy()) + 1e-5 + 0.06 * 2e-3, rel=1e-6)
+        within(known[:3], covariance[:3, :3].copy()) + 5e-5 * depth + 0.06 * 2e-3, rel=1e-6)
     assert left.angle == pytest.approx(
         within(known[3:], covariance[3:, 3:].copy()) + 1e-4 + 0.06 * 5e-3, rel=1e-6)
     tenths = np.ceil(1e4 * left.distance) / 10.0, np.ceil(10.0 * np.degrees(left.angle)) / 10.0
-    parts = 1e3 * left.distance / 0.3, np.degrees(left.angle) / 0.3
+    parts = left.distance / (1.5e-3 * depth), np.degrees(left.angle) / 0.3
     words = f"{tenths[0]:g} mm" if parts[0] >= parts[1] else f"{tenths[1]:g} degrees"
     assert left.up_to == (words if max(parts) > 1.0 else "")
 
@@ -641,8 +641,8 @@ def test_a_camera_that_moves_may_go_on_for_some_hundredths_of_a_second():
 
 
 def test_what_is_known_to_a_twentieth_of_the_depth_only_is_known_not_at_all():
-    """At a depth of 0.5 m, 0.05 / 2.748 of it is 9.1 mm: a standard deviation of 9 or 9.2 mm."""
-    for deviation, known in ((9.0, True), (9.2, False)):
+    """At a depth of 0.2 m, 0.05 / 2.748 of it is 3.64 mm: a standard deviation of 3.6 or 3.7."""
+    for deviation, known in ((3.6, True), (3.7, False)):
         left = left_by([np.zeros(6)] * 6, STRONG, accuracy=deviation * np.eye(6)[:, [1]])
         assert (left.up_to == "1 direction") is not known
         assert np.isfinite(left.distance) is np.bool_(known)
@@ -731,7 +731,7 @@ def test_directions_that_are_held_count_as_kinematics_has_them():
     L = np.zeros((4, 6))
     L[0, [0, 4]], L[1, [1, 3]] = (-1e4, -0.5e4), (-1e4, 0.5e4)
     L[2, 2], L[3, 5] = 1e4, -573.0
-    goal = Goal(depth=0.5, world_T_camera=transform((0.3, 0.1, 0.8), (np.pi, 0.0, 0.3)))
+    goal = Goal(depth=0.2, world_T_camera=transform((0.3, 0.1, 0.8), (np.pi, 0.0, 0.3)))
     for tilt, wanted in (((0.002, 0.0), 1e-3), ((0.0, -0.001), 0.5e-3)):
         here = goal.world_T_camera @ transform((0, 0, 0), (*tilt, 0.0))
         left = left_by([np.zeros(4)] * 6, L, modelled=modelled, goal=goal, poses=[here] * 6)
@@ -757,7 +757,7 @@ def test_a_direction_that_nothing_measures_is_left_open():
     lever[0, 5] = -20.0
     left = left_by([np.zeros(6)] * 6, lever)
     assert left.distance == pytest.approx(0.04 + MOVES) and left.angle == np.pi
-    for beside, far in ((-9.9, 19.8 + MOVES), (-10.1, np.inf)):  # 20 times the depth: straight on
+    for beside, far in ((-3.96, 7.92 + MOVES), (-4.04, np.inf)):  # 20 times the depth: straight on
         lever[0, 5] = 1e3 * beside
         assert left_by([np.zeros(6)] * 6, lever).distance == pytest.approx(far)
     along = left_by([np.zeros(6)] * 6, np.diag([1e3, 0.0, 1e3, 573.0, 573.0, 573.0]))

@@ -172,7 +172,7 @@ def test_what_each_direction_should_have_done_is_added_up_image_by_image(seed):
     for k in range(1, images):
         greatest, wrapped = _advanced(
             errors[k - 1], Ls[k - 1], rates[k - 1], errors[k], Ls[k], rates[k], motions[k],
-            spans[k], tolerances, parts, own,
+            spans[k], tolerances, parts, own, np.ones(count, bool),
         )  # fmt: skip
         wanted = wanted + (Ls[k - 1] + Ls[k]) / 2.0 * motions[k] / tolerances[:, None]
         past = past + (rates[k - 1] + rates[k]) / 2.0 * spans[k]

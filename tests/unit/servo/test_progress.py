@@ -25,8 +25,8 @@ def watched(errors, dt=0.075, rank=2, twist=TWIST, task=None, L=None, told=lambd
                                    L=L(i) if callable(L) else L)
         said = told(i)
         state = SimpleNamespace(
-            stamp=3.0 + dt * i, phase="servoing", decision=decision, reason="", twist=twist, dropped="",
-            rank=rank(i) if callable(rank) else rank,
+            stamp=3.0 + dt * i, phase="servoing", decision=decision, reason="", twist=twist,
+            rank=rank(i) if callable(rank) else rank, dropped="",
             resolution=None if said is None else SimpleNamespace(**{**NOTHING, **said}),
         )  # fmt: skip
         progress.add(state, tolerances)

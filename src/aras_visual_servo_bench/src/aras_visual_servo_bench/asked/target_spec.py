@@ -18,7 +18,7 @@ from ..targets.geometry import Course, Motion, PlacedTarget
 from ..targets.outlines import NAMES, UNMARKED, shape_of
 from ..targets.solids import is_solid
 
-LARGEST_TARGET = 2.0  # m
+LARGEST_TARGET = 2.0  # m, the table's
 Pair = tuple[float, float]
 Six = tuple[float, float, float, float, float, float]
 

@@ -23,8 +23,9 @@ from aras_visual_servo_base.compiled import compiled, inlined
 FITS = 6  # Gauss-Newton steps, at most
 STILL = 0.01  # px: a change of the pose by less is none
 NARROWER = 0.3  # part of the last step's least scale
-STEP = 5e-3  # m that a motion goes at once of which the edges tell nothing
-FLATNESS = 3e-4  # m to which the points of a depth image are exact at best
+# Parts of the solid's radius: that a motion goes at once of which the edges tell nothing, and to
+# which the points of a depth image are exact at best; 5 and 0.3 mm of one of 5 cm.
+STEP, FLATNESS = 0.1, 6e-3
 TUKEY = 4.685  # times the standard deviation, beyond which a residual has no weight
 EXPLAINED = 1.0  # px from the solid within which an edge counts as its own
 UNSEEN = 1e4  # m^2, variance of what the edges cannot tell
@@ -242,7 +243,7 @@ def fitted(at, seen, gain, away, weight, T, wide, exact, middle, radius, slips, 
         A, b, residuals = edge_equations(at, seen, gain, away, weight, pose, about, radius, least)
         if len(surface):
             more, told, _ = surface_equations(
-                vertices, faces, normals, surface, pose, about, radius, FLATNESS)
+                vertices, faces, normals, surface, pose, about, radius, FLATNESS * radius)
             for i in range(6):
                 b[i] += told[i]
                 for j in range(6):
@@ -258,7 +259,7 @@ def fitted(at, seen, gain, away, weight, T, wide, exact, middle, radius, slips, 
             break
         damped = A.copy()
         for i in range(6):
-            damped[i, i] += 1.0 / STEP**2
+            damped[i, i] += 1.0 / (STEP * radius) ** 2
         change = np.linalg.solve(damped, b)
         turn, place, along, around = np.empty(3), np.empty(3), 0.0, 0.0
         for k in range(3):
@@ -310,5 +311,5 @@ def judged(residuals, weight, A, slips, radius):
     for i in range(6):
         for j in range(6):
             covariance[i, j] /= (radius if i > 2 else 1.0) * (radius if j > 2 else 1.0)
-    is_open = slips < 6 and not values[min(slips, 5)] > excess / STEP**2
+    is_open = slips < 6 and not values[min(slips, 5)] > excess / (STEP * radius) ** 2
     return count, rms, excess, covariance, is_open

@@ -18,7 +18,6 @@ from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
 
-
 # rad: the rounding of a turn by pi; a turn that is so much short of -pi counts as one by +pi.
 HALF_TURN = 1e-6
 

@@ -18,6 +18,7 @@ import numpy as np
 from aras_visual_servo_base.compiled import compiled
 
 from ..arm.algebra import least_squares, svd, task_finite
+from ..goals.goal import DEPTH
 from ..seeing.ring_buffer import RecentErrors
 from .left_open import BLIND, LeftOpen, Margin, Offsets, symmetric, view_difference
 
@@ -50,7 +51,7 @@ CERTAIN = 3.0  # standard deviations of that mean by which it has to be another,
 ELSEWISE = 5.0
 STEPS = 8  # latest images, at least, whose steps tell how noisy they are
 TALL = 64  # rows of L from which on the normal equations are solved
-ROUNDING = 1e-9  # s; rad, and parts of the depth
+ROUNDING = 1e-9  # s; rad, and m at a depth of DEPTH
 
 
 @dataclass(frozen=True)
@@ -174,7 +175,7 @@ class Arrival:
 
 def mean_offset(
     stamps: np.ndarray, rows: np.ndarray, seen: np.ndarray, settled: int, reached: bool,
-    depth: float,
+    depth: float = DEPTH,
 ) -> tuple[Offsets, str]:
     """How far the camera is from its goal, averaged over images, and why that is too much.
 
@@ -241,13 +242,13 @@ def _views(observation: Observation, goal: Goal) -> np.ndarray:
     ])  # fmt: skip
 
 
-def _noise(offsets: np.ndarray, depth: float) -> np.ndarray:
+def _noise(offsets: np.ndarray, depth: float = DEPTH) -> np.ndarray:
     """Standard deviation (6,) of offsets (m, 6), by their steps from image to image, or better by
     how these differ, which a slow motion changes little."""
     order = 2 if len(offsets) > 2 else 1
     steps = np.diff(offsets, n=order, axis=0)
     variance = (steps**2).sum(axis=0) / max(len(steps), 1) / (2.0, 6.0)[order - 1]
-    return np.sqrt(variance) + ROUNDING * np.repeat((depth, 1.0), 3)
+    return np.sqrt(variance) + ROUNDING * np.repeat((depth / DEPTH, 1.0), 3)
 
 
 def offset_of(decision: Decision) -> np.ndarray | None:

@@ -75,9 +75,15 @@ class CameraCheck:
 
     def add(
         self, decision: Decision, observation: Observation, tolerances: np.ndarray,
-        angles: np.ndarray,
+        angles: np.ndarray | None = None,
     ) -> None:
-        """Take in one image; tolerances: (k,) of the error, angles: (k,) bool, what may wrap."""
+        """Take in one image.
+
+        Args:
+            tolerances: (k,) of the error.
+            angles: (k,) bool, of components that may wrap; None: all.
+        """
+        angles = np.ones(len(tolerances), bool) if angles is None else angles
         L, error = decision.L, decision.error
         before, self._before = self._before, None
         joints, self._joints = self._joints, observation.joints

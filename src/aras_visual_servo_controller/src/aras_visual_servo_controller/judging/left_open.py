@@ -21,6 +21,7 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
 
 from ..arm.held import held_at
+from ..goals.goal import DEPTH
 
 if TYPE_CHECKING:
     from ..arm.resolution import Resolution
@@ -303,7 +304,7 @@ def _middle(goal: Goal) -> np.ndarray:
     return np.zeros(2)
 
 
-def _in_words(distance: float, angle: float, depth: float) -> str:
+def _in_words(distance: float, angle: float, depth: float = DEPTH) -> str:
     """'0.4 mm' or '0.5 degrees', the larger part; empty where both are next to nothing."""
     parts = distance / (PLAIN[0] * depth), angle / PLAIN[1]
     if max(parts) <= 1.0:

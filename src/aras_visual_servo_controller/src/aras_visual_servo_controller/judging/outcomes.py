@@ -31,13 +31,13 @@ ADVICE = {
     "gain_too_high": "lower the gain, or the delay between image and command; a camera that shakes "
     "so is to be mounted firmly",
     "joint_limit": "begin from another posture, or choose a goal away from the limit",
-    "singular": "other features or more of them (L mean loses the turn at half a turn: use pose, "
-    "two_and_half_d or polar_points), another posture, or a goal away from where a direction of the "
-    "camera is lost",
+    "singular": "other features or more of them (at half a turn, which L mean loses: pose, "
+    "two_and_half_d or polar_points), another posture, or a goal away from where a direction of "
+    "the camera is lost",
     "local_minimum": "begin nearer to the goal, or use L desired or mean; near half a turn pose, "
     "two_and_half_d or polar_points",
-    "camera_retreat": "polar_points, two_and_half_d or pose, or a start that is turned less (L mean "
-    "for less than half a turn)",
+    "camera_retreat": "polar_points, two_and_half_d or pose, L mean for less than half a turn, or "
+    "a start that is turned less",
     "out_of_reach": "choose a goal nearer to the arm",
     "saturation": "raise max_velocity or max_acceleration, or lower the gain",
     "scheme_fault": "mend the scheme; its traceback is logged",

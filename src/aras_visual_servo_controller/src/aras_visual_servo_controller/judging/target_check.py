@@ -84,19 +84,20 @@ class TargetCheck:
         goal: Goal,
         tolerances: np.ndarray,
         viewed: bool,
-        angles: np.ndarray,
+        angles: np.ndarray | None = None,
     ) -> str:
         """Take in one image; how the target moves, in words, empty where it does not.
 
         Args:
             tolerances: (k,) of the error.
             viewed: whether the decision's L is that of this view.
-            angles: (k,) bool, of components that may wrap.
+            angles: (k,) bool, of components that may wrap; None: all.
         """
         error, L, rate = decision.error, decision.L, decision.rate
         if not viewed or np.shape(L) != (len(error), 6):
             error, L, rate = _centre(observation, goal)
-            tolerances, angles = np.full(len(error), self.TOLERANCE), np.ones(len(error), bool)
+            tolerances, angles = np.full(len(error), self.TOLERANCE), None
+        angles = np.ones(len(error), bool) if angles is None else angles
         rate = np.array(rate, float, ndmin=1)
         now = np.asarray(error, float), np.asarray(L, float), rate, tolerances
         before, self._before = self._before, now
@@ -209,8 +210,8 @@ def _centre(observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarra
     return centre[0], point_interaction(centre, np.array([1.0 / depth])), 0.0
 
 
-@compiled("f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[::1], f8[:,::1], b1[:]",
-          allocates=False)
+@compiled("f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[::1], f8[:,::1], "
+          "b1[:]", allocates=False)
 def _followed(error_before, L_before, rate_before, tolerances_before, error, L, rate, tolerances,
               dt, moved, summed, angles):
     """Add how features moved from one image to the next, and the mean of both L, in tolerances, to

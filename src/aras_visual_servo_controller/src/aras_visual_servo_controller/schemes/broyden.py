@@ -34,8 +34,11 @@ class Broyden:
     def __init__(
         self, gain: float = 0.5, floor: float | None = None, start: np.ndarray | None = None
     ) -> None:
-        """`gain`: part of the misfit that is corrected at once, in (0, 1]; `floor`: m, of a motion
-        so small that its features' change is half noise, None: by the first L; `start`: L (k, 6) to begin with."""
+        """Args:
+            gain: part of the misfit that is corrected at once, in (0, 1].
+            floor: m, of a motion so small that its features' change is half noise; None: by L.
+            start: L (k, 6) to begin with; None: the feature's own at the first view.
+        """
         self.gain, self.floor = float(gain), floor
         self.start = None if start is None else np.array(start, float)
         self.reset()

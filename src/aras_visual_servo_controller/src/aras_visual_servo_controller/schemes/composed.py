@@ -109,6 +109,9 @@ class Composed(OfFeature):
         rotated = scale * _rotated(modelled * scale, filtered, self.feature.weights)
         wanted = self.law.rate(filtered, modelled, rotated, t, observation.dt)
         wanted = checked_array(self.law, "rate", wanted, filtered.shape)
+        if self.interaction == "mean":
+            # It takes a turn by theta for one by 2 tan(theta / 2), and none is longer than pi.
+            wanted = wanted * (np.pi / max(float(np.linalg.norm(rotated[3:])), np.pi))
         if self.ratio is not None:
             wanted = self.ratio * wanted
         judged = measured.judged

@@ -1,0 +1,67 @@
+"""Half turns: a scheme gets there, or says what happened and recommends what does."""
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_controller.features.base import wrap_together
+from aras_visual_servo_controller.schemes.registry import SCHEMES, create_scheme
+from aras_visual_servo_controller.seeing.observation import Need
+
+CORNERS = [[-0.1, -0.1], [-0.1, 0.09], [0.1, 0.1], [0.07, -0.1]]
+PICTURED = {Need.IMAGE, Need.KERNEL}
+EXACT = [name for name in SCHEMES if name not in ("model", "stereo_points", "stereo_pose")
+         and not create_scheme(name).needs & PICTURED]  # fmt: skip
+STRAIGHT = ("pose", "two_and_half_d", "polar_points", "lines", "segments", "theta_u")
+
+
+def turned(scheme, angle, plant="free", corners=CORNERS, **options):
+    """A run that starts turned about the optical axis by an angle, rad."""
+    return run(Experiment.from_mapping({
+        "plant": plant, "features": "exact", "scheme": scheme, "gain": 2.0, "duration": 5.0,
+        "camera": {"width": 640, "height": 480, "horizontal_fov": 1.2},
+        "target": {"shape": corners}, "goal": {"pose": [0, 0, 0.6, np.pi, 0, 0]},
+        "start": {"pose": [0, 0, 0.6, np.pi, 0, angle]}, "options": {"hold": 0.5, **options},
+    }))  # fmt: skip
+
+
+@pytest.mark.parametrize("angle", [np.pi, -np.pi, np.pi - 1e-9, np.pi + 1e-9])
+@pytest.mark.parametrize("scheme", STRAIGHT)
+def test_a_half_turn_is_a_turn(scheme, angle):
+    result = turned(scheme, angle)
+    assert result.verdict.angle < 0.005, (result.outcome, result.reason)
+
+
+@pytest.mark.parametrize("scheme", EXACT)
+def test_what_is_said_of_a_half_turn_is_true(scheme):
+    result = turned(scheme, np.pi)
+    if result.outcome == "converged":
+        modelled = create_scheme(scheme).feature.directions
+        assert result.verdict.angle < 0.01 or not all(modelled[3:])
+    elif result.outcome in ("camera_retreat", "local_minimum", "singular"):
+        assert any(name in result.mend for name in ("polar_points", "pose"))
+
+
+@pytest.mark.parametrize("corners", [CORNERS, [[-0.1, -0.1], [-0.1, 0.1], [0.1, 0.1], [0.1, -0.1]]])
+def test_l_mean_says_so_where_it_loses_the_turn(corners):
+    result = turned("numbered_points", np.pi, corners=corners, interaction="mean")
+    lost = result.outcome == "target_lost" and "L mean" not in result.mend
+    assert result.verdict.reached or lost or "two_and_half_d" in result.mend, result.outcome
+
+
+@pytest.mark.parametrize("angle", [3.0, 3.13, np.pi - 1e-6])
+def test_l_mean_turns_by_no_more_than_the_gain_asks(angle):
+    result = turned("numbered_points", angle, interaction="mean")
+    assert result.verdict.angle < 0.005, (result.outcome, result.reason)
+    assert max(np.linalg.norm(state.twist[3:]) for state in result.states) < 2.0 * np.pi + 1e-6
+
+
+@pytest.mark.parametrize("period", [2.0 * np.pi, np.pi])
+def test_angles_of_one_turn_are_wrapped_to_one_side(period):
+    half = 0.5 * period
+    for turn in (half, -half, half - 1e-9, 1e-9 - half, 0.9 * half, 0.0):
+        spread = turn + np.array([0.1, -0.1, 0.02, 0.0])
+        found = wrap_together((spread + half) % period - half, period)
+        np.testing.assert_allclose(found - found[3], spread - turn, atol=1e-12)
+        assert np.abs(found).max() <= half + 0.1 + 2e-6

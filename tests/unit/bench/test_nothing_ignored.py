@@ -36,7 +36,7 @@ BASE = {
     "target": {"shape": "l_shape", "size": [0.08, 0.06], "pose": [0.0, 0.0, 0.591, 0.0, 0.0, 0.3]},
     "goal": {"pose": GOAL}, "start": {"pose": START},
 }  # fmt: skip
-ASIDE = {"camera": {"lens": "equidistant"}, "start": {"pose": [0.11, 0.08, *START[2:]]}}
+FISHEYE = {"camera": {"lens": "equidistant"}}
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,14 @@ class Key:
     """A changed value of a dotted key, and where it must act.
 
     given: what must be there for it to act, changed or not. plants, features: where it acts; it is
-    refused elsewhere.
+    refused elsewhere. tried: with which features a short run shows it.
     """
 
     value: object
     given: dict = field(default_factory=dict)
     plants: tuple[str, ...] = PLANTS
     features: tuple[str, ...] = BOTH
+    tried: tuple[str, ...] = BOTH
 
 
 def effects(**keys):
@@ -68,7 +69,7 @@ KEYS = {
     "camera.camera_matrix": Key({"fx": 70.0, "fy": 60.0, "cx": 47.0, "cy": 35.0}),
     "camera.distortion_model": Key("equidistant"),
     "camera.distortion_coefficients": Key([-0.1, 0.01, 0.0, 0.0, 0.0]),
-    "camera.cutoff_angle": Key(0.6, ASIDE), "camera.legacy_camera_info": Key(True),
+    "camera.cutoff_angle": Key(0.7, FISHEYE, tried=IMAGES), "camera.legacy_camera_info": Key(True),
     "camera.declared": Key([60.0, 0, 0, 0, 0, 0, 0, 0], {"camera": {"legacy_camera_info": True}}),
     "camera.format": Key("BAYER_RGGB8", **LIGHT),
     "camera.shake": Key({"frequency": 7.0, "xyz": [0.002, 0.002, 0.002]}),
@@ -136,12 +137,13 @@ KEYS = {
     "sun.direction": Key([0.5, 0.0, -0.5], plants=("bullet",), **LIGHT),
     "sun.exposure": Key("gazebo", plants=("bullet",), **LIGHT),
     "sun.shines": Key([[0.0, 0.1]], plants=("bullet",), **LIGHT),
-    "target.box": Key({"size": [0.1, 0.1, 0.02]}, plants=("bullet",)),
+    # It acts where something touches it: test_pick_and_place.
+    "target.box": Key({"size": [0.1, 0.1, 0.02]}, plants=("bullet",), tried=()),
     "camera": Key({"preset": "fisheye", "width": 96, "height": 72}),
     "plant": Key("free", plants=("bullet", "chain", "ideal")),
     "traced": Key(True, plants=("bullet",)),
     # -- the laws' gains -----------------------------------------------------------------------
-    **{f"options.{name}": Key(5.0 if name == "gain_zero" else 0.7, {"law": law, "gain": None})
+    **{f"options.{name}": Key(3.0 if name == "gain_zero" else 0.7, {"law": law, "gain": None})
        for law, known in LAW_GAINS.items() for name in known.values()},
 }
 # Keys that no run can be changed by, or that other tests change, and why.
@@ -216,7 +218,7 @@ def test_a_key_acts_or_is_refused(key, plant, features):
     values = {name: value for name, value in values.items() if value is not None}
     changed = with_override(values, key, one.value)
     if plant in one.plants and features in one.features:
-        assert fingerprint(changed) != fingerprint(values)
+        assert features not in one.tried or fingerprint(changed) != fingerprint(values)
         return
     if values.get(key) == one.value:
         return  # it is that already

@@ -14,15 +14,16 @@ from .cameras import Eye, config_of
 from .experiment import FLYING, Experiment
 from .imaging import ON_FEATURES
 
-# Keys of an experiment, the plants on which they act, and what they are of.
+# Keys of an experiment: the plants on which they act, the value that is true of the others all the
+# same, and what they are of.
 ON_PLANTS = (
-    ("friction", ("bullet",), "the friction of simulated joints"),
-    ("lag", ("chain", "free"), "of joints without dynamics"),
-    ("delay", ("bullet", "chain", "free"), "the time that an answer takes, and plant ideal answers "
-     "each image at once"),
-    ("commands", ("bullet", "chain", "free"), "how commands are sent, and plant ideal moves by one "
-     "twist an image"),
-    ("target.box", ("bullet",), "a body in the simulated world"),
+    ("friction", ("bullet",), True, "the friction of simulated joints"),
+    ("lag", ("chain", "free"), 0.0, "of joints without dynamics"),
+    ("delay", ("bullet", "chain", "free"), 0.0, "the time that an answer takes, and plant ideal "
+     "answers each image at once"),
+    ("commands", ("bullet", "chain", "free"), "images", "how commands are sent, and plant ideal "
+     "moves by one twist an image"),
+    ("target.box", ("bullet",), None, "a body in the simulated world"),
 )  # fmt: skip
 ON_IMAGES = ("target.perturbed", "target.occluder", "sun")  # which exact features do not show
 # What the ideal camera, which sees at one instant, cannot have.
@@ -35,9 +36,10 @@ ON_GRAPH = ("link", "trigger_topic")
 def check_settings(experiment: Experiment) -> None:
     """ExperimentError where a setting of an experiment has nothing to act on."""
     plain = Experiment()
-    for key, plants, what in ON_PLANTS:
+    for key, plants, neutral, what in ON_PLANTS:
         require(
-            experiment.plant in plants or _value(experiment, key) == _value(plain, key),
+            experiment.plant in plants
+            or _value(experiment, key) in (neutral, _value(plain, key)),
             f"{key} is {what}: leave it out on plant '{experiment.plant}', or take plant "
             f"{' or '.join(plants)}",
         )

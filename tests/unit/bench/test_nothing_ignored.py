@@ -77,7 +77,8 @@ KEYS = {
         7, {"camera": {"shake": {"frequency": 7.0, "xyz": [0.002, 0.002, 0.002]}}}),
     "camera.xyz": Key([0.0, 0.004, 0.0], plants=("bullet",), **LIGHT),
     "camera.rpy": Key([0.0, 0.01, 0.0], plants=("bullet",), **LIGHT),
-    "camera.near": Key(0.3, plants=()), "camera.far": Key(0.1, plants=()),
+    "camera.far": Key(0.24),
+    "camera.near": Key(0.22, {"start": {"pose": [*START[:2], 0.8, *START[3:]]}}),
     "camera.link": Key("wrist", plants=()), "camera.trigger_topic": Key("go", plants=()),
     "camera.effects": Key({"drop_probability": 0.5}),
     # -- its effects ---------------------------------------------------------------------------

@@ -181,6 +181,8 @@ class PlantMaker:
             parts=parts(effects, config.height),
             vibration=vibration,
             blind=blind,
+            # As the experiment says it: the description's are of pictures that are rendered.
+            clip=(config.near, config.far) if {"near", "far"} & set(eye.overrides) else None,
         )  # fmt: skip
 
     def _spawned(self, exactly: bool) -> tuple[ShownTarget, ...]:

@@ -28,7 +28,6 @@ ON_PLANTS = (
 ON_IMAGES = ("target.perturbed", "target.occluder", "sun")  # which exact features do not show
 # What the ideal camera, which sees at one instant, cannot have.
 OVER_TIME = ("row_time", "exposure_time")
-RENDERED = ("near", "far")  # of a renderer
 IN_LINK = ("xyz", "rpy")
 ON_GRAPH = ("link", "trigger_topic")
 
@@ -85,12 +84,6 @@ def check_camera(eye: Eye, experiment: Experiment) -> None:
         plant == "bullet" and experiment.pictures or not moved,
         f"{where}{' and '.join(moved)}: moves the sensor of rendered images in its link; set "
         "believed for a camera that is not where the controller believes it",
-    )
-    clipped = [key for key in RENDERED if key in changed]
-    require(
-        plant == "bullet" and experiment.pictures or not clipped,
-        f"{where}{' and '.join(clipped)}: clips rendered images, which plant bullet with features: "
-        "pictures alone has; leave it out",
     )
     if not experiment.pictures:
         of_light = sorted(

@@ -43,6 +43,7 @@ def state(error=(1.0, 1.0), phase=SERVOING, outcome="running", stamp=0.0):
 
 def images_until_over(found, states, pose=None):
     for count, one in enumerate(states, 1):
+        one.stamp = 0.1 * (count - 1)
         found.image(one, looks_down(2.0) if pose is None else pose)
         if found.over:
             return count

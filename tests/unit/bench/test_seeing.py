@@ -180,6 +180,20 @@ def test_a_cover_hides_what_lies_under_it_at_its_times():
         np.testing.assert_array_equal(timed, found if there else bare)
 
 
+def test_a_lens_shows_nothing_beyond_its_cutoff():
+    blind = np.zeros((40, 60), bool)
+    blind[:, 40:] = True  # the target's right corner is there
+    for features in (False, True):
+        sight = replace(SIGHT, pictures=features, blind=blind)
+        found = sight.look(POSE, STAMP, drawn())
+        bare = replace(sight, blind=None).look(POSE, STAMP, drawn())
+        if features:
+            assert (found.image[:, 40:] == 0).all()
+            np.testing.assert_array_equal(found.image[:, :40], bare.image[:, :40])
+        else:
+            assert bare.points is not None and found.points is None and found.outline is None
+
+
 # -- when ----------------------------------------------------------------------------------------
 
 

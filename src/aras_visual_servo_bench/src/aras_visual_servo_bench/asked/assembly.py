@@ -34,13 +34,13 @@ from ..targets.solids import SolidTarget
 from .cameras import Eye, check_meeting
 from .experiment import FLYING, CameraPose, Experiment, Sampler
 from .goal_views import GoalViews, observed
-from .imaging import check_imaging
 from .loop_settings import named_goal, settings_of
 from .packages import PackagePath
 from .plant_making import PlantMaker, carried_by
 from .postures import Postures, warn
 from .robots import Robot
 from .sampling import draw_start
+from .unused_settings import check_camera, check_settings
 from .worlds import with_link
 
 OF_PICTURES = {Need.IMAGE, Need.KERNEL}  # exact features have none
@@ -106,6 +106,7 @@ class _Builder:
         self, experiment: Experiment, wrap: Wrap | None = None, watched: bool = True,
         depth: bool = False,
     ) -> None:
+        check_settings(experiment)
         experiment = with_link(experiment, PackagePath(experiment.robot.search))
         self.experiment = experiment = experiment.placed
         self.robot = Robot(
@@ -118,7 +119,7 @@ class _Builder:
             for name, spec in experiment.seen_by.items()
         }
         for eye in eyes.values():
-            check_imaging(eye, experiment)
+            check_camera(eye, experiment)
         self.loop_settings = settings_of(experiment, self.robot)
         try:
             self.scheme = self.loop_settings.make_scheme()

@@ -177,8 +177,9 @@ class Eye:
         if spec.rate is not None:
             overrides["update_rate"] = spec.rate
         settings = merge(described, overrides)
-        true = model_of(settings)
-        return cls(name, spec, overrides, settings, true, spec.believed.camera(true))
+        told = model_of(settings)  # what CameraInfo says, which may be Gazebo's formulas
+        true = model_of({**settings, "legacy_camera_info": False})
+        return cls(name, spec, overrides, settings, true, spec.believed.camera(told))
 
     @property
     def rate(self) -> float:

@@ -154,6 +154,11 @@ class PlantMaker:
             effects = replace(effects, row_time=0.0, exposure_time=0.0)
         elif not pictures:  # of one instant for each row
             effects = Effects(**{key: getattr(effects, key) for key in ON_FEATURES})
+        blind = None
+        if config.cutoff_angle is not None:
+            pixels = np.indices((config.height, config.width))[::-1].reshape(2, -1).T
+            rays = config.model.unproject(pixels.astype(float))
+            blind = ~np.isfinite(rays).all(axis=1).reshape(config.height, config.width)
         seed = settings.get("seed", seed_of(experiment.seed, eye.name))
         vibration = None if config.shake is None else Vibration(config.shake, seed)
         encoding = "mono8" if config.encoding.startswith(COLOUR) else config.encoding
@@ -175,6 +180,9 @@ class PlantMaker:
             place=self.places.get(eye.name),
             parts=parts(effects, config.height),
             vibration=vibration,
+            blind=blind,
+            # As the experiment says it: the description's are of pictures that are rendered.
+            clip=(config.near, config.far) if {"near", "far"} & set(eye.overrides) else None,
         )  # fmt: skip
 
     def _spawned(self, exactly: bool) -> tuple[ShownTarget, ...]:

@@ -48,6 +48,8 @@ class Sight:
     name: of the camera. place: of another camera than the control camera.
     parts: the exposures of an image, in the order of time; empty: all of it at the stamp.
     vibration: how it shakes about its place; None: it does not.
+    blind: (rows, columns) where its lens shows nothing; None: nowhere.
+    clip: least and greatest depth, m, at which the whole target is seen; None: there are none.
     """
 
     camera: CameraModel
@@ -67,6 +69,8 @@ class Sight:
     place: Place | None = None
     parts: tuple[RowBand, ...] = ()
     vibration: Vibration | None = None
+    blind: np.ndarray | None = None
+    clip: tuple[float, float] | None = None
 
     def look(self, pose: np.ndarray, stamp_ns: int, random: np.random.Generator) -> CameraReading:
         """What it delivers where the control camera is at rest at world_T_camera (4, 4).
@@ -88,7 +92,8 @@ class Sight:
         camera = replace(
             self.camera, height=part.last - part.first, K=tuple(K.ravel().tolist())
         )
-        return replace(self, camera=camera, parts=())
+        blind = None if self.blind is None else self.blind[part.first : part.last]
+        return replace(self, camera=camera, parts=(), blind=blind)
 
     def exact(self, pose: np.ndarray, stamp_ns: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Outline (n, 2) and points (m, 2), px, at one instant; None: the target is not in view.
@@ -101,9 +106,27 @@ class Sight:
             points = self.target.shape.points(seen_from)
         except ViewError:
             return None
-        if not (self.unbounded or cameras.in_view(outline, self.camera, 0.0)):
+        in_view = self.unbounded or cameras.in_view(outline, self.camera, 0.0)
+        if self.is_clipped(outline, seen_from) or not in_view:
             return None
-        return self.pixels(outline), self.pixels(points)
+        found = self.pixels(outline)
+        return None if self.is_blind_at(found) else (found, self.pixels(points))
+
+    def is_clipped(self, outline: np.ndarray, seen_from: np.ndarray) -> bool:
+        """Whether a point of the outline (n, 2), normalised, is nearer or farther than is seen."""
+        if self.clip is None:
+            return False
+        a, b, c = self.target.shape.plane(seen_from)
+        depth = 1.0 / (a * outline[:, 0] + b * outline[:, 1] + c)
+        return bool(depth.min() < self.clip[0] or depth.max() > self.clip[1])
+
+    def is_blind_at(self, pixels: np.ndarray) -> bool:
+        """Whether the lens shows nothing at one of pixels (n, 2) of the picture."""
+        if self.blind is None:
+            return False
+        last = np.array([self.camera.width, self.camera.height]) - 1
+        u, v = np.clip(np.rint(pixels), 0, last).astype(int).T
+        return bool(self.blind[v, u].any())
 
     def draw(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray:
         """The image (rows, columns) uint8 at one instant, before effects; `pose`: as of `exact`."""
@@ -112,7 +135,10 @@ class Sight:
             outline = self.target.shape.outline(seen_from)
         except ViewError:
             outline = None
-        return self._drawn(outline, seen_from, within(self.occluded, stamp_ns / NS))
+        if outline is not None and self.is_clipped(outline, seen_from):
+            return np.full((self.camera.height, self.camera.width), cameras.WHITE, np.uint8)
+        image = self._drawn(outline, seen_from, within(self.occluded, stamp_ns / NS))
+        return image if self.blind is None else np.where(self.blind, np.uint8(cameras.DARK), image)
 
     def jittered(
         self, pixels: np.ndarray | None, random: np.random.Generator, closed: bool = False
@@ -259,6 +285,10 @@ class Exposures:
             outline = _in_own_rows(np.array([sight.pixels(one) for one in outlines]), self._parts)
             last = np.array([sight.camera.width, sight.camera.height]) - 1
             if not sight.unbounded and not ((outline >= 0.0) & (outline <= last)).all():
+                return nothing
+            middle = self._pipeline.middle
+            seen = sight.target.shape.outline(looks[middle])
+            if sight.is_blind_at(outline) or sight.is_clipped(seen, looks[middle]):
                 return nothing
             points = None
             if places[0] is not None:

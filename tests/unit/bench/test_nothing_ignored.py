@@ -1,0 +1,228 @@
+"""Every documented key changes the run on every plant, or is refused in one line.
+
+The tables say where each key must act; on the other plants, or with the other kind of features, it
+has no physical meaning and must be refused. Keys are taken from the declarations, so that a new one
+fails here until it is in a table.
+"""
+
+import functools
+import hashlib
+import json
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.camera.config import CameraConfig
+from aras_sim_bridge.camera.effects import AutoExposure, Effects, SensorModel
+from aras_sim_bridge.camera.shaking import Shake
+from aras_visual_servo_base.settings import merge
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec
+from aras_visual_servo_bench.asked.experiment import PLANTS, Experiment, Ideal, SunSpec
+from aras_visual_servo_bench.asked.target_spec import BoxSpec, TargetSpec
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.study.overrides import with_override
+from aras_visual_servo_bench.targets.geometry import Motion
+from aras_visual_servo_controller.settings import LAW_GAINS
+
+BOTH, IMAGES, EXACT = ("exact", "pictures"), ("pictures",), ("exact",)
+ARMS, LOOPS, FLYING = ("bullet", "chain"), ("bullet", "chain", "free"), ("free", "ideal")
+GOAL, START = [0.0, 0.0, 0.82, 3.14159, 0.0, 0.3], [0.008, -0.006, 0.84, 3.14159, 0.0, 0.2]
+BASE = {
+    "features": "exact", "scheme": "points", "gain": 2.0, "duration": 0.22,
+    "camera": {"width": 96, "height": 72, "horizontal_fov": 1.3, "update_rate": 30.0},
+    "target": {"shape": "l_shape", "size": [0.08, 0.06], "pose": [0.0, 0.0, 0.591, 0.0, 0.0, 0.3]},
+    "goal": {"pose": GOAL}, "start": {"pose": START},
+}  # fmt: skip
+FISHEYE = {"camera": {"lens": "equidistant"}}
+
+
+@dataclass(frozen=True)
+class Key:
+    """A changed value of a dotted key, and where it must act.
+
+    given: what must be there for it to act, changed or not. plants, features: where it acts; it is
+    refused elsewhere. tried: with which features a short run shows it.
+    """
+
+    value: object
+    given: dict = field(default_factory=dict)
+    plants: tuple[str, ...] = PLANTS
+    features: tuple[str, ...] = BOTH
+    tried: tuple[str, ...] = BOTH
+
+
+def effects(**keys):
+    return {"camera": {"effects": keys}}
+
+
+LIGHT = {"features": IMAGES}
+COVER = [[-0.05, -0.05], [-0.02, 0.05]]
+NOT_IDEAL = LOOPS
+SENSOR = {"gain": 0.05, "full_well": 5e3, "read_noise": 20.0}
+KEYS = {
+    # -- the camera ----------------------------------------------------------------------------
+    "camera.width": Key(112), "camera.height": Key(84), "camera.horizontal_fov": Key(1.5),
+    "camera.update_rate": Key(20.0), "camera.lens": Key("equidistant"),
+    "camera.camera_matrix": Key({"fx": 70.0, "fy": 60.0, "cx": 47.0, "cy": 35.0}),
+    "camera.distortion_model": Key("equidistant"),
+    "camera.distortion_coefficients": Key([-0.1, 0.01, 0.0, 0.0, 0.0]),
+    "camera.cutoff_angle": Key(0.7, FISHEYE, tried=IMAGES), "camera.legacy_camera_info": Key(True),
+    "camera.declared": Key([60.0, 0, 0, 0, 0, 0, 0, 0], {"camera": {"legacy_camera_info": True}}),
+    "camera.format": Key("BAYER_RGGB8", **LIGHT),
+    "camera.shake": Key({"frequency": 7.0, "xyz": [0.002, 0.002, 0.002]}),
+    "camera.latency": Key(0.05, plants=NOT_IDEAL), "camera.seed": Key(
+        7, {"camera": {"shake": {"frequency": 7.0, "xyz": [0.002, 0.002, 0.002]}}}),
+    "camera.xyz": Key([0.0, 0.004, 0.0], plants=("bullet",), **LIGHT),
+    "camera.rpy": Key([0.0, 0.01, 0.0], plants=("bullet",), **LIGHT),
+    "camera.far": Key(0.24),
+    "camera.near": Key(0.22, {"start": {"pose": [*START[:2], 0.8, *START[3:]]}}),
+    "camera.link": Key("wrist", plants=()), "camera.trigger_topic": Key("go", plants=()),
+    "camera.effects": Key({"drop_probability": 0.5}),
+    # -- its effects ---------------------------------------------------------------------------
+    "camera.effects.noise_mean": Key(-20.0, **LIGHT),
+    "camera.effects.noise_stddev": Key(8.0, **LIGHT),
+    "camera.effects.shot_noise": Key(2.0, **LIGHT), "camera.effects.exposure": Key(0.8, **LIGHT),
+    "camera.effects.gain": Key(0.8, **LIGHT), "camera.effects.vignetting": Key(0.2, **LIGHT),
+    "camera.effects.exposure_time": Key(0.02, plants=NOT_IDEAL, **LIGHT),
+    "camera.effects.exposure_samples": Key(2, effects(exposure_time=0.03), NOT_IDEAL, IMAGES),
+    "camera.effects.drop_probability": Key(0.5), "camera.effects.sensor": Key(SENSOR, **LIGHT),
+    "camera.effects.auto_exposure": Key({"target": 120.0}, **LIGHT),
+    "camera.effects.row_time": Key(3e-4, plants=NOT_IDEAL),
+    "camera.effects.rows_together": Key(24, effects(row_time=3e-4), NOT_IDEAL),
+    **{f"camera.effects.sensor.{name}": Key(value, effects(
+        sensor=SENSOR, exposure_time=0.01), NOT_IDEAL, IMAGES) for name, value in {
+            "gain": 0.04, "full_well": 4e3, "read_noise": 5.0, "dark_current": 5e4}.items()},
+    **{f"camera.effects.auto_exposure.{name}": Key(value, effects(exposure=0.8, auto_exposure={
+        "target": target, "speed": 0.2}), **LIGHT) for name, value, target in (
+            ("target", 140.0, 120.0), ("speed", 0.4, 120.0), ("least", 0.95, 60.0),
+            ("most", 1.005, 250.0))},
+    **{f"camera.shake.{name}": Key(value, {"camera": {"shake": {
+        "frequency": 7.0, "xyz": [0.002, 0.0, 0.0]}}}) for name, value in {
+            "frequency": 9.0, "xyz": [0.0, 0.002, 0.0], "rpy": [0.01, 0.0, 0.0],
+            "bandwidth": 4.0}.items()},
+    # -- what is believed of it ----------------------------------------------------------------
+    "believed.focal": Key(1.1), "believed.centre": Key([2.0, 1.0]),
+    "believed.distortion": Key([-0.1, 0.0, 0.0, 0.0, 0.0]),
+    "believed.xyz": Key([0.01, 0.0, 0.0]), "believed.rpy": Key([0.0, 0.0, 0.1]),
+    "believed.depth": Key(1.2),
+    # -- the target ----------------------------------------------------------------------------
+    "target.shape": Key([[0.0, 0.0], [0.05, 0.0], [0.04, 0.03], [0.0, 0.05]]),
+    "target.size": Key([0.07, 0.07]), "target.pose": Key([0.01, 0.0, 0.591, 0.0, 0.0, 0.3]),
+    "target.occluder": Key(COVER, **LIGHT),
+    "target.occluded": Key([[0.1, 0.2]], {"target": {"occluder": COVER}},
+                           **LIGHT),
+    "target.perturbed": Key(True, {"target": {"shape": "poster"}, "scheme": "luminance",
+                                   "camera": {"width": 48, "height": 36}}, **LIGHT),
+    **{f"target.motion.{name}": Key(value, {"target": {"motion": {
+        "velocity": [0.02, 0, 0, 0, 0, 0], "amplitude": [0.005, 0, 0], "frequency": 2.0,
+        "step": [0.001, 0.0, 0.0]}}}) for name, value in {
+            "velocity": [0, 0.02, 0, 0, 0, 0], "amplitude": [0, 0.005, 0], "frequency": 3.0,
+            "circle": 0.004, "step": [0, 0.002, 0], "hold": 0.05, "begin": 0.05,
+            "path": [[0.1, 0.005, 0.0, 0.0]]}.items()},
+    # -- the experiment ------------------------------------------------------------------------
+    "lag": Key(0.1, plants=("chain", "free")), "delay": Key(0.06, plants=LOOPS),
+    "friction": Key(False, plants=("bullet",)),
+    "camera_xyz": Key([0.004, 0.003, 0.0], plants=ARMS),
+    "camera_rpy": Key([0.0, 0.02, 0.0], plants=ARMS),
+    "noise": Key(6.0, **LIGHT), "jitter": Key(0.3, features=EXACT),
+    "commands": Key("images", plants=LOOPS), "start": Key({"pose": [0.0, 0.01, *START[2:]]}),
+    "goal": Key({"pose": [0.0, 0.01, *GOAL[2:]]}), "scheme": Key("pose"), "law": Key("adaptive"),
+    "gain": Key(3.0), "duration": Key(0.1), "reached": Key([1.0, 1.0]),
+    "seed": Key(5, {"camera": {"effects": {"drop_probability": 0.5}}}),
+    "options": Key({"interaction": "desired"}), "features": Key("pictures", features=EXACT),
+    "sun": Key({"diffuse": 0.2}, plants=("bullet",), **LIGHT),
+    "sun.diffuse": Key(0.2, plants=("bullet",), **LIGHT),
+    "sun.direction": Key([0.5, 0.0, -0.5], plants=("bullet",), **LIGHT),
+    "sun.exposure": Key("gazebo", plants=("bullet",), **LIGHT),
+    "sun.shines": Key([[0.0, 0.1]], plants=("bullet",), **LIGHT),
+    # It acts where something touches it: test_pick_and_place.
+    "target.box": Key({"size": [0.1, 0.1, 0.02]}, plants=("bullet",), tried=()),
+    "camera": Key({"preset": "fisheye", "width": 96, "height": 72}),
+    "plant": Key("free", plants=("bullet", "chain", "ideal")),
+    "traced": Key(True, plants=("bullet",)),
+    # -- the laws' gains -----------------------------------------------------------------------
+    **{f"options.{name}": Key(3.0 if name == "gain_zero" else 0.7, {"law": law, "gain": None})
+       for law, known in LAW_GAINS.items() for name in known.values()},
+}
+# Keys that no run can be changed by, or that other tests change, and why.
+EXEMPT = {
+    "CameraConfig": {
+        "name", "camera_name", "robot_namespace", "image_topic", "info_topic", "frame_name",
+        "optical_frame_name", "depth_topics", "hack_baseline",  # names and figures on the graph
+        "depth", "segmentation",  # delivered where somebody reads them
+        "shutter",  # of triggered cameras
+    },
+    "CameraSpec": {"model", "rate", "xyz", "rpy", "pose", "frame", "delay", "believed", "target",
+                   "target_frame"},  # test_several_cameras
+    "TargetSpec": {"motion", "model", "link"},  # its own keys are here; test_links_as_targets
+    "BoxSpec": {"size", "mass", "friction"},  # of target.box
+    "Experiment": {
+        "ideal", "cameras", "target", "believed",  # their own keys are here
+        "robot", "world",  # test_robots, test_worlds
+        "linger", "renderer",  # an end after convergence; all names mean one
+    },
+    "Ideal": {f.name for f in fields(Ideal)},  # test_ending
+}
+PREFIXES = {
+    CameraConfig: "camera.", Effects: "camera.effects.", SensorModel: "camera.effects.sensor.",
+    AutoExposure: "camera.effects.auto_exposure.", Shake: "camera.shake.", Belief: "believed.",
+    CameraSpec: "cameras.a.", TargetSpec: "target.", Motion: "target.motion.",
+    BoxSpec: "target.box.", SunSpec: "sun.", Ideal: "ideal.", Experiment: "",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", PREFIXES, ids=lambda kind: kind.__name__)
+def test_every_declared_key_is_tried(kind):
+    exempt = EXEMPT.get(kind.__name__, set())
+    untried = {f.name for f in fields(kind)} - exempt - {
+        key.removeprefix(PREFIXES[kind]) for key in KEYS if key.startswith(PREFIXES[kind])}
+    assert not untried
+
+
+@functools.cache
+def _fingerprint(text):
+    """What a run shows: its images, and what it records; text: its experiment as JSON."""
+    experiment = Experiment.from_mapping(json.loads(text))
+    found = hashlib.md5()
+
+    def watch(_, reading):
+        for part in (reading.image, reading.outline, reading.points):
+            found.update(b"-" if part is None else np.ascontiguousarray(part).tobytes())
+
+    loop = Loop(experiment, assemble(experiment), watch=watch)
+    try:
+        loop.to_end()
+        run = loop.result()
+    finally:
+        loop.close()
+    for part in (run.stamp, run.error, run.asked, run.pose, run.measured, run.commanded):
+        found.update(np.nan_to_num(np.asarray(part, float)).tobytes())
+    found.update(f"{run.verdict} {run.outcome} {run.peak_speed}".encode())
+    return found.hexdigest()
+
+
+def fingerprint(values):
+    return _fingerprint(json.dumps(values))
+
+
+@pytest.mark.parametrize("features", BOTH)
+@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("key", KEYS)
+def test_a_key_acts_or_is_refused(key, plant, features):
+    one = KEYS[key]
+    values = merge(merge(BASE, {"plant": plant, "features": features}), one.given)
+    if plant == "bullet":
+        values["duration"] = 0.12
+    values = {name: value for name, value in values.items() if value is not None}
+    changed = with_override(values, key, one.value)
+    if plant in one.plants and features in one.features:
+        assert features not in one.tried or fingerprint(changed) != fingerprint(values)
+        return
+    if values.get(key) == one.value or (key, plant) == ("commands", "ideal"):
+        return  # it is that already, or that plant is like that
+    with pytest.raises(ExperimentError) as refused:
+        fingerprint(changed)
+    assert "\n" not in str(refused.value)

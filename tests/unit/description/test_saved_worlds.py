@@ -779,7 +779,7 @@ def test_a_script_of_a_text_without_a_place_is_left_out():
 
 
 def test_packages_export_folders_of_models(folders, read, tmp_path, monkeypatch):
-    """As gazebo_ros looks for them, after the model paths; and a model may lie in a folder there."""
+    """They come after the model paths; and a model may lie in a folder there."""
     arm = tmp_path / "src" / "arm"
     export = ("<package><name>arm</name><export><gazebo_ros gazebo_model_path='${prefix}/models:"
               "${prefix}/..'/></export></package>")

@@ -150,7 +150,6 @@ class CameraSpec:
             seat = seat @ transform(self.believed.xyz, self.believed.rpy)
         return inverse(link) @ seat @ link
 
-
     def offset(self, link_T_optical: np.ndarray, believed: bool) -> np.ndarray:
         """A pose (4, 4) of its optical frame, as it is or as the controller has it."""
         if not believed:

@@ -81,7 +81,7 @@ AREAS = {
         Area("vision", (f"{VISION}/**/*.py",),
              (f"{_UNIT}/features", f"{_UNIT}/camera/test_model_tracking",
               f"{_UNIT}/bench/test_textures", f"{_UNIT}/servo/test_silhouettes",
-              f"{_UNIT}/servo/test_features"),
+              f"{_UNIT}/servo/test_features", f"{_UNIT}/bench/test_markers"),
              without=(f"{VISION}/node.py",)),
         Area("kinematics", (f"{CONTROLLER}/arm/*.py",), (f"{_UNIT}/servo", f"{_UNIT}/arm")),
         Area("laws", (f"{CONTROLLER}/laws/*.py",),

@@ -33,8 +33,8 @@ DEFAULTS = {
     CameraSpec: {"model": "original", "rate": None, "xyz": ZERO, "rpy": ZERO, "pose": None,
                  "frame": "", "delay": 0.0, "believed": Belief(), "target": None,
                  "target_frame": ""},
-    TargetSpec: {"shape": "aras", "size": (0.2, 0.2), "pose": (*ZERO, *ZERO), "motion": Motion(),
-                 "occluder": None, "occluded": None, "perturbed": False, "box": None, "model": "",
+    TargetSpec: {"shape": "aras", "size": None, "scale": None, "marker": "",
+                 "pose": (*ZERO, *ZERO), "motion": Motion(), "occluder": None, "occluded": None, "perturbed": False, "box": None, "model": "",
                  "link": ""},
     Motion: {"velocity": (*ZERO, *ZERO), "amplitude": ZERO, "frequency": 0.0, "circle": 0.0,
              "step": ZERO, "hold": 0.0, "path": (), "begin": 0.0},
@@ -54,6 +54,7 @@ def test_where_nothing_is_said_it_is_as_documented(kind):
 
 
 SMALL, MAT = 1e-3, {"shape": "square", "pose": (0, 0, 0.6, 0, 0, 0)}
+PLACED = (0.0, 0.0, 0.591, 0.0, 0.0, 0.0)
 BOX = {"size": (0.1, 0.1, 0.1)}
 # The last value that is taken, and the first that is not.
 BOUNDS = [
@@ -78,7 +79,9 @@ BOUNDS = [
     (RelativeStart, {"kind": "looking"}, "scatter", (0.0, 0.0), (0.0, -SMALL)),
     (RelativeStart, {}, "kind", "plane", "plan"),
     (TargetSpec, {"shape": "square"}, "size", (SMALL, 2.0), (0.0, 2.0)),
-    (TargetSpec, {"shape": "square"}, "size", (2.0, 2.0), (2.0, 2.01)),
+    (TargetSpec, {"shape": "a.stl"}, "scale", SMALL, 0.0),
+    (Experiment, {}, "target", TargetSpec("square", (2.0, 2.0), PLACED),
+     TargetSpec("square", (2.0, 2.01), PLACED)),
     (TargetSpec, {"shape": "square", "occluder": ((0, 0), (1, 1))}, "occluded", ((0.0, SMALL),),
      ((-SMALL, 1.0),)),
     (BoxSpec, {}, "size", (SMALL, 2.0, 2.0), (0.0, 2.0, 2.0)),

@@ -297,7 +297,7 @@ def test_the_command_s_words_are_explained(capsys):
         "[--occluder X0 Y0 X1 Y1] [--name NAME] [--meshes MESHES] --out OUT shape")
     assert does.startswith("Targets as descriptions") and "l_shape --size 0.1 0.08" in example
     told = " ".join(" ".join(told).split())
-    for words in ("a target's name, a picture", "of a box, cylinder", "white rectangle",
+    for words in ("a target's name, a picture", "of a solid x, y and z", "white rectangle",
                   "of the files", "names the folder", "--out OUT folder"):
         assert words in told
 

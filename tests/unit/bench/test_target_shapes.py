@@ -29,6 +29,7 @@ from aras_visual_servo_bench.targets.pictures import seen, shows
 from aras_visual_servo_bench.targets.scratch import scratch
 from aras_visual_servo_bench.targets.solids import is_solid, made_solid, primitive, solid_target
 from aras_visual_servo_bench.targets.textures import TexturedTarget
+from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_camera.model import read_solid
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
@@ -361,7 +362,7 @@ def test_a_mesh_gets_a_scale_or_a_size(tmp_path):
     lines = [f"v {x} {y} {z}" for x, y, z in corners]
     lines += [f"f {k} {k + 1} {k + 2}" for k in range(1, len(corners), 3)]
     path.write_text("\n".join(lines))
-    with pytest.raises(ExperimentError, match=r"is 60 m long.*set target.scale to 0.001"):
+    with pytest.raises(ExperimentError, match=r"is 60 m long.* by 0.001 \(target.scale\)"):
         shape_of(str(path))
     for given, box in (({"scale": 0.001}, (0.06, 0.04, 0.02)),
                        ({"size": (0.1, 0.2, 0.3)}, (0.1, 0.2, 0.3))):  # fmt: skip
@@ -372,6 +373,9 @@ def test_a_mesh_gets_a_scale_or_a_size(tmp_path):
         drawn = np.concatenate([part.positions for visual in urdf.links["target"].visuals
                                 for part in triangles(visual.geometry)])  # fmt: skip
         np.testing.assert_allclose(np.ptp(drawn, axis=0), box, rtol=1e-6)
+    with pytest.raises(ModelError, match=r"by 0.001 \(model_scale\)"):  # of the node
+        read_solid(str(path))
+    assert read_solid(str(path), 0.001).size == pytest.approx(0.06)
     for given, words in (({"scale": 0.1, "size": (1, 1, 1)}, "leave one out"),
                          ({"size": (0.1, 0.1)}, "three lengths")):  # fmt: skip
         with pytest.raises(ExperimentError, match=words):

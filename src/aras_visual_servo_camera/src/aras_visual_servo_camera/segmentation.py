@@ -77,6 +77,9 @@ class Segmentation:
 
     def __post_init__(self) -> None:
         check(self, SegmentationError)
+        if self.marker and self.method == "label":
+            raise SegmentationError("marker and method 'label' both say which pixels are the "
+                                    "target: leave one out")  # fmt: skip
         try:
             MarkerChoice.read(self.marker)
         except VisionError as error:

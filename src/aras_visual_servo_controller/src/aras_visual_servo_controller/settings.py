@@ -108,6 +108,7 @@ class Settings:
     tracker: of a target's points: outline, dots, marker, lines, model.
     marker: that is the target: 5, DICT_5X5_100:5, or a board; that of the goal.
     model: mesh of the target (STL, OBJ, DAE), m, whose pose is followed: the tracker is 'model'.
+    model_scale: factor on the lengths of the model's file, 0.001 where they are in mm.
     model_start: where the model is at first: {pose: x y z roll pitch yaw in the base}, {marker:
         {size, pose}} or {clicks: rows x y z u v}.
     segmentation: how the target's pixels are told, {method, threshold, near_colour, label, ...},
@@ -163,6 +164,7 @@ class Settings:
     tracker: str = parameter(OUTLINE)
     marker: str | Mapping[str, Any] = parameter("", name=True)
     model: str = parameter("")
+    model_scale: float = parameter(1.0, above=0.0)
     model_start: Mapping[str, Any] = parameter({})
     segmentation: Mapping[str, Any] = parameter({})
     depth_image: bool = parameter(False)
@@ -585,7 +587,7 @@ class Settings:
         """
         if self.tracker == MODEL or self.model or "model" in re.split(r"[+@]", self.scheme):
             try:
-                return model_tracker(self.model, Start(self.model_start))
+                return model_tracker(self.model, Start(self.model_start), self.model_scale)
             except (VisionError, DescriptionError) as error:
                 raise ConfigurationError(str(error)) from error
         if self.tracker not in TRACKERS:

@@ -1,14 +1,6 @@
 """Files that describe a camera: presets (YAML of CameraConfig's keys) and calibrations.
 
-Calibrations are read in these formats, by their content and not by their name:
-
-- ROS: camera_info as camera_calibration and `~/.ros/camera_info` have it, a message printed by
-  rostopic, and the .ini of camera_calibration_parsers;
-- OpenCV: FileStorage in YAML, XML or JSON;
-- Kalibr: a camchain;
-- ViSP: vpXmlParserCamera.
-
-`FILE#NAME` chooses one camera of several. A preset may name a calibration by its key `calibration`.
+A preset may name a calibration by its key `calibration`, and say what that leaves open.
 """
 
 from __future__ import annotations
@@ -17,17 +9,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from aras_visual_servo_base.settings import said
 from aras_visual_servo_base.yaml_files import parse_yaml, read_text
 
 from ..errors import CameraError
-from .calibration import Calibration
-from .calibration_formats import FORMATS
-
-KEY = "calibration"
-# Keys beside `calibration` that would contradict it.
-OF_LENS = ("width", "height", "camera_matrix", "horizontal_fov", "lens", "distortion_model",
-           "distortion_coefficients", "rectification_matrix", "projection_matrix")  # fmt: skip
+from .calibration_file import find_calibration, split_name, with_calibration
+from .config import CameraConfig
 
 
 def read_camera(name: str | Path) -> dict[str, Any]:
@@ -39,9 +25,9 @@ def read_camera(name: str | Path) -> dict[str, Any]:
     Raises:
         CameraError: naming the file, the field and what would be right.
     """
-    path, camera = _split(name)
+    path, camera = split_name(name)
     text = read_text(path, CameraError)
-    calibration = _calibration(text, str(path), camera)
+    calibration = find_calibration(text, path, camera)
     if calibration is not None:
         if calibration.width is None or calibration.height is None:
             raise CameraError(
@@ -55,69 +41,6 @@ def read_camera(name: str | Path) -> dict[str, Any]:
                           "nor a calibration")
     if camera:
         raise CameraError(f"{path} is a preset of one camera: leave out '#{camera}'")
-    from .config import CameraConfig  # which reads calibrations by this module
-
     found = with_calibration(settings, path.parent)
     CameraConfig.check_keys(found, f"{path}: ")
     return found
-
-
-def with_calibration(settings: Mapping[str, Any], folder: Path | None = None) -> dict[str, Any]:
-    """Settings with what their `calibration` gives in its place.
-
-    Args:
-        folder: that a relative path starts from; None: it has to be absolute.
-
-    Raises:
-        CameraError: see `read_camera`; or a key that contradicts the calibration.
-    """
-    if KEY not in settings:
-        return dict(settings)
-    name = settings[KEY]
-    if not isinstance(name, str | Path):
-        raise CameraError(f"calibration is {said(name)}, must be the path of a calibration file")
-    path, camera = _split(name)
-    if not path.is_absolute():
-        if folder is None:
-            raise CameraError(f"calibration '{name}' is a relative path: give the absolute one")
-        path = folder / path
-    found = _calibration(read_text(path, CameraError), str(path), camera)
-    if found is None:
-        raise CameraError(f"{path} is no calibration: its keys are those of a preset")
-    rest = {key: value for key, value in settings.items() if key != KEY}
-    given = found.settings()
-    for key in OF_LENS:
-        if key in rest and (key == "horizontal_fov" or key in given and rest[key] != given[key]):
-            raise CameraError(
-                f"{key} is {said(rest[key])}, and the calibration {path} says "
-                f"{said(given.get(key, 'the camera matrix'))}: leave {key} out"
-            )
-    return {**given, **rest}
-
-
-def _calibration(text: str, path: str, camera: str) -> Calibration | None:
-    """What a calibration file says of one of its cameras; None: the text is of another kind."""
-    for detect, read in FORMATS:
-        if not detect(text):
-            continue
-        known = read(text, path)
-        if known is None:
-            continue
-        if not camera and (len(known) == 1 or "cam0" in known):  # of a chain the first, by Kalibr
-            return next(iter(known.values()))()
-        if camera in known:
-            return known[camera]()
-        raise CameraError(
-            f"{path} has the cameras {', '.join(known)}: name one, as "
-            f"{path}#{next(iter(known))}" + (f", not '{camera}'" if camera else "")
-        )
-    return None
-
-
-def _split(name: str | Path) -> tuple[Path, str]:
-    """Path and camera of `path#camera`; a file whose name has a # is meant where it is there."""
-    path = Path(name).expanduser()
-    if "#" not in path.name or path.is_file():
-        return path, ""
-    stem, _, camera = path.name.rpartition("#")
-    return path.with_name(stem), camera

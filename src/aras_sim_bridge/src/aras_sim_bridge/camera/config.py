@@ -16,7 +16,7 @@ from aras_visual_servo_base.settings import check as hold_to_bounds
 
 from ..description import CameraDescription, DepthTopics
 from ..errors import CameraError
-from .camera_file import with_calibration
+from .calibration_file import with_calibration
 from .effects import Effects
 from .formats import encoding_of
 from .intrinsics import CameraIntrinsics, CameraProjection, camera_matrix, projection_matrix
@@ -283,7 +283,7 @@ class CameraConfig:
         """Settings from a preset file's keys.
 
         camera_matrix is a mapping fx, fy, cx, cy or four numbers; effects a mapping of
-        effects.Effects' fields; calibration the path of a file, see camera_file. Raises
+        effects.Effects' fields; calibration the path of a file, see calibration_file. Raises
         CameraError naming the key that is wrong.
         """
         where = f"camera '{values.get('name', 'camera')}': "

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from aras_sim_bridge.camera import CameraConfig
-from aras_sim_bridge.camera.camera_file import KEY as CALIBRATION
-from aras_sim_bridge.camera.camera_file import read_camera, with_calibration
+from aras_sim_bridge.camera.calibration_file import KEY as CALIBRATION
+from aras_sim_bridge.camera.calibration_file import with_calibration
+from aras_sim_bridge.camera.camera_file import read_camera
 from aras_sim_bridge.errors import CameraError
 from aras_visual_servo_base.hand_eye import UNITS, HandEye, read_hand_eye
 from aras_visual_servo_base.names import nearest

@@ -81,6 +81,9 @@ def _check_tracker(name: str, target: TargetSpec, other: TargetSpec) -> None:
     require(own == one, f"cameras.{name}.target is followed by the tracker '{own}' and the "
             f"experiment's target by '{one}', and a loop has one: give both targets shapes of one "
             "kind, or options.tracker")  # fmt: skip
+    require(other.marker == target.marker,
+            f"cameras.{name}.target.marker is {other.marker!r} and target.marker is "
+            f"{target.marker!r}, and a loop follows one marker: give both the same")
     require(not is_solid(other.shape) or other.shape == target.shape,
             f"cameras.{name}.target is another solid than the experiment's target, and the tracker "
             "'model' follows one: give both the same shape, or a flat one")

@@ -134,7 +134,7 @@ def _scaled(
 # -- SVG ---------------------------------------------------------------------------------------
 
 
-class Drawing(NamedTuple):
+class SvgOutline(NamedTuple):
     """The outline in an SVG file.
 
     corners: (n, 2) about the middle of the page, x to the right and y up. page: width and height.
@@ -157,7 +157,7 @@ class Drawing(NamedTuple):
         return tuple((float(x), float(y)) for x, y in self.corners * factor)
 
 
-def read_svg(path: Path) -> Drawing:
+def read_svg(path: Path) -> SvgOutline:
     """The one outline in an SVG file.
 
     Understood are polygon, polyline, rect, circle, ellipse and path, where their transforms and
@@ -211,7 +211,7 @@ def read_svg(path: Path) -> Drawing:
         middle = 0.5 * page
         require(bool((page > 0.0).all()), f"{where}: its width and height must be above 0")
     metres = 1e-3 / Length("1mm").value(ppi=PPI) if lengths else None
-    return Drawing((points - middle) * FLIPPED, tuple(page.tolist()), metres)
+    return SvgOutline((points - middle) * FLIPPED, tuple(page.tolist()), metres)
 
 
 def _page(root: Element) -> bool:

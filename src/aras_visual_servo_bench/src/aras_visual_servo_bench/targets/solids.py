@@ -140,7 +140,8 @@ def solid_target(
             factor = tuple((np.asarray(size) / extent).tolist())
         solid = Solid.of(corners * factor, path.name)
     except (DescriptionError, ModelError) as error:
-        raise ExperimentError(f"target.shape: {error}") from error
+        key = " (target.scale)" if "scale it" in str(error) else ""
+        raise ExperimentError(f"target.shape: {error}{key}") from error
     if factor == (1.0,) * 3:
         return SolidTarget(solid, path.resolve())
     written = _written(corners * factor, path.stem)  # the tracker's model is in metres

@@ -59,10 +59,10 @@ class Solid:
         size = float(np.ptp(corners.reshape(-1, 3), axis=0).max()) if len(corners) else 0.0
         if size > LARGEST:
             raise ModelError(f"{name} is {size:.4g} m long: is it in millimetres? Meshes are in "
-                             "metres: set target.scale to 0.001, or scale the file")  # fmt: skip
+                             "metres: scale it by 0.001")  # fmt: skip
         if size < SMALLEST:
-            raise ModelError(f"{name} is {size:.2g} m long, too small to be seen: set "
-                             "target.scale, or scale the file to metres")  # fmt: skip
+            raise ModelError(f"{name} is {size:.2g} m long, too small to be seen: scale it to "
+                             "metres")  # fmt: skip
         vertices, faces = _welded(corners, WELDED * size)
         cross = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]],
                          vertices[faces[:, 2]] - vertices[faces[:, 0]])  # fmt: skip

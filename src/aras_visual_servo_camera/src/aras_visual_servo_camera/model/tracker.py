@@ -75,20 +75,21 @@ def _plane(pose: np.ndarray, places: np.ndarray) -> Plane | None:
     return Plane(*(pose[:3, 2] / across).tolist()) if across else None
 
 
-def read_solid(path: str) -> Solid:
-    """The solid of a mesh file, in m.
+def read_solid(path: str, scale: float = 1.0) -> Solid:
+    """The solid of a mesh file, in m; scale: factor on the file's lengths, 0.001 where it is in mm.
 
     Raises:
         DescriptionError: the file cannot be read. ModelError: it is not a solid in metres.
     """
     try:
-        return Solid.of(triangles_of(files.read(path)), Path(path).name)
+        return Solid.of(scale * triangles_of(files.read(path)), Path(path).name)
     except ModelError as error:
-        raise ModelError(f"{path}: {error}") from None
+        key = " (model_scale)" if "scale it" in str(error) else ""
+        raise ModelError(f"{path}: {error}{key}") from None
 
 
-def model_tracker(path: str, start: Start) -> ModelTracker:
-    """Of a mesh file; errors as `read_solid`."""
+def model_tracker(path: str, start: Start, scale: float = 1.0) -> ModelTracker:
+    """Of a mesh file; scale and errors as of `read_solid`."""
     if not path:
         raise ModelError("tracker 'model' needs the mesh of what it follows: give model: FILE")
-    return ModelTracker(read_solid(path), start)
+    return ModelTracker(read_solid(path, scale), start)

@@ -22,35 +22,34 @@ class ForeignCommandListener:
     def __init__(self, commands: CommandTopics) -> None:
         """`commands`: the topics of the loop's own commands."""
         self._commands, self._own = commands, rospy.get_name()
-        self._active = False
+        self._active = self._begun = False
         self._subscribers: list[rospy.Subscriber] = []
         self._lock = threading.Lock()
         self._latest: dict[str, tuple[str, float]] = {}
 
     def listen(self, active: bool) -> None:
-        """Start or stop to report commands, from the next `update` on."""
+        """Start or stop to report commands; returns at once."""
         self._active = active
+        if active and not self._begun:  # rospy asks the master, for as long as that is away
+            self._begun = True
+            threading.Thread(target=self._subscribe, name="foreign commands", daemon=True).start()
 
     def latest(self) -> Mapping[str, tuple[str, float]]:
         """By joint: the node that commanded it last, and when, s of wall time (monotonic)."""
         with self._lock:
             return dict(self._latest) if self._active else {}
 
-    def update(self) -> None:
-        """Subscribe if told to listen. It asks the master, which can take time: call it outside the
-        loop's thread."""
-        if self._active and not self._subscribers:
-            self._subscribers = [
-                rospy.Subscriber(topic, rospy.AnyMsg, partial(self._receive, joints), queue_size=1)
-                for topic, joints in self._commands.listed()
-            ]
-            self._commands.echoed = True
+    def _subscribe(self) -> None:
+        self._commands.echoed = True
+        for topic, joints in self._commands.listed():
+            self._subscribers.append(rospy.Subscriber(
+                topic, rospy.AnyMsg, partial(self._receive, joints), queue_size=1
+            ))  # fmt: skip
 
     def close(self) -> None:
         """Unsubscribe."""
         for subscriber in self._subscribers:
             subscriber.unregister()
-        self._subscribers, self._commands.echoed = [], False
 
     def _receive(self, joints: Sequence[str], message: rospy.AnyMsg) -> None:
         node = message._connection_header.get("callerid", "an unnamed node")

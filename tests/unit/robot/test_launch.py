@@ -2,9 +2,11 @@
 
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
+import time
 import xml.etree.ElementTree as ElementTree
 
 import pytest
@@ -178,6 +180,28 @@ def recorder(*given):
 def test_the_recorder_takes_pictures_and_limits_as_it_is_told(given, there, missing):
     words = recorder(*given).split()
     assert set(there) <= set(words) and not set(missing) & set(words), words
+
+
+@pytest.mark.parametrize(("folder", "words"), [
+    ("/proc", "the disk is full: make room, or record elsewhere; 0.0 MB are free in /proc"),
+    ("/tmp", " MB are free in /tmp"),  # noqa: S108
+])  # fmt: skip
+def test_a_recorder_that_aborts_is_reported_with_the_room_on_its_disk(folder, words):
+    """rosbag's recorder ended with -6 on a full disk, and the launch's log did not say why."""
+    script = [sys.executable, PACKAGE / "scripts" / "report_recorder_end"]
+    text = {"text": True, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    shell = ["sh", "-c", "kill -ABRT $$", f"--output-name={folder}/run.bag"]
+    done = subprocess.run([*script, *shell], timeout=20, check=False, **text)
+    assert done.returncode == 134
+    assert "ended by signal 6" in done.stderr and words in done.stderr
+    assert ("full" in done.stderr) is (folder == "/proc")
+    done = subprocess.run([*script, "true"], timeout=20, check=False, **text)
+    assert (done.returncode, done.stderr) == (0, "")
+    with subprocess.Popen([*script, "sh", "-c", "echo up; exec sleep 60"], **text) as asked:
+        assert asked.stdout.readline() == "up\n"
+        time.sleep(0.3)
+        asked.send_signal(signal.SIGINT)
+        assert asked.communicate(timeout=20)[1] == ""
 
 
 def test_world_has_floor_and_sun_but_no_shadows():

@@ -143,6 +143,30 @@ def test_a_node_that_is_interrupted_while_it_begins_ends_without_a_traceback(
     assert told in ended.stderr and ("Traceback" in ended.stderr) == bool(told)
 
 
+LOGS = """
+import rospy.core
+from aras_visual_servo_ros.log_folder import check_log_folder
+check_log_folder("begins")
+rospy.core.configure_logging("/begins")
+print("up")
+"""
+
+
+@pytest.mark.parametrize(("folder", "words"), [
+    ("/proc", []), ("/proc/logs", []), ("/dev/null/logs", []), ("", ["__log:=/proc/begins.log"]),
+])  # fmt: skip
+def test_a_node_whose_log_cannot_be_written_says_so_in_one_line(folder, words, tmp_path):
+    ended = subprocess.run(
+        [sys.executable, "-c", LOGS, *words], capture_output=True, text=True, timeout=60.0,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+             "ROS_LOG_DIR": folder or str(tmp_path), "TMPDIR": str(tmp_path)},
+    )  # fmt: skip
+    assert (ended.returncode, ended.stdout) == (0, "up\n")
+    (line,) = ended.stderr.splitlines()
+    assert line.startswith(f"begins: its log cannot be written to {folder or '/proc'} (")
+    assert "set ROS_LOG_DIR" in line and list(tmp_path.glob("ros_log_*/begins*.log"))
+
+
 LOCKED = """
 import os, signal, threading, time
 from types import SimpleNamespace

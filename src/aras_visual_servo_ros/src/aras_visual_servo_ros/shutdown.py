@@ -16,6 +16,7 @@ import rosgraph
 import rospy
 
 from .connections import find_publishers, open_wide
+from .log_folder import check_log_folder
 from .master_watch import MasterWatch
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
@@ -49,6 +50,7 @@ def begin_node(name: str, about: str = "", **options: bool) -> None:
     _began.clear()
     end_on_signals()
     find_publishers()
+    check_log_folder(name)
     try:
         rospy.init_node(name, disable_signals=True, **options)
     except Exception:  # of what is half made and taken down again

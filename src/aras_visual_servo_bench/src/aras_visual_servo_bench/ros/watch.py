@@ -38,9 +38,11 @@ class Watch:
         from sensor_msgs.msg import JointState
 
         from aras_visual_servo_ros.connections import find_publishers
+        from aras_visual_servo_ros.log_folder import check_log_folder
 
         self.progress = WatchedRun()
         find_publishers()
+        check_log_folder("aras_visual_servo_demo")
         rospy.init_node(
             "aras_visual_servo_demo", anonymous=True, disable_signals=True, disable_rostime=True
         )

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import rospy
-from genpy import Message
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
@@ -69,12 +68,12 @@ class CommandTopics:
             if only in ("", name):
                 publish(publisher, Float64(value))
 
-    def listed(self) -> Iterator[tuple[str, type[Message], tuple[str, ...]]]:
-        """Each topic with the type of its messages and the joints that it commands."""
+    def listed(self) -> Iterator[tuple[str, tuple[str, ...]]]:
+        """Each topic with the joints that it commands."""
         for name, publisher in self._each.items():
-            yield publisher.resolved_name, Float64, (name,)
+            yield publisher.resolved_name, (name,)
         if self._group is not None:
-            yield self._group.resolved_name, Float64MultiArray, self._names
+            yield self._group.resolved_name, self._names
 
     def unheard(self) -> list[str]:
         """Topics of commands to which nobody listens, this node itself left out."""

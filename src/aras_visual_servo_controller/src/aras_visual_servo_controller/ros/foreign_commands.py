@@ -7,57 +7,51 @@ import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 
-import genpy
 import rospy
 
 from .commands import CommandTopics
 
 
 class ForeignCommandListener:
-    """The ForeignCommands of a Driver: subscribes to the joints' command topics on demand.
+    """The ForeignCommands of a Driver: subscribes to the joints' command topics when first needed.
 
-    The loop's own commands come back on these topics too, so it only subscribes while it is told
-    to listen.
+    The loop's own commands come back on these topics too, so most runs do without. It stays
+    subscribed then: rospy keeps a descriptor of every subscriber that was given up.
     """
 
     def __init__(self, commands: CommandTopics) -> None:
         """`commands`: the topics of the loop's own commands."""
         self._commands, self._own = commands, rospy.get_name()
-        self._active = False
+        self._active = self._begun = False
         self._subscribers: list[rospy.Subscriber] = []
         self._lock = threading.Lock()
         self._latest: dict[str, tuple[str, float]] = {}
 
     def listen(self, active: bool) -> None:
-        """Start or stop to receive commands, at the next `update`."""
+        """Start or stop to report commands; returns at once."""
         self._active = active
+        if active and not self._begun:  # rospy asks the master, for as long as that is away
+            self._begun = True
+            threading.Thread(target=self._subscribe, name="foreign commands", daemon=True).start()
 
     def latest(self) -> Mapping[str, tuple[str, float]]:
         """By joint: the node that commanded it last, and when, s of wall time (monotonic)."""
         with self._lock:
-            return dict(self._latest)
+            return dict(self._latest) if self._active else {}
 
-    def update(self) -> None:
-        """Subscribe or unsubscribe as told. It asks the master, which can take time: call it
-        outside the loop's thread."""
-        if self._active and not self._subscribers:
-            self._subscribers = [
-                rospy.Subscriber(topic, kind, partial(self._receive, joints), queue_size=1)
-                for topic, kind, joints in self._commands.listed()
-            ]
-            self._commands.echoed = True
-        elif not self._active and self._subscribers:
-            self.close()
+    def _subscribe(self) -> None:
+        self._commands.echoed = True
+        for topic, joints in self._commands.listed():
+            self._subscribers.append(rospy.Subscriber(
+                topic, rospy.AnyMsg, partial(self._receive, joints), queue_size=1
+            ))  # fmt: skip
 
     def close(self) -> None:
         """Unsubscribe."""
         for subscriber in self._subscribers:
             subscriber.unregister()
-        self._subscribers, self._commands.echoed = [], False
-        with self._lock:
-            self._latest.clear()
 
-    def _receive(self, joints: Sequence[str], message: genpy.Message) -> None:
+    def _receive(self, joints: Sequence[str], message: rospy.AnyMsg) -> None:
         node = message._connection_header.get("callerid", "an unnamed node")
         if node != self._own:
             with self._lock:

@@ -81,7 +81,6 @@ class ControllerNode:
                 self.build(urdf)
             if self.driver is not None:
                 self.driver.watch()
-                self._foreign.update()
 
     def close(self) -> None:
         """Leave no speed and no effort behind."""

@@ -51,7 +51,6 @@ def live(arguments: argparse.Namespace) -> Goal:
         commands = CommandTopics(settings, arm.names, "position")
         foreign = ForeignCommandListener(commands)
         foreign.listen(True)
-        foreign.update()
     teacher = Teacher(arm, rig, joints, None if commands is None else commands.put)
     inputs = Inputs(settings, teacher)
     deadline = time.monotonic() + arguments.timeout

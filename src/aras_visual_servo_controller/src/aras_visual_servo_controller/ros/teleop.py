@@ -14,6 +14,7 @@ from sensor_msgs.msg import JointState, Joy
 
 from aras_visual_servo_base.names import unknown
 from aras_visual_servo_ros.connections import find_publishers
+from aras_visual_servo_ros.log_folder import check_log_folder
 
 from ..arm import Resolver
 from ..errors import ConfigurationError, MeasurementError, ServoError
@@ -139,6 +140,7 @@ def main() -> int:
         print("aras_teleop: needs a terminal for its keys: start it with rosrun", file=sys.stderr)
         return 1
     find_publishers()
+    check_log_folder("aras_teleop")
     rospy.init_node("aras_teleop", anonymous=True, disable_signals=True)
     try:
         return Teleop().run()

@@ -8,7 +8,7 @@ import pytest
 
 from aras_sim_bridge.camera import mounting
 from aras_sim_bridge.description import Light, parse_urdf
-from aras_sim_bridge.errors import CameraError, RenderingError
+from aras_sim_bridge.errors import CameraError, DescriptionError, RenderingError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import Pose
 
@@ -228,3 +228,46 @@ def test_pictures_are_lit_by_the_sun_that_there_is():
     expected = ambient * np.array([[0.5, 0.6, 0.4], [0.9] * 3, [0.4] * 3])
     assert np.abs(grey - expected).max() <= 2
     simulation.close()
+
+
+@pytest.mark.parametrize("kind", ["camera", "depth", "multicamera"])
+def test_intrinsics_of_a_lens_are_drawn_and_published(kind):
+    """Gazebo counts cx and cy from the image's corner; a pixel's middle has whole numbers here."""
+    eye = (f"<gazebo reference='eye'><sensor name='s' type='{kind}'><camera name='left'>"
+           "<horizontal_fov>1</horizontal_fov><image><width>64</width><height>48</height></image>"
+           "<lens><intrinsics><fx>30</fx><fy>40</fy><cx>30</cx><cy>20</cy></intrinsics></lens>"
+           "</camera></sensor></gazebo>")
+    simulation = Simulation(SimulationConfig(ground_plane=False))
+    simulation.spawn(parse_urdf(BOX), "box", pose=Pose((1.05, 0.0, 1.0)))
+    simulation.spawn(parse_urdf(f"<robot name='r'><link name='eye'/>{eye}</robot>"), "r",
+                     pose=Pose((0.0, 0.0, 1.0)))
+    (camera,) = simulation.cameras
+    assert camera.sensor.info.K.tolist() == [[30, 0, 29.5], [0, 40, 19.5], [0, 0, 1]]
+    frames = []
+    camera.on_frame, camera.enabled = frames.append, True
+    while not frames:
+        simulation.step()
+    rows, columns = np.nonzero(frames[0].image[..., 0] < 50)
+    # 0.4 m at 1 m, about the principal point
+    assert (np.ptp(columns) + 1, np.ptp(rows) + 1) == (12, 16)
+    assert (columns.mean(), rows.mean()) == pytest.approx((29.5, 19.5), abs=0.01)
+    simulation.close()
+
+
+@pytest.mark.parametrize(("kind", "inside", "reason"), [
+    ("wideanglecamera", "<intrinsics/>", "<intrinsics> is not for a wideanglecamera; left out"),
+    ("camera", "<type>equidistant</type>", "is for a wideanglecamera; a pinhole is drawn"),
+])
+def test_what_a_lens_has_in_vain_is_named(kind, inside, reason):
+    made = parse_urdf(
+        f"<robot name='r'><link name='eye'/><gazebo reference='eye'><sensor name='s' type='{kind}'>"
+        f"<camera><lens>{inside}</lens></camera></sensor></gazebo></robot>")
+    (warning,) = made.warnings
+    assert reason in warning
+
+
+def test_focal_lengths_of_a_lens_are_positive():
+    with pytest.raises(DescriptionError, match="fx 0.0 and fy 277.0 are focal lengths in pixels"):
+        parse_urdf("<robot name='r'><link name='eye'/><gazebo reference='eye'><sensor name='s' "
+                   "type='camera'><camera><lens><intrinsics><fx>0</fx></intrinsics></lens></camera>"
+                   "</sensor></gazebo></robot>")

@@ -197,7 +197,7 @@ BOUNCE = ("<collision><surface><bounce><restitution_coefficient>{}</restitution_
 
 @pytest.mark.parametrize(("tags", "changes"), [
     ("", {}), ("<mu1>0</mu1>", {"mu": 0.0}), ("<mu1 value='.4'/>", {"mu": 0.4}),
-    ("<mu2>.4</mu2>", {}), ("<gravity value='0'/>", {"gravity": False}),
+    ("<mu1>.4</mu1><mu2>.4</mu2>", {"mu": 0.4}), ("<gravity value='0'/>", {"gravity": False}),
     ("<gravity>1</gravity>", {}), ("<kinematic>1</kinematic>", {"kinematic": True}),
     ("<turnGravityOff>true</turnGravityOff><gravity>true</gravity>", {"gravity": False}),
     ("<turnGravityOff>false</turnGravityOff><gravity>false</gravity>", {"gravity": False}),

@@ -37,7 +37,7 @@ SUN = ("directional", (0.0, 0.0, 10.0), NONE, (0.8, 0.8, 0.8, 1.0), (0.2, 0.2, 0
        (-0.4834, 0.0967, -0.8701), 0.9, 0.01, 0.001, 1000.0, 0.6, 1.0, 1.0, False, None)
 STREAM = ("", "", "image_raw", "camera_info", "", 0.0, 0.0, 0.0, 0.0, 0.0, (0.0,) * 5, False, "",
           None)
-LENS = ("gnomonical", True, math.pi / 2)
+LENS = ("gnomonical", True, math.pi / 2, None)
 
 
 @pytest.mark.parametrize(("made", "expected"), [

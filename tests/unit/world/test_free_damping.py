@@ -15,6 +15,7 @@ class Joints:
 
     def __init__(self, damping, inverse):
         self.damping_coefficients, self.inverse = damping, inverse
+        self.stiffness = [0.0] * len(damping)
         self.motors, self.explicit, self.restored = {}, {}, []
 
     def inverse_inertia(self):

@@ -479,7 +479,6 @@ def test_defaults_are_upstream_s():
     (plugin("ft_sensor", {"topicName": "t"}), "joint '' does not exist"),
     (plugin("imu", {"topicName": "t"}), "link '' does not exist"),
     (plugin("imu_sensor", {"frameName": "f"}), "it belongs into a <sensor type='imu'>"),
-    (bumper_on("tool", "hand"), "collision 'hand' does not exist; known are none"),
     (bumper_on("tool"), "it names no <collision>"),
     (plugin("bumper", {}), "it names no <collision>"),
     (imu_on("base").replace("frameName", "frame"), "its plug-in has no <frameName>"),
@@ -490,6 +489,13 @@ def test_a_sensor_that_measures_nothing_costs_one_line(tags, reason):
     (warning,) = read.warnings
     assert reason in warning and "left out" in warning
     assert [sensor.kind for sensor in read.sensors] == ["wrench"]
+
+
+def test_a_contact_sensor_of_a_collision_that_does_not_exist_has_its_topic_and_one_line():
+    read = parse_urdf(arm(tags=bumper_on("tool", "hand")))
+    (warning,) = read.warnings
+    assert "collision 'hand' does not exist; known are none; of it no contact" in warning
+    assert [sensor.kind for sensor in read.sensors] == ["contact"]
 
 
 @pytest.mark.parametrize("tag", ["mean", "stddev", "bias_mean", "bias_stddev"])

@@ -187,13 +187,13 @@ def integer(text: str | None, where: str, default: int | None = None) -> int:
 
 
 def truth(text: str | None, where: str, default: bool) -> bool:
-    """'true'/'1' or 'false'/'0'; raises DescriptionError for anything else."""
+    """'true'/'1'/'yes' or 'false'/'0'/'no'; raises DescriptionError for anything else."""
     if text is None:
         return default
     word = text.strip().lower()
-    if word in ("true", "1"):
+    if word in ("true", "1", "yes"):
         return True
-    if word in ("false", "0"):
+    if word in ("false", "0", "no"):
         return False
     raise DescriptionError(f"{where}: '{shorten(text)}' is neither true nor false")
 

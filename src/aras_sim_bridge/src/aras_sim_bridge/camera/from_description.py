@@ -54,6 +54,10 @@ def settings(camera: CameraDescription) -> dict[str, object]:
         values["update_rate"] = min(filter(None, rates))
     if camera.kind == "wideanglecamera":
         values |= _wide(camera)
+    elif camera.lens is not None and camera.lens.intrinsics is not None:
+        # Gazebo counts from the image's corner, and here pixels have whole numbers at their middle.
+        fx, fy, cx, cy = camera.lens.intrinsics
+        values["camera_matrix"] = (fx, fy, cx - 0.5, cy - 0.5)
     if camera.distortion and any(camera.distortion):
         values["distortion_model"] = "plumb_bob"
         values["distortion_coefficients"] = _in_ros_order(camera.distortion)

@@ -46,7 +46,7 @@ def cameras(sensor: Element, link: str, warnings: list[str]) -> list[CameraDescr
         warnings.append(f"{where}: <triggerTopicName> is for libgazebo_ros_triggered_camera.so; "
                         "this camera streams")
     if sensor.get("type") != "multicamera":
-        return [_camera(sensor, nodes[0], name, link, where, plugin)]
+        return [_camera(sensor, nodes[0], name, link, where, plugin, warnings)]
     eyes = []
     for i, node in enumerate(nodes):
         own = node.get("name") or str(i)
@@ -54,13 +54,14 @@ def cameras(sensor: Element, link: str, warnings: list[str]) -> list[CameraDescr
         seen = None if plugin is None else replace(
             plugin, camera_name=f"{plugin.camera_name}/{side}",
             hack_baseline=plugin.hack_baseline if side == "right" else 0.0)
-        eye = _camera(sensor, node, f"{name}_{own}", link, f"{where}, eye '{shorten(own)}'", seen)
+        eye = _camera(sensor, node, f"{name}_{own}", link, f"{where}, eye '{shorten(own)}'", seen,
+                      warnings)
         eyes.append(replace(eye, shutter=name))
     return eyes
 
 
 def _camera(sensor: Element, node: Element, name: str, link: str, where: str,
-            plugin: CameraPlugin | None) -> CameraDescription:
+            plugin: CameraPlugin | None, warnings: list[str]) -> CameraDescription:
     """The camera that `node`, a <camera> of `sensor`, describes."""
     image, clip = node.find("image"), node.find("clip")
     at = numbers(text_of(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
@@ -92,7 +93,7 @@ def _camera(sensor: Element, node: Element, name: str, link: str, where: str,
         horizontal_fov=fov, width=width, height=height,
         format=text_of(image, "format") or "R8G8B8", near=near, far=far,
         noise=_noise(node, where), distortion=distortion, distortion_center=center,
-        lens=_lens(node, where), plugin=plugin,
+        lens=_lens(node, where, kind, warnings), plugin=plugin,
     )
 
 
@@ -119,7 +120,7 @@ def _distortion(node: Element, where: str) -> tuple[tuple[float, ...] | None, tu
     return values, numbers(center, 2, f"{where}: distortion center", (0.5, 0.5))
 
 
-def _lens(node: Element, where: str) -> LensDescription | None:
+def _lens(node: Element, where: str, camera: str, warnings: list[str]) -> LensDescription | None:
     lens = node.find("lens")
     if lens is None:
         return None
@@ -128,7 +129,21 @@ def _lens(node: Element, where: str) -> LensDescription | None:
         raise DescriptionError(
             f"{where}: lens type '{shorten(kind)}' is unknown; use one of {', '.join(_LENSES)}"
         )
+    given = lens.find("intrinsics")
+    intrinsics = None
+    if given is not None and camera == "wideanglecamera":
+        warnings.append(f"{where}: <intrinsics> is not for a wideanglecamera; left out")
+    elif given is not None:
+        defaults = {"fx": 277.0, "fy": 277.0, "cx": 160.0, "cy": 120.0}  # SDF's
+        intrinsics = tuple(number(text_of(given, key), f"{where}: intrinsics {key}", value)
+                           for key, value in defaults.items())
+        if min(intrinsics[:2]) <= 0.0:
+            raise DescriptionError(f"{where}: intrinsics fx {intrinsics[0]} and fy {intrinsics[1]} "
+                                   "are focal lengths in pixels; they must be positive")
+    if camera != "wideanglecamera" and kind != "gnomonical":
+        warnings.append(f"{where}: lens type '{kind}' is for a wideanglecamera; a pinhole is drawn")
     return LensDescription(
+        intrinsics=intrinsics,
         kind=kind,
         scale_to_hfov=truth(text_of(lens, "scale_to_hfov"), f"{where}: scale_to_hfov", True),
         cutoff_angle=number(text_of(lens, "cutoff_angle"), f"{where}: cutoff_angle",

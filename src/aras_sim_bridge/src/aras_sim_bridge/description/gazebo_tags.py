@@ -1,11 +1,21 @@
 """The <gazebo> tags of a URDF: plugins, sensors, materials, link flags."""
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import gazebo_materials, grasp_tags, plugins, sensor_tags
-from aras_sim_bridge.description.geometry import bounce
+from aras_sim_bridge.description import (
+    gazebo_materials,
+    grasp_tags,
+    plugins,
+    sensor_tags,
+    served,
+)
+from aras_sim_bridge.description.assembly import PlacedJoint
+from aras_sim_bridge.description.geometry import Resolve, bounce
+from aras_sim_bridge.description.sdf_dialects import unify
+from aras_sim_bridge.description.sdf_model import pose_of, read_joint, read_link
 from aras_sim_bridge.description.types import (
     CameraDescription,
     ControlPlugin,
@@ -15,6 +25,7 @@ from aras_sim_bridge.description.types import (
     SensorDescription,
 )
 from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.safe_xml import (
     check_names,
     number,
@@ -27,55 +38,123 @@ from aras_visual_servo_base.urdf import Joint
 
 @dataclass
 class GazeboTags:
-    """What `parse` found; links are the given ones with their flags set."""
+    """What `parse` found.
+
+    links, joints: the given ones with what the tags say of them. added_links, poses: more links,
+    and where they stand in the model. added_joints: more joints.
+    """
 
     links: dict[str, Link]
+    joints: dict[str, Joint]
     control_plugins: tuple[ControlPlugin, ...] = ()
     cameras: tuple[CameraDescription, ...] = ()
     sensors: tuple[SensorDescription, ...] = ()
     grasps: tuple[GraspDescription, ...] = ()
     colours: dict[str, Rgba] = field(default_factory=dict)
     static: bool = False
+    added_links: dict[str, Link] = field(default_factory=dict)
+    poses: dict[str, Pose] = field(default_factory=dict)
+    added_joints: list[PlacedJoint] = field(default_factory=list)
 
 
-def parse(root: Element, links: dict[str, Link], joints: Mapping[str, Joint],
-          warnings: list[str]) -> GazeboTags:
+def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
+          poses: Mapping[str, Pose], resolve: Resolve, warnings: list[str]) -> GazeboTags:
     """Read every `<gazebo>` below `root`.
 
-    A reference to nothing and an unknown plugin or sensor are warnings, as in Gazebo; a tag that
-    is understood but wrong is a DescriptionError.
+    A reference to nothing, an unknown plugin or sensor, and elements that are not served are
+    warnings; a tag that is understood but wrong is a DescriptionError.
+
+    Args:
+        poses: of the links in the model, with all joints at 0. resolve: finds mesh files.
     """
-    tags = GazeboTags(dict(links))
+    tags = GazeboTags(dict(links), dict(joints), poses=dict(poses))
     found: list[ControlPlugin | SensorDescription | GraspDescription] = []
     cameras: list[CameraDescription] = []
     sensors: list[SensorDescription] = []
     gauges: dict[str, Element] = {}
-    for block in root.findall("gazebo"):
+    idle: list[tuple[str, str]] = []
+    blocks = [_unified(block, warnings) for block in root.findall("gazebo")]
+    for block in blocks:
         reference = block.get("reference")
+        where = f"<gazebo reference='{shorten(reference)}'>" if reference else "<gazebo>"
         if reference is None:
             tags.static = truth(text_of(block, "static"), "<gazebo>: static", tags.static)
             found += plugins.read(
                 block, "<gazebo>", (ControlPlugin, SensorDescription, GraspDescription), warnings,
                 [joint.name for joint in joints.values() if joint.mimic is not None])
+            idle += served.find_unserved(block, "gazebo", where)
+            for node in block.findall("link"):
+                _add_link(node, tags, resolve, warnings)
+                sensor_tags.of_link(node, node.get("name"), cameras, sensors, found, warnings)
         elif reference in links:
             _link_flags(block, reference, tags, warnings)
             sensor_tags.of_link(block, reference, cameras, sensors, found, warnings)
+            idle += served.find_unserved(block, "gazebo link", where)
         elif reference in joints:
+            _joint_settings(block, reference, tags)
             for sensor in block.findall("sensor[@type='force_torque']"):
                 gauges[reference] = sensor
                 found += sensor_tags.gauge(sensor, reference, warnings)
+            idle += served.find_unserved(block, "gazebo joint", where)
         else:
-            warnings.append(
-                f"<gazebo reference='{shorten(reference)}'> names no link or joint; ignored"
-            )
+            warnings.append(f"{where} names no link or joint; ignored")
+    for node in (node for block in blocks if block.get("reference") is None
+                 for node in block.findall("joint")):
+        tags.added_joints.append(read_joint(node, "<gazebo>", tags.poses))
+        for sensor in node.findall("sensor[@type='force_torque']"):
+            gauges[node.get("name")] = sensor
+            found += sensor_tags.gauge(sensor, node.get("name"), warnings)
+    warnings += served.sentences(dict.fromkeys(idle))
     check_names([camera.name for camera in cameras], "cameras")
     tags.control_plugins = tuple(one for one in found if isinstance(one, ControlPlugin))
     asked = [one for one in found if isinstance(one, SensorDescription)]
-    sensors += sensor_tags.of_model(asked, links, joints, gauges, warnings)
+    added = {one.joint.name: one.joint for one in tags.added_joints}
+    sensors += sensor_tags.of_model(asked, {**tags.links, **tags.added_links}, {**joints, **added},
+                                    gauges, warnings)
     tags.cameras, tags.sensors = tuple(cameras), tuple(sensors)
     tags.grasps = tuple(grasp_tags.of_model(
         [one for one in found if isinstance(one, GraspDescription)], tags.links, warnings))
     return tags
+
+
+def _unified(block: Element, warnings: list[str]) -> Element:
+    """The block with what of it is SDF in one form."""
+    block = copy.deepcopy(block)
+    for node in block:
+        if node.tag in ("link", "joint", "sensor", "collision"):
+            unify(node, warnings)
+    return block
+
+
+def _add_link(node: Element, tags: GazeboTags, resolve: Resolve, warnings: list[str]) -> None:
+    link = read_link(node, "<gazebo>", resolve, [None] * len(node.findall("visual")), warnings)
+    if link.name in {**tags.links, **tags.added_links}:
+        raise DescriptionError(f"<gazebo>: two links are named '{link.name}'; rename one")
+    tags.added_links[link.name] = link
+    tags.poses[link.name] = pose_of(node, f"<gazebo>: link '{link.name}'")
+    _paint(node, link.name, tags, warnings)
+
+
+def _paint(node: Element, link: str, tags: GazeboTags, warnings: list[str]) -> None:
+    """The colour of a link by the SDF visuals in `node`."""
+    looks = [None] * len(node.findall("visual"))
+    colour = gazebo_materials.sdf_colour(node, link, warnings, looks)
+    if colour is not None:
+        tags.colours[link] = colour
+
+
+def _joint_settings(block: Element, name: str, tags: GazeboTags) -> None:
+    where = f"<gazebo reference='{name}'>"
+    joint = tags.joints[name]
+    stiffness = number(_setting(block, "springStiffness"), f"{where}: springStiffness",
+                       joint.stiffness)
+    rest = number(_setting(block, "springReference"), f"{where}: springReference", joint.rest)
+    if stiffness < 0.0:
+        raise DescriptionError(f"{where}: springStiffness is {stiffness}; it must not be negative")
+    if stiffness and not joint.moves:
+        raise DescriptionError(f"{where}: springStiffness is for a joint that moves; '{name}' is "
+                               f"{joint.kind}")
+    tags.joints[name] = replace(joint, stiffness=stiffness, rest=rest)
 
 
 def _setting(block: Element, tag: str) -> str | None:
@@ -89,6 +168,7 @@ def _setting(block: Element, tag: str) -> str | None:
 def _link_flags(block: Element, name: str, tags: GazeboTags, warnings: list[str]) -> None:
     where = f"<gazebo reference='{name}'>"
     link = tags.links[name]
+    _paint(block, name, tags, warnings)
     material = _setting(block, "material")
     if material:
         tags.colours[name] = gazebo_materials.colour(material, name, warnings)

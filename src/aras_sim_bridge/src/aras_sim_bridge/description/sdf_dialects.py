@@ -17,14 +17,13 @@ _NAMED = ("world", "model", "link", "joint", "visual", "collision", "sensor", "l
 
 
 def unify(root: Element, warnings: list[str]) -> None:
-    """Rewrite an SDF document, or a part of one, in place; what was repaired is a sentence each.
+    """Rewrite an SDF document, or an element of one, in place; each repair is a sentence.
 
     Poses become six numbers: three are a position, and SDF 1.9's degrees and quaternions are
     converted. Flags become true or false. The frame of a joint's axis stands in `expressed_in`:
     the model's up to SDF 1.4 and with `<use_parent_model_frame>`.
     """
-    old = _version(root) < (1, 5)
-    _unify(root, root.tag == "gazebo" or old, "", warnings)
+    _unify(root, _version(root) < (1, 5), "", warnings)
 
 
 def _version(root: Element) -> tuple[int, ...]:
@@ -34,6 +33,7 @@ def _version(root: Element) -> tuple[int, ...]:
 
 
 def _unify(element: Element, old: bool, where: str, warnings: list[str]) -> None:
+    """old: whether axes are in the model's frame unless they say otherwise."""
     if element.tag in _NAMED and element.get("name"):
         own = f"{element.tag} '{shorten(element.get('name'))}'"
         where = f"{where}, {own}" if where and not where.startswith("world") else own

@@ -34,7 +34,7 @@ from aras_sim_bridge.description.types import (
 )
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
-from aras_visual_servo_base.poses import Pose, Vector3
+from aras_visual_servo_base.poses import IDENTITY, Pose, Vector3
 from aras_visual_servo_base.safe_xml import direction, number, shorten, text_of, truth
 from aras_visual_servo_base.urdf import Joint, JointLimits
 
@@ -112,13 +112,17 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
 
 
 def divide(whole: RobotDescription, trees: Sequence[Tree], poses: Mapping[str, Pose], where: str,
-           warnings: list[str]) -> RobotDescription:
+           warnings: list[str], frame: Pose = IDENTITY) -> RobotDescription:
     """Return the description of the first tree with those of the others as its parts.
 
     Args:
         whole: what all trees have in common, and the cameras and sensors of all of them.
-        poses: of the links in the model.
+        poses: of the links in the model. frame: that of the first tree there.
     """
+    def place(tree: Tree) -> tuple[Vector3, Vector3]:
+        at = frame.inverse() @ poses[tree.root]
+        return at.xyz, at.rpy
+
     def of(tree: Tree, parts: tuple[RobotDescription, ...]) -> RobotDescription:
         return replace(
             whole, root=tree.root, links=MappingProxyType(tree.links),
@@ -131,7 +135,8 @@ def divide(whole: RobotDescription, trees: Sequence[Tree], poses: Mapping[str, P
         warnings += (text for loop in tree.loops for text in _unserved_loop(loop.joint, where))
     parts = tuple(replace(
         of(tree, ()), control_plugins=(), transmissions=(), grasps=(),
-        initial_pose=(poses[tree.root].xyz, poses[tree.root].rpy)) for tree in trees[1:])
+        initial_pose=place(tree))
+        for tree in trees[1:])
     lost = set(whole.sensors) - {one for tree in trees for one in whole.sensors
                                  if _measures(one, tree)}
     warnings += (f"{where}: the {one.kind} sensor of link '{one.link}' is left out: what it "
@@ -141,9 +146,6 @@ def divide(whole: RobotDescription, trees: Sequence[Tree], poses: Mapping[str, P
 
 def _measures(sensor: SensorDescription, tree: Tree) -> bool:
     """Whether all that a sensor needs is in one tree."""
-    if sensor.kind == "contact":
-        names = {one.name for link in tree.links.values() for one in link.collisions}
-        return any(sensor_tags.same(name, one) for name in sensor.collisions for one in names)
     if sensor.joint or sensor.joints:
         return {sensor.joint, *sensor.joints} - {""} <= set(tree.joints)
     framed = sensor.kind != "pose" or sensor.frame in (*sensor_tags.WORLDS, *tree.links)

@@ -102,6 +102,7 @@ def of_model(found: list[SensorDescription], links: Mapping[str, Link],
         made = replace(made, joints=tuple(
             name for name in made.joints if name in joints and joints[name].moves))
         problem = _problem(made, links, joints)
+        warnings += _missing_collisions(made, links)
         if problem:
             warnings.append(f"plug-in of a {made.kind} sensor: {problem}; left out")
             continue
@@ -137,7 +138,8 @@ def _problem(made: SensorDescription, links: Mapping[str, Link], joints: Mapping
     if made.kind == "joint_states":
         return "" if made.joints else "it has no <jointName> of a joint that moves"
     if made.kind == "contact":
-        return _untouchable(made, links)
+        return "" if made.collisions else (
+            "it names no <collision> in a <contact>, or stands in no <sensor type='contact'>")
     if made.kind == "wrench":
         return "" if made.joint in joints else f"joint '{shorten(made.joint)}' does not exist"
     if made.link not in links:
@@ -147,21 +149,20 @@ def _problem(made: SensorDescription, links: Mapping[str, Link], joints: Mapping
     return ""
 
 
-def _untouchable(made: SensorDescription, links: Mapping[str, Link]) -> str:
-    """Why a contact sensor never tells of a contact; empty where it may."""
-    if not made.collisions:
-        return "it names no <collision> in a <contact>, or stands in no <sensor type='contact'>"
+def _missing_collisions(made: SensorDescription, links: Mapping[str, Link]) -> list[str]:
+    """Sentences on collisions that a contact sensor names and that do not exist; as Gazebo's it
+    has its topic all the same."""
     known = [one.name for link in links.values() for one in link.collisions]
-    gone = [name for name in made.collisions if not any(same(name, one) for one in known)]
-    if gone:
-        return f"collision '{shorten(gone[0])}' does not exist; {nearest(gone[0], known)}"
-    return ""
+    return [f"plug-in of a contact sensor: collision '{shorten(name)}' does not exist; "
+            f"{nearest(name, known)}; of it no contact is reported"
+            for name in made.collisions if not any(same(name, one) for one in known)]
 
 
 def same(name: str, collision: str) -> bool:
     """Whether a name means a collision; Gazebo puts the link before it that a fixed one is lumped
-    into."""
-    return name == collision or name.endswith(f"_fixed_joint_lump__{collision}")
+    into, and "_collision" behind the name that a URDF gives it."""
+    own = name.rpartition("_fixed_joint_lump__")[2]
+    return own in (collision, f"{collision}_collision")
 
 
 def _gauged(made: SensorDescription, sensor: Element, warnings: list[str]) -> SensorDescription:

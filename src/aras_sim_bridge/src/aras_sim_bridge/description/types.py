@@ -117,11 +117,13 @@ class Noise:
 
 @dataclass(frozen=True)
 class LensDescription:
-    """`<lens>` of a wideanglecamera."""
+    """`<lens>`: of a wideanglecamera its projection; of others `<intrinsics>` (fx, fy, cx, cy), px,
+    the principal point from the image's corner, or None."""
 
     kind: str = "gnomonical"
     scale_to_hfov: bool = True
     cutoff_angle: float = 1.5707963267948966
+    intrinsics: tuple[float, float, float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,14 @@
 """URDF text -> RobotDescription: the tree, and what each link weighs, shows and touches."""
 
+from dataclasses import replace
 from types import MappingProxyType
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import gazebo_tags, packages
+from aras_sim_bridge.description import gazebo_tags, packages, served
+from aras_sim_bridge.description.assembly import WORLD, PlacedJoint, assemble
 from aras_sim_bridge.description.geometry import Resolve, urdf_geometry
 from aras_sim_bridge.description.inertia import checked_inertial
+from aras_sim_bridge.description.sdf_model import divide
 from aras_sim_bridge.description.types import (
     Collision,
     Link,
@@ -15,8 +18,9 @@ from aras_sim_bridge.description.types import (
 )
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.errors import DescriptionError
+from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.safe_xml import number
-from aras_visual_servo_base.urdf import origin, parse_tree
+from aras_visual_servo_base.urdf import Joint, UrdfTree, origin, parse_tree
 
 
 def parse_urdf(
@@ -42,12 +46,14 @@ def parse_urdf(
         return packages.resolve_uri(uri, where, resolve_package, base_directory)
 
     links = {name: _link(name, node, resolve, warnings) for name, node in tree.links.items()}
-    tags = gazebo_tags.parse(robot, links, tree.joints, warnings)
-    return RobotDescription(
+    poses = _link_poses(tree)
+    tags = gazebo_tags.parse(robot, links, tree.joints, poses, resolve, warnings)
+    warnings += served.unserved(robot, "robot", f"robot '{safe_xml.shorten(tree.name)}'")
+    whole = RobotDescription(
         name=tree.name,
         root=tree.root,
         links=MappingProxyType(tags.links),
-        joints=tree.joints,
+        joints=MappingProxyType(tags.joints),
         transmissions=tuple(_transmission(e) for e in robot.findall("transmission")),
         control_plugins=tags.control_plugins,
         cameras=tags.cameras,
@@ -57,6 +63,42 @@ def parse_urdf(
         static=tags.static,
         warnings=tuple(warnings),
     )
+    floats = any(joint.kind == "floating" for joint in tags.joints.values())
+    if not (floats or tags.added_links or tags.added_joints):
+        return whole
+    return _assembled(whole, tags, warnings)
+
+
+def _link_poses(tree: UrdfTree) -> dict[str, Pose]:
+    """Poses of the links in the root's frame, with all joints at 0."""
+    below: dict[str, list[Joint]] = {}
+    for joint in tree.joints.values():
+        below.setdefault(joint.parent, []).append(joint)
+    poses = {tree.root: Pose()}
+    pending = [tree.root]
+    for link in pending:
+        for joint in below.get(link, ()):
+            poses[joint.child] = poses[link] @ joint.pose
+            pending.append(joint.child)
+    return poses
+
+
+def _assembled(whole: RobotDescription, tags: gazebo_tags.GazeboTags, warnings: list[str]
+               ) -> RobotDescription:
+    """The robot with the links and joints that its `<gazebo>` tags add, and without its floating
+    joints: what these carry is free. A root that carries nothing else is left out with them."""
+    links, poses = {**whole.links, **tags.added_links}, tags.poses
+    if WORLD not in links and any(one.joint.parent == WORLD for one in tags.added_joints):
+        links, poses = {WORLD: Link(WORLD, None), **links}, {**poses, WORLD: Pose()}
+    placed = [PlacedJoint(joint, poses[joint.child]) for joint in whole.joints.values()
+              if joint.kind != "floating"]
+    where = f"robot '{safe_xml.shorten(whole.name)}'"
+    trees = assemble(links, poses, [*placed, *tags.added_joints], whole.static, where)
+    first = trees[0]
+    if len(trees) > 1 and first.links == {first.root: Link(first.root, None)}:
+        trees = trees[1:]
+    at = poses[trees[0].root]
+    return divide(replace(whole, initial_pose=(at.xyz, at.rpy)), trees, poses, where, warnings, at)
 
 
 def _link(name: str, element: Element, resolve: Resolve, warnings: list[str]) -> Link:

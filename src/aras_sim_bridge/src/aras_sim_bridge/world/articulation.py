@@ -6,7 +6,16 @@ import numpy as np
 
 from aras_sim_bridge.description.inertia import tensor
 from aras_sim_bridge.description.types import Inertial, RobotDescription, Vector3
-from aras_sim_bridge.world.joint_dynamics import FASTEST, LOWER, OFFSET, RATIO, RETURN, UPPER
+from aras_sim_bridge.world.joint_dynamics import (
+    FASTEST,
+    LOWER,
+    OFFSET,
+    RATIO,
+    REST,
+    RETURN,
+    STIFFNESS,
+    UPPER,
+)
 from aras_visual_servo_base.poses import IDENTITY, Pose
 
 _BODY = 50  # numbers of a body
@@ -92,9 +101,9 @@ def _add_mass(row: np.ndarray, inertial: Inertial, pose: Pose, gravity: bool) ->
 
 
 def joint_rows(description: RobotDescription, names: Sequence[str], tree: np.ndarray) -> np.ndarray:
-    """(n, 9) `joints` of joint_dynamics.py without damping and friction; mimicking ones enter
+    """(n, 11) `joints` of joint_dynamics.py without damping and friction; mimicking ones enter
     their leaders into `tree`."""
-    rows = np.zeros((len(names), 9))
+    rows = np.zeros((len(names), 11))
     rows[:, RATIO] = 1.0
     rows[:, LOWER], rows[:, UPPER], rows[:, FASTEST] = -np.inf, np.inf, np.inf
     number = {name: k for k, name in enumerate(names)}
@@ -102,6 +111,7 @@ def joint_rows(description: RobotDescription, names: Sequence[str], tree: np.nda
         joint = description.joints[name]
         limits = joint.limits
         rows[k, RETURN] = _RETURN_SPEED
+        rows[k, STIFFNESS], rows[k, REST] = joint.stiffness, joint.rest
         if limits is not None:
             rows[k, LOWER], rows[k, UPPER] = joint.stops
             if limits.velocity > 0.0:

@@ -22,9 +22,10 @@ CHECK_EVERY = 200  # steps; inertia changes with the configuration, slowly at 1 
 
 class DampedJoints(Protocol):
     """What is needed of a model's joints: ModelJoints, which holds the damping. Joints are named
-    by their index in `damping_coefficients`, Nms/rad or Ns/m."""
+    by their index in `damping_coefficients`, Nms/rad or Ns/m, and `stiffness`, Nm/rad or N/m."""
 
     damping_coefficients: list[float]
+    stiffness: list[float]
 
     def inverse_inertia(self) -> np.ndarray: ...
     def restore_friction(self, slot: int) -> None: ...
@@ -33,12 +34,17 @@ class DampedJoints(Protocol):
 
 
 class FreeDamping:
-    """Applies the damping of one model's joints; made anew whenever the model is loaded."""
+    """Applies the damping of one model's joints; made anew whenever the model is loaded.
+
+    springs: stiffness with which a spring acts in an explicit step as in an implicit one of its
+    joint by itself, by joint.
+    """
 
     def __init__(self, joints: DampedJoints) -> None:
         self._joints = joints
         self._countdown = 0
         self._motors: set[int] = set()
+        self.springs: dict[int, float] = {}
 
     def before_step(self, dt: float) -> None:
         """To be called once before each step."""
@@ -52,11 +58,14 @@ class FreeDamping:
         self._countdown = 0
 
     def _choose(self, dt: float) -> None:
-        d = np.array(self._joints.damping_coefficients)
+        d, k = (np.array(values) for values in (
+            self._joints.damping_coefficients, self._joints.stiffness))
         stiffness = np.zeros(len(d))
         largest = 0.0
-        if d.any():
+        if d.any() or k.any():
             inverse = self._joints.inverse_inertia()
+            softened = k / (1.0 + k * dt * dt * np.diag(inverse))
+            self.springs = {i: float(value) for i, value in enumerate(softened) if value}
             root = np.sqrt(d)
             stiffness = d * dt * np.diag(inverse)
             largest = dt * float(np.linalg.eigvalsh(root[:, None] * inverse * root)[-1])

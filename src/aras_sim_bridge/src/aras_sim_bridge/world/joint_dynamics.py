@@ -7,11 +7,12 @@ Body Dynamics Algorithms, 2008, chapters 5 and 6).
 
 A step is semi-implicit Euler with implicit damping, and solves exactly for what acts back:
 
-    (M + dt D) v+ = M v + dt (effort - bias) - dt (friction + stops),  q+ = q + dt v+
+    (M + dt D + dt² K) v+ = M v + dt (effort - bias - K (q - q0)) - dt (friction + stops),
+    q+ = q + dt v+
 
-where |friction_i| <= f_i holds a joint's speed at its target (0; a velocity motor's), or takes f_i
-from it, and stops push as hard as it takes for q+ to be within the limits. This is a convex problem
-with one solution; the set of joints that stick, slide and stand at a stop is carried from step to
+where K and q0 are of springs, |friction_i| <= f_i holds a joint's speed at its target (0; a
+velocity motor's), or takes f_i from it, and stops push as hard as it takes for q+ to be within the
+limits. This is a convex problem with one solution; the set of joints that stick, slide and stand at a stop is carried from step to
 step as a first guess, and mostly right.
 
 Rows of the arrays, one per joint unless said otherwise:
@@ -19,12 +20,12 @@ Rows of the arrays, one per joint unless said otherwise:
     bodies (n, 50): what Articulation.bodies holds
     tree (n, 4): joint at this place of an order from the root outwards; parent (-1: the root);
         whether it slides; the joint that it mimics, or itself
-    joints (n, 9): see the constants below
+    joints (n, 11): see the constants below
     state (3, n): position, velocity, effort (rad or m, per s, N m or N)
     wrenches (n, 6): on each joint's body from outside, torque and force, for one step
     gravity (3,): m/s²
     frames (n, 46), matrices (3, n, n): room to work in; matrices[0] ends up as the mass matrix
-    rows (9, n): bias; effort of damping and stops; new velocity; that before; room to work in
+    rows (9, n): bias; effort of damping, springs and stops; new velocity; that before; room to work
     modes (n,): the set carried from step to step
 """
 
@@ -33,7 +34,8 @@ from math import cos, inf, isfinite, sin, sqrt
 from aras_visual_servo_base.compiled import compiled
 
 # columns of `joints`
-DAMPING, FORCE, TARGET, LOWER, UPPER, RETURN, FASTEST, RATIO, OFFSET = range(9)
+(DAMPING, FORCE, TARGET, LOWER, UPPER, RETURN, FASTEST, RATIO, OFFSET, STIFFNESS,
+ REST) = range(11)
 # values of `modes`: at the target speed, faster, slower, held at the lower or upper bound
 _AT, _ABOVE, _BELOW, _LOW, _HIGH = range(5)
 # Share of the way back into its limits that a joint found outside makes in one step.
@@ -242,6 +244,9 @@ def _reduce(tree, joints, state, dt, matrices, rows):
     for j in range(n):
         c, ratio = tree[j, 3], joints[j, RATIO]
         momentum = dt * (state[2, j] - rows[BIAS, j])
+        if joints[j, STIFFNESS] != 0.0:
+            momentum -= dt * joints[j, STIFFNESS] * (state[0, j] - joints[j, REST])
+            a[c, c] += ratio * ratio * dt * dt * joints[j, STIFFNESS]
         for k in range(n):
             momentum += mass[j, k] * state[1, k]
             a[c, tree[k, 3]] += ratio * joints[k, RATIO] * mass[j, k]
@@ -457,8 +462,8 @@ def advance(
 def react(
     bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt
 ):
-    """Efforts of damping and stops in the coming step of `dt` s into rows[PUSH]; friction is left
-    to whoever makes the step."""
+    """Efforts of damping, springs and stops in the coming step of `dt` s into rows[PUSH]; friction
+    is left to whoever makes the step."""
     _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
     _begin(state, wrenches, rows)
     _solve(tree, joints, state, dt, matrices, rows, modes)
@@ -466,6 +471,8 @@ def react(
     a, v = matrices[1], rows[SPEED]
     for j in range(n):
         rows[PUSH, j] = -joints[j, DAMPING] * v[j]
+        if joints[j, STIFFNESS] != 0.0:
+            rows[PUSH, j] -= joints[j, STIFFNESS] * (state[0, j] + dt * v[j] - joints[j, REST])
         if tree[j, 3] != j or modes[j] < _LOW:
             continue
         taken = rows[_RIGHT, j]

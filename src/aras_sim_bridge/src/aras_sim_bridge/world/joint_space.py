@@ -111,7 +111,7 @@ class JointSpace:
         return joint_dynamics.advance(*self.arrays, dt)
 
     def react(self, dt: float) -> list[float]:
-        """Efforts of damping and of stops in the coming step, where somebody else makes it."""
+        """Efforts of damping, springs and stops in the coming step, if Bullet makes it."""
         joint_dynamics.react(*self.arrays, dt)
         return self._rows[PUSH].tolist()
 

@@ -45,6 +45,8 @@ class ModelJoints:
         joints = [description.joints[name] for name in self.names]
         self.damping_coefficients = [joint.damping for joint in joints]
         self.friction = [joint.friction for joint in joints]
+        self.stiffness = [joint.stiffness for joint in joints]
+        self._rest = [joint.rest for joint in joints]
         self._mimics = [joint.mimic for joint in joints]
         self._slot = {name: slot for slot, name in enumerate(self.names)}
         self._indices = [body.joint_indices[name] for name in self.names]
@@ -184,6 +186,11 @@ class ModelJoints:
             total = [e + t for e, t in zip(efforts, self.space.react(dt), strict=True)]
         else:
             self.damping.before_step(dt)
+            if self.damping.springs:
+                positions, speeds, _ = self.read()
+                total, self._dirty = list(efforts), True
+                for slot, k in self.damping.springs.items():
+                    total[slot] -= k * (positions[slot] + dt * speeds[slot] - self._rest[slot])
         if self._dirty or self.space is not None:
             pybullet.setJointMotorControlArray(
                 self.body.body_id, self._indices, pybullet.TORQUE_CONTROL, forces=total,

@@ -1,0 +1,186 @@
+"""Which elements are served: every other one is named once, wherever it stands."""
+
+import pytest
+
+from aras_sim_bridge.description import parse_urdf, read_sdf
+from aras_sim_bridge.description.served import BLOCKS, SERVED
+from aras_sim_bridge.errors import DescriptionError
+
+URDF = ("<robot name='r'>{robot}<link name='a'>{link}<visual>{visual}<geometry><box size='1 1 1'/>"
+        "</geometry></visual><collision>{collision}<geometry><box size='1 1 1'/></geometry>"
+        "</collision></link><link name='b'/><joint name='j' type='continuous'><parent link='a'/>"
+        "<child link='b'/>{joint}</joint><gazebo>{gazebo}</gazebo><gazebo reference='a'>{a}"
+        "</gazebo><gazebo reference='j'>{j}</gazebo></robot>")
+SENSORS = {
+    "camera": "<camera>{}</camera>", "depth": "<camera><image>{}</image></camera>",
+    "multicamera": "<camera><clip>{}</clip></camera>",
+    "wideanglecamera": "<camera><lens>{}</lens></camera>",
+    "contact": "<contact>{}</contact>", "imu": "<imu>{}</imu>",
+}
+SDF_LINK = ("<link name='l'>{{}}</link>", "<link name='l'><inertial>{{}}</inertial></link>",
+            "<link name='l'><visual name='v'>{{}}<geometry><box><size>1 1 1</size></box></geometry>"
+            "</visual></link>",
+            "<link name='l'><visual name='v'><material>{{}}</material><geometry><empty/></geometry>"
+            "</visual></link>",
+            "<link name='l'><collision name='c'><surface><friction><ode>{{}}</ode></friction>"
+            "</surface><geometry><empty/></geometry></collision></link>",
+            "<link name='l'><collision name='c'><surface><contact><ode>{{}}</ode></contact>"
+            "</surface><geometry><empty/></geometry></collision></link>")
+SDF_JOINT = ("{{}}", "<axis>{{}}</axis>", "<axis><dynamics>{{}}</dynamics></axis>",
+             "<axis><limit>{{}}</limit></axis>", "<physics><ode>{{}}</ode></physics>",
+             "<sensor name='f' type='force_torque'>{{}}</sensor>",
+             "<sensor name='f' type='force_torque'><force_torque>{{}}</force_torque></sensor>")
+
+
+def urdf_places():
+    empty = dict.fromkeys(("robot", "link", "visual", "collision", "joint", "gazebo", "a", "j"), "")
+    for key in empty:
+        yield URDF.format(**{**empty, key: "{}"})
+    for inside in ("<collision><surface>{}</surface></collision>", "<visual>{}</visual>",
+                   "<visual><material>{}</material></visual>"):
+        yield URDF.format(**{**empty, "a": inside})
+    for kind, inside in SENSORS.items():
+        for text in ("{}" + inside.format(""), inside):
+            yield URDF.format(**{**empty, "a": f"<sensor name='s' type='{kind}'>{text}</sensor>"})
+    yield URDF.format(**{**empty, "j": "<sensor name='s' type='force_torque'>{}</sensor>"})
+    for inside in SDF_LINK:
+        yield URDF.format(**{**empty, "gazebo": inside.format()})
+    for inside in SDF_JOINT:
+        joint = ("<joint name='k' type='revolute'><parent>a</parent><child>b</child>"
+                 f"{inside.format()}</joint>")
+        yield URDF.format(**{**empty, "gazebo": joint})
+
+
+def sdf_places():
+    yield "<sdf><world name='w'>{}</world></sdf>"
+    yield "<sdf><world name='w'><light name='l'>{}</light></world></sdf>"
+    model = "<sdf><model name='m'>{}</model></sdf>"
+    yield model.format("<link name='a'/>{}")
+    for inside in SDF_LINK:
+        yield model.format(inside.format())
+    for inside in SDF_JOINT:
+        yield model.format(
+            "<link name='a'/><link name='b'/><joint name='k' type='revolute'><parent>a</parent>"
+            f"<child>b</child>{inside.format()}</joint>")
+    for kind, inside in SENSORS.items():
+        sensor = f"<sensor name='s' type='{kind}'>{inside}</sensor>"
+        yield model.format(f"<link name='a'>{sensor}</link>")
+
+
+def said(text):
+    if text.startswith("<robot"):
+        return list(parse_urdf(text).warnings)
+    content = read_sdf(text)
+    return [*content.warnings, *(one for model in content.models for one in model.warnings)]
+
+
+UNKNOWN = ["<riverbed/>", "<light name='n'/>", "<projector name='n'><fov>1</fov></projector>",
+           "<gripper name='n'/>", "<include><uri>model://x</uri></include>"]
+
+
+@pytest.mark.parametrize("place", [*urdf_places(), *sdf_places()])
+def test_an_element_that_is_not_served_is_named_once(place):
+    """In every block that is: of URDF, of <gazebo> tags, of SDF; and other programs' are not."""
+    for text in UNKNOWN[:1] if "<world" in place or "<sdf><model name='m'><link name='a'/>{}" in (
+            place) else UNKNOWN:
+        tag = text[1:].split()[0].rstrip("/>").partition(">")[0]
+        before = said(place.replace("{}", ""))
+        named = [one for one in said(place.replace("{}", text)) if one not in before]
+        assert sum(f"<{tag}>" in one for one in named) == 1, named
+        assert len(named) == 1 and named[0].endswith("not served; left out")
+    assert said(place.replace("{}", "<other:tag xmlns:other='x'/>")) == said(
+        place.replace("{}", ""))
+
+
+GAZEBO = "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='continuous'>" \
+         "<parent link='a'/><child link='b'/></joint>{}</robot>"
+
+
+def test_one_sentence_names_what_is_left_out_in_the_same_places():
+    tags = "".join(f"<gazebo reference='{link}'><kp>{k}</kp><kd>5</kd><mu1>1</mu1></gazebo>"
+                   for k, link in enumerate("ab"))
+    assert said(GAZEBO.format(tags)) == [
+        "<gazebo reference='a'> and 1 more: <kp>, <kd> are not served; left out"]
+
+
+def values():
+    """(block, tag, a value with which it is said in vain, one with which it is not)."""
+    for block in ("gazebo link", "gazebo joint"):
+        for tag, entry in BLOCKS[block].items():
+            if isinstance(entry, tuple):
+                yield block, tag, str(entry[0]), "7"
+
+
+@pytest.mark.parametrize(("block", "tag", "idle", "other"), list(values()))
+def test_what_says_what_holds_anyway_is_not_named(block, tag, idle, other):
+    reference = "a" if block.endswith("link") else "j"
+    text = f"<gazebo reference='{reference}'><mu1>0.5</mu1><{tag}>{{}}</{tag}></gazebo>"
+    text = GAZEBO.format(text)
+    if block.endswith("joint"):
+        text = text.replace("<mu1>0.5</mu1>", "")
+    assert said(text.format("0.5" if idle == "mu1" else idle)) == []
+    assert any(f"<{tag}>" in one for one in said(text.format(other)))
+
+
+def test_yes_and_no_are_words_of_gazebo_s_tags():
+    text = "<gazebo><static>yes</static></gazebo><gazebo reference='a'><turnGravityOff>no" \
+           "</turnGravityOff></gazebo>"
+    made = parse_urdf(GAZEBO.format(text))
+    assert made.static and made.links["a"].gravity and not made.warnings
+
+
+def test_gazebo_tags_add_links_and_joints_and_close_chains():
+    """Frames of links are in the model's, axes in the joint's, as SDF has them."""
+    added = ("<gazebo><link name='tip'><pose>0 0 3 0 0 0</pose><visual name='v'><geometry><sphere>"
+             "<radius>1</radius></sphere></geometry><material><diffuse>1 0 0 1</diffuse></material>"
+             "</visual></link><joint name='k' type='revolute'><parent>b</parent><child>tip</child>"
+             "<axis><xyz>0 1 0</xyz><limit><lower>-1</lower><upper>1</upper></limit></axis></joint>"
+             "<joint name='back' type='fixed'><parent>tip</parent><child>a</child></joint>"
+             "</gazebo>")
+    made = parse_urdf(GAZEBO.format(added))
+    assert list(made.links) == ["a", "b", "tip"] and list(made.joints) == ["j", "k"]
+    assert made.joints["k"].pose.xyz == (0, 0, 3) and made.joints["k"].axis == (0, 1, 0)
+    assert made.colours["tip"] == (1, 0, 0, 1)
+    assert [one.joint.name for one in made.loops] == ["back"]
+    assert made.loops[0].in_parent.xyz == (0, 0, -3) and not made.warnings
+    bolted = parse_urdf(GAZEBO.format("<gazebo><joint name='bolt' type='fixed'><parent>world"
+                                      "</parent><child>a</child></joint></gazebo>"))
+    assert bolted.root == "world" and list(bolted.joints) == ["j", "bolt"]
+    with pytest.raises(DescriptionError, match="two links are named 'a'"):
+        parse_urdf(GAZEBO.format("<gazebo><link name='a'/></gazebo>"))
+
+
+def test_a_visual_of_a_gazebo_tag_paints_its_link():
+    made = parse_urdf(GAZEBO.format("<gazebo reference='b'><visual><material><ambient>1 0 0 1"
+                                    "</ambient><diffuse>0 1 0 1</diffuse></material></visual>"
+                                    "</gazebo>"))
+    assert made.colours == {"b": (0, 1, 0, 1)} and not made.warnings
+
+
+@pytest.mark.parametrize(("root", "parts"), [("world", []), ("a", ["b"])])
+def test_a_floating_joint_lets_its_child_go(root, parts):
+    """From an empty world link on, the child is the robot; from another link on, a body more."""
+    mass = "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1'/></inertial>"
+    inside = "" if root == "world" else mass
+    made = parse_urdf(
+        f"<robot name='r'><link name='{root}'>{inside}</link><link name='b'>{mass}</link>"
+        f"<link name='c'>{mass}</link><joint name='f' type='floating'><parent link='{root}'/><child"
+        " link='b'/><origin xyz='1 2 3' rpy='0 0 1'/></joint><joint name='j' type='continuous'>"
+        "<parent link='b'/><child link='c'/><origin xyz='0 0 1'/></joint></robot>")
+    assert [part.root for part in made.parts] == parts
+    free = made.parts[0] if parts else made
+    assert (free.root, free.initial_pose[0]) == ("b", (1, 2, 3))
+    assert free.initial_pose[1] == pytest.approx((0, 0, 1))
+    assert list(free.joints) == ["j"] and free.joints["j"].origin_xyz == (0, 0, 1)
+
+
+@pytest.mark.parametrize("stiffness", ["-1", "soft"])
+def test_a_spring_that_cannot_be_is_named(stiffness):
+    with pytest.raises(DescriptionError, match="<gazebo reference='j'>: springStiffness"):
+        parse_urdf(GAZEBO.format("<gazebo reference='j'><springStiffness>"
+                                 f"{stiffness}</springStiffness></gazebo>"))
+
+
+def test_the_table_names_blocks_of_every_kind():
+    assert all(entry == SERVED or isinstance(entry, (tuple, dict)) for block in BLOCKS.values()
+               for entry in block.values())

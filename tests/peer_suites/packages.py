@@ -239,10 +239,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for sort, items in (("works", one.works), ("WRONG", one.faults), ("warns", one.warnings)):
             for item in items:
                 print(f"  {sort} {item}", flush=True)
-    text = table(results)
-    if asked.write:
-        page.write(asked.write, MARK, text)
-    print(f"{text}\n\nlogs in {keep}")
+        if asked.write:
+            page.write(asked.write, MARK, table(results))
+    print(f"{table(results)}\n\nlogs in {keep}")
     return 1 if any(one.faults for one in results) else 0
 
 

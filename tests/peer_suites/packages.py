@@ -38,8 +38,9 @@ class Package:
 
     repositories: commit by owner/name. folders: of packages, below the checkouts; all if empty.
     launch: words of the roslaunch command. environment: variables. In both, {sources} is the folder
-    of the checkouts. models, controllers, topics, services, attach: what has to work. not_served:
-    what the log has to name, once each.
+    of the checkouts. models, controllers, topics, services, attach: what has to work. remapped:
+    command topics to which the package gives other names. not_served: what the log has to name,
+    once each.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Package:
     topics: Sequence[str] = ()
     services: Sequence[str] = ()
     attach: Sequence[str] = ()
+    remapped: Mapping[str, str] = field(default_factory=dict)
     not_served: Sequence[str] = ()
     start: float = START
 
@@ -133,7 +135,8 @@ def probe(package: Package, launched: subprocess.Popen, environment: Mapping[str
           keep: Path) -> tuple[list[str], list[str]]:
     """What probe.py says: (parts that work, faults)."""
     wanted = {name: getattr(package, name)
-              for name in ("models", "controllers", "topics", "services", "attach", "start")}
+              for name in ("models", "controllers", "topics", "services", "attach", "remapped",
+                            "start")}
     with (keep / "probe").open("wb") as output:
         looking = subprocess.Popen([sys.executable, str(HERE / "probe.py"), json.dumps(wanted)],
                                    env=environment, stdout=subprocess.PIPE, stderr=output)
@@ -236,10 +239,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for sort, items in (("works", one.works), ("WRONG", one.faults), ("warns", one.warnings)):
             for item in items:
                 print(f"  {sort} {item}", flush=True)
-    text = table(results)
-    if asked.write:
-        page.write(asked.write, MARK, text)
-    print(f"{text}\n\nlogs in {keep}")
+        if asked.write:
+            page.write(asked.write, MARK, table(results))
+    print(f"{table(results)}\n\nlogs in {keep}")
     return 1 if any(one.faults for one in results) else 0
 
 

@@ -35,6 +35,7 @@ STEP = 0.1  # rad or m that a joint is asked to move; less where its range is sm
 REACHED = 0.5  # part of the step that a joint has to make: PIDs of their authors may sag
 LOADED = 20.0  # s of wall time for controllers to be loaded before time passes
 PATIENCE = 40.0  # s of wall time for a joint, a message or a service
+REMAPPED: dict[str, str] = {}  # topics of controllers that the package gives other names
 SECONDS = 2.0  # of a trajectory
 
 
@@ -220,7 +221,7 @@ class Controllers:
 
 def publish(topic: str, kind: type) -> rospy.Publisher:
     """A publisher that has a subscriber; RuntimeError where there is none."""
-    publisher = rospy.Publisher(topic, kind, queue_size=1)
+    publisher = rospy.Publisher(REMAPPED.get(topic, topic), kind, queue_size=1)
     if not wait(lambda: publisher.get_num_connections() > 0, PATIENCE):
         raise RuntimeError(f"no subscriber of {topic}")
     return publisher
@@ -349,6 +350,7 @@ def check_controllers(wanted: Mapping[str, Iterable[str]], seconds: float, works
 def main() -> None:
     """See above."""
     wanted = json.loads(sys.argv[1])
+    REMAPPED.update(wanted["remapped"])
     works: list[str] = []
     faults = start_simulation(wanted)
     if not faults:

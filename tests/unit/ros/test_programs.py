@@ -17,6 +17,8 @@ from gazebo_msgs.msg import ModelStates
 from gazebo_msgs.srv import (
     DeleteModel,
     DeleteModelRequest,
+    GetPhysicsProperties,
+    GetPhysicsPropertiesRequest,
     SetModelConfiguration,
     SetModelConfigurationRequest,
     SpawnModel,
@@ -147,6 +149,8 @@ def gazebo(program):
         ("spawn_sdf_model", SpawnModel, {"success": True, "status_message": "here it is"}),
         ("set_model_configuration", SetModelConfiguration, {"success": True}),
         ("unpause_physics", Empty, {}), ("delete_model", DeleteModel, {"success": True}),
+        ("get_physics_properties", GetPhysicsProperties, {"pause": True}),
+        ("pause_physics", Empty, {}),
     ):
         program.serve(f"/gz/{name}", kind, **answer)
     return program
@@ -166,13 +170,28 @@ def test_every_argument_of_spawn_model_reaches_the_simulator(gazebo, tmp_path):
     pose = to_pose(Pose.from_rpy((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)))
     model = MODEL.replace("package", "model")
     assert gazebo.asked == [
+        ("/gz/get_physics_properties", GetPhysicsPropertiesRequest()),
         ("/gz/spawn_sdf_model", SpawnModelRequest("m", model, "/ns", pose, "ball")),
         ("/gz/set_model_configuration",
          SetModelConfigurationRequest("m", "robot_description", ("a", "b"), (0.5, -2.0))),
         ("/gz/unpause_physics", EmptyRequest()),
     ]
-    assert [name for name, _ in gazebo.waited] == [name for name, _ in gazebo.asked]
+    assert {name for name, _ in gazebo.waited} == {name for name, _ in gazebo.asked}
     assert gazebo.graph.lines[-1] == "here it is"
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_time_stands_until_the_joints_are_where_they_are_to_start(gazebo, tmp_path, refused):
+    """A Jaco that was spawned while time ran stood in the ground with its joints at 0, and flew."""
+    gazebo.serve("/gz/get_physics_properties", GetPhysicsProperties, pause=False)
+    gazebo.serve("/gz/spawn_sdf_model", SpawnModel, success=not refused, status_message="so")
+    assert spawn(gazebo, tmp_path, "-J", "a", "1") == refused
+    names = [name.rpartition("/")[2] for name, _ in gazebo.asked]
+    assert names == ["get_physics_properties", "pause_physics", "spawn_sdf_model",
+                     *["set_model_configuration"] * (not refused), "unpause_physics"]
+    gazebo.asked.clear()
+    spawn(gazebo, tmp_path)
+    assert [name for name, _ in gazebo.asked] == ["/gz/spawn_sdf_model"]
 
 
 def test_what_spawn_model_takes_where_nothing_is_said(gazebo, monkeypatch):

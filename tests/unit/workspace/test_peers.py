@@ -130,7 +130,8 @@ def test_a_package_sees_its_own_folders_first_and_no_display(packages, tmp_path,
 def test_the_table_of_packages_counts_those_without_faults(packages):
     good = packages.Package("a", {"o/r": "0123456789abcdef"}, "a a.launch", not_served=["libx.so"])
     bad = packages.Package("b", {"o/r": "0123456789abcdef"}, "b b.launch")
-    text = packages.table([packages.Result(good, ["arm"]), packages.Result(bad, [], ["no | clock"])])
+    text = packages.table(
+        [packages.Result(good, ["arm"]), packages.Result(bad, [], ["no | clock"])])
     assert text.startswith("1 of 2 start with every served part working.")
     assert "| a | `a a.launch` | arm | - | `libx.so` |" in text
     assert "| b | `b b.launch` | - | no / clock | - |" in text

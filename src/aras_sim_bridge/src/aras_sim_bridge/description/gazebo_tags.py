@@ -27,7 +27,6 @@ from aras_sim_bridge.description.types import (
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.safe_xml import (
-    check_names,
     number,
     shorten,
     text_of,
@@ -116,7 +115,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
             gauges[node.get("name")] = sensor
             found += sensor_tags.gauge(sensor, node.get("name"), warnings)
     warnings += served.sentences(dict.fromkeys(idle))
-    check_names([camera.name for camera in cameras], "cameras")
+    cameras = _named_once(cameras, warnings)
     tags.control_plugins = tuple(one for one in found if isinstance(one, ControlPlugin))
     asked = [one for one in found if isinstance(one, SensorDescription)]
     added = {one.joint.name: one.joint for one in tags.added_joints}
@@ -167,6 +166,19 @@ def _joint_settings(block: Element, name: str, tags: GazeboTags, warnings: list[
                         f"{joint.kind}; left out")
         return
     tags.joints[name] = replace(joint, stiffness=stiffness, rest=rest)
+
+
+def _named_once(cameras: list[CameraDescription], warnings: list[str]) -> list[CameraDescription]:
+    """The first camera of each name; a warning names each other, which settings could not tell
+    apart."""
+    kept: dict[str, CameraDescription] = {}
+    for camera in cameras:
+        if camera.name in kept:
+            warnings.append(f"two cameras are named '{camera.name}'; the one on link "
+                            f"'{camera.link}' that comes later is left out: rename it")
+        else:
+            kept[camera.name] = camera
+    return list(kept.values())
 
 
 def _setting(block: Element, tag: str) -> str | None:

@@ -149,9 +149,6 @@ def divide(whole: RobotDescription, trees: Sequence[Tree], poses: Mapping[str, P
 
 def _measures(sensor: SensorDescription, tree: Tree) -> bool:
     """Whether all that a sensor needs is in one tree."""
-    if sensor.kind == "contact":
-        names = {one.name for link in tree.links.values() for one in link.collisions}
-        return any(sensor_tags.same(name, one) for name in sensor.collisions for one in names)
     if sensor.joint or sensor.joints:
         return {sensor.joint, *sensor.joints} - {""} <= set(tree.joints)
     framed = sensor.kind != "pose" or sensor.frame in (*sensor_tags.WORLDS, *tree.links)

@@ -15,6 +15,7 @@ from aras_sim_bridge.world.joint_dynamics import (
     FASTEST,
     FORCE,
     PUSH,
+    RETURN,
     TARGET,
 )
 from aras_sim_bridge.world.link_poses import LinkPoses
@@ -37,7 +38,8 @@ class JointSpace:
         state (3, n): position, velocity, effort; rad or m, per s, N m or N. The caller's to set.
         before (n,): velocities before the last step. gravity (3,): m/s², in the root's axes.
         tree, frames: of joint_dynamics.py. arrays: what its `advance` takes before dt.
-        moved_links: the links that a joint moves.
+        moved_links: the links that a joint moves. return_speeds (n,): with which joints come back
+            from beyond their stops, rad/s or m/s.
     """
 
     def __init__(self, description: RobotDescription, names: Sequence[str]) -> None:
@@ -47,6 +49,7 @@ class JointSpace:
         self.moved_links = tuple(n for n, joint in tree.link_joint.items() if joint >= 0)
         self._joints = joint_rows(description, names, tree.tree)
         self._joints[:, DAMPING] = [description.joints[name].damping for name in names]
+        self.return_speeds = self._joints[:, RETURN]
         self.state = np.zeros((3, count))
         self._wrenches = np.zeros((count, 6))
         self.gravity = np.zeros(3)

@@ -13,6 +13,7 @@ from aras_sim_bridge.world.free_damping import FreeDamping
 from aras_sim_bridge.world.joint_dynamics import FASTEST_SPEED, NO_LIMIT_FORCE
 from aras_sim_bridge.world.joint_space import JointSpace
 from aras_sim_bridge.world.loops import close_loop
+from aras_sim_bridge.world.stops import Stops
 from aras_visual_servo_base.poses import Pose, Vector3
 
 
@@ -53,6 +54,8 @@ class ModelJoints:
         jointed = bool(self.names)
         space = JointSpace(description, self.names) if jointed else None
         self.space, self._loose = (space, None) if body.fixed_base else (None, space)
+        self._bullet_stops = Stops(body, self._indices, self._stops,
+                                   space.return_speeds if jointed else ())
         for slot, index in enumerate(self._indices):
             pybullet.changeDynamics(body.body_id, index, jointLimitForce=NO_LIMIT_FORCE,
                                     physicsClientId=body.client)
@@ -175,6 +178,7 @@ class ModelJoints:
 
     def before_step(self, dt: float) -> None:
         """Hand the pending efforts, which are finite, to Bullet."""
+        self._bullet_stops.before_step(self.read()[0], dt)
         efforts = total = self.pending_efforts
         if self.space is not None:
             self.take_note()

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import rospy
 from gazebo_msgs.msg import ModelStates
-from gazebo_msgs.srv import DeleteModel, SetModelConfiguration, SpawnModel
+from gazebo_msgs.srv import (
+    DeleteModel,
+    GetPhysicsProperties,
+    SetModelConfiguration,
+    SpawnModel,
+)
 from std_srvs.srv import Empty
 
 from aras_sim_bridge.ros.conversions import to_pose
@@ -96,6 +103,21 @@ def wait_for_model(namespace: str, name: str) -> None:
         rospy.rostime.wallsleep(0.1)
 
 
+@contextmanager
+def time_held(namespace: str) -> Iterator[None]:
+    """Pause a simulation that runs, and let it go on afterwards."""
+    rospy.wait_for_service(f"{namespace}/get_physics_properties")
+    physics = rospy.ServiceProxy(f"{namespace}/get_physics_properties", GetPhysicsProperties)
+    runs = not physics().pause
+    if runs:
+        rospy.ServiceProxy(f"{namespace}/pause_physics", Empty)()
+    try:
+        yield
+    finally:
+        if runs:
+            rospy.ServiceProxy(f"{namespace}/unpause_physics", Empty)()
+
+
 def spawn(args: argparse.Namespace) -> None:
     """Do what the arguments ask for.
 
@@ -121,25 +143,34 @@ def spawn(args: argparse.Namespace) -> None:
     pose = Pose.from_rpy((args.x, args.y, args.z), (args.R, args.P, args.Y))
     rospy.loginfo("Waiting for service %s", service)
     rospy.wait_for_service(service)
-    response = rospy.ServiceProxy(service, SpawnModel)(
-        args.model, xml, robot_namespace, to_pose(pose), args.reference_frame
-    )
-    if not response.success:
-        raise UsageError(response.status_message)
-    rospy.loginfo("%s", response.status_message)
-    if joints:
-        # The model is in the world when the call above returns: no need for upstream's sleep.
-        service = f"{namespace}/set_model_configuration"
-        rospy.wait_for_service(service)
-        names, positions = zip(*joints, strict=True)
-        response = rospy.ServiceProxy(service, SetModelConfiguration)(
-            args.model, "robot_description", names, positions
+    # A robot must not fall meanwhile, nor start with its links in each other.
+    with time_held(namespace) if joints else nullcontext():
+        response = rospy.ServiceProxy(service, SpawnModel)(
+            args.model, xml, robot_namespace, to_pose(pose), args.reference_frame
         )
         if not response.success:
             raise UsageError(response.status_message)
+        rospy.loginfo("%s", response.status_message)
+        if joints:
+            configure(args.model, joints, namespace)
     if args.unpause:
         rospy.wait_for_service(f"{namespace}/unpause_physics")
         rospy.ServiceProxy(f"{namespace}/unpause_physics", Empty)()
+
+
+def configure(model: str, joints: list[tuple[str, float]], namespace: str) -> None:
+    """Put joints of a model at positions (rad or m); UsageError where that fails.
+
+    The model is in the world when its spawn call returns: no need for upstream's sleep.
+    """
+    service = f"{namespace}/set_model_configuration"
+    rospy.wait_for_service(service)
+    names, positions = zip(*joints, strict=True)
+    response = rospy.ServiceProxy(service, SetModelConfiguration)(
+        model, "robot_description", names, positions
+    )
+    if not response.success:
+        raise UsageError(response.status_message)
 
 
 def delete(args: argparse.Namespace) -> None:

@@ -272,3 +272,22 @@ def test_states_place_the_free_bodies_of_a_model():
 def test_a_single_model_that_is_wrong_is_refused():
     with pytest.raises(DescriptionError, match="joint type 'ball' is not supported"):
         model(link("a") + link("b") + joint("j", "a", "b", "ball"))
+
+
+def test_a_free_model_with_a_closed_chain_stands_by_bullet_s_steps():
+    """A base that is held stands by the dynamics of its tree alone, which know of no chain."""
+    foot = ("<inertial><mass>50</mass></inertial><collision name='c'><pose>0.5 0 0.1 0 0 0</pose>"
+            "<geometry><box><size>2 1 .2</size></box></geometry></collision>")
+    made = model(FOUR_BAR.replace(joint("j0", "world", "base", "fixed", ""), "").replace(
+        link("base"), link("base", "0 0 0 0 0 0", foot)) + CLOSING)
+    simulation = Simulation(SimulationConfig())
+    arm = simulation.spawn(made, "m", joint_positions={"j1": 0.3, "j2": 0.3, "j3": -0.3})
+    for _ in range(300):
+        simulation.step()
+    (loop,) = made.loops
+    ends = [arm.link_pose(end) @ at for end, at in (
+        (loop.joint.parent, loop.in_parent), (loop.joint.child, loop.in_child))]
+    assert not arm.fixed_base and arm.pose().xyz[2] == pytest.approx(0.0, abs=2e-3)
+    assert math.dist(ends[0].xyz, ends[1].xyz) < 1e-5
+    assert arm.read_joints()[0][0] == pytest.approx(swing(0.3, 0.3), abs=2e-3)
+    simulation.close()

@@ -206,6 +206,8 @@ BAD = {  # a model that cannot be served, and what is said of it
     "ball joint": (link("a") + link("b") + joint("j", "a", "b", "ball"), "type 'ball'"),
     "no such link": (link("a") + joint("j", "a", "x"), "link 'x' does not exist"),
     "pose": (link("a", "1 2"), "needs 6 numbers"),
+    "quaternion": ("<link name='a'><pose rotation_format='quat_xyzw'>0 0 0 0 0 0 w</pose></link>",
+                   "needs 6 numbers"),
     "mass": (link("a", inside="<inertial><mass>-1</mass></inertial>"), "must not be negative"),
     "huge": (link("a", "0 0 0 0 0 0", BOX.replace(".1", "1e12")), "beyond 1e+09 m"),
     "number": (link("a", inside="<inertial><mass>heavy</mass></inertial>"), "'heavy' is not a"),

@@ -34,8 +34,8 @@ DEFAULTS = {
                  "frame": "", "delay": 0.0, "believed": Belief(), "target": None,
                  "target_frame": ""},
     TargetSpec: {"shape": "aras", "size": None, "scale": None, "marker": "",
-                 "pose": (*ZERO, *ZERO), "motion": Motion(), "occluder": None, "occluded": None, "perturbed": False, "box": None, "model": "",
-                 "link": ""},
+                 "pose": (*ZERO, *ZERO), "motion": Motion(), "occluder": None,
+                 "occluded": None, "perturbed": False, "box": None, "model": "", "link": ""},
     Motion: {"velocity": (*ZERO, *ZERO), "amplitude": ZERO, "frequency": 0.0, "circle": 0.0,
              "step": ZERO, "hold": 0.0, "path": (), "begin": 0.0},
 }  # fmt: skip

@@ -201,7 +201,7 @@ def test_the_card_says_of_each_camera_what_it_is_and_where(
         return parts
 
     monkeypatch.setattr(card, "assemble", watched)
-    lens = {"width": 200, "height": 100, "distortion_model": "plumb_bob",
+    lens = {"width": 200, "height": 100, "horizontal_fov": 1.047, "distortion_model": "plumb_bob",
             "distortion_coefficients": [0.1, -0.02, 0.003, 0.0, 0.0]}  # fmt: skip
     left = place or {"xyz": [-0.05, 0.01, -0.02]}
     several = {**SEVERAL, "cameras": {"left": {"model": lens, **left}, "right": {"rate": 15.0}}}

@@ -279,6 +279,11 @@ POSE, OTHER = {"pose": [0, 0, 0.3, 3.1, 0, 0]}, {"pose": [0, 0, 0.4, 3.1, 0, 0]}
     # Wholes before their parts, in whatever order they are given.
     ({}, {"camera.effects.drop_probability": 0.3, "camera": "noisy"}, {"camera": NOISY}),
     ({"camera": NOISY}, {"camera": "wide"}, {"camera": "wide"}),
+    # Which cameras there are is one value.
+    ({"cameras": {"a": {}, "b": {}}}, {"cameras": {"b": {"rate": 9.0}}},
+     {"cameras": {"b": {"rate": 9.0}}}),
+    ({"cameras": {"a": {}, "b": {}}}, {"cameras.b": {"rate": 9.0}},
+     {"cameras": {"a": {}, "b": {"rate": 9.0}}}),
     # Any mapping.
     ({"believed": {"focal": 0.9, "xyz": [0, 0, 1]}}, {"believed": {"focal": 1.1}},
      {"believed": {"focal": 1.1, "xyz": [0, 0, 1]}}),

@@ -18,6 +18,7 @@ from ..asked.experiment import CameraPose, Experiment, Sampler
 from ..asked.relative_start import RelativeStart
 from ..errors import StudyError
 
+CAMERAS = "cameras"
 KINDS = ("start", "goal")  # keys of an experiment whose values are of several kinds
 KINDS_OF_PLACES = (CameraPose, Sampler, RelativeStart)
 
@@ -42,7 +43,8 @@ def with_override(values: Mapping[str, Any], key: str, value: Any) -> dict[str, 
 
     Nothing else changes: a value that has keys itself is laid over those that are there, and a key
     below `camera` or a camera's `model` over the preset that these name. `start` and `goal` are
-    values of several kinds: keys of another kind replace them.
+    values of several kinds: keys of another kind replace them. So do other `cameras`, whose names
+    say which there are.
 
     Raises:
         StudyError: on the way is something that has no keys.
@@ -50,7 +52,7 @@ def with_override(values: Mapping[str, Any], key: str, value: Any) -> dict[str, 
     changes, base, path = value, dict(values), key.split(".")
     for part in reversed(path):
         changes = {part: changes}
-    if path[0] in KINDS and len(path) == 1 and not _same_kind(base.get(key), value):
+    if key == CAMERAS or key in KINDS and not _same_kind(base.get(key), value):
         base.pop(key, None)
     return merge(_with_keys(base, changes, key), changes)
 

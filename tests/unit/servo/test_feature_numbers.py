@@ -58,7 +58,7 @@ ELEMENTS = {
 }  # fmt: skip
 # Below these a component counts as reached, by its unit: one of a name has the same everywhere.
 REACHED = {
-    "m": {"xn yn X Y tx ty tz": 5e-4, "an Z": 1e-3},
+    "m": {"xn yn": 2.5e-3, "an": 5e-3, "X Y tx ty tz": 1e-3, "Z": 2e-3},  # of the depth
     "rad": {"alpha theta angle": 5e-3, "ux uy uz": 3e-3, "kernel_3": 0.04},
     "grey level": {"rms": 1.5},
     "": {
@@ -130,7 +130,7 @@ def test_what_schemes_are_made_with_where_nothing_is_said():
     assert (planned.horizon, planned.steps, planned.effort) == (0.4, 4, 1e-4)
     assert planned.speed == (1.0, 1.0, 1.0, 1.5, 1.5, 1.5) and planned.margin == 12.0
     assert not planned()._last.any() and planned()._last.shape == (6,)
-    assert (Broyden().gain, Broyden().floor, Broyden().start) == (0.5, 1e-3, None)
+    assert (Broyden().gain, Broyden().floor, Broyden().start) == (0.5, None, None)
     plain = create_scheme("moments")
     assert (plain.interaction, plain.smoothing, plain.ratio) == ("current", 0.0, None)
     assert plain.estimator is None and plain.judges_camera

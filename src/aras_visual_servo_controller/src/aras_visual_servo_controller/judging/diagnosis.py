@@ -349,7 +349,7 @@ def _by_camera(
     decision: Decision, observation: Observation, tolerances: np.ndarray,
     angles: np.ndarray | None = None,
 ) -> Iterator[tuple[str, Decision, np.ndarray, np.ndarray]]:
-    """Name of each camera, its part of the decision, the tolerances of that, and what may wrap of it
+    """Name of each camera, its part of the decision, the tolerances of that, and what may wrap
     (None: every component).
 
     Of a scheme of several cameras, features of one are called 'camera.feature'; the others have no

@@ -502,7 +502,7 @@ def test_features_are_judged_by_the_camera_whose_name_they_have():
     L = np.arange(24.0).reshape(4, 6)
     whole = Features(names, 1.0 + np.arange(4.0), L, np.array([0.5]))
     parts = {camera: (part.error.tolist(), part.L.tolist(), tolerances.tolist())
-             for camera, part, tolerances in _by_camera(whole, seen, np.arange(9.0, 5.0, -1.0))}
+             for camera, part, tolerances, _ in _by_camera(whole, seen, np.arange(9.0, 5.0, -1.0))}
     assert parts == {"left": ([1, 3], L[[0, 2]].tolist(), [9, 7]),
                      "right": ([2], L[[1]].tolist(), [8]), "": ([4], L[[3]].tolist(), [6])}
     assert not list(_by_camera(replace(whole, L=None), seen, np.ones(4)))

@@ -58,7 +58,7 @@ ELEMENTS = {
 }  # fmt: skip
 # Below these a component counts as reached, by its unit: one of a name has the same everywhere.
 REACHED = {
-    "m": {"xn yn X Y tx ty tz": 5e-4, "an Z": 1e-3},
+    "m": {"xn yn": 2.5e-3, "an": 5e-3, "X Y tx ty tz": 1e-3, "Z": 2e-3},  # of the depth
     "rad": {"alpha theta angle": 5e-3, "ux uy uz": 3e-3, "kernel_3": 0.04},
     "grey level": {"rms": 1.5},
     "": {
@@ -128,9 +128,9 @@ def test_the_directions_that_each_models_and_what_it_needs():
 def test_what_schemes_are_made_with_where_nothing_is_said():
     planned = Predictive
     assert (planned.horizon, planned.steps, planned.effort) == (0.4, 4, 1e-4)
-    assert planned.speed == (0.5, 0.5, 0.5, 1.5, 1.5, 1.5) and planned.margin == 12.0
+    assert planned.speed == (1.0, 1.0, 1.0, 1.5, 1.5, 1.5) and planned.margin == 12.0
     assert not planned()._last.any() and planned()._last.shape == (6,)
-    assert (Broyden().gain, Broyden().floor, Broyden().start) == (0.5, 1e-3, None)
+    assert (Broyden().gain, Broyden().floor, Broyden().start) == (0.5, None, None)
     plain = create_scheme("moments")
     assert (plain.interaction, plain.smoothing, plain.ratio) == ("current", 0.0, None)
     assert plain.estimator is None and plain.judges_camera
@@ -177,7 +177,7 @@ def test_what_a_user_s_own_need_not_say():
             raise NotImplementedError
 
     own, scheme, controller = Own(), Theirs(), Joints()
-    assert (own.name, own.units, own.cameras, own.weights, own.reads) == ("", (), (), None, 1)
+    assert (own.name, own.units, own.cameras, own.weights, own.reads) == ("Own", (), (), None, 1)
     assert own.geometric and own.stackable and tuple(own.directions) == (True,) * 6
     assert own.reset() is None
     for one in (own, scheme, controller):

@@ -11,7 +11,7 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import DELTA_X, DELTA_Y, kernel_features, kernel_of_outline
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError, TaskError
+from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError, SchemeError
 from aras_visual_servo_controller.features import Feature, Measured, Stack, create_feature
 from aras_visual_servo_controller.features.base import wrap
 from aras_visual_servo_controller.features.moments import displaced
@@ -197,20 +197,21 @@ def test_the_law_is_told_what_the_error_is_as_a_motion_of_the_camera(count, weig
     for least in (1.0, 1e-6) if 6 <= count <= 64 else (1.0,):  # its square is 1e-12
         feature.L = feature.L * (1, 1, 1, 1, 1, least)
         Composed(feature, law).compute(look(frozenset(), GOAL), Goal(), 0.0)
-        expected = np.linalg.pinv(W @ feature.L * directions) @ W @ error
+        depths = np.repeat((Goal().distance, 1.0), 3)  # lengths count in depths
+        expected = depths * (np.linalg.pinv(W @ feature.L * directions * depths) @ W @ error)
         np.testing.assert_allclose(law.rotated, expected, rtol=1e-6, atol=1e-5)
 
 
-def test_of_an_l_that_is_none_the_law_is_told_no_motion():
+def test_of_an_l_that_is_none_the_law_is_not_asked():
     feature, law = Tall(np.eye(6)[:4]), Told()
     scheme = Composed(feature, law)
     measured = feature.measure(None, None)
     nan = np.where(np.eye(4, 6, 1) > 0.0, np.nan, 1.0)
     for L in (nan, np.ones((3, 6))):
         feature.measure = lambda *_, L=L: replace(measured, L=L)
-        with pytest.raises(TaskError):
+        with pytest.raises(SchemeError, match=r"Tall.measure returned L .*\(4, 6\) finite numbers"):
             scheme.compute(look(frozenset(), GOAL), Goal(), 0.0)
-        np.testing.assert_array_equal(law.rotated, np.zeros(6))
+        assert not hasattr(law, "rotated")
 
 
 @pytest.mark.parametrize(("jump", "anew"), [

@@ -234,8 +234,9 @@ def test_accuracy_is_by_how_far_matches_miss_the_plane_s_motion(name, picture, m
     feature, goal, seen = matched(picture, monkeypatch, at, told, name, plane)
     found = feature.measure(seen, goal)
     points, desired = normalised(at[::-1]), normalised(GRID[::-1])
-    near = np.maximum(points @ (2.0, -0.4) + 0.3, 1e-3)
-    assert (near == 1e-3).any() and (near > 0.01).any()
+    least = 1.0 / (500.0 * goal.distance)
+    near = np.maximum(points @ (2.0, -0.4) + 0.3, least)
+    assert (near == least).any() and (near > 0.01).any()
     rows = []
     for (x, y), w in zip(points, near, strict=True):
         rows += [[-w, 0, x * w, x * y, -1 - x * x, y], [0, -w, y * w, 1 + y * y, -x * y, -x]]
@@ -244,7 +245,7 @@ def test_accuracy_is_by_how_far_matches_miss_the_plane_s_motion(name, picture, m
     accuracy = feature.accuracy(seen, goal)
     if name == "matches":
         np.testing.assert_allclose(found.L, L, atol=1e-9)
-        np.testing.assert_allclose(accuracy, missed * np.eye(32), rtol=1e-6)
+        assert accuracy == pytest.approx(missed, rel=1e-6)
     else:
         np.testing.assert_allclose(accuracy, np.linalg.pinv(L) * missed, rtol=1e-6, atol=1e-9)
         np.testing.assert_array_equal(found.desired, np.zeros(6))

@@ -224,12 +224,13 @@ def test_the_predictive_scheme_fits_a_decay_at_each_step_of_its_horizon():
     scheme = create_scheme("predictive", Proportional(0.8))
     goal = Goal.teach(scheme, look(Observer(None, scheme.needs), GOAL))
     decision = scheme.compute(look(Observer(None, scheme.needs), START), goal, 0.0)
-    L, error = decision.L, decision.error
+    depths = np.repeat((goal.distance, 1.0), 3)  # lengths count in depths
+    L, error = decision.L * depths, decision.error
     stamps = (0.1, 0.2, 0.3, 0.4)
     rows = [*(stamp * L for stamp in stamps), 1e-2 * np.eye(6)]
     wanted = [*((np.exp(-0.8 * stamp) - 1.0) * error for stamp in stamps), np.zeros(6)]
     best = np.linalg.lstsq(np.vstack(rows), np.concatenate(wanted), rcond=None)[0]
-    np.testing.assert_allclose(decision.task.twist, best, atol=1e-5)
+    np.testing.assert_allclose(decision.task.twist, depths * best, atol=2e-5)
     plain = create_scheme("predictive", law := Proportional(1.0))
     expected = plain.compute(look(Observer(None, plain.needs), START), goal, 0.0).task.twist
     del law.gain  # 1/s, of a law that says none
@@ -244,7 +245,8 @@ def test_the_predictive_scheme_says_where_no_way_keeps_the_target_in_view():
     scheme._minimize = lambda *_, **__: SimpleNamespace(x=found, success=False)
     decision = scheme.compute(seen, goal, 0.0)
     assert decision.notes == ("visibility cannot be kept on this way",)
-    np.testing.assert_array_equal(decision.task.twist, found)
+    depths = np.repeat((goal.distance, 1.0), 3)
+    np.testing.assert_array_equal(decision.task.twist, depths * found)
     assert scheme._last is found  # from where the next one is looked for
     scheme.reset()
     assert not scheme._last.any()
@@ -322,16 +324,22 @@ def test_the_predictive_scheme_does_nothing_of_which_the_points_tell_nothing():
         return replace(view, corners=P[:, :2] / P[:, 2:])
 
     goal = Goal.teach(scheme, seen(GOAL))
+    other = create_scheme("partitioned")
+    for one in (scheme, other):
+        one.check(goal)
     with pytest.raises(MeasurementError, match="on one line: it has no area"):
-        create_scheme("partitioned").compute(seen(START), goal, 0.0)
+        other.compute(seen(START), goal, 0.0)
     decision = scheme.compute(seen(START), goal, 0.0)
-    blind = np.linalg.svd(decision.L)[2][5]
-    assert np.abs(decision.L @ blind).max() < 1e-9
-    assert blind @ decision.task.twist == pytest.approx(0.0, abs=1e-6)
+    depths = np.repeat((goal.distance, 1.0), 3)
+    blind = np.linalg.svd(decision.L * depths)[2][5]
+    assert np.abs(decision.L @ (depths * blind)).max() < 1e-9
+    assert blind @ (decision.task.twist / depths) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_the_predictive_scheme_keeps_to_its_speeds():
     far = pose((0.3, 0.2, 2.5), (0.1, 0.1, 0.3))
     way, _ = fly("predictive", far, images=20, gain=20.0)
     steps = np.linalg.norm(np.diff(centres(way), axis=0), axis=1) / 0.04
-    assert steps.max() <= np.sqrt(3) * 0.5 + 1e-6
+    scheme = create_scheme("predictive")
+    distance = Goal.teach(scheme, look(Observer(None, scheme.needs), GOAL)).distance
+    assert steps.max() <= np.sqrt(3) * distance + 1e-6

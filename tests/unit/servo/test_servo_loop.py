@@ -132,7 +132,10 @@ def test_the_error_is_published_as_measured():
     np.testing.assert_allclose(
         filtered[1:], filtered[:-1] + part * (errors[1:] - filtered[:-1]), atol=1e-9
     )
-    assert rig.servo.scheme.tolerances == (0.0005, 0.0005, 0.001, 0.005)
+    depth = rig.servo.goal.distance
+    assert rig.servo.scheme.tolerances == pytest.approx(
+        (0.0025 * depth, 0.0025 * depth, 0.005 * depth, 0.005)
+    )
 
 
 @pytest.mark.parametrize("gain", [1.0, 5.0])

@@ -20,6 +20,7 @@ from ..seeing.observation import Need, Observation
 
 # rad: the rounding of a turn by pi; a turn that is so much short of -pi counts as one by +pi.
 HALF_TURN = 1e-6
+NEAR_HALF = 0.375  # part of the period from which on angles count as near half a turn
 
 
 class DepthPart(float):
@@ -290,13 +291,16 @@ def wrap(angle: np.ndarray | float, period: float = 2.0 * np.pi) -> np.ndarray |
 
 
 def wrap_together(angles: np.ndarray, period: float = 2.0 * np.pi) -> np.ndarray:
-    """Angles (k, ...) modulo the period, each within half a period of their common direction.
+    """Angles (k,) modulo the period; near half a turn all within half a period of their common one.
 
-    Near half a turn rounding would send some of them one way round and some the other, and what
-    they ask for together would be no turn at all. The common direction is that of the sum of their
-    unit vectors, along the first axis; where it is half a turn to rounding, it is taken as +.
+    There rounding would send some of them one way round and some the other, and what they ask for
+    together would be no turn at all. Their common angle is that of the sum of their unit vectors;
+    where it is half a turn to rounding, it is taken as +.
     """
     unit = np.exp(2j * np.pi / period * angles).sum(axis=0)
-    common = np.angle(unit) * period / (2.0 * np.pi)
-    common = np.where(common < HALF_TURN - 0.5 * period, common + period, common)
+    common = float(np.angle(unit)) * period / (2.0 * np.pi)
+    if abs(common) < NEAR_HALF * period:
+        return wrap(angles, period)
+    if common < HALF_TURN - 0.5 * period:
+        common += period
     return common + wrap(angles - common, period)

@@ -22,7 +22,7 @@ from .corners import PLACE, NumberedPoints
 from .points import accuracy_beside
 from .pose import FLATTEST, PoseInGoalFrame, in_goal_frame
 
-NEAREST = 5e-3  # part of the depth between two cameras, below which they tell none
+NEAREST = 2e-3  # part of the depth between two cameras, below which they tell none
 STEP = 1e-6  # normalised length, of differences
 
 

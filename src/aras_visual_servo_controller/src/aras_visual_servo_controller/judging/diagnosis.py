@@ -364,9 +364,11 @@ def _shown(observation: Observation, goal: Goal) -> bool:
 
 
 def _by_camera(
-    decision: Decision, observation: Observation, tolerances: np.ndarray, angles: np.ndarray
+    decision: Decision, observation: Observation, tolerances: np.ndarray,
+    angles: np.ndarray | None = None,
 ) -> Iterator[tuple[str, Decision, np.ndarray, np.ndarray]]:
-    """Name of each camera, its part of the decision, the tolerances of that, and what may wrap.
+    """Name of each camera, its part of the decision, the tolerances of that, and what may wrap
+    (None: every component).
 
     Of a scheme of several cameras, features of one are called 'camera.feature'; the others have no
     camera's name: they may be of all.
@@ -385,7 +387,7 @@ def _by_camera(
     for camera, at in rows.items():
         yield camera, replace(decision, error=decision.error[at], L=L[at], rate=rate[at]), (
             tolerances[at]
-        ), angles[at]
+        ), None if angles is None else angles[at]
 
 
 def _converged(arrived: Arrived) -> Outcome:

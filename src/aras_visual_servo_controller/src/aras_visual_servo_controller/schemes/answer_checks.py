@@ -106,7 +106,10 @@ def checked_measured(feature: Feature, found: object) -> Measured:
     """
     where = f"{type(feature).__name__}.measure returned"
     if not isinstance(found, Measured):
-        raise SchemeError(f"{where} {_described(found)}: a Measured is needed")
+        if not all(hasattr(found, field) for field in ("s", "desired", "error", "L")):
+            raise SchemeError(f"{where} {_described(found)}: a Measured is needed")
+        fields = (field.name for field in dataclasses.fields(Measured))
+        found = Measured(**{name: getattr(found, name) for name in fields if hasattr(found, name)})
     names, judged = len(tuple(feature.names)), found.judged
     count = names if judged is None else np.size(found.error)
     arrays = {

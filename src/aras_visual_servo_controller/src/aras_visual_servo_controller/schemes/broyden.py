@@ -22,6 +22,7 @@ from ..seeing.observation import Observation
 # One radian weighs as much as this part of the translation that moves the features as far.
 TURNING = 0.5
 FLOOR = 1 / 600  # part of that translation: of a motion so small is half noise
+UNKNOWN = 0.6  # m: that translation where L is zero
 LONGEST_JUMP = 1.0  # of an error: more is an angle that wrapped round
 
 
@@ -57,7 +58,7 @@ class Broyden:
             self._L = np.array(known, float)
             # m that move the features as far as one radian: the distance, of points.
             moving, turning = (np.linalg.norm(part) for part in np.hsplit(self._L, 2))
-            length = turning / moving if moving > 0.0 and turning > 0.0 else 1.0
+            length = turning / moving if moving > 0.0 and turning > 0.0 else UNKNOWN
             self._weights = np.repeat((1.0, (TURNING * length) ** 2), 3)
             self._floor = FLOOR * length if self.floor is None else self.floor
         moved = observation.previous_T_camera

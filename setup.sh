@@ -93,6 +93,7 @@ running=(
     python3-rospy python3-rosbag python3-actionlib python3-dynamic-reconfigure
     python3-nav-msgs python3-rosgraph-msgs python3-sensor-msgs python3-std-srvs python3-trajectory-msgs
     python3-tf python3-tf2-ros python3-visualization-msgs ros-robot-state-publisher rviz
+    joint-state-publisher # which many descriptions start
     # the messages that dynamic_reconfigure's Python side loads are in its development package
     libdynamic-reconfigure-config-init-mutex-dev
     "${for_running[@]}"
@@ -330,9 +331,13 @@ environment() {
 mapfile -d '' sources < <(find src -type f \( -name package.xml -o -name CMakeLists.txt -o -name '*.cmake' \
     -o -name setup.py -o -path '*/msg/*.msg' -o -path '*/srv/*.srv' -o -path '*/action/*.action' \) -print0 |
     sort -z)
-# Our upstream_msgs step aside for installed ones, so their coming and going is a change too.
+# Packages under upstream's names step aside for installed ones, so their coming and going is a change too.
 shopt -s nullglob
-others=(/usr/share/{control_msgs,controller_manager_msgs,gazebo_msgs,gazebo_ros_link_attacher}/cmake/*Config.cmake)
+others=()
+for name in src/upstream_*/*/package.xml; do
+    name=${name%/package.xml}
+    others+=(/usr/share/"${name##*/}"/cmake/*Config.cmake)
+done
 shopt -u nullglob
 # Older catkin asks for the one name of the interpreter, CMake's own module for the other.
 arguments=(-DPYTHON_EXECUTABLE="$root/.venv/bin/python" -DPython_EXECUTABLE="$root/.venv/bin/python")
@@ -353,7 +358,7 @@ build() {
     fi
     # Without --force-cmake a package that has come or gone in /usr would not be noticed.
     # Python and C++ messages are enough; the Lisp ones would take a third of the build.
-    rm -f devel/setup.stamp src/upstream_msgs/*/CATKIN_IGNORE &&
+    rm -f devel/setup.stamp src/upstream_*/*/CATKIN_IGNORE &&
         PYTHONPATH=/usr/lib/python3/dist-packages ROS_LANG_DISABLE=genlisp catkin_make --force-cmake "${arguments[@]}" &&
         printf '%s\n' "$stamp" >devel/setup.stamp
 }
@@ -361,6 +366,7 @@ if [[ -n $making ]]; then # pip takes one core
     ((${#due[@]} == 0)) || aside "${due[@]}"
     step "$making" ended environment
 fi
+rm -f .venv/bin/xacro # PyPI's finds no ROS 1 packages; the workspace's own does, in devel/bin
 
 # 4. loops; kept beside their sources, and compiled anew when those are newer
 mapfile -t loops < <(grep -rlE '^from .*compiled import' --include='*.py' src/*/src)

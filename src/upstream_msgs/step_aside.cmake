@@ -23,6 +23,7 @@ function(step_aside package)
       message(STATUS "${package}: using the one installed in ${prefix}, not the workspace's copy")
       file(TOUCH "${CMAKE_CURRENT_SOURCE_DIR}/CATKIN_IGNORE")
       file(REMOVE_RECURSE
+        "${CATKIN_DEVEL_PREFIX}/bin/${package}"
         "${CATKIN_DEVEL_PREFIX}/share/${package}"
         "${CATKIN_DEVEL_PREFIX}/include/${package}"
         "${CATKIN_DEVEL_PREFIX}/lib/python3/dist-packages/${package}"

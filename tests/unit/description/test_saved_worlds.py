@@ -12,10 +12,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from aras_sim_bridge.description import parse_sdf, world_file
-from aras_sim_bridge.description.model_folders import find as model_folder
 from aras_sim_bridge.description.model_folders import folder_of
+from aras_sim_bridge.description.packages import find_model
 from aras_sim_bridge.description.population import members
 from aras_sim_bridge.description.shapes import triangles
+from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_base.poses import Pose
@@ -119,7 +120,7 @@ def test_a_relative_folder_is_beside_its_file(tmp_path):
 
 
 @pytest.mark.parametrize(("uri", "reason"), [
-    ("model://gone", "no folder of that name is in GAZEBO_MODEL_PATH or ~/.gazebo/models"),
+    ("model://gone", "no folder of that name is in GAZEBO_MODEL_PATH, ~/.gazebo/models, or "),
     ("model://bare", "bare/model.config cannot be read"),
     ("model://empty", "model.sdf has no <model> and no <light>"),
     ("model://nameless", "model.config names no <sdf> file"),
@@ -757,7 +758,7 @@ def test_a_model_folder_may_hold_a_light_or_a_world(folders, read):
 def test_a_model_is_found_by_the_name_of_its_folder(folders, name, found):
     folder = folders("crate", "")
     folders("crate", "", root=folders.home)
-    assert model_folder(name) == (str(folder) if found else None)
+    assert find_model(name) == (str(folder) if found else None)
 
 
 @pytest.mark.parametrize("uri", ["looks", "looks/own.material", "./looks/../looks"])
@@ -775,3 +776,35 @@ def test_a_script_of_a_text_without_a_place_is_left_out():
     (warning,) = made.warnings
     assert "link 'body': material 'looks' is a relative path" in warning
     assert warning.endswith("; its material is left out")
+
+
+def test_packages_export_folders_of_models(folders, read, tmp_path, monkeypatch):
+    """They come after the model paths; and a model may lie in a folder there."""
+    arm = tmp_path / "src" / "arm"
+    export = ("<package><name>arm</name><export><gazebo_ros gazebo_model_path='${prefix}/models:"
+              "${prefix}/..'/></export></package>")
+    for place, name in ((arm / "models" / "bench", "bench"), (arm / "models" / "sets/lamp", "lamp"),
+                        (arm / "models" / "crate", "exported")):
+        place.mkdir(parents=True)
+        (place / "model.config").write_text("<model><sdf>m.sdf</sdf></model>")
+        (place / "m.sdf").write_text(f"<sdf><model name='{name}'><link name='a'/></model></sdf>")
+    for name, text in (("arm", export), ("broken", "<package>gazebo_model_path<"), ("none", "")):
+        (tmp_path / "src" / name).mkdir(exist_ok=True)
+        (tmp_path / "src" / name / "package.xml").write_text(text)
+    folders("crate", "<model name='crate'><link name='a'/></model>")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "src"))
+    found = read(include("bench") + include("sets/lamp") + include("crate"))
+    assert [model.name for model in found.models] == ["bench", "lamp", "crate"]
+    assert find_model("arm") == str(arm)
+    for uri in ("model://sets/../../arm", "model://sets/none"):
+        with pytest.raises(DescriptionError, match="no folder of that name"):
+            folder_of(uri, None)
+
+
+def test_a_population_may_include_its_model(folders, read):
+    folders("tree", "<model name='tree'><static>1</static><link name='a'/></model>")
+    found = read("<population name='wood'>" + include("tree") + "<pose>1 0 0 0 0 0</pose>"
+                 "<model_count>3</model_count><distribution><type>grid</type><rows>1</rows><cols>3"
+                 "</cols><step>2 0 0</step></distribution></population>")
+    assert [model.name for model in found.models] == [f"tree_clone_{k}" for k in range(3)]
+    assert found.warnings == ()

@@ -5,6 +5,7 @@ import pytest
 from aras_sim_bridge.description import parse_urdf, read_sdf
 from aras_sim_bridge.description.served import BLOCKS, SERVED
 from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.world import World
 
 URDF = ("<robot name='r'>{robot}<link name='a'>{link}<visual>{visual}<geometry><box size='1 1 1'/>"
         "</geometry></visual><collision>{collision}<geometry><box size='1 1 1'/></geometry>"
@@ -184,3 +185,46 @@ def test_a_spring_that_cannot_be_is_named(stiffness):
 def test_the_table_names_blocks_of_every_kind():
     assert all(entry == SERVED or isinstance(entry, (tuple, dict)) for block in BLOCKS.values()
                for entry in block.values())
+
+
+LIMIT = "<limit lower='{}' upper='{}' effort='1' velocity='1'/>"
+TURNED = ("<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='{}'><parent "
+          "link='a'/><child link='b'/>{}{}</joint></robot>")
+
+
+@pytest.mark.parametrize(("text", "reason"), [
+    (TURNED.format("revolute", LIMIT.format(-180, 180), ""),
+     "joint 'j': its limits -180 180 are in radians, and look like degrees; write -3.1416 3.1416"),
+    (TURNED.format("revolute", LIMIT.format(-1, 1), "<origin rpy='90 0 -45'/>"),
+     "joint 'j': origin rpy 90 0 -45 is in radians, and looks like degrees; write 1.5708 0 -0.78"),
+    (TURNED.format("revolute", LIMIT.format(-18.5, 12.6), "<origin rpy='6.25 -3.14 0'/>"), ""),
+    (TURNED.format("prismatic", LIMIT.format(-180, 180), ""), ""),
+    ("<sdf><model name='m'><link name='a'><pose>0 0 0 0 0 90</pose></link></model></sdf>",
+     "model 'm', link 'a': pose: roll pitch yaw 0 0 90 is in radians, and looks like degrees"),
+    ("<sdf><model name='m'><link name='a'/><link name='b'/><joint name='j' type='revolute'><parent>"
+     "a</parent><child>b</child><axis><limit><lower>-90</lower><upper>90</upper></limit></axis>"
+     "</joint></model></sdf>", "model 'm', joint 'j': its limits -90 90 are in radians"),
+    ("<sdf><model name='m'><pose>100 20 0 0 0 1.57</pose><link name='a'/></model></sdf>", ""),
+])
+def test_degrees_where_radians_belong_are_named_with_the_radians(text, reason):
+    found = said(text)
+    assert len(found) == bool(reason) and reason in "".join(found)
+
+
+def test_a_mesh_in_millimetres_is_named_with_the_scale(tmp_path, caplog):
+    path = tmp_path / "arm.stl"
+    corners = ((0, 0, 0), (300, 0, 0), (0, 200, 0), (0, 0, 100))
+    faces = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+    path.write_text("solid a\n" + "".join(
+        "facet normal 0 0 0\nouter loop\n" + "".join(
+            "vertex {} {} {}\n".format(*corners[k]) for k in face) + "endloop\nendfacet\n"
+        for face in faces) + "endsolid a\n")
+    text = ("<robot name='r'><link name='a'><inertial><mass value='1'/><inertia ixx='1' iyy='1' "
+            f"izz='1'/></inertial><visual><geometry><mesh filename='{path}'{{}}/></geometry>"
+            "</visual></link></robot>")
+    with World() as world:
+        world.spawn(parse_urdf(text.format(" scale='0.001 0.001 0.001'")), "small")
+        assert not caplog.messages
+        world.spawn(parse_urdf(text.format("")), "large")
+    (line,) = caplog.messages
+    assert "model 'large', link 'a', visual" in line and "is 300 m large; if it is in mill" in line

@@ -1,7 +1,7 @@
 """Gazebo's model folders: `<include>`s, and models in models, as plain elements of one document.
 
-A folder holds model.config, which names the SDF file. Folders are looked for in GAZEBO_MODEL_PATH
-and ~/.gazebo/models; the two that every world has, ground_plane and sun, need none.
+A folder holds model.config, which names the SDF file. packages.find_model says where folders are
+looked for; the two that every world has, ground_plane and sun, need none.
 """
 
 from __future__ import annotations
@@ -14,14 +14,13 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import sdf_dialects
+from aras_sim_bridge.description.packages import MODEL_PATH, OWN_MODELS, find_model
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.safe_xml import number, shorten, text_of
 
-PATH = "GAZEBO_MODEL_PATH"
 CONFIG = "model.config"
-_OWN = "~/.gazebo/models"
 
 _BUILT_IN = {
     "sun": """<light name="sun" type="directional"><pose>0 0 10 0 0 0</pose>
@@ -39,17 +38,6 @@ _BUILT_IN = {
 }
 
 
-def find(name: str) -> str | None:
-    """The folder of a model, None where neither path has one of that name."""
-    if name in ("", ".", "..") or "/" in name or "\0" in name:
-        return None
-    named = os.environ.get(PATH, "").split(os.pathsep)
-    for root in (*filter(None, named), os.path.expanduser(_OWN)):
-        if os.path.isdir(os.path.join(root, name)):
-            return os.path.join(root, name)
-    return None
-
-
 def folder_of(uri: str, base: str | None) -> str:
     """The folder that an `<include>`'s URI names; `base` is what relative paths are relative to.
 
@@ -61,12 +49,15 @@ def folder_of(uri: str, base: str | None) -> str:
     scheme, separator, rest = uri.partition("://")
     if separator and scheme not in ("model", "file"):
         raise DescriptionError(f"the scheme {scheme}:// is not served; download the model into "
-                               f"{_OWN} and write model://<its folder>")
+                               f"{OWN_MODELS} and write model://<its folder>")
     if scheme == "model" and separator:
-        found = find(rest.strip("/"))
-        if found is None:
-            raise DescriptionError(f"no folder of that name is in {PATH} or {_OWN}")
-        return found
+        name, _, inside = rest.strip("/").partition("/")
+        found = find_model(name)
+        path = os.path.normpath(os.path.join(found or "", inside))
+        if found is None or not os.path.isdir(path) or os.path.commonpath([path, found]) != found:
+            raise DescriptionError(f"no folder of that name is in {MODEL_PATH}, {OWN_MODELS}, or "
+                                   "what packages export as gazebo_model_path")
+        return path
     path = rest if separator else uri
     if not os.path.isabs(path) and base is not None:
         path = os.path.join(base, path)

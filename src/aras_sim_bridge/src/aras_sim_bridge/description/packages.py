@@ -1,14 +1,20 @@
-"""Find ROS packages and resolve the URIs of meshes, without letting a path leave its package."""
+"""Find ROS packages and Gazebo's model folders, and resolve URIs of meshes in them.
+
+No path leaves its package.
+"""
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import lru_cache
 
-from aras_sim_bridge.description import model_folders
 from aras_sim_bridge.errors import DescriptionError, LeftOutError
+from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.safe_xml import shorten
 
 ResolvePackage = Callable[[str], str]
+MODEL_PATH = "GAZEBO_MODEL_PATH"
+OWN_MODELS = "~/.gazebo/models"
 
 _PACKAGE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.\-]*\Z")
 _SKIPPED_DIRECTORIES = {"CMakeFiles", "__pycache__", "node_modules"}
@@ -54,8 +60,51 @@ def _search(name: str, package_path: str, prefix_path: str) -> str | None:
     return None
 
 
+def find_model(name: str) -> str | None:
+    """The folder of a model of Gazebo's, None where no path has one of that name.
+
+    Looks in GAZEBO_MODEL_PATH and ~/.gazebo/models, then where packages say that they have models
+    (`<export><gazebo_ros gazebo_model_path="${prefix}/.."/>` in package.xml).
+    """
+    if name in ("", ".", "..") or "/" in name or "\0" in name:
+        return None
+    named = os.environ.get(MODEL_PATH, "").split(os.pathsep)
+    for root in (*filter(None, named), os.path.expanduser(OWN_MODELS)):
+        if os.path.isdir(os.path.join(root, name)):
+            return os.path.join(root, name)
+    for root in _exported_model_paths(os.environ.get("ROS_PACKAGE_PATH", "")):
+        if os.path.isdir(os.path.join(root, name)):
+            return os.path.join(root, name)
+    return None
+
+
+@lru_cache(maxsize=8)
+def _exported_model_paths(package_path: str) -> tuple[str, ...]:
+    """The folders of models that the packages of a ROS_PACKAGE_PATH export."""
+    found: dict[str, None] = {}
+    for root in filter(None, package_path.split(os.pathsep)):
+        for directory in _packages(root):
+            try:
+                with open(os.path.join(directory, "package.xml"), encoding="utf-8") as file:
+                    text = file.read(65536)
+                exports = [] if "gazebo_model_path" not in text else (
+                    safe_xml.parse(text, directory).findall("export/gazebo_ros"))
+            except (OSError, UnicodeDecodeError, DescriptionError):
+                continue
+            for export in exports:
+                paths = export.get("gazebo_model_path", "").replace("${prefix}", directory)
+                found.update(dict.fromkeys(
+                    os.path.normpath(path) for path in paths.split(os.pathsep) if path))
+    return tuple(found)
+
+
 def _crawl(name: str, root: str) -> str | None:
-    """First directory below `root` that holds a package called `name` (breadth first)."""
+    """First directory below `root` that holds a package called `name`."""
+    return next((found for found in _packages(root) if _declared_name(found) == name), None)
+
+
+def _packages(root: str) -> Iterator[str]:
+    """Directories of packages below `root`, breadth first."""
     level = [root]
     for _ in range(_LARGEST_DEPTH):
         deeper: list[str] = []
@@ -66,8 +115,7 @@ def _crawl(name: str, root: str) -> str | None:
                 continue
             names = {e.name for e in entries}
             if "package.xml" in names or "manifest.xml" in names:
-                if _declared_name(directory) == name:
-                    return directory
+                yield directory
                 continue  # packages do not nest
             if names & {"CATKIN_IGNORE", "rospack_nosubdirs"}:
                 continue
@@ -77,7 +125,6 @@ def _crawl(name: str, root: str) -> str | None:
                 and e.name not in _SKIPPED_DIRECTORIES
             ]
         level = deeper
-    return None
 
 
 def _declared_name(directory: str) -> str:
@@ -141,7 +188,7 @@ def located(
             path = os.path.join(base_directory, path)
     elif scheme in ("package", "model"):
         package, _, inside = rest.partition("/")
-        folder = model_folders.find(package) if scheme == "model" else None
+        folder = find_model(package) if scheme == "model" else None
         try:
             root = os.path.normpath(folder or resolve_package(package))
         except DescriptionError as error:

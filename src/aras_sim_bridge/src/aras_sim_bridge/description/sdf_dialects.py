@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from xml.etree.ElementTree import Element
 
+from aras_sim_bridge.description.units import degrees_in_angles
+from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.safe_xml import number, numbers, shorten, truth
 
@@ -68,6 +71,10 @@ def _unify_pose(pose: Element, where: str, warnings: list[str]) -> None:
     elif len(words) == 6 and pose.get("degrees") in ("true", "1"):
         words[3:] = [repr(math.radians(number(word, where))) for word in words[3:]]
         del pose.attrib["degrees"]
+    elif len(words) == 6:
+        with contextlib.suppress(DescriptionError):  # named where it is read
+            warnings += degrees_in_angles(numbers(pose.text, 6, where)[3:], f"{where}: roll pitch "
+                                          "yaw")
     pose.text = " ".join(words)
 
 

@@ -32,6 +32,7 @@ from aras_sim_bridge.description.types import (
     SensorDescription,
     Visual,
 )
+from aras_sim_bridge.description.units import degrees_in_limits
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import IDENTITY, Pose, Vector3
@@ -86,6 +87,9 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
     gauges: dict[str, Element] = {}
     for node in element.findall("joint"):
         one = read_joint(node, where, poses)
+        if one.joint.kind == "revolute":
+            low, high = one.joint.stops
+            warnings += degrees_in_limits(low, high, f"{where}, joint '{one.joint.name}'")
         joints.append(one)
         for sensor in node.findall("sensor[@type='force_torque']"):
             gauges[one.joint.name] = sensor

@@ -12,6 +12,8 @@ from aras_visual_servo_base.meshes import files as mesh_files
 from aras_visual_servo_base.meshes.mesh import Mesh, from_corners
 from aras_visual_servo_base.poses import quaternion_to, rotate
 
+_HUGE = 50.0  # m
+
 
 def triangles(geometry: Geometry) -> tuple[Mesh, ...]:
     """The shape in its own frame, m: one mesh, or one for each part of a mesh file.
@@ -91,19 +93,34 @@ def _plane(normal: Vector3, size: tuple[float, float]) -> Mesh:
     return from_corners(corners[[[0, 1, 2], [0, 2, 3]]])
 
 
-def read_all(description: RobotDescription, model: str) -> None:
+def read_all(description: RobotDescription, model: str) -> list[str]:
     """Read every mesh file of a description; `model` is its name for messages.
+
+    Returns:
+        A sentence on each file that is probably in millimetres: of something that moves, beyond
+        50 m and without a scale.
 
     Raises:
         DescriptionError: naming model, link and file, what is wrong with it and how to mend it.
     """
+    huge: dict[str, str] = {}
     for link in description.links.values():
         for kind, shapes in (("visual", link.visuals), ("collision", link.collisions)):
             for shape in shapes:
                 if shape.geometry.kind == "mesh":
+                    file = shape.geometry.filename
                     try:
-                        mesh_files.read(shape.geometry.filename)
+                        meshes = mesh_files.read(file)
+                        size = max((float(np.ptp(mesh.positions, axis=0).max())
+                                    for mesh in meshes if len(mesh.positions)), default=0.0)
+                        if size > _HUGE and not description.static and (
+                                shape.geometry.scale == (1.0, 1.0, 1.0)):
+                            huge[file] = (
+                                f"model '{model}', link '{link.name}', {kind}: {file} is {size:.4g}"
+                                " m large; if it is in millimetres, give its <mesh> the scale "
+                                "0.001 0.001 0.001")
                     except DescriptionError as error:
                         where = f"model '{model}', link '{link.name}', {kind}"
                         raise DescriptionError(
                             f"{where}: {error.fault}", error.mend, error.path) from None
+    return list(huge.values())

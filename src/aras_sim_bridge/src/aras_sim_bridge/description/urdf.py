@@ -16,11 +16,12 @@ from aras_sim_bridge.description.types import (
     Transmission,
     Visual,
 )
+from aras_sim_bridge.description.units import degrees_in_angles, degrees_in_limits
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import number
-from aras_visual_servo_base.urdf import Joint, UrdfTree, origin, parse_tree
+from aras_visual_servo_base.safe_xml import number, numbers
+from aras_visual_servo_base.urdf import ZERO, Joint, UrdfTree, origin, parse_tree
 
 
 def parse_urdf(
@@ -46,6 +47,14 @@ def parse_urdf(
         return packages.resolve_uri(uri, where, resolve_package, base_directory)
 
     links = {name: _link(name, node, resolve, warnings) for name, node in tree.links.items()}
+    for joint in tree.joints.values():
+        if joint.kind == "revolute":
+            low, high = joint.stops
+            warnings += degrees_in_limits(low, high, f"joint '{joint.name}'")
+    for node in (*robot.findall("link"), *robot.findall("joint")):
+        for place in node.iter("origin"):
+            where = f"{node.tag} '{node.get('name')}': origin rpy"
+            warnings += degrees_in_angles(numbers(place.get("rpy"), 3, where, ZERO), where)
     poses = _link_poses(tree)
     tags = gazebo_tags.parse(robot, links, tree.joints, poses, resolve, warnings)
     warnings += served.unserved(robot, "robot", f"robot '{safe_xml.shorten(tree.name)}'")

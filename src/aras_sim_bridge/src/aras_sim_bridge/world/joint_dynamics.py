@@ -12,8 +12,8 @@ A step is semi-implicit Euler with implicit damping, and solves exactly for what
 
 where K and q0 are of springs, |friction_i| <= f_i holds a joint's speed at its target (0; a
 velocity motor's), or takes f_i from it, and stops push as hard as it takes for q+ to be within the
-limits. This is a convex problem with one solution; the set of joints that stick, slide and stand at a stop is carried from step to
-step as a first guess, and mostly right.
+limits. This is a convex problem with one solution; the set of joints that stick, slide and stand at
+a stop is carried from step to step as a first guess, and mostly right.
 
 Rows of the arrays, one per joint unless said otherwise:
 

@@ -180,7 +180,8 @@ class World:
         whole = (description, *description.parts)
         for one in whole:
             check_simulable(one, name)
-            shapes.read_all(one, name)
+            for text in shapes.read_all(one, name):
+                logger.warning("%s", text)
         pose = checked_pose(pose, f"model '{name}'", WorldError, zero_is_identity=True)
         if math.hypot(*pose.xyz) > LARGEST:
             raise WorldError(f"model '{name}': position {pose.xyz} is beyond {LARGEST:.0e} m")

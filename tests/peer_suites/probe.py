@@ -34,7 +34,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 STEP = 0.1  # rad or m that a joint is asked to move; less where its range is small
 REACHED = 0.5  # part of the step that a joint has to make: PIDs of their authors may sag
 LOADED = 20.0  # s of wall time for controllers to be loaded before time passes
-PATIENCE = 40.0  # s of wall time for a joint, a message or a service
+PATIENCE = 90.0  # s of wall time for a joint, a message or a service
 REMAPPED: dict[str, str] = {}  # topics of controllers that the package gives other names
 SECONDS = 2.0  # of a trajectory
 

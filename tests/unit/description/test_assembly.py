@@ -206,6 +206,8 @@ BAD = {  # a model that cannot be served, and what is said of it
     "ball joint": (link("a") + link("b") + joint("j", "a", "b", "ball"), "type 'ball'"),
     "no such link": (link("a") + joint("j", "a", "x"), "link 'x' does not exist"),
     "pose": (link("a", "1 2"), "needs 6 numbers"),
+    "quaternion": ("<link name='a'><pose rotation_format='quat_xyzw'>0 0 0 0 0 0 w</pose></link>",
+                   "needs 6 numbers"),
     "mass": (link("a", inside="<inertial><mass>-1</mass></inertial>"), "must not be negative"),
     "huge": (link("a", "0 0 0 0 0 0", BOX.replace(".1", "1e12")), "beyond 1e+09 m"),
     "number": (link("a", inside="<inertial><mass>heavy</mass></inertial>"), "'heavy' is not a"),
@@ -272,3 +274,22 @@ def test_states_place_the_free_bodies_of_a_model():
 def test_a_single_model_that_is_wrong_is_refused():
     with pytest.raises(DescriptionError, match="joint type 'ball' is not supported"):
         model(link("a") + link("b") + joint("j", "a", "b", "ball"))
+
+
+def test_a_free_model_with_a_closed_chain_stands_by_bullet_s_steps():
+    """A base that is held stands by the dynamics of its tree alone, which know of no chain."""
+    foot = ("<inertial><mass>50</mass></inertial><collision name='c'><pose>0.5 0 0.1 0 0 0</pose>"
+            "<geometry><box><size>2 1 .2</size></box></geometry></collision>")
+    made = model(FOUR_BAR.replace(joint("j0", "world", "base", "fixed", ""), "").replace(
+        link("base"), link("base", "0 0 0 0 0 0", foot)) + CLOSING)
+    simulation = Simulation(SimulationConfig())
+    arm = simulation.spawn(made, "m", joint_positions={"j1": 0.3, "j2": 0.3, "j3": -0.3})
+    for _ in range(300):
+        simulation.step()
+    (loop,) = made.loops
+    ends = [arm.link_pose(end) @ at for end, at in (
+        (loop.joint.parent, loop.in_parent), (loop.joint.child, loop.in_child))]
+    assert not arm.fixed_base and arm.pose().xyz[2] == pytest.approx(0.0, abs=2e-3)
+    assert math.dist(ends[0].xyz, ends[1].xyz) < 1e-5
+    assert arm.read_joints()[0][0] == pytest.approx(swing(0.3, 0.3), abs=2e-3)
+    simulation.close()

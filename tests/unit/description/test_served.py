@@ -147,8 +147,23 @@ def test_gazebo_tags_add_links_and_joints_and_close_chains():
     bolted = parse_urdf(GAZEBO.format("<gazebo><joint name='bolt' type='fixed'><parent>world"
                                       "</parent><child>a</child></joint></gazebo>"))
     assert bolted.root == "world" and list(bolted.joints) == ["j", "bolt"]
-    with pytest.raises(DescriptionError, match="two links are named 'a'"):
-        parse_urdf(GAZEBO.format("<gazebo><link name='a'/></gazebo>"))
+
+
+@pytest.mark.parametrize(("tag", "reason"), [
+    ("<gazebo><link name='a'/></gazebo>", "two links are named 'a'; rename one; the link is left"),
+    ("<gazebo><link/></gazebo>", "needs a name of 1 to 256 characters; the link is left out"),
+    ("<gazebo><joint name='k' type='ball'><parent>a</parent><child>b</child></joint></gazebo>",
+     "joint 'k': joint type 'ball' is not supported"),
+    ("<gazebo><joint name='k' type='fixed'><parent>a</parent><child>c</child></joint></gazebo>",
+     "joint 'k': link 'c' does not exist; the joint is left out"),
+    ("<gazebo><joint name='j' type='fixed'><parent>a</parent><child>b</child></joint></gazebo>",
+     "two joints are named 'j'; rename one; the joint is left out"),
+])
+def test_what_a_gazebo_tag_adds_and_cannot_be_is_left_out_and_named(tag, reason):
+    made = parse_urdf(GAZEBO.format(tag))
+    assert (list(made.links), list(made.joints), made.loops) == (["a", "b"], ["j"], ())
+    (warning,) = made.warnings
+    assert reason in warning
 
 
 def test_a_visual_of_a_gazebo_tag_paints_its_link():

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import pytest
 import rospy
 from dynamic_reconfigure.msg import BoolParameter, Config, DoubleParameter, IntParameter
-from gazebo_msgs.msg import ODEPhysics
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from gazebo_msgs.msg import ModelState, ODEJointProperties, ODEPhysics
+from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 from std_msgs.msg import ColorRGBA
 
 from aras_sim_bridge.ros.gazebo_api.descriptions import robot_namespace
@@ -371,3 +371,35 @@ def test_a_fault_of_ours_is_an_answer_too(api, call, monkeypatch):
     monkeypatch.setattr(type(api.thread.simulation), "reset_world", broken)
     with pytest.raises(rospy.ServiceException, match="internal error"):
         call("reset_world")
+
+HINGE = "<axis><xyz>0 1 0</xyz></axis>"
+BARS = ("<sdf version='1.6'><model name='m'><link name='a'/><link name='b'><pose>0 0 1 0 0 0</pose>"
+        "</link><link name='c'><pose>1 0 1 0 0 0</pose></link><link name='free'><pose>3 0 0 0 0 0"
+        "</pose></link><joint name='bolt' type='fixed'><parent>world</parent><child>a</child>"
+        "</joint>" + "".join(
+            f"<joint name='{name}' type='revolute'><parent>{parent}</parent><child>{child}</child>"
+            f"{HINGE}</joint>" for name, parent, child in (
+                ("j", "a", "b"), ("k", "b", "c"), ("back", "a", "c"))) + "</model></sdf>")
+
+
+def test_a_model_of_several_bodies_and_with_a_closed_chain_is_one(call):
+    """Its free body and the joint that closes its chain keep their names."""
+    call("spawn_sdf_model", "m", BARS, "", Pose(Point(0.0, 0.0, 5.0), Quaternion(w=1.0)), "")
+    assert call("get_world_properties").model_names == ["ground_plane", "m"]
+    answer = call("get_model_properties", "m")
+    assert answer.body_names == ["world", "a", "b", "c", "free"]
+    assert answer.joint_names == ["bolt", "j", "back", "k"]
+    state = call("get_link_state", "m::free", "m").link_state
+    assert (state.pose.position.x, state.pose.position.z) == pytest.approx((3.0, 0.0), abs=1e-6)
+    for name in ("k", "m::k"):
+        joint = call("get_joint_properties", name)
+        assert (joint.type, joint.position) == (1, [pytest.approx(0.0, abs=1e-6)])
+    said = call("set_joint_properties", "k", ODEJointProperties(), refused=True).status_message
+    assert "'k' closes a chain of joints, and is only read" in said
+    there = Pose(Point(0.0, 1.0, 5.0), Quaternion(w=1.0))
+    call("set_model_state", ModelState("m", there, Twist(), ""))
+    state = call("get_link_state", "m::free", "").link_state
+    assert (state.pose.position.x, state.pose.position.y) == pytest.approx((3.0, 1.0), abs=1e-6)
+    assert call("delete_model", "m::free", refused=True)
+    call("delete_model", "m")
+    call("get_link_state", "m::free", "", refused=True)

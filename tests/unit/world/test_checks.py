@@ -132,12 +132,10 @@ def test_an_orientation_of_another_length_is_made_a_unit_one(world, make):
     assert none.pose().quat == (0, 0, 0, 1)
 
 
-@pytest.mark.parametrize("kind", ["floating", "planar"])
-def test_joints_that_are_not_simulated_are_refused(world, make, kind):
+def test_joints_that_are_not_simulated_are_refused(world, make):
     xml = make.robot(make.link("a"), make.link("b"),
-                     '<joint name="j" type="' + kind + '"><parent link="a"/><child link="b"/>'
-                     "</joint>")
-    with pytest.raises(WorldError, match=f"joint 'j': {kind} joints are not simulated"):
+                     '<joint name="j" type="planar"><parent link="a"/><child link="b"/></joint>')
+    with pytest.raises(WorldError, match="joint 'j': planar joints are not simulated"):
         world.spawn(parse_urdf(xml), "m")
 
 

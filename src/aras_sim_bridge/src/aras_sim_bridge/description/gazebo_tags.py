@@ -83,14 +83,18 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
                 [joint.name for joint in joints.values() if joint.mimic is not None])
             idle += served.find_unserved(block, "gazebo", where)
             for node in block.findall("link"):
-                _add_link(node, tags, resolve, warnings)
+                try:
+                    _add_link(node, tags, resolve, warnings)
+                except DescriptionError as error:
+                    warnings.append(f"{error}; the link is left out")
+                    continue
                 sensor_tags.of_link(node, node.get("name"), cameras, sensors, found, warnings)
         elif reference in links:
             _link_flags(block, reference, tags, warnings)
             sensor_tags.of_link(block, reference, cameras, sensors, found, warnings)
             idle += served.find_unserved(block, "gazebo link", where)
         elif reference in joints:
-            _joint_settings(block, reference, tags)
+            _joint_settings(block, reference, tags, warnings)
             for sensor in block.findall("sensor[@type='force_torque']"):
                 gauges[reference] = sensor
                 found += sensor_tags.gauge(sensor, reference, warnings)
@@ -99,7 +103,14 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
             warnings.append(f"{where} names no link or joint; ignored")
     for node in (node for block in blocks if block.get("reference") is None
                  for node in block.findall("joint")):
-        tags.added_joints.append(read_joint(node, "<gazebo>", tags.poses))
+        try:
+            one = read_joint(node, "<gazebo>", tags.poses)
+            check_names([*joints, *(one.joint.name for one in tags.added_joints), one.joint.name],
+                        "joints")
+        except DescriptionError as error:
+            warnings.append(f"{error}; the joint is left out")
+            continue
+        tags.added_joints.append(one)
         for sensor in node.findall("sensor[@type='force_torque']"):
             gauges[node.get("name")] = sensor
             found += sensor_tags.gauge(sensor, node.get("name"), warnings)
@@ -142,7 +153,7 @@ def _paint(node: Element, link: str, tags: GazeboTags, warnings: list[str]) -> N
         tags.colours[link] = colour
 
 
-def _joint_settings(block: Element, name: str, tags: GazeboTags) -> None:
+def _joint_settings(block: Element, name: str, tags: GazeboTags, warnings: list[str]) -> None:
     where = f"<gazebo reference='{name}'>"
     joint = tags.joints[name]
     stiffness = number(_setting(block, "springStiffness"), f"{where}: springStiffness",
@@ -151,8 +162,9 @@ def _joint_settings(block: Element, name: str, tags: GazeboTags) -> None:
     if stiffness < 0.0:
         raise DescriptionError(f"{where}: springStiffness is {stiffness}; it must not be negative")
     if stiffness and not joint.moves:
-        raise DescriptionError(f"{where}: springStiffness is for a joint that moves; '{name}' is "
-                               f"{joint.kind}")
+        warnings.append(f"{where}: springStiffness is for a joint that moves; '{name}' is "
+                        f"{joint.kind}; left out")
+        return
     tags.joints[name] = replace(joint, stiffness=stiffness, rest=rest)
 
 

@@ -63,18 +63,18 @@ def _unify_pose(pose: Element, where: str, warnings: list[str]) -> None:
         warnings.append(f"{where} '{' '.join(map(shorten, words))}' has three numbers, read as a "
                         "position without rotation; write six: x y z roll pitch yaw")
         words += ["0"] * 3
-    elif len(words) == 7 and pose.get("rotation_format") == "quat_xyzw":
-        given = numbers(pose.text, 7, where)
-        length = math.hypot(*given[3:]) or 1.0
-        at = Pose(given[:3], tuple(part / length for part in given[3:]))
-        words = list(map(repr, (*at.xyz, *at.rpy)))
-    elif len(words) == 6 and pose.get("degrees") in ("true", "1"):
-        words[3:] = [repr(math.radians(number(word, where))) for word in words[3:]]
-        del pose.attrib["degrees"]
-    elif len(words) == 6:
-        with contextlib.suppress(DescriptionError):  # named where it is read
-            warnings += degrees_in_angles(numbers(pose.text, 6, where)[3:], f"{where}: roll pitch "
-                                          "yaw")
+    with contextlib.suppress(DescriptionError):  # what is no number is named where it is read
+        if len(words) == 7 and pose.get("rotation_format") == "quat_xyzw":
+            given = numbers(pose.text, 7, where)
+            length = math.hypot(*given[3:]) or 1.0
+            at = Pose(given[:3], tuple(part / length for part in given[3:]))
+            words = list(map(repr, (*at.xyz, *at.rpy)))
+        elif len(words) == 6 and pose.get("degrees") in ("true", "1"):
+            words[3:] = [repr(math.radians(number(word, where))) for word in words[3:]]
+            del pose.attrib["degrees"]
+        elif len(words) == 6:
+            angles = [number(word, where) for word in words[3:]]
+            warnings += degrees_in_angles(angles, f"{where}: roll pitch yaw")
     pose.text = " ".join(words)
 
 

@@ -81,8 +81,8 @@ def _check_joints(description: RobotDescription, name: str) -> None:
     parents: dict[str, str] = {}
     for joint in description.joints.values():
         parents[joint.child] = joint.parent
-        if joint.kind in ("floating", "planar"):
-            raise WorldError(f"model '{name}', joint '{joint.name}': {joint.kind} joints are not "
+        if joint.kind == "planar":
+            raise WorldError(f"model '{name}', joint '{joint.name}': planar joints are not "
                              "simulated; use prismatic and revolute joints in a row")
     heavy: set[str] = set()  # links with mass at or below them
     for link in description.links.values():

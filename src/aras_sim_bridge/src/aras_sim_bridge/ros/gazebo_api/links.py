@@ -19,8 +19,8 @@ from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.gazebo_api import entities
 from aras_sim_bridge.ros.runtime.services import Fields, serves
 from aras_sim_bridge.simulation import Simulation
+from aras_sim_bridge.world import loops
 from aras_sim_bridge.world.changes import with_joint, with_link
-from aras_sim_bridge.world.loops import position
 from aras_visual_servo_base.poses import Twist, subtract
 
 JOINT_TYPES = {
@@ -107,8 +107,8 @@ def get_joint_properties(simulation: Simulation, request: GetJointProperties) ->
     if closing is not None:
         model, one = closing
         ends = (model.link_pose(end) for end in (one.joint.parent, one.joint.child))
-        kind = JOINT_TYPES.get(one.joint.kind, GetJointPropertiesResponse.BALL)
-        return {"type": kind, "damping": [0.0], "position": [position(one, *ends)], "rate": [0.0]}
+        return {"type": JOINT_TYPES[one.joint.kind], "damping": [0.0], "rate": [0.0],
+                "position": [loops.position(one, *ends)]}
     model, name = entities.joint(simulation, request.joint_name)
     joint = model.description.joints[name]
     fields: Fields = {"type": JOINT_TYPES.get(joint.kind, GetJointPropertiesResponse.BALL)}

@@ -27,6 +27,7 @@ from aras_sim_bridge.description.types import (
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.safe_xml import (
+    check_names,
     number,
     shorten,
     text_of,

@@ -32,6 +32,8 @@ from std_srvs.srv import Empty
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 STEP = 0.1  # rad or m that a joint is asked to move; less where its range is small
+LEAST = 1e-4  # rad or m: a joint with less room is not asked to move
+ANYWHERE = (-math.inf, math.inf)
 REACHED = 0.5  # part of the step that a joint has to make: PIDs of their authors may sag
 LOADED = 20.0  # s of wall time for controllers to be loaded before time passes
 PATIENCE = 90.0  # s of wall time for a joint, a message or a service
@@ -80,14 +82,23 @@ def descriptions() -> Iterator[ElementTree.Element]:
             continue
 
 
+def range_of(joint: ElementTree.Element) -> tuple[float, float]:
+    """Where a joint may be: within its limits and its soft limits; infinite where it has none."""
+    low, high = -math.inf, math.inf
+    limit, soft = joint.find("limit"), joint.find("safety_controller")
+    if joint.get("type") in ("revolute", "prismatic") and limit is not None:
+        low, high = float(limit.get("lower", 0.0)), float(limit.get("upper", 0.0))
+    if soft is not None:
+        low = max(low, float(soft.get("soft_lower_limit", 0.0)))
+        high = min(high, float(soft.get("soft_upper_limit", 0.0)))
+    return low, high
+
+
 def goal_of(position: float, bounds: tuple[float, float]) -> float:
-    """A position a STEP away, on the side with more room."""
-    low, high = bounds
-    if high <= low:
-        return position + STEP
-    room = max(high - position, position - low)
-    step = min(STEP, 0.5 * room)
-    return position + step if high - position >= position - low else position - step
+    """A position a STEP away, on the side with more room; the same one where there is none."""
+    up, down = max(bounds[1] - position, 0.0), max(position - bounds[0], 0.0)
+    step = min(STEP, 0.5 * max(up, down))
+    return position + step if up >= down else position - step
 
 
 class Controllers:
@@ -96,10 +107,7 @@ class Controllers:
 
     def __init__(self) -> None:
         joints = [joint for root in descriptions() for joint in root.findall("joint")]
-        limits = {joint.get("name"): joint.find("limit") for joint in joints
-                  if joint.get("type") in ("revolute", "prismatic")}
-        self._bounds = {name: (float(limit.get("lower", 0.0)), float(limit.get("upper", 0.0)))
-                        for name, limit in limits.items() if limit is not None}
+        self._bounds = {joint.get("name"): range_of(joint) for joint in joints}
         self._mimics = {joint.get("name") for joint in joints if joint.find("mimic") is not None}
 
     def check(self, controller: str, kind: str) -> str:
@@ -125,6 +133,8 @@ class Controllers:
         joint = Joint(name)
         start, _ = joint.read()
         send()
+        if abs(goal - start) < LEAST:
+            return f"{name} has no room within its limits"
         last = [time.monotonic()]
 
         def reached() -> bool:
@@ -142,20 +152,22 @@ class Controllers:
 
     def _trajectory(self, controller: str, _kind: str, joints: list[str]) -> str:
         starts = [Joint(name).read()[0] for name in joints]
-        goals = [goal_of(at, self._bounds.get(name, (0.0, 0.0)))
+        goals = [goal_of(at, self._bounds.get(name, ANYWHERE))
                  for at, name in zip(starts, joints, strict=True)]
         point = JointTrajectoryPoint(positions=goals, time_from_start=rospy.Duration(SECONDS))
         publisher = publish(f"{controller}/command", JointTrajectory)
-        done = [self._follows(joints[0], goals[0], lambda: publisher.publish(
-            JointTrajectory(joint_names=joints, points=[point])), again=False)]
-        for name, start, goal in zip(joints[1:], starts[1:], goals[1:], strict=True):
+        publisher.publish(JointTrajectory(joint_names=joints, points=[point]))
+        asked = [one for one in zip(joints, starts, goals, strict=True)
+                 if abs(one[2] - one[1]) >= LEAST]
+        for name, start, goal in asked:
             way = (goal - start) * REACHED
             if not wait(lambda n=name, s=start, w=way: (Joint(n).read()[0] - s) / w >= 1.0,
                         PATIENCE):
                 raise RuntimeError(f"{name} was to move from {start:.3f} to {goal:.3f} and is at "
                                    f"{Joint(name).read()[0]:.3f}")
-            done.append(name)
-        return f"{len(done)} joints follow"
+        if not asked:
+            raise RuntimeError(f"{controller}: no joint has room within its limits")
+        return f"{len(asked)} joints follow"
 
     def _single(self, controller: str, kind: str, joints: list[str]) -> str:
         (name,) = joints
@@ -167,7 +179,7 @@ class Controllers:
         if "Position" in kind:
             starts = {name: Joint(name).read()[0] for name in joints}
             for name in joints:
-                goal = goal_of(starts[name], self._bounds.get(name, (0.0, 0.0)))
+                goal = goal_of(starts[name], self._bounds.get(name, ANYWHERE))
                 starts[name] = goal
                 self._follows(name, goal, lambda: publisher.publish(
                     Float64MultiArray(data=list(starts.values()))))
@@ -179,7 +191,7 @@ class Controllers:
 
     def _commanded(self, kind: str, name: str, send: Callable[[float], None]) -> str:
         start = Joint(name).read()[0]
-        goal = goal_of(start, self._bounds.get(name, (0.0, 0.0)))
+        goal = goal_of(start, self._bounds.get(name, ANYWHERE))
         way = goal - start
         if "Position" in kind:
             return self._follows(name, goal, lambda: send(goal))
@@ -192,7 +204,7 @@ class Controllers:
 
     def _gripper(self, controller: str, _kind: str, joints: list[str]) -> str:
         (name,) = joints
-        goal = goal_of(Joint(name).read()[0], self._bounds.get(name, (0.0, 0.0)))
+        goal = goal_of(Joint(name).read()[0], self._bounds.get(name, ANYWHERE))
         client = SimpleActionClient(f"{controller}/gripper_cmd", GripperCommandAction)
         if not wait(lambda: client.wait_for_server(rospy.Duration(0.2)), PATIENCE):
             raise RuntimeError(f"{controller}/gripper_cmd has no server")

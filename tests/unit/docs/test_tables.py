@@ -46,7 +46,6 @@ MEASURED = {
     ("docs/step_response.md", "step, all joints at once"): STEPS,
     ("docs/step_response.md", "one joint alone, 0 → 0.1"): STEPS,
     ("docs/porting.md", "suite"): "tests/peers",
-    ("docs/porting.md", "package"): "tests/peers",
     ("docs/solid_targets.md", "solid, seeds"): "tests/benchmarks/model_tracking.py",
     ("docs/studies.md", ""): "tests/benchmarks/study_beside.py",
     ("docs/differences.md", "run"): "tests/benchmarks/original_controllers.py",

@@ -105,6 +105,15 @@ def _without_comments(xml: str) -> str:
     return "".join((*kept, xml[at:]))
 
 
+def check_names(names: list[str], what: str) -> None:
+    """DescriptionError where two of `what` ('cameras') have one name."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise DescriptionError(f"two {what} are named '{shorten(name)}'; rename one")
+        seen.add(name)
+
+
 def shorten(text: str, length: int = 60) -> str:
     """`text` for a message, cut when a stranger made it long."""
     text = " ".join(text.split())

@@ -26,7 +26,7 @@ from aras_sim_bridge.description.types import (
 )
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import number, shorten, text_of, truth
+from aras_visual_servo_base.safe_xml import check_names, number, shorten, text_of, truth
 from aras_visual_servo_base.urdf import Joint
 
 
@@ -100,9 +100,8 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
                  for node in block.findall("joint")):
         try:
             one = read_joint(node, "<gazebo>", tags.poses)
-            name = one.joint.name
-            if name in {*joints, *(other.joint.name for other in tags.added_joints)}:
-                raise DescriptionError(f"<gazebo>: two joints are named '{name}'; rename one")
+            check_names([*joints, *(one.joint.name for one in tags.added_joints), one.joint.name],
+                        "joints")
         except DescriptionError as error:
             warnings.append(f"{error}; the joint is left out")
             continue

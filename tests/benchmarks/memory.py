@@ -21,7 +21,7 @@ from aras_visual_servo_bench.asked.experiment import PLANTS, Experiment
 from aras_visual_servo_bench.running.loop import run
 
 MOST = 20.0  # MB over all runs of a plant
-WARM = 8  # runs before: libraries are loaded, and caches have what fits into them
+WARM = 24  # runs before: libraries are loaded, and caches have what fits into them
 EXAMPLES = ROOT / "docs" / "examples"
 ARM = {"urdf": str(EXAMPLES / "my_arm.urdf"), "config": str(EXAMPLES / "my_arm_controllers.yaml")}
 TARGETS = (
@@ -61,7 +61,7 @@ def experiment(plant: str, number: int) -> Experiment:
     })  # fmt: skip
 
 
-def growth(plant: str, runs: int, warm: int = WARM) -> float:
+def growth(plant: str, runs: int, warm: int) -> float:
     """MB that so many runs leave, after `warm` others."""
     numbers = count()
     for _ in range(warm):
@@ -76,11 +76,12 @@ def main() -> int:
     """Measure, and print a line for each plant; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=200, help="of each plant (default 200)")
+    parser.add_argument("--warm", type=int, default=WARM, help=f"runs before (default {WARM})")
     parser.add_argument("--plants", nargs="+", default=PLANTS, choices=PLANTS)
     given = parser.parse_args()
     grown = {}
     for plant in given.plants:
-        grown[plant] = growth(plant, given.runs)
+        grown[plant] = growth(plant, given.runs, given.warm)
         print(f"{plant:8} {grown[plant]:7.1f} MB after {given.runs} runs", flush=True)
     print(json.dumps(grown))
     return 0 if max(grown.values()) <= MOST else 1

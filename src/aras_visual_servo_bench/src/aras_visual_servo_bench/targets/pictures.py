@@ -24,7 +24,7 @@ FARTHEST = 1e3  # m
 SHOWN = Sun(ambient=1.0, diffuse=0.0, background=(1.0, 1.0, 1.0, 1.0))  # colours as they are
 LIT = Sun(background=(1.0, 1.0, 1.0, 1.0))  # a solid is seen by the light on its faces
 KEPT = 2  # targets: a picture as the renderer reads it takes up to 11 MB
-CANVASES = 1 << 24  # bytes for the cameras that see one of them
+CANVASES = 1 << 22  # bytes for the cameras that see one of them; the last one stays in any case
 
 
 class _Still:

@@ -283,7 +283,7 @@ def test_the_judge_finds_nothing_in_cameras_as_believed():
          "camera 'right' delivers its first picture after 8.33 s, and the run lasts 8 s"),
         ({"cameras": two(right={"rpy": [0.0, 3.1, 0.0]})},
          r"behind the camera.*\(camera 'right'\)"),
-        ({"camera": "wide"}, "camera and believed are of an experiment with one camera"),
+        ({"camera": "wide"}, "camera, hand_eye and believed are of an experiment with one camera"),
         ({"plant": "ideal"}, "plant 'ideal' has one camera"),
         ({"cameras": two(right={"focal": 2.0})}, "unknown key 'cameras.right.focal'"),
         ({"cameras": two(right={"model": "wdie"})}, "'wdie' is no preset: did you mean 'wide'"),

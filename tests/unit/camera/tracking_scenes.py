@@ -99,6 +99,9 @@ class _Body:
     def pose(self) -> Pose:
         return self.at
 
+    def scoped(self, link: str) -> str:
+        return f"{self.name}::{link}"
+
 
 class _Still:
     def __init__(self, bodies: list[_Body]) -> None:

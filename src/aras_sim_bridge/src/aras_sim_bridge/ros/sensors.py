@@ -18,7 +18,7 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.sensors import (
     ContactReading,
     ImuReading,
-    JointReading,
+    JointStateReading,
     PoseReading,
     RateSensor,
     WrenchReading,
@@ -61,7 +61,7 @@ def _contacts(message: Message, reading: ContactReading, _sensor: RateSensor) ->
             depths=[one.depth for one in touches]))
 
 
-def _joint_states(message: Message, reading: JointReading, _sensor: RateSensor) -> None:
+def _joint_states(message: Message, reading: JointStateReading, _sensor: RateSensor) -> None:
     message.name, message.position = list(reading.names), list(reading.positions)
     message.velocity = list(reading.velocities)
 

@@ -2,17 +2,17 @@
 
 from .base import RateSensor
 from .contact import ContactReading, ContactSensor, Touch
-from .joint_states import JointReading, JointStates
+from .joint_states import JointStateReading, JointStateSensor
 from .motion import BodyImu, Imu, ImuReading, PoseReading, PoseSensor
 from .wrench import WrenchReading, WrenchSensor
 
 KINDS: dict[str, type[RateSensor]] = {
     "pose": PoseSensor, "imu": Imu, "body_imu": BodyImu, "wrench": WrenchSensor,
-    "contact": ContactSensor, "joint_states": JointStates,
+    "contact": ContactSensor, "joint_states": JointStateSensor,
 }
 
 __all__ = [
-    "KINDS", "BodyImu", "ContactReading", "ContactSensor", "Imu", "ImuReading", "JointReading",
-    "JointStates", "PoseReading", "PoseSensor", "RateSensor", "Touch", "WrenchReading",
+    "KINDS", "BodyImu", "ContactReading", "ContactSensor", "Imu", "ImuReading", "JointStateReading",
+    "JointStateSensor", "PoseReading", "PoseSensor", "RateSensor", "Touch", "WrenchReading",
     "WrenchSensor",
 ]

@@ -10,7 +10,7 @@ from aras_sim_bridge.world import Model, World
 
 
 @dataclass(frozen=True)
-class JointReading:
+class JointStateReading:
     """names, positions (rad or m) and velocities (per s), in the plug-in's order."""
 
     stamp_ns: int
@@ -19,7 +19,7 @@ class JointReading:
     velocities: tuple[float, ...]
 
 
-class JointStates(RateSensor[None]):
+class JointStateSensor(RateSensor[None]):
     """Publishes true positions and velocities, and no efforts, as upstream's."""
 
     def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
@@ -30,8 +30,8 @@ class JointStates(RateSensor[None]):
     def _state(self) -> None:
         return None
 
-    def _measured(self, before: None, time_ns: int, seconds: float) -> JointReading:
+    def _measured(self, before: None, time_ns: int, seconds: float) -> JointStateReading:
         positions, velocities, _ = self.model.read_joints()
-        return JointReading(time_ns, self.description.joints,
+        return JointStateReading(time_ns, self.description.joints,
                             tuple(positions[slot] for slot in self._slots),
                             tuple(velocities[slot] for slot in self._slots))

@@ -44,6 +44,10 @@ class _Still:
         """In the target's frame."""
         return IDENTITY
 
+    def scoped(self, link: str) -> str:
+        """The name of the link with the model's before it."""
+        return f"{self.name}::{link}"
+
 
 def seen(
     target: Target, camera: CameraModel, target_T_camera: np.ndarray,

@@ -14,6 +14,7 @@ from ..loop.state import ServoState as State
 from ..msg import ServoReport, ServoState
 from ..settings import Settings
 from .commands import CommandTopics, publish
+from .foreign_commands import ForeignCommandListener
 from .messages import report_message, state_message
 
 LISTENERS_TIMEOUT = 5.0  # s of wall time
@@ -24,8 +25,8 @@ class RosFace:
     """Publishers of one controller; a Face of the Driver.
 
     Attributes:
-        names: of the joints. commands: their topics. state: publisher of controller/state.
-        latest: state that was reported last.
+        names: of the joints. commands: their topics. foreign: commands of other nodes on these.
+        state: publisher of controller/state. latest: state that was reported last.
     """
 
     def __init__(self, settings: Settings, names: Sequence[str], frame: str) -> None:
@@ -33,6 +34,7 @@ class RosFace:
         self._settings, self.names, self._frame = settings, tuple(names), frame
         space = settings.namespace.rstrip("/")
         self.commands = CommandTopics(settings, self.names, settings.output)
+        self.foreign = ForeignCommandListener(self.commands)
         self.state = rospy.Publisher(f"{space}/controller/state", ServoState, queue_size=5)
         self._reports = rospy.Publisher(f"{space}/controller/diagnosis", ServoReport, queue_size=5)
         self._twists = rospy.Publisher(
@@ -55,7 +57,8 @@ class RosFace:
             time.sleep(0.02)
 
     def close(self) -> None:
-        """Publish no more."""
+        """Publish and receive no more."""
+        self.foreign.close()
         self.commands.close()
         for publisher in (self.state, self._reports, self._twists):
             publisher.unregister()

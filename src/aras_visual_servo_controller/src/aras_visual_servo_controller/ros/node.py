@@ -16,7 +16,6 @@ from ..settings import Settings
 from .control import Control
 from .description import DescriptionWatch, e_stop_topic
 from .face import RosFace
-from .foreign_commands import ForeignCommandListener
 from .given import given_settings
 from .goal_topics import GoalTopics
 from .inputs import Inputs
@@ -33,7 +32,6 @@ class ControllerNode:
         self._settings, self._given = settings, given
         self.driver: Driver | None = None
         self.face: RosFace | None = None
-        self._foreign: ForeignCommandListener | None = None
         self._control: Control | None = None
         self._description = DescriptionWatch(settings.description)
         self._goal = GoalTopics(settings.namespace.rstrip("/"))
@@ -52,11 +50,8 @@ class ControllerNode:
             before.close()
         arms = {settings.read_by(servo.scheme)[0]: arm, **others}
         rig = settings.rig(arms, servo.scheme, servo.goal)
-        if self._foreign is not None:
-            self._foreign.close()
-        self._foreign = ForeignCommandListener(self.face.commands)
         self.driver = Driver(
-            servo, rig, settings, self.face, rospy.get_time, foreign=self._foreign
+            servo, rig, settings, self.face, rospy.get_time, foreign=self.face.foreign
         )
         self.face.await_listeners()
         rospy.loginfo(

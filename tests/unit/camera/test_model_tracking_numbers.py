@@ -278,7 +278,7 @@ def test_a_pose_is_fitted_by_steps_that_end_where_it_is_still(wide, exact, open_
                                                    pose[:3, :3] @ slip[3:]]))
         if step == 6:
             break
-        change = np.linalg.solve(A + np.eye(6) / 5e-3**2, b)
+        change = np.linalg.solve(A + np.eye(6) / (0.1 * UNIT) ** 2, b)
         pose, turned = moved(pose, change, about, UNIT), turned + change[3:]
         size = np.linalg.norm(change[:3]) + np.linalg.norm(change[3:])
         if least == exact and focal * size < 0.01 * about[2]:

@@ -69,7 +69,8 @@ AREAS = {
               f"{_UNIT}/world/test_command_streams", f"{_UNIT}/world/test_hard_limits")),
         Area("world", (f"{BRIDGE}/world/**/*.py",), (f"{_UNIT}/world",)),
         Area("description", (f"{BRIDGE}/description/**/*.py",),
-             (f"{_UNIT}/description", f"{_UNIT}/world", f"{_UNIT}/robot", f"{_UNIT}/camera")),
+             (f"{_UNIT}/description", f"{_UNIT}/world", f"{_UNIT}/robot", f"{_UNIT}/camera",
+              f"{_UNIT}/ros/test_spawn_namespaces")),
         Area("simulation", (f"{BRIDGE}/*.py",),
              (f"{_UNIT}/world", f"{_UNIT}/control", f"{_UNIT}/camera", f"{_UNIT}/description")),
         Area("ros", (f"{BRIDGE}/ros/**/*.py",),
@@ -88,7 +89,8 @@ AREAS = {
              (f"{_UNIT}/servo", f"{_UNIT}/ros/test_gains")),
         Area("features", tuple(f"{CONTROLLER}/{room}/*.py" for room in (
                  "features", "schemes", "goals")),
-             (f"{_UNIT}/servo", f"{_UNIT}/features", f"{_UNIT}/settings")),
+             (f"{_UNIT}/servo", f"{_UNIT}/features", f"{_UNIT}/settings",
+              f"{_UNIT}/bench/test_half_turn", f"{_UNIT}/bench/test_users_answers")),
         Area("servo",
              (f"{CONTROLLER}/*.py", *(f"{CONTROLLER}/{room}/*.py" for room in (
                  "hands", "loop", "seeing"))),

@@ -8,7 +8,6 @@ from aras_sim_bridge.description import CameraPlugin
 from aras_sim_bridge.description.plugins import PLUGINS
 from aras_sim_bridge.ros.gazebo_api.descriptions import set_namespace
 
-
 WITHOUT_TOPICS = {"gazebo_grasp_fix", "gazebo_ros_link_attacher"}  # of the model's own
 
 

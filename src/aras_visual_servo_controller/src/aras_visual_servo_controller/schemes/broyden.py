@@ -47,6 +47,7 @@ class Broyden:
     def reset(self) -> None:
         """Forget what was seen."""
         self._L: np.ndarray | None = None
+        self._weights, self._floor = np.ones(6), 0.0  # W and floor; with the first L
         self._before: tuple[float, np.ndarray] | None = None  # stamp, error
 
     def __call__(self, observation: Observation, measured: Measured) -> np.ndarray:

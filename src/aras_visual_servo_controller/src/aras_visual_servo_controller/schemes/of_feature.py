@@ -29,13 +29,14 @@ class OfFeature(Scheme):
         super().__init__(law)
         self.feature = self.made_of() if feature is None else feature
         self.needs, self.cameras = self.feature.needs, tuple(self.feature.cameras)
-        self._rows = len(self.feature.names)  # of L in the last image
+        self._rows = 0  # of L in the last image
         self._describe()
 
     def reset(self) -> None:
         """See Scheme.reset."""
         super().reset()
         self.feature.reset()
+        self._rows = 0
 
     def check(self, goal: Goal) -> None:
         """See Scheme.check."""

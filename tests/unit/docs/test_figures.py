@@ -8,9 +8,11 @@ from aras_visual_servo_controller.judging.arrival import ARRIVED
 from aras_visual_servo_controller.judging.left_open import PLAIN
 
 
-def said(millimetres_and_radians, degrees="°"):
-    distance, angle = millimetres_and_radians
-    return f"within {1e3 * distance:g} mm and {math.degrees(angle):.1f}{degrees}"
+def said(part_and_radians, degrees="°"):
+    """Of a bound: part of the depth, and rad."""
+    part, angle = part_and_radians
+    depth = f"{100 * part:g} % of the target's depth ({1e3 * part * 0.2:g} mm at 0.2 m)"
+    return f"within {depth} and {math.degrees(angle):.1f}{degrees}"
 
 
 def test_pages_tell_alike_when_a_loop_has_arrived_and_what_it_leaves_open():

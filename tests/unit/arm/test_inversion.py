@@ -182,7 +182,8 @@ def test_a_demand_is_what_is_held_and_the_task_in_the_rest(count):
 @pytest.mark.parametrize("joints", [4, 6, 7])
 @pytest.mark.parametrize("weakest", [0.0, 0.004, 0.5])
 def test_a_solution_is_that_of_damped_least_squares(joints, weakest):
-    """Of a random arm whose least singular value is given, one of its joints fixed."""
+    """Of a random arm whose least singular value is given, one of its joints fixed, and whose
+    joints' motions count as much as each other in units of their own."""
     random, damping, below = np.random.default_rng(joints), 0.003, 0.012
     free = np.arange(joints + 1) != 2
     for rows in (2, 4, 6):
@@ -191,12 +192,16 @@ def test_a_solution_is_that_of_damped_least_squares(joints, weakest):
         scaled = np.insert((u * s) @ vt, 2, random.normal(size=6), axis=1)
         basis, weights = directions(random, rows)[0], random.uniform(0.2, 1.0, rows)
         wanted, wish = random.normal(size=rows), random.normal(size=joints + 1)
-        fixed = np.where(free, 0.0, 0.7)
+        fixed, units = np.where(free, 0.0, 0.7), random.uniform(0.1, 3.0, joints + 1)
         primary, secondary = inversion._solved(
-            scaled, basis, wanted, weights, wish, free, fixed, damping, below
+            scaled / units, basis, wanted, weights, wish, free, fixed, damping, below, units
         )
+        # In units of its own each joint moves the camera as `scaled` says.
+        primary, secondary, fixed = primary / units, secondary / units, fixed / units
+        wish = wish / units
         demand = np.diag(weights) @ basis
-        task, rates = demand @ scaled[:, free], weights * wanted - 0.7 * demand @ scaled[:, 2]
+        task = demand @ scaled[:, free]
+        rates = weights * wanted - fixed[2] * demand @ scaled[:, 2]
         damped = np.zeros(joints)
         if weakest < below:
             strength = max(np.linalg.norm(demand @ u[:, -1]), 0.3)
@@ -205,10 +210,13 @@ def test_a_solution_is_that_of_damped_least_squares(joints, weakest):
         np.testing.assert_allclose(primary[free], inverse @ rates, atol=1e-8)
         np.testing.assert_allclose(secondary[free], (np.eye(joints) - inverse @ task) @ wish[free],
                                    atol=1e-8)  # fmt: skip
-        assert primary[2] == 0.7 and secondary[2] == 0.0
+        assert primary[2] == fixed[2] and secondary[2] == 0.0
 
 
 # ----------------------------------------------------------------------- stretched elbows
+
+# Limits of two joints that do not bind; both joints count in the same units.
+ROWS = np.array([[9.0] * 2] * 4 + [[1.0] * 2])
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -229,7 +237,7 @@ def test_only_the_way_out_of_straight_is_that_of_the_bent_arm(
         solution, _, free, stopped, stretched = inversion._joint_by_joint(
             np.eye(6)[:, :2] * [0.5, 1.0], np.eye(6)[:, :2], np.eye(6)[:2],
             np.array([side * speed, second]), np.ones(2), np.zeros(2), np.full(2, -9.0),
-            np.full(2, 9.0), folds, np.full((4, 2), 9.0),
+            np.full(2, 9.0), folds, ROWS,
             np.array([0.25 + side * bend, other - 0.25]), 0.01, 0.1, np.array([0.0, 1e-9]),
         )  # fmt: skip
         np.testing.assert_allclose(solution, [side * expected, second], atol=1e-9)
@@ -245,13 +253,13 @@ def test_damping_is_the_same_whichever_arm_is_solved_for(bend):
     folds, q = np.array([[0.0, 0.0, 1.0]]), np.array([bend, 0.0])
     for damping in ([0.4, 5.0], [0.1, 2.0]):
         solution = inversion._joint_by_joint(
-            *arms, *rest, np.full(2, -9.0), np.full(2, 9.0), folds, np.full((4, 2), 9.0), q, 0.01,
+            *arms, *rest, np.full(2, -9.0), np.full(2, 9.0), folds, ROWS, q, 0.01,
             0.1, np.array(damping))[0]  # fmt: skip
         expected = inversion._solved(arms[int(bend < 0.1)], *rest, np.ones(2, bool), np.zeros(2),
-                                     *damping)[0]  # fmt: skip
+                                     *damping, np.ones(2))[0]  # fmt: skip
         np.testing.assert_allclose(solution, expected)
         swapped = inversion._solved(arms[int(bend < 0.1)], *rest, np.ones(2, bool), np.zeros(2),
-                                     *damping[::-1])[0]  # fmt: skip
+                                     *damping[::-1], np.ones(2))[0]  # fmt: skip
         assert np.abs(solution - swapped).max() > 1e-3
 
 
@@ -262,7 +270,7 @@ def test_what_one_joint_cannot_do_another_does(reached, sign):
     room = np.where(np.arange(2) == reached, 0.1, 9.0)
     solution, _, free, stopped, straight = inversion._joint_by_joint(
         np.eye(6)[:, [0, 0]], np.eye(6)[:, [0, 0]], np.eye(6)[:1], np.array([sign]), np.ones(1),
-        np.zeros(2), -room, room, np.zeros((0, 7)), np.full((4, 2), 9.0), np.zeros(2), 0.01, 0.1,
+        np.zeros(2), -room, room, np.zeros((0, 7)), ROWS, np.zeros(2), 0.01, 0.1,
         np.array([0.0, 1e-9]),
     )  # fmt: skip
     np.testing.assert_allclose(solution, sign * np.where(room < 1.0, 0.1, 0.9))

@@ -128,12 +128,25 @@ def _roll(arm, q, speed):
     return np.concatenate([np.zeros(3), speed * np.cross(pitch, jacobian[3:, 5])])
 
 
-def test_what_l_does_not_see_is_not_asked_for():
+@pytest.mark.parametrize(("apart", "accuracy", "seen"), [
+    (1e-13, 0.0, False),  # as much as rounding
+    (1e-7, 0.0, True),  # more, of features that are exact
+    (1e-7, 1e-6, False),  # less than they are measured to
+    (1e-7, 1e-9, True),
+])  # fmt: skip
+def test_what_l_does_not_see_is_not_asked_for(apart, accuracy, seen):
+    """Two features that are one, but for a part of them."""
     arm, q = make("ur5"), np.array(REGULAR["ur5"])
-    L = np.array([[1.0, 0, 0, 0, 0, 0], [1.0, 1e-7, 0, 0, 0, 0]])  # two features that are one
-    answer = Resolver(arm).resolve(q, Task.of(L, [0.01, -0.01]), 0.01)
-    assert np.abs(answer.velocities).max() < 0.1  # and not 1e5
-    assert answer.rank == 1
+    L = np.array([[1.0, 0, 0, 0, 0, 0], [1.0, apart, 0, 0, 0, 0]])
+    task = Task.of(L, [0.01, -0.01], accuracy=accuracy)
+    answer = Resolver(arm).resolve(q, task.measurable, 0.01)
+    assert (np.abs(answer.velocities).max() > 1.0) == seen
+    assert np.abs(answer.asked).max() == pytest.approx(0.02 / apart if seen else 0.0, rel=1e-3)
+    assert answer.rank == 1 + seen
+
+
+def test_nothing_seen_is_nothing_asked_for():
+    arm, q = make("ur5"), np.array(REGULAR["ur5"])
     nothing = Resolver(arm).resolve(q, Task.of(np.zeros((2, 6)), [0.1, 0.1]), 0.01)
     assert not nothing.velocities.any() and nothing.rank == 0
     assert [Task.of(scale * np.eye(6), np.zeros(6)).rank for scale in (0.0, 1e-6, 1.0)] == [0, 6, 6]
@@ -568,7 +581,7 @@ def test_a_straight_elbow_comes_back_whatever_another_one_does(side, other):
     for speed in (-1.0, 1.0):
         solution, *_ = _joint_by_joint(
             scaled, bent, np.eye(6)[:2], np.array([side, speed]), np.ones(2), np.zeros(2),
-            np.full(2, -9.0), np.full(2, 9.0), folds, np.full((4, 2), 9.0),
+            np.full(2, -9.0), np.full(2, 9.0), folds, np.array([[9.0] * 2] * 4 + [[1.0] * 2]),
             np.array([0.0, other]), 0.01, 0.1, np.array([0.0, 1e-9]),
         )  # fmt: skip
         np.testing.assert_allclose(solution, [side, speed], atol=1e-9)

@@ -83,6 +83,9 @@ def test_units_of_features_are_the_scheme_s():
     assert "'theta_u' has others here" in found.notes[-1]
     assert found.features("nonsense", 4) == ((), ())
     assert "units of the features are unknown: unknown scheme" in found.notes[-1]
+    taught = of({"desired": "2015", "description": "none"}, goals={"goal_2015.yaml": GOAL})
+    aside, away = 0.0025 * taught.goal.distance, 0.005 * taught.goal.distance
+    assert taught.features("moments", 4)[1] == pytest.approx((aside, aside, away, 0.005))
 
 
 def test_a_run_s_experiment_says_what_differs():

@@ -686,7 +686,7 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
         left = Arrived(True, open=LeftOpen(1e-4, 2e-3))
         state = SimpleNamespace(stamp=1.0, phase=phase, decision=decision, reason="",
                                 arrived=left, resolution=None, rank=1)  # fmt: skip
-        scheme = SimpleNamespace(tolerances=(1.0,))
+        scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
         if moves:
             diagnosis._target._moves = moves
             assert diagnosis.see(state, seen, goal, scheme).kind == "target_moves"

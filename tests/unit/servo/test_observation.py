@@ -259,7 +259,8 @@ def test_points_are_a_tracker_s_as_it_answers_them(told):
     def look(grey, camera, pose, depth):
         heard.append((grey.shape, camera, pose, depth))
         return SimpleNamespace(
-            points=[[0.1, 0.2], [0.3, -0.4]], accuracy=0.01, unshared=0.002, plane=found)
+            points=[[0.1, 0.2], [0.3, -0.4]], accuracy=0.01, unshared=0.002, plane=found,
+            marker="DICT_5X5_100:7")
 
     forgot = []
     tracker = SimpleNamespace(look=look, numbered=True, reset=lambda: forgot.append(True))
@@ -272,6 +273,7 @@ def test_points_are_a_tracker_s_as_it_answers_them(told):
     np.testing.assert_array_equal(pose, the_arm().pose(joints(0.5).positions))
     assert seen.corners.tolist() == [[0.1, 0.2], [0.3, -0.4]] and not seen.corners.flags.writeable
     assert (seen.corner_accuracy, seen.corner_unshared, seen.numbered) == (0.01, 0.002, True)
+    assert seen.marker == "DICT_5X5_100:7"
     assert seen.plane == (told or found) and seen.depth is None
 
 

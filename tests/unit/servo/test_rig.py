@@ -481,11 +481,12 @@ def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
         wrong = replace(goal, features={"stereo_pose": {"points": points}})
         with pytest.raises(ConfigurationError, match=words):
             scheme.check(wrong)
-    right = goal.others["right"]
-    for apart, refused in ((0.9e-3, True), (1.1e-3, False)):
+    right, depth = goal.others["right"], 1.0 / goal.plane.C
+    for apart, refused in ((1.9e-3 * depth, True), (2.1e-3 * depth, False)):
         there = goal.world_T_camera @ transform((0.0, apart, 0.0), (0.0, 0.0, 0.0))
         close = replace(goal, others={"right": replace(right, world_T_camera=there)})
-        told = "cameras left and right are 0.9 mm apart and tell no depth" if refused else "behind"
+        told = (f"cameras left and right are {1e3 * apart:.1f} mm apart and tell no depth"
+                if refused else "behind")
         with pytest.raises(ConfigurationError, match=told):
             scheme.check(close)
     with pytest.raises(MeasurementError, match="on one line: they give no pose"):

@@ -121,6 +121,22 @@ def test_a_feature_that_teaches_needs_no_check_and_one_number_no_tuple():
     assert "KeyError" not in shipped.reason
 
 
+class Centred(Aside):
+    """Its goal is the middle of the image, so it keeps nothing."""
+
+    def teach(self, observation):
+        return {}
+
+    def measure(self, observation, goal):
+        x = observation.moments.xg
+        return Measured(x, 0.0, x, [-1.0 / goal.depth, 0, 0, 0, -1.0 - x * x, 0])
+
+
+def test_what_a_feature_keeps_may_be_empty():
+    result = servoed(f"{__name__}:Centred")
+    assert abs(result.error[-1][0]) < 1e-3, result.reason
+
+
 class Halves(Proportional):
     def rate(self, error, L, rotated_error, t, dt):
         return (-2.0 * error).tolist()

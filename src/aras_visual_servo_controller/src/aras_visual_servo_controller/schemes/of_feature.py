@@ -61,7 +61,10 @@ class OfFeature(Scheme):
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
         """See Scheme.teach."""
         taught = {f.name: checked_entry(f, f.teach(observation)) for f in self.features}
-        return {name: entry for name, entry in taught.items() if entry}
+        # Feature.check looks for what a class's own `teach` returned, be it empty.
+        looked_for = {f.name for f in self.features if type(f).check is Feature.check
+                      and type(f).teach is not Feature.teach}  # fmt: skip
+        return {name: entry for name, entry in taught.items() if entry or name in looked_for}
 
     def measured(self, observation: Observation, goal: Goal) -> Measured:
         """The feature in an image; MeasurementError where it cannot be measured."""

@@ -52,7 +52,7 @@ def test_values_arrive() -> None:
         ({"min_contrast": 256}, "~min_contrast is 256.0, must be <= 255"),
         ({"dark_target": 1}, "~dark_target is 1, must be true or false"),
         ({"layout": "points"}, "~layout is 'points': did you mean 'moments'"),
-        ({"layout": 4}, "~layout is 4, must be a text"),
+        ({"layout": 4}, "~layout is 4, must be one of moments, kernel"),
         ({"component": "mask"}, "~mask_image must name"),
         ({"colour_low": [1, 2]}, "hue 0-179"),
         ({"colour_low": "red"}, "~colour_low.0. is 'red', must be a finite number"),

@@ -297,10 +297,10 @@ def test_what_is_near_a_colour_is_the_target_in_light_and_in_shade() -> None:
     ("changes", "text"),
     [
         ({"method": "nearest_colour"}, "near_colour is .., must be red, green, blue"),
-        ({"near_colour": (1, 2, 256)}, "near_colour is .1, 2, 256., must be red"),
+        ({"near_colour": (1, 2, 256)}, "near_colour is .1.0, 2.0, 256.0., must be red"),
         ({"method": "watershed"}, "method is .watershed.: known are fixed"),
         ({"component": "red"}, "component is .red.: known are all"),
-        ({"threshold": 300}, "threshold is 300, must be <= 255"),
+        ({"threshold": 300}, "threshold is 300.0, must be <= 255"),
         ({"adaptive_block": 4}, "must be odd"),
         ({"min_pixels": 0}, "min_pixels is 0, must be >= 1"),
         ({"colour_low": (200, 0, 0)}, "hue 0-179"),

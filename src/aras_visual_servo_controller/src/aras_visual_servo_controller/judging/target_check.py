@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.poses import skew
 
 from ..features.points import point_interaction
 from ..goals.goal import Goal
@@ -21,7 +22,8 @@ class _Row:
     """What happened within PERIOD; k features, in tolerances.
 
     moved: (k,) features. L: (k, 6) mean. motion: (6,) of the camera. drift: (k, 6) by which a
-    target of the twist 1 moves them in that time, world axes. stamp: s, of its middle.
+    target of the twist 1, at the camera's place of the first row, moves them in that time, world
+    axes. stamp: s, of its middle.
     """
 
     stamp: float
@@ -66,6 +68,7 @@ class TargetCheck:
 
     def __init__(self) -> None:
         self._rows: deque[_Row] = deque()
+        self._place = np.zeros(3)  # m, world axes: of the velocity of a target's twist
         self._new = 0
         self._moves = ""
         # Error (k,), L (k, 6), rate (k,) or (1,) and tolerances (k,) of the last image.
@@ -117,7 +120,7 @@ class TargetCheck:
         self._images += 1
         self._motion = self._motion + motion
         if self._time >= self.PERIOD:
-            self._row(observation.stamp - 0.5 * self._time, pose[:3, :3].T)
+            self._row(observation.stamp - 0.5 * self._time, pose)
         return self._moves
 
     def _begin(self) -> None:
@@ -125,14 +128,18 @@ class TargetCheck:
         self._time, self._images = 0.0, 0
         self._motion = np.zeros(6)
 
-    def _row(self, stamp: float, camera_R_world: np.ndarray) -> None:
+    def _row(self, stamp: float, pose: np.ndarray) -> None:
         L = self._L / self._images
-        # A target's twist is the camera's against it; about the camera's place, which does, as
-        # long as that changes little beside the target's.
-        drift = -self._time * np.hstack([L[:, :3] @ camera_R_world, L[:, 3:] @ camera_R_world])
         rows = self._rows
         if rows and len(rows[-1].moved) != len(self._moved):
             rows.clear()
+        if not rows:
+            self._place = pose[:3, 3]
+        # A target's twist is the camera's against it: v + w x d at the distance d from the place
+        # that v is of.
+        camera_R_world = pose[:3, :3].T
+        along, turned = L[:, :3] @ camera_R_world, L[:, 3:] @ camera_R_world
+        drift = -self._time * np.hstack([along, turned - along @ skew(pose[:3, 3] - self._place)])
         rows.append(_Row(stamp, self._moved, L, self._motion, drift))
         while rows[0].stamp < stamp - self.SPAN:
             rows.popleft()

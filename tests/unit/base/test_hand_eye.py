@@ -140,15 +140,18 @@ JOINT = ("<joint name='j' type='revolute'><parent link='base'/><child link='tool
          "<limit lower='-3' upper='3' effort='1' velocity='1'/></joint>")
 CAMERA = ("<link name='camera_link'/><joint name='c' type='fixed'><parent link='tool0'/><child "
           "link='camera_link'/><origin xyz='1 2 3'/></joint>")
+SENSOR = ("<gazebo reference='camera_link'><sensor type='camera' name='s'><camera/><pose>0.1 0 0.02 0 "
+          "0.3 0</pose></sensor></gazebo>")
 TILTED = ("<link name='camera_optical_frame'/><joint name='o' type='fixed'><parent link="
           "'camera_link'/><child link='camera_optical_frame'/><origin xyz='0.01 0 0' "
           "rpy='-1.6 0 -1.5'/></joint>")
 
 
-@pytest.mark.parametrize("more", ["", CAMERA, CAMERA + TILTED])
+@pytest.mark.parametrize("more", ["", CAMERA, CAMERA + SENSOR, CAMERA + TILTED])
 @pytest.mark.parametrize("link", ["tool0", ""])
 def test_the_optical_frame_is_put_where_it_was_found(tmp_path, more, link):
-    """On a robot without a camera, with a camera's link, and with an optical frame of its own."""
+    """On a robot without a camera, with a camera's link, a sensor in it that is turned, and an
+    optical frame of its own."""
     path = tmp_path / "hand_eye"
     path.write_text(launch((*T, *Q)) if not link else rows(POSE))
     urdf = f"<robot name='r'>{LINKS}{JOINT}{more}</robot>"

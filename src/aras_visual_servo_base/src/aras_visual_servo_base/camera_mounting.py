@@ -9,7 +9,7 @@ import numpy as np
 from .errors import DescriptionError
 from .hand_eye import HandEye, HandEyeError
 from .names import nearest
-from .poses import LINK_R_OPTICAL, inverse, to_xyz_rpy, transform
+from .poses import LINK_R_OPTICAL, inverse, optical, to_xyz_rpy, transform
 from .urdf import LINK, OPTICAL, parse_tree
 
 
@@ -43,7 +43,8 @@ def with_camera(urdf: str, found: HandEye, link: str, camera_frame: str) -> str:
     """A description whose camera sits where a hand-eye calibration found it.
 
     What is moved is the camera's link (`camera_link` of `camera_optical_frame`) with all that is
-    fixed to it; it is added where the description has none.
+    fixed to it; it is added where the description has none, and so is the optical frame in a link
+    without a camera sensor, which would say where that is.
 
     Args:
         link: that carries the camera; '': as the file names it. camera_frame: the optical frame.
@@ -59,7 +60,7 @@ def with_camera(urdf: str, found: HandEye, link: str, camera_frame: str) -> str:
     frame = found.frame if found.frame in tree.links else camera_frame
     if frame == camera_frame and found.frame != moved:
         check_optical(found)
-    moved_T_frame = np.eye(4)
+    moved_T_frame, added = np.eye(4), False
     if frame in tree.links and moved in tree.links:
         try:
             for joint in tree.path(moved, frame):
@@ -69,12 +70,14 @@ def with_camera(urdf: str, found: HandEye, link: str, camera_frame: str) -> str:
                 moved_T_frame = moved_T_frame @ transform(joint.origin_xyz, joint.origin_rpy)
         except DescriptionError as error:
             raise HandEyeError(f"the camera's frame is not on its link: {error}") from None
+    elif frame != moved and moved in tree.cameras:
+        moved_T_frame = optical(tree.cameras[moved].matrix())
     elif frame != moved:
         moved_T_frame[:3, :3] = LINK_R_OPTICAL
+        added = frame == camera_frame
     joint = next((j for j in robot.findall("joint") if j.find("child").get("link") == moved), None)
     if joint is None:
         joint = ElementTree.SubElement(robot, "joint", name=f"{moved}_joint", type="fixed")
-        ElementTree.SubElement(joint, "parent")
         ElementTree.SubElement(joint, "child", link=moved)
         if moved not in tree.links:
             ElementTree.SubElement(robot, "link", name=moved)
@@ -84,10 +87,20 @@ def with_camera(urdf: str, found: HandEye, link: str, camera_frame: str) -> str:
     if moved in tree.links and moved in (carrier, *(j.parent for j in tree.path("", carrier))):
         raise HandEyeError(f"link '{carrier}' is the camera itself or hangs on it: set "
                            "hand_eye.link to the link that carries the camera")  # fmt: skip
-    joint.find("parent").set("link", carrier)
-    for old in joint.findall("origin"):
-        joint.remove(old)
-    xyz, rpy = to_xyz_rpy(found.link_T_camera @ inverse(moved_T_frame))
-    words = (" ".join(repr(float(v)) for v in part) for part in (xyz, rpy))
-    ElementTree.SubElement(joint, "origin", dict(zip(("xyz", "rpy"), words, strict=True)))
+    _put(joint, carrier, found.link_T_camera @ inverse(moved_T_frame))
+    if added:
+        name = f"{camera_frame}_joint"
+        joint = ElementTree.SubElement(robot, "joint", name=name, type="fixed")
+        ElementTree.SubElement(joint, "child", link=camera_frame)
+        ElementTree.SubElement(robot, "link", name=camera_frame)
+        _put(joint, moved, moved_T_frame)
     return ElementTree.tostring(robot, encoding="unicode")
+
+
+def _put(joint: ElementTree.Element, parent: str, parent_T_child: np.ndarray) -> None:
+    """Have the joint's child at this pose (4, 4) in the link `parent`."""
+    for old in (*joint.findall("parent"), *joint.findall("origin")):
+        joint.remove(old)
+    xyz, rpy = (" ".join(repr(float(v)) for v in part) for part in to_xyz_rpy(parent_T_child))
+    ElementTree.SubElement(joint, "parent", link=parent)
+    ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)

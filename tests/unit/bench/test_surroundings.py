@@ -26,6 +26,7 @@ from aras_visual_servo_bench.asked.worlds import (
 )
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading
+from aras_visual_servo_bench.plants.posed_arm import PosedArm
 from aras_visual_servo_bench.targets.solids import solid_target
 from aras_visual_servo_controller.errors import UnreachableError
 from aras_visual_servo_controller.schemes import JointController
@@ -195,13 +196,21 @@ def test_what_is_asked_of_a_posed_arm(monkeypatch):
 ])  # fmt: skip
 def test_what_a_posed_arm_is_put_among(monkeypatch, solid, carrier, target, placed, bared):
     made = []
+
+    class Posed(PosedArm):
+        def __init__(self, *given):
+            made.append(given)
+
+        def close(self):
+            pass
+
     monkeypatch.setattr(postures, "described", lambda *given: ("robot", given))
     monkeypatch.setattr(postures, "without_visuals", lambda robot, *links: (*robot, *links))
     monkeypatch.setattr(postures, "read_world", lambda path, _: f"world {path}")
-    monkeypatch.setattr(postures, "PosedArm", lambda *given: made.append(given) or "posed")
+    monkeypatch.setattr(postures, "PosedArm", Posed)
     found = Postures(f"urdf {solid}{carrier}{target}", ("search",), "eye", carrier,
                      TargetSpec(**target), None, True, solid, "w")
-    assert postures._posed(found) == "posed"
+    assert isinstance(postures._posed(found), Posed)
     ((robot, held, world, shape),) = made
     assert robot == ("robot", (found.urdf, ("search",)), *bared) and held == carrier
     assert world == ("world w" if solid else None) and (shape is not None) is placed

@@ -7,7 +7,13 @@ import yaml
 
 from aras_visual_servo_base.camera_mounting import with_camera
 from aras_visual_servo_base.hand_eye import HandEyeError, read_hand_eye
-from aras_visual_servo_base.poses import inverse, quaternion_from_matrix, to_xyz_rpy, transform
+from aras_visual_servo_base.poses import (
+    inverse,
+    optical,
+    quaternion_from_matrix,
+    to_xyz_rpy,
+    transform,
+)
 from aras_visual_servo_controller.arm import Arm
 
 POSE = transform((0.021, -0.034, 0.085), (0.3, -2.8, 1.2))
@@ -140,8 +146,8 @@ JOINT = ("<joint name='j' type='revolute'><parent link='base'/><child link='tool
          "<limit lower='-3' upper='3' effort='1' velocity='1'/></joint>")
 CAMERA = ("<link name='camera_link'/><joint name='c' type='fixed'><parent link='tool0'/><child "
           "link='camera_link'/><origin xyz='1 2 3'/></joint>")
-SENSOR = ("<gazebo reference='camera_link'><sensor type='camera' name='s'><camera/><pose>0.1 0 0.02 0 "
-          "0.3 0</pose></sensor></gazebo>")
+SENSOR = ("<gazebo reference='camera_link'><sensor type='camera' name='s'><camera/>"
+          "<pose>0.1 0 0.02 0 0.3 0</pose></sensor></gazebo>")
 TILTED = ("<link name='camera_optical_frame'/><joint name='o' type='fixed'><parent link="
           "'camera_link'/><child link='camera_optical_frame'/><origin xyz='0.01 0 0' "
           "rpy='-1.6 0 -1.5'/></joint>")
@@ -159,6 +165,17 @@ def test_the_optical_frame_is_put_where_it_was_found(tmp_path, more, link):
     base_T_tool0 = transform((0.3, 0, 0.2), (0.1, 0, 0)) @ transform((0, 0, 0), (0, 0, 0.4))
     pose = Arm.from_urdf(made, "camera_optical_frame").pose(np.array([0.4]))
     np.testing.assert_allclose(pose, base_T_tool0 @ POSE, atol=1e-9)
+
+
+def test_a_link_that_the_file_places_is_put_there(tmp_path):
+    """The camera's link, x forward, is not its optical frame; the description has neither."""
+    path = tmp_path / "hand_eye"
+    path.write_text(launch((*T, *Q)).replace("head_optical_frame", "camera_link"))
+    made = with_camera(f"<robot name='r'>{LINKS}{JOINT}</robot>", read_hand_eye(path), "",
+                       "camera_optical_frame")  # fmt: skip
+    pose = Arm.from_urdf(made, "camera_optical_frame").pose(np.zeros(1))
+    np.testing.assert_allclose(
+        pose, transform((0.3, 0, 0.2), (0.1, 0, 0)) @ optical(POSE), atol=1e-9)
 
 
 @pytest.mark.parametrize(("text", "link", "says"), [

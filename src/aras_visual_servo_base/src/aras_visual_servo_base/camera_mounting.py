@@ -57,10 +57,10 @@ def with_camera(urdf: str, found: HandEye, link: str, camera_frame: str) -> str:
     moved = f"{camera_frame.removesuffix(OPTICAL)}{LINK}"
     if moved not in tree.links and (camera_frame in tree.links or OPTICAL not in camera_frame):
         moved = camera_frame
-    frame = found.frame if found.frame in tree.links else camera_frame
-    if frame == camera_frame and found.frame != moved:
+    frame = found.frame if found.frame in (*tree.links, moved) else camera_frame
+    if frame == camera_frame:
         check_optical(found)
-    moved_T_frame, added = np.eye(4), False
+    moved_T_frame = np.eye(4)
     if frame in tree.links and moved in tree.links:
         try:
             for joint in tree.path(moved, frame):
@@ -74,7 +74,6 @@ def with_camera(urdf: str, found: HandEye, link: str, camera_frame: str) -> str:
         moved_T_frame = optical(tree.cameras[moved].matrix())
     elif frame != moved:
         moved_T_frame[:3, :3] = LINK_R_OPTICAL
-        added = frame == camera_frame
     joint = next((j for j in robot.findall("joint") if j.find("child").get("link") == moved), None)
     if joint is None:
         joint = ElementTree.SubElement(robot, "joint", name=f"{moved}_joint", type="fixed")
@@ -88,12 +87,13 @@ def with_camera(urdf: str, found: HandEye, link: str, camera_frame: str) -> str:
         raise HandEyeError(f"link '{carrier}' is the camera itself or hangs on it: set "
                            "hand_eye.link to the link that carries the camera")  # fmt: skip
     _put(joint, carrier, found.link_T_camera @ inverse(moved_T_frame))
-    if added:
+    placed = frame == camera_frame or moved not in tree.links
+    if placed and camera_frame not in (*tree.links, moved) and moved not in tree.cameras:
         name = f"{camera_frame}_joint"
         joint = ElementTree.SubElement(robot, "joint", name=name, type="fixed")
         ElementTree.SubElement(joint, "child", link=camera_frame)
         ElementTree.SubElement(robot, "link", name=camera_frame)
-        _put(joint, moved, moved_T_frame)
+        _put(joint, moved, optical(np.eye(4)))
     return ElementTree.tostring(robot, encoding="unicode")
 
 

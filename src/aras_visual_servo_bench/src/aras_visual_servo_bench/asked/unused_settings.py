@@ -25,7 +25,8 @@ ON_PLANTS = (
      "moves by one twist an image"),
     ("target.box", ("bullet",), None, "a body in the simulated world"),
 )  # fmt: skip
-ON_IMAGES = ("target.perturbed", "target.occluder", "sun")  # which exact features do not show
+# What exact features do not show.
+ON_IMAGES = ("target.perturbed", "target.occluder", "target.marker", "sun")
 # What the ideal camera, which sees at one instant, cannot have.
 OVER_TIME = ("row_time", "exposure_time")
 IN_LINK = ("xyz", "rpy")

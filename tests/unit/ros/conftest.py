@@ -104,6 +104,7 @@ class Publisher:
 
     def __init__(self, graph: Graph, topic: str, kind: type, options: dict[str, object]) -> None:
         self.graph, self.topic, self.kind, self.options = graph, topic, kind, options
+        self.resolved_name = topic
         self.listener = options.get("subscriber_listener")
         self.impl = SimpleNamespace(connections=[])
         self.sent: list[object] = []

@@ -76,7 +76,7 @@ IMU = Imu(HEAD, Quaternion(*TURN), diagonal(3, 0.25), Vector3(1, 2, 3), diagonal
     ("body_imu", IMU_READING, IMU),
     ("wrench", sensors.WrenchReading(STAMP, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)),
      WrenchStamped(HEAD, wrench(1, 2, 3, 4, 5, 6))),
-    ("joint_states", sensors.JointReading(STAMP, ("j", "k"), (1.0, 2.0), (3.0, 4.0)),
+    ("joint_states", sensors.JointStateReading(STAMP, ("j", "k"), (1.0, 2.0), (3.0, 4.0)),
      JointState(HEAD, ["j", "k"], [1.0, 2.0], [3.0, 4.0], [])),
     ("contact", sensors.ContactReading(STAMP, TOUCHES), ContactsState(HEAD, [
         ContactState(

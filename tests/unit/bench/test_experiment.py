@@ -9,7 +9,9 @@ import pytest
 import yaml
 
 from aras_visual_servo_bench.asked.experiment import CameraPose, Experiment, Sampler
+from aras_visual_servo_bench.asked.target_spec import TargetSpec
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.targets.geometry import Motion
 
 
 def test_defaults_are_the_shipped_demo():
@@ -104,6 +106,33 @@ def test_a_changed_experiment_is_checked_again():
     assert Experiment().with_(gain=2, seed=4).seed == 4
     with pytest.raises(ExperimentError, match="gain is -2"):
         Experiment().with_(gain=-2)
+
+
+def test_with_changes_the_keys_that_it_names_and_nothing_else():
+    base = Experiment(
+        plant="free", features="pictures", camera="noisy", scheme="points", seed=3,
+        target={"shape": "l_shape", "motion": {"velocity": [0.1, 0, 0, 0, 0, 0]}},
+        options={"max_velocity": 0.5},
+    )  # fmt: skip
+    changed = base.with_(
+        camera={"effects": {"drop_probability": 0.3}}, target={"size": [0.1, 0.1]},
+        options={"hold": 0.1}, **{"target.motion.begin": 1.0},
+    )  # fmt: skip
+    assert changed.camera == {"preset": "noisy", "effects": {"drop_probability": 0.3}}
+    assert changed.target.shape == "l_shape" and changed.target.size == (0.1, 0.1)
+    assert changed.target.motion == Motion(velocity=(0.1, 0, 0, 0, 0, 0), begin=1.0)
+    assert changed.options == {"max_velocity": 0.5, "hold": 0.1} and changed.seed == 3
+    assert base.with_(target=TargetSpec(shape="square")).target == TargetSpec(shape="square")
+    assert base.with_(start={"side": 0.2}).start == Sampler(side=0.2)
+
+
+@pytest.mark.parametrize("changes, text", [
+    ({"gian": 2}, "gain"), ({"target.sise": 2}, "target.sise"), ({"target": {"sise": 2}}, "size"),
+    ({"gain.x": 1}, "gain"), ({"scheme.x": 1}, "scheme"),
+])  # fmt: skip
+def test_with_names_a_key_that_there_is_not(changes, text):
+    with pytest.raises(ExperimentError, match=text):
+        Experiment(gain=2.0, scheme="points").with_(**changes)
 
 
 @pytest.mark.parametrize(

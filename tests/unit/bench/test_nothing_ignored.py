@@ -20,10 +20,10 @@ from aras_visual_servo_base.settings import merge
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec
 from aras_visual_servo_bench.asked.experiment import PLANTS, Experiment, Ideal, SunSpec
+from aras_visual_servo_bench.asked.overrides import with_override
 from aras_visual_servo_bench.asked.target_spec import BoxSpec, TargetSpec
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import Loop
-from aras_visual_servo_bench.study.overrides import with_override
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_controller.settings import LAW_GAINS
 
@@ -145,6 +145,8 @@ KEYS = {
     "camera": Key({"preset": "fisheye", "width": 96, "height": 72}),
     "plant": Key("free", plants=("bullet", "chain", "ideal")),
     "traced": Key(True, plants=("bullet",)),
+    "ideal": Key({"speed": [1e-3, 1e-3]}, plants=("ideal",)),
+    "robot": Key({"camera_frame": "tool0"}, plants=ARMS, tried=()),  # test_robots has its keys
     # -- the laws' gains -----------------------------------------------------------------------
     **{f"options.{name}": Key(3.0 if name == "gain_zero" else 0.7, {"law": law, "gain": None})
        for law, known in LAW_GAINS.items() for name in known.values() if name != "gain"},
@@ -164,8 +166,8 @@ EXEMPT = {
     "TargetSpec": {"motion", "model", "link", "scale"},
     "BoxSpec": {"size", "mass", "friction"},  # of target.box
     "Experiment": {
-        "ideal", "cameras", "target", "believed",  # their own keys are here
-        "robot", "world", "hand_eye",  # test_robots, test_worlds
+        "cameras", "target", "believed",  # their own keys are here
+        "world", "hand_eye",  # test_robots, test_worlds
         "linger", "renderer",  # an end after convergence; all names mean one
     },
     "Ideal": {f.name for f in fields(Ideal)},  # test_ending

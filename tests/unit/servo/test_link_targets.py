@@ -66,7 +66,7 @@ def test_a_crate_of_the_world_that_falls_is_followed(world):
 
 
 def test_its_pose_can_be_tracked(world):
-    result = run(before(world(), scheme="model", options={}))
+    result = run(before(world(), scheme="model"))
     assert result.outcome.startswith("converged")
     assert result.verdict.distance < 5e-4 and result.verdict.angle < 5e-3
 

@@ -19,10 +19,10 @@ from aras_visual_servo_base.settings import build, defaults
 from aras_visual_servo_base.yaml_files import parse_yaml
 from aras_visual_servo_bench.asked.cameras import model_of, preset
 from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.asked.overrides import parsed
 from aras_visual_servo_bench.asked.packages import PackagePath
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.ros.move_target import motion_of
-from aras_visual_servo_bench.study.overrides import parsed
 from aras_visual_servo_bench.study.study import Study
 from aras_visual_servo_camera.errors import ParameterError
 from aras_visual_servo_camera.parameters import VisionParameters

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from aras_visual_servo_bench.asked.experiment_keys import unit_of
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.numbers import printing, statistics
@@ -19,7 +20,6 @@ from aras_visual_servo_bench.pictures import figures, style
 from aras_visual_servo_bench.study import compare, engine, replay, rows, tables
 from aras_visual_servo_bench.study.engine import carry_out
 from aras_visual_servo_bench.study.folder import Folder
-from aras_visual_servo_bench.study.overrides import unit_of
 from aras_visual_servo_bench.study.pools import ThisProcess
 from aras_visual_servo_bench.study.progress import Progress
 from aras_visual_servo_bench.study.results import Results

@@ -13,9 +13,10 @@ import pytest
 import yaml
 from scipy import stats
 
+from aras_visual_servo_bench.asked import overrides
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.study import overrides, rows
+from aras_visual_servo_bench.study import rows
 from aras_visual_servo_bench.study.engine import check_study
 from aras_visual_servo_bench.study.folder import Folder
 from aras_visual_servo_bench.study.study import Study

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,11 +22,13 @@ from aras_visual_servo_base.settings import (
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
-from ..errors import ExperimentError, require
+from ..errors import ExperimentError, StudyError, require
 from .cameras import HALF_TURN, LONGEST_DELAY, Belief, CameraSpec, HandEyeSpec
+from .overrides import with_overrides
 from .relative_start import RelativeStart
 from .robots import RobotSpec
-from .target_spec import LARGEST_TARGET, Pair, Six, TargetSpec, check_times
+from .starts import CameraPose, Sampler
+from .target_spec import LARGEST_TARGET, Pair, TargetSpec, check_times
 
 PLANTS = ("bullet", "chain", "free", "ideal")
 FLYING = ("free", "ideal")
@@ -36,48 +37,6 @@ COMMANDS = ("joint_states", "images")
 # Parameters of the controller that the experiment has as keys of its own.
 OWN_PARAMETERS = ("scheme", "law", "gain", "duration")
 NAMED_CLASS = "a name, a class, or 'package.module:Class'"
-
-
-@dataclass(frozen=True)
-class Sampler:
-    """Draws starts from which the target is wholly in view, with the experiment's seed.
-
-    height: of the camera above the target, least and greatest, m. side: greatest offset along
-    the world's x and y, m. turn: greatest turn about the vertical from the goal's heading, rad.
-    tilt: greatest lean from the goal's attitude, rad. margin: of the view, px from each border.
-    attempts: after which the sampler gives up.
-    """
-
-    height: Pair = parameter((0.15, 0.5), "m")
-    side: float = parameter(0.1, "m", least=0.0)
-    turn: float = parameter(2.967, "rad", least=0.0, most=HALF_TURN)  # 170 degrees
-    tilt: float = parameter(0.0, "rad", least=0.0, most=HALF_TURN)
-    margin: float = parameter(2.0, "px", least=0.0)
-    attempts: int = parameter(500, least=1)
-
-    def __post_init__(self) -> None:
-        check(self, ExperimentError, "start")
-        low, high = self.height
-        require(0.0 < low <= high, f"start.height is {low:g} to {high:g}, must rise from above 0 m")
-
-    def __str__(self) -> str:
-        low, high = self.height
-        turns = f"turned by up to {math.degrees(self.turn):.3g}°"
-        tilts = f", tilted by up to {math.degrees(self.tilt):.3g}°" if self.tilt else ""
-        return (f"drawn, camera {low:g} to {high:g} m above the target and up to {self.side:g} m "
-                f"beside it, {turns}{tilts}")  # fmt: skip
-
-
-@dataclass(frozen=True)
-class CameraPose:
-    """A pose of the camera's optical frame in the world: x, y, z (m), roll, pitch, yaw (rad)."""
-
-    pose: Six
-
-    def __str__(self) -> str:
-        x, y, z = (f"{value:.4g}" for value in self.pose[:3])
-        roll, pitch, yaw = (f"{math.degrees(value):.4g}" for value in self.pose[3:])
-        return f"camera at x {x}, y {y}, z {z} m, roll {roll}°, pitch {pitch}°, yaw {yaw}°"
 
 
 @dataclass(frozen=True)
@@ -367,6 +326,24 @@ class Experiment(NamedValues):
         return self.with_(start=CameraPose(self.start.pose(*poses, self.seed)))
 
     def with_(self, **changes: Any) -> Experiment:
-        """This experiment with some keys changed, checked as from a mapping."""
-        here = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        return build(type(self), {**here, **changes}, "", ExperimentError)
+        """Return this experiment with some values changed, and nothing else.
+
+        A mapping changes the keys that it names: `with_(target={"size": [0.1, 0.1]})` keeps the
+        target's shape. Keys of a mapping may be dotted: `with_(**{"camera.effects.gain": 2.0})`.
+        To replace a whole value, give an object, as `TargetSpec(shape="square")`.
+
+        Raises:
+            ExperimentError: naming the key, what is wrong and how to correct it.
+        """
+        merged = {
+            key.partition(".")[0] for key, value in changes.items()
+            if "." in key or isinstance(value, Mapping)
+        }  # fmt: skip
+        here = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)
+                if f.name not in merged}  # fmt: skip
+        keys = {key: value for key, value in self.to_mapping().items() if key in merged}
+        try:
+            values = with_overrides({**here, **keys}, changes)
+        except StudyError as error:
+            raise ExperimentError(str(error)) from None
+        return self.from_mapping(values)

@@ -11,7 +11,7 @@ from aras_sim_bridge.camera.effects import Effects
 
 from ..errors import ExperimentError, require
 from .cameras import Eye, config_of
-from .experiment import FLYING, Experiment
+from .experiment import FLYING, Experiment, Ideal
 from .imaging import ON_FEATURES
 
 # Keys of an experiment: the plants on which they act, the value that is true of the others all the
@@ -24,9 +24,12 @@ ON_PLANTS = (
     ("commands", ("bullet", "chain", "free"), "images", "how commands are sent, and plant ideal "
      "moves by one twist an image"),
     ("target.box", ("bullet",), None, "a body in the simulated world"),
+    ("ideal", ("ideal",), Ideal(), "how the ideal camera flies, and when its run ends"),
 )  # fmt: skip
 # What exact features do not show.
 ON_IMAGES = ("target.perturbed", "target.occluder", "target.marker", "sun")
+# Keys of a robot that say where presets and packages are, also for a camera without an arm.
+OF_FILES = ("cameras", "search")
 # What the ideal camera, which sees at one instant, cannot have.
 OVER_TIME = ("row_time", "exposure_time")
 IN_LINK = ("xyz", "rpy")
@@ -57,6 +60,13 @@ def check_settings(experiment: Experiment) -> None:
         f"camera_xyz and camera_rpy move the camera in its link, and plant '{experiment.plant}' "
         "has none: give start and goal where the camera is to be, or set believed for one that is "
         "believed elsewhere",
+    )
+    of_arm = [f"robot.{f.name}" for f in fields(plain.robot) if f.name not in OF_FILES
+              and getattr(experiment.robot, f.name) != f.default]  # fmt: skip
+    require(
+        experiment.plant not in FLYING or not by_pose or not of_arm,
+        f"{', '.join(of_arm)}: plant '{experiment.plant}' has no arm, and start and goal are poses "
+        "of the camera: leave robot out, or take plant chain or bullet",
     )
 
 

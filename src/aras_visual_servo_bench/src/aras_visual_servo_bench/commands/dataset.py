@@ -32,7 +32,7 @@ def add(commands: Any) -> None:
 
 
 def _dataset(options: argparse.Namespace) -> int:
-    from ..study.overrides import parsed
+    from ..asked.overrides import parsed
 
     given = running.study_file(options.study)
     changed = {**parsed(options.overrides), "pictures": "first" if options.views else "all",

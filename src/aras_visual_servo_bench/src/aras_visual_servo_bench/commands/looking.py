@@ -10,8 +10,9 @@ from typing import Any
 
 import yaml
 
+from ..asked import overrides
 from ..errors import BenchError, StudyError, program, writing
-from ..study import engine, overrides
+from ..study import engine
 from ..study.folder import Folder
 from ..study.progress import Progress
 from ..study.study import Study

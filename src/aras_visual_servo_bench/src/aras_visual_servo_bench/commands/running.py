@@ -13,11 +13,13 @@ import yaml
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.yaml_files import read_yaml
 
+from ..asked import overrides
 from ..asked.experiment import Experiment
+from ..asked.experiment_keys import check_key
 from ..asked.packages import PackagePath
 from ..errors import ExperimentError, StudyError, program
 from ..running import loop
-from ..study import card, engine, images, overrides, tables
+from ..study import card, engine, images, tables
 from ..study.folder import Folder, kept_runs
 from ..study.pools import RENEWED, DaskPool, Pool, ThisProcess
 from ..study.progress import Progress, counted, duration
@@ -113,7 +115,7 @@ def _experiment(given: Path | None, changed: dict[str, Any]) -> Experiment | Non
         if not keys & own:
             return None
     for key in changed:
-        overrides.check_key(key)
+        check_key(key)
     return Experiment.from_mapping(overrides.with_overrides(values, changed))
 
 

@@ -11,13 +11,13 @@ import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..asked.experiment_keys import unit_of
 from ..errors import check_formats, writing
 from ..numbers.metrics import Metric
 from ..numbers.printing import amount, headed, word
 from ..numbers.statistics import proportion
 from ..study import folder as folders
 from ..study.folder import Folder
-from ..study.overrides import unit_of
 from ..study.results import REAL_TIME, Results
 from .palette import BLUE, COLOURS, INK, PALE, SOFT, VERMILION, letters_on
 from .style import KINDS, literal, look, panels

@@ -10,12 +10,12 @@ from pathlib import Path
 import jinja2
 
 from .. import live
+from ..asked.experiment_keys import unit_of
 from ..numbers.printing import NONE, amount, number
 from ..numbers.summary import Quantity, best, shown
 from ..pictures.palette import LIVE_CURVES, REPORT, REPORT_DARK, SCENE, css
 from ..pictures.panels import Panel
 from ..recording.run import Run
-from ..study.overrides import unit_of
 from .contents import contents
 from .library import SCRIPT, STYLE, uplot
 

@@ -16,8 +16,8 @@ import sys
 from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.settings import build
 
+from ..asked.overrides import parsed
 from ..errors import ExperimentError, StudyError
-from ..study.overrides import parsed
 from ..targets.geometry import Motion
 
 RATE = 60.0  # Hz of simulated time: twice the camera's

@@ -22,9 +22,10 @@ from aras_visual_servo_base.settings import NamedValues, build, check, convert, 
 from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..asked.experiment import Experiment
+from ..asked.experiment_keys import check_key
+from ..asked.overrides import with_override, with_overrides
 from ..errors import ExperimentError, StudyError
 from ..numbers import metrics as known_metrics
-from .overrides import check_key, with_override, with_overrides
 from .variations import Axis, Draw, drawn, variation
 
 MOST_RUNS = 100_000_000  # 1e6 chunks of 100 runs: beyond that a scheduler chokes

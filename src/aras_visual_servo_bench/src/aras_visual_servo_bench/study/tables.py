@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..asked.experiment_keys import unit_of
 from ..errors import check_formats
 from ..numbers.printing import NONE, headed, notation, word
 from ..numbers.statistics import Estimate, median, proportion
-from .overrides import unit_of
 from .results import Results
 
 FORMATS = ("md", "csv", "tex")

@@ -19,10 +19,10 @@ import yaml
 from scipy.optimize import NonlinearConstraint, differential_evolution
 from scipy.stats import qmc
 
+from ..asked.experiment_keys import check_key
 from ..errors import StudyError
 from ..numbers import metrics as known_metrics
 from ..numbers.metrics import GREATER, Metric
-from .overrides import check_key
 from .results import Results
 from .study import Study
 

@@ -66,6 +66,28 @@ def test_visp_four_points_to_the_iteration(tmp_path):
     assert [float(row["path_ratio"]) for row in rows] == pytest.approx(ratios, abs=1e-4)
 
 
+@pytest.mark.parametrize(("start", "steps"), [
+    ([1.0, 1.0, -3.0, 0.0, 0.0, 0.6], 85), ([0.0, 0.0, -3.0, 0.0, 0.0, 0.6], 82),
+    ([1.0, 1.0, -2.0, 0.0, 0.0, 0.0], 85), ([1.0, 1.0, -3.0, 0.0, 0.0, 1.0], 86),
+])  # fmt: skip
+def test_corke_s_four_points_take_as_many_steps_as_in_his_toolbox(start, steps):
+    """His example (machinevision-toolbox-python 2.4.1, class IBVS with exact depth): a focal length
+    of 800 px, gain 0.08 a step, until the error's norm is below 0.5 px. It takes the same steps."""
+    keys = {
+        "plant": "ideal", "features": "exact", "scheme": "numbered_points", "gain": 2.0,
+        "camera": {"width": 1024, "height": 1024, "update_rate": 25.0,
+                   "camera_matrix": {"fx": 800.0, "fy": 800.0, "cx": 512.0, "cy": 512.0}},
+        "ideal": {"speed": None, "stop": (0.5 / 800.0) ** 2, "unbounded": True},
+        "target": {"shape": [[-0.25, -0.25], [-0.25, 0.25], [0.25, 0.25], [0.25, -0.25]],
+                   "pose": [0.0, 0.0, 3.0, 0.0, 0.0, 0.0]},
+        "goal": {"pose": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]}, "start": {"pose": start},
+        "duration": 20.0, "reached": [1e-3, 1e-3],
+    }  # fmt: skip
+    result = run(Experiment.from_mapping(keys))
+    assert result.outcome == "converged" and result.verdict.reached
+    assert len(result.stamp) == steps
+
+
 def test_camera_retreat(tmp_path):
     rows = rows_of("camera_retreat", tmp_path, "--case", "L current, 40 ms")
     assert len(rows) == 6

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterable, Iterator
 
+from . import unfamiliar  # noqa: F401  it enters its kinds
 from .kinds import KINDS, Trial
 from .table import TABLE, failures, markdown, section, summary
 from .trial import Judged, judged

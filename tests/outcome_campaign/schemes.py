@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from aras_visual_servo_controller.features import Feature, Measured
@@ -71,10 +73,142 @@ class Following(Points):
 
     def measure(self, observation: Observation, goal: Goal) -> Measured:
         """Points, with the rate at which the target's own motion changes them."""
-        import dataclasses
-
         measured = super().measure(observation, goal)
         pose = observation.world_T_camera
         velocity = pose[:3, :3].T @ np.array([self.SPEED, 0.0, 0.0])
         rate = -measured.L[:, :3] @ velocity
         return dataclasses.replace(measured, rate=rate)
+
+
+class NowAndThenNotFinite(Points):
+    """Points that are NaN at one image in five."""
+
+    name = "now_and_then_not_finite"
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        measured = super().measure(observation, goal)
+        if not _fails(observation):
+            return measured
+        return dataclasses.replace(measured, error=np.full_like(measured.error, np.nan))
+
+
+class NowAndThenRaises(Points):
+    """Points that raise at one image in five."""
+
+    name = "now_and_then_raises"
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        if _fails(observation):
+            raise ValueError("raised on purpose")
+        return super().measure(observation, goal)
+
+
+class NowAndThenShorter(Points):
+    """Points of which one is missing at one image in five."""
+
+    name = "now_and_then_shorter"
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        measured = super().measure(observation, goal)
+        if not _fails(observation):
+            return measured
+        return dataclasses.replace(measured, error=measured.error[:-2])
+
+
+class WrongSign(Points):
+    """Points whose interaction matrix has the wrong sign."""
+
+    name = "wrong_sign"
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        measured = super().measure(observation, goal)
+        return dataclasses.replace(measured, L=-measured.L)
+
+
+class Constant(Points):
+    """Points whose error is the same at every image."""
+
+    name = "constant"
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        measured = super().measure(observation, goal)
+        return dataclasses.replace(measured, error=np.full_like(measured.error, 0.05))
+
+
+class Jumping(Points):
+    """Points to which a switch that chatters adds 0.3, at every third of ten images."""
+
+    name = "jumping"
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        measured = super().measure(observation, goal)
+        high = int(10.0 * observation.stamp) % 3 == 0
+        return dataclasses.replace(measured, error=measured.error + (0.3 if high else 0.0))
+
+
+class CentreAndSize(Feature):
+    """The target's centre and the logarithm of its size; subclasses misread the goal."""
+
+    name, names = "centre_and_size", ("x", "y", "log size")
+    tolerances = (1e-3, 1e-3, 1e-3)
+    directions = (True, True, True, False, False, False)
+
+    def desired(self, goal: Goal) -> np.ndarray:
+        """What the goal's centre and size are taken for, (3,)."""
+        return np.array([goal.moments.xg, goal.moments.yg, 0.5 * np.log(goal.moments.m00)])
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        seen = observation.moments
+        s = np.array([seen.xg, seen.yg, 0.5 * np.log(seen.m00)])
+        wanted = self.desired(goal)
+        depth = goal.depth * np.sqrt(goal.moments.m00 / seen.m00)
+        L = np.vstack([
+            point_interaction(np.array([[seen.xg, seen.yg]]), np.array([1.0 / depth])),
+            [[0.0, 0.0, 1.0 / depth, 1.5 * seen.yg, -1.5 * seen.xg, 0.0]],
+        ])  # fmt: skip
+        return Measured(s, wanted, s - wanted, L)
+
+
+class SwappedGoal(CentreAndSize):
+    """x and y of the goal are swapped."""
+
+    name = "swapped_goal"
+
+    def desired(self, goal: Goal) -> np.ndarray:
+        """See CentreAndSize.desired."""
+        x, y, size = super().desired(goal)
+        return np.array([y + 0.1, x - 0.1, size])
+
+
+class CentredGoal(CentreAndSize):
+    """The goal is taken for one 0.15 beside its own centre."""
+
+    name = "centred_goal"
+
+    def desired(self, goal: Goal) -> np.ndarray:
+        """See CentreAndSize.desired."""
+        x, y, size = super().desired(goal)
+        return np.array([x + 0.15, y, size])
+
+
+class SizeGoal(CentreAndSize):
+    """The goal is taken for one that is a fifth larger."""
+
+    name = "size_goal"
+
+    def desired(self, goal: Goal) -> np.ndarray:
+        """See CentreAndSize.desired."""
+        x, y, size = super().desired(goal)
+        return np.array([x, y, size + 0.18])
+
+
+def _fails(observation: Observation) -> bool:
+    """True at one image in five, on average; the same for the same stamp."""
+    return int(observation.stamp * 1e6) * 2654435761 % 2**32 < 2**32 // 5

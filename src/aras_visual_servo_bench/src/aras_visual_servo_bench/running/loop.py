@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_base.memory import release_freed_memory
 from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_controller.loop.driver import Driver
 from aras_visual_servo_controller.loop.state import CONVERGED, Command, ServoState
@@ -244,5 +245,7 @@ class Loop:
         return run
 
     def close(self) -> None:
-        """Give back what the plant holds."""
+        """Close the plant, and return the memory of a run with images to the operating system."""
         self.plant.close()
+        if self.experiment.pictures:
+            release_freed_memory()

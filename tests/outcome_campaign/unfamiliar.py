@@ -1,0 +1,311 @@
+"""Kinds of trials before scenes, arms and lenses that the project does not ship."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment
+
+from .kinds import kind
+from .scenes import ARMS, Changes, Draw, Lens, flying, lens, on_arm
+
+SIX = ("points", "numbered_points", "segments", "lines", "pose", "points_3d", "two_and_half_d")
+BY_IMAGES = ("points", "segments", "pose")
+SCHEMES = "outcome_campaign.schemes:"
+
+
+def loop(random: Draw, keys: Changes, schemes: tuple[str, ...] = SIX) -> Changes:
+    """A scene with a scheme, a gain that its delay and image rate allow, and time enough."""
+    rate = keys["camera"].get("update_rate", 30.0)
+    delay = float(random.uniform(0.0, 0.03))
+    gain = float(random.uniform(0.8, min(3.0, 0.25 / (delay + 1.0 / rate))))
+    return {**keys, "features": keys.get("features", "exact"), "delay": round(delay, 4),
+            "scheme": str(random.choice(schemes)), "gain": round(gain, 3), "linger": 0.3,
+            "duration": round(8.0 + 14.0 / gain, 1)}  # fmt: skip
+
+
+def any_arm(random: Draw, names: tuple[str, ...] = tuple(ARMS), camera: Lens | None = None,
+            schemes: tuple[str, ...] = SIX) -> Changes:  # fmt: skip
+    """A healthy run of one of the arms."""
+    camera = lens(random) if camera is None else camera
+    return loop(random, on_arm(random, str(random.choice(names)), camera), schemes)
+
+
+def either(random: Draw, schemes: tuple[str, ...] = SIX) -> Changes:
+    """A healthy run of a free camera or of an arm."""
+    if random.random() < 0.5:
+        return loop(random, flying(random, lens(random)), schemes)
+    return any_arm(random, schemes=schemes)
+
+
+# -- nothing wrong -------------------------------------------------------------------------------
+
+
+@kind("converged")
+def any_attitude(random: Draw) -> Changes:
+    """Nothing wrong, a free camera anywhere, exact features."""
+    return loop(random, flying(random, lens(random)))
+
+
+@kind("converged")
+def any_attitude_by_pictures(random: Draw) -> Changes:
+    """Nothing wrong, a free camera anywhere, pictures."""
+    keys = flying(random, lens(random), pixels=(70, 120))
+    return loop(random, {**keys, "features": "pictures"}, BY_IMAGES)
+
+
+@kind("converged", "ambiguous")
+def long_lens(random: Draw) -> Changes:
+    """A field of view of 9 to 23 degrees: a flat target looks nearly the same from two sides."""
+    return loop(random, flying(random, lens(random, (0.16, 0.4)), lean=1.0))
+
+
+@kind("converged")
+def fisheye(random: Draw) -> Changes:
+    """An equidistant lens that sees 115 to 170 degrees."""
+    return loop(random, flying(random, lens(random, (2.0, 3.0), fisheye=True)))
+
+
+@kind("converged")
+def slow_and_fast_images(random: Draw) -> Changes:
+    """5 to 8, or 90 to 120 images a second."""
+    camera = lens(random)
+    fast = random.random() < 0.5
+    camera.keys["update_rate"] = float(random.uniform(90, 120) if fast else random.uniform(5, 8))
+    keys = flying(random, camera) if random.random() < 0.5 else on_arm(
+        random, str(random.choice(list(ARMS))), camera)  # fmt: skip
+    return loop(random, keys)
+
+
+@kind("converged", "ambiguous")
+def triangle(random: Draw) -> Changes:
+    """Three points or three lines, which look the same from up to four poses."""
+    return loop(random, flying(random, lens(random), corners=3),
+                ("points", "numbered_points", "lines"))  # fmt: skip
+
+
+@kind("converged", "ambiguous")
+def solid(random: Draw) -> Changes:
+    """A box, by the edges of its model, in pictures; it looks the same after half a turn."""
+    keys = flying(random, lens(random, (0.6, 1.1)), thickness=0.5, pixels=(80, 120), lean=0.6)
+    return loop(random, {**keys, "features": "pictures"}, ("model",))
+
+
+@kind("converged")
+def unfamiliar_arm(random: Draw) -> Changes:
+    """Nothing wrong, an arm of four, six or seven joints, exact features."""
+    return any_arm(random)
+
+
+@kind("converged", "too_noisy")
+def unfamiliar_arm_by_noisy_pictures(random: Draw) -> Changes:
+    """The same by pictures with noise of 1 to 4 grey levels."""
+    keys = any_arm(random, schemes=BY_IMAGES)
+    return {**keys, "features": "pictures", "noise": float(random.uniform(1.0, 4.0))}
+
+
+# -- a target that moves -------------------------------------------------------------------------
+
+
+@kind("target_moves", "converged")
+def slow_target(random: Draw) -> Changes:
+    """A target that moves steadily at 0.5 to 8 mm/s; converged where it is within the bound."""
+    keys = either(random)
+    direction = random.normal(size=3)
+    velocity = direction / np.linalg.norm(direction) * random.uniform(0.5e-3, 8e-3)
+    keys["target"]["motion"] = {"velocity": [*velocity.tolist(), 0.0, 0.0, 0.0]}
+    return {**keys, "duration": min(keys["duration"], 12.0)}
+
+
+@kind("target_moves", "converged")
+def slowly_swinging_target(random: Draw) -> Changes:
+    """A target that swings by 2 to 8 mm at 0.1 to 0.3 Hz."""
+    keys = either(random)
+    keys["target"]["motion"] = {"amplitude": random.uniform(0.002, 0.008, 3).tolist(),
+                                "frequency": float(random.uniform(0.1, 0.3))}  # fmt: skip
+    return keys
+
+
+@kind("target_moves", "converged")
+def slowly_turning_target(random: Draw) -> Changes:
+    """A target that turns at 0.5 to 4 degrees a second."""
+    keys = either(random)
+    rate = float(np.radians(random.uniform(0.5, 4.0)))
+    keys["target"]["motion"] = {"velocity": [0.0, 0.0, 0.0, 0.0, 0.0, rate]}
+    return {**keys, "duration": min(keys["duration"], 12.0)}
+
+
+# -- a camera that is not as believed ------------------------------------------------------------
+
+
+@kind("wrong_camera_model")
+def turned_mounting(random: Draw) -> Changes:
+    """A mounting believed to be turned by 90 to 180 degrees."""
+    keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
+    turn = float(random.uniform(0.5, 1.0) * np.pi)
+    axis = random.choice(3)
+    return {**keys, "believed": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
+
+
+@kind("converged", "wrong_camera_model")
+def mounting_somewhat_off(random: Draw) -> Changes:
+    """A mounting believed 2 to 30 degrees, or 5 to 60 mm, off; the goal is shown by the camera."""
+    keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
+    axis = random.choice(3)
+    if random.random() < 0.5:
+        turn = float(np.radians(random.uniform(2.0, 30.0)))
+        return {**keys, "believed": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
+    offset = float(random.uniform(0.005, 0.06))
+    return {**keys, "believed": {"xyz": [offset if i == axis else 0.0 for i in range(3)]}}
+
+
+@kind("wrong_camera_model", "converged")
+def computed_goal_and_wrong_focal_length(random: Draw) -> Changes:
+    """A goal that was computed for the true camera, whose focal length is believed 1.3 to 1.8 times
+    the true one; converged where it is within the bound."""
+    keys = either(random)
+    factor = float(random.uniform(1.3, 1.8) ** random.choice([-1, 1]))
+    return {**keys, "goal": computed_goal(keys), "believed": {"focal": factor}}
+
+
+def computed_goal(keys: Changes) -> str:
+    """Path of a goal file, computed for an experiment's camera as it is."""
+    parts = assemble(Experiment.from_mapping(keys))
+    try:
+        text = parts.goal.to_yaml("computed")
+    finally:
+        parts.plant.close()
+    with tempfile.NamedTemporaryFile("w", suffix=".yaml", delete=False, encoding="utf-8") as file:
+        file.write(text)
+    return str(Path(file.name))
+
+
+# -- the view, the arm, the loop -----------------------------------------------------------------
+
+
+@kind("target_lost", "wrong_object")
+def covered_from_a_moment_on(random: Draw) -> Changes:
+    """Something covers 20 to 70 % of the target from a moment on, and stays."""
+    keys = loop(random, flying(random, lens(random), pixels=(80, 120)), ("points", "moments"))
+    corners = np.array(keys["target"]["shape"])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    edge = low[0] + random.uniform(0.2, 0.7) * (high[0] - low[0])
+    begin = float(random.uniform(0.3, 1.0))
+    keys["target"] |= {"occluder": [[float(low[0]) - 1e-3, float(low[1]) - 1e-3],
+                                    [float(edge), float(high[1]) + 1e-3]],
+                       "occluded": [[begin, 60.0]]}  # fmt: skip
+    return {**keys, "features": "pictures"}
+
+
+@kind("joint_limit", "converged", "singular")
+def limit_of_an_unfamiliar_arm(random: Draw) -> Changes:
+    """A limit that lies between the start and the goal of one joint; the others may do its part."""
+    keys = any_arm(random, ("scara", "offset_6r", "gantry_6"))
+    start, goal = np.array(keys["start"]), np.array(keys["goal"])
+    i = int(np.argmax(np.abs(goal - start)))
+    limit = float(goal[i] - 0.3 * (goal[i] - start[i]))
+    side = "upper" if goal[i] > start[i] else "lower"
+    return {**keys, "options": {side: {f"q{i + 1}": limit}}}
+
+
+@kind("gain_too_high", "converged")
+def too_high_for_the_delay(random: Draw) -> Changes:
+    """A delay of 0.1 to 0.4 s and a gain of 0.9 to 1.8 times its reciprocal."""
+    keys = either(random)
+    delay = float(random.uniform(0.1, 0.4))
+    return {**keys, "delay": delay, "gain": float(random.uniform(0.9, 1.8)) / delay,
+            "duration": 14.0}  # fmt: skip
+
+
+@kind("converged", "too_noisy")
+def jitter_of_any_size(random: Draw) -> Changes:
+    """Exact features that jitter by 0.1 to 3 px."""
+    return {**either(random), "jitter": float(10.0 ** random.uniform(-1.0, 0.5))}
+
+
+@kind("saturation", "converged")
+def slow_joints(random: Draw) -> Changes:
+    """Joints of an unfamiliar arm that may move at 2 to 40 mrad/s."""
+    speed = float(10.0 ** random.uniform(-2.7, -1.4))
+    return {**any_arm(random), "options": {"max_velocity": speed}, "duration": 8.0}
+
+
+# -- two faults at once --------------------------------------------------------------------------
+
+
+@kind("target_moves", "gain_too_high")
+def moving_target_and_high_gain(random: Draw) -> Changes:
+    """A target that moves at 10 to 40 mm/s, and a gain too high for the delay."""
+    keys = either(random)
+    velocity = random.normal(size=3)
+    velocity *= random.uniform(0.01, 0.04) / np.linalg.norm(velocity)
+    keys["target"]["motion"] = {"velocity": [*velocity.tolist(), 0.0, 0.0, 0.0]}
+    return {**keys, "delay": 0.25, "gain": float(random.uniform(5.0, 7.0)), "duration": 6.0}
+
+
+@kind("wrong_camera_model", "too_noisy", "converged")
+def mounting_off_and_jitter(random: Draw) -> Changes:
+    """A mounting believed 5 to 25 degrees off, and a jitter of 0.3 to 2 px."""
+    keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
+    turn = float(np.radians(random.uniform(5.0, 25.0)))
+    axis = random.choice(3)
+    return {**keys, "jitter": float(random.uniform(0.3, 2.0)),
+            "believed": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}  # fmt: skip
+
+
+@kind("target_moves", "wrong_camera_model", "converged")
+def moving_target_and_mounting_off(random: Draw) -> Changes:
+    """A target that moves at 3 to 20 mm/s before a camera mounted 5 to 25 degrees off."""
+    keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
+    velocity = random.normal(size=3)
+    velocity *= random.uniform(0.003, 0.02) / np.linalg.norm(velocity)
+    turn = float(np.radians(random.uniform(5.0, 25.0)))
+    keys["target"]["motion"] = {"velocity": [*velocity.tolist(), 0.0, 0.0, 0.0]}
+    return {**keys, "believed": {"rpy": [turn, 0.0, 0.0]}}
+
+
+@kind("saturation", "joint_limit", "converged", "singular")
+def slow_joints_and_a_limit(random: Draw) -> Changes:
+    """Slow joints, one of which cannot get to its goal."""
+    keys = limit_of_an_unfamiliar_arm(random)
+    speed = float(10.0 ** random.uniform(-2.5, -1.2))
+    return {**keys, "options": {**keys["options"], "max_velocity": speed}, "duration": 10.0}
+
+
+# -- schemes of users ----------------------------------------------------------------------------
+
+
+@kind("scheme_fault")
+def scheme_fails_now_and_then(random: Draw) -> Changes:
+    """A feature that is NaN, raises or changes its length at one image in five."""
+    name = random.choice(["NowAndThenNotFinite", "NowAndThenRaises", "NowAndThenShorter"])
+    return {**either(random), "scheme": f"{SCHEMES}{name}"}
+
+
+@kind("scheme_fault")
+def wrong_sign_of_L(random: Draw) -> Changes:
+    """Points whose interaction matrix has the wrong sign: the camera goes away from its goal."""
+    return {**either(random), "scheme": f"{SCHEMES}WrongSign"}
+
+
+@kind("scheme_fault")
+def constant_feature(random: Draw) -> Changes:
+    """An error that never changes, whatever the camera does."""
+    return {**either(random), "scheme": f"{SCHEMES}Constant"}
+
+
+@kind("scheme_fault")
+def jumping_feature(random: Draw) -> Changes:
+    """Points to which 0.3 is added or not, by a switch that chatters."""
+    return {**either(random), "scheme": f"{SCHEMES}Jumping"}
+
+
+@kind("scheme_fault", "ambiguous", "wrong_object", "wrong_camera_model")
+def goal_read_wrongly(random: Draw) -> Changes:
+    """The target's centre and size, of which one is compared with a wrong number of the goal."""
+    name = random.choice(["SwappedGoal", "CentredGoal", "SizeGoal"])
+    return {**either(random), "scheme": f"{SCHEMES}{name}"}

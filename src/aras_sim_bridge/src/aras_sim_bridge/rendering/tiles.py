@@ -30,7 +30,7 @@ SIDEWAYS = np.radians(89.9)
 Unproject = Callable[[np.ndarray], np.ndarray]
 # Memory for tiles that come again, bytes, and the pixels of a picture whose tiles may be kept: a
 # study shows the world through the same camera ten thousand times.
-KEPT, LARGE = 3 << 22, 640 * 480
+KEPT, LARGE = 3 << 21, 640 * 480
 
 
 class Tiles:

@@ -48,7 +48,13 @@ def run(experiment: Experiment | Mapping[str, Any] | str | Path | None = None) -
     Raises:
         ExperimentError: it cannot be run. What goes wrong while it runs is an outcome.
     """
-    experiment = Experiment.of(experiment)
+    result = _carry_out(Experiment.of(experiment))
+    release_freed_memory()
+    return result
+
+
+def _carry_out(experiment: Experiment) -> Run:
+    """Run an experiment; nothing of the loop and its plant is left afterwards."""
     loop = Loop(experiment, assemble(experiment), filmed=experiment.pictures)
     try:
         loop.to_end()
@@ -245,7 +251,5 @@ class Loop:
         return run
 
     def close(self) -> None:
-        """Close the plant, and return the memory of a run with images to the operating system."""
+        """Close the plant."""
         self.plant.close()
-        if self.experiment.pictures:
-            release_freed_memory()

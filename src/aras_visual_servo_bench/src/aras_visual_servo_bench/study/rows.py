@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from aras_visual_servo_base.memory import release_freed_memory
+
 from ..asked.assembly import assemble
 from ..asked.experiment import Experiment
 from ..errors import ExperimentError
@@ -73,6 +75,7 @@ def row_of(study: Study, run: int, worker: str = "") -> Rows:
         values |= {"outcome": REFUSED, "reason": _line(error)}
     except Exception as error:  # a fault of the code, or of a user's: the other runs go on
         values |= {"outcome": FAULT, "reason": _line(f"{type(error).__name__}: {error}")}
+    release_freed_memory()
     times = {
         "run": run, "wall": time.perf_counter() - began,
         "processor": time.process_time() - used, "worker": worker,

@@ -10,10 +10,6 @@ import sys
 import threading
 import traceback
 
-# Numba imports coverage.py where it is installed: nodes would start more slowly than a user's do.
-if "COVERAGE_PROCESS_START" not in os.environ:
-    sys.modules["coverage"] = None
-
 TOUCHED = "another thread touched"
 SLOTS = {"set_command", "set_gains", "e_stop"}
 _inside = threading.local()  # a slot's own assignments are part of it

@@ -51,7 +51,6 @@ MEASURED = {
     ("docs/differences.md", "run"): "tests/benchmarks/original_controllers.py",
     (CAMERA_KEYS, "preset"): "tests/benchmarks/calibrate_live.py",
     ("tests/README.md", "faults"): "tests/faults",
-    ("tests/README.md", "area"): "tests/mutation",
 }
 NUMBER = re.compile(r"[-+−]?\d[\d .,e\[\]%()/+−-]*(?: ?(?:s|ms|mm|m|rad|°|Hz|%|MB|min|h))?$")
 

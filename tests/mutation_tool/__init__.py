@@ -1,1 +1,0 @@
-"""What stands behind `tests/mutation AREA`; tests/README.md says what it is for."""

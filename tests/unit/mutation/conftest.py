@@ -1,6 +1,0 @@
-"""The tool is beside the tests, in no package that is installed."""
-
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[2]))

@@ -15,7 +15,7 @@ MEMORY = Path(__file__).resolve().parents[2] / "benchmarks" / "memory.py"
 def test_runs_that_differ_leave_no_memory_behind(plant):
     """A run that had arrived left 30 MB: the world in which it looked what hides the target."""
     done = subprocess.run(
-        [sys.executable, MEMORY, "--warm", "8", "--runs", "8", "--plants", plant],
+        [sys.executable, MEMORY, "--warm", "12", "--runs", "12", "--plants", plant],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr

@@ -182,8 +182,8 @@ def pose_of(element: Element, where: str, frames: Mapping[str, Pose] = _HERE) ->
     frame = node.get("relative_to") or node.get("frame") or "world"
     if frame not in frames:
         raise DescriptionError(
-            f"{where}: <pose relative_to='{shorten(frame)}'> is not supported; give it in the "
-            "frame of the element around it"
+            f"{where}: <pose relative_to='{shorten(frame)}'> names no link, joint, frame or model "
+            "there; correct the name, or give the pose in the frame of the element around it"
         )
     return frames[frame] @ safe_xml.pose(text_of(element, "pose"), f"{where}: pose")
 

@@ -88,7 +88,7 @@ _SDF_JOINT = {
     "sensor": _SENSORS, "thread_pitch": (1.0,),
 }
 BLOCKS: Mapping[str, Entry] = MappingProxyType({
-    "model": {**_all("static", "pose", "plugin", "allow_auto_disable"), "link": _SDF_LINK,
+    "model": {**_all("static", "pose", "plugin", "allow_auto_disable", "frame"), "link": _SDF_LINK,
               "joint": _SDF_JOINT, "self_collide": _OFF, "enable_wind": _OFF},
     "world": _all("model", "light", "gravity", "physics", "scene", "plugin", "gui", "wind", "state",
                   "frame", "atmosphere", "magnetic_field", "spherical_coordinates", "audio",

@@ -193,7 +193,7 @@ def test_a_pose_is_in_the_frame_of_what_is_around(frame):
         made = model(f"<link name='a'/><link name='b'><pose {key}='{frame}'>1 2 3 0 0 0</pose>"
                      f"</link>{joint()}")
         assert made.joints["j"].origin_xyz == (1, 2, 3)
-        with pytest.raises(DescriptionError, match="link 'b': <pose relative_to='c'> names no link"):
+        with pytest.raises(DescriptionError, match="link 'b': <pose relative_to='c'> names no"):
             model(f"<link name='a'/><link name='b'><pose {key}='c'>1 2 3 0 0 0</pose></link>"
                   f"{joint()}")
 

@@ -90,9 +90,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
             idle += served.find_unserved(block, "gazebo link", where)
         elif reference in joints:
             _joint_settings(block, reference, tags, warnings)
-            for sensor in block.findall("sensor[@type='force_torque']"):
-                gauges[reference] = sensor
-                found += sensor_tags.gauge(sensor, reference, warnings)
+            found += sensor_tags.of_joint(block, reference, gauges, warnings)
             idle += served.find_unserved(block, "gazebo joint", where)
         else:
             warnings.append(f"{where} names no link or joint; ignored")
@@ -106,9 +104,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
             warnings.append(f"{error}; the joint is left out")
             continue
         tags.added_joints.append(one)
-        for sensor in node.findall("sensor[@type='force_torque']"):
-            gauges[node.get("name")] = sensor
-            found += sensor_tags.gauge(sensor, node.get("name"), warnings)
+        found += sensor_tags.of_joint(node, node.get("name"), gauges, warnings)
     warnings += served.sentences(dict.fromkeys(idle))
     cameras = _named_once(cameras, warnings)
     tags.control_plugins = tuple(one for one in found if isinstance(one, ControlPlugin))

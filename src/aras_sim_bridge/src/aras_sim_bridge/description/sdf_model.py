@@ -91,9 +91,7 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
             low, high = one.joint.stops
             warnings += degrees_in_limits(low, high, f"{where}, joint '{one.joint.name}'")
         joints.append(one)
-        for sensor in node.findall("sensor[@type='force_torque']"):
-            gauges[one.joint.name] = sensor
-            asked += sensor_tags.gauge(sensor, one.joint.name, warnings)
+        asked += sensor_tags.of_joint(node, one.joint.name, gauges, warnings)
     if any(one.joint.parent == WORLD for one in joints):
         links = {WORLD: Link(WORLD, None), **links}
         poses[WORLD] = Pose()

@@ -138,7 +138,8 @@ PLACES = {
         " <ode><suspension><cfm>1</cfm></suspension></ode>"
         " <ode><suspension><erp>1</erp></suspension></ode>",
         # the first is of a closed chain, where it acts
-        "<simbody><must_be_loop_joint>1</must_be_loop_joint></simbody> <provide_feedback>1</provide_feedback> <ode><provide_feedback>1</provide_feedback></ode>"
+        "<simbody><must_be_loop_joint>1</must_be_loop_joint></simbody>"
+        " <provide_feedback>1</provide_feedback> <ode><provide_feedback>1</provide_feedback></ode>"
         " <ode><implicit_spring_damper>1</implicit_spring_damper></ode>"),
     CAMERA.format(type="camera").format("<camera name='c'/>{}"): (
         "<update_rate>3</update_rate> <pose>1 0 0 0 0 0</pose> <topic>k</topic>"
@@ -161,7 +162,8 @@ PLACES = {
         "<type>equidistant</type> <intrinsics><fx>30</fx></intrinsics> <intrinsics><fy>30</fy>"
         "</intrinsics> <intrinsics><cx>30</cx></intrinsics> <intrinsics><cy>30</cy></intrinsics>"
         " <intrinsics><s>3</s></intrinsics> <projection><p_fx>3</p_fx></projection>"
-        " <custom_function><c1>3</c1></custom_function>", "<env_texture_size>64</env_texture_size>"),
+        " <custom_function><c1>3</c1></custom_function>",
+        "<env_texture_size>64</env_texture_size>"),
     CAMERA.format(type="wideanglecamera").format("<camera name='c'><lens>{}</lens></camera>"): (
         "<type>equidistant</type> <scale_to_hfov>0</scale_to_hfov> <cutoff_angle>1</cutoff_angle>"
         " <custom_function><c1>3</c1></custom_function> <intrinsics><fx>30</fx></intrinsics>",

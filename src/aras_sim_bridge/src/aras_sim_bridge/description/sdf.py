@@ -1,7 +1,7 @@
 """SDF text -> models and lights.
 
 Of SDF this takes boxes, cylinders, spheres, capsules, planes and meshes, with colours; links with
-fixed, revolute and prismatic joints, in trees, closed chains, or without any; cameras and other
+fixed, revolute, prismatic, universal and screw joints, in trees, closed chains, or without any; cameras and other
 sensors; lights, includes, models in models, and a world's `<state>`. What is not served is left out
 with a warning that names it: an element (see served.py), or a whole model of a world.
 """
@@ -21,7 +21,8 @@ from aras_sim_bridge.description import (
 from aras_sim_bridge.description.lights import read_light
 from aras_sim_bridge.description.sdf_dialects import unify
 from aras_sim_bridge.description.sdf_frames import Frames
-from aras_sim_bridge.description.sdf_model import name_of, pose_of, read_model
+from aras_sim_bridge.description.sdf_model import read_model
+from aras_sim_bridge.description.sdf_poses import name_of, pose_of
 from aras_sim_bridge.description.types import Light, LinkAttacher, RobotDescription
 from aras_sim_bridge.description.world_state import WorldState
 from aras_sim_bridge.errors import DescriptionError

@@ -81,18 +81,21 @@ _ODE_JOINT = {**_all("provide_feedback", "implicit_spring_damper"), "cfm_damping
               "suspension": {"cfm": (0.0,), "erp": (0.2,)},
               "fudge_factor": (0.0,), "cfm": (0.0,), "erp": (0.2,), "bounce": (0.0,),
               "max_force": (0.0,), "velocity": (0.0,)}
+_AXIS = {
+    "xyz": SERVED, "initial_position": (0.0,),
+    "limit": {**_all("lower", "upper", "effort", "velocity"), "stiffness": (1e8,),
+              "dissipation": (1.0,)},
+    "dynamics": _all("damping", "friction", "spring_reference", "spring_stiffness"),
+}
 _SDF_JOINT = {
-    **_all("pose", "parent", "child"),
-    "axis": {
-        "xyz": SERVED, "initial_position": (0.0,),
-        "limit": {**_all("lower", "upper", "effort", "velocity"), "stiffness": (1e8,),
-                  "dissipation": (1.0,)},
-        "dynamics": _all("damping", "friction", "spring_reference", "spring_stiffness"),
-    },
+    **_all("pose", "parent", "child"), "axis": _AXIS,
     "physics": {"provide_feedback": SERVED, "ode": _ODE_JOINT,
                 "simbody": _all("must_be_loop_joint")},
     "sensor": _SENSORS, "thread_pitch": (1.0,),
 }
+_CROSSED = {**_SDF_JOINT, "axis2": _AXIS}
+_JOINTS = {"universal": _CROSSED, "revolute2": _CROSSED,
+           "screw": {**_SDF_JOINT, "thread_pitch": SERVED}}
 _NAMES = _all("robotNamespace", "topicName", "updateRate", "alwaysOn", "frameName")
 _OFFSETS = _all("gaussianNoise", "xyzOffset", "rpyOffset", "bodyName")
 _CAMERA_PLUGIN = {
@@ -232,6 +235,8 @@ def _walk(element: Element, entry: Mapping[str, Entry], where: str,
         inside = entry.get(child.tag)
         if inside is _SENSORS:
             inside = _SENSORS.get(child.get("type") or "", SERVED)  # others are named by type
+        if inside is _SDF_JOINT:
+            inside = _JOINTS.get(child.get("type") or "", _SDF_JOINT)
         name = f" '{shorten(child.get('name'))}'" if child.get("name") else ""
         if inside is None and entry is _GEOMETRY:
             continue

@@ -1,9 +1,10 @@
 """SDF text -> models and lights.
 
 Of SDF this takes boxes, cylinders, spheres, capsules, planes and meshes, with colours; links with
-fixed, revolute, prismatic, universal and screw joints, in trees, closed chains, or without any; cameras and other
-sensors; lights, includes, models in models, and a world's `<state>`. What is not served is left out
-with a warning that names it: an element (see served.py), or a whole model of a world.
+fixed, revolute, prismatic, universal and screw joints, in trees, closed chains, or without any;
+cameras and other sensors; lights, includes, models in models, and a world's `<state>`. What is not
+served is left out with a warning that names it: an element (see served.py), or a whole model of a
+world.
 """
 
 import copy

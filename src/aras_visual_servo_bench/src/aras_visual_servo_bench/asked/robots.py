@@ -196,6 +196,27 @@ class Robot:
             return None
         return Arm.standing(self.urdf, self.frame(camera))
 
+    def mounting(self, link: str, camera: str = "") -> np.ndarray:
+        """(4, 4) of a camera's optical frame in a link that carries it.
+
+        Raises:
+            ExperimentError: a link that does not carry it, or in which joints move it.
+        """
+        place = None
+        for joint in _path(self.urdf, self.frame(camera), self.spec.urdf):
+            if joint.parent == link:
+                place = np.eye(4)
+            if place is None:
+                continue
+            if joint.kind != "fixed":
+                raise ExperimentError(f"joint '{joint.name}' moves the camera in link '{link}': a "
+                                      "hand-eye calibration is of a link that carries it")
+            place = place @ joint.pose.matrix()
+        if place is None:
+            raise ExperimentError(f"link '{link}' does not carry the camera: set hand_eye.link to "
+                                  "one that does")
+        return place
+
     def arm(self, camera: str = "") -> Arm:
         """Its true kinematics, of a camera; '': its own."""
         return self._arm(self.urdf, camera)

@@ -15,8 +15,8 @@ TORN = "[ERROR] [1795338141.830, 27.134]: Error writing to file: writing 4 bytes
 DIED = "[record-2] process has died [pid 1, exit code -6, cmd /usr/lib/rosbag/record]\n"
 
 
-ENDED = ("[ERROR] the recorder (record) has ended: the disk of {folder} is full: make room, or record "
-         "elsewhere. What it has recorded until then is in the bag\n"
+ENDED = ("[ERROR] the recorder (record) has ended: the disk of {folder} is full: make room, or "
+         "record elsewhere. What it has recorded until then is in the bag\n"
          "[record-2] process has finished cleanly\n")  # fmt: skip
 
 

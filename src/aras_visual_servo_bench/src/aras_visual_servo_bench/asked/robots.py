@@ -25,7 +25,7 @@ from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import inverse, optical, to_xyz_rpy, transform
 from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_base.urdf import Joint, parse_tree
-from aras_visual_servo_base.yaml_files import read_yaml
+from aras_visual_servo_base.yaml_files import read_text, read_yaml
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.arm import camera_path
 from aras_visual_servo_controller.arm.joint_controllers import joint_controllers
@@ -133,7 +133,7 @@ class Robot:
         """
         self.spec, self._cameras = spec, cameras
         self.packages = PackagePath(spec.search)
-        self._plain = self.packages.file(spec.urdf).read_text(encoding="utf-8")
+        self._plain = read_text(self.packages.file(spec.urdf), ExperimentError)
         if not friction:
             self._plain = self._adapted("without_friction", self._plain)
         if hand_eye is not None:

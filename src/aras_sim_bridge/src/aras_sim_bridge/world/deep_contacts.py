@@ -21,6 +21,7 @@ _log = logging.getLogger(__name__)
 _SPEED = 0.01  # m/s, Gazebo's default of <max_vel>
 _SHARE = 0.08  # of the depth that Bullet removes in a step unless it is told otherwise
 _DRIVEN = 10  # steps: what is put elsewhere again within them is driven
+_EVERY = 10  # steps between two looks, in which depths change by 0.1 mm
 # 1/kg, by which contacts give way meanwhile: with 0 the Kinova Jaco that is spawned at joint
 # positions of 0, 18 cm within the ground, spins at 2000 rad/s, from 1e-4 on at 350 rad/s.
 _YIELDING = 1e-3
@@ -41,6 +42,7 @@ class DeepContacts:
         self._since = 0  # steps since something was put elsewhere, of those watched
         self._deepest = 0.0  # m
         self._bounded = False  # whether the parameters are not Bullet's usual ones
+        self._given = (_SHARE, 0.0)  # what Bullet has: its ERP and CFM of contacts
         self._named: set[tuple[str, str]] = set()
 
     def came(self) -> None:
@@ -59,19 +61,24 @@ class DeepContacts:
     def clear(self) -> None:
         """Bullet was emptied."""
         self._named.clear()
-        self._deepest = 0.0
+        self._deepest, self._given = 0.0, (_SHARE, 0.0)
 
     def before_step(self, dt: float) -> None:
         """Bound the speed at which the coming step of `dt` s parts what overlaps."""
         # How deep what was put elsewhere is in others, only the step finds.
         depth = math.inf if self._fresh else self._deepest
         self._bounded = depth * _SHARE > _SPEED * dt
-        pybullet.setPhysicsEngineParameter(
-            contactERP=_SPEED * dt / depth if self._bounded else _SHARE,
-            globalCFM=_YIELDING * dt if self._bounded else 0.0, physicsClientId=self._client)
+        wanted = ((_SPEED * dt / depth, _YIELDING * dt) if self._bounded else (_SHARE, 0.0))
+        if wanted != self._given:
+            self._given = wanted
+            pybullet.setPhysicsEngineParameter(contactERP=wanted[0], globalCFM=wanted[1],
+                                               physicsClientId=self._client)
 
     def after_step(self, dt: float) -> None:
-        """Look how deep bodies are in each other."""
+        """Look how deep bodies are in each other, now and then."""
+        self._since += 1
+        if not self._fresh and self._since % _EVERY:
+            return
         contacts = [(-one[8], (one[1], one[3]), (one[2], one[4]))
                     for one in pybullet.getContactPoints(physicsClientId=self._client)
                     if one[1] != one[2]]
@@ -79,7 +86,6 @@ class DeepContacts:
         if self._fresh:
             self._name(contacts)
         self._fresh = False
-        self._since += 1
         # A step that has Bullet's usual parameters is the last one that is watched.
         self.watched = (self._bounded or self._deepest * _SHARE > _SPEED * dt
                         or self._since <= _DRIVEN)

@@ -84,7 +84,7 @@ class Frames(Mapping[str, Pose]):
     def unplaced(self) -> list[str]:
         """A sentence on each `<frame>` that has no place."""
         return [f"frame '{shorten(name)}' is left out: '{shorten(self.base(name))}' is no link, "
-                "joint, frame or model there, or stands on this frame itself"
+                "joint, frame or model there, or depends on this frame itself"
                 for name, node in self._nodes.items()
                 if node.tag == "frame" and name not in self._inner and not is_placed(self, name)]
 

@@ -15,11 +15,11 @@ from aras_visual_servo_base.urdf import Joint, JointLimits, Mimic
 _SINGLE = ("revolute", "continuous", "prismatic", "fixed")
 _CROSSED = ("universal", "revolute2")
 JOINT_KINDS = (*_SINGLE, *_CROSSED, "screw")
-ENDLESS = 1e16  # SDF's way to say that a joint has no limit
+ENDLESS = 1e16  # as SDF writes that a joint has no limit
 
 
 def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list[PlacedJoint]:
-    """Read a `<joint>` between links that stand at `poses` in the model, or the world and one.
+    """Read a `<joint>` between links that are at `poses` in the model, or the world and one.
 
     A universal joint <name> is a revolute one about its `<axis>`, which moves a link <name>_cross
     without mass, and <name>_2 about its `<axis2>`; so is a revolute2. A screw is a revolute joint,
@@ -27,7 +27,7 @@ def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list
     child moves by -1/thread_pitch m a rad.
 
     Raises:
-        DescriptionError: naming the joint, what is wrong with it and how to mend it.
+        DescriptionError: naming the joint, what is wrong with it and how to fix it.
     """
     name = name_of(element, model)
     where = f"{model}, joint '{name}'"
@@ -67,7 +67,7 @@ def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list
 
 def _about(element: Element, tag: str, joint: Joint, pose: Pose, poses: Mapping[str, Pose],
            where: str) -> Joint:
-    """The joint, whose frame stands at `pose`, with the axis, limits and dynamics of `tag`."""
+    """Return the joint, whose frame is at `pose`, with the axis, limits and dynamics of `tag`."""
     axis = element.find(tag)
     kind = joint.kind
     along = direction(text_of(axis, "xyz"), f"{where}: axis", (0.0, 0.0, 1.0))

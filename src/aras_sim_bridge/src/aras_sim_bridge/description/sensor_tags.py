@@ -119,7 +119,7 @@ def of_model(found: list[SensorDescription], links: Mapping[str, Link],
 
 def of_joint(element: Element, joint: str, gauges: dict[str, Element], warnings: list[str]
              ) -> list[SensorDescription]:
-    """What plug-ins inside the force/torque `<sensor>`s of a joint tell; they need no <jointName>.
+    """Read the plug-ins in the force/torque `<sensor>`s of a joint; they need no <jointName>.
 
     gauges: gets the sensor of this joint.
     """

@@ -248,7 +248,7 @@ def _walk(element: Element, entry: Mapping[str, Entry], where: str,
 
 
 def _in_world(block: Mapping[str, Entry]) -> bool:
-    """Whether a block stands in a world, where its tag says which one it is."""
+    """Whether a block is part of a world, where its tag says which one it is."""
     pending = [_PHYSICS, _SCENE, BLOCKS["world"]["wind"]]
     for one in pending:
         pending += (inner for inner in one.values() if isinstance(inner, Mapping))

@@ -19,7 +19,7 @@ from aras_sim_bridge.world.model import Model
 _log = logging.getLogger(__name__)
 
 _SPEED = 0.01  # m/s, Gazebo's default of <max_vel>
-_SHARE = 0.08  # of the depth that Bullet removes in a step unless it is told otherwise
+_SHARE = 0.08  # of the depth that Bullet removes in a step by default
 _DRIVEN = 10  # steps: what is put elsewhere again within them is driven
 _EVERY = 10  # steps between two looks, in which depths change by 0.1 mm
 # 1/kg, by which contacts give way meanwhile: with 0 the Kinova Jaco that is spawned at joint
@@ -32,7 +32,7 @@ class DeepContacts:
     """Watches the contacts of a world from when something was put elsewhere until all are shallow.
 
     Attributes:
-        watched: whether steps have to be told to `before_step` and `after_step`.
+        watched: whether `before_step` and `after_step` have to be called.
     """
 
     def __init__(self, client: int, models: Mapping[str, Model]) -> None:

@@ -156,13 +156,19 @@ class Controllers:
                  for at, name in zip(starts, joints, strict=True)]
         point = JointTrajectoryPoint(positions=goals, time_from_start=rospy.Duration(SECONDS))
         publisher = publish(f"{controller}/command", JointTrajectory)
-        publisher.publish(JointTrajectory(joint_names=joints, points=[point]))
         asked = [one for one in zip(joints, starts, goals, strict=True)
                  if abs(one[2] - one[1]) >= LEAST]
+        sent = [-math.inf]
+
+        def reached(name: str, start: float, goal: float) -> bool:
+            # A node of the package's may have commanded a posture of its own meanwhile.
+            if time.monotonic() - sent[0] > PATIENCE / 5.0:
+                publisher.publish(JointTrajectory(joint_names=joints, points=[point]))
+                sent[0] = time.monotonic()
+            return (Joint(name).read()[0] - start) / (REACHED * (goal - start)) >= 1.0
+
         for name, start, goal in asked:
-            way = (goal - start) * REACHED
-            if not wait(lambda n=name, s=start, w=way: (Joint(n).read()[0] - s) / w >= 1.0,
-                        PATIENCE):
+            if not wait(lambda one=(name, start, goal): reached(*one), PATIENCE):
                 raise RuntimeError(f"{name} was to move from {start:.3f} to {goal:.3f} and is at "
                                    f"{Joint(name).read()[0]:.3f}")
         if not asked:

@@ -15,6 +15,11 @@ TORN = "[ERROR] [1795338141.830, 27.134]: Error writing to file: writing 4 bytes
 DIED = "[record-2] process has died [pid 1, exit code -6, cmd /usr/lib/rosbag/record]\n"
 
 
+ENDED = ("[ERROR] the recorder (record) has ended: the disk of {folder} is full: make room, or "
+         "record elsewhere. What it has recorded until then is in the bag\n"
+         "[record-2] process has finished cleanly\n")  # fmt: skip
+
+
 class Recorder(Launch):
     """Writes what record.launch would, without one."""
 
@@ -68,6 +73,31 @@ def test_a_disk_without_room_is_said_while_recording_and_at_its_end(kept):
     with pytest.raises(RefusedError, match="Less than 256M .*; what it had until then is kept: "):
         kept.stop_record()
     assert kept.recorded.suffix == ".bag" and kept.recorded.is_file()
+
+
+def test_a_recorder_that_ended_in_order_says_why(kept):
+    with kept.by.log.open("a") as log:
+        log.write(ENDED.format(folder=kept.recording.parent))
+    assert kept.trouble().startswith("the recorder (record) has ended: the disk of ")
+    with pytest.raises(RefusedError, match="is full: .*; what it had until then is kept: recorded"):
+        kept.stop_record()
+
+
+def test_a_recorder_that_does_not_start_is_reported_at_once(tmp_path, monkeypatch):
+    class Full(Recorder):
+        def __init__(self, arguments, log, environment):
+            super().__init__(arguments, log, environment)
+            self.bag.with_name(self.bag.name + ".active").unlink()
+            log.write_text("[ERROR] the recorder (record) does not start: the disk is full\n"
+                           "[record-2] process has finished cleanly\n")
+
+        def stop(self, patience=0.0):
+            pass
+
+    monkeypatch.setattr(keeping, "Launch", Full)
+    monkeypatch.setattr(keeping.time, "sleep", lambda _: pytest.fail("it waits"))
+    with pytest.raises(RefusedError, match="did not start: the recorder .* the disk is full$"):
+        keeping.Keeping(tmp_path).record()
 
 
 def test_of_a_recorder_that_died_the_unclosed_bag_is_kept_for_the_report(kept):

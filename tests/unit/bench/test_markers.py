@@ -71,6 +71,16 @@ def test_what_is_no_marker_is_refused_by_name(given, words):
         Experiment(target={"shape": "./tags.png", "marker": given}, plant="free")
 
 
+def test_a_board_may_be_written_as_text():
+    """As launch files give it; numbers of markers are numbers there."""
+    board = {"dictionary": "5X5_100", "size": 0.04, "markers": {3: [0, 0], 8: [0.06, 0, 90]}}
+    text = "{dictionary: 5X5_100, size: 0.04, markers: {3: [0, 0], 8: [0.06, 0, 90]}}"
+    quoted = text.replace("3:", "'3':").replace("8:", "'8':")
+    assert MarkerChoice.read(text) == MarkerChoice.read(quoted) == MarkerChoice.read(board)
+    with pytest.raises(VisionError, match="marker"):
+        MarkerChoice.read("{dictionary: 5X5_100, size")
+
+
 def test_a_board_has_the_same_corners_whichever_of_its_markers_are_in_view():
     side, gap = 80, 120  # px; 1 px is 0.5 mm
     names, numbers = "5X5_100", (3, 8, 40, 99)

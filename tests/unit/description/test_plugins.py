@@ -7,6 +7,7 @@ import pytest
 
 from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.description import DepthTopics, SensorDescription, parse_sdf, parse_urdf
+from aras_sim_bridge.description.plugins import PLUGINS
 from aras_sim_bridge.errors import CameraError, DescriptionError
 
 EYES = """<camera name='left'><pose>0 0.02 0 0 0 0</pose><image><width>64</width></image></camera>
@@ -166,9 +167,10 @@ def measured(file, settings="", kind="", inside=None):
         "</model></sdf>")
 
 
-SETTINGS = ("<topicName>t</topicName><robotNamespace>n</robotNamespace><frameName>b</frameName>"
-            "<updateRate>5</updateRate><gaussianNoise>0.5</gaussianNoise><xyzOffset>1 2 3"
-            "</xyzOffset><rpyOffset>.1 .2 .3</rpyOffset><bodyName>a</bodyName>")
+NAMES = ("<topicName>t</topicName><robotNamespace>n</robotNamespace><frameName>b</frameName>"
+         "<updateRate>5</updateRate>")
+SETTINGS = (NAMES + "<gaussianNoise>0.5</gaussianNoise><xyzOffset>1 2 3</xyzOffset><rpyOffset>"
+            ".1 .2 .3</rpyOffset><bodyName>a</bodyName>")
 FULL = SensorDescription("pose", "t", "n", "b", 5.0, "a", noise=0.5,
                          offset=((1, 2, 3), (0.1, 0.2, 0.3)))
 
@@ -185,12 +187,12 @@ FULL = SensorDescription("pose", "t", "n", "b", 5.0, "a", noise=0.5,
      replace(FULL, kind="imu", rate=7.0, from_start=True)),
     ("imu_sensor", "imu", "<frameName>f</frameName>",
      SensorDescription("imu", "imu_data", None, "f", 1.0, "a")),
-    ("ft_sensor", "", SETTINGS + "<jointName>j</jointName>",
-     replace(FULL, kind="wrench", frame="", link="b", joint="j")),
+    ("ft_sensor", "", NAMES + "<gaussianNoise>0.5</gaussianNoise><jointName>j</jointName>",
+     SensorDescription("wrench", "t", "n", rate=5.0, noise=0.5, link="b", joint="j")),
     ("ft_sensor", "force_torque", "<topicName>t</topicName>",
      SensorDescription("wrench", "t", link="b", joint="j")),
-    ("bumper", "contact", SETTINGS + "<bumperTopicName>u</bumperTopicName>",
-     replace(FULL, kind="contact", topic="u", rate=0.0, noise=0.0, collisions=("c",))),
+    ("bumper", "contact", NAMES + "<bumperTopicName>u</bumperTopicName>",
+     SensorDescription("contact", "u", "n", "b", link="a", collisions=("c",))),
     ("bumper", "contact", "",
      SensorDescription("contact", "bumper_states", "", "world", link="a", collisions=("c",))),
 ])
@@ -301,3 +303,20 @@ def test_a_bumper_s_collision_is_a_text_or_a_name(named):
     assert made.sensors[0].collisions == ("c",) and not made.warnings
     unnamed = measured("bumper", "", "contact", "<contact><collision/></contact>")
     assert unnamed.sensors and "collision '' does not exist" in unnamed.warnings[0]
+
+
+@pytest.mark.parametrize("name", [one for one in PLUGINS if one != "gazebo_ros_link_attacher"])
+def test_a_setting_that_a_plugin_does_not_serve_is_named(name):
+    """Each one of a served plug-in, in the place that it belongs to."""
+    plugin = f"<plugin filename='lib{name}.so'><jointName>j</jointName><wheels>3</wheels></plugin>"
+    kind = ("multicamera" if "multicamera" in name else "depth" if "depth" in name or "kinect" in (
+        name) else "camera" if "camera" in name else {
+            "gazebo_ros_imu_sensor": "imu", "gazebo_ros_bumper": "contact"}.get(name, ""))
+    sensor = f"<sensor name='s' type='{kind}'><camera name='left'/>{plugin}</sensor>"
+    text = ("<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='fixed'><parent "
+            "link='a'/><child link='b'/></joint>" + (
+                f"<gazebo reference='a'>{sensor}</gazebo>" if kind else f"<gazebo>{plugin}</gazebo>"
+            ) + "</robot>")
+    lines = [line for line in parse_urdf(text).warnings if "<wheels>" in line]
+    assert len(lines) == 1 and f"plugin 'lib{name}.so': " in lines[0]
+    assert lines[0].endswith("not served; left out")

@@ -193,12 +193,12 @@ def test_a_pose_is_in_the_frame_of_what_is_around(frame):
         made = model(f"<link name='a'/><link name='b'><pose {key}='{frame}'>1 2 3 0 0 0</pose>"
                      f"</link>{joint()}")
         assert made.joints["j"].origin_xyz == (1, 2, 3)
-        with pytest.raises(DescriptionError, match="link 'b': <pose relative_to='a'> is not supp"):
-            model(f"<link name='a'/><link name='b'><pose {key}='a'>1 2 3 0 0 0</pose></link>"
+        with pytest.raises(DescriptionError, match="link 'b': <pose relative_to='c'> names no"):
+            model(f"<link name='a'/><link name='b'><pose {key}='c'>1 2 3 0 0 0</pose></link>"
                   f"{joint()}")
 
 
-def test_frames_stand_on_those_before_them_alone():
+def test_frames_of_a_world_stand_on_each_other():
     def place(frames):
         (found,) = read_sdf(f"<sdf><world name='w'>{frames}<light name='l'><pose relative_to='b'>"
                             "0.1 0.2 0.3 0.4 0.5 0.6</pose></light></world></sdf>").lights
@@ -216,12 +216,15 @@ def test_frames_stand_on_those_before_them_alone():
         second = f"<frame name='b'{on}>" + text["b"].format(where)
         np.testing.assert_allclose(place(first + second), expected @ light, atol=1e-12)
     late = "<frame name='b' attached_to='a'>" + text["b"].format("")
-    content = read_sdf(f"<sdf><world name='w'>{late}{first}<light name='l'><pose relative_to='b'/>"
-                       "</light></world></sdf>")
-    assert not content.lights
-    assert ["frame 'b'" in text and "is left out" in text for text in content.warnings] == [
-        True, False]
-    assert "light 'l' is left out" in content.warnings[1]
+    np.testing.assert_allclose(place(late + first), A @ B @ light, atol=1e-12)
+    for on in "xb":
+        lost = f"<frame name='b' attached_to='{on}'>" + text["b"].format("")
+        content = read_sdf(f"<sdf><world name='w'>{lost}{first}<light name='l'><pose "
+                           "relative_to='b'/></light></world></sdf>")
+        assert not content.lights
+        frame, light_line = content.warnings
+        assert frame.startswith(f"frame 'b' is left out: '{on}' is no link, joint, frame or model")
+        assert "light 'l' is left out" in light_line
 
 
 @pytest.mark.parametrize("inside", ["", "<pose>1 2 3 0 0 0</pose>"])

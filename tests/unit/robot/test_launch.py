@@ -1,5 +1,7 @@
 """Launch, world, gains, camera presets and rviz configuration: read as their tools read them."""
 
+import importlib.machinery
+import io
 import os
 import re
 import signal
@@ -7,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+import types
 import xml.etree.ElementTree as ElementTree
 
 import pytest
@@ -182,26 +185,61 @@ def test_the_recorder_takes_pictures_and_limits_as_it_is_told(given, there, miss
     assert set(there) <= set(words) and not set(missing) & set(words), words
 
 
-@pytest.mark.parametrize(("folder", "words"), [
-    ("/proc", "the disk is full: make room, or record elsewhere; 0.0 MB are free in /proc"),
-    ("/tmp", " MB are free in /tmp"),  # noqa: S108
-])  # fmt: skip
-def test_a_recorder_that_aborts_is_reported_with_the_room_on_its_disk(folder, words):
-    """rosbag's recorder ended with -6 on a full disk, and the launch's log did not say why."""
-    script = [sys.executable, PACKAGE / "scripts" / "report_recorder_end"]
-    text = {"text": True, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    shell = ["sh", "-c", "kill -ABRT $$", f"--output-name={folder}/run.bag"]
-    done = subprocess.run([*script, *shell], timeout=20, check=False, **text)
-    assert done.returncode == 134
-    assert "ended by signal 6" in done.stderr and words in done.stderr
-    assert ("full" in done.stderr) is (folder == "/proc")
-    done = subprocess.run([*script, "true"], timeout=20, check=False, **text)
+END = PACKAGE / "scripts" / "report_recorder_end"
+
+
+def run_recorder(words, script=""):
+    """A recorder that is a shell with this script, below the one that reports its end."""
+    shell = ["sh", "-c", script] if script else []
+    return subprocess.run([sys.executable, END, *shell, *words], timeout=20, check=False, text=True,
+                          capture_output=True)  # fmt: skip
+
+
+def test_a_recorder_that_aborts_is_reported_with_the_room_on_its_disk(tmp_path):
+    """rosbag's recorder ended with -6, and the launch's log did not say why."""
+    done = run_recorder([f"--output-name={tmp_path}/run.bag"], "kill -ABRT $$")
+    assert done.returncode == 134 and done.stderr.count("\n") == 1
+    assert "ended by signal 6" in done.stderr and f" MB are free in {tmp_path}" in done.stderr
+    done = run_recorder(["true"])
     assert (done.returncode, done.stderr) == (0, "")
-    with subprocess.Popen([*script, "sh", "-c", "echo up; exec sleep 60"], **text) as asked:
+    text = {"text": True, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, END, "sh", "-c", "echo up; exec sleep 60"], **text
+                          ) as asked:  # fmt: skip
         assert asked.stdout.readline() == "up\n"
         time.sleep(0.3)
         asked.send_signal(signal.SIGINT)
         assert asked.communicate(timeout=20)[1] == ""
+
+
+def test_a_recorder_does_not_start_on_a_full_disk():
+    done = run_recorder(["--output-name=/proc/run.bag"], "echo up")
+    assert (done.returncode, done.stdout) == (0, "") and done.stderr.count("\n") == 1
+    assert "does not start: the disk is full, 0.0 MB are free in /proc: make room" in done.stderr
+
+
+@pytest.mark.parametrize(("script", "words"), [
+    ("trap 'exit 0' INT; while :; do sleep 0.1; done", "recorded until then is in the bag"),
+    ("trap 'exit 3' INT; while :; do sleep 0.1; done", "rosbag reindex BAG.active recovers what"),
+])  # fmt: skip
+def test_a_recorder_ends_before_its_disk_is_full(tmp_path, monkeypatch, capfd, script, words):
+    """What it has to write then has room: a file without a name is kept for it until then."""
+    loader = importlib.machinery.SourceFileLoader("report_recorder_end", str(END))
+    module = types.ModuleType(loader.name)
+    loader.exec_module(module)
+    looks, kept = iter([9e9] * 5), io.BytesIO()
+    monkeypatch.setattr(module.shutil, "disk_usage",
+                        lambda _: types.SimpleNamespace(free=next(looks, 1e6)))
+    monkeypatch.setattr(module, "reserve", lambda _: kept)
+    monkeypatch.setattr(sys, "argv", ["x", "sh", "-c", script, f"--output-name={tmp_path}/a.bag"])
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        assert module.main() == 0
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    line = capfd.readouterr().err
+    assert line.count("\n") == 1 and words in line and f"disk of {tmp_path} is full" in line
+    assert kept.closed
 
 
 def test_world_has_floor_and_sun_but_no_shadows():

@@ -132,13 +132,6 @@ def test_an_orientation_of_another_length_is_made_a_unit_one(world, make):
     assert none.pose().quat == (0, 0, 0, 1)
 
 
-def test_joints_that_are_not_simulated_are_refused(world, make):
-    xml = make.robot(make.link("a"), make.link("b"),
-                     '<joint name="j" type="planar"><parent link="a"/><child link="b"/></joint>')
-    with pytest.raises(WorldError, match="joint 'j': planar joints are not simulated"):
-        world.spawn(parse_urdf(xml), "m")
-
-
 def test_a_joint_that_moves_no_mass_is_refused_unless_there_is_some_below_it(world, make):
     links = ('<link name="world"/>', '<link name="a"/>')
     first = make.joint("first", "world", "a")

@@ -29,7 +29,7 @@ def model(make, request):
         it = world.spawn(described(make, request.param), "m", AT)
         it.world, it.told = world, []
         tell = it._on_moved
-        it._on_moved = lambda model, put: (it.told.append((model is it, put)), tell(model, put))
+        it._on_moved = lambda model, *how: (it.told.append((model is it, *how)), tell(model, *how))
         yield it
 
 
@@ -43,11 +43,11 @@ def test_the_base_is_the_root_and_what_is_fixed_to_it(model):
 
 def test_the_world_is_told_of_all_that_moves_it(model):
     free = not model.fixed_base
-    moved, put = (True, False), (True, True)
+    moved, put, posed = (True, False), (True, True), (True, False, True)
     for act, told in (
         (lambda: model.set_pose(Pose((0.0, 1.0, 2.0))), [put]),
         (lambda: model.set_twist(Twist((1.0, 0.0, 0.0))), [moved] * free),
-        (lambda: model.set_joint_positions({"turn": 0.3}), [moved]),
+        (lambda: model.set_joint_positions({"turn": 0.3}), [posed]),
         (lambda: model.apply_force("arm", (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)), [moved] * free),
         (lambda: model.apply_effort("turn", 1.0), []),
         (lambda: model.set_position("turn", 0.1), []),

@@ -65,7 +65,21 @@ def test_two_cameras_of_one_name(simulation, caplog, root, image, taken):
     assert len(simulation.cameras) == 2
     (said,) = [r.getMessage() for r in caplog.records if r.levelname == "ERROR"]
     assert said.startswith("model 'second' goes without its camera 'b': ")
-    assert f"there is a camera {taken} already of model 'first'; give this one another" in said
+    assert f"camera 'b': camera 'a' of model 'first' has the name {taken} already; give one" in said
+
+
+def test_two_cameras_of_one_robot_without_names(simulation, caplog):
+    """In Gazebo both would publish on /image_raw."""
+    eyes = "".join(
+        f"<gazebo reference='base'><sensor type='camera' name='{name}'><camera><image><width>32"
+        "</width><height>24</height></image></camera><plugin name='p' "
+        "filename='libgazebo_ros_camera.so'/></sensor></gazebo>" for name in ("front", "rear"))
+    simulation.spawn(parse_urdf(f"<robot name='r'><link name='base'/>{eyes}</robot>"), "r")
+    assert [one.sensor.config.name for one in simulation.cameras] == ["front"]
+    (said,) = [r.getMessage() for r in caplog.records if r.levelname == "ERROR"]
+    assert said == (
+        "model 'r' goes without its camera 'rear': camera 'rear': camera 'front' of model 'r' has "
+        "the name / already; give one of them another cameraName or robotNamespace")
 
 
 def test_unknown_names_carry_what_there_is(make):

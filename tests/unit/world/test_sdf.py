@@ -136,8 +136,8 @@ def test_what_changes_nothing_is_left_out_with_one_warning():
     (model(""), "has no <link>"),
     (model(solid(BOX) + solid(BOX)), "two links are named 'link'"),
     (model(solid(BOX, name="a") + solid(BOX, name="b")
-           + '<joint name="j" type="screw"><parent>a</parent><child>b</child></joint>', ""),
-     "joint type 'screw' is not supported"),
+           + '<joint name="j" type="ball"><parent>a</parent><child>b</child></joint>', ""),
+     "joint type 'ball' is not supported"),
     (model(solid(BOX) + '<joint name="j" type="fixed"><parent>x</parent><child>link</child>'
            "</joint>"), "link 'x' does not exist"),
     (model(solid(BOX, extra="<pose relative_to='q'>0 0 0 0 0 0</pose>")), "relative_to='q'"),

@@ -152,7 +152,7 @@ def test_cameras_of_one_name_and_of_none(make, renderers):
     assert (first.model, first.link) == (None, "world")
     with pytest.raises(WorldError, match="camera 'eye' does not exist; there are: /eye, /lens"):
         simulation.camera("eye")
-    with pytest.raises(CameraError, match="camera 'eye': there is a camera /eye already; give"):
+    with pytest.raises(CameraError, match="camera 'eye' has the name /eye already; give one of"):
         simulation.add_camera("eye", EYE)
     with pytest.raises(CameraError, match="update_rate 2000 Hz is above the physics rate of 1000"):
         simulation.add_camera("fast", {**EYE, "update_rate": 2000.0})

@@ -462,8 +462,9 @@ class Simulation:
             if taken:
                 owner = f" of model '{camera.model.name}'" if camera.model is not None else ""
                 raise CameraError(
-                    f"camera '{config.name}': there is a camera {min(taken)} already{owner}; give "
-                    "this one another cameraName or robotNamespace"
+                    f"camera '{config.name}': camera '{camera.sensor.config.name}'{owner} has the "
+                    f"name {min(taken)} already; give one of them another cameraName or "
+                    "robotNamespace"
                 )
         if self._renderer is None:
             self._renderer = create_renderer(

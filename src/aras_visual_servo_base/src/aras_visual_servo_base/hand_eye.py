@@ -25,6 +25,8 @@ from typing import Any
 import numpy as np
 
 from .errors import DescriptionError, SimError
+from .names import nearest
+from .opencv_files import read_storage
 from .poses import rotation_from_quaternion, rotation_from_rpy
 from .safe_xml import parse
 from .settings import as_number, said
@@ -37,6 +39,8 @@ ROTATION = 1e-3  # how far R may be from a rotation: files are rounded
 # Names of rotation and translation, without case; the end says what they map to what.
 R_AND_T = re.compile(r"(r|rot|rotation|rvec|t|trans|translation|tvec)(_?(\w+?)(2|_to_)(\w+))?")
 PAIRS = {"r": "t", "rot": "trans", "rotation": "translation", "rvec": "tvec"}
+FLAGS = {"x", "y", "z", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "frame-id",
+         "child-frame-id", "ros-args"}  # fmt: skip
 PUBLISHER = "static_transform_publisher"
 
 
@@ -199,20 +203,26 @@ def _published(words: Sequence[str], path: Path) -> HandEye:
     if any(word.startswith("--") for word in words):
         given = {key.lstrip("-"): value for key, value in zip(words, words[1:], strict=False)
                  if key.startswith("--")}  # fmt: skip
+        unknown = sorted(set(given) - FLAGS)
+        if unknown:
+            raise HandEyeError(f"{where} has the flag {said(unknown[0])}: "
+                               f"{nearest(unknown[0], sorted(FLAGS))}")  # fmt: skip
         link, frame = given.get("frame-id", ""), given.get("child-frame-id", "")
         quaternion = any(key in given for key in ("qx", "qy", "qz", "qw"))
         keys = ("qx", "qy", "qz", "qw") if quaternion else ("yaw", "pitch", "roll")
         words = [given.get(key, "1" if key == "qw" and not quaternion else "0")
                  for key in ("x", "y", "z", *keys)]  # fmt: skip
+        rest: Sequence[str] = ()
     else:
         count = next((i for i, word in enumerate(words) if _float(word) is None), len(words))
-        link, frame = (*words[count : count + 2], "", "")[:2]
+        link, frame, *rest = (*words[count:], "", "")
+        rest = [word for word in rest if word and _float(word) is None]  # a period may follow
         words = words[:count]
     numbers = [_float(word) for word in words]
-    if len(numbers) not in (6, 7) or None in numbers or not (link and frame):
-        raise HandEyeError(f"{where} has {len(numbers)} numbers and the frames '{link}', "
-                           f"'{frame}', must have x y z, qx qy qz qw (or yaw pitch roll) and two "
-                           "frames")  # fmt: skip
+    if len(numbers) not in (6, 7) or None in numbers or not (link and frame) or rest:
+        raise HandEyeError(f"{where} has {len(numbers)} numbers and the frames {said(link)}, "
+                           f"{', '.join(map(said, (frame, *rest)))}, must have x y z, qx qy qz qw "
+                           "(or yaw pitch roll) and two frames")  # fmt: skip
     if len(numbers) == 7:
         R = _of_quaternion(numbers[3:], f"{where}: the quaternion")
     else:
@@ -275,15 +285,9 @@ def _of_ros(data: Mapping[str, Any], entry: Mapping[str, Any], where: str) -> Ha
 
 def _storage(text: str, path: Path) -> HandEye:
     """OpenCV's FileStorage with a 4x4 matrix, or R and t."""
-    import cv2
-
-    try:
-        store = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        nodes = {name: store.getNode(name) for name in store.root().keys()}  # noqa: SIM118
-        data = {name: node.mat().tolist() for name, node in nodes.items() if node.isMap()}
-    except (cv2.error, SystemError) as error:
-        words = " ".join(str(getattr(error, "err", "") or error).split())
-        raise HandEyeError(f"{path} cannot be read by OpenCV: {words}: is it whole?") from None
+    entries = read_storage(text, path, HandEyeError)
+    data = {name: value.tolist() for name, value in entries.items()
+            if isinstance(value, np.ndarray)}  # fmt: skip
     return HandEye(_of_entries(data, path))
 
 

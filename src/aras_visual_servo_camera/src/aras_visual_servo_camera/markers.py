@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.settings import as_number, said
+from aras_visual_servo_base.yaml_files import parse_yaml
 
 from .errors import VisionError
 
@@ -69,6 +70,8 @@ class MarkerChoice:
     @classmethod
     def read(cls, given: str | int | Mapping[str, Any], where: str = "marker") -> MarkerChoice:
         """The choice that is written so; VisionError after `where` for what is none."""
+        if isinstance(given, str) and given.lstrip().startswith("{"):  # as launch files have it
+            given = parse_yaml(given, where, VisionError)
         if isinstance(given, Mapping):
             return cls._read_board(given, where)
         if not isinstance(given, str | int) or isinstance(given, bool):

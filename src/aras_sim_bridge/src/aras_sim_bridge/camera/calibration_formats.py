@@ -12,11 +12,11 @@ from functools import partial
 from typing import Any
 from xml.etree.ElementTree import Element
 
-import cv2
 import numpy as np
 
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.opencv_files import read_storage
 from aras_visual_servo_base.settings import said
 from aras_visual_servo_base.yaml_files import parse_yaml
 
@@ -135,13 +135,7 @@ def opencv(text: str, path: str) -> Cameras | None:
     """FileStorage, whatever its syntax."""
     if text.lstrip().startswith("<") and _xml(text, path).tag != "opencv_storage":
         return None
-    try:
-        store = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        entries = {name: store.getNode(name) for name in store.root().keys()}  # noqa: SIM118
-        found = {name: _opencv_value(node) for name, node in entries.items()}
-    except (cv2.error, SystemError) as error:
-        words = " ".join(str(getattr(error, "err", "") or error).split())
-        raise CameraError(f"{path} cannot be read by OpenCV: {words}: is it whole?") from None
+    found = read_storage(text, path, CameraError)
     plain = {name.lower().replace("_", ""): value for name, value in found.items()}
     cameras = {
         of or NAME: partial(_opencv_camera, plain, key, of, path)
@@ -151,18 +145,6 @@ def opencv(text: str, path: str) -> Cameras | None:
         raise CameraError(f"{path}: camera_matrix is missing: the file has "
                           f"{', '.join(found) or 'nothing'}")  # fmt: skip
     return cameras
-
-
-def _opencv_value(node: Any) -> Any:
-    if node.isMap():
-        return node.mat()
-    if node.isInt() or node.isReal():
-        return node.real()
-    if node.isSeq() and node.size() and all(
-        node.at(i).isInt() or node.at(i).isReal() for i in range(node.size())
-    ):
-        return [node.at(i).real() for i in range(node.size())]
-    return node.string() if node.isString() else None
 
 
 def _opencv_camera(plain: Mapping[str, Any], key: str, of: str, path: str) -> Calibration:

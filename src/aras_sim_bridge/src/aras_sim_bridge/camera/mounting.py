@@ -18,9 +18,12 @@ import numpy as np
 from aras_sim_bridge.camera import CameraConfig, CameraSensor, Frame
 from aras_sim_bridge.camera.config import Three
 from aras_sim_bridge.description import CameraDescription
-from aras_sim_bridge.errors import CameraError, RenderingError
+from aras_sim_bridge.errors import CameraError, RenderingError, SimError
 from aras_sim_bridge.world import Model, Pose
-from aras_visual_servo_base.settings import build, convert, merge
+from aras_visual_servo_base.camera_mounting import check_optical
+from aras_visual_servo_base.hand_eye import UNITS, read_hand_eye
+from aras_visual_servo_base.poses import inverse, optical
+from aras_visual_servo_base.settings import build, convert, merge, parameter
 
 T = TypeVar("T")
 
@@ -31,7 +34,18 @@ class PlaceEntry:
 
     xyz: Three = (0.0, 0.0, 0.0)
     rpy: Three = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class CalibratedPlace:
+    """A hand-eye calibration's file, and the units of its lengths; '': as the file says."""
+
+    file: str
+    units: str = parameter("", choices=("", *UNITS))
+
+
 log = logging.getLogger(__name__)
+HAND_EYE = "hand_eye"
 
 WORLD = "world"
 
@@ -162,18 +176,27 @@ def world_camera(name: str, settings: Mapping[str, object], defaults: Mapping[st
                  seed: int) -> tuple[CameraConfig, Pose]:
     """Config and pose of a camera fixed in the world; the sensor looks along the pose's +x, z up.
 
-    pose: [x, y, z, roll, pitch, yaw] or {xyz: [...], rpy: [...]}, m and rad.
+    pose: [x, y, z, roll, pitch, yaw] or {xyz: [...], rpy: [...]}, m and rad. hand_eye, instead of
+    it: path of a hand-eye calibration, or {file: path, units: m, cm or mm}; the file says where the
+    optical frame is in the world.
 
     Raises CameraError naming the key that is wrong.
     """
-    own = {key: value for key, value in settings.items() if key not in ("parent", "pose")}
+    placed = ("parent", "pose", HAND_EYE)
+    own = {key: value for key, value in settings.items() if key not in placed}
     if settings.get("parent") != WORLD:
         raise CameraError(
             f"camera '{name}': parent {settings.get('parent')!r} is not known; 'world' is the one "
             "there is, cameras on robots belong into their URDF"
         )
     _check_link(own, name)
-    pose = _pose_of(settings.get("pose"), name)
+    if HAND_EYE not in settings:
+        pose = _pose_of(settings.get("pose"), name)
+    elif "pose" in settings:
+        raise CameraError(f"camera '{name}': pose and {HAND_EYE} both say where it is; leave one "
+                          "of them out")
+    else:
+        pose = _calibrated(settings[HAND_EYE], f"camera '{name}': {HAND_EYE}")
     frame = name.replace("/", "_") + "_optical_frame"
     values = {"name": name, "camera_name": name, "link": WORLD, "optical_frame_name": frame}
     values = merge({**values, "seed": seed_of(seed, name), **defaults}, own)
@@ -235,6 +258,18 @@ def _check_link(own: Mapping[str, object], name: str) -> None:
             f"camera '{name}': 'link' {own['link']!r} cannot be set: a camera sits where its URDF "
             "has it, or with 'parent: world' in the world; leave the key out"
         )
+
+
+def _calibrated(value: object, where: str) -> Pose:
+    """The pose of a fixed camera by a hand-eye calibration's file."""
+    given = value if isinstance(value, Mapping) else {"file": value}
+    entry = build(CalibratedPlace, given, where, CameraError)
+    try:
+        found = read_hand_eye(entry.file, entry.units)
+        check_optical(found)
+    except SimError as error:
+        raise CameraError(f"{where}: {error}") from None
+    return Pose.from_matrix(found.link_T_camera @ inverse(optical(np.eye(4))))
 
 
 def _pose_of(value: object, name: str) -> Pose:

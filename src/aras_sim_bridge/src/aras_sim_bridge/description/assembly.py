@@ -31,12 +31,30 @@ class Tree:
 class PlacedJoint:
     """A joint whose frame stands at `pose` in the model; its `origin_*` mean nothing yet.
 
-    cut: to be cut where it is in a closed chain, rather than another.
+    cut: to be cut where it is in a closed chain, rather than another. between: its child, where
+    that is a link without mass that only joins it to the next one (see `links_between`).
     """
 
     joint: Joint
     pose: Pose
     cut: bool = False
+    between: str = ""
+
+
+def links_between(joints: Sequence[PlacedJoint], links: Mapping[str, Link], where: str
+                  ) -> tuple[dict[str, Link], dict[str, Pose]]:
+    """Return the links without mass that join one of these joints to the next, and their poses.
+
+    Raises:
+        DescriptionError: a link of that name exists.
+    """
+    for one in joints:
+        if one.between in links:
+            raise DescriptionError(f"{where}, joint '{one.joint.name}': it needs a link "
+                                   f"'{one.between}' of its own; rename the other one")
+    found = [one for one in joints if one.between]
+    return ({one.between: Link(one.between, None) for one in found},
+            {one.between: one.pose for one in found})
 
 
 def assemble(links: Mapping[str, Link], poses: Mapping[str, Pose], joints: Sequence[PlacedJoint],

@@ -12,10 +12,12 @@ from aras_sim_bridge.description import (
     sensor_tags,
     served,
 )
-from aras_sim_bridge.description.assembly import PlacedJoint
+from aras_sim_bridge.description.assembly import PlacedJoint, links_between
 from aras_sim_bridge.description.geometry import Resolve, bounce
 from aras_sim_bridge.description.sdf_dialects import unify
-from aras_sim_bridge.description.sdf_model import pose_of, read_joint, read_link
+from aras_sim_bridge.description.sdf_joints import read_joints
+from aras_sim_bridge.description.sdf_model import read_link
+from aras_sim_bridge.description.sdf_poses import pose_of
 from aras_sim_bridge.description.types import (
     CameraDescription,
     ControlPlugin,
@@ -90,25 +92,25 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
             idle += served.find_unserved(block, "gazebo link", where)
         elif reference in joints:
             _joint_settings(block, reference, tags, warnings)
-            for sensor in block.findall("sensor[@type='force_torque']"):
-                gauges[reference] = sensor
-                found += sensor_tags.gauge(sensor, reference, warnings)
+            found += sensor_tags.of_joint(block, reference, gauges, warnings)
             idle += served.find_unserved(block, "gazebo joint", where)
         else:
             warnings.append(f"{where} names no link or joint; ignored")
     for node in (node for block in blocks if block.get("reference") is None
                  for node in block.findall("joint")):
         try:
-            one = read_joint(node, "<gazebo>", tags.poses)
-            check_names([*joints, *(one.joint.name for one in tags.added_joints), one.joint.name],
-                        "joints")
+            found_joints = read_joints(node, "<gazebo>", tags.poses)
+            check_names([*joints, *(one.joint.name for one in tags.added_joints),
+                         *(one.joint.name for one in found_joints)], "joints")
+            between, between_poses = links_between(
+                found_joints, {**tags.links, **tags.added_links}, "<gazebo>")
         except DescriptionError as error:
             warnings.append(f"{error}; the joint is left out")
             continue
-        tags.added_joints.append(one)
-        for sensor in node.findall("sensor[@type='force_torque']"):
-            gauges[node.get("name")] = sensor
-            found += sensor_tags.gauge(sensor, node.get("name"), warnings)
+        tags.added_joints += found_joints
+        tags.added_links |= between
+        tags.poses |= between_poses
+        found += sensor_tags.of_joint(node, node.get("name"), gauges, warnings)
     warnings += served.sentences(dict.fromkeys(idle))
     cameras = _named_once(cameras, warnings)
     tags.control_plugins = tuple(one for one in found if isinstance(one, ControlPlugin))

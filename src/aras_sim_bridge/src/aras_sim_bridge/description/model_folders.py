@@ -13,12 +13,12 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import sdf_dialects
+from aras_sim_bridge.description import sdf_dialects, sdf_frames, served
 from aras_sim_bridge.description.packages import MODEL_PATH, OWN_MODELS, find_model
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import number, shorten, text_of
+from aras_visual_servo_base.safe_xml import number, shorten, text_of, truth
 
 CONFIG = "model.config"
 
@@ -137,8 +137,16 @@ def _included(include: Element, uri: str, warnings: list[str], base: str | None,
             round_trip = [os.path.basename(one) for one in (*chain[chain.index(folder):], folder)]
             raise DescriptionError(f"it includes itself: {' → '.join(round_trip)}")
         found = read_model(folder, warnings)
-    if text_of(include, "name"):
-        found.set("name", text_of(include, "name"))
+    name = text_of(include, "name") or found.get("name") or ""
+    found.set("name", name)
+    where = f"<include> of '{shorten(name)}'"
+    warnings += served.unserved(include, "include", where)
+    if truth(include.get("merge"), f"{where}: merge", False):
+        warnings.append(f"{where}: merge is not served; its links have the model's name before "
+                        "theirs")
+    if text_of(include, "placement_frame"):
+        found.set("placement_frame", text_of(include, "placement_frame"))
+    found.extend(include.findall("plugin"))
     for tag in ("pose", "static"):
         given = include.find(tag)
         if given is not None:
@@ -154,22 +162,28 @@ def _flat(model: Element, warnings: list[str], base: str | None,
           chain: tuple[str, ...]) -> Element:
     """The model with the links and joints of those in it as its own, named inner::link."""
     if model.find("model") is None and model.find("include") is None:
+        sdf_frames.resolve(model, warnings)
         return model
-    flat = Element("model", model.attrib)
-    for child in expanded(model, warnings, base, chain):
+    whole = Element("model", model.attrib)
+    whole.extend(expanded(model, warnings, base, chain))
+    sdf_frames.resolve(whole, warnings)
+    flat = Element("model", whole.attrib)
+    for child in whole:
         if child.tag != "model":
             flat.append(child)
             continue
         inner = child.get("name") or ""
         at = _pose(child, f"model '{shorten(inner)}'")
         for part in copy.deepcopy(child):
-            if part.tag == "link":
+            if part.tag in ("link", "frame"):
                 pose = at @ _pose(part, f"model '{shorten(inner)}'")
                 for old in part.findall("pose"):
                     part.remove(old)
                 ElementTree.SubElement(part, "pose").text = " ".join(
                     map(repr, (*pose.xyz, *pose.rpy)))
                 part.set("name", f"{inner}::{part.get('name')}")
+                if part.get("attached_to"):
+                    part.set("attached_to", f"{inner}::{part.get('attached_to')}")
             elif part.tag == "joint":
                 part.set("name", f"{inner}::{part.get('name')}")
                 sdf_dialects.rotate_axes(part, at, inner)

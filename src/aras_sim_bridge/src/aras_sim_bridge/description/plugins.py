@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import TypeVar
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import grasp_tags
+from aras_sim_bridge.description import grasp_tags, served
 from aras_sim_bridge.description.types import (
     CameraPlugin,
     ControlPlugin,
@@ -36,10 +36,12 @@ def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: 
     found = []
     for plugin in element.findall("plugin"):
         filename = shorten(plugin.get("filename") or "")
-        make = PLUGINS.get(filename.rpartition("/")[2].removeprefix("lib").removesuffix(".so"))
+        name = filename.rpartition("/")[2].removeprefix("lib").removesuffix(".so")
+        make = PLUGINS.get(name)
         made = None if make is None else make(plugin, where)
         if isinstance(made, kinds):
             found.append(made)
+            warnings += served.unserved(plugin, f"plugin {name}", f"{where}: plugin '{filename}'")
             continue
         problem = "is not known; ignored" if made is None else "does not belong here; ignored"
         if "mimic_joint" in filename:

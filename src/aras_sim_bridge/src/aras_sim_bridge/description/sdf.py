@@ -1,13 +1,13 @@
 """SDF text -> models and lights.
 
 Of SDF this takes boxes, cylinders, spheres, capsules, planes and meshes, with colours; links with
-fixed, revolute and prismatic joints, in trees, closed chains, or without any; cameras and other
-sensors; lights, includes, models in models, and a world's `<state>`. What is not served is left out
-with a warning that names it: an element (see served.py), or a whole model of a world.
+fixed, revolute, prismatic, universal and screw joints, in trees, closed chains, or without any;
+cameras and other sensors; lights, includes, models in models, and a world's `<state>`. What is not
+served is left out with a warning that names it: an element (see served.py), or a whole model of a
+world.
 """
 
 import copy
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from xml.etree.ElementTree import Element
 
@@ -20,13 +20,14 @@ from aras_sim_bridge.description import (
     world_joints,
 )
 from aras_sim_bridge.description.lights import read_light
-from aras_sim_bridge.description.sdf_dialects import MODEL_FRAME, unify
-from aras_sim_bridge.description.sdf_model import name_of, pose_of, read_model
+from aras_sim_bridge.description.sdf_dialects import unify
+from aras_sim_bridge.description.sdf_frames import Frames
+from aras_sim_bridge.description.sdf_model import read_model
+from aras_sim_bridge.description.sdf_poses import name_of, pose_of
 from aras_sim_bridge.description.types import Light, LinkAttacher, RobotDescription
 from aras_sim_bridge.description.world_state import WorldState
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
-from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.safe_xml import shorten
 
 
@@ -106,7 +107,8 @@ def read_sdf(
     around = Element(scope.tag)
     around.extend(elements)
     warnings += served.unserved(around, "world", "SDF")
-    frames = _frames(scope, warnings)
+    frames = Frames(around)
+    warnings += frames.unplaced()
     taken: set[tuple[str, str | None]] = set()
     for element in elements:
         if element.get("name") in state.deleted or element.tag not in ("model", "light"):
@@ -133,19 +135,3 @@ def read_sdf(
     return SdfContent(tuple(models), tuple(lights), tuple(warnings), state.time_ns,
                       link_attacher)
 
-
-def _frames(world: Element, warnings: list[str]) -> Mapping[str, Pose]:
-    """The `<frame>`s of a world, each in the world; one may stand on those before it."""
-    frames = {"world": Pose(), MODEL_FRAME: Pose()}
-    for node in world.findall("frame"):
-        name = shorten(node.get("name") or "")
-        where = f"frame '{name}'"
-        on = node.get("attached_to") or "world"
-        try:
-            if on not in frames:
-                raise DescriptionError(f"{where}: attached_to='{shorten(on)}' is no frame before "
-                                       "it")
-            frames[name_of(node, "SDF")] = frames[on] @ pose_of(node, where, frames)
-        except DescriptionError as error:
-            warnings.append(f"{where} is left out: {error}")
-    return frames

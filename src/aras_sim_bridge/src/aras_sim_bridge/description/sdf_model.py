@@ -17,11 +17,18 @@ from aras_sim_bridge.description import (
     sensor_tags,
     served,
 )
-from aras_sim_bridge.description.assembly import WORLD, PlacedJoint, Tree, assemble
+from aras_sim_bridge.description.assembly import (
+    WORLD,
+    PlacedJoint,
+    Tree,
+    assemble,
+    links_between,
+)
 from aras_sim_bridge.description.geometry import Resolve, bounce, sdf_geometry
 from aras_sim_bridge.description.inertia import checked_inertial
 from aras_sim_bridge.description.ogre_materials import Locate, Look
-from aras_sim_bridge.description.sdf_dialects import MODEL_FRAME
+from aras_sim_bridge.description.sdf_joints import read_joints
+from aras_sim_bridge.description.sdf_poses import name_of, pose_of
 from aras_sim_bridge.description.types import (
     CameraDescription,
     Collision,
@@ -34,15 +41,11 @@ from aras_sim_bridge.description.types import (
 )
 from aras_sim_bridge.description.units import degrees_in_limits
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import IDENTITY, Pose, Vector3
-from aras_visual_servo_base.safe_xml import direction, number, shorten, text_of, truth
-from aras_visual_servo_base.urdf import Joint, JointLimits
+from aras_visual_servo_base.safe_xml import number, shorten, text_of, truth
+from aras_visual_servo_base.urdf import Joint
 
 _TEXTURED = ("box", "plane", "mesh")
-JOINT_KINDS = ("revolute", "continuous", "prismatic", "fixed")
-_ENDLESS = 1e16  # SDF's way to say that a joint has no limit
-_HERE = MappingProxyType({"world": Pose(), MODEL_FRAME: Pose()})
 
 
 def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mapping[str, Pose]
@@ -86,14 +89,14 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
     joints: list[PlacedJoint] = []
     gauges: dict[str, Element] = {}
     for node in element.findall("joint"):
-        one = read_joint(node, where, poses)
-        if one.joint.kind == "revolute":
-            low, high = one.joint.stops
-            warnings += degrees_in_limits(low, high, f"{where}, joint '{one.joint.name}'")
-        joints.append(one)
-        for sensor in node.findall("sensor[@type='force_torque']"):
-            gauges[one.joint.name] = sensor
-            asked += sensor_tags.gauge(sensor, one.joint.name, warnings)
+        found = read_joints(node, where, poses)
+        for joint in (one.joint for one in found if one.joint.kind == "revolute"):
+            warnings += degrees_in_limits(*joint.stops, f"{where}, joint '{joint.name}'")
+        joints += found
+        asked += sensor_tags.of_joint(node, found[0].joint.name, gauges, warnings)
+    between, between_poses = links_between(joints, links, where)
+    links |= between
+    poses |= between_poses
     if any(one.joint.parent == WORLD for one in joints):
         links = {WORLD: Link(WORLD, None), **links}
         poses[WORLD] = Pose()
@@ -165,29 +168,6 @@ def _unserved_loop(joint: Joint, where: str) -> list[str]:
             "served; give them to another joint of the chain"] if idle else []
 
 
-def name_of(element: Element, where: str) -> str:
-    """The name that an element needs to have."""
-    name = element.get("name")
-    if not name or len(name) > 256:
-        raise DescriptionError(f"{where}: a <{element.tag}> needs a name of 1 to 256 characters")
-    return name
-
-
-def pose_of(element: Element, where: str, frames: Mapping[str, Pose] = _HERE) -> Pose:
-    """The pose of an element; frames: those by which it may be given, in that of the element
-    around it."""
-    node = element.find("pose")
-    if node is None:
-        return Pose()
-    frame = node.get("relative_to") or node.get("frame") or "world"
-    if frame not in frames:
-        raise DescriptionError(
-            f"{where}: <pose relative_to='{shorten(frame)}'> is not supported; give it in the "
-            "frame of the element around it"
-        )
-    return frames[frame] @ safe_xml.pose(text_of(element, "pose"), f"{where}: pose")
-
-
 def read_link(element: Element, model: str, resolve: Resolve, looks: Sequence[Look | None],
               warnings: list[str]) -> Link:
     """Read a `<link>`; model: names its model in messages. looks: of its visuals, by scripts."""
@@ -229,67 +209,6 @@ def read_link(element: Element, model: str, resolve: Resolve, looks: Sequence[Lo
     return Link(name, inertial, tuple(visuals), tuple(collisions),
                 truth(text_of(element, "gravity"), f"{where}: gravity", True),
                 truth(text_of(element, "kinematic"), f"{where}: kinematic", False), mu, bounces)
-
-
-def read_joint(element: Element, model: str, poses: Mapping[str, Pose]) -> PlacedJoint:
-    """Read a `<joint>` between links that stand at `poses` in the model, or the world and one."""
-    name = name_of(element, model)
-    where = f"{model}, joint '{name}'"
-    kind = element.get("type") or ""
-    if kind not in JOINT_KINDS:
-        raise DescriptionError(f"{where}: joint type '{shorten(kind)}' is not supported; use "
-                               f"{', '.join(JOINT_KINDS)}")
-    parent, child = text_of(element, "parent") or "", text_of(element, "child") or ""
-    for end, known in ((parent, {*poses, WORLD}), (child, poses)):
-        if end not in known:
-            raise DescriptionError(f"{where}: link '{shorten(end)}' does not exist")
-    own = pose_of(element, where)
-    pose = poses[child] if own == Pose() else poses[child] @ own
-    axis = element.find("axis")
-    if kind == "fixed":
-        return PlacedJoint(Joint(name, kind, parent, child), pose)
-    along = direction(text_of(axis, "xyz"), f"{where}: axis", (0.0, 0.0, 1.0))
-    frame = "" if axis is None or axis.find("xyz") is None else axis.find("xyz").get("expressed_in")
-    if frame:
-        known = {MODEL_FRAME: Pose(), WORLD: Pose(), **poses}
-        if frame not in known:
-            raise DescriptionError(f"{where}: <xyz expressed_in='{shorten(frame)}'> names no link; "
-                                   "give the axis in the joint's frame")
-        turn = Pose((0.0, 0.0, 0.0), (pose.inverse() @ known[frame]).quat)
-        along = turn.apply(along)
-    limit = None if axis is None else axis.find("limit")
-    dynamics = None if axis is None else axis.find("dynamics")
-    lower = _bound(limit, "lower", f"{where}: lower", -_ENDLESS)
-    upper = _bound(limit, "upper", f"{where}: upper", _ENDLESS)
-    if lower > upper:
-        raise DescriptionError(f"{where}: lower {lower} is above upper {upper}")
-    free = kind == "continuous" or kind == "revolute" and lower <= -1e15 and upper >= 1e15
-    effort = _bound(limit, "effort", f"{where}: effort", _ENDLESS)
-    velocity = _bound(limit, "velocity", f"{where}: velocity", _ENDLESS)
-    limits = JointLimits(None if free else lower, None if free else upper,
-                         effort if effort >= 0.0 else _ENDLESS,  # SDF: -1 is no limit
-                         velocity if velocity >= 0.0 else _ENDLESS)
-    damping = number(text_of(dynamics, "damping"), f"{where}: damping", 0.0)
-    friction = number(text_of(dynamics, "friction"), f"{where}: friction", 0.0)
-    if damping < 0.0 or friction < 0.0:
-        raise DescriptionError(f"{where}: damping {damping} and friction {friction} must be ≥ 0")
-    stiffness = number(text_of(dynamics, "spring_stiffness"), f"{where}: spring_stiffness", 0.0)
-    if stiffness < 0.0:
-        raise DescriptionError(f"{where}: spring_stiffness is {stiffness}; it must not be negative")
-    rest = number(text_of(dynamics, "spring_reference"), f"{where}: spring_reference", 0.0)
-    joint = Joint(name, "continuous" if free else kind, parent, child, axis=along, limits=limits,
-                  damping=damping, friction=friction, stiffness=stiffness, rest=rest)
-    cut = truth(text_of(element, "physics/simbody/must_be_loop_joint"), f"{where}: "
-                "must_be_loop_joint", False)
-    return PlacedJoint(joint, pose, cut)
-
-
-def _bound(limit: Element | None, tag: str, where: str, default: float) -> float:
-    """A limit; SDF's words for none are the default with its sign."""
-    text = text_of(limit, tag)
-    if text and text.lower().lstrip("+-") in ("inf", "infinity"):
-        return -_ENDLESS if text.startswith("-") else _ENDLESS
-    return number(text, where, default)
 
 
 def _shifted(link: Link, pose: Pose) -> Link:

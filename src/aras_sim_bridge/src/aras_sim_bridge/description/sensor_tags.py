@@ -117,11 +117,24 @@ def of_model(found: list[SensorDescription], links: Mapping[str, Link],
     return kept
 
 
-def gauge(sensor: Element, joint: str, warnings: list[str]) -> list[SensorDescription]:
-    """What plug-ins inside a force/torque `<sensor>` of `joint` tell; they need no <jointName>."""
-    where = _where(sensor, f"joint '{joint}'")
-    return [replace(made, joint=made.joint or joint)
-            for made in plugins.read(sensor, where, (SensorDescription,), warnings)]
+def of_joint(element: Element, joint: str, gauges: dict[str, Element], warnings: list[str]
+             ) -> list[SensorDescription]:
+    """Read the plug-ins in the force/torque `<sensor>`s of a joint; they need no <jointName>.
+
+    gauges: gets the sensor of this joint.
+    """
+    found = []
+    for sensor in element.findall("sensor"):
+        kind = sensor.get("type") or ""
+        if kind != "force_torque":
+            warnings.append(f"joint '{joint}': sensor type '{shorten(kind)}' is not served on a "
+                            "joint; left out")
+            continue
+        gauges[joint] = sensor
+        where = _where(sensor, f"joint '{joint}'")
+        found += (replace(made, joint=made.joint or joint)
+                  for made in plugins.read(sensor, where, (SensorDescription,), warnings))
+    return found
 
 
 def _where(sensor: Element, owner: str) -> str:

@@ -37,6 +37,11 @@ _SURFACE = {
     "contact": {"collide_without_contact": _OFF, "collide_without_contact_bitmask": (1.0,),
                 "collide_bitmask": (65535.0,), "ode": _CONTACT},
 }
+_GEOMETRY = {  # other shapes are named where they are read
+    "box": _all("size"), "sphere": _all("radius"), "cylinder": _all("radius", "length"),
+    "capsule": _all("radius", "length"), "plane": _all("normal", "size"),
+    "mesh": _all("uri", "scale", "submesh"), "empty": {},
+}
 _MATERIAL = {**_all("ambient", "diffuse", "script"), "lighting": _ON,
              "specular": ("0 0 0 1", "0 0 0 0"), "emissive": ("0 0 0 1", "0 0 0 0")}
 _CAMERA = {
@@ -63,9 +68,10 @@ _SDF_LINK = {
     **_all("pose", "gravity", "kinematic", "must_be_base_link"),
     "inertial": {**_all("mass", "pose"),
                  "inertia": _all("ixx", "ixy", "ixz", "iyy", "iyz", "izz")},
-    "visual": {**_all("pose", "geometry"), "material": _MATERIAL, "cast_shadows": _ON,
+    "visual": {"pose": SERVED, "geometry": _GEOMETRY, "material": _MATERIAL, "cast_shadows": _ON,
                "transparency": (0.0,), "laser_retro": (0.0,)},
-    "collision": {**_all("pose", "geometry", "max_contacts"), "surface": _SURFACE,
+    "collision": {**_all("pose", "max_contacts"), "geometry": _GEOMETRY,
+                  "surface": _SURFACE,
                   "laser_retro": (0.0,)},
     "sensor": _SENSORS, "self_collide": _OFF, "enable_wind": _OFF,
     "velocity_decay": {"linear": (0.0,), "angular": (0.0,)},
@@ -75,24 +81,93 @@ _ODE_JOINT = {**_all("provide_feedback", "implicit_spring_damper"), "cfm_damping
               "suspension": {"cfm": (0.0,), "erp": (0.2,)},
               "fudge_factor": (0.0,), "cfm": (0.0,), "erp": (0.2,), "bounce": (0.0,),
               "max_force": (0.0,), "velocity": (0.0,)}
+_AXIS = {
+    "xyz": SERVED, "initial_position": (0.0,),
+    "limit": {**_all("lower", "upper", "effort", "velocity"), "stiffness": (1e8,),
+              "dissipation": (1.0,)},
+    "dynamics": _all("damping", "friction", "spring_reference", "spring_stiffness"),
+}
 _SDF_JOINT = {
-    **_all("pose", "parent", "child"),
-    "axis": {
-        "xyz": SERVED, "initial_position": (0.0,),
-        "limit": {**_all("lower", "upper", "effort", "velocity"), "stiffness": (1e8,),
-                  "dissipation": (1.0,)},
-        "dynamics": _all("damping", "friction", "spring_reference", "spring_stiffness"),
-    },
+    **_all("pose", "parent", "child"), "axis": _AXIS,
     "physics": {"provide_feedback": SERVED, "ode": _ODE_JOINT,
                 "simbody": _all("must_be_loop_joint")},
     "sensor": _SENSORS, "thread_pitch": (1.0,),
 }
+_CROSSED = {**_SDF_JOINT, "axis2": _AXIS}
+_JOINTS = {"universal": _CROSSED, "revolute2": _CROSSED,
+           "screw": {**_SDF_JOINT, "thread_pitch": SERVED}}
+_NAMES = _all("robotNamespace", "topicName", "updateRate", "alwaysOn", "frameName")
+_OFFSETS = _all("gaussianNoise", "xyzOffset", "rpyOffset", "bodyName")
+_CAMERA_PLUGIN = {
+    **_NAMES, **_all("cameraName", "imageTopicName", "cameraInfoTopicName", "hackBaseline", "Cx",
+                     "Cy", "CxPrime", "focalLength", "distortionK1", "distortionK2", "distortionK3",
+                     "distortionT1", "distortionT2", "autoDistortion", "triggerTopicName"),
+    "borderCrop": _ON,
+}
+_DEPTH_PLUGIN = {
+    **_CAMERA_PLUGIN, **_all("depthImageTopicName", "depthImageCameraInfoTopicName",
+                             "pointCloudTopicName", "pointCloudCutoff", "useDepth16UC1Format"),
+}
+# by the file's name without lib and .so
+_PLUGINS = {
+    "gazebo_ros_control": {
+        **_all("robotNamespace", "controlPeriod", "eStopTopic"),
+        # the model's own URDF is taken, and its transmissions say which interfaces
+        **_all("robotParam", "legacyModeNS"),
+        "robotSimType": ("gazebo_ros_control/defaultrobothwsim",)},
+    **dict.fromkeys(("gazebo_ros_camera", "gazebo_ros_multicamera", "gazebo_ros_triggered_camera",
+                     "gazebo_ros_triggered_multicamera"), _CAMERA_PLUGIN),
+    "gazebo_ros_depth_camera": _DEPTH_PLUGIN,
+    "gazebo_ros_openni_kinect": {**_DEPTH_PLUGIN, "pointCloudCutoffMax": SERVED},
+    "gazebo_ros_p3d": {**_NAMES, **_OFFSETS},
+    "gazebo_ros_imu": {**_NAMES, **_OFFSETS},
+    "gazebo_ros_imu_sensor": {
+        **_NAMES, **_OFFSETS, **_all("updateRateHZ", "initialOrientationAsReference")},
+    "gazebo_ros_ft_sensor": {**_NAMES, **_all("jointName", "gaussianNoise")},
+    "gazebo_ros_bumper": {**_NAMES, "bumperTopicName": SERVED},
+    "gazebo_ros_joint_state_publisher": {**_NAMES, "jointName": SERVED},
+    "gazebo_grasp_fix": {
+        "arm": _all("arm_name", "palm_link", "gripper_link"),
+        **_all("forces_angle_tolerance", "update_rate", "grip_count_threshold", "max_grip_count",
+               "release_tolerance", "disable_collisions_on_attach"),
+        "contact_topic": ("", "__default_topic__")},
+    "gazebo_ros_link_attacher": {},
+}
+# Bullet's solver and contacts have parameters of their own: what a file says of others' is named
+# unless it is Gazebo's default.
+_PHYSICS = {
+    **_all("max_step_size", "real_time_update_rate", "gravity", "magnetic_field"),
+    "real_time_factor": SERVED,  # Gazebo goes by the step and the rate, too
+    "max_contacts": (20.0,),
+    "ode": {
+        "solver": {"type": ("quick",), "min_step_size": (0.0001,), "iters": (50.0,),
+                   "precon_iters": (0.0,), "sor": (1.3,), "island_threads": (0.0,),
+                   "use_dynamic_moi_rescaling": _OFF, "friction_model": ("pyramid_model",),
+                   "thread_position_correction": _OFF},
+        "constraints": {"cfm": (0.0,), "erp": (0.2,), "contact_max_correcting_vel": (100.0,),
+                        "contact_surface_layer": (0.001,)},
+    },
+    **_all("bullet", "simbody", "dart"),  # of engines that a file does not choose
+}
+_SCENE = {
+    **_all("ambient", "background", "origin_visual"), "grid": SERVED,
+    "shadows": SERVED,  # see lights.read_scene
+    "sky": {"time": (10.0,), "sunrise": (6.0,), "sunset": (20.0,),
+            "clouds": {"speed": (0.6,), "direction": (0.0,), "humidity": (0.5,),
+                       "mean_size": (0.5,), "ambient": (".8 .8 .8 1",)}},
+    "fog": {**_all("color", "start", "end", "density"), "type": ("none",)},
+}
 BLOCKS: Mapping[str, Entry] = MappingProxyType({
-    "model": {**_all("static", "pose", "plugin", "allow_auto_disable"), "link": _SDF_LINK,
+    "model": {**_all("static", "pose", "plugin", "allow_auto_disable", "frame"), "link": _SDF_LINK,
               "joint": _SDF_JOINT, "self_collide": _OFF, "enable_wind": _OFF},
-    "world": _all("model", "light", "gravity", "physics", "scene", "plugin", "gui", "wind", "state",
-                  "frame", "atmosphere", "magnetic_field", "spherical_coordinates", "audio",
-                  "joint", "population", "include"),
+    "world": {**_all("model", "light", "gravity", "plugin", "state", "joint", "population",
+                     "include"),
+              # without a consumer here: there is no window, and no sensor of them
+              **_all("gui", "atmosphere", "magnetic_field", "spherical_coordinates", "audio"),
+              "frame": _all("pose"), "wind": {"linear_velocity": ("0 0 0",)},
+              "physics": _PHYSICS, "scene": _SCENE},
+    **{f"plugin {name}": block for name, block in _PLUGINS.items()},
+    "include": _all("name", "pose", "static", "uri", "plugin", "placement_frame"),
     "light": {**_all("pose", "diffuse", "specular", "direction", "cast_shadows"),
               "attenuation": _all("range", "constant", "linear", "quadratic"),
               "spot": _all("inner_angle", "outer_angle", "falloff"), "intensity": (1.0,)},
@@ -160,12 +235,24 @@ def _walk(element: Element, entry: Mapping[str, Entry], where: str,
         inside = entry.get(child.tag)
         if inside is _SENSORS:
             inside = _SENSORS.get(child.get("type") or "", SERVED)  # others are named by type
+        if inside is _SDF_JOINT:
+            inside = _JOINTS.get(child.get("type") or "", _SDF_JOINT)
         name = f" '{shorten(child.get('name'))}'" if child.get("name") else ""
+        if inside is None and entry is _GEOMETRY:
+            continue
         if inside is None or isinstance(inside, tuple) and not _holds(child, inside, element):
             found.append((where, f"<{shorten(child.tag)}>{name}"))
         elif isinstance(inside, Mapping):
-            own = f"{child.tag}{name}" if name else ""
+            own = f"{child.tag}{name}" if name or _in_world(inside) else ""
             _walk(child, inside, ", ".join(filter(None, (where, own))), found)
+
+
+def _in_world(block: Mapping[str, Entry]) -> bool:
+    """Whether a block is part of a world, where its tag says which one it is."""
+    pending = [_PHYSICS, _SCENE, BLOCKS["world"]["wind"]]
+    for one in pending:
+        pending += (inner for inner in one.values() if isinstance(inner, Mapping))
+    return any(block is one for one in pending)
 
 
 def _holds(element: Element, values: tuple, block: Element) -> bool:

@@ -8,6 +8,7 @@ from aras_sim_bridge.description import gazebo_tags, packages, served
 from aras_sim_bridge.description.assembly import WORLD, PlacedJoint, assemble
 from aras_sim_bridge.description.geometry import Resolve, urdf_geometry
 from aras_sim_bridge.description.inertia import checked_inertial
+from aras_sim_bridge.description.sdf_joints import ENDLESS
 from aras_sim_bridge.description.sdf_model import divide
 from aras_sim_bridge.description.types import (
     CameraDescription,
@@ -20,9 +21,16 @@ from aras_sim_bridge.description.types import (
 from aras_sim_bridge.description.units import degrees_in_angles, degrees_in_limits
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.errors import DescriptionError
-from aras_visual_servo_base.poses import Pose
+from aras_visual_servo_base.poses import Pose, quaternion_to, rotate
 from aras_visual_servo_base.safe_xml import number, numbers
-from aras_visual_servo_base.urdf import ZERO, Joint, UrdfTree, origin, parse_tree
+from aras_visual_servo_base.urdf import (
+    ZERO,
+    Joint,
+    JointLimits,
+    UrdfTree,
+    origin,
+    parse_tree,
+)
 
 
 def parse_urdf(
@@ -59,6 +67,7 @@ def parse_urdf(
     poses = _link_poses(tree)
     tags = gazebo_tags.parse(robot, links, tree.joints, poses, resolve, warnings)
     warnings += served.unserved(robot, "robot", f"robot '{safe_xml.shorten(tree.name)}'")
+    _unfold_planar(tags)
     whole = RobotDescription(
         name=tree.name,
         root=tree.root,
@@ -77,6 +86,34 @@ def parse_urdf(
     if not (floats or tags.added_links or tags.added_joints):
         return whole
     return _assembled(whole, tags, warnings)
+
+
+def _unfold_planar(tags: gazebo_tags.GazeboTags) -> None:
+    """Make each planar joint <name> two prismatic ones in its plane, <name>_x and <name>_y, which
+    move links without mass, and a continuous one about its normal.
+
+    Raises:
+        DescriptionError: a joint or link of such a name exists.
+    """
+    joints: dict[str, Joint] = {}
+    for joint in tags.joints.values():
+        if joint.kind != "planar":
+            joints[joint.name] = joint
+            continue
+        tilt, parent, at = quaternion_to(joint.axis), joint.parent, joint.pose
+        for side, along in (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0))):
+            name = f"{joint.name}_{side}"
+            if name in tags.joints or name in tags.links:
+                raise DescriptionError(f"joint '{joint.name}': it needs a joint and a link "
+                                       f"'{name}' of its own; rename the other one")
+            tags.links[name] = Link(name, None)
+            tags.poses[name] = tags.poses[joint.child]
+            limits = JointLimits(-ENDLESS, ENDLESS, ENDLESS, ENDLESS)
+            joints[name] = Joint(name, "prismatic", parent, name, axis=rotate(tilt, along),
+                                 limits=limits).at(at)
+            parent, at = name, Pose()
+        joints[joint.name] = replace(joint, kind="continuous", parent=parent).at(at)
+    tags.joints = joints
 
 
 def _link_poses(tree: UrdfTree) -> dict[str, Pose]:

@@ -77,13 +77,10 @@ def _check_inertial(inertial: Inertial, where: str) -> None:
 
 
 def _check_joints(description: RobotDescription, name: str) -> None:
-    """No joints of kinds that are not simulated, none that move no mass."""
+    """No joints that move no mass."""
     parents: dict[str, str] = {}
     for joint in description.joints.values():
         parents[joint.child] = joint.parent
-        if joint.kind == "planar":
-            raise WorldError(f"model '{name}', joint '{joint.name}': planar joints are not "
-                             "simulated; use prismatic and revolute joints in a row")
     heavy: set[str] = set()  # links with mass at or below them
     for link in description.links.values():
         above = link.name if link.inertial is not None else None

@@ -40,10 +40,10 @@ class Model:
 
     def __init__(self, client: int, description: RobotDescription, name: str, pose: Pose,
                  joint_positions: Mapping[str, float], fixed_base: bool,
-                 gravity: Vector3, on_moved: Callable[[Model, bool], None],
+                 gravity: Vector3, on_moved: Callable[..., None],
                  whole: Model | None = None) -> None:
-        """`on_moved` is called with the model whenever it (True) or its joints (False) are put
-        elsewhere, or it gets a twist or, loose, a push (False)."""
+        """`on_moved` is called with the model and whether it was put elsewhere as a whole, and then
+        whether its joints were: whenever it was, they were, it gets a twist or, loose, a push."""
         self.client = client
         self.name = name
         self.description = description
@@ -282,7 +282,7 @@ class Model:
     def set_joint_positions(self, positions: dict[str, float]) -> None:
         """See ModelJoints."""
         self.joints.set_joint_positions(positions)
-        self._on_moved(self, False)
+        self._on_moved(self, False, True)
 
     def _release(self) -> None:
         if self.let_go is not None:

@@ -26,6 +26,7 @@ from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.attachments import Attachments
 from aras_sim_bridge.world.bullet import connected, give_back, pybullet, quiet
 from aras_sim_bridge.world.checks import LARGEST, check_simulable
+from aras_sim_bridge.world.deep_contacts import DeepContacts
 from aras_sim_bridge.world.friction import ContactFriction
 from aras_sim_bridge.world.islands import Islands
 from aras_sim_bridge.world.model import Model
@@ -96,6 +97,7 @@ class World:
         self._direct = False
         self.friction = ContactFriction(self.client)
         self._sliding = SlidingFriction(self.client)
+        self._deep = DeepContacts(self.client, self.models)
         self.bases = FreeBases(self.models, self._models_changed)
         self.attachments = Attachments(self.client, self.models, self._attachments_changed)
         self._configure()
@@ -275,14 +277,18 @@ class World:
         self.attachments.renew()
         self.friction.models_changed(self.models.values())
         self._sliding.models_changed(self.models.values())
+        self._deep.came()
         self._choose_solver()
         self.islands.models_moved()
         self._pairs_left_out = False
         self._look()
         self.bases.models_changed()
 
-    def _model_moved(self, model: Model, put: bool) -> None:
-        """A model was `put` elsewhere as a whole; or pushed, or its joints were put elsewhere."""
+    def _model_moved(self, model: Model, put: bool, posed: bool = False) -> None:
+        """A model was `put` elsewhere as a whole; or `posed`: its joints were put elsewhere; or
+        pushed."""
+        if put or posed:
+            self._deep.put()
         if put and model.fixed_base:
             self.bases.leaves(model)
             self.islands.put(model)
@@ -340,8 +346,12 @@ class World:
             self.friction.before_step()
         if self._sliding.loose:
             self._sliding.before_step(dt)
+        if self._deep.watched:
+            self._deep.before_step(dt)
         pybullet.stepSimulation(self.client)
         self._stepped = True
+        if self._deep.watched:
+            self._deep.after_step(dt)
         for model in self._bullets:
             model.after_step()
 
@@ -403,6 +413,7 @@ class World:
         self.bases.release()
         pybullet.resetSimulation(physicsClientId=self.client)
         self.attachments.clear()
+        self._deep.clear()
         self._direct = False
         self._configure()
         for model in self.models.values():

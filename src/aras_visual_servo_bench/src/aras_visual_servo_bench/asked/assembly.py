@@ -31,6 +31,7 @@ from ..plants.free_body import FreeBody
 from ..plants.ideal import ExactResolver, IdealCamera
 from ..targets.geometry import PlacedTarget, RoundTarget
 from ..targets.solids import SolidTarget
+from .calibrated_places import has_believed_places, with_believed_places, with_fixed_cameras
 from .cameras import Eye, check_meeting
 from .experiment import FLYING, CameraPose, Experiment, Sampler
 from .goal_views import GoalViews, observed
@@ -107,12 +108,13 @@ class _Builder:
         depth: bool = False,
     ) -> None:
         check_settings(experiment)
-        experiment = with_link(experiment, PackagePath(experiment.robot.search))
-        self.experiment = experiment = experiment.placed
-        self.robot = Robot(
-            experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction,
-            experiment.cameras, carried_by(experiment), experiment.hand_eye,
-        )  # fmt: skip
+        packages = PackagePath(experiment.robot.search)
+        experiment = with_fixed_cameras(with_link(experiment, packages), packages).placed
+        self.robot = _robot(experiment)
+        if has_believed_places(experiment.seen_by):
+            experiment = with_believed_places(experiment, self.robot)
+            self.robot = _robot(experiment)
+        self.experiment = experiment
         described = self.robot.camera_settings()
         eyes = {
             name: Eye.of(name, spec, self.robot.packages, experiment.robot.cameras, described)
@@ -422,6 +424,13 @@ def assemble(
         ExperimentError: what of it cannot be, and what would be right.
     """
     return _Builder(experiment, wrap, watched, depth).assemble()
+
+
+def _robot(experiment: Experiment) -> Robot:
+    return Robot(
+        experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction,
+        experiment.cameras, carried_by(experiment), experiment.hand_eye,
+    )  # fmt: skip
 
 
 def _check_standing(experiment: Experiment, control: str, robot: Robot) -> None:

@@ -32,7 +32,29 @@ LONGEST_DELAY = 10.0  # s
 PRESETS = "config/cameras"
 PRESET, DEFAULT = "preset", "original"  # the key that names one, and the one without a word
 NOTHING: Mapping[str, Any] = MappingProxyType({})
+WORLD = "world"  # as the link of a hand-eye calibration: of a fixed camera
 WHITE, DARK = 255, 0  # grey levels of a drawn picture, as the renderer has table and target
+
+
+@dataclass(frozen=True)
+class HandEyeSpec:
+    """A file with the result of a hand-eye calibration; see aras_visual_servo_base.hand_eye.
+
+    file: its path. units: of its lengths, m, cm or mm; '': as the file says, else metres.
+    link: that carries the camera; '': as the file names it. WORLD: the camera is fixed, and the
+        file says where it is in the world (the arm's base).
+    """
+
+    file: str = parameter(shorthand=True)
+    units: str = parameter("", choices=("", *UNITS))
+    link: str = ""
+
+    def __post_init__(self) -> None:
+        check(self, ExperimentError, "hand_eye")
+
+    def read(self, packages: PackagePath) -> HandEye:
+        """What the file says; HandEyeError, or ExperimentError for a file that is not there."""
+        return read_hand_eye(packages.file(self.file), self.units)
 
 
 @dataclass(frozen=True)
@@ -43,6 +65,8 @@ class Belief:
     distortion: coefficients that the controller uses; None: the true ones.
     xyz, rpy: where the camera is believed to sit, off its true place, m and rad: in its own optical
         frame (z forward, x right, y down), on every plant.
+    hand_eye: file of a hand-eye calibration that says where the camera is believed to be, instead
+        of xyz and rpy.
     depth: factor on the depth that the controller believes.
     """
 
@@ -53,10 +77,13 @@ class Belief:
     rpy: tuple[float, float, float] = parameter(
         (0.0, 0.0, 0.0), "rad", least=-HALF_TURN, most=HALF_TURN
     )
+    hand_eye: HandEyeSpec | None = None
     depth: float = parameter(1.0, ", the factor on the true depth", above=0.0, most=10.0)
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "believed")
+        require(self.hand_eye is None or not self.moved,
+                "believed has xyz and rpy, or a hand_eye calibration: one of them")
 
     @property
     def moved(self) -> bool:
@@ -76,26 +103,6 @@ class Belief:
 
 
 @dataclass(frozen=True)
-class HandEyeSpec:
-    """A file with the result of a hand-eye calibration; see aras_visual_servo_base.hand_eye.
-
-    file: its path. units: of its lengths, m, cm or mm; '': as the file says, else metres.
-    link: that carries the camera; '': as the file names it.
-    """
-
-    file: str = parameter(shorthand=True)
-    units: str = parameter("", choices=("", *UNITS))
-    link: str = ""
-
-    def __post_init__(self) -> None:
-        check(self, ExperimentError, "hand_eye")
-
-    def read(self, packages: PackagePath) -> HandEye:
-        """What the file says; HandEyeError, or ExperimentError for a file that is not there."""
-        return read_hand_eye(packages.file(self.file), self.units)
-
-
-@dataclass(frozen=True)
 class CameraSpec:
     """One of several cameras of an experiment.
 
@@ -106,7 +113,8 @@ class CameraSpec:
     pose: of its optical frame in the world (the arm's base), x, y, z (m), roll, pitch, yaw (rad):
         of one that stands there, and not in the hand.
     frame: its optical frame, where the robot's description has it.
-    hand_eye: file of a hand-eye calibration that says where it is; see HandEyeSpec.
+    hand_eye: file of a hand-eye calibration that says where it is, in the hand or in the world; see
+        HandEyeSpec.
     delay: s from an exposure to when the loop has the picture.
     believed: how the controller's idea of it differs; see Belief.
     target: what it looks at, where that is not the experiment's target: shape, size, pose, motion.

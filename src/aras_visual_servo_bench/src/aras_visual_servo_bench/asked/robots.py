@@ -25,7 +25,7 @@ from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import inverse, optical, to_xyz_rpy, transform
 from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_base.urdf import Joint, parse_tree
-from aras_visual_servo_base.yaml_files import read_yaml
+from aras_visual_servo_base.yaml_files import read_text, read_yaml
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.arm import camera_path
 from aras_visual_servo_controller.arm.joint_controllers import joint_controllers
@@ -133,7 +133,7 @@ class Robot:
         """
         self.spec, self._cameras = spec, cameras
         self.packages = PackagePath(spec.search)
-        self._plain = self.packages.file(spec.urdf).read_text(encoding="utf-8")
+        self._plain = read_text(self.packages.file(spec.urdf), ExperimentError)
         if not friction:
             self._plain = self._adapted("without_friction", self._plain)
         if hand_eye is not None:
@@ -195,6 +195,27 @@ class Robot:
         if self.target_frame(camera):
             return None
         return Arm.standing(self.urdf, self.frame(camera))
+
+    def mounting(self, link: str, camera: str = "") -> np.ndarray:
+        """(4, 4) of a camera's optical frame in a link that carries it.
+
+        Raises:
+            ExperimentError: a link that does not carry it, or in which joints move it.
+        """
+        place = None
+        for joint in _path(self.urdf, self.frame(camera), self.spec.urdf):
+            if joint.parent == link:
+                place = np.eye(4)
+            if place is None:
+                continue
+            if joint.kind != "fixed":
+                raise ExperimentError(f"joint '{joint.name}' moves the camera in link '{link}': a "
+                                      "hand-eye calibration is of a link that carries it")
+            place = place @ joint.pose.matrix()
+        if place is None:
+            raise ExperimentError(f"link '{link}' does not carry the camera: set hand_eye.link to "
+                                  "one that does")
+        return place
 
     def arm(self, camera: str = "") -> Arm:
         """Its true kinematics, of a camera; '': its own."""

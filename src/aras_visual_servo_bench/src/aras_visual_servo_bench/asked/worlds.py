@@ -17,6 +17,7 @@ from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import to_xyz_rpy
+from aras_visual_servo_base.yaml_files import read_text
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import ConfigurationError
 
@@ -82,7 +83,7 @@ def with_link(experiment: Experiment, packages: PackagePath) -> Experiment:
     if not target.is_link:
         return experiment
     if not target.model:
-        urdf = packages.file(experiment.robot.urdf).read_text(encoding="utf-8")
+        urdf = read_text(packages.file(experiment.robot.urdf), ExperimentError)
         shape, pose = _robot_link(urdf, packages, target.link)
         return replace(experiment, target=replace(target, shape=shape, pose=pose))
     path = world_path(experiment, packages)

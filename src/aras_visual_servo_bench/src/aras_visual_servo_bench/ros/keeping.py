@@ -18,6 +18,7 @@ IMAGES = 20.0  # s that teaching waits for images
 REPORT = "report"
 ACTIVE = ".active"  # behind the name of a bag that is not closed
 LOGGED = re.compile(r"^\[ ?\w+\] \[[\d., ]+\]: ")  # what a log line begins with
+ENDED = re.compile(r"^\[ERROR\] (the recorder .*)$", re.MULTILINE)  # report_recorder_end's line
 
 
 class Keeping:
@@ -59,8 +60,9 @@ class Keeping:
         active = bag.with_name(bag.name + ACTIVE)
         end = time.monotonic() + CLOSING
         while not (active.exists() or bag.exists()):
-            if self._recorder.death() or time.monotonic() > end:
-                why = self._recorder.last_lines(1).strip()
+            ended = ENDED.search(self._recorder.text())
+            if ended or self._recorder.death() or time.monotonic() > end:
+                why = ended[1] if ended else self._recorder.last_lines(1).strip()
                 self._recorder.stop()
                 raise RefusedError(f"the recorder did not start: {why}")
             time.sleep(0.1)
@@ -88,6 +90,9 @@ class Keeping:
         """Why the bag that is being recorded does not grow any more, as on a full disk; or ''."""
         if self.recording is None:
             return ""
+        ended = ENDED.search(self._recorder.text())
+        if ended:
+            return ended[1]
         if not self._recorder.death() and "Disabling recording" not in self._recorder.text():
             return ""
         return f"the recorder has stopped: {LOGGED.sub('', self._recorder.last_lines(1).strip())}"

@@ -33,6 +33,8 @@ UNITS = ("", "mm", "cm", "in", "pt", "pc", "px")  # of lengths of an SVG's page
 PPI = 96.0  # px in an inch, by CSS
 MOST_ELEMENTS = 10_000  # of an SVG, with the copies that <use> makes
 SAMPLES = 24  # of each curve of an SVG path
+ASPECT = 0.01  # how far a page's may be from its viewBox's: files are rounded
+FARTHEST = 100.0  # pages from the page's middle to a corner
 
 
 def _ring(count: int, turn: float = 0.0) -> tuple[tuple[float, float], ...]:
@@ -210,6 +212,11 @@ def read_svg(path: Path) -> SvgOutline:
         page = np.array([drawing.width, drawing.height], float)
         middle = 0.5 * page
         require(bool((page > 0.0).all()), f"{where}: its width and height must be above 0")
+    require(
+        bool((np.abs(points - middle) <= FARTHEST * page).all()),
+        f"{where}: a corner is more than {FARTHEST:g} pages from the page's middle: correct it, or "
+        "width, height and viewBox",
+    )
     metres = 1e-3 / Length("1mm").value(ppi=PPI) if lengths else None
     return SvgOutline((points - middle) * FLIPPED, tuple(page.tolist()), metres)
 
@@ -219,8 +226,10 @@ def _page(root: Element) -> bool:
     its viewBox has it.
 
     Raises:
-        ValueError: a length that is none.
+        ValueError: a length or a viewBox that is none, or a page of another aspect than that.
     """
+    from svgelements import Length
+
     sides = {}
     for side in ("width", "height"):
         text = root.get(side, "").strip()
@@ -231,16 +240,36 @@ def _page(root: Element) -> bool:
         if found is None or found[2].lower() not in UNITS:
             raise ValueError(f"{side} is '{text}', must be a length in {', '.join(UNITS[1:])}")
         sides[side] = float(found[1]), found[2]
-    box = root.get("viewBox", "").replace(",", " ").split()
-    if len(sides) == 1 and len(box) == 4:
+    box = _view_box(root)
+    if len(sides) == 2 and box and root.get("preserveAspectRatio") != "none":
+        wide, high = (length * Length(f"1{unit or 'px'}").value(ppi=PPI)
+                      for length, unit in sides.values())  # fmt: skip
+        if min(wide, high) > 0.0 and abs(wide * box[1] / (high * box[0]) - 1.0) > ASPECT:
+            raise ValueError(
+                f"width {root.get('width')} and height {root.get('height')} have another aspect "
+                f"than the viewBox, which is {box[0]:g} by {box[1]:g}: correct one of them"
+            )
+    if len(sides) == 1 and box:
         ((side, (length, unit)),) = sides.items()
-        wide, high = float(box[2]), float(box[3])
+        wide, high = box
         other, ratio = ("height", high / wide) if side == "width" else ("width", wide / high)
         root.set(other, f"{length * ratio!r}{unit}")
         return True
     if len(sides) == 1:
         root.attrib.pop(next(iter(sides)))
     return len(sides) == 2
+
+
+def _view_box(root: Element) -> tuple[float, float] | None:
+    """Width and height of an SVG's viewBox, None without one; ValueError for one that is wrong."""
+    text = root.get("viewBox")
+    if text is None:
+        return None
+    numbers = [float(word) for word in text.replace(",", " ").split()]
+    if len(numbers) != 4 or not np.isfinite(numbers).all() or min(numbers[2:]) <= 0.0:
+        raise ValueError(f"viewBox is '{text}', must be x, y, width and height, the last two above "
+                         "0")  # fmt: skip
+    return numbers[2], numbers[3]
 
 
 def _count_drawn(root: Element) -> int:

@@ -1,0 +1,36 @@
+"""The name and the pose of an element of SDF."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from xml.etree.ElementTree import Element
+
+from aras_sim_bridge.description.sdf_dialects import MODEL_FRAME
+from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base import safe_xml
+from aras_visual_servo_base.poses import Pose
+from aras_visual_servo_base.safe_xml import shorten, text_of
+
+_HERE = MappingProxyType({"world": Pose(), MODEL_FRAME: Pose()})
+
+
+def name_of(element: Element, where: str) -> str:
+    """The name that an element needs to have."""
+    name = element.get("name")
+    if not name or len(name) > 256:
+        raise DescriptionError(f"{where}: a <{element.tag}> needs a name of 1 to 256 characters")
+    return name
+
+
+def pose_of(element: Element, where: str, frames: Mapping[str, Pose] = _HERE) -> Pose:
+    """The pose of an element; frames: those by which it may be given, in that of the element
+    around it."""
+    node = element.find("pose")
+    if node is None:
+        return Pose()
+    frame = node.get("relative_to") or node.get("frame") or "world"
+    if frame not in frames:
+        raise DescriptionError(
+            f"{where}: <pose relative_to='{shorten(frame)}'> names no link, joint, frame or model "
+            "there; correct the name, or give the pose in the frame of the element around it"
+        )
+    return frames[frame] @ safe_xml.pose(text_of(element, "pose"), f"{where}: pose")

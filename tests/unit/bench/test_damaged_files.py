@@ -1,0 +1,169 @@
+"""Files that users bring, damaged: each is read, or refused in one line; nothing else.
+
+Each format's sample is cut off, loses a line or a piece, has lines swapped, and has each of its
+numbers replaced by what is none, or is none for it.
+"""
+
+import random
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from aras_sim_bridge.camera.camera_file import read_camera
+from aras_sim_bridge.camera.config import CameraConfig
+from aras_sim_bridge.description import parse_urdf, world_file
+from aras_visual_servo_base.errors import SimError
+from aras_visual_servo_base.hand_eye import read_hand_eye
+from aras_visual_servo_base.meshes import files as mesh_files
+from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.yaml_files import read_text
+from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.targets.outlines import read_svg, shape_of
+
+NUMBER = re.compile(rb"(?<![\w.])-?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])")
+WORDS = (b"nan", b"inf", b"1e300", b"-1", b"0", b"abc", b"", b"[1, 2]")
+POSE = transform((0.021, -0.034, 0.085), (0.3, -2.8, 1.2))
+K = np.array([[620.0, 0.0, 319.0], [0.0, 622.0, 241.0], [0.0, 0.0, 1.0]])
+D = np.array([[-0.21, 0.11, 0.001, -0.0008, 0.02]])
+
+
+def storage(suffix, **entries):
+    store = cv2.FileStorage(f"made{suffix}", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    for name, value in entries.items():
+        store.write(name, value)
+    return store.releaseAndGetString()
+
+
+def rows(matrix):
+    return "\n".join(" ".join(map(repr, map(float, row))) for row in matrix) + "\n"
+
+
+def camera(path):
+    made = CameraConfig.from_mapping({"name": "c", **read_camera(path)}).intrinsics()
+    return [*np.ravel(made.K), *made.D, made.width, made.height]
+
+
+def hand_eye(path):
+    return read_hand_eye(path).link_T_camera
+
+
+def mesh(path):
+    return [part.positions for part in mesh_files.read(str(path))]
+
+
+def inertias(path):
+    made = parse_urdf(read_text(path, ExperimentError))
+    return [[one.inertial.mass, *one.inertial.inertia, *one.inertial.origin_xyz]
+            for one in made.links.values() if one.inertial is not None]
+
+
+def world(path):
+    return [np.ravel(one.initial_pose) for one in world_file.read(str(path)).models]
+
+
+def picture(path):
+    return [shape_of(str(path), (0.1, 0.1)).size]
+
+
+FACES = "".join(
+    "facet normal 0 0 1\nouter loop\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in face)
+    + "endloop\nendfacet\n"
+    for face in (((0, 0, 0), (1, 0, 0), (0, 1, 0)), ((0, 0, 0), (0, 1, 0), (0, 0, 1))))
+LINK = ("<link name='{}'>\n<inertial><origin xyz='0 0 0.1'/><mass value='2'/>\n<inertia ixx='0.1' "
+        "iyy='0.1' izz='0.1'/></inertial>\n<visual><geometry><box size='0.1 0.2 0.3'/></geometry>"
+        "</visual>\n</link>\n")
+SAMPLES = {
+    "ros": (camera, ".yaml", "image_width: 640\nimage_height: 480\ncamera_name: eye\n"
+            "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [620, 0, 319, 0, 622, 241, 0, 0, 1]\n"
+            "distortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n"
+            "  data: [-0.21, 0.11, 0.001, -0.0008, 0.02]\n"),
+    "opencv yaml": (camera, ".yaml", storage(".yaml", camera_matrix=K, image_width=640,
+                                             image_height=480, distortion_coefficients=D)),
+    "opencv xml": (camera, ".xml", storage(".xml", camera_matrix=K, image_width=640,
+                                           image_height=480, distortion_coefficients=D)),
+    "kalibr": (camera, ".yaml", "cam0:\n  camera_model: pinhole\n  intrinsics: [620, 622, 319, 241]"
+               "\n  distortion_model: radtan\n  distortion_coeffs: [-0.21, 0.11, 0.001, -0.0008]\n"
+               "  resolution: [640, 480]\n"),
+    "hand-eye rows": (hand_eye, ".txt", rows(POSE)),
+    "hand-eye opencv": (hand_eye, ".yaml", storage(
+        ".yaml", R_cam2gripper=POSE[:3, :3], t_cam2gripper=POSE[:3, 3:])),
+    "hand-eye json": (hand_eye, ".json", storage(
+        ".json", rvec=cv2.Rodrigues(POSE[:3, :3])[0].ravel(), tvec=POSE[:3, 3])),
+    "hand-eye launch": (hand_eye, ".launch", '<launch>\n<node pkg="tf2_ros" name="b" type='
+                        '"static_transform_publisher"\n args="0.1 0.2 0.3 0 0 0 1 tool0 '
+                        'eye_optical_frame"/>\n</launch>\n'),
+    "svg": (lambda path: read_svg(path).corners, ".svg",
+            '<svg xmlns="http://www.w3.org/2000/svg"\n width="60mm" height="100mm"\n'
+            ' viewBox="0 0 60 100">\n<path d="M 0 0 L 60 0 L 60 20 L 20 20 L 20 100 L 0 100 Z"/>\n'
+            "</svg>\n"),
+    "urdf": (inertias, ".urdf", "<robot name='r'>\n" + LINK.format("a") + LINK.format("b")
+             + "<joint name='j' type='revolute'>\n<parent link='a'/>\n<child link='b'/>\n<origin "
+             "xyz='0 0 1' rpy='0 0.5 0'/>\n<limit lower='-1' upper='1' effort='5' velocity='2'/>\n"
+             "</joint>\n</robot>\n"),
+    "world": (world, ".world", "<sdf version='1.7'>\n<world name='w'>\n<gravity>0 0 -9.8</gravity>"
+              "\n<model name='m'>\n<pose>1 2 3 0 0 0.5</pose>\n<link name='l'>\n<inertial><mass>2"
+              "</mass></inertial>\n<collision name='c'>\n<geometry><box><size>1 2 3</size></box>"
+              "</geometry>\n</collision>\n</link>\n</model>\n</world>\n</sdf>\n"),
+    "stl": (mesh, ".stl", f"solid a\n{FACES}endsolid a\n"),
+    "obj": (mesh, ".obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\n"),
+    "tag": (picture, ".png", bytes(cv2.imencode(".png", cv2.copyMakeBorder(
+        np.kron(np.eye(6, dtype=np.uint8) * 255, np.ones((8, 8), np.uint8)), 8, 8, 8, 8,
+        cv2.BORDER_CONSTANT, value=255))[1])),
+}
+
+
+def damaged(data):
+    """Each with what was done to it."""
+    chance = random.Random(4)
+    for part in range(1, 10):
+        yield f"the first {part} tenths", data[: len(data) * part // 10]
+    lines = data.split(b"\n")
+    for k in range(0, len(lines), 1 + len(lines) // 12):
+        yield f"without line {k + 1}", b"\n".join([*lines[:k], *lines[k + 1 :]])
+        other = chance.randrange(len(lines))
+        swapped = list(lines)
+        swapped[k], swapped[other] = swapped[other], swapped[k]
+        yield f"lines {k + 1} and {other + 1} swapped", b"\n".join(swapped)
+    for _ in range(10):
+        k = chance.randrange(len(data))
+        yield f"without bytes from {k}", data[:k] + data[k + 7 :]
+        yield f"byte {k} of 255", data[:k] + b"\xff" + data[k + 1 :]
+    numbers = list(NUMBER.finditer(data)) if b"\0" not in data else []
+    for found in numbers[:: 1 + len(numbers) // 12]:
+        for word in WORDS:
+            yield (f"{word.decode()} for the number at {found.start()}",
+                   data[: found.start()] + word + data[found.end() :])
+
+
+@pytest.mark.parametrize("kind", SAMPLES)
+def test_a_damaged_file_is_read_or_refused_in_one_line(tmp_path, kind):
+    read, suffix, sample = SAMPLES[kind]
+    data = sample if isinstance(sample, bytes) else sample.encode()
+    whole = Path(tmp_path / f"whole{suffix}")
+    whole.write_bytes(data)
+    read(whole)
+    refused = 0
+    for count, (how, content) in enumerate(damaged(data)):
+        path = tmp_path / f"x{count}{suffix}"
+        path.write_bytes(content)
+        try:
+            found = read(path)
+        except (SimError, ExperimentError) as error:
+            refused += 1
+            assert "\n" not in str(error), (how, str(error))
+        else:
+            assert all(np.isfinite(one).all() for one in found), how
+        path.unlink()
+    assert refused > 10
+
+
+def test_a_robot_that_is_no_text_is_refused_by_its_name(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_bytes(b"<robot name='\xff'/>")
+    with pytest.raises(ExperimentError, match="arm.urdf is no text in UTF-8") as refused:
+        Robot(RobotSpec(urdf=str(path)))
+    assert "\n" not in str(refused.value)

@@ -155,7 +155,7 @@ class Arrival:
             self._margin = margin = Margin(
                 decision, observation, goal, errors.mean(axis=0),
                 scheme.accuracy(observation, goal), resolution,
-                errors.std(axis=0) / np.sqrt(len(errors)),
+                errors.std(axis=0) / np.sqrt(len(errors)), offsets.scatter,
             )  # fmt: skip
             if self._poses is None or self._poses.goal is not goal:
                 self._poses = OtherPoses(goal)

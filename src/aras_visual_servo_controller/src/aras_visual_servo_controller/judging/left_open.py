@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.poses import skew
 from aras_visual_servo_camera.interaction import Plane
 
 from ..arm.held import held_at
@@ -36,7 +37,7 @@ PLAIN = (1.5e-3, radians(0.3))
 STILL = (5e-5, 1e-4)
 # s for which a camera may go on as before the last image: its answer takes time and is ramped.
 GOES_ON = 0.06
-# Times that an offset by L counts, its translation and its rotation: L's depth may be believed 0.6
+# Times that an offset by L counts where it is no noise, its translation and its rotation: L's depth may be believed 0.6
 # of the true one, and the camera's mounting 8 degrees off.
 KNOWN = 1.7, 1.4
 # Times that the deviation of corners and pixels counts: their errors have longer tails than a
@@ -51,13 +52,22 @@ BLIND = 1e-6  # part of L's greatest singular value below which a direction is n
 # Part of the depth (and rad) that an offset may be for L to hold; what is known less well counts as
 # a direction that nothing measures. A small plate is seen alike from two sides: 0.08 was 0.19.
 LINEAR = 0.05
+SCATTERED = 0.08  # of one image's offset, whose mean over images is known better
 # Of a direction that nothing measures: translation, times the (scaled) rotation, above which it is
 # no turn about an axis.
 STRAIGHT = 20.0
 MOST = 64  # numbers that are looked at for what no motion explains; more say so themselves
+# Part of L's greatest singular value below which features may be at their goals from another pose
+# nearby; and of the plane's greatest change, below which a motion does not turn it.
+WEAK, TURNS_PLANE = 0.05, 0.05
 CERTAIN = 3.0  # standard deviations beyond which an error is no noise
 LARGER = "a larger target, a shorter distance or a longer lens, or less noise"
 FEATURE = "add a feature for them, if the pose matters"
+BY_PLANE = (
+    "as kinematics have the target's plane elsewhere in the camera's frame than at the goal (it "
+    "lies elsewhere, or the camera is not as described, or another pose has the same features)"
+)
+LEVEL = "check the camera's calibration and where the goal has its target"
 POINTS = "a target of more points, farther apart, or not in one plane"
 
 
@@ -104,11 +114,13 @@ class Margin:
         accuracy: np.ndarray | float | None,
         resolution: Resolution | None,
         noise: np.ndarray | float = 0.0,
+        scatter: np.ndarray | None = None,
     ) -> None:
         """Of the image with which the goal was reached.
 
         Args:
             error: (k,) mean of the last images. noise: (k,) standard deviations of that.
+            scatter: (6, 6) covariance of the offsets by single images, m and rad.
             accuracy: of what L's rows belong to, see Feature.accuracy.
             resolution: says what an arm of few joints can move; None: all six directions.
         """
@@ -124,7 +136,7 @@ class Margin:
             accuracy = accuracy * np.eye(len(L))
         if len(error) <= MOST:
             accuracy = _residual_accuracy(L, error, noise) if accuracy is None else (
-                accuracy * max(unexplained(L, error, accuracy), 1.0)
+                accuracy * max(unexplained(L, error, accuracy, noise), 1.0)
             )  # fmt: skip
         if len(L) > 6:  # the same least squares with six rows
             Q, L = np.linalg.qr(L)
@@ -139,6 +151,10 @@ class Margin:
             spread = (u.T @ accuracy)[: len(s)]
             spread = np.vstack([spread, np.zeros((len(s) - len(spread), spread.shape[1]))])
             seen &= np.linalg.norm(spread, axis=1) <= LINEAR / Z_997 * depth * s
+        along = vt @ free
+        if scatter is not None:
+            variance = ((along * scale) @ scatter * (along * scale)).sum(axis=1)
+            seen &= np.sqrt(np.maximum(variance, 0.0)) <= SCATTERED * depth
         inverse = np.divide(1.0, s, out=np.zeros_like(s), where=seen)
         out = free.T @ vt.T * inverse  # (6, f): from rotated rows to offsets
         spread = out @ spread
@@ -146,7 +162,11 @@ class Margin:
         self._measured = 2.0 * TAILS**2 * spread @ spread.T
         rows = min(len(L), len(s))
         self._coupling = np.eye(6) - out[:, :rows] @ u.T[:rows] @ L
-        self._unseen = (vt @ free)[~seen]
+        self._unseen = along[~seen]
+        # A goal that was worked out is where its pose is; one that this camera has shown may be
+        # elsewhere, as its target, and kinematics are asked where features tell little alone.
+        shown = goal.camera is not None and goal.camera == observation.camera
+        self._doubtful = along[seen & (s < WEAK * s[0])] if shown else np.eye(6)
 
     @property
     def blind(self) -> bool:
@@ -180,6 +200,10 @@ class Margin:
             mend = FEATURE
         else:
             why, mend = "by noise and the accuracy of the picture", LARGER
+            away, tilted = self._by_plane(observation, self.known(observation, offsets.mean))
+            if away > distance or tilted > angle:
+                distance, angle = distance + away, angle + tilted
+                why, mend = BY_PLANE, LEVEL
             if unseen is not None and unseen.any():
                 distance += float(np.linalg.norm(unseen[:3]))
                 angle += float(np.linalg.norm(unseen[3:])) / self._depth
@@ -208,6 +232,23 @@ class Margin:
         """(6, 6) of that offset."""
         scatter = self._scale[:, None] * offsets.scatter * self._scale
         return self._part(offsets) * scatter + self._measured
+
+    def _by_plane(self, observation: Observation, known: np.ndarray) -> tuple[float, float]:
+        """m and rad that the camera is farther off by where kinematics have the target's plane,
+        than by features, (6,) scaled: along the doubtful directions.
+
+        A camera's motion v, w changes the plane p by (p . v) p + p x w.
+        """
+        plane, pose = self._goal.plane, observation.world_T_camera
+        now = None if pose is None else self._goal.plane_from(pose)
+        if now is None or not len(self._doubtful):
+            return 0.0, 0.0
+        p = self._depth * np.array(plane)
+        changes = np.hstack([np.outer(p, p), skew(p)]) / self._depth
+        rest = self._depth * np.array(now) - p - changes @ known
+        by_motion = changes @ self._doubtful.T
+        motion = np.linalg.pinv(by_motion, TURNS_PLANE) @ rest @ self._doubtful
+        return float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:])) / self._depth
 
     def _held(self, observation: Observation) -> np.ndarray:
         return directions(observation, self._goal, self._modelled, self._resolution)[0]
@@ -258,13 +299,17 @@ def _residual_accuracy(
     return np.diag(lengths * sqrt(left / len(rest))) if left > 0.0 else None
 
 
-def unexplained(L: np.ndarray, error: np.ndarray, accuracy: np.ndarray) -> float:
-    """How many times as large an error (k,) is, beside what a motion explains by L (k, 6), as the
-    accuracy (k, m) of goal and image lets expect; 0 of no more numbers than L has rank."""
+def unexplained(
+    L: np.ndarray, error: np.ndarray, accuracy: np.ndarray, noise: np.ndarray | float = 0.0
+) -> float:
+    """How many times as large an error (k,) is, beside what a motion explains by L (k, 6) and its
+    noise (k,), as the accuracy (k, m) of goal and image lets expect; 0 of no more numbers than L
+    has rank."""
     u, s, _ = np.linalg.svd(L)
     rest = u[:, int((s > BLIND * s[0]).sum()) :].T
-    expected = sqrt(2.0 * float(((rest @ accuracy) ** 2).sum()))
-    return float(np.linalg.norm(rest @ error)) / expected if expected > 0.0 else 0.0
+    expected = 2.0 * float(((rest @ accuracy) ** 2).sum())
+    found = float(((rest @ error) ** 2).sum() - ((rest * noise) ** 2).sum())
+    return sqrt(found / expected) if expected > 0.0 and found > 0.0 else 0.0
 
 
 @compiled("f8[:], f8[:,:]")
@@ -299,9 +344,17 @@ def _bounds(mean, scatter, measured, part, coupling, held, scale):
         coupling, held: (6, 6), (6,) of the held directions, scaled.
         scale: (6,).
     """
-    known, covariance = np.empty(6), np.empty((6, 6))
+    known, covariance, factors = np.empty(6), np.empty((6, 6)), np.empty(2)
+    for block in range(2):
+        square, noise = 0.0, 0.0
+        for i in range(3 * block, 3 * block + 3):
+            square += mean[i] ** 2
+            noise += part * scatter[i, i]
+        # Of an offset that is no more than noise nothing is to be made larger.
+        surely = 1.0 - noise / square if noise < square else 0.0
+        factors[block] = 1.0 + (KNOWN[block] - 1.0) * surely
     for i in range(6):
-        known[i] = KNOWN[i // 3] * mean[i] * scale[i]
+        known[i] = factors[i // 3] * mean[i] * scale[i]
         for j in range(6):
             known[i] += coupling[i, j] * held[j]
             covariance[i, j] = part * scale[i] * scale[j] * scatter[i, j] + measured[i, j]

@@ -950,8 +950,9 @@ def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
     for told, expected in (({"right": Goal(moments=other)}, False), ({}, True)):
         both, arrival = Goal(depth=0.5, moments=wanted, seen_by="left", others=told), Watched(0.0)
         for _ in range(3):
+            right = Observation(0.0, 0.1, True, "", None, moments=other)
             of_camera([np.zeros(6)], STRONG, begin=arrival, goal=both, moments=wanted,
-                      others={"right": Observation(0.0, 0.1, True, "", None, moments=other)})  # fmt: skip
+                      others={"right": right})  # fmt: skip
         assert bool(arrival.last.elsewhere) is expected
     # a direction that nothing measures may be why
     blind = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 0.0])

@@ -126,6 +126,8 @@ class Arrival:
                                          self._reached, goal.distance)
         self._views.add(observation, goal)
         if not settled or short:
+            if self._reached:
+                self._views.clear()
             self._reached, self._margin = False, None
             return Arrived(short=short)
         if not self._reached:  # what was seen on the way is no view of the arrival

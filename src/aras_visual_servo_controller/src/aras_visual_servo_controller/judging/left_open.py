@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
-from aras_visual_servo_base.poses import skew
+from aras_visual_servo_base.poses import pose_difference, skew
 from aras_visual_servo_camera.interaction import Plane
 
 from ..arm.held import held_at
@@ -37,8 +37,8 @@ PLAIN = (1.5e-3, radians(0.3))
 STILL = (5e-5, 1e-4)
 # s for which a camera may go on as before the last image: its answer takes time and is ramped.
 GOES_ON = 0.06
-# Times that an offset by L counts where it is no noise, its translation and its rotation: L's depth may be believed 0.6
-# of the true one, and the camera's mounting 8 degrees off.
+# Times that an offset by L counts where it is no noise, its translation and its rotation: L's depth
+# may be believed 0.6 of the true one, and the camera's mounting 8 degrees off.
 KNOWN = 1.7, 1.4
 # Times that the deviation of corners and pixels counts: their errors have longer tails than a
 # normal distribution. Without it 0.6 % of 1 581 converged runs were farther off.
@@ -202,7 +202,10 @@ class Margin:
             why, mend = "by noise and the accuracy of the picture", LARGER
             away, tilted = self._by_plane(observation, self.known(observation, offsets.mean))
             if away > distance or tilted > angle:
-                distance, angle = distance + away, angle + tilted
+                away, tilted = pose_difference(
+                    self._goal.world_T_camera, observation.world_T_camera
+                )
+                distance, angle = distance + away, min(angle + tilted, pi)
                 why, mend = BY_PLANE, LEVEL
             if unseen is not None and unseen.any():
                 distance += float(np.linalg.norm(unseen[:3]))

@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from ..seeing.observation import Observation
 
 # Offset from the goal within which the camera counts as there, parts of the target's depth and rad:
-# somewhat less than 0.3 mm at 0.2 m and 0.3 degrees, as pictures are not exact either. In a
-# direction that changes the features little, their tolerances alone may be 6 mm (four points of a
-# plane that was turned by 40 degrees).
-ARRIVED = (1e-3, 3.5e-3)
+# so much less than PLAIN that it is not exceeded by what L may err (KNOWN). In a direction that
+# changes the features little, their tolerances alone may be 6 mm (four points of a plane that was
+# turned by 40 degrees).
+ARRIVED = (8e-4, 3.5e-3)
 STAYS = 1.5  # times tolerances and offset within which a camera that has arrived stays so
 DEVIATIONS = 2.0  # standard deviations of the mean within which it is taken as known
 # Errors may scatter about their mean by so many tolerances, rms: more is a motion, not noise.

@@ -17,7 +17,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 
-from ..arm.algebra import least_squares, task_finite
+from ..arm.algebra import least_squares, svd, task_finite
 from ..goals.goal import DEPTH
 from ..seeing.ring_buffer import RecentErrors
 from .left_open import BLIND, LeftOpen, Margin, Offsets, directions, symmetric
@@ -51,6 +51,7 @@ AGAIN = 0.7  # part of the mean error from which on what it leaves open is worke
 ELSEWISE = 5.0
 STEPS = 8  # latest images, at least, whose steps tell how noisy they are
 TALL = 64  # rows of L from which on the normal equations are solved
+OFTEN = 8  # images of an arrival, each of which is compared with the goal; then every so many
 ALIKE = "the points look as at the goal from several poses"
 OTHER_VIEW = "every feature is at its goal, but the image is not the goal's"
 ROUNDING = 1e-9  # s; rad, and m at a depth of DEPTH
@@ -95,6 +96,7 @@ class Arrival:
         self._reached = False
         self._margin: Margin | None = None
         self._pose, self._alike = None, ()  # the other pose it is at, and those it may be at
+        self._elsewhere, self._unseen, self._images = "", np.zeros(6), 0
         self._size = 0.0  # of the mean error that it is of, in tolerances
 
     def add(
@@ -131,6 +133,7 @@ class Arrival:
             self._reached, self._margin = False, None
             return Arrived(short=short)
         if not self._reached:  # what was seen on the way is no view of the arrival
+            self._images = 0
             self._views.keep(max(1 if offsets is None else offsets.count, VIEWS))
         self._reached = True
         if offsets is None:
@@ -151,6 +154,7 @@ class Arrival:
         tolerances = np.asarray(scheme.tolerances, float)
         errors = self._errors.errors
         size = float(np.linalg.norm(errors.mean(axis=0) / tolerances))
+        self._images += 1
         # The nearer the features are to their goals, the more exact they are.
         if self._margin is None or size < AGAIN * self._size:
             self._size = size
@@ -164,20 +168,28 @@ class Arrival:
             self._pose, self._alike = self._poses.at(observation)
             L = decision.L / tolerances[:, None] / np.repeat((1.0, goal.distance), 3)
             self._views.expect(observation, L, margin.covariance(offsets), goal.distance)
-        seen = self._offsets.errors[-len(self._views) :, :6].mean(axis=0)
-        place, unseen = self._views.place_differs(self._margin.known(observation, seen))
-        elsewhere = ""
+        if self._images <= OFTEN or self._images % OFTEN == 0:
+            seen = self._offsets.errors[-len(self._views) :, :6].mean(axis=0)
+            self._compare(self._margin.known(observation, seen), decision.up_to)
+        left = self._margin.left(observation, offsets, self._unseen, self._alike)
+        return Arrived(True, "", self._elsewhere, left)
+
+    def _compare(self, known: np.ndarray, up_to: str) -> None:
+        """Where the camera is elsewhere than at its goal, as text, and what no feature sees.
+
+        known: (6,) its offset by features and kinematics, scaled.
+        """
+        place, self._unseen = self._views.place_differs(known)
+        self._elsewhere = ""
         if self._pose is not None:
-            elsewhere = (
+            self._elsewhere = (
                 f"{ALIKE}: the camera is at the one {1e3 * self._pose.distance:.1f} mm and "
                 f"{np.degrees(self._pose.angle):.1f} degrees from its goal"
             )
         elif place:
-            elsewhere = f"{OTHER_VIEW}: {place}"
-        elif not self._margin.blind and self._views.shape_differs(bool(decision.up_to)):
-            elsewhere = f"{OTHER_VIEW}: the target's outline has another shape"
-        left = self._margin.left(observation, offsets, unseen, self._alike)
-        return Arrived(True, "", elsewhere, left)
+            self._elsewhere = f"{OTHER_VIEW}: {place}"
+        elif not self._margin.blind and self._views.shape_differs(bool(up_to)):
+            self._elsewhere = f"{OTHER_VIEW}: the target's outline has another shape"
 
     def _note(
         self, decision: Decision, observation: Observation, tolerances: np.ndarray,
@@ -289,7 +301,7 @@ def offset_of(decision: Decision, free: np.ndarray | None, depth: float) -> np.n
     L, error = np.asarray(L, float), np.asarray(error, float)
     if not task_finite(L, error):
         return None
-    scale = np.repeat((1.0, depth), 3)
+    scale = np.array((1.0, 1.0, 1.0, depth, depth, depth))
     moved, blind = (L / scale) @ free.T, BLIND
     if len(L) > TALL:
         moved, error, blind = moved.T @ moved, moved.T @ error, BLIND**2
@@ -303,7 +315,10 @@ def _seen(decision: Decision, free: np.ndarray, depth: float) -> np.ndarray:
     moved, blind = L @ free.T, BLIND
     if len(L) > TALL:
         L, moved, blind = moved.T @ L, moved.T @ moved, BLIND**2
-    return free.T @ np.linalg.pinv(moved, blind) @ L * scale / scale[:, None]
+    u, s, vt = svd(moved)
+    seen = s > blind * s[0]
+    inverse = vt[seen].T / s[seen] @ u[:, seen].T
+    return free.T @ inverse @ L * scale / scale[:, None]
 
 
 def _size(offset: Sequence[float]) -> tuple[float, float]:

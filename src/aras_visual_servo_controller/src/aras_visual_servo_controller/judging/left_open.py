@@ -60,6 +60,7 @@ MOST = 64  # numbers that are looked at for what no motion explains; more say so
 # Part of L's greatest singular value below which features may be at their goals from another pose
 # nearby; and of the plane's greatest change, below which a motion does not turn it.
 WEAK, TURNS_PLANE = 0.05, 0.05
+NO_OFFSET, ALL = np.zeros(6), np.eye(6)
 CERTAIN = 3.0  # standard deviations beyond which an error is no noise
 LARGER = "a larger target, a shorter distance or a longer lens, or less noise"
 FEATURE = "add a feature for them, if the pose matters"
@@ -166,6 +167,7 @@ class Margin:
         # A goal that was worked out is where its pose is; one that this camera has shown may be
         # elsewhere, as its target, and kinematics are asked where features tell little alone.
         shown = goal.camera is not None and goal.camera == observation.camera
+        self._by_kinematics: tuple[float, float] | None = None
         self._doubtful = along[seen & (s < WEAK * s[0])] if shown else np.eye(6)
 
     @property
@@ -200,7 +202,10 @@ class Margin:
             mend = FEATURE
         else:
             why, mend = "by noise and the accuracy of the picture", LARGER
-            away, tilted = self._by_plane(observation, self.known(observation, offsets.mean))
+            if self._by_kinematics is None:  # once: the camera is at rest
+                known = self.known(observation, offsets.mean)
+                self._by_kinematics = self._by_plane(observation, known)
+            away, tilted = self._by_kinematics
             if away > distance or tilted > angle:
                 away, tilted = pose_difference(
                     self._goal.world_T_camera, observation.world_T_camera
@@ -280,8 +285,10 @@ def directions(
         scale = np.repeat((1.0, goal.distance), 3)
         return np.zeros(6), np.linalg.qr(scale[:, None] * resolution.jacobian)[0].T
     here, there = observation.world_T_camera, goal.world_T_camera
-    if here is None or there is None or modelled.all():
-        return np.zeros(6), np.eye(6)[modelled]
+    if modelled.all():
+        return NO_OFFSET, ALL
+    if here is None or there is None:
+        return NO_OFFSET, ALL[modelled]
     held, errors, free = held_at(here, there, modelled, goal.distance)
     return -errors @ held, free
 

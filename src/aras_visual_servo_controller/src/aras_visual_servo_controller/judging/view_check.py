@@ -8,7 +8,7 @@ one is no fault, and the motion is what the arrival leaves open.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import deque
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -47,28 +47,39 @@ class ViewCheck:
 
     def __init__(self) -> None:
         self._views = RecentErrors()
+        # Stamps and moments by camera, that are still to be compared.
+        self._latest: deque[tuple[float, list[Moments | None]]] = deque(maxlen=WINDOW)
         self._goal: Goal | None = None
         self._expected: _Expected | None = None
+        self._names: list[str] = []  # of several cameras
 
     def __len__(self) -> int:
         """How many images are averaged."""
-        return len(self._views)
+        return min(len(self._views) + len(self._latest), WINDOW)
 
     def clear(self) -> None:
         """Forget all images."""
         self._views.clear()
+        self._latest.clear()
         self._expected = None
 
     def add(self, observation: Observation, goal: Goal) -> None:
         """Take in one image."""
         self._goal = goal
-        self._views.add(observation.stamp, np.concatenate([
-            _difference(view, own) for view, own in _views(observation, goal)
-        ]))  # fmt: skip
-        self.keep(WINDOW)
+        seen = [view.moments for view in (observation, *observation.others.values())]
+        self._names = list(observation.others) and list(observation.cameras)
+        self._latest.append((observation.stamp, seen))
 
     def keep(self, count: int) -> None:
-        """Forget all images but the latest."""
+        """Forget all images but the latest, and compare those with the goal."""
+        while len(self._latest) > count:
+            self._latest.popleft()
+        for stamp, seen in self._latest:
+            goals = _goals(self._goal, self._names)
+            self._views.add(stamp, np.concatenate([
+                _difference(moments, own.moments) for moments, own in zip(seen, goals, strict=True)
+            ]))  # fmt: skip
+        self._latest.clear()
         self._views.drop(max(len(self._views) - count, 0))
 
     def expect(
@@ -84,7 +95,8 @@ class ViewCheck:
         rows = [
             _place_interaction(own) if view.of_control is None else
             _place_interaction(own) @ view.of_control
-            for view, own in _views(observation, self._goal)
+            for view, own in zip((observation, *observation.others.values()),
+                                 _goals(self._goal, self._names), strict=True)
         ]  # fmt: skip
         self._expected = _Expected(np.vstack(rows) / ([1.0] * 3 + [depth] * 3), L, covariance,
                                    depth)  # fmt: skip
@@ -94,6 +106,7 @@ class ViewCheck:
 
         is_turned: the camera may be half a turn off, which changes the sign of third moments.
         """
+        self.keep(WINDOW)
         if len(self._views) < VIEWS:
             return False
         mean, unknown = (part[:, :SHAPE] for part in self._mean())
@@ -114,6 +127,7 @@ class ViewCheck:
             What no motion explains that the features do not see, as text, empty where that is
             nothing; the motion (6,) of the camera that they do not see and the view shows.
         """
+        self.keep(WINDOW)
         if len(self._views) < VIEWS or self._expected is None:
             return "", np.zeros(6)
         mean, unknown = (part[:, SHAPE:].ravel() for part in self._mean())
@@ -164,23 +178,18 @@ class _Expected:
         ), moved
 
 
-def _views(observation: Observation, goal: Goal) -> Iterator[tuple[Observation, Goal]]:
-    """What each camera sees, and its goal; the first one's where it has none."""
-    if not observation.others:
-        yield observation, goal
-        return
-    for name, view in observation.cameras.items():
-        yield view, goal.cameras.get(name, goal)
+def _goals(goal: Goal, cameras: list[str]) -> list[Goal]:
+    """What each camera is to see; the first one's where it has no goal. No names: one camera."""
+    return [goal.cameras.get(name, goal) for name in cameras] or [goal]
 
 
-def _difference(observation: Observation, goal: Goal) -> np.ndarray:
+def _difference(seen: Moments | None, wanted: Moments | None) -> np.ndarray:
     """How the target looks other than at the goal (10,); zeros where that cannot be told.
 
     Of the outline central moments of second and third order, in the bounds of what is the same
     view: as many numbers as a camera has directions can be the same from several poses. Then its
     middle, normalised, and the logarithm of its size.
     """
-    seen, wanted = observation.moments, goal.moments
     if seen is None or wanted is None or seen.kind != wanted.kind or wanted.m00 <= 0.0:
         return np.zeros(SHAPE + len(PLACE))
     second, third = (_shape(seen, order) - _shape(wanted, order) for order in (2, 3))

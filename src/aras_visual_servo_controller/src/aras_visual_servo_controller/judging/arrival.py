@@ -166,8 +166,9 @@ class Arrival:
             if self._poses is None or self._poses.goal is not goal:
                 self._poses = OtherPoses(goal)
             self._pose, self._alike = self._poses.at(observation)
-            L = decision.L / tolerances[:, None] / np.repeat((1.0, goal.distance), 3)
-            self._views.expect(observation, L, margin.covariance(offsets), goal.distance)
+            if decision.residual is None:  # what is judged are the features that L is of
+                L = decision.L / tolerances[:, None] / np.repeat((1.0, goal.distance), 3)
+                self._views.expect(observation, L, margin.covariance(offsets), goal.distance)
         if self._images <= OFTEN or self._images % OFTEN == 0:
             seen = self._offsets.errors[-len(self._views) :, :6].mean(axis=0)
             self._compare(self._margin.known(observation, seen), decision.up_to)

@@ -132,7 +132,7 @@ class Margin:
         scale = self._scale = np.array([1.0] * 3 + [depth] * 3)
         L = np.asarray(decision.L, float) / scale
         if decision.residual is not None:
-            error = decision.residual
+            error, noise = decision.residual, 0.0
         if np.ndim(accuracy) == 0 and accuracy is not None:
             accuracy = accuracy * np.eye(len(L))
         if len(error) <= MOST:

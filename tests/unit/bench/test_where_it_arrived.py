@@ -162,3 +162,17 @@ def test_a_goal_that_was_worked_out_is_compared_with_kinematics():
         assert result.outcome == "wrong_camera_model"
     result, bound = ran(**keys)
     assert result.outcome == "converged" and result.verdict.distance <= bound[0]
+
+
+@pytest.mark.parametrize(("goal", "scheme", "step", "is_plain"), [
+    ("auto", "points", [0.0, 0.0, 0.03], True), ("2016", "moments", [0.03, 0.02, 0.0], True),
+    ("2016", "moments", [0.0, 0.0, 0.02], False),
+])  # fmt: skip
+def test_a_target_that_lies_elsewhere_is_what_the_camera_goes_by(goal, scheme, step, is_plain):
+    """A goal that was worked out has its target at a height: higher up, or a wrong camera?"""
+    result, bound = ran(plant="chain", scheme=scheme, goal=goal, gain=2.0,
+                        start={"height": [0.22, 0.28], "side": 0.03, "turn": 0.5},
+                        target={"motion": {"step": step, "begin": 0.2}}, seed=3)  # fmt: skip
+    assert result.verdict.distance <= bound[0] and result.verdict.reached
+    assert (result.outcome == "converged") is is_plain
+    assert is_plain or "20.1 mm" in result.outcome

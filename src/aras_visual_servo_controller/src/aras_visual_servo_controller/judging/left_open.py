@@ -164,11 +164,12 @@ class Margin:
         rows = min(len(L), len(s))
         self._coupling = np.eye(6) - out[:, :rows] @ u.T[:rows] @ L
         self._unseen = along[~seen]
-        # A goal that was worked out is where its pose is; one that this camera has shown may be
-        # elsewhere, as its target, and kinematics are asked where features tell little alone.
-        shown = goal.camera is not None and goal.camera == observation.camera
+        # A goal that was worked out is where its pose is. The target of one that this camera has
+        # shown may lie elsewhere by now: of it kinematics are asked for the plane's direction, in
+        # what features tell little.
+        self._shown = goal.camera is not None and goal.camera == observation.camera
         self._by_kinematics: tuple[float, float] | None = None
-        self._doubtful = along[seen & (s < WEAK * s[0])] if shown else np.eye(6)
+        self._doubtful = along[seen & (s < WEAK * s[0])] if self._shown else ALL
 
     @property
     def blind(self) -> bool:
@@ -245,15 +246,18 @@ class Margin:
         """m and rad that the camera is farther off by where kinematics have the target's plane,
         than by features, (6,) scaled: along the doubtful directions.
 
-        A camera's motion v, w changes the plane p by (p . v) p + p x w.
+        A camera's motion v, w changes the plane p by (p . v) p + p x w, its normal n by n x w.
         """
         plane, pose = self._goal.plane, observation.world_T_camera
         now = None if pose is None else self._goal.plane_from(pose)
         if now is None or not len(self._doubtful):
             return 0.0, 0.0
-        p = self._depth * np.array(plane)
-        changes = np.hstack([np.outer(p, p), skew(p)]) / self._depth
-        rest = self._depth * np.array(now) - p - changes @ known
+        p, now = self._depth * np.array(plane), self._depth * np.array(now)
+        moves = np.outer(p, p)
+        if self._shown:
+            p, now, moves = p / np.linalg.norm(p), now / np.linalg.norm(now), np.zeros((3, 3))
+        changes = np.hstack([moves, skew(p)]) / self._depth
+        rest = now - p - changes @ known
         by_motion = changes @ self._doubtful.T
         motion = np.linalg.pinv(by_motion, TURNS_PLANE) @ rest @ self._doubtful
         return float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:])) / self._depth

@@ -910,6 +910,46 @@ def test_views_that_cannot_be_compared_are_not_judged():
         assert alike(seen, goal)
 
 
+def test_half_a_turn_changes_the_sign_of_third_moments():
+    wanted, middle = of(CORNERS), np.array([of(CORNERS).xg, of(CORNERS).yg])
+    turned = of(2.0 * middle - CORNERS)
+    assert not alike(turned, wanted) and alike(turned, wanted, is_turned=True)
+    assert alike(wanted, wanted, is_turned=True)
+    for seen in (wanted, turned):
+        assert not alike(shaped(seen, 3, 1, 1.2 * THIRD), wanted, is_turned=True)
+
+
+def test_a_known_offset_explains_where_the_target_is_seen():
+    """A camera that is 1 cm aside of its goal at 0.5 m, or as far off along a held direction."""
+    goal = Goal(depth=0.5, moments=of(CORNERS))
+    check, offset = ViewCheck(), np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.0])
+    seen = of(CORNERS - [0.02, 0.0])
+    for stamp in range(3):
+        check.add(Observation(stamp, 1.0, True, "", None, moments=seen), goal)
+    here = Observation(2.0, 1.0, True, "", None, moments=seen)
+    check.expect(here, STRONG / np.repeat((1.0, 0.5), 3), np.zeros((6, 6)), 0.5)
+    assert check.place_differs(offset)[0] == ""
+    assert "10.0 mm" in check.place_differs(np.zeros(6))[0]
+    assert "20.0 mm" in check.place_differs(-offset)[0]
+    # where no feature sees it, it is left open
+    blind = STRONG[[1, 2, 3, 4, 5]]
+    check.expect(here, blind / np.repeat((1.0, 0.5), 3), np.zeros((6, 6)), 0.5)
+    text, unseen = check.place_differs(np.zeros(6))
+    assert text == ""
+    np.testing.assert_allclose(unseen, offset, atol=1e-9)
+
+
+def test_a_direction_in_which_images_scatter_by_a_tenth_of_the_depth_is_not_known():
+    task = SimpleNamespace(modelled=np.full(6, True))
+    decision = SimpleNamespace(L=STRONG, task=task, up_to="", residual=None)
+    here = Observation(0.0, 0.1, True, "", None)
+    for part, is_blind in ((0.07, False), (0.1, True)):
+        for axis, unit in ((1, 0.2), (4, 1.0)):
+            scatter = np.diag((part * unit) ** 2 * np.eye(6)[axis])
+            margin = Margin(decision, here, DEEP, np.zeros(6), None, None, 0.0, scatter)
+            assert margin.blind is is_blind
+
+
 @pytest.mark.parametrize("certain", [2.9, 3.1, -2.9, -3.1])
 @pytest.mark.parametrize("seed", range(3))
 def test_another_view_s_mean_is_three_deviations_beyond_its_bound(seed, certain):

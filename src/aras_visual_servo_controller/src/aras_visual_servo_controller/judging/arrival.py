@@ -158,10 +158,12 @@ class Arrival:
         # The nearer the features are to their goals, the more exact they are.
         if self._margin is None or size < AGAIN * self._size:
             self._size = size
+            # Of the images that the offset is of: the accuracy is that of a camera so near.
+            latest = errors[-max(offsets.count, VIEWS) :]
             self._margin = margin = Margin(
-                decision, observation, goal, errors.mean(axis=0),
+                decision, observation, goal, latest.mean(axis=0),
                 scheme.accuracy(observation, goal), resolution,
-                errors.std(axis=0) / np.sqrt(len(errors)), offsets.scatter,
+                latest.std(axis=0) / np.sqrt(len(latest)), offsets.scatter,
             )  # fmt: skip
             if self._poses is None or self._poses.goal is not goal:
                 self._poses = OtherPoses(goal)

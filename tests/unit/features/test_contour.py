@@ -150,7 +150,7 @@ def test_corners_are_as_exact_as_the_outline_s_scatter_says(noise):
     """Of outlines of 20 and 120 px: longer sides average more, and noise makes them worse."""
     deviations = []
     for width in (20.0, 120.0):
-        errors, told = [], []
+        errors, expected = [], []
         for k in range(6):
             random = np.random.default_rng([k, int(width)])
             shape = (IRREGULAR + random.uniform(-0.1, 0.1, (4, 2))) * width / 200.0
@@ -162,8 +162,8 @@ def test_corners_are_as_exact_as_the_outline_s_scatter_says(noise):
             moved = corners - shape[np.linalg.norm(
                 corners[:, None] - shape[None] - 0.0025, axis=2).argmin(axis=1)]
             errors.append(moved - moved.mean(axis=0))
-            told.append(deviation)
-        deviations.append(200.0 * np.sqrt(np.mean(np.square(told))))
+            expected.append(deviation)
+        deviations.append(200.0 * np.sqrt(np.mean(np.square(expected))))
         found = 200.0 * np.sqrt(np.mean(np.square(errors)))
         assert 0.2 * deviations[-1] < found < 2.5 * np.hypot(deviations[-1], CORNER_ACCURACY)
     assert deviations[1] < 0.5 * deviations[0]

@@ -244,7 +244,8 @@ def ended(run: Run, images: int, joints: int) -> Run:
     last = run.states[images - 1]
     return replace(
         run, outcome=last.outcome, reason=last.reason, mend=last.mend,
-        verdict=Verdict.of(run.goal_pose, run.true_pose[joints - 1], run.experiment.reached),
+        verdict=Verdict.of(run.goal_pose, run.true_pose[joints - 1],
+                           run.goal.distance, run.experiment.reached),
         states=run.states[:images], pose=run.pose[:images],
         **{name: getattr(run, name)[:joints] for name in
            ("joint_stamp", "measured", "measured_speed", "commanded", "true_pose")},

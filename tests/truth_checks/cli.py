@@ -23,6 +23,7 @@ from . import (  # noqa: F401 (they enter their checks)
     sensor,
     storms,
     vision,
+    whole_runs,
 )
 from .check import CHECKS, Check, Row
 from .result import with_result

@@ -22,7 +22,7 @@ DEFAULTS = {
         "features": "auto", "noise": 0.0, "jitter": 0.0, "delay": 0.015,
         "commands": "joint_states", "start": "2016", "goal": "auto", "scheme": "moments",
         "law": "proportional", "gain": None, "options": {}, "duration": 8.0, "linger": 0.5,
-        "reached": (0.0003, 0.00524), "seed": 0, "renderer": "auto", "traced": False,
+        "reached": None, "seed": 0, "renderer": "auto", "traced": False,
     },
     Ideal: {"speed": None, "stop": None, "unbounded": False, "enough": None, "farthest": None},
     Sampler: {"height": (0.15, 0.5), "side": 0.1, "turn": 2.967, "tilt": 0.0, "margin": 2.0,

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from feature_cases import L_SHAPE, SQUARE, TARGET, View, grey_image, rotation
 
-from aras_visual_servo_camera.contour import corners_like, corners_of, outline_of
+from aras_visual_servo_camera.contour import (
+    CORNER_ACCURACY,
+    corners_like,
+    corners_of,
+    fit_corners,
+    outline_of,
+)
 from aras_visual_servo_camera.errors import SegmentationError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.segmentation import Segmentation, segment
@@ -137,3 +143,28 @@ def test_another_polygon_is_not_taken_for_the_model():
     outline = outline_of(grey, segment(grey, Segmentation()), CAMERA)
     with pytest.raises(SegmentationError, match="has not the goal's 8 corners"):
         corners_like(outline, model)
+
+
+@pytest.mark.parametrize("noise", [0.0, 5.0])
+def test_corners_are_as_exact_as_the_outline_s_scatter_says(noise):
+    """Of outlines of 20 and 120 px: longer sides average more, and noise makes them worse."""
+    deviations = []
+    for width in (20.0, 120.0):
+        errors, expected = [], []
+        for k in range(6):
+            random = np.random.default_rng([k, int(width)])
+            shape = (IRREGULAR + random.uniform(-0.1, 0.1, (4, 2))) * width / 200.0
+            grey = grey_image(shape + random.uniform(0.0, 0.005, 2), CAMERA.pinhole)
+            grey = np.clip(grey + noise * random.normal(size=grey.shape), 0, 255).astype(np.uint8)
+            outline = outline_of(grey, segment(grey, Segmentation()), CAMERA)
+            corners, deviation = fit_corners(outline)
+            np.testing.assert_array_equal(corners, corners_of(outline))
+            moved = corners - shape[np.linalg.norm(
+                corners[:, None] - shape[None] - 0.0025, axis=2).argmin(axis=1)]
+            errors.append(moved - moved.mean(axis=0))
+            expected.append(deviation)
+        deviations.append(200.0 * np.sqrt(np.mean(np.square(expected))))
+        found = 200.0 * np.sqrt(np.mean(np.square(errors)))
+        assert 0.2 * deviations[-1] < found < 2.5 * np.hypot(deviations[-1], CORNER_ACCURACY)
+    assert deviations[1] < 0.5 * deviations[0]
+    assert (deviations[1] > 0.004) == (noise > 0.0)

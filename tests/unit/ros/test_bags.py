@@ -371,10 +371,12 @@ def test_joint_states_that_lack_a_place_are_left_out_and_speeds_may_be_unknown(g
     np.testing.assert_allclose(run.measured_speed, table[["slide speed", "elbow speed"]])
 
 
-def test_a_bag_s_verdict_is_of_a_third_of_a_millimetre_and_of_a_degree():
-    goal, angle = np.eye(4), np.radians(0.3)
-    for off, turn, word in ((2.9e-4, 0.9 * angle, "goal_reached"), (3.1e-4, 0.0, "goal_missed"),
-                            (0.0, 1.1 * angle, "goal_missed")):  # fmt: skip
+@pytest.mark.parametrize("depth", [0.2, 18.0])
+def test_a_bag_s_verdict_is_of_a_part_of_the_depth_and_of_a_third_of_a_degree(depth):
+    goal, angle = Goal(world_T_camera=np.eye(4), depth=depth), np.radians(0.3)
+    for part, turn, word in ((1.45e-3, 0.9 * angle, "goal_reached"), (1.55e-3, 0.0, "goal_missed"),
+                             (0.0, 1.1 * angle, "goal_missed")):  # fmt: skip
+        off = part * depth
         pose = np.eye(4)
         pose[:3, :3] = Rotation.from_rotvec([0.0, turn, 0.0]).as_matrix()
         pose[:3, 3] = 0.0, off, 0.0
@@ -382,7 +384,7 @@ def test_a_bag_s_verdict_is_of_a_third_of_a_millimetre_and_of_a_degree():
         assert found.word == word
         assert (found.distance, found.angle) == pytest.approx((off, turn), abs=1e-9)
         pose[0, 0] = np.nan
-        assert from_bag._verdict(goal, np.array([goal, pose])).word == ""
+        assert from_bag._verdict(goal, np.array([np.eye(4), pose])).word == ""
     placed = from_bag._target(Goal(target="boxes"))
     assert placed.shape.geometry == "boxes"
     np.testing.assert_array_equal(placed.pose, np.eye(4))

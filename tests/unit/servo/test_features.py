@@ -401,6 +401,14 @@ def test_a_goal_that_this_camera_has_shown_has_the_errors_of_the_same_view():
         seen = replace(view, corners=moved, corner_accuracy=0.05 * pixel)
         shown = feature.accuracy(seen, goal)
         np.testing.assert_allclose(shown, common * pixel * np.eye(8), rtol=1e-6)
+    # of an outline by how it scatters about its sides, and by the root of the distance in pixels
+    for off, deviation, common in ((0.0, 0.1, 0.15 * 0.004**0.5), (1e3, 0.1, 1.0),
+                                   (0.09, 0.01, 0.015 * (0.09**2 - 0.01**2) ** 0.25)):  # fmt: skip
+        moved = view.corners + off * pixel * np.array([[0.6, 0.8]]) * np.sqrt(2.0)
+        seen = replace(view, corners=moved, corner_accuracy=pixel,
+                       corner_deviation=deviation * pixel)  # fmt: skip
+        shown = feature.accuracy(seen, goal)
+        np.testing.assert_allclose(shown, common * pixel * np.eye(8), rtol=1e-6)
     own = replace(view, corner_accuracy=pixel, corner_unshared=0.3 * pixel)
     np.testing.assert_allclose(feature.accuracy(own, goal), 0.3 * pixel * np.eye(8), rtol=1e-6)
 

@@ -50,7 +50,9 @@ def test_a_picture_and_exact_geometry_say_the_same():
     assert seen.moments.xg == pytest.approx(exact.moments.xg, abs=1e-3)
     assert seen.moments.order == exact.moments.order == 6
     assert seen.cameras == {"camera": seen} and not seen.apart
-    accuracy = CORNER_ACCURACY / CAMERA.K[0]
+    pixel = 1.0 / CAMERA.K[0]
+    assert 0.001 * pixel < seen.corner_deviation < 0.05 * pixel
+    accuracy = np.hypot(CORNER_ACCURACY * pixel, seen.corner_deviation)
     assert (seen.corner_accuracy, seen.corner_unshared, seen.numbered) == (accuracy, 0.0, False)
     assert (exact.corner_accuracy, exact.corner_unshared, exact.numbered) == (0.0, 0.0, None)
     assert (exact.pixel_count, exact.touches, exact.plane_measured) == (0, (), False)

@@ -69,7 +69,7 @@ def test_the_nearest_pose_is_found_from_whichever_side_it_is_come_to(off):
     square = 0.1 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]])
     there = places(pose((0, 0, 1.0), (0, 0, 0)), square)
     begin = pose(off[:3], off[3:])
-    found = features._refined(begin[:3, :3], begin[:3, 3], there, there[:, :2] / there[:, 2:])
+    found = features.refine_pose(begin[:3, :3], begin[:3, 3], there, there[:, :2] / there[:, 2:])
     np.testing.assert_allclose(found, np.eye(4), atol=1e-10)
 
 

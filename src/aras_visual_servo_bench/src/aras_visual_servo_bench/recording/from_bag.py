@@ -26,7 +26,6 @@ from .from_loop import joint_units, with_pictures
 from .run import CameraRecord, Run, Verdict
 from .tracks import milestones, nearest
 
-REACHED_WITHIN = (0.3e-3, float(np.radians(0.3)))  # m and rad of the camera
 SERVOED = ("servoing", "converged", "holding", "stopped")
 
 
@@ -78,7 +77,7 @@ class Messages:
             measured_speed=speed,
             commanded=_commanded(states, joint_stamp, len(joint_names)), true_pose=poses,
             goal_pose=goal_pose, outcome=last.outcome or last.phase, reason=last.reason,
-            mend=last.mend, verdict=_verdict(goal_pose, poses), limits=(lower, upper),
+            mend=last.mend, verdict=_verdict(goal, poses), limits=(lower, upper),
             speed=greatest, joint_units=joint_units(arm) if arm is not None else (),
             cameras={CAMERA: CameraRecord(self._camera(), exposed, arrived)},
             target=_target(goal), goal=goal, pace=np.array(read.pace).reshape(-1, 2),
@@ -176,10 +175,11 @@ def _commanded(states: Sequence[ServoState], stamps: np.ndarray, joints: int) ->
     return np.where(sent[:, None] >= 0, commands[sent.clip(0)], np.nan)
 
 
-def _verdict(goal: np.ndarray, poses: np.ndarray) -> Verdict:
-    if not np.isfinite(goal).all() or not len(poses) or not np.isfinite(poses[-1]).all():
+def _verdict(goal: Goal | None, poses: np.ndarray) -> Verdict:
+    known = goal is not None and goal.world_T_camera is not None
+    if not known or not len(poses) or not np.isfinite(poses[-1]).all():
         return Verdict("", float("nan"), float("nan"))
-    return Verdict.of(goal, poses[-1], REACHED_WITHIN)
+    return Verdict.of(goal.world_T_camera, poses[-1], goal.distance)
 
 
 def _target(goal: Goal | None) -> PlacedTarget | None:

@@ -14,6 +14,7 @@ import numpy as np
 from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.judging.left_open import PLAIN
 from aras_visual_servo_controller.loop.state import CONVERGED, ServoState
 
 from ..asked.experiment import Experiment
@@ -38,10 +39,19 @@ class Verdict:
         return self.word == REACHED
 
     @classmethod
-    def of(cls, goal: np.ndarray, pose: np.ndarray, reached: tuple[float, float]) -> Verdict:
-        """Of two poses (4, 4), world_T_camera; `reached`: m and rad that count as there."""
+    def of(
+        cls, goal: np.ndarray, pose: np.ndarray, depth: float,
+        reached: tuple[float, float] | None = None,
+    ) -> Verdict:
+        """Compare two poses (4, 4), world_T_camera.
+
+        Args:
+            depth: of the target at the goal, m.
+            reached: m and rad that count as there; None: what plain 'converged' leaves open.
+        """
         distance, angle = pose_difference(goal, pose)
-        there = distance <= reached[0] and angle <= reached[1]
+        near = (PLAIN[0] * depth, PLAIN[1]) if reached is None else reached
+        there = distance <= near[0] and angle <= near[1]
         return cls(REACHED if there else MISSED, distance, angle)
 
 

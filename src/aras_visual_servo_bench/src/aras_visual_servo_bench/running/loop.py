@@ -215,7 +215,9 @@ class Loop:
 
     def verdict(self) -> Verdict:
         """What the physics says of the camera's place now, or of that about which it shakes."""
-        return Verdict.of(self.goal_pose(), self.plant.at_rest(), self.experiment.reached)
+        believed = self.parts.eyes[self.parts.rig.control.name].spec.believed
+        depth = self.parts.goal.distance / believed.depth
+        return Verdict.of(self.goal_pose(), self.plant.at_rest(), depth, self.experiment.reached)
 
     def result(self) -> Run:
         """What the run has come to, up to now."""

@@ -201,7 +201,7 @@ def pose_of_plane(places: np.ndarray, points: np.ndarray) -> np.ndarray:
     frame = np.column_stack([basis[0], basis[1], normal])
     U, _, Vt = np.linalg.svd(np.column_stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])]))
     R = U @ Vt @ frame.T  # no mirror: of such columns the determinant is above 0
-    return _refined(R, H[:, 2] - R @ middle, places, points)
+    return refine_pose(R, H[:, 2] - R @ middle, places, points)
 
 
 def _homography(flat: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -214,7 +214,7 @@ def _homography(flat: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.linalg.svd(A)[2][-1].reshape(3, 3)
 
 
-def _refined(
+def refine_pose(
     R: np.ndarray, t: np.ndarray, places: np.ndarray, points: np.ndarray
 ) -> np.ndarray:
     """c_T_g (4, 4) with the least squared distance in the image, from a near one."""

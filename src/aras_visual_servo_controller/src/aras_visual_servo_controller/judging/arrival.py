@@ -20,7 +20,9 @@ from aras_visual_servo_base.compiled import compiled
 from ..arm.algebra import least_squares, svd, task_finite
 from ..goals.goal import DEPTH
 from ..seeing.ring_buffer import RecentErrors
-from .left_open import BLIND, LeftOpen, Margin, Offsets, symmetric, view_difference
+from .left_open import BLIND, LeftOpen, Margin, Offsets, directions, symmetric
+from .other_poses import OtherPoses
+from .view_check import VIEWS, ViewCheck
 
 if TYPE_CHECKING:
     from ..arm.resolution import Resolution
@@ -29,10 +31,10 @@ if TYPE_CHECKING:
     from ..seeing.observation import Observation
 
 # Offset from the goal within which the camera counts as there, parts of the target's depth and rad:
-# somewhat less than 0.3 mm at 0.2 m and 0.3 degrees, as pictures are not exact either. In a
-# direction that changes the features little, their tolerances alone may be 6 mm (four points of a
-# plane that was turned by 40 degrees).
-ARRIVED = (1e-3, 3.5e-3)
+# so much less than PLAIN that it is not exceeded by what L may err (KNOWN). In a direction that
+# changes the features little, their tolerances alone may be 6 mm (four points of a plane that was
+# turned by 40 degrees).
+ARRIVED = (8e-4, 3.5e-3)
 STAYS = 1.5  # times tolerances and offset within which a camera that has arrived stays so
 DEVIATIONS = 2.0  # standard deviations of the mean within which it is taken as known
 # Errors may scatter about their mean by so many tolerances, rms: more is a motion, not noise.
@@ -44,13 +46,14 @@ FEW, LEAST = 5, 3
 # what may be noise) empties it: the linearisation by L does not hold so far from the goal.
 WINDOW, FAR = 120, 12.0
 AGAIN = 0.7  # part of the mean error from which on what it leaves open is worked out anew
-VIEWS = 3  # images that show another view in their mean, from which on it is believed
-CERTAIN = 3.0  # standard deviations of that mean by which it has to be another, besides
 # Standard deviations by which the latest image's offset may differ from the mean of those brought
 # to where the camera is: more, and its motion is not what kinematics say.
 ELSEWISE = 5.0
 STEPS = 8  # latest images, at least, whose steps tell how noisy they are
 TALL = 64  # rows of L from which on the normal equations are solved
+OFTEN = 8  # images of an arrival, each of which is compared with the goal; then every so many
+ALIKE = "the points look as at the goal from several poses"
+OTHER_VIEW = "every feature is at its goal, but the image is not the goal's"
 ROUNDING = 1e-9  # s; rad, and m at a depth of DEPTH
 
 
@@ -61,14 +64,14 @@ class Arrived:
     Attributes:
         reached: the camera is at its goal.
         short: why it is not, in words, where the features' tolerances alone would do; else empty.
-        other_view: every feature is the goal's, and leaves no direction and no symmetry open, and
-            yet the outline is that of another view.
+        elsewhere: why the camera is elsewhere although every feature is at its goal, as text; else
+            empty.
         open: what the arrival leaves open; None until the goal is reached.
     """
 
     reached: bool = False
     short: str = ""
-    other_view: bool = False
+    elsewhere: str = ""
     open: LeftOpen | None = None
 
 
@@ -81,7 +84,8 @@ class Arrival:
     def __init__(self, hold: float) -> None:
         """`hold`: s; 0: every image is judged by itself."""
         self.hold = float(hold)
-        self._errors, self._offsets, self._views = RecentErrors(), RecentErrors(), RecentErrors()
+        self._errors, self._offsets, self._views = RecentErrors(), RecentErrors(), ViewCheck()
+        self._poses: OtherPoses | None = None
         self.clear()
 
     def clear(self) -> None:
@@ -91,6 +95,8 @@ class Arrival:
         self._views.clear()
         self._reached = False
         self._margin: Margin | None = None
+        self._pose, self._alike = None, ()  # the other pose it is at, and those it may be at
+        self._elsewhere, self._unseen, self._images = "", np.zeros(6), 0
         self._size = 0.0  # of the mean error that it is of, in tolerances
 
     def add(
@@ -110,40 +116,93 @@ class Arrival:
         if len(self._errors) and self._errors.errors.shape[1] != len(error):
             self.clear()
         self._errors.add(observation.stamp, error)
-        self._note(decision, observation, tolerances)
+        free = None if decision.task is None else directions(
+            observation, goal, decision.task.modelled, resolution
+        )[1]  # fmt: skip
+        self._note(decision, observation, tolerances, free, goal.distance)
         settled, short = self._settled(observation.stamp, tolerances), ""
         offsets = None
         if settled and len(self._offsets):
             offsets, short = mean_offset(self._offsets.stamps, self._offsets.errors,
-                                         _seen(decision), len(self._errors), self._reached,
-                                         goal.distance)
-        self._reached = settled and not short
-        if not self._reached:
-            self._views.clear()
-            self._margin = None
+                                         _seen(decision, free, goal.distance), len(self._errors),
+                                         self._reached, goal.distance)
+        self._views.add(observation, goal)
+        if not settled or short:
+            if self._reached:
+                self._views.clear()
+            self._reached, self._margin = False, None
             return Arrived(short=short)
-        self._views.add(observation.stamp, _views(observation, goal))
-        self._views.drop(max(len(self._views) - WINDOW, 0))
+        if not self._reached:  # what was seen on the way is no view of the arrival
+            self._images = 0
+            self._views.keep(max(1 if offsets is None else offsets.count, VIEWS))
+        self._reached = True
         if offsets is None:
             way, turn = symmetric(decision.up_to, goal) if decision.up_to else (nan, nan)
-            left, whole = LeftOpen(way, turn, decision.up_to), not decision.up_to
-        else:
-            error = self._errors.errors.mean(axis=0)
-            size = float(np.linalg.norm(error / tolerances))
-            # The nearer the features are to their goals, the more exact they are.
-            if self._margin is None or size < AGAIN * self._size:
-                accuracy, self._size = scheme.accuracy(observation, goal), size
-                self._margin = Margin(decision, observation, goal, error, accuracy, resolution)
-            left = self._margin.left(observation, offsets)
-            whole = not (decision.up_to or self._margin.blind)
-        return Arrived(True, "", whole and self._elsewhere(), left)
+            return Arrived(True, open=LeftOpen(way, turn, decision.up_to))
+        return self._arrived(decision, observation, goal, scheme, resolution, offsets)
 
-    def _note(self, decision: Decision, observation: Observation, tolerances: np.ndarray) -> None:
+    def _arrived(
+        self,
+        decision: Decision,
+        observation: Observation,
+        goal: Goal,
+        scheme: Scheme | JointController,
+        resolution: Resolution | None,
+        offsets: Offsets,
+    ) -> Arrived:
+        """What an image leaves open that shows the camera at its goal."""
+        tolerances = np.asarray(scheme.tolerances, float)
+        errors = self._errors.errors
+        size = float(np.linalg.norm(errors.mean(axis=0) / tolerances))
+        self._images += 1
+        # The nearer the features are to their goals, the more exact they are.
+        if self._margin is None or size < AGAIN * self._size:
+            self._size = size
+            # Of the images that the offset is of: the accuracy is that of a camera so near.
+            latest = errors[-max(offsets.count, VIEWS) :]
+            self._margin = margin = Margin(
+                decision, observation, goal, latest.mean(axis=0),
+                scheme.accuracy(observation, goal), resolution,
+                latest.std(axis=0) / np.sqrt(len(latest)), offsets.scatter,
+            )  # fmt: skip
+            if self._poses is None or self._poses.goal is not goal:
+                self._poses = OtherPoses(goal)
+            self._pose, self._alike = self._poses.at(observation)
+            if decision.residual is None:  # what is judged are the features that L is of
+                L = decision.L / tolerances[:, None] / np.repeat((1.0, goal.distance), 3)
+                self._views.expect(observation, L, margin.covariance(offsets), goal.distance)
+        if self._images <= OFTEN or self._images % OFTEN == 0:
+            seen = self._offsets.errors[-len(self._views) :, :6].mean(axis=0)
+            self._compare(self._margin.known(observation, seen), decision.up_to)
+        left = self._margin.left(observation, offsets, self._unseen, self._alike)
+        return Arrived(True, "", self._elsewhere, left)
+
+    def _compare(self, known: np.ndarray, up_to: str) -> None:
+        """Where the camera is elsewhere than at its goal, as text, and what no feature sees.
+
+        known: (6,) its offset by features and kinematics, scaled.
+        """
+        place, self._unseen = self._views.place_differs(known)
+        self._elsewhere = ""
+        if self._pose is not None:
+            self._elsewhere = (
+                f"{ALIKE}: the camera is at the one {1e3 * self._pose.distance:.1f} mm and "
+                f"{np.degrees(self._pose.angle):.1f} degrees from its goal"
+            )
+        elif place:
+            self._elsewhere = f"{OTHER_VIEW}: {place}"
+        elif not self._margin.blind and self._views.shape_differs(bool(up_to)):
+            self._elsewhere = f"{OTHER_VIEW}: the target's outline has another shape"
+
+    def _note(
+        self, decision: Decision, observation: Observation, tolerances: np.ndarray,
+        free: np.ndarray | None, depth: float,
+    ) -> None:
         """Note where the camera is by this image, if it is near the goal and L tells it."""
         if _far(decision.error, tolerances):
             self._offsets.clear()
             return
-        offset = offset_of(decision)
+        offset = offset_of(decision, free, depth)
         if offset is None:
             self._offsets.clear()
             return
@@ -151,12 +210,6 @@ class Arrival:
         known = np.full(16, np.nan) if pose is None else np.ravel(pose)
         self._offsets.add(observation.stamp, np.concatenate([offset, known]))
         self._offsets.drop(max(len(self._offsets) - WINDOW, 0))
-
-    def _elsewhere(self) -> bool:
-        """Whether the outline is another than the goal's, beyond what noise makes of it."""
-        seen = self._views.errors
-        unknown = CERTAIN * seen.std(axis=0) / np.sqrt(len(seen))
-        return len(seen) >= VIEWS and bool((np.abs(seen.mean(axis=0)) > 1.0 + unknown).any())
 
     def _settled(self, stamp: float, tolerances: np.ndarray) -> bool:
         """Whether the mean error of the last `hold` seconds is within the tolerances (k,)."""
@@ -232,16 +285,6 @@ def speed(stamps: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
     return tuple(float(np.fmin(*pair)) / past for pair in zip(seen, moved, strict=True))
 
 
-def _views(observation: Observation, goal: Goal) -> np.ndarray:
-    """view_difference of each camera, (7 c,)."""
-    if not observation.others:
-        return view_difference(observation, goal)
-    return np.concatenate([
-        view_difference(view, goal.cameras.get(name, goal))
-        for name, view in observation.cameras.items()
-    ])  # fmt: skip
-
-
 def _noise(offsets: np.ndarray, depth: float = DEPTH) -> np.ndarray:
     """Standard deviation (6,) of offsets (m, 6), by their steps from image to image, or better by
     how these differ, which a slow motion changes little."""
@@ -251,27 +294,34 @@ def _noise(offsets: np.ndarray, depth: float = DEPTH) -> np.ndarray:
     return np.sqrt(variance) + ROUNDING * np.repeat((depth / DEPTH, 1.0), 3)
 
 
-def offset_of(decision: Decision) -> np.ndarray | None:
-    """L^+ e (6,), the camera's offset from the goal by one image, in the directions that the task
-    models; None where the decision has no L of its error."""
-    L, task = decision.L, decision.task
+def offset_of(decision: Decision, free: np.ndarray | None, depth: float) -> np.ndarray | None:
+    """L^+ e (6,), the camera's offset from the goal by one image, in the directions (f, 6) in which
+    the task moves it; None where the decision has no L of its error."""
+    L = decision.L
     error = decision.error if decision.residual is None else decision.residual
-    if L is None or task is None or np.shape(L) != (len(error), 6):
+    if L is None or free is None or np.shape(L) != (len(error), 6):
         return None
-    L, error, blind = np.where(task.modelled, L, 0.0), np.asarray(error, float), BLIND
+    L, error = np.asarray(L, float), np.asarray(error, float)
+    if not task_finite(L, error):
+        return None
+    scale = np.array((1.0, 1.0, 1.0, depth, depth, depth))
+    moved, blind = (L / scale) @ free.T, BLIND
     if len(L) > TALL:
-        L, error, blind = L.T @ L, L.T @ error, BLIND**2
-    return least_squares(L, error, blind) if task_finite(L, error) else None
+        moved, error, blind = moved.T @ moved, moved.T @ error, BLIND**2
+    return least_squares(moved, error, blind) @ free / scale
 
 
-def _seen(decision: Decision) -> np.ndarray:
-    """L^+ L (6, 6): the part of a camera's motion that the modelled columns of L see."""
-    L, blind = np.where(decision.task.modelled, decision.L, 0.0), BLIND
+def _seen(decision: Decision, free: np.ndarray, depth: float) -> np.ndarray:
+    """What a motion (6,) of the camera changes of its offset, (6, 6)."""
+    scale = np.repeat((1.0, depth), 3)
+    L = np.asarray(decision.L, float) / scale
+    moved, blind = L @ free.T, BLIND
     if len(L) > TALL:
-        L, blind = L.T @ L, BLIND**2
-    _, s, vt = svd(L)
-    vt = vt[s > blind * s[0]]
-    return vt.T @ vt
+        L, moved, blind = moved.T @ L, moved.T @ moved, BLIND**2
+    u, s, vt = svd(moved)
+    seen = s > blind * s[0]
+    inverse = vt[seen].T / s[seen] @ u[:, seen].T
+    return free.T @ inverse @ L * scale / scale[:, None]
 
 
 def _size(offset: Sequence[float]) -> tuple[float, float]:

@@ -392,11 +392,8 @@ def _by_camera(
 
 def _converged(arrived: Arrived) -> Outcome:
     """What an arrival is worth."""
-    if arrived.other_view:
-        return outcome(
-            "ambiguous", "every feature is the goal's, but the picture is not: another pose has "
-            "the same features",
-        )  # fmt: skip
+    if arrived.elsewhere:
+        return outcome("ambiguous", arrived.elsewhere)
     left = arrived.open
     kind = f"converged up to {left.up_to}" if left.up_to else "converged"
     return Outcome(kind, left.reason, left.mend, left.distance, left.angle)

@@ -10,6 +10,7 @@ Offsets are scaled here: the rotations by the target's depth, so that all six nu
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, nan, pi, radians, sin, sqrt
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,8 +18,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.poses import pose_difference, skew
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.moments import Moments
 
 from ..arm.held import held_at
 from ..goals.goal import DEPTH
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from ..goals.goal import Goal
     from ..schemes.base import Decision
     from ..seeing.observation import Observation
+    from .other_poses import OtherPose
 
 # Parts of the target's depth and rad: plain 'converged' leaves open no more, 0.3 mm at 0.2 m.
 PLAIN = (1.5e-3, radians(0.3))
@@ -35,8 +37,8 @@ PLAIN = (1.5e-3, radians(0.3))
 STILL = (5e-5, 1e-4)
 # s for which a camera may go on as before the last image: its answer takes time and is ramped.
 GOES_ON = 0.06
-# Times that an offset by L counts, its translation and its rotation: L's depth may be believed 0.6
-# of the true one, and the camera's mounting 8 degrees off.
+# Times that an offset by L counts where it is no noise, its translation and its rotation: L's depth
+# may be believed 0.6 of the true one, and the camera's mounting 8 degrees off.
 KNOWN = 1.7, 1.4
 # Times that the deviation of corners and pixels counts: their errors have longer tails than a
 # normal distribution. Without it 0.6 % of 1 581 converged runs were farther off.
@@ -50,16 +52,24 @@ BLIND = 1e-6  # part of L's greatest singular value below which a direction is n
 # Part of the depth (and rad) that an offset may be for L to hold; what is known less well counts as
 # a direction that nothing measures. A small plate is seen alike from two sides: 0.08 was 0.19.
 LINEAR = 0.05
+SCATTERED = 0.08  # of one image's offset, whose mean over images is known better
 # Of a direction that nothing measures: translation, times the (scaled) rotation, above which it is
 # no turn about an axis.
 STRAIGHT = 20.0
-# Central moments of second and third order, free of scale, by which two views count as different;
-# the first a part of the goal's greatest. Of converged runs with five cameras, noise among them,
-# they differ by 0.2 % and 6e-5; of the nearest pose that was found wrong, 18 degrees off, by 0.6 %
-# and 5e-4.
-SECOND, THIRD = 0.02, 2.5e-4
 MOST = 64  # numbers that are looked at for what no motion explains; more say so themselves
+# Part of L's greatest singular value below which features may be at their goals from another pose
+# nearby; and of the plane's greatest change, below which a motion does not turn it.
+WEAK, TURNS_PLANE = 0.05, 0.05
+NO_OFFSET, ALL = np.zeros(6), np.eye(6)
+CERTAIN = 3.0  # standard deviations beyond which an error is no noise
 LARGER = "a larger target, a shorter distance or a longer lens, or less noise"
+FEATURE = "add a feature for them, if the pose matters"
+BY_PLANE = (
+    "as kinematics have the target's plane elsewhere in the camera's frame than at the goal (it "
+    "lies elsewhere, or the camera is not as described, or another pose has the same features)"
+)
+LEVEL = "check the camera's calibration and where the goal has its target"
+POINTS = "a target of more points, farther apart, or not in one plane"
 
 
 @dataclass(frozen=True)
@@ -104,11 +114,14 @@ class Margin:
         error: np.ndarray,
         accuracy: np.ndarray | float | None,
         resolution: Resolution | None,
+        noise: np.ndarray | float = 0.0,
+        scatter: np.ndarray | None = None,
     ) -> None:
         """Of the image with which the goal was reached.
 
         Args:
-            error: (k,) mean of the last images.
+            error: (k,) mean of the last images. noise: (k,) standard deviations of that.
+            scatter: (6, 6) covariance of the offsets by single images, m and rad.
             accuracy: of what L's rows belong to, see Feature.accuracy.
             resolution: says what an arm of few joints can move; None: all six directions.
         """
@@ -119,19 +132,18 @@ class Margin:
         scale = self._scale = np.array([1.0] * 3 + [depth] * 3)
         L = np.asarray(decision.L, float) / scale
         if decision.residual is not None:
-            error = decision.residual
+            error, noise = decision.residual, 0.0
         if np.ndim(accuracy) == 0 and accuracy is not None:
             accuracy = accuracy * np.eye(len(L))
-        if accuracy is not None and len(error) <= MOST:
-            accuracy = accuracy * max(unexplained(L, error, accuracy), 1.0)
+        if len(error) <= MOST:
+            accuracy = _residual_accuracy(L, error, noise) if accuracy is None else (
+                accuracy * max(unexplained(L, error, accuracy, noise), 1.0)
+            )  # fmt: skip
         if len(L) > 6:  # the same least squares with six rows
             Q, L = np.linalg.qr(L)
             accuracy = None if accuracy is None else Q.T @ accuracy
-        self._few = resolution is not None and resolution.jacobian.shape[1] < 6
-        if self._few:
-            free = np.linalg.qr(scale[:, None] * resolution.jacobian)[0].T
-        else:
-            free = self._held(observation)[1]
+        self._resolution = resolution
+        free = directions(observation, goal, self._modelled, resolution)[1]
         u, s, vt = np.linalg.svd(L @ free.T)
         s = np.append(s, np.zeros(len(vt) - len(s)))
         seen = s > BLIND * s[0]
@@ -140,6 +152,10 @@ class Margin:
             spread = (u.T @ accuracy)[: len(s)]
             spread = np.vstack([spread, np.zeros((len(s) - len(spread), spread.shape[1]))])
             seen &= np.linalg.norm(spread, axis=1) <= LINEAR / Z_997 * depth * s
+        along = vt @ free
+        if scatter is not None:
+            variance = ((along * scale) @ scatter * (along * scale)).sum(axis=1)
+            seen &= np.sqrt(np.maximum(variance, 0.0)) <= SCATTERED * depth
         inverse = np.divide(1.0, s, out=np.zeros_like(s), where=seen)
         out = free.T @ vt.T * inverse  # (6, f): from rotated rows to offsets
         spread = out @ spread
@@ -147,17 +163,33 @@ class Margin:
         self._measured = 2.0 * TAILS**2 * spread @ spread.T
         rows = min(len(L), len(s))
         self._coupling = np.eye(6) - out[:, :rows] @ u.T[:rows] @ L
-        self._unseen = (vt @ free)[~seen]
+        self._unseen = along[~seen]
+        # A goal that was worked out is where its pose is. The target of one that this camera has
+        # shown may lie elsewhere by now: of it kinematics are asked for the plane's direction, in
+        # what features tell little.
+        self._shown = goal.camera is not None and goal.camera == observation.camera
+        self._by_kinematics: tuple[float, float] | None = None
+        self._doubtful = along[seen & (s < WEAK * s[0])] if self._shown else ALL
 
     @property
     def blind(self) -> bool:
         """Whether there are directions that nothing measures."""
         return len(self._unseen) > 0
 
-    def left(self, observation: Observation, offsets: Offsets) -> LeftOpen:
-        """What is left open as of an image."""
-        held = np.zeros(6) if self._few else self._held(observation)[0]
-        part = 1.0 / max(offsets.count - 1, 1) + self._lasting**2
+    def left(
+        self,
+        observation: Observation,
+        offsets: Offsets,
+        unseen: np.ndarray | None = None,
+        poses: Sequence[OtherPose] = (),
+    ) -> LeftOpen:
+        """What is left open as of an image.
+
+        Args:
+            unseen: (6,) motion that the view shows and no feature sees, scaled.
+            poses: of which nothing tells that the camera is not there.
+        """
+        held, part = self._held(observation), self._part(offsets)
         distance, angle = _bounds(
             offsets.mean, offsets.scatter, self._measured, part, self._coupling, held, self._scale
         )
@@ -168,27 +200,74 @@ class Margin:
         if count := len(self._unseen):
             words.append(f"{count} direction{'s' if count > 1 else ''}")
             reason = f"there are {count} motions of the camera that no feature sees, or too little"
-            mend = "add a feature for them, if the pose matters"
-        elif size := _in_words(distance, angle, self._depth):
-            words.append(size)
-            reason = (
-                f"by noise and the accuracy of the picture the camera may be {1e3 * distance:.2f} "
-                f"mm and {np.degrees(angle):.2f} degrees from its goal"
-            )
-            mend = LARGER
+            mend = FEATURE
+        else:
+            why, mend = "by noise and the accuracy of the picture", LARGER
+            if self._by_kinematics is None:  # once: the camera is at rest
+                known = self.known(observation, offsets.mean)
+                self._by_kinematics = self._by_plane(observation, known)
+            away, tilted = self._by_kinematics
+            if away > distance or tilted > angle:
+                away, tilted = pose_difference(
+                    self._goal.world_T_camera, observation.world_T_camera
+                )
+                distance, angle = distance + away, min(angle + tilted, pi)
+                why, mend = BY_PLANE, LEVEL
+            if unseen is not None and unseen.any():
+                distance += float(np.linalg.norm(unseen[:3]))
+                angle += float(np.linalg.norm(unseen[3:])) / self._depth
+                why, mend = "as the view differs by a motion that no feature sees", FEATURE
+            if poses:
+                distance += max(pose.distance for pose in poses)
+                angle = min(angle + max(pose.angle for pose in poses), pi)
+                why, mend = f"as its points look alike from {len(poses) + 1} poses", POINTS
+            if size := _in_words(distance, angle, self._depth):
+                words.append(size)
+                reason = (
+                    f"{why} the camera may be {1e3 * distance:.2f} mm and "
+                    f"{np.degrees(angle):.2f} degrees from its goal"
+                )
+            mend = mend if reason else ""
         if words:
             for way, turn in (self._anywhere(), self._round):
                 distance, angle = distance + way, min(angle + turn, pi)
         return LeftOpen(distance, angle, " and ".join(words), reason, mend)
 
-    def _held(self, observation: Observation) -> tuple[np.ndarray, np.ndarray]:
-        """The camera's offset (6,) along the held directions, by kinematics, and the other
-        directions (f, 6)."""
-        here, goal = observation.world_T_camera, self._goal.world_T_camera
-        if here is None or goal is None:
-            return np.zeros(6), np.eye(6)[self._modelled]
-        held, errors, free = held_at(here, goal, self._modelled, self._depth)
-        return -errors @ held, free
+    def known(self, observation: Observation, offset: np.ndarray) -> np.ndarray:
+        """(6,) the camera's offset from the goal by features (6,) and kinematics, scaled."""
+        return offset * self._scale + self._coupling @ self._held(observation)
+
+    def covariance(self, offsets: Offsets) -> np.ndarray:
+        """(6, 6) of that offset."""
+        scatter = self._scale[:, None] * offsets.scatter * self._scale
+        return self._part(offsets) * scatter + self._measured
+
+    def _by_plane(self, observation: Observation, known: np.ndarray) -> tuple[float, float]:
+        """m and rad that the camera is farther off by where kinematics have the target's plane,
+        than by features, (6,) scaled: along the doubtful directions.
+
+        A camera's motion v, w changes the plane p by (p . v) p + p x w, its normal n by n x w.
+        """
+        plane, pose = self._goal.plane, observation.world_T_camera
+        now = None if pose is None else self._goal.plane_from(pose)
+        if now is None or not len(self._doubtful):
+            return 0.0, 0.0
+        p, now = self._depth * np.array(plane), self._depth * np.array(now)
+        moves = np.outer(p, p)
+        if self._shown:
+            p, now, moves = p / np.linalg.norm(p), now / np.linalg.norm(now), np.zeros((3, 3))
+        changes = np.hstack([moves, skew(p)]) / self._depth
+        rest = now - p - changes @ known
+        by_motion = changes @ self._doubtful.T
+        motion = np.linalg.pinv(by_motion, TURNS_PLANE) @ rest @ self._doubtful
+        return float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:])) / self._depth
+
+    def _held(self, observation: Observation) -> np.ndarray:
+        return directions(observation, self._goal, self._modelled, self._resolution)[0]
+
+    def _part(self, offsets: Offsets) -> float:
+        """Part of one image's scatter that is left in the mean."""
+        return 1.0 / max(offsets.count - 1, 1) + self._lasting**2
 
     def _anywhere(self) -> tuple[float, float]:
         """m and rad that the camera may go along directions that nothing measures."""
@@ -200,13 +279,51 @@ class Margin:
         return 2.0 * way * self._depth / turn, pi  # round an axis
 
 
-def unexplained(L: np.ndarray, error: np.ndarray, accuracy: np.ndarray) -> float:
-    """How many times as large an error (k,) is, beside what a motion explains by L (k, 6), as the
-    accuracy (k, m) of goal and image lets expect; 0 of no more numbers than L has rank."""
+def directions(
+    observation: Observation, goal: Goal, modelled: np.ndarray, resolution: Resolution | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """The camera's offset (6,) from the goal along the directions that are held, by kinematics, and
+    the directions (f, 6) in which the task moves it, scaled; of an arm of few joints those that it
+    can move in."""
+    if resolution is not None and resolution.jacobian.shape[1] < 6:
+        scale = np.repeat((1.0, goal.distance), 3)
+        return np.zeros(6), np.linalg.qr(scale[:, None] * resolution.jacobian)[0].T
+    here, there = observation.world_T_camera, goal.world_T_camera
+    if modelled.all():
+        return NO_OFFSET, ALL
+    if here is None or there is None:
+        return NO_OFFSET, ALL[modelled]
+    held, errors, free = held_at(here, there, modelled, goal.distance)
+    return -errors @ held, free
+
+
+def _residual_accuracy(
+    L: np.ndarray, error: np.ndarray, noise: np.ndarray | float
+) -> np.ndarray | None:
+    """Accuracy (k, k) of features that declare none, by what no motion explains of their error (k,)
+    beyond its noise; None where L (k, 6) explains all."""
+    lengths = np.linalg.norm(L, axis=1)
+    weights = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+    u, s, _ = np.linalg.svd(weights[:, None] * L)
+    rest = u[:, int((s > BLIND * s[0]).sum()) :].T
+    if not len(rest):
+        return None
+    noise = CERTAIN * np.linalg.norm(rest * (weights * noise))
+    left = np.linalg.norm(rest @ (weights * error)) ** 2 - noise**2
+    return np.diag(lengths * sqrt(left / len(rest))) if left > 0.0 else None
+
+
+def unexplained(
+    L: np.ndarray, error: np.ndarray, accuracy: np.ndarray, noise: np.ndarray | float = 0.0
+) -> float:
+    """How many times as large an error (k,) is, beside what a motion explains by L (k, 6) and its
+    noise (k,), as the accuracy (k, m) of goal and image lets expect; 0 of no more numbers than L
+    has rank."""
     u, s, _ = np.linalg.svd(L)
     rest = u[:, int((s > BLIND * s[0]).sum()) :].T
-    expected = sqrt(2.0 * float(((rest @ accuracy) ** 2).sum()))
-    return float(np.linalg.norm(rest @ error)) / expected if expected > 0.0 else 0.0
+    expected = 2.0 * float(((rest @ accuracy) ** 2).sum())
+    found = float(((rest @ error) ** 2).sum() - ((rest * noise) ** 2).sum())
+    return sqrt(found / expected) if expected > 0.0 and found > 0.0 else 0.0
 
 
 @compiled("f8[:], f8[:,:]")
@@ -241,9 +358,17 @@ def _bounds(mean, scatter, measured, part, coupling, held, scale):
         coupling, held: (6, 6), (6,) of the held directions, scaled.
         scale: (6,).
     """
-    known, covariance = np.empty(6), np.empty((6, 6))
+    known, covariance, factors = np.empty(6), np.empty((6, 6)), np.empty(2)
+    for block in range(2):
+        square, noise = 0.0, 0.0
+        for i in range(3 * block, 3 * block + 3):
+            square += mean[i] ** 2
+            noise += part * scatter[i, i]
+        # Of an offset that is no more than noise nothing is to be made larger.
+        surely = 1.0 - noise / square if noise < square else 0.0
+        factors[block] = 1.0 + (KNOWN[block] - 1.0) * surely
     for i in range(6):
-        known[i] = KNOWN[i // 3] * mean[i] * scale[i]
+        known[i] = factors[i // 3] * mean[i] * scale[i]
         for j in range(6):
             known[i] += coupling[i, j] * held[j]
             covariance[i, j] = part * scale[i] * scale[j] * scatter[i, j] + measured[i, j]
@@ -267,26 +392,6 @@ def symmetric(up_to: str, goal: Goal) -> tuple[float, float]:
     normal = np.array(plane) / np.linalg.norm(plane)
     beside = float(np.linalg.norm(np.cross(place, normal)))
     return 2.0 * beside * sin(0.5 * turn), turn
-
-
-def view_difference(observation: Observation, goal: Goal) -> np.ndarray:
-    """How far the outline is from the goal's own (7,), by central moments of second and third
-    order, in the bounds of what is the same view; zeros where that cannot be told.
-
-    As many numbers as a camera has directions can be the same from several poses.
-    """
-    seen, wanted = observation.moments, goal.moments
-    if seen is None or wanted is None or seen.kind != wanted.kind or wanted.m00 <= 0.0:
-        return np.zeros(7)
-    second, third = (_shape(seen, order) - _shape(wanted, order) for order in (2, 3))
-    # Of squares: a mixed moment is smaller.
-    return np.append(second / (SECOND * _shape(wanted, 2).max()), third / THIRD)
-
-
-def _shape(moments: Moments, order: int) -> np.ndarray:
-    """Central moments (order + 1,), free of scale."""
-    scale = moments.m00 ** (1.0 + 0.5 * order)
-    return np.array([moments.mu(order - j, j) for j in range(order + 1)]) / scale
 
 
 def _plane(goal: Goal) -> Plane:

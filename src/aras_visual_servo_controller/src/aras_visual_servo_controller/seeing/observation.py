@@ -11,13 +11,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
+from math import hypot
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from aras_visual_servo_base.poses import logarithm, relative
-from aras_visual_servo_camera.contour import CORNER_ACCURACY, corners_of, outline_of
+from aras_visual_servo_camera.contour import CORNER_ACCURACY, fit_corners, outline_of
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
@@ -69,6 +70,8 @@ class Observation:
         contour: (n, 2) outline of the target, normalised, below a pixel exact.
         corners: (n, 2) of that outline, in its order, normalised.
         corner_accuracy: normalised length to which they are found, noise apart, rms; 0: exactly.
+        corner_deviation: the part of it that the scatter of the outline about its sides makes,
+            which shrinks with the distance from a goal shown by the same camera; 0: not known.
         corner_unshared: the part of it that a goal shown by the same camera does not share.
         corner_noise: standard deviation of noise in corners and contour, normalised, where their
             source declares it.
@@ -109,6 +112,7 @@ class Observation:
     contour: np.ndarray | None = None
     corners: np.ndarray | None = None
     corner_accuracy: float = 0.0
+    corner_deviation: float = 0.0
     corner_unshared: float = 0.0
     corner_noise: float = 0.0
     numbered: bool | None = None
@@ -348,8 +352,9 @@ class Observer:
                 contour = outline_of(image.grey, target, camera)
                 seen["contour"] = _frozen(contour)
                 if Need.CORNERS in needs:
-                    seen["corners"] = _frozen(corners_of(contour))
-                    seen["corner_accuracy"] = CORNER_ACCURACY / camera.K[0]
+                    corners, deviation = fit_corners(contour)
+                    seen["corners"], seen["corner_deviation"] = _frozen(corners), deviation
+                    seen["corner_accuracy"] = hypot(CORNER_ACCURACY / camera.K[0], deviation)
                     seen["numbered"] = False
             if Need.KERNEL in needs:
                 mask = self.pipeline.original_mask(image)

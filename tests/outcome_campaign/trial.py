@@ -113,7 +113,7 @@ def judged(trial: Trial, follow: bool) -> Judged:
         nothing = (np.nan,) * 4
         return Judged(trial.kind, trial.number, REFUSED, str(error), "", *nothing, right=False)
     found = Judged(
-        trial.kind, trial.number, outcome.kind, outcome.reason, outcome.mend,
+        trial.kind, trial.number, outcome.kind, outcome.reason, outcome.remedy,
         run.verdict.distance, run.verdict.angle, outcome.open_distance, outcome.open_angle,
         right=False,
     )

@@ -113,7 +113,7 @@ def test_target_lost_over_a_border(seed):
     assert outcome.kind == states[-1].outcome == "target_lost"
     assert f"over the {side} border" in outcome.reason
     assert f"lost at {when:.1f}"[:-1] in outcome.reason
-    assert outcome.mend
+    assert outcome.remedy
 
 
 def test_an_image_that_cannot_be_measured_for_long_is_a_target_lost():
@@ -131,7 +131,7 @@ def test_an_image_that_cannot_be_measured_for_long_is_a_target_lost():
     states = rig.run(1.0)
     outcome = rig.servo.outcome
     assert outcome.kind == "target_lost" and "9 points are seen" in outcome.reason
-    assert "since 0.5" in outcome.reason and outcome.mend
+    assert "since 0.5" in outcome.reason and outcome.remedy
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -145,7 +145,7 @@ def test_gain_too_high_with_its_frequency(seed):
     assert rig.servo.outcome.kind == "gain_too_high"
     words = rig.servo.outcome.reason
     assert 1.0 < float(words.split(" at ")[1].split(" Hz")[0]) < 8.0
-    assert "lower the gain" in rig.servo.outcome.mend
+    assert "lower the gain" in rig.servo.outcome.remedy
 
 
 @pytest.mark.parametrize(("focal", "seed"), [(0.7, 1), (1.4, 0)])
@@ -159,7 +159,7 @@ def test_a_wrong_focal_length(focal, seed):
     rig.look = look
     rig.run(4.0)
     assert rig.servo.outcome.kind == "wrong_camera_model"
-    assert rig.servo.outcome.mend
+    assert rig.servo.outcome.remedy
 
 
 @pytest.mark.parametrize(("focal", "side"), [(0.85, (-0.05, 0.06)), (1.15, (0.08, 0.0))])
@@ -278,7 +278,7 @@ def test_a_target_lost_on_the_way_to_a_goal_out_of_reach_is_the_goal_s_fault():
     assert states[5].outcome == "running"  # not told as long as the arm comes nearer
     outcome = rig.servo.outcome
     assert outcome.kind == "out_of_reach" and "on its way the target was lost: " in outcome.reason
-    assert "nearer" in outcome.mend
+    assert "nearer" in outcome.remedy
     short = the_servo("2016", goal=lifted(2.5)).diagnosis
     short.timed_out(3.0)
     assert short.outcome.kind == "out_of_reach"
@@ -351,7 +351,7 @@ def test_features_without_rank():
     rig.run(5.0)
     assert rig.servo.outcome.kind == "singular"
     assert "rank 1 of 2" in rig.servo.outcome.reason
-    assert rig.states[-1].mend == rig.servo.outcome.mend == ADVICE["singular"]
+    assert rig.states[-1].remedy == rig.servo.outcome.remedy == ADVICE["singular"]
 
 
 def test_a_local_minimum():
@@ -410,7 +410,7 @@ def test_a_target_that_moves_steadily_is_no_wrong_camera(scheme, interaction):
     rig.run(6.0)
     found = rig.servo.outcome
     assert found.kind == "target_moves", found
-    assert "Measured.rate" in found.mend and "calibrate" not in found.mend
+    assert "Measured.rate" in found.remedy and "calibrate" not in found.remedy
     if interaction == "current":
         said = float(found.reason.split(" at ")[1].split(" mm/s")[0])
         assert said == pytest.approx(17.0, rel=0.1)
@@ -434,7 +434,7 @@ def test_a_target_that_was_pushed_once_and_lies_still_again_does_not_move():
     rig = moving(Rig(the_servo("2016"), near(1)), lambda t: np.array([0.015, 0.0, 0.0]) * (t > 0.5))
     states = rig.run(6.0)
     assert not {"target_moves", "wrong_camera_model"} & {s.outcome for s in states}
-    assert states[-1].outcome == "converged" and not rig.servo.outcome.mend
+    assert states[-1].outcome == "converged" and not rig.servo.outcome.remedy
 
 
 def test_a_joint_that_stands_still_is_named():
@@ -443,7 +443,7 @@ def test_a_joint_that_stands_still_is_named():
     rig.run(5.0)
     found = rig.servo.outcome
     assert found.kind == "joints_do_not_follow", found
-    assert found.reason.startswith("J2 stays behind") and "controllers of J2:" in found.mend
+    assert found.reason.startswith("J2 stays behind") and "controllers of J2:" in found.remedy
 
 
 def one_camera(**known):
@@ -547,7 +547,8 @@ def test_held_is_an_outcome_of_its_own_until_start():
     rig.servo.hold("hold was called")
     rig.run(3.0)
     found = rig.servo.outcome
-    assert (found.kind, found.mend) == ("held", "call start") and "hold was called" in found.reason
+    assert (found.kind, found.remedy) == ("held", "call start")
+    assert "hold was called" in found.reason
     rig.servo.start()
     rig.run(0.3)
     assert rig.servo.outcome.kind == "running"
@@ -558,7 +559,7 @@ def test_joints_that_are_not_told_are_no_lost_target():
     rig.run(0.3)
     rig.servo.tick(rig.now, None, "no joint states for 0.30 s")
     found = rig.servo.outcome
-    assert found.kind == "no_joint_states" and "joint_state_controller" in found.mend
+    assert found.kind == "no_joint_states" and "joint_state_controller" in found.remedy
     rig.run(0.3)
     assert rig.servo.outcome.kind == "running"
 
@@ -577,7 +578,7 @@ def test_slow_swings_are_no_matter_of_time_or_a_higher_gain(delay, gain):
     rig = Rig(the_servo("2016", law=Proportional(gain), delay=delay, duration=8.0), near(1, 0.1))
     rig.run(8.2)
     found = rig.servo.outcome
-    assert found.kind == "gain_too_high" and found.mend.startswith("lower the gain"), found
+    assert found.kind == "gain_too_high" and found.remedy.startswith("lower the gain"), found
 
 
 def test_two_images_a_second_are_no_matter_of_a_higher_gain():
@@ -590,7 +591,7 @@ def test_two_images_a_second_are_no_matter_of_a_higher_gain():
 def test_each_outcome_has_one_piece_of_advice():
     quiet = {kind for kind, advice in ADVICE.items() if not advice}
     assert quiet == {"running", "converged"}
-    assert outcome("joints_do_not_follow", "", "J1 and J3").mend.startswith(
+    assert outcome("joints_do_not_follow", "", "J1 and J3").remedy.startswith(
         "look after the controllers of J1 and J3:"
     )
     assert "higher gain" not in "".join(a for kind, a in ADVICE.items() if kind != "timed_out")
@@ -694,8 +695,8 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
         return diagnosis.see(state, seen, goal, scheme)
 
     plain, other = arrived(""), arrived("the features move otherwise")
-    assert (plain.open_distance, plain.open_angle) == (1e-4, 2e-3) and not plain.mend
-    assert (other.open_distance, other.open_angle) == (2e-4, 4e-3) and "calibrate" in other.mend
+    assert (plain.open_distance, plain.open_angle) == (1e-4, 2e-3) and not plain.remedy
+    assert (other.open_distance, other.open_angle) == (2e-4, 4e-3) and "calibrate" in other.remedy
     assert other.reason.endswith("has shown it; yet the features move otherwise")
     # not where one of the cameras has no goal that it has shown
     assert arrived("it moves otherwise", others=["right"]).kind == "wrong_camera_model"

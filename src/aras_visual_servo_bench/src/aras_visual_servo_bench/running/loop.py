@@ -222,14 +222,14 @@ class Loop:
         if outcome.kind == STUCK and self._touched is not None:
             link, other = self._touched
             reason = f"{outcome.reason}: link '{link}' has run into '{other}'"
-            outcome = replace(outcome, reason=reason, mend=IN_THE_WAY.format(f"'{other}'"))
+            outcome = replace(outcome, reason=reason, remedy=IN_THE_WAY.format(f"'{other}'"))
         run = self._recorder.run(
             self.plant, self.experiment, self.parts,
             goal_pose=self.goal_pose(),
             joint_names=self.plant.joint_names,
             outcome=outcome.kind,
             reason=outcome.reason,
-            mend=outcome.mend,
+            remedy=outcome.remedy,
             verdict=self.verdict(),
             peak_speed=getattr(self.plant, "peak_speed", None),
             notes=[*self.parts.notes] + [

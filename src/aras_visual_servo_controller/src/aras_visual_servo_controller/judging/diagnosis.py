@@ -1,4 +1,4 @@
-"""What a run came to, why, and what would mend it: live from the states, and at its end.
+"""What a run came to, why, and its remedy: live from the states, and at its end.
 
 Asked in this order, and the first answer counts: has the camera gone far back, do the joints do
 what they are told, are images there, does the target move, does the camera's motion explain the
@@ -172,7 +172,7 @@ class Diagnosis:
             self._faults.append((state.stamp, state.reason))
         if not self._ended:
             found = self._judged(state, observation, goal, scheme, faulty)
-            # Stopped by the watchdog again and again: the images between do not mend it.
+            # Stopped by the watchdog again and again: the images between do not cure it.
             lately = state.stamp - self._starved_at < FORGOTTEN
             starved = found.kind == "running" and lately and self._starvings > 1
             self.outcome = self._starved if starved else found
@@ -247,7 +247,7 @@ class Diagnosis:
                 return found
             return replace(
                 found, reason=f"at the goal as this camera has shown it; yet {fault}",
-                mend=CALIBRATE, open_distance=MISTAKEN * found.open_distance,
+                remedy=CALIBRATE, open_distance=MISTAKEN * found.open_distance,
                 open_angle=min(MISTAKEN * found.open_angle, np.pi),
             )  # fmt: skip
         stalled = swings or self._progress.stalled(state)
@@ -263,7 +263,7 @@ class Diagnosis:
         nodes = listed(list(dict.fromkeys(self.foreign.values())))
         return replace(
             found, reason=f"{found.reason}: {foreign_text(self.foreign)}",
-            mend=f"end the commands of {nodes}; the loop then continues by itself",
+            remedy=f"end the commands of {nodes}; the loop then continues by itself",
         )  # fmt: skip
 
     def _strange(self, observation: Observation, goal: Goal) -> str:
@@ -399,4 +399,4 @@ def _converged(arrived: Arrived) -> Outcome:
         )  # fmt: skip
     left = arrived.open
     kind = f"converged up to {left.up_to}" if left.up_to else "converged"
-    return Outcome(kind, left.reason, left.mend, left.distance, left.angle)
+    return Outcome(kind, left.reason, left.remedy, left.distance, left.angle)

@@ -71,14 +71,14 @@ class LeftOpen:
             it may be anywhere along a direction, NaN where the scheme has no L to tell them by.
         up_to: the same in words, '180° and 0.6 mm' or '1 direction'; empty where it is next to
             nothing.
-        reason, mend: why, and what would narrow it.
+        reason, remedy: why, and what would narrow it.
     """
 
     distance: float = nan
     angle: float = nan
     up_to: str = ""
     reason: str = ""
-    mend: str = ""
+    remedy: str = ""
 
 
 class Offsets(NamedTuple):
@@ -164,22 +164,22 @@ class Margin:
         distance += STILL[0] * self._depth + GOES_ON * offsets.speed[0]
         angle = angle / self._depth + STILL[1] + GOES_ON * offsets.speed[1]
         words = [self._up_to] if self._up_to else []
-        reason = mend = ""
+        reason = remedy = ""
         if count := len(self._unseen):
             words.append(f"{count} direction{'s' if count > 1 else ''}")
             reason = f"there are {count} motions of the camera that no feature sees, or too little"
-            mend = "add a feature for them, if the pose matters"
+            remedy = "add a feature for them, if the pose matters"
         elif size := _in_words(distance, angle, self._depth):
             words.append(size)
             reason = (
                 f"by noise and the accuracy of the picture the camera may be {1e3 * distance:.2f} "
                 f"mm and {np.degrees(angle):.2f} degrees from its goal"
             )
-            mend = LARGER
+            remedy = LARGER
         if words:
             for way, turn in (self._anywhere(), self._round):
                 distance, angle = distance + way, min(angle + turn, pi)
-        return LeftOpen(distance, angle, " and ".join(words), reason, mend)
+        return LeftOpen(distance, angle, " and ".join(words), reason, remedy)
 
     def _held(self, observation: Observation) -> tuple[np.ndarray, np.ndarray]:
         """The camera's offset (6,) along the held directions, by kinematics, and the other

@@ -9,7 +9,7 @@ CALIBRATE = "calibrate the camera: K, D, and where it is mounted; see that it do
 
 DO_NOT_FOLLOW = "joints_do_not_follow"
 
-# Advice by kind of outcome; empty: there is nothing to mend. {joints} are those it is about.
+# Advice by kind of outcome; empty: there is nothing to change. {joints} are those it is about.
 ADVICE = {
     "running": "",
     "converged": "",
@@ -40,7 +40,7 @@ ADVICE = {
     "a start that is turned less",
     "out_of_reach": "choose a goal nearer to the arm",
     "saturation": "raise max_velocity or max_acceleration, or lower the gain",
-    "scheme_fault": "mend the scheme; its traceback is logged",
+    "scheme_fault": "correct the scheme; its traceback is logged",
     "too_noisy": "measure more exactly: a larger target, a shorter distance, more light, or other "
     "features",
     "no_progress": "begin nearer to the goal, or use another scheme or interaction matrix",
@@ -51,7 +51,7 @@ KINDS = tuple(ADVICE)
 
 @dataclass(frozen=True)
 class Outcome:
-    """One word for how it stands, the reason in words, and what would mend it.
+    """One word for how it stands, the reason in words, and the remedy.
 
     open_distance, open_angle: of a camera that has arrived, 99.7 % bounds on how far it is from its
     goal, m and rad; inf where it may be anywhere along a direction, NaN where nobody knows.
@@ -59,7 +59,7 @@ class Outcome:
 
     kind: str = "running"
     reason: str = ""
-    mend: str = ""
+    remedy: str = ""
     open_distance: float = nan
     open_angle: float = nan
 

@@ -426,7 +426,7 @@ class Driver:
                     self.servo.phase,
                     self.servo.outcome.kind,
                     command.reason,
-                    self.servo.outcome.mend,
+                    self.servo.outcome.remedy,
                     joints=joints,
                     command=self.servo.command,
                 )
@@ -454,4 +454,4 @@ class Driver:
         phase = HOLDING if self.servo.phase == HOLDING else WAITING
         reason = " and ".join(missing) + (f"; {words}" if (words := self._standing()) else "")
         outcome = self.servo.outcome
-        self._report(ServoState(now, phase, outcome.kind, reason, outcome.mend))
+        self._report(ServoState(now, phase, outcome.kind, reason, outcome.remedy))

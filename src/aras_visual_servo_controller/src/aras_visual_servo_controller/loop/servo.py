@@ -492,7 +492,7 @@ class Servo:
                     state.stamp, self.motion.late, self.motion.velocity, self._joints.velocities
                 )
             outcome = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty)
-            state = replace(state, outcome=outcome.kind, mend=outcome.mend)
+            state = replace(state, outcome=outcome.kind, remedy=outcome.remedy)
             if decision is not None and self.phase == SERVOING and (
                 self.settings.duration <= observation.stamp - self._began
             ):

@@ -160,7 +160,7 @@ class ServoState:
     Attributes:
         stamp: of the exposure, s.
         phase: one of PHASES.
-        outcome, reason, mend: what the loop knows of the run so far; see diagnosis.
+        outcome, reason, remedy: what the loop knows of the run so far; see diagnosis.
         scheme: its name; empty where the loop has not told it.
         decision: of the scheme; None where there is none.
         resolution: of the resolver for it: joint velocities, singular values of L J, and so on.
@@ -177,7 +177,7 @@ class ServoState:
     phase: str
     outcome: str = "running"
     reason: str = ""
-    mend: str = ""
+    remedy: str = ""
     decision: Decision | None = None
     resolution: Resolution | None = None
     joints: JointSample | None = None

@@ -14,7 +14,7 @@ from aras_visual_servo_controller.features import Feature, Measured, Stack
 from aras_visual_servo_controller.judging.arrival import Arrived
 from aras_visual_servo_controller.judging.diagnosis import Diagnosis, _by_camera, _shown
 from aras_visual_servo_controller.judging.left_open import LeftOpen
-from aras_visual_servo_controller.judging.outcomes import ADVICE, KINDS, outcome
+from aras_visual_servo_controller.judging.outcomes import KINDS, REMEDIES, outcome
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.loop.state import CONVERGED, ServoSettings
 from aras_visual_servo_controller.schemes import Composed
@@ -351,7 +351,7 @@ def test_features_without_rank():
     rig.run(5.0)
     assert rig.servo.outcome.kind == "singular"
     assert "rank 1 of 2" in rig.servo.outcome.reason
-    assert rig.states[-1].remedy == rig.servo.outcome.remedy == ADVICE["singular"]
+    assert rig.states[-1].remedy == rig.servo.outcome.remedy == REMEDIES["singular"]
 
 
 def test_a_local_minimum():
@@ -589,12 +589,12 @@ def test_two_images_a_second_are_no_matter_of_a_higher_gain():
 
 
 def test_each_outcome_has_one_piece_of_advice():
-    quiet = {kind for kind, advice in ADVICE.items() if not advice}
+    quiet = {kind for kind, advice in REMEDIES.items() if not advice}
     assert quiet == {"running", "converged"}
     assert outcome("joints_do_not_follow", "", "J1 and J3").remedy.startswith(
-        "look after the controllers of J1 and J3:"
+        "check the controllers of J1 and J3:"
     )
-    assert "higher gain" not in "".join(a for kind, a in ADVICE.items() if kind != "timed_out")
+    assert "higher gain" not in "".join(a for kind, a in REMEDIES.items() if kind != "timed_out")
 
 
 # -- the evidence by itself ----------------------------------------------------------------------

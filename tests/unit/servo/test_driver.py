@@ -15,7 +15,7 @@ from aras_visual_servo_base.stamp_pairing import ByStamp
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.judging.outcomes import ADVICE
+from aras_visual_servo_controller.judging.outcomes import REMEDIES
 from aras_visual_servo_controller.loop.driver import Driver
 from aras_visual_servo_controller.loop.motion import JUMP, JUMP_SPEEDS, jumped
 from aras_visual_servo_controller.loop.state import Source
@@ -183,7 +183,7 @@ def test_what_is_reported_between_images_says_the_remedy(gone):
     bench.step(120)
     told = [s for s in bench.states if not s.answers_image and s.outcome != "running"]
     kind = {"images": "too_few_images", "joints": "no_joint_states"}[gone]
-    assert told and {(s.outcome, s.remedy) for s in told} == {(kind, ADVICE[kind])}
+    assert told and {(s.outcome, s.remedy) for s in told} == {(kind, REMEDIES[kind])}
 
 
 def test_the_watchdog_says_what_it_waits_for_and_whom_to_ask():

@@ -4,6 +4,7 @@ moved where the camera's motion does not."""
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,62 @@ class _Row:
     drift: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Some rows after one another, n numbers in all, in tolerances.
+
+    moved: (n,) features. parts: (n, 6) by each direction of the camera, if it is as believed.
+    mixed: (n, 18) by each translation and rotation, if it is one along or about each axis.
+    drift: (n, 6) as of a row. stamps: (n,) s.
+    """
+
+    moved: np.ndarray
+    parts: np.ndarray
+    mixed: np.ndarray
+    drift: np.ndarray
+    stamps: np.ndarray
+
+    @classmethod
+    def of(cls, rows: Sequence[_Row], together: int) -> _Rows:
+        """Rows, each the sum of so many that follow one another."""
+        count = len(rows) // together * together
+        rows = list(rows)[len(rows) - count :]
+
+        def summed(values: list[np.ndarray]) -> np.ndarray:
+            whole = np.array(values)
+            whole = whole.reshape(-1, together, *whole.shape[1:]).sum(axis=1)
+            return whole.reshape(-1, *whole.shape[2:])
+
+        stamps = np.array([row.stamp for row in rows]).reshape(-1, together).mean(axis=1)
+        return cls(
+            summed([row.moved for row in rows]),
+            summed([row.L * row.motion for row in rows]),
+            summed([_mixed(row) for row in rows]),
+            summed([row.drift for row in rows]),
+            np.repeat(stamps, len(rows[0].moved)),
+        )
+
+    @property
+    def along(self) -> np.ndarray:
+        """(n,) by all translations of the camera."""
+        return self.parts[:, :3].sum(axis=1)
+
+    @property
+    def turned(self) -> np.ndarray:
+        """(n,) by all its rotations."""
+        return self.parts[:, 3:].sum(axis=1)
+
+    def depth(self) -> float:
+        """The factor of the translations that explains the features' motion best."""
+        along = self.along
+        square = float(along @ along)
+        return along @ (self.moved - self.turned) / square if square > 0.0 else 1.0
+
+    def still(self, depth: float) -> np.ndarray:
+        """(n,) of the features' motion that a target at rest leaves, with a factor of depth."""
+        return self.moved - self.turned - depth * self.along
+
+
 class TargetCheck:
     """Fits the features' motion by the camera's own and by the target's, over the last SPAN.
 
@@ -53,8 +110,11 @@ class TargetCheck:
     SPAN = 6.0  # s that are looked at
     LEAST, EVERY = 10, 5  # rows before anything is said, and between two looks
     NUMBERS = 60  # that the rows hold together, at least: 18 factors explain fewer of anything
+    # Rows that are added up where one alone shows no motion: a target at 1 mm/s moves by less than
+    # the tolerances within PERIOD. A sum has no more noise than a row. FEWER: its numbers, at least.
+    # LOUD: tolerances, rms, that the camera's motion has to leave in a row, or in a sum of rows.
+    TOGETHER, LOUD, FEWER = (1, 3, 6, 12), (0.3, 0.3, 0.3, 0.15), 12
     SWING = 2.5  # s of rows before a swing is looked for
-    LOUD = 0.3  # tolerances, rms, that the camera's motion has to leave in a row
     LEFT = 0.1  # part of that which the target's motion may leave, at most
     BETTER = 0.5  # part of what another camera leaves that it may leave, at most
     # The factor on the camera's translation that a wrong depth explains, at least. Where features
@@ -150,37 +210,39 @@ class TargetCheck:
             self._moves = self._judged()
 
     def _judged(self) -> str:
-        """How the target moves, in words; empty where it stands still."""
-        moved = np.concatenate([row.moved for row in self._rows])
-        parts = np.vstack([row.L * row.motion for row in self._rows])
-        along, turned = parts[:, :3].sum(axis=1), parts[:, 3:].sum(axis=1)
-        square = float(along @ along)
-        depth = along @ (moved - turned) / square if square > 0.0 else 1.0
-        still = moved - turned - max(depth, self.DEPTH) * along
-        left, count = float(still @ still), len(moved)
-        if count < self.NUMBERS or left < self.LOUD**2 * count:
-            return ""
+        """How the target moves, as text; empty where it is at rest."""
         if np.linalg.matrix_rank(self._rows[-1].L[:, :3]) < 2:
             return ""  # one direction alone has no place of a target
-        drift = np.vstack([row.drift for row in self._rows])
-        known = np.column_stack([along, drift])
+        for together, loud in zip(self.TOGETHER, self.LOUD, strict=True):
+            count = len(self._rows) // together * len(self._rows[-1].moved)
+            if count < (self.NUMBERS if together == 1 else self.FEWER):
+                return ""
+            rows = _Rows.of(self._rows, together)
+            depth = rows.depth()
+            still = rows.still(max(depth, self.DEPTH))
+            left = float(still @ still)
+            if left >= loud**2 * count:
+                return self._explanation(rows, depth, left)
+        return ""
+
+    def _explanation(self, rows: _Rows, depth: float, left: float) -> str:
+        """The motion of a target that explains the square `left`, as text; empty: none does."""
+        along, moved = rows.along, rows.moved - rows.turned
+        known = np.column_stack([along, rows.drift])
         mixed = np.inf
         if depth > self.DEPTH:
-            mixed = _left_by_camera(
-                np.vstack([_mixed(row) for row in self._rows]), moved, self.CAMERA
-            )
+            mixed = _left_by_camera(rows.mixed, rows.moved, self.CAMERA)
         bound = min(self.LEFT * left, self.BETTER * mixed)
         # Of the depth's factor what it has beyond 1: a camera that follows its target at one speed
         # moves nothing in the picture, and no factor of 0 is to explain that.
-        constant, velocity = _left(known[:, :4], moved - turned - along)
+        constant, velocity = _left(known[:, :4], moved - along)
         if constant < bound:
             return f"it moves at {1e3 * float(np.linalg.norm(velocity[1:])):.1f} mm/s"
         # Two numbers an image do not tell a turn from a translation.
-        known = known if count >= 6 * len(self._rows) else known[:, :4]
-        if _left(known, moved - turned)[0] < bound:
+        known = known if len(self._rows[-1].moved) >= 6 else known[:, :4]
+        if _left(known, moved)[0] < bound:
             return "it turns"
-        stamps = np.repeat([row.stamp for row in self._rows], [len(r.moved) for r in self._rows])
-        return self._swing(stamps - stamps[0], known, moved - turned, bound)
+        return self._swing(rows.stamps - rows.stamps[0], known, moved, bound)
 
     def _swing(
         self, time: np.ndarray, known: np.ndarray, moved: np.ndarray, bound: float

@@ -78,6 +78,14 @@ class Limits:
             array.setflags(write=False)
         return cls(arm.names, **values)
 
+    def narrowed(self, arm: Arm) -> dict[str, list[str]]:
+        """Names of the joints whose positions are limited more narrowly than the arm's own, by the
+        parameter that does so."""
+        return {
+            "lower": [n for n, a, b in zip(self.names, self.lower, arm.lower, strict=True) if a > b],
+            "upper": [n for n, a, b in zip(self.names, self.upper, arm.upper, strict=True) if a < b],
+        }
+
     def margins(self, q: np.ndarray) -> np.ndarray:
         """Distance (n,) of joints q to the nearer limit, rad or m; negative outside."""
         return np.minimum(q - self.lower, self.upper - q)

@@ -8,7 +8,7 @@ truth but its own: `outcome` is its word, a `verdict` only physics can give.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,15 +17,26 @@ from ..goals.goal import Goal
 from ..loop.state import CONVERGED, HOLDING, STOPPED, ServoSettings, ServoState
 from ..schemes.base import Decision, JointController, Scheme
 from ..seeing.observation import Observation
+from .advice import (
+    faster_joints,
+    is_own,
+    lower_gain,
+    other_scheme,
+    patience,
+    wider_limits,
+)
 from .arrival import Arrived
 from .camera_check import CameraCheck
 from .joint_check import JointCheck, foreign_text, listed
 from .oscillation import Oscillation
-from .outcomes import CALIBRATE, DO_NOT_FOLLOW, Outcome, outcome
+from .outcomes import CALIBRATE, DO_NOT_FOLLOW, NO_MOTION, UNCOVERED, Outcome, outcome
 from .progress_check import WINDOW, ProgressCheck
 from .shape_check import ShapeCheck
-from .target_check import TargetCheck
+from .step_check import StepCheck, distance_by_kinematics
+from .target_check import TargetCheck, centre_of
+from .views import by_camera, shown
 
+NONE: Mapping[str, Sequence[str]] = {}
 # s after which an interruption of the images is forgotten: they come well since.
 FORGOTTEN = 10.0
 # s for which a swing is not forgotten: one that was cut short, or the target lost by it.
@@ -33,8 +44,21 @@ SWINGS_ON = 1.0
 # Times as far as L says that a camera may be from its goal whose motion L does not explain.
 MISTAKEN = 2.0
 # Times as far as start and goal both from which on the camera has retreated, and images in a row
-# that have to show it: one may show a part of the target, or something else.
-RETREAT, IN_A_ROW = 3.0, 3
+# that have to show it: one may show a part of the target, or something else. Nearer than RETURNED
+# times it has come back.
+RETREAT, IN_A_ROW, RETURNED = 3.0, 3, 1.5
+# Part of the distance by the size in the image that the joints have to confirm.
+CONFIRMED = 0.6
+# What a scheme or the target, and not the camera, explains: outcomes that follow from it.
+FOLLOW = ("camera_retreat", "gain_too_high", "local_minimum", "no_progress", "too_noisy",
+          "ambiguous", "target_lost", "singular", "timed_out", "target_moves", "wrong_object",
+          "wrong_camera_model")  # fmt: skip
+# Correlation of the features' motion with L and the camera's from which on they go together, and
+# below which a scheme's feature moves against its L. Times as far as L says that features move
+# whose motion is compared so: a target moves them farther, or not at all where it is followed.
+# Times as far as an L is wrong; and the part of the last motion that is a target's.
+TOGETHER, AGAINST, FASTER, SLOWER, OWN = 0.5, -0.7, 2.0, 0.2, 0.5
+ALONG = 0.8  # the correlation of the target's centre with the camera of which it is sure
 
 
 class Diagnosis:
@@ -47,14 +71,16 @@ class Diagnosis:
         beyond: str = "",
         names: Sequence[str] = (),
         lengths: np.ndarray | float = 1.0,
+        narrowed: Mapping[str, Sequence[str]] = NONE,
     ) -> None:
         """Args:
             jacobian: (6, n) of the arm at joints (n,); None: there is no arm.
             beyond: why the arm cannot be where the goal was taught, where it cannot.
             names: of the n joints. lengths: see JointCheck.
+            narrowed: joints whose limits are narrower than the robot's own, by the parameter.
         """
         self.settings, self._jacobian, self._beyond = settings, jacobian, beyond
-        self._names, self._lengths = tuple(names), lengths
+        self._names, self._lengths, self._narrowed = tuple(names), lengths, narrowed
         self.foreign: dict[str, str] = {}  # other nodes that command joints now, by joint
         self.reset()
 
@@ -86,6 +112,8 @@ class Diagnosis:
         """A new run."""
         self._faults: list[tuple[float, str]] = []  # of images, with the scheme's fault
         self._images = 0
+        self._last: float | None = None  # stamp of the last image, s
+        self._gap = 0.0  # longest time without an image, s
         self.outcome = Outcome()
         self._progress = ProgressCheck()
         self._oscillation = Oscillation()
@@ -101,6 +129,10 @@ class Diagnosis:
         self._faster_than_targets = False  # the latest swing
         self._first = 0.0  # distance of the target at the first image, goal's distances
         self._far, self._retreated = 0, Outcome()
+        self._loss: Outcome | None = None  # why the target was lost last
+        self._steps = StepCheck()
+        self._scheme: Scheme | JointController | None = None
+        self._centre: StepCheck | None = None  # of the target itself, for a user's own scheme
 
     # -- events that are no image ------------------------------------------------------------
 
@@ -128,17 +160,23 @@ class Diagnosis:
         """The watchdog stopped the arm at t (s); period of the images before, s."""
         self._starvings = 1 if t - self._starved_at > FORGOTTEN else self._starvings + 1
         self._starved_at = t
-        self.outcome = self._starved = outcome(
+        gap = t - self._last if self._last is not None else 0.0
+        self._gap = max(self._gap, gap, period)
+        found = outcome(
             "too_few_images",
             f"no image came for longer than the watchdog's time, at {t:.2f} s"
             + (f" (before that one every {period:.3f} s)" if period > 0.0 else ""),
         )
+        if self._starvings > 1:
+            gain = getattr(getattr(self._scheme, "law", None), "gain", None)
+            found = replace(found, remedy=patience(self._gap, gain))
+        self.outcome = self._starved = found
 
     def timed_out(self, duration: float) -> None:
         """The time for the run is over; what was found before stays the outcome."""
         if self.outcome.kind == "running":
             last = f": {self.outcome.reason}" if self.outcome.reason else ""
-            found = self._unfinished(f"not at the goal after {duration:.1f} s{last}")
+            found = self._advised(self._unfinished(f"not at the goal after {duration:.1f} s{last}"))
             # An image without an answer interrupts the loop: the camera has to settle again.
             recent = self._faults and self._faults[-1][0] > (self._measured or 0.0) - (
                 self.settings.hold
@@ -151,9 +189,12 @@ class Diagnosis:
     def _unfinished(self, reason: str) -> Outcome:
         if self._beyond:
             return outcome("out_of_reach", self._beyond)
-        found = self._progress.unfinished(reason)
+        found = self._progress.unfinished(reason, self.settings.duration)
         if found.kind in ("no_progress", "timed_out") and self._oscillation.swings:
-            return outcome("gain_too_high", f"{reason}; the error swings about its goal")
+            return replace(
+                outcome("gain_too_high", f"{reason}; the error swings about its goal"),
+                remedy=lower_gain(self._scheme, None),
+            )
         return found
 
     # -- images --------------------------------------------------------------------------------
@@ -168,6 +209,11 @@ class Diagnosis:
     ) -> Outcome:
         """Take in the state of one image; answers the outcome as of now."""
         self._images += 1
+        if self._last is not None and self._starvings:
+            self._gap = max(self._gap, state.stamp - self._last)
+        self._last = state.stamp
+        if scheme is not self._scheme:
+            self._scheme, self._centre = scheme, StepCheck() if is_own(scheme) else None
         if faulty:
             self._faults.append((state.stamp, state.reason))
         if not self._ended:
@@ -189,6 +235,9 @@ class Diagnosis:
         if state.decision is None:
             self._progress.clear()
             self._target.interrupt()
+            self._steps.interrupt()
+            if self._centre is not None:
+                self._centre.interrupt()
             for check in self._cameras.values():
                 check.interrupt()
         if faulty:
@@ -201,24 +250,34 @@ class Diagnosis:
                 self._touched = f"{' and '.join(view.touches)} border{by}"
         self._follow_distance(state.stamp, observation, goal)
         if self._retreated.kind != "running" and state.phase != CONVERGED:
-            return self._retreated
+            fault = self._scheme_fault(state)
+            return outcome("scheme_fault", fault) if fault else self._advised(self._retreated)
         if self._joints.reason and state.phase != CONVERGED:
             return self._disobeying()
         if state.decision is None:
             return self._blind(state, observation)
         self._measured = state.stamp
+        self._loss = None
         if fault := self._strange(observation, goal):
-            return outcome("wrong_object", fault)
+            return self._other_target(state, observation, fault)
         tolerances = np.asarray(scheme.tolerances, float)
         error = self._progress.add(state, tolerances, goal.distance)
         viewed = getattr(scheme, "judges_camera", True)
+        own = self._centre is not None  # features whose L may be wrong say nothing of the target
         # What can wrap: an angle, or what may be one; a length cannot.
         angles = np.array([unit != "m" for unit in scheme.units] or [True] * len(tolerances))
-        moves = self._target.add(state.decision, observation, goal, tolerances, viewed, angles)
+        moves = self._target.add(
+            state.decision, observation, goal, tolerances, viewed and not own, angles
+        )
+        self._steps.add(state.decision, observation, goal, tolerances, angles)
+        if self._centre is not None:
+            self._follow_centre(state.decision, observation, goal)
+        if fault := self._scheme_fault(state):
+            return outcome("scheme_fault", fault)
         if moves:
             self._cameras.clear()  # what they saw was the target's doing
         elif viewed:
-            for name, part, tolerated, wrap in _by_camera(
+            for name, part, tolerated, wrap in by_camera(
                 state.decision, observation, tolerances, angles
             ):
                 check = self._cameras.get(name)
@@ -228,19 +287,21 @@ class Diagnosis:
         swings = self._swinging(state.stamp, error)
         fast = swings is not None and self._faster_than_targets
         if moves and state.phase != CONVERGED and not fast:
-            return outcome(
+            if self._target.another_camera and (fault := self._contrary()):
+                return self._mistaken(fault)
+            return self._covered(outcome(
                 "target_moves", "the features move as the camera's motion and a motion of the "
                 f"target's own say: {moves}",
-            )  # fmt: skip
+            ))  # fmt: skip
         # Between two images of a fast swing L is not what it is at either.
         fault = "" if fast else self._wrong_camera(observation)
         # A goal that this camera has shown is where its picture is the same, whatever is believed
         # of it; a goal that was worked out is not.
-        if fault and not (state.phase == CONVERGED and _shown(observation, goal)):
+        if fault and not (state.phase == CONVERGED and shown(observation, goal)):
             stalled = self._progress.stalled(state)
             if stalled.kind == "joint_limit":  # whatever else: past its limit no joint goes on
                 return replace(stalled, reason=f"{stalled.reason}; besides, {fault}")
-            return outcome("wrong_camera_model", fault)
+            return self._mistaken(fault)
         if state.phase == CONVERGED:
             found = _converged(state.arrived)
             if not fault or found.kind == "ambiguous":
@@ -253,13 +314,100 @@ class Diagnosis:
         stalled = swings or self._progress.stalled(state)
         if self._beyond and stalled.kind != "running":
             return outcome("out_of_reach", self._beyond)
-        return stalled
+        return self._advised(stalled)
+
+    def _other_target(self, state: ServoState, observation: Observation, fault: str) -> Outcome:
+        """The outcome where what is visible has another shape than the goal's target: a camera that
+        was driven astray sees it like that too."""
+        if found := self._scheme_fault(state):
+            return outcome("scheme_fault", found)
+        if found := self._wrong_camera(observation):
+            return self._mistaken(found)
+        return self._covered(outcome("wrong_object", fault))
+
+    def _mistaken(self, fault: str) -> Outcome:
+        """The outcome of features that do not move as L and the camera say."""
+        if self._l_is_wrong:
+            return outcome(
+                "scheme_fault", f"{fault}, and the target's centre moves as they say: L is not "
+                "that of the scheme's features",
+            )  # fmt: skip
+        return self._covered(outcome("wrong_camera_model", fault))
+
+    def _scheme_fault(self, state: ServoState) -> str:
+        """What the scheme does that no image can, as text; empty: nothing."""
+        if self._steps.unchanged is not None and state.phase != CONVERGED:
+            return (
+                f"the scheme's features have been the same since {self._steps.unchanged:.2f} s, "
+                "though the camera moves and the target in the image with it"
+            )
+        if state.phase != CONVERGED and self._steps.jumping(state.stamp):
+            return f"the features jump again and again, the target does not: {self._jumped}"
+        against = self._steps.contrary
+        if against is not None and self._l_is_wrong and (against < AGAINST).any():
+            names = listed([n for n, part in zip(self._steps.names, against, strict=True)
+                            if part < AGAINST])  # fmt: skip
+            return f"{names} moves against what the scheme's L says; is the sign of L right?"
+        return ""
+
+    def _follow_centre(self, decision: Decision, observation: Observation, goal: Goal) -> None:
+        """Follow the target's own centre, whose L is known, beside a user's own features."""
+        centre, L, _ = centre_of(observation, goal)
+        count = len(centre)
+        own = replace(
+            decision, names=("x", "y")[:count], features=centre, desired=centre, error=centre, L=L,
+            rate=0.0,
+        )  # fmt: skip
+        self._centre.add(own, observation, goal, np.full(count, TargetCheck.TOLERANCE),
+                         np.zeros(count, bool))  # fmt: skip
+
+    @property
+    def _l_is_wrong(self) -> bool:
+        """Whether the target's centre moves as the camera says, so that a contradiction of a
+        user's own features is their L's fault."""
+        centre = self._centre
+        return centre is not None and centre.moved and centre.together > ALONG
+
+    @property
+    def _jumped(self) -> str:
+        """The first jump of the error, as text; empty: there was none."""
+        jump = self._steps.first_jump
+        return "" if jump is None else str(jump)
+
+    def _covered(self, found: Outcome) -> Outcome:
+        """The outcome where something covers the target: of that, if it can follow from it."""
+        steps = self._steps
+        if steps.covered is None or found.kind not in FOLLOW:
+            return found
+        return outcome(
+            "wrong_object", f"since {steps.covered:.2f} s something covers the target, of which "
+            f"{100.0 * steps.visible:.0f} % is visible; {found.reason}",
+        ).with_remedy(UNCOVERED)
+
+    def _narrowed_by(self, reason: str) -> list[str]:
+        """The parameters that narrow the limits of the joints which a reason names."""
+        return sorted({key for key, names in self._narrowed.items()
+                       if any(name in reason for name in names)})  # fmt: skip
+
+    def _advised(self, found: Outcome) -> Outcome:
+        """The outcome of a run that does not come to its goal, with what is known besides."""
+        if found.kind in ("camera_retreat", "local_minimum", "singular"):
+            found = replace(found, remedy=other_scheme(found, self._scheme))
+        if found.kind == "joint_limit" and (keys := self._narrowed_by(found.reason)):
+            found = replace(found, remedy=wider_limits(keys))
+        if found.kind in FOLLOW and (fault := self._contrary()):
+            kind = "scheme_fault" if self._l_is_wrong else "wrong_camera_model"
+            return outcome(kind, f"{fault}; {found.reason}")
+        jumped = self._jumped
+        if jumped and found.kind in FOLLOW and jumped not in found.reason:
+            found = replace(found, reason=f"{found.reason}; {jumped}")
+        return self._covered(found)
 
     def _disobeying(self) -> Outcome:
         """The outcome of joints that do not follow: another node may command them."""
         found = outcome(DO_NOT_FOLLOW, self._joints.reason, self._joints.joints)
         if not self.foreign:
-            return found
+            return replace(found, remedy=faster_joints(found.remedy)) if self._joints.slow else found
         nodes = listed(list(dict.fromkeys(self.foreign.values())))
         return replace(
             found, reason=f"{found.reason}: {foreign_text(self.foreign)}",
@@ -291,7 +439,13 @@ class Diagnosis:
             return
         distance = float(np.sqrt(wanted.m00 / seen.m00))
         self._first = self._first or distance
-        self._far = self._far + 1 if distance > RETREAT * max(self._first, 1.0) else 0
+        far = distance > RETREAT * max(self._first, 1.0)
+        if far and goal.world_T_camera is not None and observation.world_T_camera is not None:
+            by_joints = distance_by_kinematics(observation.world_T_camera, goal)
+            far = by_joints > CONFIRMED * distance
+        self._far = self._far + 1 if far else 0
+        if distance < RETURNED * max(self._first, 1.0):
+            self._retreated = Outcome()
         if self._retreated.kind == "running" and self._far == IN_A_ROW:
             words = f"the camera went back to {distance:.1f} times its goal's distance"
             self._retreated = outcome("camera_retreat", f"{words} from the target")
@@ -304,10 +458,10 @@ class Diagnosis:
         frequency = self._oscillation.add(stamp, error)
         if frequency is not None:
             self._faster_than_targets = frequency > TargetCheck.FASTEST
-            self._swung = stamp, outcome(
+            self._swung = stamp, replace(outcome(
                 "gain_too_high",
                 f"the error oscillates at {frequency:.2f} Hz and does not die away",
-            )
+            ), remedy=lower_gain(self._scheme, frequency))
         return self._swung[1] if self._swung_lately(stamp) else None
 
     def _swung_lately(self, stamp: float) -> bool:
@@ -326,9 +480,10 @@ class Diagnosis:
         # However long ago: what was swinging when it was lost, was lost by that.
         if self._measured is not None and self._swung_lately(self._measured):
             return self._swung[1]
-        if self.outcome.kind in ("target_lost", "wrong_object"):
-            return self.outcome
-        return self._lost(state)
+        if self._loss is None:
+            seen_wrong = self._outcome.kind == "wrong_object"
+            self._loss = self._outcome if seen_wrong else self._lost(state, observation)
+        return self._loss
 
     def _unanswered(self, state: ServoState) -> Outcome:
         """Of an image in which the target is seen and the scheme finds no answer."""
@@ -336,59 +491,49 @@ class Diagnosis:
             self._measured = state.stamp
         if state.stamp - self._measured < WINDOW:
             return Outcome("running", state.reason)
-        return outcome(
+        return self._advised(outcome(
             "target_lost", f"no measurement since {self._measured:.2f} s: {state.reason}"
-        )
+        ))  # fmt: skip
 
-    def _lost(self, state: ServoState) -> Outcome:
+    def _lost(self, state: ServoState, observation: Observation) -> Outcome:
+        """Why the target was lost: by a fault of which the loss follows, or of its own."""
+        at = f"the target was lost at {state.stamp:.2f} s: {state.reason}"
         if self._beyond:
-            return outcome(
-                "out_of_reach", f"{self._beyond}; on its way the target was lost: {state.reason}"
-            )
+            return outcome("out_of_reach", f"{self._beyond}; before it came there {at}")
+        if fault := self._scheme_fault(state):
+            return outcome("scheme_fault", f"{fault}; {at}")
+        if fault := self._wrong_camera(observation) or self._contrary():
+            kind = "scheme_fault" if self._l_is_wrong else "wrong_camera_model"
+            return outcome(kind, f"{fault}; {at}")
         if self._oscillation.grows:
-            return outcome(
+            return replace(outcome(
                 "gain_too_high", "the error went to and fro, farther each time, until the target "
                 f"was lost at {state.stamp:.2f} s",
-            )  # fmt: skip
+            ), remedy=lower_gain(self._scheme, None))  # fmt: skip
         over = f" over the {self._touched}" if self._touched else ""
-        return outcome(
+        found = outcome(
             "target_lost", f"target lost at {state.stamp:.2f} s{over}: {state.reason}"
         )
+        if self._steps.covered is not None:
+            return self._covered(found)
+        if self._steps.own > OWN:
+            found = replace(found, reason=f"{found.reason}; the features moved otherwise than the "
+                            "camera: the target moved", remedy=NO_MOTION)  # fmt: skip
+        elif not self._touched and self._measured is not None:
+            found = replace(found, reason=f"{found.reason}; it was inside of the image before",
+                            remedy=UNCOVERED)  # fmt: skip
+        return self._advised(found)
 
-
-def _shown(observation: Observation, goal: Goal) -> bool:
-    """Whether each camera is the one that has shown its goal."""
-    goals = goal.cameras
-    return all(name in goals and goals[name].camera == view.camera
-               for name, view in observation.cameras.items())  # fmt: skip
-
-
-def _by_camera(
-    decision: Decision, observation: Observation, tolerances: np.ndarray,
-    angles: np.ndarray | None = None,
-) -> Iterator[tuple[str, Decision, np.ndarray, np.ndarray]]:
-    """Name of each camera, its part of the decision, the tolerances of that, and what may wrap
-    (None: every component).
-
-    Of a scheme of several cameras, features of one are called 'camera.feature'; the others have no
-    camera's name: they may be of all.
-    """
-    if not observation.others:
-        yield observation.name, decision, tolerances, angles
-        return
-    L, count = decision.L, len(decision.names)
-    if np.shape(L) != (count, 6):
-        return
-    rows: dict[str, list[int]] = {}
-    for i, name in enumerate(decision.names):
-        camera = name.partition(".")[0]
-        rows.setdefault(camera if camera in observation.cameras else "", []).append(i)
-    rate = np.broadcast_to(decision.rate, count)
-    for camera, at in rows.items():
-        yield camera, replace(decision, error=decision.error[at], L=L[at], rate=rate[at]), (
-            tolerances[at]
-        ), None if angles is None else angles[at]
-
+    def _contrary(self) -> str:
+        """How the features moved otherwise than L says all along, as text; empty: they did not."""
+        steps, words = self._steps, "the features move otherwise than L and the arm's motion say"
+        if not steps.moved:
+            return ""
+        if 1.0 / FASTER < steps.faster < FASTER and steps.together < TOGETHER:
+            return f"{words}: their correlation is {steps.together:.2f}"
+        if self._l_is_wrong and steps.faster < SLOWER:
+            return f"{words}: {steps.faster:.2g} times as far"
+        return ""
 
 def _converged(arrived: Arrived) -> Outcome:
     """What an arrival is worth."""

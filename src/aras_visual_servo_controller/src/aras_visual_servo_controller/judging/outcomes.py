@@ -47,7 +47,9 @@ REMEDIES = {
         "lower the gain, or the delay between image and command; mount a camera firmly that shakes",
         multiply("gain", 0.3),
     ),
-    "joint_limit": Remedy("choose another posture to start from, or a goal away from the limit"),
+    "joint_limit": Remedy(
+        "choose another posture to start from, or a goal away from the limit", CLOSER
+    ),
     "singular": Remedy(
         "use other features or more of them, another posture, or a goal away from where a "
         "direction of the camera is lost", set_to("scheme", "moments"),
@@ -100,6 +102,4 @@ class Outcome:
 def outcome(kind: str, reason: str = "", joints: str = "") -> Outcome:
     """The outcome of a kind, with its remedy; `joints`: names of those that it is about."""
     remedy = REMEDIES[kind]
-    if joints:
-        remedy = Remedy(remedy.format(joints=joints), *())
-    return Outcome(kind, reason, remedy)
+    return Outcome(kind, reason, Remedy(remedy.format(joints=joints)) if joints else remedy)

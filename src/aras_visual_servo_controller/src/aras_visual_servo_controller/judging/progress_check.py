@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from ..goals.goal import DEPTH
 from ..loop.state import SERVOING, ServoState
+from .advice import larger_target, more_time, patience
 from .outcomes import Outcome, outcome
 
 if TYPE_CHECKING:
@@ -128,29 +129,36 @@ class ProgressCheck:
                 return found
         return Outcome("running", state.reason or "the error does not shrink")
 
-    def unfinished(self, reason: str) -> Outcome:
-        """What a run is whose time is over, by its last images; `reason`: as known so far."""
+    def unfinished(self, reason: str, duration: float = WINDOW) -> Outcome:
+        """What a run is whose time, `duration` s, is over, by its last images; `reason`: as known
+        so far."""
         if self.period > SELDOM:
-            return outcome(
+            return replace(outcome(
                 "too_few_images", f"{reason}; images came every {self.period:.2f} s only"
-            )
+            ), remedy=patience(self.period, None))  # fmt: skip
         seen = list(self._seen)
-        for cause in (_limit, _rank, _reach, _saturation):
+        for cause in (_limit, _rank, _reach):
             if (found := cause(seen)) is not None:
                 return found
-        if (dropped := next((s.state.dropped for s in reversed(seen) if s.state.dropped), "")):
-            return outcome("too_noisy", f"{reason}; {dropped}" if dropped not in reason else reason)
-        if (noise := _noise(seen)) > 0.0:
-            return outcome(
-                "too_noisy", f"{reason}; from image to image the error scatters by {noise:.1f} "
-                "times its tolerance",
-            )  # fmt: skip
         before, after = (
             np.mean([s.size for s in part]) if part else 0.0
             for part in (seen[: len(seen) // 2], seen[len(seen) // 2 :])
         )
+        if (found := _saturation(seen)) is not None:
+            rate = (before - after) / (0.5 * WINDOW)
+            return replace(found, remedy=more_time(duration, float(after), float(rate), True))
+        if (dropped := next((s.state.dropped for s in reversed(seen) if s.state.dropped), "")):
+            return outcome("too_noisy", f"{reason}; {dropped}" if dropped not in reason else reason)
+        if (noise := _noise(seen)) > 0.0:
+            return replace(outcome(
+                "too_noisy", f"{reason}; from image to image the error scatters by {noise:.1f} "
+                "times its tolerance",
+            ), remedy=larger_target(noise))  # fmt: skip
         if self.shrinks or after < SLOWLY * before:
-            return outcome("timed_out", reason)
+            rate = float(np.log(max(before, 1e-9) / max(after, 1e-9))) / (0.5 * WINDOW)
+            return replace(
+                outcome("timed_out", reason), remedy=more_time(duration, float(after), rate)
+            )
         if "does not shrink" not in reason:
             reason = f"{reason}; the error does not shrink"
         return outcome("no_progress", reason)

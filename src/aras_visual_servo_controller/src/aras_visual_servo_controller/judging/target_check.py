@@ -111,7 +111,7 @@ class TargetCheck:
     LEAST, EVERY = 10, 5  # rows before anything is said, and between two looks
     NUMBERS = 60  # that the rows hold together, at least: 18 factors explain fewer of anything
     # Rows that are added up where one alone shows no motion: a target at 1 mm/s moves by less than
-    # the tolerances within PERIOD. A sum has no more noise than a row. FEWER: its numbers, at least.
+    # the tolerances within PERIOD. A sum has no more noise than a row. FEWER: its numbers.
     # LOUD: tolerances, rms, that the camera's motion has to leave in a row, or in a sum of rows.
     TOGETHER, LOUD, FEWER = (1, 3, 6, 12), (0.3, 0.3, 0.3, 0.15), 12
     SWING = 2.5  # s of rows before a swing is looked for
@@ -120,13 +120,18 @@ class TargetCheck:
     # The factor on the camera's translation that a wrong depth explains, at least. Where features
     # move less than that, no camera explains it: it is the target that the camera follows.
     DEPTH = 0.3
+    # Part of the square by which the camera would move the features that they do move at least
+    # where another camera is looked for all the same: one that flies elsewhere than it is believed.
+    ASTRAY = 0.2
     # The same of a camera, along and about each direction: half as far is another focal length, or
     # a mounting 60 degrees off.
     CAMERA = 0.5
+    AS_WELL = 0.02  # part that another camera leaves at most that explains all as well
     FASTEST = 1.5  # Hz of a swing that is looked for
     TOLERANCE = 1e-3  # of the target's centre, normalised, where the scheme has no L of its view
 
     def __init__(self) -> None:
+        self.another_camera = False  # whether at the last look another camera explained all as well
         self._rows: deque[_Row] = deque()
         self._place = np.zeros(3)  # m, world axes: of the velocity of a target's twist
         self._new = 0
@@ -158,7 +163,7 @@ class TargetCheck:
         """
         error, L, rate = decision.error, decision.L, decision.rate
         if not viewed or np.shape(L) != (len(error), 6):
-            error, L, rate = _centre(observation, goal)
+            error, L, rate = centre_of(observation, goal)
             tolerances, angles = np.full(len(error), self.TOLERANCE), None
         angles = np.ones(len(error), bool) if angles is None else angles
         rate = np.array(rate, float, ndmin=1)
@@ -230,8 +235,10 @@ class TargetCheck:
         along, moved = rows.along, rows.moved - rows.turned
         known = np.column_stack([along, rows.drift])
         mixed = np.inf
-        if depth > self.DEPTH:
+        part = float(moved @ moved) / max(float(along @ along), 1e-12)
+        if depth > self.DEPTH or self.ASTRAY < part < 1.0 / self.ASTRAY:
             mixed = _left_by_camera(rows.mixed, rows.moved, self.CAMERA)
+        self.another_camera = mixed < self.AS_WELL * left
         bound = min(self.LEFT * left, self.BETTER * mixed)
         # Of the depth's factor what it has beyond 1: a camera that follows its target at one speed
         # moves nothing in the picture, and no factor of 0 is to explain that.
@@ -268,7 +275,7 @@ class TargetCheck:
         return f"it swings at {found:.2f} Hz" if least < bound else ""
 
 
-def _centre(observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarray, float]:
+def centre_of(observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarray, float]:
     """The target's centre (2,) normalised, its L (2, 6), and its rate, by its moments; (0,), (0, 6)
     where they are not known."""
     seen, wanted = observation.moments, goal.moments

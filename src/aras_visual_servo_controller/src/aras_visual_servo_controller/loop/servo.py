@@ -110,7 +110,10 @@ class Servo:
         self._arrival = Arrival(self.settings.hold)
         self.beyond = self.goal.beyond(arm)
         lengths = np.where(arm.prismatic, resolver.settings.slide, 1.0)
-        self.diagnosis = Diagnosis(self.settings, arm.jacobian, self.beyond, arm.names, lengths)
+        narrowed = resolver.limits.narrowed(arm)
+        self.diagnosis = Diagnosis(
+            self.settings, arm.jacobian, self.beyond, arm.names, lengths, narrowed
+        )
         self.reset()
 
     # -- what the loop is told -------------------------------------------------------------

@@ -195,8 +195,10 @@ def test_the_watchdog_says_what_it_waits_for_and_whom_to_ask():
     words = bench.servo.reason.split(" for ")
     assert words[0] == "no features on /aras_visual_servo/camera/moments"
     assert words[1][4:] == " s (is the camera node running?)" and float(words[1][:4]) < 0.25
-    told = [state for state in bench.states if state.reason == bench.servo.reason]
-    assert told[-1].remedy == bench.servo.outcome.remedy != bench.servo.reason
+    found = bench.servo.outcome
+    told = [state for state in bench.states if state.reason.endswith(bench.servo.reason)]
+    assert told[-1].reason.startswith(f"{found.reason}; now: ")
+    assert told[-1].remedy == found.remedy and "camera runs" in found.remedy
 
 
 @pytest.mark.parametrize("standing", [True, False])

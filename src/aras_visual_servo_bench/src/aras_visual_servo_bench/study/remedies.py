@@ -24,16 +24,21 @@ SIZE = 0.2  # m, of a named shape that has no size of its own
 
 
 def apply_remedy(experiment: Experiment, remedy: Remedy) -> Experiment:
-    """The experiment with the changes of its run's remedy.
+    """The experiment with the changes of its run's remedy; of several, those that it can take.
 
     Raises:
-        ExperimentError: the remedy has no changes, or one that this experiment cannot take.
+        ExperimentError: the remedy has no changes, or none that this experiment can take.
     """
-    if not remedy.changes:
-        raise ExperimentError(f"the remedy changes no setting: '{remedy}'")
+    refused = [f"the remedy changes no setting: '{remedy}'"]
+    changed = experiment
     for change in remedy.changes:
-        experiment = _changed(experiment, change)
-    return experiment
+        try:
+            changed = _changed(changed, change)
+        except ExperimentError as error:
+            refused.append(str(error))
+    if changed is experiment:
+        raise ExperimentError(refused[-1])
+    return changed
 
 
 def _changed(experiment: Experiment, change: Change) -> Experiment:

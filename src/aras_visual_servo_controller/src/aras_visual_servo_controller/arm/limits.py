@@ -81,9 +81,10 @@ class Limits:
     def narrowed(self, arm: Arm) -> dict[str, list[str]]:
         """Names of the joints whose positions are limited more narrowly than the arm's own, by the
         parameter that does so."""
+        narrower = {"lower": self.lower > arm.lower, "upper": self.upper < arm.upper}
         return {
-            "lower": [n for n, a, b in zip(self.names, self.lower, arm.lower, strict=True) if a > b],
-            "upper": [n for n, a, b in zip(self.names, self.upper, arm.upper, strict=True) if a < b],
+            key: [name for name, one in zip(self.names, which, strict=True) if one]
+            for key, which in narrower.items()
         }
 
     def margins(self, q: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import log
+from math import isfinite, log
 
 from ..features.base import Feature
 from ..schemes.base import JointController, Scheme, SchemeBase
@@ -16,6 +16,8 @@ PER_SWING = 1.2  # of the gain, 1/s per Hz
 LEAST_CUT, DEEPEST_CUT = 0.6, 0.02
 # Times as long as the measured rate says that a run may take, and longest of its present duration.
 RESERVE, LONGEST = 1.5, 50.0
+LINEAR = 2.0  # times the reserve where joints are at their limits, of which the slowest changes
+DECAYS = 8.0  # time constants in which a run comes to its goal
 HELD = 3.0  # s that the error has to be small for, and some more
 # Schemes that see a half turn as it is, and go straight back from most starts.
 STRAIGHT = "pose, two_and_half_d or polar_points"
@@ -53,11 +55,14 @@ def more_time(duration: float, size: float, rate: float, linear: bool = False) -
         duration: of the run, s. size: of the error, in tolerances. rate: 1/s, or tolerances a
             second where it shrinks linearly.
     """
-    if rate <= 0.0:
-        return Remedy("allow more time, or a higher gain", multiply("duration", 3.0))
-    left = size / rate if linear else log(max(size / 0.3, 2.0)) / rate
+    advice = "allow more time, or a higher gain"
+    if linear:
+        advice = "allow more time, or raise max_velocity or max_acceleration"
+    if rate <= 0.0 or not isfinite(duration):
+        return Remedy(advice, multiply("duration", 10.0 if linear else 3.0))
+    left = LINEAR * size / rate if linear else log(max(size / 0.3, 2.0)) / rate
     factor = 1.0 + RESERVE * (left + HELD) / duration
-    return Remedy("allow more time, or a higher gain", multiply("duration", min(factor, LONGEST)))
+    return Remedy(advice, multiply("duration", min(factor, LONGEST)))
 
 
 def other_scheme(found: Outcome, scheme: Scheme | JointController) -> Remedy:
@@ -111,11 +116,19 @@ def wider_limits(keys: Sequence[str]) -> Remedy:
     )
 
 
-def patience(longest: float, gain: float | None) -> Remedy:
-    """What a loop needs whose images come seldom: `longest` s apart, or more."""
-    changes = [set_to("watchdog", round(4.0 * longest, 2)), multiply("duration", 4.0)]
+def patience(longest: float, gain: float | None, duration: float) -> Remedy:
+    """What a loop needs whose images come seldom: `longest` s apart, or more.
+
+    Args:
+        gain: of its law, 1/s; None: not known. duration: of the run, s.
+    """
+    changes = [set_to("watchdog", round(2.0 * longest, 2))]
     if gain is not None:
-        changes.insert(0, multiply("gain", min(0.3 / (gain * longest), 1.0)))
+        factor = min(0.3 / (gain * longest), 1.0)
+        changes.append(multiply("gain", factor))
+        needed = DECAYS / (gain * factor) / duration
+        if isfinite(duration) and needed > 1.0:
+            changes.append(multiply("duration", needed))
     return Remedy(
         "raise the camera's rate, or find what delays its images; with images as seldom as these "
         "wait longer for each", *changes,

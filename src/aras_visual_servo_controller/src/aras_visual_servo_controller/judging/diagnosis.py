@@ -37,6 +37,14 @@ from .target_check import TargetCheck, centre_of
 from .views import by_camera, shown
 
 NONE: Mapping[str, Sequence[str]] = {}
+# s for which an outcome is reported at least once it has been for as long, and those to which that
+# applies: of one situation, an arm that servoes.
+STEADY = 1.0
+WHILE_SERVOING = (
+    "running", "target_moves", "wrong_camera_model", "gain_too_high", "joint_limit", "singular",
+    "local_minimum", "camera_retreat", "out_of_reach", "saturation", "too_noisy", "no_progress",
+    "wrong_object",
+)  # fmt: skip
 # s after which an interruption of the images is forgotten: they come well since.
 FORGOTTEN = 10.0
 # s for which a swing is not forgotten: one that was cut short, or the target lost by it.
@@ -115,13 +123,15 @@ class Diagnosis:
         self._last: float | None = None  # stamp of the last image, s
         self._gap = 0.0  # longest time without an image, s
         self.outcome = Outcome()
-        self._progress = ProgressCheck()
+        self._progress = ProgressCheck(self.settings.duration)
         self._oscillation = Oscillation()
         self._joints = JointCheck(self._names, self._lengths)
         self._target = TargetCheck()
         self._cameras: dict[str, CameraCheck] = {}
         self._shapes: dict[str, ShapeCheck] = {}
         self._touched = ""  # borders that the target touched last, in words
+        self._since = -np.inf  # when the present outcome was found first, s
+        self._other: tuple[str, float] | None = None  # kind found instead of it, and since when
         self._measured: float | None = None  # when the scheme could last answer, s
         self._ended = False
         self._starvings, self._starved, self._starved_at = 0, Outcome(), -np.inf
@@ -145,10 +155,10 @@ class Diagnosis:
         if not self._ended:
             self.outcome = outcome("no_joint_states", reason)
 
-    def halted(self, kind: str, reason: str) -> None:
-        """The loop was told to hold still until it is started, whatever it sees."""
+    def halted(self, found: Outcome) -> None:
+        """The loop is to hold still until it is started, whatever it sees."""
         if not self._ended:
-            self.outcome, self._ended = outcome(kind, reason), True
+            self.outcome, self._ended = found, True
 
     def joints(
         self, stamp: float, late: np.ndarray, commanded: np.ndarray, measured: np.ndarray
@@ -169,7 +179,7 @@ class Diagnosis:
         )
         if self._starvings > 1:
             gain = getattr(getattr(self._scheme, "law", None), "gain", None)
-            found = replace(found, remedy=patience(self._gap, gain))
+            found = replace(found, remedy=patience(self._gap, gain, self.settings.duration))
         self.outcome = self._starved = found
 
     def timed_out(self, duration: float) -> None:
@@ -189,7 +199,7 @@ class Diagnosis:
     def _unfinished(self, reason: str) -> Outcome:
         if self._beyond:
             return outcome("out_of_reach", self._beyond)
-        found = self._progress.unfinished(reason, self.settings.duration)
+        found = self._progress.unfinished(reason)
         if found.kind in ("no_progress", "timed_out") and self._oscillation.swings:
             return replace(
                 outcome("gain_too_high", f"{reason}; the error swings about its goal"),
@@ -221,8 +231,27 @@ class Diagnosis:
             # Stopped by the watchdog again and again: the images between do not cure it.
             lately = state.stamp - self._starved_at < FORGOTTEN
             starved = found.kind == "running" and lately and self._starvings > 1
-            self.outcome = self._starved if starved else found
+            self.outcome = self._starved if starved else self._steady(state.stamp, found)
         return self.outcome
+
+    def _steady(self, stamp: float, found: Outcome) -> Outcome:
+        """What is reported: an outcome that has been for STEADY s gives way to another one of the
+        same situation only once that has been found for as long."""
+        current, family = self._outcome, (found.kind, self._outcome.kind)
+        if found.kind == current.kind:
+            self._other = None
+            return found
+        if not all(kind in WHILE_SERVOING for kind in family) or current.kind == "running" or (
+            stamp - self._since < STEADY
+        ):
+            self._since, self._other = stamp, None
+            return found
+        if self._other is None or self._other[0] != found.kind:
+            self._other = found.kind, stamp
+        if stamp - self._other[1] < STEADY:
+            return current
+        self._since, self._other = stamp, None
+        return found
 
     def _judged(
         self,
@@ -406,8 +435,10 @@ class Diagnosis:
     def _disobeying(self) -> Outcome:
         """The outcome of joints that do not follow: another node may command them."""
         found = outcome(DO_NOT_FOLLOW, self._joints.reason, self._joints.joints)
+        if not self.foreign and self._joints.slow:
+            return replace(found, remedy=faster_joints(found.remedy))
         if not self.foreign:
-            return replace(found, remedy=faster_joints(found.remedy)) if self._joints.slow else found
+            return found
         nodes = listed(list(dict.fromkeys(self.foreign.values())))
         return replace(
             found, reason=f"{found.reason}: {foreign_text(self.foreign)}",
@@ -472,9 +503,7 @@ class Diagnosis:
     def _blind(self, state: ServoState, observation: Observation) -> Outcome:
         """Of an image that the scheme has no answer to."""
         if state.phase != HOLDING:
-            # What the joints did before is over.
-            over = self.outcome.kind in (DO_NOT_FOLLOW, "no_joint_states")
-            return Outcome("running", state.reason) if over else self.outcome
+            return Outcome("running", state.reason)  # what was before is over
         if observation.valid:
             return self._unanswered(state)
         # However long ago: what was swinging when it was lost, was lost by that.
@@ -502,7 +531,8 @@ class Diagnosis:
             return outcome("out_of_reach", f"{self._beyond}; before it came there {at}")
         if fault := self._scheme_fault(state):
             return outcome("scheme_fault", f"{fault}; {at}")
-        if fault := self._wrong_camera(observation) or self._contrary():
+        moves = self._steps.own > OWN
+        if not moves and (fault := self._wrong_camera(observation) or self._contrary()):
             kind = "scheme_fault" if self._l_is_wrong else "wrong_camera_model"
             return outcome(kind, f"{fault}; {at}")
         if self._oscillation.grows:
@@ -516,7 +546,7 @@ class Diagnosis:
         )
         if self._steps.covered is not None:
             return self._covered(found)
-        if self._steps.own > OWN:
+        if moves:
             found = replace(found, reason=f"{found.reason}; the features moved otherwise than the "
                             "camera: the target moved", remedy=NO_MOTION)  # fmt: skip
         elif not self._touched and self._measured is not None:

@@ -15,7 +15,10 @@ NO_MOTION = Remedy(
     "keep the target at rest, or use a scheme that knows its motion (Measured.rate)",
     remove("target.motion"),
 )
-UNCOVERED = Remedy("remove what covers the target", remove("target.occluder"))
+UNCOVERED = Remedy(
+    "see that nothing covers the target and that it stays where it is",
+    remove("target.occluder"), remove("target.motion"),
+)  # fmt: skip
 CLOSER = multiply("start", 0.5)
 
 DO_NOT_FOLLOW = "joints_do_not_follow"
@@ -34,7 +37,7 @@ REMEDIES = {
         "check the controllers of {joints}: whether they run, whether their gains are too small "
         "for the load or so large that the joint swings, and whether nothing is in the way"
     ),
-    "too_few_images": Remedy("raise the camera's rate, or find what delays its images"),
+    "too_few_images": Remedy("check that the camera runs, and what delays its images"),
     "target_lost": Remedy(
         "start nearer to the goal, with the target near the middle of the view; the goal has to "
         "be taught with this camera and scheme", CLOSER,
@@ -93,6 +96,11 @@ class Outcome:
     remedy: Remedy = REMEDIES["running"]
     open_distance: float = nan
     open_angle: float = nan
+
+    @property
+    def is_open(self) -> bool:
+        """Whether nothing speaks against the run, so far."""
+        return self.kind == "running" or self.kind.startswith("converged")
 
     def with_remedy(self, advice: str, *changes: object) -> Outcome:
         """The same with another remedy."""

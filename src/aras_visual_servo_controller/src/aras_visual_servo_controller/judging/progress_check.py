@@ -20,10 +20,13 @@ if TYPE_CHECKING:
 
 # s over which a lack of progress is judged, and the part of the error that has to be left of it.
 WINDOW, PROGRESS = 1.5, 0.9
+STALLS = "the error does not shrink"
 # The same of an error that would be at its goal with more time: a gain of 0.1 leaves 0.93.
 SLOWLY = 0.98
 # Part of the window's images in which a cause has to be there, to be the cause.
 MOST = 0.6
+# Part of them in which the arm has to be stretched, of those in which it does not reach.
+STRETCHED = 0.1
 # Tolerances by which errors scatter from image to image, and the part of their whole scatter that
 # this is, from which on noise hides whether the camera is at its goal.
 NOISE, OF_ALL = 1.0, 0.5
@@ -81,8 +84,10 @@ class _Seen:
 class ProgressCheck:
     """The images of the last WINDOW, and what they say of the way to the goal."""
 
-    def __init__(self) -> None:
+    def __init__(self, duration: float = np.inf) -> None:
+        """`duration`: of the run, s."""
         self._seen: deque[_Seen] = deque()
+        self._duration = duration
 
     def clear(self) -> None:
         """Forget what was seen: the loop was interrupted."""
@@ -122,31 +127,51 @@ class ProgressCheck:
     def stalled(self, state: ServoState) -> Outcome:
         """Why the error does not shrink; 'running' while it does."""
         seen = list(self._seen)
-        if state.phase != SERVOING or seen[-1].stamp - seen[0].stamp < 0.9 * WINDOW or self.shrinks:
+        if state.phase != SERVOING or seen[-1].stamp - seen[0].stamp < 0.9 * WINDOW:
             return Outcome("running", state.reason)
-        for cause in (_limit, _rank, _minimum, _reach, _saturation):
+        if self.shrinks:
+            # Within the tolerances, and not there: the arm may lack the last bit.
+            held_back = _within(seen[len(seen) // 2 :]) and (_limit(seen) or _reach(seen))
+            return held_back or Outcome("running", state.reason)
+        for cause in (_limit, _rank, _minimum, _reach):
             if (found := cause(seen)) is not None:
                 return found
-        return Outcome("running", state.reason or "the error does not shrink")
+        if (found := self._saturated()) is not None:
+            return found
+        return Outcome("running", state.reason or STALLS)
 
-    def unfinished(self, reason: str, duration: float = WINDOW) -> Outcome:
-        """What a run is whose time, `duration` s, is over, by its last images; `reason`: as known
-        so far."""
+    @property
+    def _halves(self) -> tuple[float, float]:
+        """Mean size of the error in the first and the second half of the images."""
+        seen = list(self._seen)
+        half = len(seen) // 2
+        before, after = (
+            float(np.mean([s.size for s in part])) if part else 0.0
+            for part in (seen[:half], seen[half:])
+        )
+        return before, after
+
+    def _saturated(self) -> Outcome | None:
+        """That the joints are at their limits of speed, with the time that they need."""
+        found = _saturation(list(self._seen))
+        if found is None:
+            return None
+        before, after = self._halves
+        rate = (before - after) / (0.5 * WINDOW)
+        return replace(found, remedy=more_time(self._duration, after, rate, linear=True))
+
+    def unfinished(self, reason: str) -> Outcome:
+        """What a run is whose time is over, by its last images; `reason`: as known so far."""
         if self.period > SELDOM:
             return replace(outcome(
                 "too_few_images", f"{reason}; images came every {self.period:.2f} s only"
-            ), remedy=patience(self.period, None))  # fmt: skip
+            ), remedy=patience(self.period, None, self._duration))  # fmt: skip
         seen = list(self._seen)
         for cause in (_limit, _rank, _reach):
             if (found := cause(seen)) is not None:
                 return found
-        before, after = (
-            np.mean([s.size for s in part]) if part else 0.0
-            for part in (seen[: len(seen) // 2], seen[len(seen) // 2 :])
-        )
-        if (found := _saturation(seen)) is not None:
-            rate = (before - after) / (0.5 * WINDOW)
-            return replace(found, remedy=more_time(duration, float(after), float(rate), True))
+        if (found := self._saturated()) is not None:
+            return found
         if (dropped := next((s.state.dropped for s in reversed(seen) if s.state.dropped), "")):
             return outcome("too_noisy", f"{reason}; {dropped}" if dropped not in reason else reason)
         if (noise := _noise(seen)) > 0.0:
@@ -154,13 +179,15 @@ class ProgressCheck:
                 "too_noisy", f"{reason}; from image to image the error scatters by {noise:.1f} "
                 "times its tolerance",
             ), remedy=larger_target(noise))  # fmt: skip
+        before, after = self._halves
         if self.shrinks or after < SLOWLY * before:
             rate = float(np.log(max(before, 1e-9) / max(after, 1e-9))) / (0.5 * WINDOW)
+            reason = reason.removesuffix(f": {STALLS}")
             return replace(
-                outcome("timed_out", reason), remedy=more_time(duration, float(after), rate)
+                outcome("timed_out", reason), remedy=more_time(self._duration, after, rate)
             )
-        if "does not shrink" not in reason:
-            reason = f"{reason}; the error does not shrink"
+        if STALLS not in reason:
+            reason = f"{reason}; {STALLS}"
         return outcome("no_progress", reason)
 
 
@@ -223,7 +250,8 @@ def _reach(seen: Sequence[_Seen]) -> Outcome | None:
         return None
     resolution = seen[-1].resolution
     missing = np.round(np.asarray(resolution.lost), 4).tolist()
-    if any("reach" in reason for reason in resolution.reasons):
+    stretched = sum(any("reach" in r for r in s.resolution.reasons) for s in seen if s.resolution)
+    if stretched > STRETCHED * len(seen):
         return outcome("out_of_reach", f"the arm is stretched; lost of the asked twist: {missing}")
     return outcome("singular", f"the arm has not the directions asked for; lost: {missing}")
 

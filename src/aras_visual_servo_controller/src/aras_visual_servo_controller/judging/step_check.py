@@ -73,7 +73,7 @@ class StepCheck:
         self._before: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._usual = 1.0  # tolerances that were not explained
         self._same, self._since, self._path = 0, 0.0, 0.0
-        self._steps: deque[tuple[float, float]] = deque(maxlen=self.FEW)
+        self._steps: deque[tuple[float, float, float]] = deque(maxlen=self.FEW)
         self._scale = 1.0  # square of the distance by kinematics at the last image
         self._area = 0.0  # of the last image at the goal's distance, in that of the goal
         self._whole = 0.0  # the same of the last image before something covered the target
@@ -87,6 +87,7 @@ class StepCheck:
     def interrupt(self) -> None:
         """An image without measurement: the next one has no predecessor."""
         self._before = None
+        self._steps.clear()
 
     @property
     def jumps_often(self) -> bool:
@@ -164,9 +165,11 @@ class StepCheck:
         if wrapped:
             self._row[:] = 0.0
             return
-        self._steps.append((moved, left))
-        whole = sum(step[0] for step in self._steps)
-        self.own = sum(step[1] for step in self._steps) / whole if whole > self.LEAST else 0.0
+        self._steps.append((moved, left, path * path))
+        whole, rest, predicted = (sum(part) for part in zip(*self._steps, strict=True))
+        # Beyond what the camera could have done, however it is mounted.
+        fast = whole > max(self.LEAST, self.TIMES * predicted)
+        self.own = rest / whole if fast else 0.0
         if most > max(self.LEAST, self.TIMES * max(self._usual, explained)):
             change = abs(error[at] - before[0][at])
             jump = Jump(observation.stamp, decision.names[at], change, explained * tolerances[at])

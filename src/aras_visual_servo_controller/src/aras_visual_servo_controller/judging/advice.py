@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite, log
+from math import isfinite, log, pi
 
 from ..features.base import Feature
 from ..schemes.base import JointController, Scheme, SchemeBase
@@ -13,6 +13,7 @@ from .remedy import Change, Remedy, multiply, remove, set_to
 # Of a loop with a dead time T that swings at its limit, at f = 1 / (4 T), the gain that brings the
 # error down fastest without a swing is 1 / (e T) = 1.5 f; somewhat less allows for its tolerance.
 PER_SWING = 1.2  # of the gain, 1/s per Hz
+BY_ITSELF = 0.3  # part of the gain that a swing takes, with an L that is too small by so much
 LEAST_CUT, DEEPEST_CUT = 0.6, 0.02
 # Times as long as the measured rate says that a run may take, and longest of its present duration.
 RESERVE, LONGEST = 1.5, 50.0
@@ -31,6 +32,20 @@ def is_own(scheme: Scheme | JointController) -> bool:
         isinstance(part, SchemeBase | Feature)
         and not type(part).__module__.startswith(f"{PACKAGE}.") for part in parts
     )  # fmt: skip
+
+
+def gain_of(scheme: Scheme | JointController | None) -> float | None:
+    """The greatest gain of a scheme's law, 1/s; None: it has none of that kind."""
+    law = getattr(scheme, "law", None)
+    known = (getattr(law, name, None) for name in ("gain", "zero", "infinity"))
+    return max((value for value in known if value is not None), default=None)
+
+
+def can_swing(scheme: Scheme | JointController | None, frequency: float) -> bool:
+    """Whether a loop of this gain can swing by itself at a frequency, Hz: its joints integrate,
+    and follow no command by more than that, so that its gain is 2 pi f at least."""
+    gain = gain_of(scheme)
+    return gain is None or gain > BY_ITSELF * 2.0 * pi * frequency
 
 
 def lower_gain(scheme: Scheme | JointController, frequency: float | None) -> Remedy:
@@ -94,12 +109,16 @@ def _instead(scheme: Scheme | JointController, name: str) -> tuple[Change, ...]:
     return changes
 
 
-def larger_target(noise: float) -> Remedy:
-    """A target from which the error scatters by less than its tolerance; noise: in tolerances."""
+def larger_target(noise: float, *others: Change) -> Remedy:
+    """A target from which the error scatters by less than its tolerance.
+
+    Args:
+        noise: in tolerances. others: what has to change besides.
+    """
     factor = min(max(noise, 1.3), 2.0) if noise > 0.0 else 1.5
     return Remedy(
         "measure more exactly: more light, a shorter distance, other features, or a larger target",
-        multiply("target.size", factor),
+        multiply("target.size", factor), *others,
     )
 
 

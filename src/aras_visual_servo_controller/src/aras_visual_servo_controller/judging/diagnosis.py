@@ -18,6 +18,7 @@ from ..loop.state import CONVERGED, HOLDING, STOPPED, ServoSettings, ServoState
 from ..schemes.base import Decision, JointController, Scheme
 from ..seeing.observation import Observation
 from .advice import (
+    can_swing,
     faster_joints,
     is_own,
     lower_gain,
@@ -31,6 +32,7 @@ from .joint_check import JointCheck, foreign_text, listed
 from .oscillation import Oscillation
 from .outcomes import CALIBRATE, DO_NOT_FOLLOW, NO_MOTION, UNCOVERED, Outcome, outcome
 from .progress_check import WINDOW, ProgressCheck
+from .remedy import Remedy
 from .shape_check import ShapeCheck
 from .step_check import StepCheck, distance_by_kinematics
 from .target_check import TargetCheck, centre_of
@@ -66,6 +68,7 @@ FOLLOW = ("camera_retreat", "gain_too_high", "local_minimum", "no_progress", "to
 # whose motion is compared so: a target moves them farther, or not at all where it is followed.
 # Times as far as an L is wrong; and the part of the last motion that is a target's.
 TOGETHER, AGAINST, FASTER, SLOWER, OWN = 0.5, -0.7, 2.0, 0.2, 0.5
+SCATTER = 50.0  # times as much as the target's centre that features change without a cause
 ALONG = 0.8  # the correlation of the target's centre with the camera of which it is sure
 
 
@@ -278,6 +281,7 @@ class Diagnosis:
                 by = f" of camera {view.name}" if observation.others else ""
                 self._touched = f"{' and '.join(view.touches)} border{by}"
         self._follow_distance(state.stamp, observation, goal)
+        self._steps.follow_area(observation, goal)
         if self._retreated.kind != "running" and state.phase != CONVERGED:
             fault = self._scheme_fault(state)
             return outcome("scheme_fault", fault) if fault else self._advised(self._retreated)
@@ -298,7 +302,7 @@ class Diagnosis:
         moves = self._target.add(
             state.decision, observation, goal, tolerances, viewed and not own, angles
         )
-        self._steps.add(state.decision, observation, goal, tolerances, angles)
+        self._steps.add(state.decision, observation, tolerances, angles)
         if self._centre is not None:
             self._follow_centre(state.decision, observation, goal)
         if fault := self._scheme_fault(state):
@@ -318,10 +322,11 @@ class Diagnosis:
         if moves and state.phase != CONVERGED and not fast:
             if self._target.another_camera and (fault := self._contrary()):
                 return self._mistaken(fault)
-            return self._covered(outcome(
+            found = outcome(
                 "target_moves", "the features move as the camera's motion and a motion of the "
                 f"target's own say: {moves}",
-            ))  # fmt: skip
+            )  # fmt: skip
+            return self._covered(found if swings is None else _both(found, swings))
         # Between two images of a fast swing L is not what it is at either.
         fault = "" if fast else self._wrong_camera(observation)
         # A goal that this camera has shown is where its picture is the same, whatever is believed
@@ -334,7 +339,7 @@ class Diagnosis:
         if state.phase == CONVERGED:
             found = _converged(state.arrived)
             if not fault or found.kind == "ambiguous":
-                return found
+                return self._covered(found)
             return replace(
                 found, reason=f"at the goal as this camera has shown it; yet {fault}",
                 remedy=CALIBRATE, open_distance=MISTAKEN * found.open_distance,
@@ -370,13 +375,20 @@ class Diagnosis:
                 f"the scheme's features have been the same since {self._steps.unchanged:.2f} s, "
                 "though the camera moves and the target in the image with it"
             )
-        if state.phase != CONVERGED and self._steps.jumping(state.stamp):
-            return f"the features jump again and again, the target does not: {self._jumped}"
         against = self._steps.contrary
         if against is not None and self._l_is_wrong and (against < AGAINST).any():
             names = listed([n for n, part in zip(self._steps.names, against, strict=True)
                             if part < AGAINST])  # fmt: skip
             return f"{names} moves against what the scheme's L says; is the sign of L right?"
+        centre, steps = self._centre, self._steps
+        if state.phase != CONVERGED and centre is not None:
+            if steps.jumping(state.stamp):
+                return f"the features jump again and again, the target does not: {self._jumped}"
+            if centre.moved and steps.usual > max(steps.LEAST, SCATTER * centre.usual):
+                return (
+                    f"the features change by {steps.usual:.0f} tolerances from image to image that "
+                    "the camera's motion does not explain, and the target's centre does not"
+                )
         return ""
 
     def _follow_centre(self, decision: Decision, observation: Observation, goal: Goal) -> None:
@@ -387,8 +399,9 @@ class Diagnosis:
             decision, names=("x", "y")[:count], features=centre, desired=centre, error=centre, L=L,
             rate=0.0,
         )  # fmt: skip
-        self._centre.add(own, observation, goal, np.full(count, TargetCheck.TOLERANCE),
-                         np.zeros(count, bool))  # fmt: skip
+        self._centre.add(
+            own, observation, np.full(count, TargetCheck.TOLERANCE), np.zeros(count, bool)
+        )
 
     @property
     def _l_is_wrong(self) -> bool:
@@ -424,7 +437,8 @@ class Diagnosis:
             found = replace(found, remedy=other_scheme(found, self._scheme))
         if found.kind == "joint_limit" and (keys := self._narrowed_by(found.reason)):
             found = replace(found, remedy=wider_limits(keys))
-        if found.kind in FOLLOW and (fault := self._contrary()):
+        covered = self._steps.covered is not None
+        if not covered and found.kind in FOLLOW and (fault := self._contrary()):
             kind = "scheme_fault" if self._l_is_wrong else "wrong_camera_model"
             return outcome(kind, f"{fault}; {found.reason}")
         jumped = self._jumped
@@ -487,7 +501,7 @@ class Diagnosis:
     def _swinging(self, stamp: float, error: np.ndarray) -> Outcome | None:
         """That the error (k,), in tolerances, swings, or did a moment ago."""
         frequency = self._oscillation.add(stamp, error)
-        if frequency is not None:
+        if frequency is not None and can_swing(self._scheme, frequency):
             self._faster_than_targets = frequency > TargetCheck.FASTEST
             self._swung = stamp, replace(outcome(
                 "gain_too_high",
@@ -508,7 +522,7 @@ class Diagnosis:
             return self._unanswered(state)
         # However long ago: what was swinging when it was lost, was lost by that.
         if self._measured is not None and self._swung_lately(self._measured):
-            return self._swung[1]
+            return self._advised(self._swung[1])
         if self._loss is None:
             seen_wrong = self._outcome.kind == "wrong_object"
             self._loss = self._outcome if seen_wrong else self._lost(state, observation)
@@ -531,7 +545,7 @@ class Diagnosis:
             return outcome("out_of_reach", f"{self._beyond}; before it came there {at}")
         if fault := self._scheme_fault(state):
             return outcome("scheme_fault", f"{fault}; {at}")
-        moves = self._steps.own > OWN
+        moves = self._steps.own > OWN or self._steps.covered is not None
         if not moves and (fault := self._wrong_camera(observation) or self._contrary()):
             kind = "scheme_fault" if self._l_is_wrong else "wrong_camera_model"
             return outcome(kind, f"{fault}; {at}")
@@ -549,10 +563,19 @@ class Diagnosis:
         if moves:
             found = replace(found, reason=f"{found.reason}; the features moved otherwise than the "
                             "camera: the target moved", remedy=NO_MOTION)  # fmt: skip
-        elif not self._touched and self._measured is not None:
+        elif self._measured is not None and self._was_inside(observation):
             found = replace(found, reason=f"{found.reason}; it was inside of the image before",
                             remedy=UNCOVERED)  # fmt: skip
         return self._advised(found)
+
+    def _was_inside(self, observation: Observation) -> bool:
+        """Whether the target cannot have left the image by the motion that it had in it."""
+        if self._touched or self._steps.next is None:
+            return False
+        camera = observation.camera
+        columns, rows = camera.project(*self._steps.next.T)
+        inside = min(*columns, *rows) > 0.0
+        return inside and max(columns) < camera.width and max(rows) < camera.height
 
     def _contrary(self) -> str:
         """How the features moved otherwise than L says all along, as text; empty: they did not."""
@@ -561,9 +584,22 @@ class Diagnosis:
             return ""
         if 1.0 / FASTER < steps.faster < FASTER and steps.together < TOGETHER:
             return f"{words}: their correlation is {steps.together:.2f}"
+        if not self._target.moves and (steps.contrary < AGAINST).any():
+            names = listed([n for n, part in zip(steps.names, steps.contrary, strict=True)
+                            if part < AGAINST])  # fmt: skip
+            return f"{words}: {names} against it"
         if self._l_is_wrong and steps.faster < SLOWER:
             return f"{words}: {steps.faster:.2g} times as far"
         return ""
+
+def _both(first: Outcome, second: Outcome) -> Outcome:
+    """The first outcome with the reason and the remedy of a second one that fits as well."""
+    changes = dict.fromkeys((*first.remedy.changes, *second.remedy.changes))
+    return replace(
+        first, reason=f"{first.reason}; besides, {second.reason}",
+        remedy=Remedy(str(first.remedy).partition(":")[0], *changes),
+    )  # fmt: skip
+
 
 def _converged(arrived: Arrived) -> Outcome:
     """What an arrival is worth."""

@@ -154,7 +154,7 @@ class ProgressCheck:
     def _saturated(self) -> Outcome | None:
         """That the joints are at their limits of speed, with the time that they need."""
         found = _saturation(list(self._seen))
-        if found is None:
+        if found is None or _noise(list(self._seen)) > 0.0:
             return None
         before, after = self._halves
         rate = (before - after) / (0.5 * WINDOW)
@@ -174,14 +174,16 @@ class ProgressCheck:
             return found
         if (dropped := next((s.state.dropped for s in reversed(seen) if s.state.dropped), "")):
             return outcome("too_noisy", f"{reason}; {dropped}" if dropped not in reason else reason)
+        before, after = self._halves
+        slow = self.shrinks or after < SLOWLY * before
+        rate = float(np.log(max(before, 1e-9) / max(after, 1e-9))) / (0.5 * WINDOW)
         if (noise := _noise(seen)) > 0.0:
+            others = more_time(self._duration, after, rate).changes if slow else ()
             return replace(outcome(
                 "too_noisy", f"{reason}; from image to image the error scatters by {noise:.1f} "
                 "times its tolerance",
-            ), remedy=larger_target(noise))  # fmt: skip
-        before, after = self._halves
-        if self.shrinks or after < SLOWLY * before:
-            rate = float(np.log(max(before, 1e-9) / max(after, 1e-9))) / (0.5 * WINDOW)
+            ), remedy=larger_target(noise, *others))  # fmt: skip
+        if slow:
             reason = reason.removesuffix(f": {STALLS}")
             return replace(
                 outcome("timed_out", reason), remedy=more_time(self._duration, after, rate)

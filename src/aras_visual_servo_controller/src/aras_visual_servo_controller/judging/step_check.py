@@ -45,6 +45,9 @@ class StepCheck:
         covered: since when a part of the target has been invisible that does not lie beyond the
             image's border, s; None: it is as visible as at the first image.
         names: (k,) of the features.
+        next: (2, 2) corners, normalised, between which the target may be in the next image; None:
+            it has not been visible.
+        usual: tolerances of a step that are not explained in general.
         own: part of the features' motion in the last FEW images that is not the camera's, 0 to 1.
     """
 
@@ -60,8 +63,8 @@ class StepCheck:
     FEW = 5
     CENTRE = 0.02  # normalised, by which the target's own centre jumps, at least
     # Part of the area, with the distance by kinematics taken off, that disappears between two
-    # images where something is laid over a target, at least.
-    HIDDEN = 0.15
+    # images where something is laid over a target, at least, and for FEW images.
+    HIDDEN = 0.06
     NEARER = 0.05  # part of its square by which the distance may change between these
 
     def __init__(self) -> None:
@@ -71,12 +74,15 @@ class StepCheck:
         self.covered: float | None = None
         self.own, self.names = 0.0, ()
         self._before: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-        self._usual = 1.0  # tolerances that were not explained
+        self.usual, self._count = 1.0, 0
         self._same, self._since, self._path = 0, 0.0, 0.0
         self._steps: deque[tuple[float, float, float]] = deque(maxlen=self.FEW)
         self._scale = 1.0  # square of the distance by kinematics at the last image
         self._area = 0.0  # of the last image at the goal's distance, in that of the goal
+        self._wobble = 0.0  # part by which it changes from image to image in general
+        self._hidden, self._hidden_at = 0, 0.0  # images since a part disappeared, and when, s
         self._whole = 0.0  # the same of the last image before something covered the target
+        self.next: np.ndarray | None = None
         self._centre: np.ndarray | None = None
         self._centre_jumps = 0
         # (3, k) of whole rows: moved times predicted, and both squared; (2, k) moved and predicted
@@ -139,12 +145,10 @@ class StepCheck:
         self,
         decision: Decision,
         observation: Observation,
-        goal: Goal,
         tolerances: np.ndarray,
         angles: np.ndarray,
     ) -> None:
         """Take in one image; angles: (k,) bool, of components that may wrap."""
-        self._follow_area(observation, goal)
         L, error = decision.L, np.asarray(decision.error, float)
         before, self._before = self._before, None
         if L is None or np.shape(L) != (len(error), 6):
@@ -170,13 +174,16 @@ class StepCheck:
         # Beyond what the camera could have done, however it is mounted.
         fast = whole > max(self.LEAST, self.TIMES * predicted)
         self.own = rest / whole if fast else 0.0
-        if most > max(self.LEAST, self.TIMES * max(self._usual, explained)):
+        self._count += 1
+        if self._count <= self.FEW:
+            self.usual = max(self.usual, most)
+        elif most > max(self.LEAST, self.TIMES * max(self.usual, explained)):
             change = abs(error[at] - before[0][at])
             jump = Jump(observation.stamp, decision.names[at], change, explained * tolerances[at])
             self.jumps.append(jump)
             self.first_jump = self.first_jump or jump
         else:
-            self._usual = self.REST * self._usual + (1.0 - self.REST) * most
+            self.usual = self.REST * self.usual + (1.0 - self.REST) * most
         self._follow_change(observation.stamp, moved == 0.0, path)
 
     def _follow_change(self, stamp: float, same: bool, path: float) -> None:
@@ -188,25 +195,37 @@ class StepCheck:
         if self._same >= self.SAME and self._path > self.MOVED:
             self.unchanged = self._since
 
-    def _follow_area(self, observation: Observation, goal: Goal) -> None:
-        """Note what is visible of the target, and whether its centre jumps."""
-        seen, desired, here = observation.moments, goal.moments, observation.world_T_camera
+    def follow_area(self, observation: Observation, goal: Goal) -> None:
+        """Note what is visible of the target in an image, and whether its centre jumps."""
+        seen, desired = observation.moments, goal.moments
         if not observation.valid or seen is None or desired is None or seen.m00 <= 0.0:
             return
         centre, last = np.array([seen.xg, seen.yg]), self._centre
         self._centre = centre
-        jumped = last is not None and float(np.abs(centre - last).max()) > self.CENTRE
+        step = np.zeros(2) if last is None else centre - last
+        jumped = float(np.abs(step).max()) > self.CENTRE
+        # Twice as far on, by the target's size more: where it may be in the next image.
+        size = float(np.sqrt(seen.m00))
+        self.next = centre + 2.0 * step + size * np.array([[-1.0, -1.0], [1.0, 1.0]])
         self._centre_jumps = min(self._centre_jumps + 1, self.OFTEN) if jumped else max(
             self._centre_jumps - 1, 0)
-        scale = distance_by_kinematics(here, goal) ** 2
+        scale = distance_by_kinematics(observation.world_T_camera, goal) ** 2
         area, nearer = seen.m00 / desired.m00 * scale, abs(scale / self._scale - 1.0)
         before, self._area, self._scale = self._area, area, scale
         if observation.touches or seen.kind != desired.kind or nearer > self.NEARER:
             return
-        if self.covered is None and before and area < (1.0 - self.HIDDEN) * before:
-            self.covered, self._whole = observation.stamp, before
-        elif self.covered is not None and area > (1.0 - 0.5 * self.HIDDEN) * self._whole:
-            self.covered = None
+        change = abs(area / before - 1.0) if before else 0.0
+        if self._hidden:
+            if area > (1.0 - 0.5 * self.HIDDEN) * self._whole:
+                self._hidden, self.covered = 0, None
+                return
+            self._hidden += 1
+            if self._hidden == self.FEW:
+                self.covered = self._hidden_at
+        elif area < before and change > max(self.HIDDEN, self.TIMES * self._wobble):
+            self._hidden, self._hidden_at, self._whole = 1, observation.stamp, before
+        else:
+            self._wobble = self.REST * self._wobble + (1.0 - self.REST) * change
 
     @property
     def visible(self) -> float:

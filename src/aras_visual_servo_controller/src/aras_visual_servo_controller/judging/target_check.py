@@ -140,6 +140,11 @@ class TargetCheck:
         self._before: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
         self._begin()
 
+    @property
+    def moves(self) -> bool:
+        """Whether the target moves, by what was found last."""
+        return bool(self._moves)
+
     def interrupt(self) -> None:
         """An image without measurement: the next one has no predecessor."""
         self._before = None

@@ -419,7 +419,7 @@ class Diagnosis:
     def _covered(self, found: Outcome) -> Outcome:
         """The outcome where something covers the target: of that, if it can follow from it."""
         steps = self._steps
-        if steps.covered is None or found.kind not in FOLLOW:
+        if steps.covered is None or found.kind not in FOLLOW or self._progress.noise:
             return found
         return outcome(
             "wrong_object", f"since {steps.covered:.2f} s something covers the target, of which "
@@ -580,7 +580,7 @@ class Diagnosis:
     def _contrary(self) -> str:
         """How the features moved otherwise than L says all along, as text; empty: they did not."""
         steps, words = self._steps, "the features move otherwise than L and the arm's motion say"
-        if not steps.moved:
+        if not steps.moved or self._progress.noise:
             return ""
         if 1.0 / FASTER < steps.faster < FASTER and steps.together < TOGETHER:
             return f"{words}: their correlation is {steps.together:.2f}"

@@ -133,12 +133,17 @@ class ProgressCheck:
             # Within the tolerances, and not there: the arm may lack the last bit.
             held_back = _within(seen[len(seen) // 2 :]) and (_limit(seen) or _reach(seen))
             return held_back or Outcome("running", state.reason)
-        for cause in (_limit, _rank, _minimum, _reach):
+        for cause in (_limit, _rank, _minimum) if self.noise else (_limit, _rank, _minimum, _reach):
             if (found := cause(seen)) is not None:
                 return found
         if (found := self._saturated()) is not None:
             return found
         return Outcome("running", state.reason or STALLS)
+
+    @property
+    def noise(self) -> float:
+        """Scatter of the loudest error from image to image, in tolerances; 0: it is no noise."""
+        return _noise(self._seen)
 
     @property
     def _halves(self) -> tuple[float, float]:
@@ -154,7 +159,7 @@ class ProgressCheck:
     def _saturated(self) -> Outcome | None:
         """That the joints are at their limits of speed, with the time that they need."""
         found = _saturation(list(self._seen))
-        if found is None or _noise(list(self._seen)) > 0.0:
+        if found is None or self.noise:
             return None
         before, after = self._halves
         rate = (before - after) / (0.5 * WINDOW)
@@ -167,7 +172,7 @@ class ProgressCheck:
                 "too_few_images", f"{reason}; images came every {self.period:.2f} s only"
             ), remedy=patience(self.period, None, self._duration))  # fmt: skip
         seen = list(self._seen)
-        for cause in (_limit, _rank, _reach):
+        for cause in (_limit, _rank) if self.noise else (_limit, _rank, _reach):
             if (found := cause(seen)) is not None:
                 return found
         if (found := self._saturated()) is not None:
@@ -177,7 +182,7 @@ class ProgressCheck:
         before, after = self._halves
         slow = self.shrinks or after < SLOWLY * before
         rate = float(np.log(max(before, 1e-9) / max(after, 1e-9))) / (0.5 * WINDOW)
-        if (noise := _noise(seen)) > 0.0:
+        if (noise := self.noise) > 0.0:
             others = more_time(self._duration, after, rate).changes if slow else ()
             return replace(outcome(
                 "too_noisy", f"{reason}; from image to image the error scatters by {noise:.1f} "

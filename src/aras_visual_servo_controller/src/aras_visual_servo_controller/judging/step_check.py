@@ -79,7 +79,8 @@ class StepCheck:
         self._steps: deque[tuple[float, float, float]] = deque(maxlen=self.FEW)
         self._scale = 1.0  # square of the distance by kinematics at the last image
         self._area = 0.0  # of the last image at the goal's distance, in that of the goal
-        self._wobble = 0.0  # part by which it changes from image to image in general
+        # Its mean, and the part by which it differs from that in general.
+        self._mean = self._wobble = 0.0
         self._hidden, self._hidden_at = 0, 0.0  # images since a part disappeared, and when, s
         self._whole = 0.0  # the same of the last image before something covered the target
         self.next: np.ndarray | None = None
@@ -211,10 +212,11 @@ class StepCheck:
             self._centre_jumps - 1, 0)
         scale = distance_by_kinematics(observation.world_T_camera, goal) ** 2
         area, nearer = seen.m00 / desired.m00 * scale, abs(scale / self._scale - 1.0)
-        before, self._area, self._scale = self._area, area, scale
+        last, self._area, self._scale = self._area or area, area, scale
+        before = self._mean or area
         if observation.touches or seen.kind != desired.kind or nearer > self.NEARER:
             return
-        change = abs(area / before - 1.0) if before else 0.0
+        change = abs(area / before - 1.0)
         if self._hidden:
             if area > (1.0 - 0.5 * self.HIDDEN) * self._whole:
                 self._hidden, self.covered = 0, None
@@ -222,10 +224,11 @@ class StepCheck:
             self._hidden += 1
             if self._hidden == self.FEW:
                 self.covered = self._hidden_at
-        elif area < before and change > max(self.HIDDEN, self.TIMES * self._wobble):
+        elif max(area / before, area / last) < 1.0 - max(self.HIDDEN, self.TIMES * self._wobble):
             self._hidden, self._hidden_at, self._whole = 1, observation.stamp, before
         else:
             self._wobble = self.REST * self._wobble + (1.0 - self.REST) * change
+            self._mean = self.REST * before + (1.0 - self.REST) * area
 
     @property
     def visible(self) -> float:

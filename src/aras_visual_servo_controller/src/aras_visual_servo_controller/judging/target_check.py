@@ -250,7 +250,7 @@ class TargetCheck:
         constant, velocity = _left(known[:, :4], moved - along)
         if constant < bound:
             return f"it moves at {1e3 * float(np.linalg.norm(velocity[1:])):.1f} mm/s"
-        # Two numbers an image do not tell a turn from a translation.
+        # Few numbers an image do not tell a turn from a translation.
         known = known if len(self._rows[-1].moved) >= 6 else known[:, :4]
         if _left(known, moved)[0] < bound:
             return "it turns"

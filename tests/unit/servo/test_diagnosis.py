@@ -695,7 +695,7 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
         decision = SimpleNamespace(error=np.zeros(1), L=None, rate=0.0, task=None, names=("x",))
         left = Arrived(True, open=LeftOpen(1e-4, 2e-3))
         state = SimpleNamespace(stamp=1.0, phase=phase, decision=decision, reason="",
-                                arrived=left, resolution=None, rank=1)  # fmt: skip
+                                arrived=left, resolution=None, rank=1, joints=None)  # fmt: skip
         scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
         if moves:
             diagnosis._target._moves = moves

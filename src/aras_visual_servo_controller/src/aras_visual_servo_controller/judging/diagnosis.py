@@ -13,9 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..arm.fold import Fold
 from ..goals.goal import Goal
 from ..loop.state import CONVERGED, HOLDING, STOPPED, ServoSettings, ServoState
 from ..schemes.base import Decision, JointController, Scheme
+from ..seeing.joint_sample import JointSample
 from ..seeing.observation import Observation
 from .advice import (
     can_swing,
@@ -57,6 +59,8 @@ MISTAKEN = 2.0
 # that have to show it: one may show a part of the target, or something else. Nearer than RETURNED
 # times it has come back.
 RETREAT, IN_A_ROW, RETURNED = 3.0, 3, 1.5
+# Bend of an elbow, rad, within which the arm counts as stretched.
+STRETCHED = 0.1
 # Part of the distance by the size in the image that the joints have to confirm.
 CONFIRMED = 0.6
 # What a scheme or the target, and not the camera, explains: outcomes that follow from it.
@@ -83,15 +87,18 @@ class Diagnosis:
         names: Sequence[str] = (),
         lengths: np.ndarray | float = 1.0,
         narrowed: Mapping[str, Sequence[str]] = NONE,
+        folds: Sequence[Fold] = (),
     ) -> None:
         """Args:
             jacobian: (6, n) of the arm at joints (n,); None: there is no arm.
             beyond: why the arm cannot be where the goal was taught, where it cannot.
             names: of the n joints. lengths: see JointCheck.
             narrowed: joints whose limits are narrower than the robot's own, by the parameter.
+            folds: elbows of the arm.
         """
         self.settings, self._jacobian, self._beyond = settings, jacobian, beyond
         self._names, self._lengths, self._narrowed = tuple(names), lengths, narrowed
+        self._folds = folds
         self.foreign: dict[str, str] = {}  # other nodes that command joints now, by joint
         self.reset()
 
@@ -294,7 +301,9 @@ class Diagnosis:
         if fault := self._strange(observation, goal):
             return self._other_target(state, observation, fault)
         tolerances = np.asarray(scheme.tolerances, float)
-        error = self._progress.add(state, tolerances, goal.distance)
+        error = self._progress.add(
+            state, tolerances, goal.distance, self._is_stretched(state.joints)
+        )
         viewed = getattr(scheme, "judges_camera", True)
         own = self._centre is not None  # features whose L may be wrong say nothing of the target
         # What can wrap: an angle, or what may be one; a length cannot.
@@ -445,6 +454,12 @@ class Diagnosis:
         if jumped and found.kind in FOLLOW and jumped not in found.reason:
             found = replace(found, reason=f"{found.reason}; {jumped}")
         return self._covered(found)
+
+    def _is_stretched(self, joints: JointSample | None) -> bool:
+        """Whether an elbow is all but straight."""
+        return joints is not None and any(
+            abs(joints.positions[fold.joint] - fold.straight) < STRETCHED for fold in self._folds
+        )
 
     def _disobeying(self) -> Outcome:
         """The outcome of joints that do not follow: another node may command them."""

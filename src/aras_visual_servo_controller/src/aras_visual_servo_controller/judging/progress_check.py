@@ -25,8 +25,6 @@ STALLS = "the error does not shrink"
 SLOWLY = 0.98
 # Part of the window's images in which a cause has to be there, to be the cause.
 MOST = 0.6
-# Part of them in which the arm has to be stretched, of those in which it does not reach.
-STRETCHED = 0.1
 # Tolerances by which errors scatter from image to image, and the part of their whole scatter that
 # this is, from which on noise hides whether the camera is at its goal.
 NOISE, OF_ALL = 1.0, 0.5
@@ -49,6 +47,7 @@ class _Seen:
     error: np.ndarray
     tolerances: np.ndarray
     depth: float
+    stretched: bool = False
 
     @property
     def resolution(self) -> Resolution | None:
@@ -94,16 +93,21 @@ class ProgressCheck:
         self._seen.clear()
 
     def add(
-        self, state: ServoState, tolerances: np.ndarray, depth: float = DEPTH
+        self, state: ServoState, tolerances: np.ndarray, depth: float = DEPTH,
+        stretched: bool = False,
     ) -> np.ndarray:
-        """Take in one image; its error (k,) in tolerances (k,). depth: of the target, m."""
+        """Take in one image; its error (k,) in tolerances (k,).
+
+        depth: of the target, m. stretched: whether an elbow of the arm is all but straight.
+        """
         decision = state.decision
         error = decision.error / tolerances
         size = max(map(abs, error.tolist()))
         modelled = 6 if decision.task is None else int(decision.task.modelled.sum())
         self._seen.append(
-            _Seen(state.stamp, size, state, min(modelled, len(error)), error, tolerances, depth)
-        )
+            _Seen(state.stamp, size, state, min(modelled, len(error)), error, tolerances, depth,
+                  stretched)
+        )  # fmt: skip
         while self._seen[0].stamp < state.stamp - WINDOW:
             self._seen.popleft()
         return error
@@ -257,9 +261,11 @@ def _reach(seen: Sequence[_Seen]) -> Outcome | None:
         return None
     resolution = seen[-1].resolution
     missing = np.round(np.asarray(resolution.lost), 4).tolist()
-    stretched = sum(any("reach" in r for r in s.resolution.reasons) for s in seen if s.resolution)
-    if stretched > STRETCHED * len(seen):
-        return outcome("out_of_reach", f"the arm is stretched; lost of the asked twist: {missing}")
+    if sum(s.stretched for s in seen) > MOST * len(seen):
+        return outcome(
+            "out_of_reach", "the arm is stretched, and where the features are the goal's lies "
+            f"beyond its reach; lost of the commanded twist: {missing}",
+        )  # fmt: skip
     return outcome("singular", f"the arm has not the directions asked for; lost: {missing}")
 
 

@@ -112,7 +112,8 @@ class Servo:
         lengths = np.where(arm.prismatic, resolver.settings.slide, 1.0)
         narrowed = resolver.limits.narrowed(arm)
         self.diagnosis = Diagnosis(
-            self.settings, arm.jacobian, self.beyond, arm.names, lengths, narrowed
+            self.settings, arm.jacobian, self.beyond, arm.names, lengths, narrowed,
+            getattr(resolver, "folds", ()),
         )
         self.reset()
 

@@ -23,6 +23,7 @@ from .advice import (
     can_swing,
     faster_joints,
     is_own,
+    larger_target,
     lower_gain,
     other_scheme,
     patience,
@@ -31,6 +32,7 @@ from .advice import (
 from .arrival import Arrived
 from .camera_check import CameraCheck
 from .joint_check import JointCheck, foreign_text, listed
+from .left_open import LARGER
 from .oscillation import Oscillation
 from .outcomes import CALIBRATE, DO_NOT_FOLLOW, NO_MOTION, UNCOVERED, Outcome, outcome
 from .progress_check import WINDOW, ProgressCheck
@@ -625,4 +627,5 @@ def _converged(arrived: Arrived) -> Outcome:
         )  # fmt: skip
     left = arrived.open
     kind = f"converged up to {left.up_to}" if left.up_to else "converged"
-    return Outcome(kind, left.reason, left.remedy, left.distance, left.angle)
+    remedy = larger_target(0.0) if left.remedy == LARGER else Remedy(left.remedy)
+    return Outcome(kind, left.reason, remedy, left.distance, left.angle)

@@ -35,7 +35,7 @@ class _Row:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _RowSums:
     """Some rows after one another, n numbers in all, in tolerances.
 
     moved: (n,) features. parts: (n, 6) by each direction of the camera, if it is as believed.
@@ -50,7 +50,7 @@ class _Rows:
     stamps: np.ndarray
 
     @classmethod
-    def of(cls, rows: Sequence[_Row], together: int) -> _Rows:
+    def of(cls, rows: Sequence[_Row], together: int) -> _RowSums:
         """Rows, each the sum of so many that follow one another."""
         count = len(rows) // together * together
         rows = list(rows)[len(rows) - count :]
@@ -227,7 +227,7 @@ class TargetCheck:
             count = len(self._rows) // together * len(self._rows[-1].moved)
             if count < (self.NUMBERS if together == 1 else self.FEWER):
                 return ""
-            rows = _Rows.of(self._rows, together)
+            rows = _RowSums.of(self._rows, together)
             depth = rows.depth()
             still = rows.still(max(depth, self.DEPTH))
             left = float(still @ still)
@@ -235,7 +235,7 @@ class TargetCheck:
                 return self._explanation(rows, depth, left)
         return ""
 
-    def _explanation(self, rows: _Rows, depth: float, left: float) -> str:
+    def _explanation(self, rows: _RowSums, depth: float, left: float) -> str:
         """The motion of a target that explains the square `left`, as text; empty: none does."""
         along, moved = rows.along, rows.moved - rows.turned
         known = np.column_stack([along, rows.drift])

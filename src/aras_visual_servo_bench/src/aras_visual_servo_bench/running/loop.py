@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from aras_visual_servo_base.poses import inverse
+from aras_visual_servo_controller.judging.remedy import Remedy
 from aras_visual_servo_controller.loop.driver import Driver
 from aras_visual_servo_controller.loop.state import CONVERGED, Command, ServoState
 
@@ -222,7 +223,8 @@ class Loop:
         if outcome.kind == STUCK and self._touched is not None:
             link, other = self._touched
             reason = f"{outcome.reason}: link '{link}' has run into '{other}'"
-            outcome = replace(outcome, reason=reason, remedy=IN_THE_WAY.format(f"'{other}'"))
+            remedy = Remedy(IN_THE_WAY.format(f"'{other}'"))
+            outcome = replace(outcome, reason=reason, remedy=remedy)
         run = self._recorder.run(
             self.plant, self.experiment, self.parts,
             goal_pose=self.goal_pose(),

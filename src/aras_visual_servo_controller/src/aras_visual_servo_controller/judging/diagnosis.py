@@ -16,7 +16,7 @@ import numpy as np
 from ..arm.fold import Fold
 from ..goals.goal import Goal
 from ..loop.state import CONVERGED, HOLDING, STOPPED, ServoSettings, ServoState
-from ..schemes.base import Decision, JointController, Scheme
+from ..schemes.base import JointController, Scheme
 from ..seeing.joint_sample import JointSample
 from ..seeing.observation import Observation
 from .advice import (
@@ -33,13 +33,14 @@ from .arrival import Arrived
 from .camera_check import CameraCheck
 from .joint_check import JointCheck, foreign_text, listed
 from .left_open import LARGER
+from .motion_check import MotionCheck
 from .oscillation import Oscillation
 from .outcomes import CALIBRATE, DO_NOT_FOLLOW, NO_MOTION, UNCOVERED, Outcome, outcome
 from .progress_check import WINDOW, ProgressCheck
 from .remedy import Remedy
 from .shape_check import ShapeCheck
-from .step_check import StepCheck, distance_by_kinematics
-from .target_check import TargetCheck, centre_of
+from .step_check import distance_by_kinematics
+from .target_check import TargetCheck
 from .views import by_camera, shown
 
 NONE: Mapping[str, Sequence[str]] = {}
@@ -69,13 +70,7 @@ CONFIRMED = 0.6
 FOLLOW = ("camera_retreat", "gain_too_high", "local_minimum", "no_progress", "too_noisy",
           "ambiguous", "target_lost", "singular", "timed_out", "target_moves", "wrong_object",
           "wrong_camera_model")  # fmt: skip
-# Correlation of the features' motion with L and the camera's from which on they go together, and
-# below which a scheme's feature moves against its L. Times as far as L says that features move
-# whose motion is compared so: a target moves them farther, or not at all where it is followed.
-# Times as far as an L is wrong; and the part of the last motion that is a target's.
-TOGETHER, AGAINST, FASTER, SLOWER, OWN = 0.5, -0.7, 2.0, 0.2, 0.5
-SCATTER = 50.0  # times as much as the target's centre that features change without a cause
-ALONG = 0.8  # the correlation of the target's centre with the camera of which it is sure
+OWN = 0.5  # part of the features' last motion from which on it is the target's
 
 
 class Diagnosis:
@@ -152,9 +147,8 @@ class Diagnosis:
         self._first = 0.0  # distance of the target at the first image, goal's distances
         self._far, self._retreated = 0, Outcome()
         self._loss: Outcome | None = None  # why the target was lost last
-        self._steps = StepCheck()
+        self._motion = MotionCheck()
         self._scheme: Scheme | JointController | None = None
-        self._centre: StepCheck | None = None  # of the target itself, for a user's own scheme
 
     # -- events that are no image ------------------------------------------------------------
 
@@ -235,7 +229,7 @@ class Diagnosis:
             self._gap = max(self._gap, state.stamp - self._last)
         self._last = state.stamp
         if scheme is not self._scheme:
-            self._scheme, self._centre = scheme, StepCheck() if is_own(scheme) else None
+            self._scheme, self._motion = scheme, MotionCheck(is_own(scheme))
         if faulty:
             self._faults.append((state.stamp, state.reason))
         if not self._ended:
@@ -276,9 +270,7 @@ class Diagnosis:
         if state.decision is None:
             self._progress.clear()
             self._target.interrupt()
-            self._steps.interrupt()
-            if self._centre is not None:
-                self._centre.interrupt()
+            self._motion.interrupt()
             for check in self._cameras.values():
                 check.interrupt()
         if faulty:
@@ -290,9 +282,9 @@ class Diagnosis:
                 by = f" of camera {view.name}" if observation.others else ""
                 self._touched = f"{' and '.join(view.touches)} border{by}"
         self._follow_distance(state.stamp, observation, goal)
-        self._steps.follow_area(observation, goal)
+        self._motion.steps.follow_area(observation, goal)
         if self._retreated.kind != "running" and state.phase != CONVERGED:
-            fault = self._scheme_fault(state)
+            fault = self._motion.scheme_fault(state.stamp, state.phase == CONVERGED)
             return outcome("scheme_fault", fault) if fault else self._advised(self._retreated)
         if self._joints.reason and state.phase != CONVERGED:
             return self._disobeying()
@@ -307,16 +299,14 @@ class Diagnosis:
             state, tolerances, goal.distance, self._is_stretched(state.joints)
         )
         viewed = getattr(scheme, "judges_camera", True)
-        own = self._centre is not None  # features whose L may be wrong say nothing of the target
+        own = self._motion.is_own  # features whose L may be wrong say nothing of the target
         # What can wrap: an angle, or what may be one; a length cannot.
         angles = np.array([unit != "m" for unit in scheme.units] or [True] * len(tolerances))
         moves = self._target.add(
             state.decision, observation, goal, tolerances, viewed and not own, angles
         )
-        self._steps.add(state.decision, observation, tolerances, angles)
-        if self._centre is not None:
-            self._follow_centre(state.decision, observation, goal)
-        if fault := self._scheme_fault(state):
+        self._motion.add(state.decision, observation, goal, tolerances, angles)
+        if fault := self._motion.scheme_fault(state.stamp, state.phase == CONVERGED):
             return outcome("scheme_fault", fault)
         if moves:
             self._cameras.clear()  # what they saw was the target's doing
@@ -364,7 +354,7 @@ class Diagnosis:
     def _other_target(self, state: ServoState, observation: Observation, fault: str) -> Outcome:
         """The outcome where what is visible has another shape than the goal's target: a camera that
         was driven astray sees it like that too."""
-        if found := self._scheme_fault(state):
+        if found := self._motion.scheme_fault(state.stamp, state.phase == CONVERGED):
             return outcome("scheme_fault", found)
         if found := self._wrong_camera(observation):
             return self._mistaken(found)
@@ -372,64 +362,21 @@ class Diagnosis:
 
     def _mistaken(self, fault: str) -> Outcome:
         """The outcome of features that do not move as L and the camera say."""
-        if self._l_is_wrong:
+        if self._motion.l_is_wrong:
             return outcome(
                 "scheme_fault", f"{fault}, and the target's centre moves as they say: L is not "
                 "that of the scheme's features",
             )  # fmt: skip
         return self._covered(outcome("wrong_camera_model", fault))
 
-    def _scheme_fault(self, state: ServoState) -> str:
-        """What the scheme does that no image can, as text; empty: nothing."""
-        if self._steps.unchanged is not None and state.phase != CONVERGED:
-            return (
-                f"the scheme's features have been the same since {self._steps.unchanged:.2f} s, "
-                "though the camera moves and the target in the image with it"
-            )
-        against = self._steps.contrary
-        if against is not None and self._l_is_wrong and (against < AGAINST).any():
-            names = listed([n for n, part in zip(self._steps.names, against, strict=True)
-                            if part < AGAINST])  # fmt: skip
-            return f"{names} moves against what the scheme's L says; is the sign of L right?"
-        centre, steps = self._centre, self._steps
-        if state.phase != CONVERGED and centre is not None:
-            if steps.jumping(state.stamp):
-                return f"the features jump again and again, the target does not: {self._jumped}"
-            if centre.moved and steps.usual > max(steps.LEAST, SCATTER * centre.usual):
-                return (
-                    f"the features change by {steps.usual:.0f} tolerances from image to image that "
-                    "the camera's motion does not explain, and the target's centre does not"
-                )
-        return ""
-
-    def _follow_centre(self, decision: Decision, observation: Observation, goal: Goal) -> None:
-        """Follow the target's own centre, whose L is known, beside a user's own features."""
-        centre, L, _ = centre_of(observation, goal)
-        count = len(centre)
-        own = replace(
-            decision, names=("x", "y")[:count], features=centre, desired=centre, error=centre, L=L,
-            rate=0.0,
-        )  # fmt: skip
-        self._centre.add(
-            own, observation, np.full(count, TargetCheck.TOLERANCE), np.zeros(count, bool)
-        )
-
-    @property
-    def _l_is_wrong(self) -> bool:
-        """Whether the target's centre moves as the camera says, so that a contradiction of a
-        user's own features is their L's fault."""
-        centre = self._centre
-        return centre is not None and centre.moved and centre.together > ALONG
-
-    @property
-    def _jumped(self) -> str:
-        """The first jump of the error, as text; empty: there was none."""
-        jump = self._steps.first_jump
-        return "" if jump is None else str(jump)
+    def _contrary(self) -> str:
+        """How the features moved otherwise than L says all along, as text; empty: they did not, or
+        noise hides it."""
+        return "" if self._progress.noise else self._motion.contrary(self._target.moves)
 
     def _covered(self, found: Outcome) -> Outcome:
         """The outcome where something covers the target: of that, if it can follow from it."""
-        steps = self._steps
+        steps = self._motion.steps
         if steps.covered is None or found.kind not in FOLLOW or self._progress.noise:
             return found
         return outcome(
@@ -448,11 +395,11 @@ class Diagnosis:
             found = replace(found, remedy=other_scheme(found, self._scheme))
         if found.kind == "joint_limit" and (keys := self._narrowed_by(found.reason)):
             found = replace(found, remedy=wider_limits(keys))
-        covered = self._steps.covered is not None
+        covered = self._motion.steps.covered is not None
         if not covered and found.kind in FOLLOW and (fault := self._contrary()):
-            kind = "scheme_fault" if self._l_is_wrong else "wrong_camera_model"
+            kind = "scheme_fault" if self._motion.l_is_wrong else "wrong_camera_model"
             return outcome(kind, f"{fault}; {found.reason}")
-        jumped = self._jumped
+        jumped = self._motion.jumped
         if jumped and found.kind in FOLLOW and jumped not in found.reason:
             found = replace(found, reason=f"{found.reason}; {jumped}")
         return self._covered(found)
@@ -473,7 +420,7 @@ class Diagnosis:
         nodes = listed(list(dict.fromkeys(self.foreign.values())))
         return replace(
             found, reason=f"{found.reason}: {foreign_text(self.foreign)}",
-            remedy=f"end the commands of {nodes}; the loop then continues by itself",
+            remedy=Remedy(f"end the commands of {nodes}; the loop then continues by itself"),
         )  # fmt: skip
 
     def _strange(self, observation: Observation, goal: Goal) -> str:
@@ -560,11 +507,11 @@ class Diagnosis:
         at = f"the target was lost at {state.stamp:.2f} s: {state.reason}"
         if self._beyond:
             return outcome("out_of_reach", f"{self._beyond}; before it came there {at}")
-        if fault := self._scheme_fault(state):
+        if fault := self._motion.scheme_fault(state.stamp, state.phase == CONVERGED):
             return outcome("scheme_fault", f"{fault}; {at}")
-        moves = self._steps.own > OWN or self._steps.covered is not None
+        moves = self._motion.targets_own > OWN or self._motion.steps.covered is not None
         if not moves and (fault := self._wrong_camera(observation) or self._contrary()):
-            kind = "scheme_fault" if self._l_is_wrong else "wrong_camera_model"
+            kind = "scheme_fault" if self._motion.l_is_wrong else "wrong_camera_model"
             return outcome(kind, f"{fault}; {at}")
         if self._oscillation.grows:
             return replace(outcome(
@@ -575,7 +522,7 @@ class Diagnosis:
         found = outcome(
             "target_lost", f"target lost at {state.stamp:.2f} s{over}: {state.reason}"
         )
-        if self._steps.covered is not None:
+        if self._motion.steps.covered is not None:
             return self._covered(found)
         if moves:
             found = replace(found, reason=f"{found.reason}; the features moved otherwise than the "
@@ -587,27 +534,12 @@ class Diagnosis:
 
     def _was_inside(self, observation: Observation) -> bool:
         """Whether the target cannot have left the image by the motion that it had in it."""
-        if self._touched or self._steps.next is None:
+        if self._touched or self._motion.steps.next is None:
             return False
         camera = observation.camera
-        columns, rows = camera.project(*self._steps.next.T)
+        columns, rows = camera.project(*self._motion.steps.next.T)
         inside = min(*columns, *rows) > 0.0
         return inside and max(columns) < camera.width and max(rows) < camera.height
-
-    def _contrary(self) -> str:
-        """How the features moved otherwise than L says all along, as text; empty: they did not."""
-        steps, words = self._steps, "the features move otherwise than L and the arm's motion say"
-        if not steps.moved or self._progress.noise:
-            return ""
-        if 1.0 / FASTER < steps.faster < FASTER and steps.together < TOGETHER:
-            return f"{words}: their correlation is {steps.together:.2f}"
-        if not self._target.moves and (steps.contrary < AGAINST).any():
-            names = listed([n for n, part in zip(steps.names, steps.contrary, strict=True)
-                            if part < AGAINST])  # fmt: skip
-            return f"{words}: {names} against it"
-        if self._l_is_wrong and steps.faster < SLOWER:
-            return f"{words}: {steps.faster:.2g} times as far"
-        return ""
 
 def _both(first: Outcome, second: Outcome) -> Outcome:
     """The first outcome with the reason and the remedy of a second one that fits as well."""

@@ -537,7 +537,7 @@ class Diagnosis:
         if self._touched or self._motion.steps.next is None:
             return False
         camera = observation.camera
-        columns, rows = camera.project(*self._motion.steps.next.T)
+        columns, rows = camera.project(*self._motion.steps.next)
         inside = min(*columns, *rows) > 0.0
         return inside and max(columns) < camera.width and max(rows) < camera.height
 

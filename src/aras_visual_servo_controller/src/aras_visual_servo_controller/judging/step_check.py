@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
@@ -45,10 +46,9 @@ class StepCheck:
         covered: since when a part of the target has been invisible that does not lie beyond the
             image's border, s; None: it is as visible as at the first image.
         names: (k,) of the features.
-        next: (2, 2) corners, normalised, between which the target may be in the next image; None:
-            it has not been visible.
+        next: ranges of x and y, normalised, in which the target may be in the next image; None: it
+            has not been visible.
         usual: tolerances of a step that are not explained in general.
-        own: part of the features' motion in the last FEW images that is not the camera's, 0 to 1.
     """
 
     LATELY, OFTEN = 2.0, 4  # s, and jumps within that, from which on features jump again and again
@@ -72,7 +72,7 @@ class StepCheck:
         self.first_jump: Jump | None = None
         self.unchanged: float | None = None
         self.covered: float | None = None
-        self.own, self.names = 0.0, ()
+        self.names: tuple[str, ...] = ()
         self._before: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self.usual, self._count = 1.0, 0
         self._same, self._since, self._path = 0, 0.0, 0.0
@@ -83,8 +83,8 @@ class StepCheck:
         self._mean = self._wobble = 0.0
         self._hidden, self._hidden_at = 0, 0.0  # images since a part disappeared, and when, s
         self._whole = 0.0  # the same of the last image before something covered the target
-        self.next: np.ndarray | None = None
-        self._centre: np.ndarray | None = None
+        self.next: tuple[tuple[float, float], tuple[float, float]] | None = None
+        self._centre: tuple[float, float] | None = None
         self._centre_jumps = 0
         # (3, k) of whole rows: moved times predicted, and both squared; (2, k) moved and predicted
         # of the row that is not yet whole.
@@ -95,6 +95,15 @@ class StepCheck:
         """An image without measurement: the next one has no predecessor."""
         self._before = None
         self._steps.clear()
+
+    @property
+    def own(self) -> float:
+        """Part of the features' motion in the last FEW images that is not the camera's, 0 to 1."""
+        if not self._steps:
+            return 0.0
+        whole, rest, predicted = (sum(part) for part in zip(*self._steps, strict=True))
+        # Beyond what the camera could have done, however it is mounted.
+        return rest / whole if whole > max(self.LEAST, self.TIMES * predicted) else 0.0
 
     @property
     def jumps_often(self) -> bool:
@@ -171,10 +180,6 @@ class StepCheck:
             self._row[:] = 0.0
             return
         self._steps.append((moved, left, path * path))
-        whole, rest, predicted = (sum(part) for part in zip(*self._steps, strict=True))
-        # Beyond what the camera could have done, however it is mounted.
-        fast = whole > max(self.LEAST, self.TIMES * predicted)
-        self.own = rest / whole if fast else 0.0
         self._count += 1
         if self._count <= self.FEW:
             self.usual = max(self.usual, most)
@@ -201,13 +206,13 @@ class StepCheck:
         seen, desired = observation.moments, goal.moments
         if not observation.valid or seen is None or desired is None or seen.m00 <= 0.0:
             return
-        centre, last = np.array([seen.xg, seen.yg]), self._centre
-        self._centre = centre
-        step = np.zeros(2) if last is None else centre - last
-        jumped = float(np.abs(step).max()) > self.CENTRE
+        x, y = seen.xg, seen.yg
+        dx, dy = (0.0, 0.0) if self._centre is None else (x - self._centre[0], y - self._centre[1])
+        self._centre = x, y
+        jumped = max(abs(dx), abs(dy)) > self.CENTRE
         # Twice as far on, by the target's size more: where it may be in the next image.
-        size = float(np.sqrt(seen.m00))
-        self.next = centre + 2.0 * step + size * np.array([[-1.0, -1.0], [1.0, 1.0]])
+        x, y, size = x + 2.0 * dx, y + 2.0 * dy, sqrt(seen.m00)
+        self.next = (x - size, x + size), (y - size, y + size)
         self._centre_jumps = min(self._centre_jumps + 1, self.OFTEN) if jumped else max(
             self._centre_jumps - 1, 0)
         scale = distance_by_kinematics(observation.world_T_camera, goal) ** 2

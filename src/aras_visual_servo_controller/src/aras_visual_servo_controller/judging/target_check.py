@@ -34,40 +34,41 @@ class _Row:
     drift: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
 class _RowSums:
-    """Some rows after one another, n numbers in all, in tolerances.
+    """Some rows, `together` of them added up each, n numbers in all, in tolerances.
 
-    moved: (n,) features. parts: (n, 6) by each direction of the camera, if it is as believed.
-    mixed: (n, 18) by each translation and rotation, if it is one along or about each axis.
-    drift: (n, 6) as of a row. stamps: (n,) s.
+    Attributes:
+        moved: (n,) features. parts: (n, 6) by each direction of the camera as it is believed.
     """
 
-    moved: np.ndarray
-    parts: np.ndarray
-    mixed: np.ndarray
-    drift: np.ndarray
-    stamps: np.ndarray
-
-    @classmethod
-    def of(cls, rows: Sequence[_Row], together: int) -> _RowSums:
-        """Rows, each the sum of so many that follow one another."""
+    def __init__(
+        self, rows: Sequence[_Row], moved: np.ndarray, parts: np.ndarray, together: int
+    ) -> None:
+        """`moved` (m, k) and `parts` (m, k, 6) of all m rows."""
         count = len(rows) // together * together
-        rows = list(rows)[len(rows) - count :]
+        self._rows, self._together = list(rows)[len(rows) - count :], together
+        self.moved, self.parts = self._summed(moved[-count:]), self._summed(parts[-count:])
 
-        def summed(values: list[np.ndarray]) -> np.ndarray:
-            whole = np.array(values)
-            whole = whole.reshape(-1, together, *whole.shape[1:]).sum(axis=1)
-            return whole.reshape(-1, *whole.shape[2:])
+    def _summed(self, values: np.ndarray) -> np.ndarray:
+        whole = values.reshape(-1, self._together, *values.shape[1:]).sum(axis=1)
+        return whole.reshape(-1, *whole.shape[2:])
 
-        stamps = np.array([row.stamp for row in rows]).reshape(-1, together).mean(axis=1)
-        return cls(
-            summed([row.moved for row in rows]),
-            summed([row.L * row.motion for row in rows]),
-            summed([_mixed(row) for row in rows]),
-            summed([row.drift for row in rows]),
-            np.repeat(stamps, len(rows[0].moved)),
-        )
+    @property
+    def mixed(self) -> np.ndarray:
+        """(n, 18) by each translation and rotation, if it is one along or about each axis."""
+        return self._summed(np.array([_mixed(row) for row in self._rows]))
+
+    @property
+    def drift(self) -> np.ndarray:
+        """(n, 6) as of a row."""
+        return self._summed(np.array([row.drift for row in self._rows]))
+
+    @property
+    def stamps(self) -> np.ndarray:
+        """(n,) s, from the first on."""
+        stamps = np.array([row.stamp for row in self._rows]).reshape(-1, self._together)
+        stamps = stamps.mean(axis=1)
+        return np.repeat(stamps - stamps[0], len(self._rows[0].moved))
 
     @property
     def along(self) -> np.ndarray:
@@ -221,17 +222,20 @@ class TargetCheck:
 
     def _judged(self) -> str:
         """How the target moves, as text; empty where it is at rest."""
-        if np.linalg.matrix_rank(self._rows[-1].L[:, :3]) < 2:
-            return ""  # one direction alone has no place of a target
+        moved = np.array([row.moved for row in self._rows])
+        parts = np.array([row.L for row in self._rows])
+        parts = parts * np.array([row.motion for row in self._rows])[:, None, :]
         for together, loud in zip(self.TOGETHER, self.LOUD, strict=True):
             count = len(self._rows) // together * len(self._rows[-1].moved)
             if count < (self.NUMBERS if together == 1 else self.FEWER):
                 return ""
-            rows = _RowSums.of(self._rows, together)
+            rows = _RowSums(self._rows, moved, parts, together)
             depth = rows.depth()
             still = rows.still(max(depth, self.DEPTH))
             left = float(still @ still)
             if left >= loud**2 * count:
+                if np.linalg.matrix_rank(self._rows[-1].L[:, :3]) < 2:
+                    return ""  # one direction alone has no place of a target
                 return self._explanation(rows, depth, left)
         return ""
 
@@ -254,7 +258,7 @@ class TargetCheck:
         known = known if len(self._rows[-1].moved) >= 6 else known[:, :4]
         if _left(known, moved)[0] < bound:
             return "it turns"
-        return self._swing(rows.stamps - rows.stamps[0], known, moved, bound)
+        return self._swing(rows.stamps, known, moved, bound)
 
     def _swing(
         self, time: np.ndarray, known: np.ndarray, moved: np.ndarray, bound: float

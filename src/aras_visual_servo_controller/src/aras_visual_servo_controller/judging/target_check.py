@@ -233,6 +233,8 @@ class TargetCheck:
             depth = rows.depth()
             still = rows.still(max(depth, self.DEPTH))
             left = float(still @ still)
+            if together == 1 and left * self.TOGETHER[-1]**2 < self.LOUD[-1]**2 * count:
+                return ""  # sums of n rows are n times as large, at most
             if left >= loud**2 * count:
                 if np.linalg.matrix_rank(self._rows[-1].L[:, :3]) < 2:
                     return ""  # one direction alone has no place of a target

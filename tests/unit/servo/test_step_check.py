@@ -56,6 +56,14 @@ def test_a_jump_is_reported_with_its_feature_its_size_and_its_time():
     assert followed(60, lambda k, told: told + [0.3 * (k % 12 > 6), 0, 0]).jumps_often
 
 
+def test_the_motion_of_a_target_that_runs_away_is_known_also_once_it_is_lost():
+    check = followed(20, lambda k, told: told + [0.1 * max(k - 12, 0), 0.0, 0.0])
+    check.interrupt()
+    assert check.own > 0.9
+    assert followed(20, lambda k, told: told).own == 0.0
+    assert followed(1, lambda k, told: told, check).own == 0.0  # it is visible again
+
+
 @pytest.mark.parametrize("feature", range(COUNT))
 def test_a_feature_with_the_wrong_sign_moves_against_its_l(feature):
     signs = np.where(np.arange(COUNT) == feature, -1.0, 1.0)

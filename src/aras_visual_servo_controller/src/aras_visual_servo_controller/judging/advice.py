@@ -123,7 +123,7 @@ def larger_target(noise: float, *others: Change) -> Remedy:
 
 
 def faster_joints(advice: Remedy) -> Remedy:
-    """What joints need that go where they are told, but too slowly."""
+    """What joints need that move to their commands, but too slowly."""
     return Remedy(str(advice), multiply("lag", 0.02))
 
 

@@ -36,7 +36,7 @@ class JointCheck:
         self._seen = RecentErrors()
         self._new = 0
         self.joints, self.reason = "", ""
-        self.slow = False  # whether those that stay behind do go where they are told, but slowly
+        self.slow = False  # whether those that stay behind do move to their commands, but slowly
 
     def add(
         self, stamp: float, late: np.ndarray, commanded: np.ndarray, measured: np.ndarray

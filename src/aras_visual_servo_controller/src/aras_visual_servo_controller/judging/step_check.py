@@ -94,7 +94,6 @@ class StepCheck:
     def interrupt(self) -> None:
         """An image without measurement: the next one has no predecessor."""
         self._before = None
-        self._steps.clear()
 
     @property
     def own(self) -> float:
@@ -167,6 +166,7 @@ class StepCheck:
         self._before, self.names = now, decision.names
         if before is None or observation.motion is None or len(before[0]) != len(error):
             self._since, self._same, self._path = observation.stamp, 0, 0.0
+            self._steps.clear()
             return
         sums = self._signs
         if sums is None or sums.shape[1] != len(error):

@@ -525,9 +525,9 @@ class Diagnosis:
         if self._motion.steps.covered is not None:
             return self._covered(found)
         if moves:
-            found = replace(found, reason=f"{found.reason}; the features moved otherwise than the "
-                            "camera: the target moved", remedy=NO_MOTION)  # fmt: skip
-        elif self._measured is not None and self._was_inside(observation):
+            return replace(found, reason=f"{found.reason}; the features moved otherwise than the "
+                           "camera: the target moved", remedy=NO_MOTION)  # fmt: skip
+        if self._measured is not None and self._was_inside(observation):
             found = replace(found, reason=f"{found.reason}; it was inside of the image before",
                             remedy=UNCOVERED)  # fmt: skip
         return self._advised(found)

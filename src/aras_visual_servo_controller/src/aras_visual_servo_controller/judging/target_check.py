@@ -39,6 +39,7 @@ class _RowSums:
 
     Attributes:
         moved: (n,) features. parts: (n, 6) by each direction of the camera as it is believed.
+        together: how many rows are added up.
     """
 
     def __init__(
@@ -46,11 +47,11 @@ class _RowSums:
     ) -> None:
         """`moved` (m, k) and `parts` (m, k, 6) of all m rows."""
         count = len(rows) // together * together
-        self._rows, self._together = list(rows)[len(rows) - count :], together
+        self._rows, self.together = list(rows)[len(rows) - count :], together
         self.moved, self.parts = self._summed(moved[-count:]), self._summed(parts[-count:])
 
     def _summed(self, values: np.ndarray) -> np.ndarray:
-        whole = values.reshape(-1, self._together, *values.shape[1:]).sum(axis=1)
+        whole = values.reshape(-1, self.together, *values.shape[1:]).sum(axis=1)
         return whole.reshape(-1, *whole.shape[2:])
 
     @property
@@ -66,7 +67,7 @@ class _RowSums:
     @property
     def stamps(self) -> np.ndarray:
         """(n,) s, from the first on."""
-        stamps = np.array([row.stamp for row in self._rows]).reshape(-1, self._together)
+        stamps = np.array([row.stamp for row in self._rows]).reshape(-1, self.together)
         stamps = stamps.mean(axis=1)
         return np.repeat(stamps - stamps[0], len(self._rows[0].moved))
 
@@ -250,7 +251,8 @@ class TargetCheck:
         if depth > self.DEPTH or self.ASTRAY < part < 1.0 / self.ASTRAY:
             mixed = _left_by_camera(rows.mixed, rows.moved, self.CAMERA)
         self.another_camera = mixed < self.AS_WELL * left
-        bound = min(self.LEFT * left, self.BETTER * mixed)
+        # Sums are few and smooth, which much explains by half: they have to be explained better.
+        bound = min(self.LEFT / rows.together**2 * left, self.BETTER * mixed)
         # Of the depth's factor what it has beyond 1: a camera that follows its target at one speed
         # moves nothing in the picture, and no factor of 0 is to explain that.
         constant, velocity = _left(known[:, :4], moved - along)

@@ -57,7 +57,7 @@ def test_a_jump_is_reported_with_its_feature_its_size_and_its_time():
 
 
 def test_the_motion_of_a_target_that_runs_away_is_known_also_once_it_is_lost():
-    check = followed(20, lambda k, told: told + [0.1 * max(k - 12, 0), 0.0, 0.0])
+    check = followed(20, lambda k, told: told + [0.4 * max(k - 12, 0), 0.0, 0.0])
     check.interrupt()
     assert check.own > 0.9
     assert followed(20, lambda k, told: told).own == 0.0

@@ -179,7 +179,7 @@ class StepCheck:
         if wrapped:
             self._row[:] = 0.0
             return
-        self._steps.append((moved, left, path * path))
+        self._steps.append((moved, left, len(error) * path * path))
         self._count += 1
         if self._count <= self.FEW:
             self.usual = max(self.usual, most)

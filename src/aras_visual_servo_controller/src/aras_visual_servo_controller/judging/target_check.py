@@ -251,13 +251,14 @@ class TargetCheck:
         if depth > self.DEPTH or self.ASTRAY < part < 1.0 / self.ASTRAY:
             mixed = _left_by_camera(rows.mixed, rows.moved, self.CAMERA)
         self.another_camera = mixed < self.AS_WELL * left
-        # Sums are few and smooth, which much explains by half: they have to be explained better.
-        bound = min(self.LEFT / rows.together**2 * left, self.BETTER * mixed)
+        bound = min(self.LEFT * left, self.BETTER * mixed)
         # Of the depth's factor what it has beyond 1: a camera that follows its target at one speed
         # moves nothing in the picture, and no factor of 0 is to explain that.
         constant, velocity = _left(known[:, :4], moved - along)
         if constant < bound:
             return f"it moves at {1e3 * float(np.linalg.norm(velocity[1:])):.1f} mm/s"
+        # Sums are few and smooth, which turns and swings explain by half: more is asked of those.
+        bound = min(self.LEFT / rows.together**2 * left, bound)
         # Few numbers an image do not tell a turn from a translation.
         known = known if len(self._rows[-1].moved) >= 6 else known[:, :4]
         if _left(known, moved)[0] < bound:

@@ -142,7 +142,7 @@ step() {
         (($(free "$folder") > 100)) || why="; the disk of $folder is full: make room"
     done
     [[ -n $why ]] || tail -n 20 "$log" >&2
-    fail "this step failed: $text$why" "the whole output is in $log; start again when it is mended: what is done stays done"
+    fail "this step failed: $text$why" "the whole output is in $log; start again when it is corrected: what is done stays done"
 }
 
 declare -A beside=() # process groups of functions that run beside this script, by their names

@@ -4,5 +4,5 @@ from aras_visual_servo_bench.experiment import Experiment
 from keeping import keep_runs
 
 late = Experiment(plant="chain", delay=0.2, gain=8.0, duration=6.0)
-run, mended = keep_runs({"gain 8": late, "gain 2": late.with_(gain=2.0)}, "feature_errors")
-assert run.outcome == "gain_too_high" and mended.succeeded
+run, remedied = keep_runs({"gain 8": late, "gain 2": late.with_(gain=2.0)}, "feature_errors")
+assert run.outcome == "gain_too_high" and remedied.succeeded

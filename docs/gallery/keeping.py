@@ -35,6 +35,6 @@ def keep_runs(experiments: dict[str, Experiment], figure: str) -> list[Run]:
         off = f"{1e3 * run.verdict.distance:.2f} mm from its goal"
         print(f"{run.name}: {run.outcome}, {run.verdict.word}, {off}")
         if run.reason:
-            print(f"  {run.reason}\n  {run.mend}".rstrip())
+            print(f"  {run.reason}\n  {run.remedy}".rstrip())
     print(page)
     return runs

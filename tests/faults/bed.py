@@ -135,7 +135,7 @@ class Bed:
     # --- what has to be as before ----------------------------------------------------------------
 
     def trouble(self, within: float = RECOVERY) -> list[str]:
-        """What is not as it ought to be, in words, once `within` s have not mended it."""
+        """What is not as it ought to be, in words, once `within` s have not cured it."""
         end = time.monotonic() + within
         while True:
             wrong = self._wrong()

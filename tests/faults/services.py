@@ -71,7 +71,7 @@ def put_back(bed: Bed, physics: object) -> bool:
 def reset_world(bed: Bed) -> bool:
     """Everything is put where it began. Whether the simulation had diverged: a step of half a
     second, or of two milliseconds with the shipped gains, may rightly be asked for, and
-    reset_simulation mends what comes of it, as it is said then."""
+    reset_simulation fixes what comes of it, as it is said then."""
     try:
         bed.call("/gazebo/reset_world")
     except UnansweredError as error:

@@ -22,6 +22,7 @@ from std_msgs.msg import Float64
 
 from .bed import COMMANDS, JOINTS, NODES, ROBOT, Bed, UnansweredError
 from .outcome import Outcome
+from .reports import contradictions
 from .traffic import judged
 
 EVERY = 3.0  # s of wall time between disturbances
@@ -35,7 +36,13 @@ def disturbed(bed: Bed, scale: float, seed: int) -> Outcome:
     target that moves; after each the arm is to converge again, by itself."""
     draw = random.Random(seed)
     reports: list[ServoReport] = []
-    listener = rospy.Subscriber(REPORT, ServoReport, reports.append)
+    every: list[ServoReport] = []
+
+    def heard(report: ServoReport) -> None:
+        reports.append(report)
+        every.append(report)
+
+    listener = rospy.Subscriber(REPORT, ServoReport, heard)
     with bed.group("servoing under disturbances") as outcome:
         took: list[float] = []
         clock = bed.simulated()
@@ -53,6 +60,7 @@ def disturbed(bed: Bed, scale: float, seed: int) -> Outcome:
                 continue
             took.append(max(bed.simulated() - disturbed_at, 0.0))  # a reset takes time back
             outcome.recovered = max(outcome.recovered, time.monotonic() - began)
+        outcome.lost += contradictions(every)
         judged(bed, outcome, len(took), "after the disturbances")
         outcome.note = (
             f"converged again after {len(took)} of {outcome.injected} disturbances, half of them "

@@ -243,7 +243,7 @@ def ended(run: Run, images: int, joints: int) -> Run:
     """The run as if it had ended with these; the verdict is of the camera at that joint state."""
     last = run.states[images - 1]
     return replace(
-        run, outcome=last.outcome, reason=last.reason, mend=last.mend,
+        run, outcome=last.outcome, reason=last.reason, remedy=last.remedy,
         verdict=Verdict.of(run.goal_pose, run.true_pose[joints - 1],
                            run.goal.distance, run.experiment.reached),
         states=run.states[:images], pose=run.pose[:images],

@@ -10,6 +10,7 @@ import secrets
 import sys
 import time
 from collections.abc import Iterable, Iterator
+from functools import partial
 
 from . import unfamiliar  # noqa: F401  it enters its kinds
 from .kinds import KINDS, Trial
@@ -17,7 +18,7 @@ from .table import TABLE, failures, markdown, section, summary
 from .trial import Judged, judged
 
 KEPT = 2016  # the seed that is kept; the other one is drawn anew at each run of the command
-FOLLOWED = 4  # the advice of one trial in so many is followed
+FOLLOWED = 4  # the remedy of one trial in so many is applied, without --follow
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -37,9 +38,11 @@ def main(arguments: list[str] | None = None) -> int:
     seeds = (KEPT,) if options.kept else (KEPT, drawn)
     print(f"seeds {', '.join(map(str, seeds))}; {options.runs} runs a kind", flush=True)
     found = []
-    for result in carried_out(trials(seeds, options.runs, options.kinds), options.workers):
+    every = 1 if options.follow else FOLLOWED
+    chosen = trials(seeds, options.runs, options.kinds)
+    for result in carried_out(chosen, options.workers, every):
         found.append(result)
-        if not result.right or result.mended is False or options.verbose:
+        if not result.right or result.helped is False or options.verbose:
             print(_line(result), flush=True)
     numbers = summary(found)
     print(markdown(found))
@@ -58,27 +61,29 @@ def trials(seeds: Iterable[int], runs: int, names: Iterable[str] = ()) -> list[T
     return [kind.trial(seeds[i % len(seeds)], i) for i in range(runs) for kind in chosen]
 
 
-def carried_out(chosen: list[Trial], workers: int) -> Iterator[Judged]:
-    """The trials' results, as they come to their ends."""
+def carried_out(chosen: list[Trial], workers: int, every: int = FOLLOWED) -> Iterator[Judged]:
+    """The trials' results, as they come to their ends; the remedy of one in `every` is applied."""
+    judge = partial(_judged, every)
     if workers <= 1:
-        yield from map(_judged, chosen)
+        yield from map(judge, chosen)
         return
     context = multiprocessing.get_context("fork")
     with context.Pool(workers, maxtasksperchild=200) as pool:
-        yield from pool.imap_unordered(_judged, chosen, chunksize=4)
+        yield from pool.imap_unordered(judge, chosen, chunksize=4)
 
 
-def _judged(trial: Trial) -> Judged:
-    return judged(trial, follow=trial.number % FOLLOWED == 0)
+def _judged(every: int, trial: Trial) -> Judged:
+    return judged(trial, follow=trial.number % every == 0)
 
 
 def _line(result: Judged) -> str:
     word = "ok   " if result.right else "WRONG"
-    if result.mended is False:
-        word = "ADVICE"
+    if result.helped is False:
+        word = "ADVICE" if result.right else "BOTH "
+    helped = {None: "", True: " (helps)", False: " (does not help)"}[result.helped]
     return (
         f"{word} {result.kind} {result.number}: {result.said} ({result.reason}); "
-        f"{1e3 * result.distance:.2f} mm off"
+        f"{1e3 * result.distance:.2f} mm off; {result.remedy}{helped}"
     )
 
 
@@ -95,6 +100,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--workers", type=int, default=multiprocessing.cpu_count(),
                         help="processes side by side (default: one a core)")  # fmt: skip
     parser.add_argument("--list", action="store_true", help="the kinds, and what is right of them")
+    parser.add_argument("--follow", action="store_true", help="apply the remedy of every run that "
+                        "fails (default: of one in four), and count whether it helps")
     parser.add_argument("--verbose", action="store_true", help="a line for every run")
     parser.add_argument("--write", action="store_true", help="write the table into docs/truth.md")
     return parser

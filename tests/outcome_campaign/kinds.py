@@ -23,8 +23,6 @@ OUTLINES = (
     ((-0.5, -0.5), (0.5, -0.45), (0.1, -0.1), (-0.2, 0.5)),
 )  # fmt: skip
 
-LARGE = [[0.07 * x, 0.07 * y] for x, y in OUTLINES[0]]  # m
-
 
 @dataclass(frozen=True)
 class Event:
@@ -39,37 +37,16 @@ class Event:
 
 @dataclass(frozen=True)
 class Trial:
-    """One run to be made: kind, its number, the experiment's keys, what is right, what is mended.
+    """One run to be made: kind, its number, the experiment's keys, what is right.
 
     right: kinds of outcome that are right; 'converged' stands for 'converged up to ...' too.
-    mended: keys that change when the advice is followed, None for one that is left out; None:
-        there is nothing to follow.
     """
 
     kind: str
     number: int
     keys: Mapping[str, Any]
     right: tuple[str, ...]
-    mended: Mapping[str, Any] | None = None
     event: Event | None = None
-
-    @property
-    def mended_keys(self) -> dict[str, Any]:
-        """The experiment's keys once the advice is followed."""
-        return _changed(self.keys, self.mended or {})
-
-
-def _changed(keys: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Keys with changes, also of mappings within; None leaves a key out."""
-    result = dict(keys)
-    for name, value in changes.items():
-        if value is None:
-            result.pop(name, None)
-        elif isinstance(value, Mapping) and isinstance(result.get(name), Mapping):
-            result[name] = _changed(result[name], value)
-        else:
-            result[name] = value
-    return result
 
 
 @dataclass(frozen=True)
@@ -79,7 +56,6 @@ class Kind:
     name: str
     draw: Callable[[Draw], Changes]
     right: tuple[str, ...]
-    mended: Mapping[str, Any] | None = None
     event: Callable[[Draw], Event] | None = None
     text: str = field(default="", compare=False)
 
@@ -88,7 +64,7 @@ class Kind:
         random = np.random.default_rng([seed, number, *self.name.encode()])
         keys = {"seed": int(random.integers(2**31)), **self.draw(random)}
         event = None if self.event is None else self.event(random)
-        return Trial(self.name, number, keys, self.right, self.mended, event)
+        return Trial(self.name, number, keys, self.right, event)
 
 
 KINDS: dict[str, Kind] = {}
@@ -96,14 +72,13 @@ KINDS: dict[str, Kind] = {}
 
 def kind(
     *right: str,
-    mended: Mapping[str, Any] | None = None,
     event: Callable[[Draw], Event] | None = None,
 ) -> Callable[[Callable[[Draw], Changes]], Callable[[Draw], Changes]]:
     """Enter a function that draws an experiment's keys as a kind of its name."""
 
     def enter(draw: Callable[[Draw], Changes]) -> Callable[[Draw], Changes]:
         name = draw.__name__
-        KINDS[name] = Kind(name, draw, right, mended, event, (draw.__doc__ or "").strip())
+        KINDS[name] = Kind(name, draw, right, event, (draw.__doc__ or "").strip())
         return draw
 
     return enter
@@ -187,20 +162,20 @@ def pictures(random: Draw) -> Changes:
     return pictured(random)
 
 
-@kind("converged", "too_noisy", mended={"noise": None})
+@kind("converged", "too_noisy")
 def noisy_pictures(random: Draw) -> Changes:
     """Pictures with noise of 1 to 5 grey levels: of some targets too much for six directions."""
     return {**pictured(random), "noise": float(random.uniform(1.0, 5.0))}
 
 
-@kind("converged", "too_noisy", mended={"jitter": None})
+@kind("converged", "too_noisy")
 def jittered_features(random: Draw) -> Changes:
     """Exact features that jitter by 0.05 to 0.3 px: of a small target too much for its pose."""
     keys = healthy(random, ("chain", "free"))
     return {**keys, "features": "exact", "jitter": float(random.uniform(0.05, 0.3))}
 
 
-@kind("converged", "too_noisy", mended={"target": {"shape": LARGE, "size": [0.07, 0.07]}})
+@kind("converged", "too_noisy")
 def small_target(random: Draw) -> Changes:
     """A target of 25 to 45 mm, ten to twenty pixels wide, by pictures: its pixels are noise."""
     keys = pictured(random, plants=("free",))
@@ -263,7 +238,7 @@ def goal_shown_by_wrong_mounting(random: Draw) -> Changes:
     return {**keys, "believed": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
 
 
-@kind("wrong_camera_model", mended={"believed": None})
+@kind("wrong_camera_model")
 def goal_of_another_camera(random: Draw) -> Changes:
     """A goal worked out for the camera as it is; its focal length is believed 1.5 to 1.7."""
     return {"plant": "chain", "features": "pictures", "scheme": "moments", "duration": 8.0,
@@ -284,7 +259,7 @@ def camera_turned_in_its_mount(random: Draw) -> Changes:
 # -- the target --------------------------------------------------------------------------------
 
 
-@kind("target_lost", mended={"target": {"motion": None}})
+@kind("target_lost")
 def target_leaves(random: Draw) -> Changes:
     """The target leaves the view faster than the camera follows."""
     v = random.uniform(1.2, 1.8)
@@ -294,7 +269,7 @@ def target_leaves(random: Draw) -> Changes:
     return {**healthy(random, ("chain",)), "goal": "2016", "target": {"motion": motion}}
 
 
-@kind("target_lost", mended={"target": {"motion": None}})
+@kind("target_lost")
 def target_covered(random: Draw) -> Changes:
     """Something is laid over the whole target while the arm servoes: no pictures of it remain."""
     keys = pictured(random, plants=("chain",), own=True)
@@ -302,7 +277,7 @@ def target_covered(random: Draw) -> Changes:
     return keys
 
 
-@kind("target_moves", mended={"target": {"motion": None}})
+@kind("target_moves")
 def target_drifts(random: Draw) -> Changes:
     """The target moves steadily at 10 to 40 mm/s, which the scheme does not know."""
     v, a = random.uniform(0.01, 0.04), random.uniform(0, 2 * np.pi)
@@ -311,7 +286,7 @@ def target_drifts(random: Draw) -> Changes:
     return {**keys, "duration": float(random.uniform(4.0, 12.0))}
 
 
-@kind("target_moves", mended={"target": {"motion": None}})
+@kind("target_moves")
 def target_swings(random: Draw) -> Changes:
     """The target swings by 5 to 20 mm at 0.2 to 0.6 Hz."""
     a, b = random.uniform(0.005, 0.02, 2)
@@ -353,7 +328,7 @@ def same_from_four_sides(random: Draw) -> Changes:
 # -- the arm -----------------------------------------------------------------------------------
 
 
-@kind("out_of_reach", mended={"goal": "2016"})
+@kind("out_of_reach")
 def goal_below_reach(random: Draw) -> Changes:
     """A goal pose that the arm cannot take: too low over the table."""
     z = float(random.uniform(0.66, 0.71))
@@ -361,7 +336,7 @@ def goal_below_reach(random: Draw) -> Changes:
             "goal": {"pose": [0.0, 0.0, z, DOWN, 0.0, 0.0]}}  # fmt: skip
 
 
-@kind("converged", "singular", mended={"goal": goal_above(np.random.default_rng(1), leans=True)})
+@kind("converged", "singular")
 def goal_at_a_singular_posture(random: Draw) -> Changes:
     """A level goal of points or segments, by pictures: the arm cannot turn the camera about its y
     axis there."""
@@ -369,7 +344,7 @@ def goal_at_a_singular_posture(random: Draw) -> Changes:
     return {**keys, "features": "pictures", "goal": goal_above(random)}
 
 
-@kind("joint_limit", mended={"options": None})
+@kind("joint_limit")
 def limit_in_the_way(random: Draw) -> Changes:
     """The gantry's limit lies before the goal."""
     upper = float(random.uniform(-0.12, -0.08))
@@ -379,14 +354,14 @@ def limit_in_the_way(random: Draw) -> Changes:
             "duration": 8.0, "linger": 0.3}  # fmt: skip
 
 
-@kind("saturation", mended={"options": None})
+@kind("saturation")
 def joints_too_slow(random: Draw) -> Changes:
     """Joints that may move at 5 to 12 mrad/s only."""
     return {**healthy(random, ("chain",)), "duration": 8.0,
             "options": {"max_velocity": float(random.uniform(0.005, 0.012))}}  # fmt: skip
 
 
-@kind("joints_do_not_follow", mended={"lag": 0.04})
+@kind("joints_do_not_follow")
 def joints_stay_behind(random: Draw) -> Changes:
     """Joints that follow their commands with a lag of 3 to 8 s."""
     return {**healthy(random, ("chain",)), "lag": float(random.uniform(3.0, 8.0))}
@@ -401,13 +376,13 @@ def joints_stick(random: Draw) -> Changes:
 # -- the loop ----------------------------------------------------------------------------------
 
 
-@kind("gain_too_high", mended={"gain": 2.0})
+@kind("gain_too_high")
 def gain_far_too_high(random: Draw) -> Changes:
     """A gain of 42 to 50 at 30 images a second."""
     return {**healthy(random, ("chain",)), "gain": float(random.uniform(42.0, 50.0))}
 
 
-@kind("gain_too_high", mended={"gain": 1.0, "delay": 0.015})
+@kind("gain_too_high")
 def delay_too_long(random: Draw) -> Changes:
     """A delay of 0.25 to 0.4 s at a gain that swings with it."""
     delay = float(random.uniform(0.25, 0.4))
@@ -423,14 +398,14 @@ def images_seldom(random: Draw) -> Changes:
             "camera": {"horizontal_fov": 2.0, "update_rate": rate}}  # fmt: skip
 
 
-@kind("timed_out", mended={"gain": 3.0, "duration": 10.0})
+@kind("timed_out")
 def gain_too_low(random: Draw) -> Changes:
     """A gain of 0.1 to 0.2 for four seconds."""
     return {**healthy(random, ("chain", "free")), "gain": float(random.uniform(0.1, 0.2)),
             "duration": 4.0}  # fmt: skip
 
 
-@kind("too_few_images", "converged", mended={"camera": {"effects": None}, "gain": 2.0})
+@kind("too_few_images", "converged")
 def images_dropped(random: Draw) -> Changes:
     """The camera drops 95 to 97 of 100 images."""
     drop = float(random.uniform(0.95, 0.97))
@@ -465,13 +440,13 @@ def stopped_by_service(random: Draw) -> Changes:
 # -- the scheme --------------------------------------------------------------------------------
 
 
-@kind("scheme_fault", mended={"scheme": "points"})
+@kind("scheme_fault")
 def scheme_raises(random: Draw) -> Changes:
     """A scheme that raises."""
     return {**healthy(random, ("chain", "free")), "scheme": "outcome_campaign.schemes:Broken"}
 
 
-@kind("scheme_fault", mended={"scheme": "points"})
+@kind("scheme_fault")
 def scheme_not_finite(random: Draw) -> Changes:
     """A feature that is NaN."""
     return {**healthy(random, ("chain", "free")), "scheme": "outcome_campaign.schemes:NotFinite"}
@@ -490,7 +465,7 @@ def directions_unseen(random: Draw) -> Changes:
     return {**healthy(random, ("chain",)), "scheme": "outcome_campaign.schemes:Dependent"}
 
 
-@kind("camera_retreat", "target_lost", mended={"options": {"interaction": "mean"}})
+@kind("camera_retreat", "target_lost")
 def half_turn_by_points(random: Draw) -> Changes:
     """Points from a start turned by 172 to 180 degrees about the optical axis, L current."""
     goal = goal_above(random)

@@ -11,11 +11,12 @@ import numpy as np
 from truth_checks.result import with_result
 
 from .kinds import KINDS
-from .trial import Judged
+from .trial import REFUSED, Judged
 
 TABLE = Path(__file__).parents[2] / "docs" / "truth.md"
 TITLE = "## What the loop says of its runs"
 ALL, EACH = 0.95, 0.85  # least parts that are told right, of all runs and of each kind
+REMEDIED, HELPED = 0.8, 0.7  # least parts of failed runs with a remedy, and of remedies that help
 EXCEEDED, WORST = 0.005, 1.5  # of what is left open: part of the runs, and times of it
 WIDTH = 3.0  # times the median error that the median of what is left open may be
 
@@ -25,7 +26,8 @@ def summary(found: Sequence[Judged]) -> dict[str, float]:
     by_kind = {name: [f.right for f in found if f.kind == name] for name in KINDS}
     there = [f for f in found if f.converged]
     excess = np.array([f.excess for f in there])
-    followed = [f.mended for f in found if f.mended is not None]
+    followed = [f.helped for f in found if f.helped is not None]
+    failed = [f for f in found if not f.converged and f.said != REFUSED]
     numbers = {
         "runs": len(found),
         "right": _part([f.right for f in found]),
@@ -33,8 +35,10 @@ def summary(found: Sequence[Judged]) -> dict[str, float]:
         "converged": len(there),
         "exceeded": _part(list(excess > 1.0)),
         "worst": float(excess.max(initial=0.0)),
-        "advice_followed": len(followed),
-        "advice_right": _part(followed),
+        "failed": len(failed),
+        "remedied": _part([bool(f.remedy) for f in failed]),
+        "remedies_followed": len(followed),
+        "remedies_helped": _part(followed),
     }
     for part in ("distance", "angle"):
         errors = np.array([getattr(f, part) for f in there])
@@ -52,7 +56,8 @@ def failures(numbers: dict[str, float]) -> list[str]:
         f"right in {EACH:.0%} of each kind": numbers["least_kind"] >= EACH,
         f"left open exceeded in {EXCEEDED:.1%} at most": numbers["exceeded"] <= EXCEEDED,
         f"left open never exceeded {WORST:g} times": numbers["worst"] <= WORST,
-        f"advice right in {EACH:.0%}": numbers["advice_right"] >= EACH,
+        f"a remedy in {REMEDIED:.0%} of the failed runs": numbers["remedied"] >= REMEDIED,
+        f"{HELPED:.0%} of the remedies help": numbers["remedies_helped"] >= HELPED,
     }
     for part in ("distance", "angle"):
         if f"median_{part}" in numbers:
@@ -64,7 +69,7 @@ def failures(numbers: dict[str, float]) -> list[str]:
 def markdown(found: Sequence[Judged]) -> str:
     """A row for each kind, and a sentence of what is left open."""
     rows = [
-        "| provoked | right is | said | right | advice followed |",
+        "| provoked | right is | said | right | remedy followed |",
         "|---|---|---|---|---|",
     ]
     for name, kind in KINDS.items():
@@ -73,8 +78,7 @@ def markdown(found: Sequence[Judged]) -> str:
             continue
         said = Counter("converged" if f.converged else f.said for f in of_kind)
         words = ", ".join(f"{word} {count}" for word, count in said.most_common())
-        followed = [f.mended for f in of_kind if f.mended is not None]
-        advice = f"{sum(followed)} of {len(followed)} then converge" if followed else ""
+        advice = _followed(of_kind)
         text = kind.text.replace("\n    ", " ")
         rows.append(
             f"| {text} | {' or '.join(kind.right)} | {words} | "
@@ -92,7 +96,24 @@ def markdown(found: Sequence[Judged]) -> str:
             f"{1e3 * numbers['median_open_distance']:.2f} mm and "
             f"{np.degrees(numbers['median_open_angle']):.3f} degrees."
         )
-    return text
+    return f"{text}\n\n{_remedies(found)}"
+
+
+def _remedies(found: Sequence[Judged]) -> str:
+    """A row for each outcome of a run that failed: how many had a remedy, and what it achieved."""
+    rows = ["| outcome | failed runs | with a remedy | remedy followed |", "|---|---|---|---|"]
+    failed = [f for f in found if not f.converged]
+    for said, count in Counter(f.said for f in failed).most_common():
+        of_kind = [f for f in failed if f.said == said]
+        given = sum(bool(f.remedy) for f in of_kind)
+        rows.append(f"| {said} | {count} | {given} | {_followed(of_kind)} |")
+    return "\n".join(rows)
+
+
+def _followed(found: Sequence[Judged]) -> str:
+    """How many of the runs whose remedy was applied converge with it, as text."""
+    helped = [f.helped for f in found if f.helped is not None]
+    return f"{sum(helped)} of {len(helped)} then converge" if helped else ""
 
 
 def section(text: str, found: Sequence[Judged], seeds: Sequence[int]) -> str:

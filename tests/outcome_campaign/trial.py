@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,15 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.recording.run import Run
 from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.study.remedies import apply_remedy
 from aras_visual_servo_controller.judging.outcomes import Outcome
+from aras_visual_servo_controller.judging.remedy import Remedy
 
 from .kinds import Event, Trial
 
 ONCE = ("hold", "stop")
 REFUSED = "refused"  # the experiment could not be made: never right
+EXCESS = 1.5  # times what is left open that a run may be off whose outcome counts as right
 
 
 @dataclass(frozen=True)
@@ -28,8 +31,8 @@ class Judged:
 
     said, reason, remedy: the loop's. distance, angle: of the true camera from its goal at the end,
     m and rad. open_distance, open_angle: what 'converged' leaves open, m and rad; NaN without it.
-    right: whether what was said is what was written down before. mended: whether the run succeeds
-    once the advice is followed; None: not tried.
+    right: whether what was said is what was written down before. helped: whether the run succeeds
+    once its own remedy is applied; None: not tried, or there was nothing to apply.
     """
 
     kind: str
@@ -42,7 +45,7 @@ class Judged:
     open_distance: float
     open_angle: float
     right: bool
-    mended: bool | None = None
+    helped: bool | None = None
 
     @property
     def converged(self) -> bool:
@@ -102,27 +105,38 @@ def carried_out(keys: Mapping[str, Any], event: Event | None = None) -> tuple[Ru
 
 
 def judged(trial: Trial, follow: bool) -> Judged:
-    """Carry a trial out and hold what was said against what is right and what is true.
+    """Carry a trial out and compare what was said with what is right and what is true.
 
     Args:
-        follow: also follow the advice, where the kind says how.
+        follow: also apply the remedy of a run that failed, where it changes a setting.
     """
     try:
         run, outcome = carried_out(trial.keys, trial.event)
     except ExperimentError as error:
         nothing = (np.nan,) * 4
         return Judged(trial.kind, trial.number, REFUSED, str(error), "", *nothing, right=False)
-    found = Judged(
-        trial.kind, trial.number, outcome.kind, outcome.reason, outcome.mend,
+    found = _found(trial, run, outcome)
+    family = "converged" if found.converged else found.said
+    right = family in trial.right and not (found.converged and found.excess > EXCESS)
+    helped = None
+    if follow and not found.converged and trial.event is None and outcome.remedy.changes:
+        helped = _helps(trial, outcome.remedy)
+    return replace(found, right=right, helped=helped)
+
+
+def _found(trial: Trial, run: Run, outcome: Outcome) -> Judged:
+    return Judged(
+        trial.kind, trial.number, outcome.kind, outcome.reason, outcome.remedy,
         run.verdict.distance, run.verdict.angle, outcome.open_distance, outcome.open_angle,
         right=False,
     )
-    family = "converged" if found.converged else found.said
-    right = family in trial.right and not (found.converged and found.excess > 1.5)
-    mended = None
-    if follow and right and trial.mended is not None:
-        try:
-            mended = carried_out(trial.mended_keys)[1].kind.startswith("converged")
-        except ExperimentError:
-            mended = False
-    return Judged(**{**vars(found), "right": right, "mended": mended})
+
+
+def _helps(trial: Trial, remedy: Remedy) -> bool:
+    """Whether the run converges, and truly so, with the remedy's changes."""
+    try:
+        changed = apply_remedy(Experiment.from_mapping(trial.keys), remedy)
+        after = _found(trial, *carried_out(changed.to_mapping()))
+    except ExperimentError:
+        return False
+    return after.converged and after.excess <= EXCESS

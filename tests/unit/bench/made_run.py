@@ -82,7 +82,7 @@ def made_run(seed: int, decay: float) -> Run:
         states=tuple(states), pose=true_pose[nearest], joint_names=JOINTS, joint_stamp=joint_stamp,
         measured=measured, measured_speed=rng.normal(size=measured.shape) * [0.1, 0.7, 1.3],
         commanded=measured + 0.01, true_pose=true_pose, goal_pose=GOAL, outcome="converged",
-        reason="", mend="", verdict=Verdict("goal_reached", 4.17e-4, 0.00521), name=f"run {seed}",
+        reason="", remedy="", verdict=Verdict("goal_reached", 4.17e-4, 0.00521), name=f"run {seed}",
         units=UNITS, limits=(LOWER, UPPER), speed=np.array([0.3, 1.9, 2.7]),
         joint_units=JOINT_UNITS, pace=pace,
         cameras={"camera": CameraRecord(CameraModel(640, 400, K), exposed, arrival)},

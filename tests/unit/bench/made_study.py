@@ -43,7 +43,7 @@ def write_chunk(folder: Folder, chunk: int) -> None:
         values |= {
             "outcome": "converged" if good else "oscillating", "reason": reason,
             "verdict": "goal_reached" if good else "goal_missed",
-            "mend": "" if good else "lower the gain, or the delay", "images": 60,
+            "remedy": "" if good else "lower the gain, or the delay", "images": 60,
             "simulated": 4.0 * rng.random(), "success": float(good),
             "settled": 3.0 / gain * (1.0 + 0.1 * rng.random()) if good else float("nan"),
             "final_distance": 2e-4 * rng.random() if good else 0.1 * rng.random(),

@@ -212,10 +212,10 @@ def test_points_are_those_of_the_rows(ask, rows):
     assert words["x"]["labels"] == ["converged", "oscillating"]
 
 
-def test_a_run_is_told_with_reason_and_mend_and_its_whole_seed(ask, rows):
+def test_a_run_is_told_with_reason_and_remedy_and_its_whole_seed(ask, rows):
     failed = next(r for r in rows if r["success"] == 0.0)
     row = ask("run", study="first", run=failed["run"])["row"]
-    assert (row["reason"], row["mend"]) == (failed["reason"], failed["mend"])
+    assert (row["reason"], row["remedy"]) == (failed["reason"], failed["remedy"])
     assert int(row["seed"]) == failed["seed"] and row["end"] == "oscillating"
     assert "scheme" not in row  # another study's
     with pytest.raises(StudyError, match="first has no run 30 yet"):

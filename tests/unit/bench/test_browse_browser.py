@@ -97,7 +97,7 @@ def test_a_filter_a_cell_and_a_run(page, browser, served):
     page.js("document.querySelector('#rows tbody button').click()")
     page.wait("!document.getElementById('run').hidden")
     text = page.js("document.getElementById('run').innerText")
-    assert "Why:" in text and "What would mend it: lower the gain" in text and "goal_missed" in text
+    assert "Why:" in text and "Remedy: lower the gain" in text and "goal_missed" in text
     page.js("document.querySelector('#filters button:last-child').click()")  # all of them
     page.wait(f"{COUNTED}.startsWith('160 runs')")
 

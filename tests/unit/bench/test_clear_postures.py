@@ -142,7 +142,7 @@ def test_joints_that_run_into_something_are_said_and_the_advice_names_it(clear, 
     assert any(said in note and "at the start" in note for note in result.notes)
     assert all(note in caplog.messages for note in result.notes)
     assert result.outcome == "joints_do_not_follow"
-    assert f"has run into '{other}'" in result.reason and other in result.mend
+    assert f"has run into '{other}'" in result.reason and other in result.remedy
 
 
 @pytest.mark.parametrize("clear", ["elbow"], indirect=True)

@@ -40,14 +40,14 @@ def test_what_is_said_of_a_half_turn_is_true(scheme):
         modelled = create_scheme(scheme).feature.directions
         assert result.verdict.angle < 0.01 or not all(modelled[3:])
     elif result.outcome in ("camera_retreat", "local_minimum", "singular"):
-        assert any(name in result.mend for name in ("polar_points", "pose"))
+        assert any(name in result.remedy for name in ("polar_points", "pose"))
 
 
 @pytest.mark.parametrize("corners", [CORNERS, [[-0.1, -0.1], [-0.1, 0.1], [0.1, 0.1], [0.1, -0.1]]])
 def test_l_mean_says_so_where_it_loses_the_turn(corners):
     result = turned("numbered_points", np.pi, corners=corners, interaction="mean")
-    lost = result.outcome == "target_lost" and "L mean" not in result.mend
-    assert result.verdict.reached or lost or "two_and_half_d" in result.mend, result.outcome
+    lost = result.outcome == "target_lost" and "L mean" not in result.remedy
+    assert result.verdict.reached or lost or "two_and_half_d" in result.remedy, result.outcome
 
 
 @pytest.mark.parametrize("angle", [3.0, 3.13, np.pi - 1e-6])

@@ -251,7 +251,7 @@ def test_a_goal_is_shown_through_the_camera_as_believed():
     assert result.verdict.reached and result.outcome == "converged"
     assert "wrong_camera_model" in result.outcomes  # on the way, which is not the one asked for
     assert result.reason.startswith("at the goal as this camera has shown it; yet ")
-    assert "calibrate" in result.mend
+    assert "calibrate" in result.remedy
 
 
 @pytest.mark.parametrize("interaction", ["desired", "mean"])

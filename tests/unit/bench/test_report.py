@@ -107,10 +107,10 @@ def test_condition_is_the_largest_over_the_smallest_singular_value_of_each_image
     assert np.isnan(metrics.condition(np.zeros((3, 0)))).all()
 
 
-def test_words_tell_a_failure_with_reason_and_mend(moments):
+def test_words_tell_a_failure_with_reason_and_remedy(moments):
     lost = replace(
         moments, states=tuple(replace(state, phase="servoing") for state in moments.states),
-        outcome="target_lost", reason="over the left border", mend="begin nearer",
+        outcome="target_lost", reason="over the left border", remedy="begin nearer",
     )  # fmt: skip
     told = summary.told(lost, summary.summarise(lost))
     assert "NO: target_lost (over the left border)" in told and "begin nearer" in told
@@ -119,7 +119,7 @@ def test_words_tell_a_failure_with_reason_and_mend(moments):
     assert doubted.held  # it is held at the goal all the same
     told = summary.told(doubted, summary.summarise(doubted))
     assert "yes, and held; yet wrong_camera_model" in told
-    noted = replace(moments, reason="as shown; yet", mend="calibrate")
+    noted = replace(moments, reason="as shown; yet", remedy="calibrate")
     told = summary.told(noted, summary.summarise(noted))
     assert "yes, and held; as shown; yet\n" in told and "calibrate" in told
     blind = replace(

@@ -28,7 +28,7 @@ def opened(watched, runs, tmp_path_factory):
     """A tab with the report of one run, of both, or of nine of which some failed, in a window so
     wide."""
     lost = replace(runs[0], name="lost", outcome="target_lost", reason="over the left border",
-                   mend="begin nearer", notes=["the bag was cut off"],
+                   remedy="begin nearer", notes=["the bag was cut off"],
                    verdict=replace(runs[0].verdict, word="goal_missed"))  # fmt: skip
     open_ = replace(runs[0], name="open", outcome="converged up to 0.6 mm", reason="noise")
     shown = {1: runs[:1], 2: runs, 9: [*runs, lost, open_, *(replace(runs[0], name=f"run {i}")

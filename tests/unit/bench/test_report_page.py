@@ -173,7 +173,7 @@ def test_no_name_is_markup(moments, tmp_path):
         for state in moments.states
     )  # fmt: skip
     joints = tuple(f"{HOSTILE}{name}" for name in moments.joint_names)
-    bad = replace(moments, name=HOSTILE, states=states, reason=HOSTILE, mend=HOSTILE,
+    bad = replace(moments, name=HOSTILE, states=states, reason=HOSTILE, remedy=HOSTILE,
                   source=HOSTILE, notes=[HOSTILE], settings={HOSTILE: HOSTILE}, yaml=HOSTILE,
                   joint_names=joints)  # fmt: skip
     for runs in ([bad], [bad, bad]):

@@ -163,7 +163,7 @@ def test_every_number_of_the_files_is_recomputed(runs, written):
     told = json.loads(text)
     assert text == json.dumps(told, indent=2, ensure_ascii=False) + "\n"  # a line a number
     rows = pd.read_csv(written / "one/summary.csv").set_index("quantity")
-    assert set(wanted) == set(rows.index) - {"outcome", "verdict", "reason", "mend"}
+    assert set(wanted) == set(rows.index) - {"outcome", "verdict", "reason", "remedy"}
     for name, value in wanted.items():
         assert told[name] == pytest.approx(value, rel=1e-6, abs=1e-9), name
         assert float(rows.value[name]) == told[name], name

@@ -72,7 +72,7 @@ def recorded(arm, phases=("approaching", "servoing", "servoing"), filmed=True,
                      pose(7 + i), WIDE)  # fmt: skip
     plant = SimpleNamespace(poses=lambda q: np.array([pose(10 * row[0]) for row in q]))
     end = {"joint_names": ("slide", "elbow"), "goal_pose": GOAL, "outcome": "converged",
-           "reason": "", "mend": "", "verdict": None}  # fmt: skip
+           "reason": "", "remedy": "", "verdict": None}  # fmt: skip
     return recorder.run(plant, Experiment(plant="chain", gain=3.0), assembly(arm), **end)
 
 

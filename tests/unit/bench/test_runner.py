@@ -138,7 +138,7 @@ def test_a_believed_focal_length_that_is_wrong_is_diagnosed(start):
     experiment = CHAIN.with_(features="pictures", believed={"focal": 0.7}, start=start, linger=0.1)
     result = run(experiment)
     assert not result.verdict.reached and result.verdict.distance > 0.05
-    assert result.outcome == "wrong_camera_model" and "calibrate" in result.mend
+    assert result.outcome == "wrong_camera_model" and "calibrate" in result.remedy
 
 
 @pytest.mark.parametrize("depth", [0.7, 1.4])

@@ -108,7 +108,7 @@ def test_noise_is_not_followed_where_the_features_hardly_show_a_direction():
 def test_more_time_is_no_advice_where_a_direction_is_not_servoed():
     result = tag(0.03, 0.9, jitter=1.0, gain=0.2, duration=2.0)
     assert result.outcome == "too_noisy" and "not servoed" in result.reason
-    assert "more time" not in result.mend
+    assert "more time" not in result.remedy
 
 
 def test_pictures_of_a_small_tag_are_servoed_to_their_accuracy():

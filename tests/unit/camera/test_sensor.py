@@ -331,6 +331,8 @@ def test_noise_has_the_asked_statistics_and_a_seed():
     assert first.mean() == pytest.approx(130.0, abs=0.1)
     for other in (second, EffectChain(chain.effects, grey.shape, 5).apply(grey, 33)):
         assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < 0.02
+    part = np.full((240, 640, 3), 128, np.uint8)[:, :320]
+    assert np.array_equal(chain.apply(part, 33), chain.apply(grey, 33))  # a view of a larger one
     again = EffectChain(chain.effects, grey.shape, seed=4)
     assert (again.apply(grey, 33) == first).all()
 

@@ -52,7 +52,7 @@ def made_state(stamp: float, phase: str = "servoing", **more: object) -> ServoSt
         (), "", (), task.L, jacobian, np.ones(6, bool),
     )  # fmt: skip
     return ServoState(**{
-        "stamp": stamp, "phase": phase, "outcome": "running", "reason": "slow", "mend": "wait",
+        "stamp": stamp, "phase": phase, "outcome": "running", "reason": "slow", "remedy": "wait",
         "decision": Decision(NAMES, features, desired, features - desired, task,
                              filtered_error=0.9 * (features - desired)),
         "resolution": resolution, "joints": JointSample.of(stamp, JOINTS, position(stamp)),

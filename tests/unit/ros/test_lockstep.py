@@ -212,7 +212,7 @@ def test_a_reset_of_time_ends_the_round_and_begins_the_periods_anew(made):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "mend"),
+    ("arguments", "remedy"),
     [
         (((), 5.0, 0.0), "lockstep_topics is empty"),
         ((("a",), 0.0, 0.0), "lockstep_timeout is 0; give seconds above 0"),
@@ -220,9 +220,9 @@ def test_a_reset_of_time_ends_the_round_and_begins_the_periods_anew(made):
         ((("a",), 5.0, -0.1), "lockstep_period is -0.1"),
     ],
 )
-def test_what_cannot_be_is_refused_with_the_mend(ros, arguments, mend):
+def test_what_cannot_be_is_refused_with_the_remedy(ros, arguments, remedy):
     topics, timeout, period = arguments
-    with pytest.raises(SimError, match=mend):
+    with pytest.raises(SimError, match=remedy):
         Lockstep(topics, timeout, lambda: None, period)
 
 

@@ -369,7 +369,7 @@ class Server:
 @pytest.fixture
 def asked(graph, life, monkeypatch):
     done = []
-    outcome = SimpleNamespace(kind="running", reason="", mend="")
+    outcome = SimpleNamespace(kind="running", reason="", remedy="")
     servo = SimpleNamespace(phase="servoing", outcome=outcome, reason="")
     driver = SimpleNamespace(servo=servo, done=done, **{
         name: lambda *words, n=name: done.append((n, *words))
@@ -430,14 +430,14 @@ def test_an_action_ends_as_the_loop_or_somebody_wants(asked):
     server.execute(goal())
     assert asked.driver.done == [("start",), ("stop", "preempted")]
     name, result = server.ended[-1]
-    assert (name, result.outcome, result.reason, result.mend) == (
+    assert (name, result.outcome, result.reason, result.remedy) == (
         "set_preempted", "stopped", "preempted", "")
     assert list(result.feature_names) == []
     server.preempted, servo.phase, servo.reason = False, "stopped", "by hand"
-    servo.outcome.kind, servo.outcome.mend = "lost", "look"
+    servo.outcome.kind, servo.outcome.remedy = "lost", "look"
     server.execute(goal())
     name, result = server.ended[-1]
-    assert (name, result.outcome, result.reason, result.mend) == (
+    assert (name, result.outcome, result.reason, result.remedy) == (
         "set_aborted", "lost", "by hand", "look")
     servo.outcome.reason = "no image"
     server.execute(goal())
@@ -449,11 +449,11 @@ def test_an_action_ends_as_the_loop_or_somebody_wants(asked):
     ("running", "", ("timed_out", "not converged within 0.2 s")),
     ("stuck", "a limit", ("stuck", "a limit"))])
 def test_an_action_has_its_time(asked, kind, reason, told):
-    asked.driver.servo.outcome = SimpleNamespace(kind=kind, reason=reason, mend="mend it")
+    asked.driver.servo.outcome = SimpleNamespace(kind=kind, reason=reason, remedy="fix it")
     asked.life.steps = [lambda: None] * 9
     asked.server.execute(goal(0.2))
     name, result = asked.server.ended[-1]
-    assert (name, result.outcome, result.reason, result.mend) == ("set_aborted", *told, "mend it")
+    assert (name, result.outcome, result.reason, result.remedy) == ("set_aborted", *told, "fix it")
     assert 4 <= len(asked.life.slept) <= 5
     assert asked.driver.done[-1] == ("stop", "the time for it is over")
 

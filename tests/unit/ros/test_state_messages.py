@@ -27,9 +27,9 @@ def test_every_part_of_a_state_comes_back_from_its_two_messages(graph, face):
     for one in (message, report):
         assert one.header.stamp == rospy.Time(3, 217654321)
         assert one.header.frame_id == "camera_optical_frame" and one.joint_names == list(JOINTS)
-    assert message.scheme == "points" and (report.reason, report.mend) == ("slow", "wait")
+    assert message.scheme == "points" and (report.reason, report.remedy) == ("slow", "wait")
     back = state_of(message, report)
-    for name in ("phase", "outcome", "reason", "mend", "scheme", "computing", "names", "stamp"):
+    for name in ("phase", "outcome", "reason", "remedy", "scheme", "computing", "names", "stamp"):
         assert getattr(back, name) == getattr(state, name), name
     for name in ("twist", "achieved", "singular_values_L", "command", "error"):
         same(getattr(back, name), getattr(state, name))
@@ -63,7 +63,7 @@ def test_what_a_state_has_not_is_not_made_up(graph, face):
     assert back.decision is back.resolution is back.joints is back.command is None
     assert not back.arrived.reached and back.reason == "no image"
     alone = state_of(told(graph, face, made_state(1.0))[0])  # of a bag without reports
-    assert (alone.outcome, alone.mend) == ("", "") and math.isnan(alone.computing)
+    assert (alone.outcome, alone.remedy) == ("", "") and math.isnan(alone.computing)
     assert np.isnan(alone.achieved).all() and not alone.arrived.reached
     assert alone.decision.filtered_error is None
     parts = {"features": ["decision", "resolution"], "desired_features": ["decision", "resolution"],

@@ -621,7 +621,7 @@ def test_an_exact_view_leaves_open_what_L_sees():
     # by depths that are believed 0.6 of the true ones, and a mounting that is a little off
     assert left.distance == pytest.approx(1.7 * np.hypot(1e-4, 5e-5) + MOVES)
     assert left.angle == pytest.approx(1.4 * 0.2 / 573.0 + TURNS)
-    assert (left.up_to, left.reason, left.mend) == ("", "", "")
+    assert (left.up_to, left.reason, left.remedy) == ("", "", "")
 
 
 @pytest.mark.parametrize(("aside", "words"), [(1.697e-4, ""), (1.709e-4, "0.4 mm")])

@@ -12,9 +12,11 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature, Measured, Stack
 from aras_visual_servo_controller.judging.arrival import Arrived
-from aras_visual_servo_controller.judging.diagnosis import Diagnosis, _by_camera, _shown
+from aras_visual_servo_controller.judging.diagnosis import Diagnosis
 from aras_visual_servo_controller.judging.left_open import LeftOpen
-from aras_visual_servo_controller.judging.outcomes import ADVICE, KINDS, outcome
+from aras_visual_servo_controller.judging.outcomes import KINDS, REMEDIES, outcome
+from aras_visual_servo_controller.judging.remedy import Change
+from aras_visual_servo_controller.judging.views import by_camera, shown
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.loop.state import CONVERGED, ServoSettings
 from aras_visual_servo_controller.schemes import Composed
@@ -113,7 +115,7 @@ def test_target_lost_over_a_border(seed):
     assert outcome.kind == states[-1].outcome == "target_lost"
     assert f"over the {side} border" in outcome.reason
     assert f"lost at {when:.1f}"[:-1] in outcome.reason
-    assert outcome.mend
+    assert outcome.remedy
 
 
 def test_an_image_that_cannot_be_measured_for_long_is_a_target_lost():
@@ -131,7 +133,7 @@ def test_an_image_that_cannot_be_measured_for_long_is_a_target_lost():
     states = rig.run(1.0)
     outcome = rig.servo.outcome
     assert outcome.kind == "target_lost" and "9 points are seen" in outcome.reason
-    assert "since 0.5" in outcome.reason and outcome.mend
+    assert "since 0.5" in outcome.reason and outcome.remedy
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -145,7 +147,7 @@ def test_gain_too_high_with_its_frequency(seed):
     assert rig.servo.outcome.kind == "gain_too_high"
     words = rig.servo.outcome.reason
     assert 1.0 < float(words.split(" at ")[1].split(" Hz")[0]) < 8.0
-    assert "lower the gain" in rig.servo.outcome.mend
+    assert "lower the gain" in rig.servo.outcome.remedy
 
 
 @pytest.mark.parametrize(("focal", "seed"), [(0.7, 1), (1.4, 0)])
@@ -159,7 +161,7 @@ def test_a_wrong_focal_length(focal, seed):
     rig.look = look
     rig.run(4.0)
     assert rig.servo.outcome.kind == "wrong_camera_model"
-    assert rig.servo.outcome.mend
+    assert rig.servo.outcome.remedy
 
 
 @pytest.mark.parametrize(("focal", "side"), [(0.85, (-0.05, 0.06)), (1.15, (0.08, 0.0))])
@@ -277,8 +279,9 @@ def test_a_target_lost_on_the_way_to_a_goal_out_of_reach_is_the_goal_s_fault():
     states = rig.run(0.6)
     assert states[5].outcome == "running"  # not told as long as the arm comes nearer
     outcome = rig.servo.outcome
-    assert outcome.kind == "out_of_reach" and "on its way the target was lost: " in outcome.reason
-    assert "nearer" in outcome.mend
+    assert outcome.kind == "out_of_reach"
+    assert "the target was lost at 0.30 s: gone" in outcome.reason
+    assert "nearer" in outcome.remedy
     short = the_servo("2016", goal=lifted(2.5)).diagnosis
     short.timed_out(3.0)
     assert short.outcome.kind == "out_of_reach"
@@ -351,7 +354,8 @@ def test_features_without_rank():
     rig.run(5.0)
     assert rig.servo.outcome.kind == "singular"
     assert "rank 1 of 2" in rig.servo.outcome.reason
-    assert rig.states[-1].mend == rig.servo.outcome.mend == ADVICE["singular"]
+    assert rig.states[-1].remedy == rig.servo.outcome.remedy
+    assert rig.servo.outcome.remedy.changes == (Change("scheme", "set", "moments"),)
 
 
 def test_a_local_minimum():
@@ -410,7 +414,7 @@ def test_a_target_that_moves_steadily_is_no_wrong_camera(scheme, interaction):
     rig.run(6.0)
     found = rig.servo.outcome
     assert found.kind == "target_moves", found
-    assert "Measured.rate" in found.mend and "calibrate" not in found.mend
+    assert "Measured.rate" in found.remedy and "calibrate" not in found.remedy
     if interaction == "current":
         said = float(found.reason.split(" at ")[1].split(" mm/s")[0])
         assert said == pytest.approx(17.0, rel=0.1)
@@ -434,7 +438,7 @@ def test_a_target_that_was_pushed_once_and_lies_still_again_does_not_move():
     rig = moving(Rig(the_servo("2016"), near(1)), lambda t: np.array([0.015, 0.0, 0.0]) * (t > 0.5))
     states = rig.run(6.0)
     assert not {"target_moves", "wrong_camera_model"} & {s.outcome for s in states}
-    assert states[-1].outcome == "converged" and not rig.servo.outcome.mend
+    assert states[-1].outcome == "converged" and not rig.servo.outcome.remedy
 
 
 def test_a_joint_that_stands_still_is_named():
@@ -443,7 +447,7 @@ def test_a_joint_that_stands_still_is_named():
     rig.run(5.0)
     found = rig.servo.outcome
     assert found.kind == "joints_do_not_follow", found
-    assert found.reason.startswith("J2 stays behind") and "controllers of J2:" in found.mend
+    assert found.reason.startswith("J2 stays behind") and "controllers of J2:" in found.remedy
 
 
 def one_camera(**known):
@@ -464,10 +468,12 @@ def seen_at(distance, decision=None):
     """A state without an answer, and the picture of a target at so many times its goal's."""
     square = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
     observation = one_camera(
-        moments=Moments.from_polygon(square / distance + 0.02), touches=(), valid=True
+        moments=Moments.from_polygon(square / distance + 0.02), touches=(), valid=True,
+        world_T_camera=None, stamp=0.0, camera=CAMERA,
     )
     state = SimpleNamespace(stamp=0.0, phase="holding", decision=decision, reason="no answer")
-    return state, observation, one_camera(moments=Moments.from_polygon(square))
+    return state, observation, one_camera(
+        moments=Moments.from_polygon(square), world_T_camera=None)  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -481,9 +487,11 @@ def test_a_camera_far_behind_start_and_goal_has_retreated(first, then, kind):
     for distance in (first, then, then, first, then, then, then):
         assert diagnosis.outcome.kind == "running"  # two images in a row show a part of the target
         diagnosis.see(*seen_at(distance), None)
-    found = diagnosis.see(*seen_at(1.0), None)
+    found = diagnosis.outcome
     assert found.kind == kind
     assert (f"{then:.1f} times its goal's distance" in found.reason) == (kind != "running")
+    assert diagnosis.see(*seen_at(1.6 * max(first, 1.0)), None).kind == kind
+    assert diagnosis.see(*seen_at(1.4 * max(first, 1.0)), None).kind == "running"  # it came back
 
 
 @dataclass
@@ -502,18 +510,18 @@ def test_features_are_judged_by_the_camera_whose_name_they_have():
     L = np.arange(24.0).reshape(4, 6)
     whole = Features(names, 1.0 + np.arange(4.0), L, np.array([0.5]))
     parts = {camera: (part.error.tolist(), part.L.tolist(), tolerances.tolist())
-             for camera, part, tolerances, _ in _by_camera(whole, seen, np.arange(9.0, 5.0, -1.0))}
+             for camera, part, tolerances, _ in by_camera(whole, seen, np.arange(9.0, 5.0, -1.0))}
     assert parts == {"left": ([1, 3], L[[0, 2]].tolist(), [9, 7]),
                      "right": ([2], L[[1]].tolist(), [8]), "": ([4], L[[3]].tolist(), [6])}
-    assert not list(_by_camera(replace(whole, L=None), seen, np.ones(4)))
+    assert not list(by_camera(replace(whole, L=None), seen, np.ones(4)))
 
 
 def test_a_goal_that_one_of_the_cameras_has_not_shown_is_not_shown():
     view, goal = SimpleNamespace(camera="a"), SimpleNamespace(camera="b")
-    for right, shown in ((view, True), (goal, False)):
+    for right, whole in ((view, True), (goal, False)):
         seen = SimpleNamespace(cameras={"left": view, "right": right})
-        assert _shown(seen, SimpleNamespace(cameras={"left": view, "right": view})) is shown
-        assert not _shown(seen, SimpleNamespace(cameras={"left": view}))
+        assert shown(seen, SimpleNamespace(cameras={"left": view, "right": view})) is whole
+        assert not shown(seen, SimpleNamespace(cameras={"left": view}))
 
 
 def test_without_the_outline_of_goal_or_view_no_retreat_is_told():
@@ -547,7 +555,8 @@ def test_held_is_an_outcome_of_its_own_until_start():
     rig.servo.hold("hold was called")
     rig.run(3.0)
     found = rig.servo.outcome
-    assert (found.kind, found.mend) == ("held", "call start") and "hold was called" in found.reason
+    assert (found.kind, found.remedy) == ("held", "call start")
+    assert "hold was called" in found.reason
     rig.servo.start()
     rig.run(0.3)
     assert rig.servo.outcome.kind == "running"
@@ -558,7 +567,7 @@ def test_joints_that_are_not_told_are_no_lost_target():
     rig.run(0.3)
     rig.servo.tick(rig.now, None, "no joint states for 0.30 s")
     found = rig.servo.outcome
-    assert found.kind == "no_joint_states" and "joint_state_controller" in found.mend
+    assert found.kind == "no_joint_states" and "joint_state_controller" in found.remedy
     rig.run(0.3)
     assert rig.servo.outcome.kind == "running"
 
@@ -577,7 +586,7 @@ def test_slow_swings_are_no_matter_of_time_or_a_higher_gain(delay, gain):
     rig = Rig(the_servo("2016", law=Proportional(gain), delay=delay, duration=8.0), near(1, 0.1))
     rig.run(8.2)
     found = rig.servo.outcome
-    assert found.kind == "gain_too_high" and found.mend.startswith("lower the gain"), found
+    assert found.kind == "gain_too_high" and found.remedy.startswith("lower the gain"), found
 
 
 def test_two_images_a_second_are_no_matter_of_a_higher_gain():
@@ -588,12 +597,12 @@ def test_two_images_a_second_are_no_matter_of_a_higher_gain():
 
 
 def test_each_outcome_has_one_piece_of_advice():
-    quiet = {kind for kind, advice in ADVICE.items() if not advice}
+    quiet = {kind for kind, advice in REMEDIES.items() if not advice}
     assert quiet == {"running", "converged"}
-    assert outcome("joints_do_not_follow", "", "J1 and J3").mend.startswith(
-        "look after the controllers of J1 and J3:"
+    assert outcome("joints_do_not_follow", "", "J1 and J3").remedy.startswith(
+        "check the controllers of J1 and J3:"
     )
-    assert "higher gain" not in "".join(a for kind, a in ADVICE.items() if kind != "timed_out")
+    assert "higher gain" not in "".join(a for kind, a in REMEDIES.items() if kind != "timed_out")
 
 
 # -- the evidence by itself ----------------------------------------------------------------------
@@ -667,7 +676,8 @@ def test_a_retreat_of_a_camera_that_swings_is_the_gain_s():
     diagnosis._swung = 0.9, outcome("gain_too_high", "the error oscillates")
     goal = the_goal("2016")
     for stamp, distance in ((0.0, 1.0), (1.0, 9.0), (1.1, 9.0), (1.2, 9.0)):
-        seen = SimpleNamespace(valid=True, moments=scaled(goal.moments, 1.0 / distance))
+        seen = SimpleNamespace(valid=True, world_T_camera=None,
+                               moments=scaled(goal.moments, 1.0 / distance))  # fmt: skip
         diagnosis._follow_distance(stamp, seen, goal)
     found = diagnosis._retreated
     assert found.kind == "gain_too_high" and "went back" in found.reason
@@ -685,7 +695,7 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
         decision = SimpleNamespace(error=np.zeros(1), L=None, rate=0.0, task=None, names=("x",))
         left = Arrived(True, open=LeftOpen(1e-4, 2e-3))
         state = SimpleNamespace(stamp=1.0, phase=phase, decision=decision, reason="",
-                                arrived=left, resolution=None, rank=1)  # fmt: skip
+                                arrived=left, resolution=None, rank=1, joints=None)  # fmt: skip
         scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
         if moves:
             diagnosis._target._moves = moves
@@ -694,8 +704,8 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
         return diagnosis.see(state, seen, goal, scheme)
 
     plain, other = arrived(""), arrived("the features move otherwise")
-    assert (plain.open_distance, plain.open_angle) == (1e-4, 2e-3) and not plain.mend
-    assert (other.open_distance, other.open_angle) == (2e-4, 4e-3) and "calibrate" in other.mend
+    assert (plain.open_distance, plain.open_angle) == (1e-4, 2e-3) and not plain.remedy
+    assert (other.open_distance, other.open_angle) == (2e-4, 4e-3) and "calibrate" in other.remedy
     assert other.reason.endswith("has shown it; yet the features move otherwise")
     # not where one of the cameras has no goal that it has shown
     assert arrived("it moves otherwise", others=["right"]).kind == "wrong_camera_model"

@@ -15,7 +15,7 @@ from aras_visual_servo_base.stamp_pairing import ByStamp
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.judging.outcomes import ADVICE
+from aras_visual_servo_controller.judging.outcomes import REMEDIES
 from aras_visual_servo_controller.loop.driver import Driver
 from aras_visual_servo_controller.loop.motion import JUMP, JUMP_SPEEDS, jumped
 from aras_visual_servo_controller.loop.state import Source
@@ -175,7 +175,7 @@ def test_silence_is_named_once_a_second():
 
 
 @pytest.mark.parametrize("gone", ["images", "joints"])
-def test_what_is_reported_between_images_says_how_to_mend_it(gone):
+def test_what_is_reported_between_images_says_the_remedy(gone):
     """The camera node or the robot ends: no image is answered any more, the advice still comes."""
     bench = Bench(image_timeout=0.5, joint_timeout=0.5)
     bench.step(30)
@@ -183,7 +183,7 @@ def test_what_is_reported_between_images_says_how_to_mend_it(gone):
     bench.step(120)
     told = [s for s in bench.states if not s.answers_image and s.outcome != "running"]
     kind = {"images": "too_few_images", "joints": "no_joint_states"}[gone]
-    assert told and {(s.outcome, s.mend) for s in told} == {(kind, ADVICE[kind])}
+    assert told and {(s.outcome, s.remedy) for s in told} == {(kind, REMEDIES[kind])}
 
 
 def test_the_watchdog_says_what_it_waits_for_and_whom_to_ask():
@@ -195,8 +195,10 @@ def test_the_watchdog_says_what_it_waits_for_and_whom_to_ask():
     words = bench.servo.reason.split(" for ")
     assert words[0] == "no features on /aras_visual_servo/camera/moments"
     assert words[1][4:] == " s (is the camera node running?)" and float(words[1][:4]) < 0.25
-    told = [state for state in bench.states if state.reason == bench.servo.reason]
-    assert told[-1].mend == bench.servo.outcome.mend != bench.servo.reason
+    found = bench.servo.outcome
+    told = [state for state in bench.states if state.reason.endswith(bench.servo.reason)]
+    assert told[-1].reason.startswith(f"{found.reason}; now: ")
+    assert told[-1].remedy == found.remedy and "camera runs" in found.remedy
 
 
 @pytest.mark.parametrize("standing", [True, False])
@@ -519,7 +521,7 @@ def test_the_loop_continues_by_itself_once_foreign_commands_end(when, heard):
     last = bench.states[-1]
     assert ("/flooder commands J6" in last.reason) is heard, last.reason
     if heard and when in ("servoing", "converged"):
-        assert last.outcome == "joints_do_not_follow" and "/flooder" in last.mend
+        assert last.outcome == "joints_do_not_follow" and "/flooder" in last.remedy
     count, q = len(bench.sent), bench.q.copy()
     bench.step(900)
     path = np.array([q, *(command.positions for _, command in bench.sent[count:])])

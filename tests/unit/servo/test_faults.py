@@ -14,7 +14,7 @@ from aras_visual_servo_controller.errors import (
     TaskError,
 )
 from aras_visual_servo_controller.features import Feature, Measured
-from aras_visual_servo_controller.judging.outcomes import ADVICE
+from aras_visual_servo_controller.judging.outcomes import REMEDIES
 from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.loop.state import HOLDING, SERVOING
 from aras_visual_servo_controller.schemes import (
@@ -258,7 +258,7 @@ def test_a_fault_is_told_once_more_after_the_clock_went_back():
         told.append(rig.servo.see(rig.exact(rig.observer, GOOD_FROM, joints)))
         rig.servo.reset()
     assert all("no such thing" in state.fault for state in told)
-    assert {(s.outcome, s.mend) for s in told} == {("scheme_fault", ADVICE["scheme_fault"])}
+    assert {(s.outcome, s.remedy) for s in told} == {("scheme_fault", REMEDIES["scheme_fault"])}
 
 
 def test_joint_velocities_that_are_not_finite_are_not_commanded():

@@ -155,7 +155,7 @@ def test_vanishing_points_refuse_a_target_seen_edge_on(along):
         feature.measure(replace(seen, corners=line), goal)
 
 
-def test_a_feature_that_knows_no_desired_l_names_the_mend():
+def test_a_feature_that_knows_no_desired_l_names_the_remedy():
     class Own(Feature):
         names, tolerances, units = ("x",), (1.0,), ("",)
 

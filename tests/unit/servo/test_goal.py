@@ -300,9 +300,9 @@ def test_goals_that_do_not_fit_the_arm():
         Goal(world_T_camera=level, depth=0.2).level_plane()
     with pytest.raises(ConfigurationError, match="does not say what the target's geometry"):
         Goal().seen_from(np.eye(4))
-    with pytest.raises(ConfigurationError, match="not to be seen"):
+    with pytest.raises(ConfigurationError, match="not visible from there"):
         goal.seen_from(transform((0, 0, 1.0), (0, 0, 0)))  # looks up
-    with pytest.raises(ConfigurationError, match="not to be seen from there .*there is no target"):
+    with pytest.raises(ConfigurationError, match="not visible .*there is no target.*mounted"):
         goal.seen_from(transform((3.0, 0, 0), (0, 0, 0)) @ goal.world_T_camera)
 
 

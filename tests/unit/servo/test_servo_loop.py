@@ -202,9 +202,10 @@ def test_a_lost_target_brings_the_arm_to_rest_and_the_loop_goes_on():
     states = rig.run(1.2)
     gone = [s for s in states if 0.3 <= s.stamp < 1.0]
     assert set(phases(gone)) == {HOLDING}
-    assert {s.reason for s in gone} == {"the target touches the left border"}
+    why = "the target touches the left border"
+    assert {s.reason for s in gone} == {f"target lost at 0.30 s over the left border: {why}"}
     assert {s.outcome for s in gone} == {"target_lost"}
-    assert {c.reason for c in rig.commands if 0.31 <= c.stamp < 1.0} == {gone[0].reason}
+    assert {c.reason for c in rig.commands if 0.31 <= c.stamp < 1.0} == {why}
     assert {s.scheme for s in states} == {"Composed"} and not any(s.fault for s in states)
     still = np.array([c.positions for c in rig.commands if 0.3 + 0.2 <= c.stamp < 1.0])
     np.testing.assert_array_equal(still, np.broadcast_to(still[0], still.shape))

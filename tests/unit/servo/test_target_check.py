@@ -98,15 +98,28 @@ def test_how_much_has_to_be_seen(count, rows, images):
     assert not any(said[:-1]) and said[-1]
 
 
-@pytest.mark.parametrize(("loud", "told"), [(0.29, False), (0.31, True)])
+@pytest.mark.parametrize(("loud", "told"), [(0.098, False), (0.102, True)])
 def test_how_far_the_features_have_to_move(loud, told):
-    """Tolerances in a row, rms, before a camera at rest."""
+    """0.3 tolerances in three rows, rms, before a camera at rest."""
     draw = np.random.default_rng(4)
     L = draw.normal(size=(6, 6)) / np.resize([1.0, 0.5, 1.0, 1.0 / 3.0], 6)[:, None]
     velocity = np.array([0.02, -0.01, 0.005])
     moved = 1e3 * L[:, :3] @ POSE[:3, :3].T @ velocity / np.resize([1.0, 2.0, 1.0, 3.0], 6) * ROW
     velocity *= loud / np.sqrt(np.mean(moved**2))
-    assert any(watched(60, twist(*velocity, 0, 0, 0), STILL, L=L)) is told
+    assert any(watched(60, twist(*velocity, 0, 0, 0), STILL, L=L)[:45]) is told
+
+
+@pytest.mark.parametrize("speed", [1e-3, 3e-4])
+def test_a_slow_target_that_the_camera_follows_moves_nothing_in_the_image(speed):
+    """Two tolerances a second, and less: it takes some rows together to tell."""
+    velocity = np.array([speed, 0.5 * speed, 0.0])
+
+    def following(t):
+        return np.concatenate([POSE[:3, :3].T @ velocity * DT, np.zeros(3)])
+
+    said = watched(200, twist(*velocity, 0, 0, 0), following, noise=0.02)
+    assert said[-1].startswith(f"it moves at {1e3 * np.linalg.norm(velocity):.1f} mm/s")
+    assert not any(watched(200, STILL, lambda t: 0.1 * swaying(t), noise=0.02))
 
 
 def test_one_direction_alone_has_no_place_of_a_target():
@@ -345,9 +358,10 @@ def test_how_fast_a_swing_is_looked_for(frequency, told):
     assert ("swings" in watched(160, swing, dt=0.125)[-1]) is told
 
 
-@pytest.mark.parametrize(("loud", "told"), [(0.29, False), (0.31, True)])
+@pytest.mark.parametrize(("loud", "told"), [(0.048, False), (0.052, True)])
 def test_a_centre_has_to_move_by_a_thousandth_s_part(loud, told):
-    """Of the focal length, where the scheme has no L of this view; rms of x and y."""
+    """0.3 of it in six rows: of the focal length, where the scheme has no L of this view; rms of x
+    and y."""
     corners = np.array([(-0.1, -0.05), (0.12, -0.04), (0.08, 0.06)])
     goal, check = Goal(moments=Moments.from_polygon(corners, 2), depth=0.5), TargetCheck()
     step = loud * 1e-3 * np.sqrt(2.0) / 4.0
@@ -355,7 +369,7 @@ def test_a_centre_has_to_move_by_a_thousandth_s_part(loud, told):
         SimpleNamespace(error=np.zeros(3), L=None, rate=0.0),
         SimpleNamespace(stamp=k * DT, dt=DT, motion=np.zeros(6), world_T_camera=POSE,
                         moments=Moments.from_polygon(corners + [k * step, 0.0], 2)),
-        goal, np.ones(3), False) for k in range(160)]  # fmt: skip
+        goal, np.ones(3), False) for k in range(165)]  # fmt: skip
     assert any(said) is told
 
 

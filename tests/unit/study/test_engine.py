@@ -248,7 +248,7 @@ def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, m
         table = carried(study, tmp_path / name, pool).results()
         assert table["outcome"].to_pylist() == ["timed_out", rows.LATE, "timed_out"]
         assert table["reason"][1].as_py() == f"not done after {limit:g} s of wall time"
-        assert "limit" in table["mend"][1].as_py()
+        assert "limit" in table["remedy"][1].as_py()
     assert asked and set(asked.values()) == {660.0} and all(watch.over for watch in asked)
 
 
@@ -267,7 +267,7 @@ def test_a_folder_of_another_study_is_refused_with_the_difference(tiny, tmp_path
 
 
 def test_a_folder_of_which_no_run_was_kept_takes_another_study(tiny, tmp_path):
-    """A scheduler did not answer, and the study was mended since."""
+    """A scheduler did not answer, and the study was corrected since."""
     made = Folder.create(tmp_path, tiny(), "one")
     with made.locked(), pytest.raises(StudyError, match="being written by another bench"):
         Folder.create(tmp_path, tiny(repeats=3), "two")

@@ -42,7 +42,7 @@ def run(error=None, x=None, joints=None, speed=None, verdict="goal_reached", out
         measured=column if joints is None else joints[:, None],
         measured_speed=column if speed is None else speed[:, None], commanded=column,
         true_pose=poses,
-        goal_pose=np.eye(4), outcome=outcome, reason="", mend="",
+        goal_pose=np.eye(4), outcome=outcome, reason="", remedy="",
         verdict=Verdict(verdict, 0.002, 0.03), limits=(np.array([-1.0]), np.array([2.0])), **parts,
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""What set-up says on machines that it cannot work on: one line that names the mend.
+"""What set-up says on machines that it cannot work on: one line that names the remedy.
 
 Each machine is this one seen from a namespace of its own, where some files are others. Nothing is
 installed: what would do so is among those files.
@@ -123,7 +123,7 @@ def test_without_network_it_says_so(machine, told):
     room = "#!/bin/sh\necho Avail; echo 100000\n"
     status, text = machine({"/usr/bin/apt-get": apt, "/usr/bin/df": room})
     assert status == 1
-    assert "there seems to be no network" in text and "start again when it is mended" in text
+    assert "there seems to be no network" in text and "start again when it is corrected" in text
     assert "apt-get update ... done" in text
     assert "E: " not in text  # where the reason is known, the log's end would only hide it
 
@@ -299,13 +299,13 @@ def test_pip_sees_debian_s_packages_only_after_it_has_done(machine, tmp_path):
 
 
 def test_what_pip_was_stopped_in_goes_on_in_the_same_environment(machine, tmp_path):
-    files = played(tmp_path, pip="[[ -e mended ]] || { echo 'no such wheel'; false; }")
+    files = played(tmp_path, pip="[[ -e corrected ]] || { echo 'no such wheel'; false; }")
     status, text = machine(files)
     assert status == 1 and "no such wheel" in text
     assert "this step failed: Making the virtual environment .venv" in text
     kept = tmp_path / "workspace" / ".venv" / "kept"
     kept.touch()
-    (tmp_path / "workspace" / "mended").touch()
+    (tmp_path / "workspace" / "corrected").touch()
     status, text = machine(files)
     assert status == 0 and text.startswith("Installing the Python packages for bench")
     assert kept.exists() and "= true" in (kept.parent / "pyvenv.cfg").read_text()
@@ -350,7 +350,7 @@ def test_without_numpy_pybullet_is_not_built(machine, tmp_path):
 
 
 def test_where_debian_s_packages_fail_pip_ends_too(machine, tmp_path):
-    pip = """[[ -e mended ]] || {
+    pip = """[[ -e corrected ]] || {
   trap 'sleep 0.5; exit 1' TERM  # it puts away what it has begun
   sleep 60 & wait; touch late; }"""
     files = played(tmp_path, pip=pip)
@@ -358,7 +358,7 @@ def test_where_debian_s_packages_fail_pip_ends_too(machine, tmp_path):
     files["/usr/bin/apt-get"] = '#!/bin/bash\ncase "$*" in *rviz*) exit 100 ;; esac\n'
     status, text = machine(files)
     assert status == 1 and "this step failed:   apt-get install (this may take" in text
-    (tmp_path / "workspace" / "mended").touch()
+    (tmp_path / "workspace" / "corrected").touch()
     files["/usr/bin/apt-get"] = "#!/bin/sh\n"
     status, text = machine(files)  # it would wait for what the first one left
     assert status == 0 and "Another set-up" not in text

@@ -1,4 +1,4 @@
-"""A simulation that diverges is paused; the node lives on and a reset mends it."""
+"""A simulation that diverges is paused; the node lives on and a reset cures it."""
 
 import time
 

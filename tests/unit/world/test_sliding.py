@@ -71,7 +71,7 @@ def test_friction_of_the_same_size_acts_along_the_way_instead(make, world, monke
     monkeypatch.setattr(sliding, "contacts_of", lambda of, client: contacts)
     monkeypatch.setattr(friction, "_push", lambda *push: given.append(push))
     linear, angular = pybullet.getBaseVelocity(body.body_id, world.client)
-    friction._mend(body, linear, angular, DT, set())
+    friction._correct(body, linear, angular, DT, set())
     expected = []
     for _, other, link, numbers in contacts:
         point, normal = np.array(numbers[:3]), np.array(numbers[4:7])
@@ -89,35 +89,35 @@ def test_friction_of_the_same_size_acts_along_the_way_instead(make, world, monke
     for done, size, count in (({loose.body_id}, 1.0, 21), (set(), 300.0, 0), (set(), 0.0, 0)):
         contacts = [contact(rng, *part, size) for part in links for _ in range(3)]
         given.clear()
-        friction._mend(body, linear, angular, DT, done)
+        friction._correct(body, linear, angular, DT, done)
         assert len(given) == count
     contacts = [contact(rng, bolted.body_id, -1)]
     slip = np.linalg.norm(np.cross(contacts[0][3][4:7], velocity(body, "a", contacts[0][3][:3])))
     one = contacts[0][3]
     most = 2.0 * slip / (4 * DT)  # N: friction that holds the body up in four steps
-    for share, mended in ((0.99, True), (1.01, False)):
+    for share, corrected in ((0.99, True), (1.01, False)):
         by = share * most / np.hypot(one[7], one[11])
         contacts = [(0, bolted.body_id, -1,
                      (*one[:7], by * one[7], *one[8:11], by * one[11], *one[12:]))]
         given.clear()
-        friction._mend(body, linear, angular, DT, set())
-        assert bool(given) is mended
+        friction._correct(body, linear, angular, DT, set())
+        assert bool(given) is corrected
 
 
 def test_what_moves_slowly_is_left_alone_and_looked_at_now_and_then(make, world, monkeypatch):
     body = world.spawn(parse_urdf(make.robot(make.link("a", 2.0))), "a")
-    friction, mended, watched = SlidingFriction(world.client), [], []
+    friction, corrected, watched = SlidingFriction(world.client), [], []
     friction.models_changed([body])
-    monkeypatch.setattr(friction, "_mend", lambda model, *_: mended.append(model))
+    monkeypatch.setattr(friction, "_correct", lambda model, *_: corrected.append(model))
     monkeypatch.setattr(friction._impacts, "watch", lambda body, *_: watched.append(body))
 
     def looks(count):
         """In which of the steps it was seen to."""
         found = []
         for k in range(count):
-            mended.clear()
+            corrected.clear()
             friction.before_step(DT)
-            if mended:
+            if corrected:
                 found.append(k)
         return found
 

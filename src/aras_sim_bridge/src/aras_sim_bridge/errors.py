@@ -1,6 +1,6 @@
 """The bridge's exceptions: one base, one subclass a kind of fault.
 
-Every message says what is wrong, where (which file, link, joint or parameter), and how to mend it;
+Every message says what is wrong, where (which file, link, joint or parameter), and how to fix it;
 the ROS skin logs the text or returns it as a service's status message, unchanged.
 """
 

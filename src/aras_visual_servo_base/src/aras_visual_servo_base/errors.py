@@ -8,10 +8,10 @@ class SimError(Exception):
 class DescriptionError(SimError):
     """A robot or world description (URDF, SDF, mesh, package path) cannot be used.
 
-    fault: what is wrong, and where. mend: how to mend it; '' where the fault says so itself.
+    fault: what is wrong, and where. remedy: how to fix it; '' where the fault says so itself.
     path: of the file that is at fault, '' where it is not known.
     """
 
-    def __init__(self, fault: str, mend: str = "", path: str = "") -> None:
-        super().__init__(f"{fault}; {mend}" if mend else fault)
-        self.fault, self.mend, self.path = fault, mend, path
+    def __init__(self, fault: str, remedy: str = "", path: str = "") -> None:
+        super().__init__(f"{fault}; {remedy}" if remedy else fault)
+        self.fault, self.remedy, self.path = fault, remedy, path

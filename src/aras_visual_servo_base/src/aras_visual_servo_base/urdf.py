@@ -158,7 +158,7 @@ def parse_tree(xml: str | Element) -> UrdfTree:
         xml: the document, xacro already expanded, or what safe_xml.parse made of it.
 
     Raises:
-        DescriptionError: naming the element, what is wrong with it and how to mend it.
+        DescriptionError: naming the element, what is wrong with it and how to fix it.
     """
     robot, name = _named(xml)
     links: dict[str, Element] = {}

@@ -1,4 +1,4 @@
-"""Faults of this package: each message says what, where and how to mend it."""
+"""Faults of this package: each message says what, where and how to fix it."""
 
 from __future__ import annotations
 

@@ -172,7 +172,7 @@ class Moments:
 
         For a function f homogeneous of degree d, the triangle (0, P, Q) contributes
         P x Q / (d + 2) times the mean of f over the edge PQ, a polynomial that Gauss-Legendre
-        integrates exactly. The sign of the area is mended, so the order of the vertices may
+        integrates exactly. The sign of the area is corrected, so the order of the vertices may
         run either way round. `holes` are polygons inside that are taken away.
 
         Raises:

@@ -1,4 +1,4 @@
-"""Faults of the servo loop. Every message says what, where and how to mend it."""
+"""Faults of the servo loop. Every message says what, where and how to fix it."""
 
 
 class ServoError(Exception):

@@ -47,7 +47,7 @@ class Field:
         """Return value in this field's type, moved into its limits (dynamic_reconfigure's rule).
 
         Raises:
-            InvalidParameterError: it is of another kind, or NaN, which no limit could mend.
+            InvalidParameterError: it is of another kind, or NaN, which no limit could correct.
         """
         if self.type == "str":
             return str(value)

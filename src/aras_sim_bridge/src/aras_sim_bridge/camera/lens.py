@@ -163,5 +163,5 @@ def check_fisheye(lens: FisheyeLens, name: str) -> None:
         at = math.degrees(float(theta[falling.argmax()]))
         raise CameraError(
             f"camera '{name}': distortion_coefficients {list(lens.D)} fold the picture over at "
-            f"{at:.1f} deg from the axis; lower cutoff_angle below it or mend the coefficients"
+            f"{at:.1f} deg from the axis; lower cutoff_angle below it or correct the coefficients"
         )

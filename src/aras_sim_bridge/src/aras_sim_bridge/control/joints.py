@@ -156,7 +156,7 @@ def _check(limits: JointBounds, joint: str, where: str) -> None:
     if limits.has_position and limits.min_position > limits.max_position:
         raise HardwareError(
             f"joint '{joint}': lower position limit {limits.min_position} is above the upper "
-            f"{limits.max_position}; mend its <limit> or {where}"
+            f"{limits.max_position}; correct its <limit> or {where}"
         )
     for quantity in ("max_velocity", "max_acceleration", "max_effort"):
         value = getattr(limits, quantity)

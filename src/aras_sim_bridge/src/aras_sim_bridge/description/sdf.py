@@ -54,7 +54,7 @@ def parse_sdf(
     The model's own pose is in `initial_pose`; its root link's pose is worked into that link.
 
     Raises:
-        DescriptionError: naming the element, what is wrong with it and how to mend it.
+        DescriptionError: naming the element, what is wrong with it and how to fix it.
     """
     content = read_sdf(xml, resolve_package, base_directory)
     if len(content.models) != 1 or content.lights:

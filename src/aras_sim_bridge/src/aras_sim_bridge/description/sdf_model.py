@@ -57,7 +57,7 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
         frames: those of the world, by which the model's pose may be given.
 
     Raises:
-        DescriptionError: naming the element, what is wrong with it and how to mend it.
+        DescriptionError: naming the element, what is wrong with it and how to fix it.
     """
     name = name_of(element, "SDF")
     where = f"model '{name}'"

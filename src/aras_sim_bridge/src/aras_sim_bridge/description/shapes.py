@@ -101,7 +101,7 @@ def read_all(description: RobotDescription, model: str) -> list[str]:
         50 m and without a scale.
 
     Raises:
-        DescriptionError: naming model, link and file, what is wrong with it and how to mend it.
+        DescriptionError: naming model, link and file, what is wrong with it and how to fix it.
     """
     huge: dict[str, str] = {}
     for link in description.links.values():
@@ -122,5 +122,5 @@ def read_all(description: RobotDescription, model: str) -> list[str]:
                     except DescriptionError as error:
                         where = f"model '{model}', link '{link.name}', {kind}"
                         raise DescriptionError(
-                            f"{where}: {error.fault}", error.mend, error.path) from None
+                            f"{where}: {error.fault}", error.remedy, error.path) from None
     return list(huge.values())

@@ -46,7 +46,7 @@ def parse_urdf(
         base_directory: what relative mesh paths are relative to; None refuses them.
 
     Raises:
-        DescriptionError: naming the element, what is wrong with it and how to mend it.
+        DescriptionError: naming the element, what is wrong with it and how to fix it.
     """
     robot = safe_xml.parse(xml, "URDF")
     tree = parse_tree(robot)

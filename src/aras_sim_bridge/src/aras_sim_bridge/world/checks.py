@@ -16,7 +16,7 @@ def check_simulable(description: RobotDescription, name: str) -> None:
     """Refuse what no dynamics, or not Bullet's, can have.
 
     Raises:
-        WorldError: naming model, link or joint, what is wrong with it and how to mend it.
+        WorldError: naming model, link or joint, what is wrong with it and how to fix it.
     """
     if len(description.links) > MOST_LINKS:
         raise WorldError(f"model '{name}' has {len(description.links)} links; Bullet simulates "

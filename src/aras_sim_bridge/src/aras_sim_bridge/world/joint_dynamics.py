@@ -317,7 +317,7 @@ def _speeds_of(tree, modes, matrices, rows):
 
 @compiled(_SET, allocates=False)
 def _correct(tree, modes, matrices, rows):
-    """Mend the set where the speeds contradict it; whether anything had to be mended."""
+    """Correct the set where the speeds contradict it; whether anything had to be corrected."""
     n = len(tree)
     a, v = matrices[1], rows[SPEED]
     wrong = False

@@ -46,8 +46,8 @@ class SlidingFriction:
         self._fixed = frozenset(model.body.body_id for model in models if model.fixed_base)
 
     def before_step(self, dt: float) -> None:
-        """Mend in the coming step of `dt` s what was wrong with friction in the last one, and see
-        what the bodies strike in it."""
+        """Correct in the coming step of `dt` s what was wrong with friction in the last one, and
+        see what the bodies strike in it."""
         self._impacts.begin()
         if self._pause:
             self._pause -= 1
@@ -56,12 +56,12 @@ class SlidingFriction:
         for model in self.loose:
             linear, angular = pybullet.getBaseVelocity(model.body.body_id, self._client)
             if math.hypot(*linear) > _SLOW or math.hypot(*angular) > _SLOW_TURN:
-                self._mend(model, linear, angular, dt, done)
+                self._correct(model, linear, angular, dt, done)
                 self._impacts.watch(model.body_id, linear, angular, dt)
                 done.add(model.body_id)
         self._pause = 0 if done else _PAUSE
 
-    def _mend(self, model: Model, linear: Vector3, angular: Vector3, dt: float,
+    def _correct(self, model: Model, linear: Vector3, angular: Vector3, dt: float,
               done: set[int]) -> None:
         """Those contacts of a loose body that are not with one of those `done`."""
         body = model.body_id

@@ -47,7 +47,7 @@ def read(path: str) -> tuple[Mesh, ...]:
     Files that did not change since are not read again.
 
     Raises:
-        DescriptionError: naming the file, what is wrong with it and how to mend it.
+        DescriptionError: naming the file, what is wrong with it and how to fix it.
     """
     with _cache_lock:
         known = _cache.get(path)
@@ -69,7 +69,7 @@ def read(path: str) -> tuple[Mesh, ...]:
         _check_size(count)
     except DescriptionError as error:
         raise DescriptionError(f"mesh file {path} cannot be used: {error.fault}",
-                               error.mend or "export it again", path) from None
+                               error.remedy or "export it again", path) from None
     with _cache_lock:
         _cache[path] = states, meshes
         while sum(m.nbytes for _, kept in _cache.values() for m in kept) > _LARGEST_CACHE:
@@ -195,7 +195,7 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
         except ValueError:
             raise DescriptionError(f"line {number}: what should be a number is none") from None
         except DescriptionError as error:
-            raise DescriptionError(f"line {number}: {error.fault}", error.mend) from None
+            raise DescriptionError(f"line {number}: {error.fault}", error.remedy) from None
     if count == 0:
         raise DescriptionError("it has no faces")
     v, vt, vn = (np.array(values, dtype=float).reshape(-1, width)

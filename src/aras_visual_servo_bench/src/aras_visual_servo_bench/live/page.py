@@ -101,7 +101,7 @@ class Page:
             message["factor"] = None if story.factor is None else round(story.factor, 3)
             self._told = {
                 "scheme": told.scheme, "phase": told.phase, "outcome": told.outcome,
-                "reason": told.reason, "mend": told.mend,
+                "reason": told.reason, "remedy": told.remedy,
                 "units": list(feature_units(told.scheme, len(told.names))),
             }  # fmt: skip
             self._changed(message, "told", self._told)

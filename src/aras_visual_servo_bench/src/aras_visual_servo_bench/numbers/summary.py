@@ -56,7 +56,7 @@ def summarise(run: Run) -> list[Quantity]:
         Quantity("outcome", run.outcome, "", "what the loop knows of the run's end"),
         Quantity("verdict", run.verdict.word, "", "what the true pose of the camera says of it"),
         Quantity("reason", run.reason, "", "why, as the loop tells it"),
-        Quantity("mend", run.mend, "", "what would mend it"),
+        Quantity("remedy", run.remedy, "", "what to change"),
     ]
     for name, metric in metrics.TABLE.items():
         value = float(metric.measure(run))
@@ -116,8 +116,8 @@ def told(run: Run, quantities: Sequence[Quantity]) -> str:
     doubt = reason if run.converged else f"yet {said}"
     reached = "yes, and held" + (f"; {doubt}" if doubt else "")
     rows = [("Target reached", reached if run.held else f"NO: {said}")]
-    if known["mend"].value:
-        rows.append(("What would mend it", str(known["mend"].value)))
+    if known["remedy"].value:
+        rows.append(("Remedy", str(known["remedy"].value)))
     where_known = math.isfinite(known["final_distance"].value)
     rows += [
         ("Error under 2 % after", number("error_settled", "{:.2f} s", none="never")),

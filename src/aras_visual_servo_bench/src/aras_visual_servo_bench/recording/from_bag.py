@@ -77,7 +77,7 @@ class Messages:
             measured_speed=speed,
             commanded=_commanded(states, joint_stamp, len(joint_names)), true_pose=poses,
             goal_pose=goal_pose, outcome=last.outcome or last.phase, reason=last.reason,
-            mend=last.mend, verdict=_verdict(goal, poses), limits=(lower, upper),
+            remedy=last.remedy, verdict=_verdict(goal, poses), limits=(lower, upper),
             speed=greatest, joint_units=joint_units(arm) if arm is not None else (),
             cameras={CAMERA: CameraRecord(self._camera(), exposed, arrived)},
             target=_target(goal), goal=goal, pace=np.array(read.pace).reshape(-1, 2),

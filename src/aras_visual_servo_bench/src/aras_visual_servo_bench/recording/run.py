@@ -97,7 +97,7 @@ class Run:
         arm_places: (m, l, 3) of the arm's joints in the world at each joint stamp; l = 0 where
             there is no such arm, or nobody asked.
         goal_pose: (4, 4) where the camera ought to be at the end.
-        outcome, reason, mend: of the whole run, as the loop gives them.
+        outcome, reason, remedy: of the whole run, as the loop gives them.
         verdict: what the physics knows, of its own pose at the end, at rest; of a bag, of the last
             of `true_pose`.
         peak_speed: (j,) greatest speed at any step, or None where it was not traced.
@@ -125,7 +125,7 @@ class Run:
     goal_pose: np.ndarray
     outcome: str
     reason: str
-    mend: str
+    remedy: str
     verdict: Verdict
     peak_speed: np.ndarray | None = None
     arm_places: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))

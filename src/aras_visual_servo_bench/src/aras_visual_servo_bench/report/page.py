@@ -98,7 +98,7 @@ def _run(run: Run, quantities: Sequence[Quantity]) -> Mapping[str, object]:
     return {
         "name": run.name, "outcome": run.outcome, "verdict": run.verdict.word,
         "converged": run.held, "reached": run.verdict.reached, "reason": run.reason,
-        "mend": run.mend, "notes": run.notes, "quantities": quantities[:MOST_ROWS],
+        "remedy": run.remedy, "notes": run.notes, "quantities": quantities[:MOST_ROWS],
         "more": len(quantities[MOST_ROWS:]),
         "settings": list(settings.items()), "versions": list(run.versions.items()),
         "experiment": run.yaml,

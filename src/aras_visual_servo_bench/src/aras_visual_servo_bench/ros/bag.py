@@ -41,7 +41,7 @@ JOINTS, INFO, METRICS = (
 USED = {
     STATE: ("header", "scheme", "phase", "reason", "feature_names", "features", "desired_features",
             "error", "camera_twist", "joint_names", "joint_commands", "singular_values"),
-    REPORT: ("header", "outcome", "reason", "mend", "achieved", "rank", "singular_values_l",
+    REPORT: ("header", "outcome", "reason", "remedy", "achieved", "rank", "singular_values_l",
              "manipulability", "scale", "computing"),
     MOMENTS: ("header", "valid", "order", "m", "mu"),
     METRICS: ("header", "real_time_factor"),

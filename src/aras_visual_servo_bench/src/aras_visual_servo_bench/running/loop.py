@@ -14,6 +14,7 @@ import numpy as np
 
 from aras_visual_servo_base.memory import release_freed_memory
 from aras_visual_servo_base.poses import inverse
+from aras_visual_servo_controller.judging.remedy import Remedy
 from aras_visual_servo_controller.loop.driver import Driver
 from aras_visual_servo_controller.loop.state import CONVERGED, Command, ServoState
 
@@ -231,14 +232,15 @@ class Loop:
         if outcome.kind == STUCK and self._touched is not None:
             link, other = self._touched
             reason = f"{outcome.reason}: link '{link}' has run into '{other}'"
-            outcome = replace(outcome, reason=reason, mend=IN_THE_WAY.format(f"'{other}'"))
+            remedy = Remedy(IN_THE_WAY.format(f"'{other}'"))
+            outcome = replace(outcome, reason=reason, remedy=remedy)
         run = self._recorder.run(
             self.plant, self.experiment, self.parts,
             goal_pose=self.goal_pose(),
             joint_names=self.plant.joint_names,
             outcome=outcome.kind,
             reason=outcome.reason,
-            mend=outcome.mend,
+            remedy=outcome.remedy,
             verdict=self.verdict(),
             peak_speed=getattr(self.plant, "peak_speed", None),
             notes=[*self.parts.notes] + [

@@ -34,7 +34,7 @@ REFUSED, FAULT, DIED, LATE = "refused", "fault", "process_died", "time_limit"
 LONGEST_REASON = 500
 FIXED = {
     "run": pa.int64(), "point": pa.int64(), "repeat": pa.int64(), "seed": pa.int64(),
-    "outcome": pa.string(), "verdict": pa.string(), "reason": pa.string(), "mend": pa.string(),
+    "outcome": pa.string(), "verdict": pa.string(), "reason": pa.string(), "remedy": pa.string(),
     "images": pa.int64(), "simulated": pa.float64(),
 }  # fmt: skip
 LABELS = ("code", "versions")  # the same in all rows of a study
@@ -119,7 +119,7 @@ def over_time(study: Study) -> dict[str, Any]:
     """What is told of a run that took too long."""
     return {
         "outcome": LATE, "reason": f"not done after {study.limit:g} s of wall time",
-        "mend": "look for what hangs, or give the study a greater limit",
+        "remedy": "look for what hangs, or give the study a greater limit",
     }  # fmt: skip
 
 
@@ -129,7 +129,7 @@ def blank(study: Study, run: int) -> dict[str, Any]:
     return {
         "run": run, "point": point, "repeat": repeat, "seed": study.seed_of(run),
         **{key: _cell(value) for key, value in study.settings(point).items() if key != "seed"},
-        "outcome": "", "verdict": "", "reason": "", "mend": "", "images": 0, "simulated": 0.0,
+        "outcome": "", "verdict": "", "reason": "", "remedy": "", "images": 0, "simulated": 0.0,
         **{column(name): float("nan") for name in study.metric_names},
     }  # fmt: skip
 
@@ -160,7 +160,7 @@ def told(study: Study, run: Run) -> dict[str, Any]:
         "outcome": run.outcome,
         "verdict": run.verdict.word,
         "reason": _line(run.reason),
-        "mend": _line(run.mend),
+        "remedy": _line(run.remedy),
         "images": len(run.stamp),
         **{column(name): float(known_metrics.find(name).measure(run))
            for name in study.metric_names},

@@ -78,6 +78,15 @@ class Limits:
             array.setflags(write=False)
         return cls(arm.names, **values)
 
+    def narrowed(self, arm: Arm) -> dict[str, list[str]]:
+        """Names of the joints whose positions are limited more narrowly than the arm's own, by the
+        parameter that does so."""
+        narrower = {"lower": self.lower > arm.lower, "upper": self.upper < arm.upper}
+        return {
+            key: [name for name, one in zip(self.names, which, strict=True) if one]
+            for key, which in narrower.items()
+        }
+
     def margins(self, q: np.ndarray) -> np.ndarray:
         """Distance (n,) of joints q to the nearer limit, rad or m; negative outside."""
         return np.minimum(q - self.lower, self.upper - q)

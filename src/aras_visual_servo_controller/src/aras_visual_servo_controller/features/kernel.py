@@ -1,4 +1,4 @@
-"""The kernel features of 2015, with their derivative mended.
+"""The kernel features of 2015, with their derivative corrected.
 
 The camera node sends, with x = i dx along the rows and y = j dy along the columns of the image
 (i, j from 1; dx = 0.017, dy = 0.0185 a pixel; I = 1 on the target),

@@ -286,7 +286,7 @@ class Goal:
         """The same target from another pose, worked out by its geometry.
 
         Raises:
-            ConfigurationError: the geometry is not known, or not to be seen from there.
+            ConfigurationError: the geometry is not known, or not visible from there.
         """
         if self.target is None:
             raise ConfigurationError(f"{self.name} does not say what the target's geometry is")
@@ -301,7 +301,8 @@ class Goal:
                 kernel = replace(kernel, features=kernel_of_outline(view, lens, *size).values)
         except (ServoError, VisionError) as error:
             raise ConfigurationError(
-                f"{self.name}: the target is not to be seen from there ({error})"
+                f"{self.name}: the target is not visible from there ({error}); check where the "
+                "camera is mounted (believed, camera_rpy), or teach the goal with this mounting"
             ) from error
         return replace(
             self, world_T_camera=world_T_camera, depth=depth, plane=plane, moments=moments,

@@ -23,6 +23,7 @@ class JointCheck:
     # Part of the images at which the loop waits for a joint that goes less than the second part of
     # its way.
     AT_TIMES, GONE = 0.1, 0.1
+    CREEPS = 1e-3  # rad/s or m/s above which a joint that stays behind is slow, and not blocked
     # A joint swings by itself where its speed differs from the commanded one, rms, by more than
     # this, rad/s or m/s, and by more than so many times the commanded one.
     FAST, TIMES = 0.5, 3.0
@@ -35,6 +36,7 @@ class JointCheck:
         self._seen = RecentErrors()
         self._new = 0
         self.joints, self.reason = "", ""
+        self.slow = False  # whether those that stay behind do move to their commands, but slowly
 
     def add(
         self, stamp: float, late: np.ndarray, commanded: np.ndarray, measured: np.ndarray
@@ -64,6 +66,7 @@ class JointCheck:
         behind &= span >= 0.9 * self.SPAN
         swings = (span > self.SOON) & (other > self.FAST**2) & (other > self.TIMES**2 * asked)
         self.joints = self._named(swings if swings.any() else behind)
+        self.slow = not swings.any() and bool((fast[behind] > self.CREEPS).all())
         self.reason = ""
         if swings.any():
             fastest = fast[swings].max()

@@ -81,14 +81,14 @@ class LeftOpen:
             it may be anywhere along a direction, NaN where the scheme has no L to tell them by.
         up_to: the same in words, '180° and 0.6 mm' or '1 direction'; empty where it is next to
             nothing.
-        reason, mend: why, and what would narrow it.
+        reason, remedy: why, and what would narrow it.
     """
 
     distance: float = nan
     angle: float = nan
     up_to: str = ""
     reason: str = ""
-    mend: str = ""
+    remedy: str = ""
 
 
 class Offsets(NamedTuple):
@@ -196,13 +196,13 @@ class Margin:
         distance += STILL[0] * self._depth + GOES_ON * offsets.speed[0]
         angle = angle / self._depth + STILL[1] + GOES_ON * offsets.speed[1]
         words = [self._up_to] if self._up_to else []
-        reason = mend = ""
+        reason = remedy = ""
         if count := len(self._unseen):
             words.append(f"{count} direction{'s' if count > 1 else ''}")
             reason = f"there are {count} motions of the camera that no feature sees, or too little"
-            mend = FEATURE
+            remedy = FEATURE
         else:
-            why, mend = "by noise and the accuracy of the picture", LARGER
+            why, remedy = "by noise and the accuracy of the picture", LARGER
             if self._by_kinematics is None:  # once: the camera is at rest
                 known = self.known(observation, offsets.mean)
                 self._by_kinematics = self._by_plane(observation, known)
@@ -212,26 +212,26 @@ class Margin:
                     self._goal.world_T_camera, observation.world_T_camera
                 )
                 distance, angle = distance + away, min(angle + tilted, pi)
-                why, mend = BY_PLANE, LEVEL
+                why, remedy = BY_PLANE, LEVEL
             if unseen is not None and unseen.any():
                 distance += float(np.linalg.norm(unseen[:3]))
                 angle += float(np.linalg.norm(unseen[3:])) / self._depth
-                why, mend = "as the view differs by a motion that no feature sees", FEATURE
+                why, remedy = "as the view differs by a motion that no feature sees", FEATURE
             if poses:
                 distance += max(pose.distance for pose in poses)
                 angle = min(angle + max(pose.angle for pose in poses), pi)
-                why, mend = f"as its points look alike from {len(poses) + 1} poses", POINTS
+                why, remedy = f"as its points look alike from {len(poses) + 1} poses", POINTS
             if size := _in_words(distance, angle, self._depth):
                 words.append(size)
                 reason = (
                     f"{why} the camera may be {1e3 * distance:.2f} mm and "
                     f"{np.degrees(angle):.2f} degrees from its goal"
                 )
-            mend = mend if reason else ""
+            remedy = remedy if reason else ""
         if words:
             for way, turn in (self._anywhere(), self._round):
                 distance, angle = distance + way, min(angle + turn, pi)
-        return LeftOpen(distance, angle, " and ".join(words), reason, mend)
+        return LeftOpen(distance, angle, " and ".join(words), reason, remedy)
 
     def known(self, observation: Observation, offset: np.ndarray) -> np.ndarray:
         """(6,) the camera's offset from the goal by features (6,) and kinematics, scaled."""

@@ -1,69 +1,113 @@
-"""What a run came to: a word, the reason, and the one piece of advice that belongs to the word."""
+"""What a run came to: a word, the reason, and the remedy that belongs to the word."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import nan
 
-CALIBRATE = "calibrate the camera: K, D, and where it is mounted; see that it does not shake there"
+from .remedy import Remedy, multiply, remove, set_to
+
+CALIBRATE = Remedy(
+    "calibrate the camera: K, D, and where it is mounted; see that it does not shake there",
+    remove("believed"),
+)
+NO_MOTION = Remedy(
+    "keep the target at rest, or use a scheme that knows its motion (Measured.rate)",
+    remove("target.motion"),
+)
+UNCOVERED = Remedy(
+    "see that nothing covers the target and that it stays where it is",
+    remove("target.occluder"), remove("target.motion"),
+)  # fmt: skip
+CLOSER = multiply("start", 0.5)
 
 DO_NOT_FOLLOW = "joints_do_not_follow"
 
-# Advice by kind of outcome; empty: there is nothing to mend. {joints} are those it is about.
-ADVICE = {
-    "running": "",
-    "converged": "",
-    "stopped": "call start",
-    "held": "call start",
-    "no_joint_states": "look whether the robot or the simulator runs, and whether its "
-    "joint_state_controller is loaded and started",
-    DO_NOT_FOLLOW: "look after the controllers of {joints}: whether they run, whether "
-    "their gains are too small for the load or so large that the joint swings, and whether "
-    "nothing is in the way",
-    "too_few_images": "raise the camera's rate, or look after what delays its images",
-    "target_lost": "begin nearer to the goal, with the target near the middle of the view; a goal "
-    "has to be taught with this camera and scheme",
-    "wrong_object": "let the segmentation choose the target: component 'nearest' or 'mask'",
-    "target_moves": "let the target stand still, or use a scheme that tells its motion "
-    "(Measured.rate)",
+# Remedy by kind of outcome; empty: there is nothing to change. {joints} are those it is about.
+REMEDIES = {
+    "running": Remedy(),
+    "converged": Remedy(),
+    "stopped": Remedy("call start"),
+    "held": Remedy("call start"),
+    "no_joint_states": Remedy(
+        "check that the robot or the simulator runs, and that its joint_state_controller is loaded "
+        "and started"
+    ),
+    DO_NOT_FOLLOW: Remedy(
+        "check the controllers of {joints}: whether they run, whether their gains are too small "
+        "for the load or so large that the joint swings, and whether nothing is in the way"
+    ),
+    "too_few_images": Remedy("check that the camera runs, and what delays its images"),
+    "target_lost": Remedy(
+        "start nearer to the goal, with the target near the middle of the view; the goal has to "
+        "be taught with this camera and scheme", CLOSER,
+    ),
+    "wrong_object": Remedy("let the segmentation choose the target: component 'nearest' or 'mask'"),
+    "target_moves": NO_MOTION,
     "wrong_camera_model": CALIBRATE,
-    "ambiguous": "begin nearer to the goal, or use more features than directions",
-    "gain_too_high": "lower the gain, or the delay between image and command; a camera that shakes "
-    "so is to be mounted firmly",
-    "joint_limit": "begin from another posture, or choose a goal away from the limit",
-    "singular": "other features or more of them (at half a turn, which L mean loses: pose, "
-    "two_and_half_d or polar_points), another posture, or a goal away from where a direction of "
-    "the camera is lost",
-    "local_minimum": "begin nearer to the goal, or use L desired or mean; near half a turn pose, "
-    "two_and_half_d or polar_points",
-    "camera_retreat": "polar_points, two_and_half_d or pose, L mean for less than half a turn, or "
-    "a start that is turned less",
-    "out_of_reach": "choose a goal nearer to the arm",
-    "saturation": "raise max_velocity or max_acceleration, or lower the gain",
-    "scheme_fault": "mend the scheme; its traceback is logged",
-    "too_noisy": "measure more exactly: a larger target, a shorter distance, more light, or other "
-    "features",
-    "no_progress": "begin nearer to the goal, or use another scheme or interaction matrix",
-    "timed_out": "allow more time, or a higher gain",
+    "ambiguous": Remedy("start nearer to the goal, or use more features than directions", CLOSER),
+    "gain_too_high": Remedy(
+        "lower the gain, or the delay between image and command; mount a camera firmly that shakes",
+        multiply("gain", 0.3),
+    ),
+    "joint_limit": Remedy(
+        "choose another posture to start from, or a goal away from the limit", CLOSER
+    ),
+    "singular": Remedy(
+        "use other features or more of them, another posture, or a goal away from where a "
+        "direction of the camera is lost", set_to("scheme", "moments"),
+    ),
+    "local_minimum": Remedy(
+        "start nearer to the goal, or use L desired or mean; near half a turn pose, "
+        "two_and_half_d or polar_points", CLOSER,
+    ),
+    "camera_retreat": Remedy(
+        "use features that turn without retreat (two_and_half_d, pose), or L mean for less than "
+        "half a turn", set_to("scheme", "polar_points"),
+    ),
+    "out_of_reach": Remedy("choose a goal nearer to the arm", multiply("goal", 0.5)),
+    "saturation": Remedy(
+        "allow more time, raise max_velocity or max_acceleration", multiply("duration", 3.0)
+    ),
+    "scheme_fault": Remedy(
+        "correct the scheme, its traceback is logged; to see the rest run, use a shipped one",
+        set_to("scheme", "points"),
+    ),
+    "too_noisy": Remedy(
+        "measure more exactly: more light, a shorter distance, other features, or a larger target",
+        multiply("target.size", 1.5),
+    ),
+    "no_progress": Remedy("start nearer to the goal, or use another scheme", CLOSER),
+    "timed_out": Remedy("allow more time, or a higher gain", multiply("duration", 3.0)),
 }
-KINDS = tuple(ADVICE)
+KINDS = tuple(REMEDIES)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One word for how it stands, the reason in words, and what would mend it.
+    """One word for the state of the run, the reason as text, and the remedy.
 
     open_distance, open_angle: of a camera that has arrived, 99.7 % bounds on how far it is from its
-    goal, m and rad; inf where it may be anywhere along a direction, NaN where nobody knows.
+    goal, m and rad; inf where it may be anywhere along a direction, NaN where that is not known.
     """
 
     kind: str = "running"
     reason: str = ""
-    mend: str = ""
+    remedy: Remedy = REMEDIES["running"]
     open_distance: float = nan
     open_angle: float = nan
 
+    @property
+    def is_open(self) -> bool:
+        """Whether nothing speaks against the run, so far."""
+        return self.kind == "running" or self.kind.startswith("converged")
+
+    def with_remedy(self, advice: str, *changes: object) -> Outcome:
+        """The same with another remedy."""
+        return replace(self, remedy=Remedy(advice, *changes))
+
 
 def outcome(kind: str, reason: str = "", joints: str = "") -> Outcome:
-    """The outcome of a kind, with its advice; `joints`: names of those that it is about."""
-    return Outcome(kind, reason, ADVICE[kind].format(joints=joints))
+    """The outcome of a kind, with its remedy; `joints`: names of those that it is about."""
+    remedy = REMEDIES[kind]
+    return Outcome(kind, reason, Remedy(remedy.format(joints=joints)) if joints else remedy)

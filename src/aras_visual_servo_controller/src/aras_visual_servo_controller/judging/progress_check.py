@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from ..goals.goal import DEPTH
 from ..loop.state import SERVOING, ServoState
+from .advice import larger_target, more_time, patience
 from .outcomes import Outcome, outcome
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 # s over which a lack of progress is judged, and the part of the error that has to be left of it.
 WINDOW, PROGRESS = 1.5, 0.9
+STALLS = "the error does not shrink"
 # The same of an error that would be at its goal with more time: a gain of 0.1 leaves 0.93.
 SLOWLY = 0.98
 # Part of the window's images in which a cause has to be there, to be the cause.
@@ -45,6 +47,7 @@ class _Seen:
     error: np.ndarray
     tolerances: np.ndarray
     depth: float
+    stretched: bool = False
 
     @property
     def resolution(self) -> Resolution | None:
@@ -80,24 +83,31 @@ class _Seen:
 class ProgressCheck:
     """The images of the last WINDOW, and what they say of the way to the goal."""
 
-    def __init__(self) -> None:
+    def __init__(self, duration: float = np.inf) -> None:
+        """`duration`: of the run, s."""
         self._seen: deque[_Seen] = deque()
+        self._duration = duration
 
     def clear(self) -> None:
         """Forget what was seen: the loop was interrupted."""
         self._seen.clear()
 
     def add(
-        self, state: ServoState, tolerances: np.ndarray, depth: float = DEPTH
+        self, state: ServoState, tolerances: np.ndarray, depth: float = DEPTH,
+        stretched: bool = False,
     ) -> np.ndarray:
-        """Take in one image; its error (k,) in tolerances (k,). depth: of the target, m."""
+        """Take in one image; its error (k,) in tolerances (k,).
+
+        depth: of the target, m. stretched: whether an elbow of the arm is all but straight.
+        """
         decision = state.decision
         error = decision.error / tolerances
         size = max(map(abs, error.tolist()))
         modelled = 6 if decision.task is None else int(decision.task.modelled.sum())
         self._seen.append(
-            _Seen(state.stamp, size, state, min(modelled, len(error)), error, tolerances, depth)
-        )
+            _Seen(state.stamp, size, state, min(modelled, len(error)), error, tolerances, depth,
+                  stretched)
+        )  # fmt: skip
         while self._seen[0].stamp < state.stamp - WINDOW:
             self._seen.popleft()
         return error
@@ -121,38 +131,74 @@ class ProgressCheck:
     def stalled(self, state: ServoState) -> Outcome:
         """Why the error does not shrink; 'running' while it does."""
         seen = list(self._seen)
-        if state.phase != SERVOING or seen[-1].stamp - seen[0].stamp < 0.9 * WINDOW or self.shrinks:
+        if state.phase != SERVOING or seen[-1].stamp - seen[0].stamp < 0.9 * WINDOW:
             return Outcome("running", state.reason)
-        for cause in (_limit, _rank, _minimum, _reach, _saturation):
+        if self.shrinks:
+            # Within the tolerances, and not there: the arm may lack the last bit.
+            held_back = _within(seen[len(seen) // 2 :]) and (_limit(seen) or _reach(seen))
+            return held_back or Outcome("running", state.reason)
+        for cause in (_limit, _rank, _minimum) if self.noise else (_limit, _rank, _minimum, _reach):
             if (found := cause(seen)) is not None:
                 return found
-        return Outcome("running", state.reason or "the error does not shrink")
+        if (found := self._saturated()) is not None:
+            return found
+        return Outcome("running", state.reason or STALLS)
+
+    @property
+    def noise(self) -> float:
+        """Scatter of the loudest error from image to image, in tolerances; 0: it is no noise."""
+        return _noise(self._seen)
+
+    @property
+    def _halves(self) -> tuple[float, float]:
+        """Mean size of the error in the first and the second half of the images."""
+        seen = list(self._seen)
+        half = len(seen) // 2
+        before, after = (
+            float(np.mean([s.size for s in part])) if part else 0.0
+            for part in (seen[:half], seen[half:])
+        )
+        return before, after
+
+    def _saturated(self) -> Outcome | None:
+        """That the joints are at their limits of speed, with the time that they need."""
+        found = _saturation(list(self._seen))
+        if found is None or self.noise:
+            return None
+        before, after = self._halves
+        rate = (before - after) / (0.5 * WINDOW)
+        return replace(found, remedy=more_time(self._duration, after, rate, linear=True))
 
     def unfinished(self, reason: str) -> Outcome:
         """What a run is whose time is over, by its last images; `reason`: as known so far."""
         if self.period > SELDOM:
-            return outcome(
+            return replace(outcome(
                 "too_few_images", f"{reason}; images came every {self.period:.2f} s only"
-            )
+            ), remedy=patience(self.period, None, self._duration))  # fmt: skip
         seen = list(self._seen)
-        for cause in (_limit, _rank, _reach, _saturation):
+        for cause in (_limit, _rank) if self.noise else (_limit, _rank, _reach):
             if (found := cause(seen)) is not None:
                 return found
+        if (found := self._saturated()) is not None:
+            return found
         if (dropped := next((s.state.dropped for s in reversed(seen) if s.state.dropped), "")):
             return outcome("too_noisy", f"{reason}; {dropped}" if dropped not in reason else reason)
-        if (noise := _noise(seen)) > 0.0:
-            return outcome(
+        before, after = self._halves
+        slow = self.shrinks or after < SLOWLY * before
+        rate = float(np.log(max(before, 1e-9) / max(after, 1e-9))) / (0.5 * WINDOW)
+        if (noise := self.noise) > 0.0:
+            others = more_time(self._duration, after, rate).changes if slow else ()
+            return replace(outcome(
                 "too_noisy", f"{reason}; from image to image the error scatters by {noise:.1f} "
                 "times its tolerance",
-            )  # fmt: skip
-        before, after = (
-            np.mean([s.size for s in part]) if part else 0.0
-            for part in (seen[: len(seen) // 2], seen[len(seen) // 2 :])
-        )
-        if self.shrinks or after < SLOWLY * before:
-            return outcome("timed_out", reason)
-        if "does not shrink" not in reason:
-            reason = f"{reason}; the error does not shrink"
+            ), remedy=larger_target(noise, *others))  # fmt: skip
+        if slow:
+            reason = reason.removesuffix(f": {STALLS}")
+            return replace(
+                outcome("timed_out", reason), remedy=more_time(self._duration, after, rate)
+            )
+        if STALLS not in reason:
+            reason = f"{reason}; {STALLS}"
         return outcome("no_progress", reason)
 
 
@@ -215,8 +261,11 @@ def _reach(seen: Sequence[_Seen]) -> Outcome | None:
         return None
     resolution = seen[-1].resolution
     missing = np.round(np.asarray(resolution.lost), 4).tolist()
-    if any("reach" in reason for reason in resolution.reasons):
-        return outcome("out_of_reach", f"the arm is stretched; lost of the asked twist: {missing}")
+    if sum(s.stretched for s in seen) > MOST * len(seen):
+        return outcome(
+            "out_of_reach", "the arm is stretched, and where the features are the goal's lies "
+            f"beyond its reach; lost of the commanded twist: {missing}",
+        )  # fmt: skip
     return outcome("singular", f"the arm has not the directions asked for; lost: {missing}")
 
 

@@ -4,6 +4,7 @@ moved where the camera's motion does not."""
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,64 @@ class _Row:
     drift: np.ndarray
 
 
+class _RowSums:
+    """Some rows, `together` of them added up each, n numbers in all, in tolerances.
+
+    Attributes:
+        moved: (n,) features. parts: (n, 6) by each direction of the camera as it is believed.
+        together: how many rows are added up.
+    """
+
+    def __init__(
+        self, rows: Sequence[_Row], moved: np.ndarray, parts: np.ndarray, together: int
+    ) -> None:
+        """`moved` (m, k) and `parts` (m, k, 6) of all m rows."""
+        count = len(rows) // together * together
+        self._rows, self.together = list(rows)[len(rows) - count :], together
+        self.moved, self.parts = self._summed(moved[-count:]), self._summed(parts[-count:])
+
+    def _summed(self, values: np.ndarray) -> np.ndarray:
+        whole = values.reshape(-1, self.together, *values.shape[1:]).sum(axis=1)
+        return whole.reshape(-1, *whole.shape[2:])
+
+    @property
+    def mixed(self) -> np.ndarray:
+        """(n, 18) by each translation and rotation, if it is one along or about each axis."""
+        return self._summed(np.array([_mixed(row) for row in self._rows]))
+
+    @property
+    def drift(self) -> np.ndarray:
+        """(n, 6) as of a row."""
+        return self._summed(np.array([row.drift for row in self._rows]))
+
+    @property
+    def stamps(self) -> np.ndarray:
+        """(n,) s, from the first on."""
+        stamps = np.array([row.stamp for row in self._rows]).reshape(-1, self.together)
+        stamps = stamps.mean(axis=1)
+        return np.repeat(stamps - stamps[0], len(self._rows[0].moved))
+
+    @property
+    def along(self) -> np.ndarray:
+        """(n,) by all translations of the camera."""
+        return self.parts[:, :3].sum(axis=1)
+
+    @property
+    def turned(self) -> np.ndarray:
+        """(n,) by all its rotations."""
+        return self.parts[:, 3:].sum(axis=1)
+
+    def depth(self) -> float:
+        """The factor of the translations that explains the features' motion best."""
+        along = self.along
+        square = float(along @ along)
+        return along @ (self.moved - self.turned) / square if square > 0.0 else 1.0
+
+    def still(self, depth: float) -> np.ndarray:
+        """(n,) of the features' motion that a target at rest leaves, with a factor of depth."""
+        return self.moved - self.turned - depth * self.along
+
+
 class TargetCheck:
     """Fits the features' motion by the camera's own and by the target's, over the last SPAN.
 
@@ -53,20 +112,28 @@ class TargetCheck:
     SPAN = 6.0  # s that are looked at
     LEAST, EVERY = 10, 5  # rows before anything is said, and between two looks
     NUMBERS = 60  # that the rows hold together, at least: 18 factors explain fewer of anything
+    # Rows that are added up where one alone shows no motion: a target at 1 mm/s moves by less than
+    # the tolerances within PERIOD. A sum has no more noise than a row. FEWER: its numbers.
+    # LOUD: tolerances, rms, that the camera's motion has to leave in a row, or in a sum of rows.
+    TOGETHER, LOUD, FEWER = (1, 3, 6, 12), (0.3, 0.3, 0.3, 0.15), 12
     SWING = 2.5  # s of rows before a swing is looked for
-    LOUD = 0.3  # tolerances, rms, that the camera's motion has to leave in a row
     LEFT = 0.1  # part of that which the target's motion may leave, at most
     BETTER = 0.5  # part of what another camera leaves that it may leave, at most
     # The factor on the camera's translation that a wrong depth explains, at least. Where features
     # move less than that, no camera explains it: it is the target that the camera follows.
     DEPTH = 0.3
+    # Part of the square by which the camera would move the features that they do move at least
+    # where another camera is looked for all the same: one that flies elsewhere than it is believed.
+    ASTRAY = 0.2
     # The same of a camera, along and about each direction: half as far is another focal length, or
     # a mounting 60 degrees off.
     CAMERA = 0.5
+    AS_WELL = 0.02  # part that another camera leaves at most that explains all as well
     FASTEST = 1.5  # Hz of a swing that is looked for
     TOLERANCE = 1e-3  # of the target's centre, normalised, where the scheme has no L of its view
 
     def __init__(self) -> None:
+        self.another_camera = False  # whether at the last look another camera explained all as well
         self._rows: deque[_Row] = deque()
         self._place = np.zeros(3)  # m, world axes: of the velocity of a target's twist
         self._new = 0
@@ -74,6 +141,11 @@ class TargetCheck:
         # Error (k,), L (k, 6), rate (k,) or (1,) and tolerances (k,) of the last image.
         self._before: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
         self._begin()
+
+    @property
+    def moves(self) -> bool:
+        """Whether the target moves, by what was found last."""
+        return bool(self._moves)
 
     def interrupt(self) -> None:
         """An image without measurement: the next one has no predecessor."""
@@ -98,7 +170,7 @@ class TargetCheck:
         """
         error, L, rate = decision.error, decision.L, decision.rate
         if not viewed or np.shape(L) != (len(error), 6):
-            error, L, rate = _centre(observation, goal)
+            error, L, rate = centre_of(observation, goal)
             tolerances, angles = np.full(len(error), self.TOLERANCE), None
         angles = np.ones(len(error), bool) if angles is None else angles
         rate = np.array(rate, float, ndmin=1)
@@ -150,37 +222,48 @@ class TargetCheck:
             self._moves = self._judged()
 
     def _judged(self) -> str:
-        """How the target moves, in words; empty where it stands still."""
-        moved = np.concatenate([row.moved for row in self._rows])
-        parts = np.vstack([row.L * row.motion for row in self._rows])
-        along, turned = parts[:, :3].sum(axis=1), parts[:, 3:].sum(axis=1)
-        square = float(along @ along)
-        depth = along @ (moved - turned) / square if square > 0.0 else 1.0
-        still = moved - turned - max(depth, self.DEPTH) * along
-        left, count = float(still @ still), len(moved)
-        if count < self.NUMBERS or left < self.LOUD**2 * count:
-            return ""
-        if np.linalg.matrix_rank(self._rows[-1].L[:, :3]) < 2:
-            return ""  # one direction alone has no place of a target
-        drift = np.vstack([row.drift for row in self._rows])
-        known = np.column_stack([along, drift])
+        """How the target moves, as text; empty where it is at rest."""
+        moved = np.array([row.moved for row in self._rows])
+        parts = np.array([row.L for row in self._rows])
+        parts = parts * np.array([row.motion for row in self._rows])[:, None, :]
+        for together, loud in zip(self.TOGETHER, self.LOUD, strict=True):
+            count = len(self._rows) // together * len(self._rows[-1].moved)
+            if count < (self.NUMBERS if together == 1 else self.FEWER):
+                return ""
+            rows = _RowSums(self._rows, moved, parts, together)
+            depth = rows.depth()
+            still = rows.still(max(depth, self.DEPTH))
+            left = float(still @ still)
+            if together == 1 and left * self.TOGETHER[-1]**2 < self.LOUD[-1]**2 * count:
+                return ""  # sums of n rows are n times as large, at most
+            if left >= loud**2 * count:
+                if np.linalg.matrix_rank(self._rows[-1].L[:, :3]) < 2:
+                    return ""  # one direction alone has no place of a target
+                return self._explanation(rows, depth, left)
+        return ""
+
+    def _explanation(self, rows: _RowSums, depth: float, left: float) -> str:
+        """The motion of a target that explains the square `left`, as text; empty: none does."""
+        along, moved = rows.along, rows.moved - rows.turned
+        known = np.column_stack([along, rows.drift])
         mixed = np.inf
-        if depth > self.DEPTH:
-            mixed = _left_by_camera(
-                np.vstack([_mixed(row) for row in self._rows]), moved, self.CAMERA
-            )
+        part = float(moved @ moved) / max(float(along @ along), 1e-12)
+        if depth > self.DEPTH or self.ASTRAY < part < 1.0 / self.ASTRAY:
+            mixed = _left_by_camera(rows.mixed, rows.moved, self.CAMERA)
+        self.another_camera = mixed < self.AS_WELL * left
         bound = min(self.LEFT * left, self.BETTER * mixed)
         # Of the depth's factor what it has beyond 1: a camera that follows its target at one speed
         # moves nothing in the picture, and no factor of 0 is to explain that.
-        constant, velocity = _left(known[:, :4], moved - turned - along)
+        constant, velocity = _left(known[:, :4], moved - along)
         if constant < bound:
             return f"it moves at {1e3 * float(np.linalg.norm(velocity[1:])):.1f} mm/s"
-        # Two numbers an image do not tell a turn from a translation.
-        known = known if count >= 6 * len(self._rows) else known[:, :4]
-        if _left(known, moved - turned)[0] < bound:
+        # Sums are few and smooth, which turns and swings explain by half: more is asked of those.
+        bound = min(self.LEFT / rows.together**2 * left, bound)
+        # Few numbers an image do not tell a turn from a translation.
+        known = known if len(self._rows[-1].moved) >= 6 else known[:, :4]
+        if _left(known, moved)[0] < bound:
             return "it turns"
-        stamps = np.repeat([row.stamp for row in self._rows], [len(r.moved) for r in self._rows])
-        return self._swing(stamps - stamps[0], known, moved - turned, bound)
+        return self._swing(rows.stamps, known, moved, bound)
 
     def _swing(
         self, time: np.ndarray, known: np.ndarray, moved: np.ndarray, bound: float
@@ -206,7 +289,7 @@ class TargetCheck:
         return f"it swings at {found:.2f} Hz" if least < bound else ""
 
 
-def _centre(observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarray, float]:
+def centre_of(observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarray, float]:
     """The target's centre (2,) normalised, its L (2, 6), and its rate, by its moments; (0,), (0, 6)
     where they are not known."""
     seen, wanted = observation.moments, goal.moments

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..arm.algebra import finite
 from ..errors import MeasurementError
-from ..judging.outcomes import DO_NOT_FOLLOW
+from ..judging.outcomes import DO_NOT_FOLLOW, Outcome, outcome
 from ..seeing.joint_history import FARTHEST, JointHistory
 from ..seeing.joint_sample import JointSample
 from ..seeing.rig import Look, Rig
@@ -43,6 +43,7 @@ from .state import (
 REPORT_PERIOD = 1.0 / 30.0  # s; without images, reports need not be faster than a camera
 SILENT = 0.05  # s without a joint state after which time goes on by the clock
 STANDING = 0.5  # s of wall time after which a clock that does not go on is worth a word
+RESUME = "resume the simulation, or start the simulator again"
 SKEW = 0.5  # s; stamps further off the clock are of another clock, or of none
 REPEAT_PERIOD = 0.1  # s between two sendings of a command that a joint does not follow
 QUIET = 1.0  # s without a foreign command after which the loop commands the joints again
@@ -229,7 +230,7 @@ class Driver:
                 self._starved = True
                 reason = f"no answer for {wall - self._answered:.1f} s of wall time"
                 reason = f"{reason}: {self._standing() or self.servo.source.missing()}"
-                self.servo.hold(reason, "too_few_images")
+                self.servo.hold(reason, self._silence("too_few_images", reason))
             self._tell_silence(wall, now)
 
     # -- what is asked for -----------------------------------------------------------------
@@ -420,17 +421,11 @@ class Driver:
     def _now_and_then(self, command: Command, joints: JointSample | None) -> None:
         """Report without an image, at a camera's pace."""
         if not 0.0 <= command.stamp - self._reported < REPORT_PERIOD:
-            self._report(
-                ServoState(
-                    command.stamp,
-                    self.servo.phase,
-                    self.servo.outcome.kind,
-                    command.reason,
-                    self.servo.outcome.mend,
-                    joints=joints,
-                    command=self.servo.command,
-                )
-            )
+            state = ServoState(
+                command.stamp, self.servo.phase, reason=command.reason, joints=joints,
+                command=self.servo.command,
+            )  # fmt: skip
+            self._report(state.with_outcome(self.servo.outcome))
 
     def _report(self, state: ServoState) -> None:
         self._reported = state.stamp
@@ -438,8 +433,9 @@ class Driver:
 
     def _tell_silence(self, wall: float, now: float) -> None:
         """Say what does not come, once a second."""
-        settings, missing = self.settings, []
+        settings, missing, kind = self.settings, [], "too_few_images"
         if wall - self._joints_heard > settings.joint_timeout:
+            kind = "no_joint_states"
             missing.append(
                 f"no joint states on {settings.namespace}/joint_states (is the simulator running?)"
             )
@@ -453,5 +449,10 @@ class Driver:
         self._said_silence = wall
         phase = HOLDING if self.servo.phase == HOLDING else WAITING
         reason = " and ".join(missing) + (f"; {words}" if (words := self._standing()) else "")
-        outcome = self.servo.outcome
-        self._report(ServoState(now, phase, outcome.kind, reason, outcome.mend))
+        found = self._silence(kind, reason)
+        self._report(ServoState(now, phase, found.kind, reason, found.remedy))
+
+    def _silence(self, kind: str, reason: str) -> Outcome:
+        """The outcome while nothing comes: a clock that does not go on stops everything."""
+        found = outcome(kind, reason)
+        return found.with_remedy(RESUME) if self._standing() else found

@@ -28,7 +28,7 @@ from ..goals.goal import Goal
 from ..judging.arrival import NOT_ARRIVED, Arrival, Arrived
 from ..judging.diagnosis import Diagnosis
 from ..judging.joint_check import foreign_text
-from ..judging.outcomes import Outcome
+from ..judging.outcomes import Outcome, outcome
 from ..schemes.answer_checks import checked_decision, checked_goal, guarded
 from ..schemes.base import Decision, JointController, Scheme
 from ..seeing.joint_sample import JointSample
@@ -110,7 +110,11 @@ class Servo:
         self._arrival = Arrival(self.settings.hold)
         self.beyond = self.goal.beyond(arm)
         lengths = np.where(arm.prismatic, resolver.settings.slide, 1.0)
-        self.diagnosis = Diagnosis(self.settings, arm.jacobian, self.beyond, arm.names, lengths)
+        narrowed = resolver.limits.narrowed(arm)
+        self.diagnosis = Diagnosis(
+            self.settings, arm.jacobian, self.beyond, arm.names, lengths, narrowed,
+            getattr(resolver, "folds", ()),
+        )
         self.reset()
 
     # -- what the loop is told -------------------------------------------------------------
@@ -153,14 +157,14 @@ class Servo:
         """Come smoothly to rest and stay there until `start`."""
         self._halt(STOPPED, reason)
 
-    def hold(self, reason: str, kind: str = "held") -> None:
+    def hold(self, reason: str, found: Outcome | None = None) -> None:
         """Come smoothly to rest and hold still until `start`, whatever is seen.
 
-        `kind`: of the outcome, where it was nobody's wish.
+        `found`: the outcome, where no client has asked for it; None: held.
         """
         self._held = reason or "held"
         self._halt(HOLDING, self._held)
-        self.diagnosis.halted(kind, self._held)
+        self.diagnosis.halted(found or outcome("held", self._held))
 
     def joints_jumped(self) -> None:
         """The joints may be elsewhere: command them from where they are, once the arm moves on."""
@@ -491,8 +495,8 @@ class Servo:
                 self.diagnosis.joints(
                     state.stamp, self.motion.late, self.motion.velocity, self._joints.velocities
                 )
-            outcome = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty)
-            state = replace(state, outcome=outcome.kind, mend=outcome.mend)
+            found = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty)
+            state = state.with_outcome(found)
             if decision is not None and self.phase == SERVOING and (
                 self.settings.duration <= observation.stamp - self._began
             ):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from ..arm.resolution import Resolution, rank
 from ..arm.task import Task
 from ..errors import ConfigurationError
 from ..judging.arrival import NOT_ARRIVED, Arrived
+from ..judging.outcomes import Outcome
 from ..schemes.base import Decision
 from ..seeing.joint_sample import JointSample
 
@@ -160,7 +161,8 @@ class ServoState:
     Attributes:
         stamp: of the exposure, s.
         phase: one of PHASES.
-        outcome, reason, mend: what the loop knows of the run so far; see diagnosis.
+        outcome, reason, remedy: what the loop knows of the run so far; see diagnosis. The reason is
+            that of the outcome, with what holds the loop back now.
         scheme: its name; empty where the loop has not told it.
         decision: of the scheme; None where there is none.
         resolution: of the resolver for it: joint velocities, singular values of L J, and so on.
@@ -177,7 +179,7 @@ class ServoState:
     phase: str
     outcome: str = "running"
     reason: str = ""
-    mend: str = ""
+    remedy: str = ""
     decision: Decision | None = None
     resolution: Resolution | None = None
     joints: JointSample | None = None
@@ -187,6 +189,14 @@ class ServoState:
     answers_image: bool = False
     scheme: str = ""
     arrived: Arrived = NOT_ARRIVED
+
+    def with_outcome(self, found: Outcome) -> ServoState:
+        """The state with an outcome: its reason, followed by the loop's own, and its remedy."""
+        reason = self.reason
+        if found.reason and not found.is_open:
+            own = reason and reason not in found.reason
+            reason = f"{found.reason}; now: {reason}" if own else found.reason
+        return replace(self, outcome=found.kind, reason=reason, remedy=found.remedy)
 
     @property
     def _task(self) -> Task | None:

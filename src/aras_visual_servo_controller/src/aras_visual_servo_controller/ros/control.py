@@ -76,21 +76,20 @@ class Control:
                     self._action.set_succeeded(self._result(state.outcome, state.reason))
                     return
             if phase == STOPPED:
-                self._action.set_aborted(
-                    self._result(outcome.kind, outcome.reason or driver.servo.reason, outcome.mend)
-                )
+                reason = outcome.reason or driver.servo.reason
+                self._action.set_aborted(self._result(outcome.kind, reason, outcome.remedy))
                 return
             began = rospy.get_time() if began is None else began
             if 0.0 < goal.timeout < rospy.get_time() - began:
                 driver.stop("the time for it is over")
                 kind = outcome.kind if outcome.kind != "running" else "timed_out"
                 reason = outcome.reason or f"not converged within {goal.timeout:g} s"
-                self._action.set_aborted(self._result(kind, reason, outcome.mend))
+                self._action.set_aborted(self._result(kind, reason, outcome.remedy))
                 return
             time.sleep(FEEDBACK_PERIOD)
 
-    def _result(self, outcome: str, reason: str, mend: str = "") -> ServoToTargetResult:
-        result = ServoToTargetResult(outcome=outcome, reason=reason, mend=mend)
+    def _result(self, outcome: str, reason: str, remedy: str = "") -> ServoToTargetResult:
+        result = ServoToTargetResult(outcome=outcome, reason=reason, remedy=remedy)
         state = self._owner.face.latest
         if state is not None and state.decision is not None:
             result.feature_names = list(state.decision.names)

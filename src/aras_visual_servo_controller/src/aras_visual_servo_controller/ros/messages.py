@@ -62,7 +62,7 @@ def state_message(state: State, scheme: str, frame: str, names: tuple[str, ...])
 def report_message(state: State, frame: str, names: tuple[str, ...]) -> ServoReport:
     """How the loop stands."""
     message = ServoReport(
-        phase=state.phase, outcome=state.outcome, reason=state.reason, mend=state.mend
+        phase=state.phase, outcome=state.outcome, reason=state.reason, remedy=state.remedy
     )
     message.header.frame_id = frame
     message.joint_names = list(names)

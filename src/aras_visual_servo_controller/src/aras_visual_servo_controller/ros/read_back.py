@@ -50,7 +50,7 @@ def state_of(message: ServoState, report: ServoReport | None = None) -> State:
     commanded = len(message.joint_commands) == len(names)
     return State(
         stamp, message.phase, "" if report is None else report.outcome, message.reason,
-        "" if report is None else report.mend, decision, resolution, joints,
+        "" if report is None else report.remedy, decision, resolution, joints,
         np.array(message.joint_commands) if commanded else None,
         np.nan if report is None else report.computing, scheme=message.scheme,
         arrived=NOT_ARRIVED if np.isnan([left.distance, left.angle]).all() else

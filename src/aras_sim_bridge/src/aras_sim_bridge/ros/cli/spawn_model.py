@@ -24,7 +24,7 @@ from aras_visual_servo_ros.shutdown import begin_node
 
 
 class UsageError(Exception):
-    """The request cannot be made; the text says why and what would mend it."""
+    """The request cannot be made; the text says why and names the remedy."""
 
 
 def parse(argv: list[str]) -> argparse.Namespace:

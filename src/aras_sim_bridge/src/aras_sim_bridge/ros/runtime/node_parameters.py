@@ -48,7 +48,7 @@ class NodeParameters:
         Whole namespaces in it are others', as are the names in FOREIGN.
 
         Raises:
-            InvalidParameterError: naming the parameter and the mend.
+            InvalidParameterError: naming the parameter and the remedy.
         """
         own = {field.name for field in fields(cls)}
         given = {

@@ -264,7 +264,7 @@ function tookRows(answer) {
 
 function showRows() {
   const table = $("rows"), names = page.columns.map((c) => c.name);
-  const last = ["reason", "mend"], first = ["study", "run"], rank = (n) => last.includes(n) ? 5 : first.includes(n) ? 0
+  const last = ["reason", "remedy"], first = ["study", "run"], rank = (n) => last.includes(n) ? 5 : first.includes(n) ? 0
     : column(n).role === "setting" ? 1 : n === "end" ? 2 : column(n).role === "metric" ? 3 : 4;
   const order = [...names].sort((a, b) => rank(a) - rank(b));  // else as they are
   const shown = order.filter((name) => !view.hidden.includes(name));
@@ -318,9 +318,9 @@ async function open(study, run) {
   badges.append(make("span", row.outcome || "unknown end", `badge ${/^converged/.test(row.outcome) ? "good" : "bad"}`));
   if (row.verdict) badges.append(make("span", row.verdict, `badge ${row.verdict === "goal_reached" ? "good" : "bad"}`));
   box.append(top, where, badges);
-  if (row.success !== 1 && (row.reason || row.mend)) {
+  if (row.success !== 1 && (row.reason || row.remedy)) {
     const why = make("div", "", "why");
-    for (const [name, text] of [["Why: ", row.reason], ["What would mend it: ", row.mend]]) {
+    for (const [name, text] of [["Why: ", row.reason], ["Remedy: ", row.remedy]]) {
       if (text) { const line = make("div"); line.append(make("b", name), text); why.append(line); }
     }
     box.append(why);
@@ -331,7 +331,7 @@ async function open(study, run) {
   link.rel = "noopener";
   box.append(link, make("p", "Curves, film and path: computed when it is opened for the first time, which takes some seconds.", "note-below"));
   for (const [role, name] of [["setting", "Settings"], ["metric", "Numbers"], ["run", "The rest"]]) {
-    const entries = Object.entries(row).filter(([key]) => column(key).role === role && !["reason", "mend", "outcome", "verdict", "end", "study", "run"].includes(key));
+    const entries = Object.entries(row).filter(([key]) => column(key).role === role && !["reason", "remedy", "outcome", "verdict", "end", "study", "run"].includes(key));
     if (!entries.length) continue;
     const table = make("table", "", "numbers");
     for (const [key, value] of entries) {

@@ -183,7 +183,7 @@ function words() {
   const idle = running.has("servo") || running.has("goal") ? "the nodes are being started"
     : loop() || "the controller runs and has told of no image yet";
   const text = told.phase ? [outcome, told.reason].filter(Boolean).join(": ") : idle;
-  $("words").textContent = told.mend && outcome ? `${text} — ${told.mend}` : text;
+  $("words").textContent = told.remedy && outcome ? `${text} — ${told.remedy}` : text;
   $("words").title = $("words").textContent;
 }
 

@@ -1,0 +1,171 @@
+"""Apply a run's remedy to its experiment: the run that follows the advice."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from aras_visual_servo_base.poses import exponential, logarithm, relative, to_xyz_rpy
+from aras_visual_servo_controller.errors import UnreachableError
+from aras_visual_servo_controller.goals.goal import REACHABLE
+from aras_visual_servo_controller.judging.remedy import Change, Remedy
+from aras_visual_servo_controller.settings import Settings
+
+from ..asked.assembly import Assembly, assemble
+from ..asked.experiment import FLYING, OWN_PARAMETERS, CameraPose, Experiment, Sampler
+from ..asked.loop_settings import settings_of
+from ..asked.overrides import with_override
+from ..errors import ExperimentError
+
+SIZE = 0.2  # m, of a named shape that has no size of its own
+
+
+def apply_remedy(experiment: Experiment, remedy: Remedy) -> Experiment:
+    """The experiment with the changes of its run's remedy; of several, those that it can take.
+
+    Raises:
+        ExperimentError: the remedy has no changes, or none that this experiment can take.
+    """
+    refused = [f"the remedy changes no setting: '{remedy}'"]
+    changed = experiment
+    for change in remedy.changes:
+        try:
+            changed = _changed(changed, change)
+        except ExperimentError as error:
+            refused.append(str(error))
+    if changed is experiment:
+        raise ExperimentError(refused[-1])
+    return changed
+
+
+def _changed(experiment: Experiment, change: Change) -> Experiment:
+    if change.operation == "multiply" and change.key in SCALED:
+        return SCALED[change.key](experiment, float(change.value))
+    key, values = _key(change.key), experiment.to_mapping()
+    if change.operation == "remove":
+        return Experiment.from_mapping(_without(values, key.split("."), change.key))
+    value = change.value
+    if change.operation == "multiply":
+        value = _times(_in_effect(experiment, key), value, change.key)
+    return Experiment.from_mapping(with_override(values, key, value))
+
+
+def _key(key: str) -> str:
+    """The experiment's dotted key of a key of the experiment or a parameter of the controller."""
+    head = key.partition(".")[0]
+    if head in OWN_PARAMETERS or head in {f.name for f in fields(Experiment)}:
+        return key
+    if head in {f.name for f in fields(Settings)}:
+        return f"options.{key}"
+    raise ExperimentError(f"an experiment has no key '{key}'")
+
+
+def _without(values: Mapping[str, Any], path: list[str], key: str) -> dict[str, Any]:
+    """The values without what stands under a path; ExperimentError where nothing does."""
+    head, rest = path[0], path[1:]
+    if head not in values or rest and not isinstance(values[head], Mapping):
+        raise ExperimentError(f"{key} is not set: there is nothing to remove")
+    left = {name: value for name, value in values.items() if name != head}
+    return {**left, head: _without(values[head], rest, key)} if rest else left
+
+
+def _in_effect(experiment: Experiment, key: str) -> Any:
+    """The value under a dotted key, or the default that the controller has for it."""
+    value: Any = experiment
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else getattr(value, part)
+    if value is None:
+        value = getattr(settings_of(experiment), key.removeprefix("options."))
+    return value
+
+
+def _times(value: Any, factor: float, key: str) -> Any:
+    """Numbers multiplied; ExperimentError where there are none."""
+    if isinstance(value, Mapping):
+        return {name: _times(one, factor, key) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_times(one, factor, key) for one in value]
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ExperimentError(f"{key} is {value!r}: it cannot be multiplied by {factor:g}")
+    return value * factor
+
+
+# -- lengths that several keys have together ---------------------------------------------------
+
+
+def _scaled_target(experiment: Experiment, factor: float) -> Experiment:
+    """A target of the same shape, larger."""
+    target = experiment.target
+    if target.shape == "aras" or target.is_link:
+        raise ExperimentError("target.size: the demo's plates, and links, have one size")
+    changes: dict[str, Any] = {}
+    if isinstance(target.shape, tuple):
+        changes["shape"] = _times(target.shape, factor, "target.shape")
+        if target.size is not None:
+            changes["size"] = _times(target.size, factor, "target.size")
+    elif target.scale is not None:
+        changes["scale"] = target.scale * factor
+    else:
+        changes["size"] = _times(target.size or (SIZE, SIZE), factor, "target.size")
+    if target.occluder is not None:
+        changes["occluder"] = _times(target.occluder, factor, "target.occluder")
+    values = experiment.to_mapping()
+    return Experiment.from_mapping({**values, "target": {**values["target"], **changes}})
+
+
+def _scaled_start(experiment: Experiment, factor: float) -> Experiment:
+    """A start whose offset from the goal is multiplied, in joints where there is an arm."""
+    parts = assemble(experiment)
+    try:
+        if isinstance(experiment.start, Sampler):
+            return experiment.with_(start=_nearer(experiment.start, parts, factor))
+        if experiment.plant in FLYING:
+            offset = logarithm(relative(parts.goal_pose, parts.plant.pose()))
+            return experiment.with_(start=_pose(parts.goal_pose @ exponential(factor * offset)))
+        first = np.array(parts.plant.joints()[0])
+        goal = parts.postures.arm.inverse(parts.goal_pose, first, REACHABLE)
+        return experiment.with_(start=tuple((goal + factor * (first - goal)).tolist()))
+    except UnreachableError as error:
+        raise ExperimentError(f"start: {error}") from error
+    finally:
+        parts.plant.close()
+
+
+def _nearer(sampler: Sampler, parts: Assembly, factor: float) -> Sampler:
+    """A sampler whose starts have the offsets from the goal multiplied."""
+    target = parts.target.world_T_target(0.0)
+    above = float(parts.goal_pose[2, 3] - target[2, 3])
+    low, high = (above + factor * (height - above) for height in sampler.height)
+    return Sampler(
+        (low, high), factor * sampler.side, factor * sampler.turn, factor * sampler.tilt,
+        sampler.margin, sampler.attempts,
+    )  # fmt: skip
+
+
+def _scaled_goal(experiment: Experiment, factor: float) -> Experiment:
+    """A goal whose offset from the start is multiplied, of joints that the arm has."""
+    if experiment.plant in FLYING:
+        raise ExperimentError("goal: a camera that flies reaches every pose")
+    parts = assemble(experiment)
+    try:
+        first = parts.plant.pose()
+        offset = logarithm(relative(first, parts.goal_pose))
+        pose = first @ exponential(factor * offset)
+        joints = np.array(parts.plant.joints()[0])
+        joints = parts.postures.arm.inverse(pose, joints, 0.1)
+        return experiment.with_(goal=tuple(joints.tolist()))
+    except UnreachableError as error:
+        raise ExperimentError(f"goal: {error}") from error
+    finally:
+        parts.plant.close()
+
+
+def _pose(world_T_camera: np.ndarray) -> CameraPose:
+    xyz, rpy = to_xyz_rpy(world_T_camera)
+    return CameraPose((*map(float, xyz), *map(float, rpy)))
+
+
+SCALED = {"target.size": _scaled_target, "start": _scaled_start, "goal": _scaled_goal}

@@ -1,0 +1,107 @@
+"""Features compared with L and the camera from image to image: jumps, faults, what covers."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_base.poses import transform
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.judging.step_check import StepCheck, distance_by_kinematics
+
+DT, COUNT = 1 / 30, 3
+ANGLES = np.zeros(COUNT, bool)
+TOLERANCES = np.full(COUNT, 1e-3)
+OUTLINE = np.array([[-0.1, -0.08], [0.1, -0.09], [0.08, 0.1], [-0.07, 0.06]])
+GOAL = SimpleNamespace(
+    moments=Moments.from_polygon(OUTLINE), distance=0.4,
+    world_T_camera=transform((0, 0, 1), (0,) * 3),
+)  # fmt: skip
+
+
+def followed(images, error_of, check=None):
+    """A check that has followed features, error_of(k, error by L and the camera's motion)."""
+    check, draw = check or StepCheck(), np.random.default_rng(3)
+    L, told = draw.normal(size=(COUNT, 6)), np.zeros(COUNT)
+    for k in range(images):
+        motion = 4e-3 * np.cos([0.1 * k, 0.3, 0.2 * k, 0.0, 0.0, 0.1])
+        told = told + L @ motion * (k > 0)
+        decision = SimpleNamespace(
+            error=error_of(k, told), L=L, rate=0.0, names=("x", "y", "size")
+        )
+        observation = SimpleNamespace(stamp=k * DT, dt=DT, motion=motion)
+        check.add(decision, observation, TOLERANCES, ANGLES)
+    return check
+
+
+def test_features_that_move_as_the_camera_says_are_no_one_s_fault():
+    draw = np.random.default_rng(5)
+    check = followed(60, lambda k, told: told + 1e-3 * draw.normal(size=COUNT))
+    assert check.together > 0.98 and check.contrary.min() > 0.9
+    assert check.unchanged is None and check.first_jump is None and not check.jumps_often
+
+
+def test_features_that_stay_the_same_before_a_camera_that_moves_are_noted_with_their_beginning():
+    check = followed(30, lambda k, told: told if k < 10 else np.full(COUNT, 0.05))
+    assert check.unchanged == pytest.approx(10 * DT)
+    assert followed(31, lambda k, told: told, check).unchanged is None
+
+
+def test_a_jump_is_reported_with_its_feature_its_size_and_its_time():
+    check = followed(40, lambda k, told: told + [0.0, 0.3 * (k >= 20), 0.0])
+    jump = check.first_jump
+    assert (jump.feature, len(check.jumps)) == ("y", 1) and not check.jumps_often
+    assert jump.stamp == pytest.approx(20 * DT) and jump.size == pytest.approx(0.3, abs=0.05)
+    assert str(jump).endswith("at 0.67 s, where L and the camera's motion explain 0.018")
+    assert followed(60, lambda k, told: told + [0.3 * (k % 12 > 6), 0, 0]).jumps_often
+
+
+def test_the_motion_of_a_target_that_runs_away_is_known_also_once_it_is_lost():
+    check = followed(20, lambda k, told: told + [0.4 * max(k - 12, 0), 0.0, 0.0])
+    check.interrupt()
+    assert check.own > 0.9
+    assert followed(20, lambda k, told: told).own == 0.0
+    assert followed(1, lambda k, told: told, check).own == 0.0  # it is visible again
+
+
+@pytest.mark.parametrize("feature", range(COUNT))
+def test_a_feature_with_the_wrong_sign_moves_against_its_l(feature):
+    signs = np.where(np.arange(COUNT) == feature, -1.0, 1.0)
+    against = followed(60, lambda k, told: signs * told).contrary
+    assert against[feature] < -0.95 and np.delete(against, feature).min() > 0.95
+
+
+def view(area, stamp=0.0, height=1.0, touches=()):
+    """An observation of the goal's target, of which a part is visible."""
+    return SimpleNamespace(
+        valid=True, moments=Moments.from_polygon(np.sqrt(area) * OUTLINE), stamp=stamp,
+        touches=touches, world_T_camera=transform((0, 0, height), (0,) * 3),
+    )  # fmt: skip
+
+
+def test_a_part_that_disappears_inside_the_image_is_covered_until_it_comes_back():
+    check = StepCheck()
+    for k, area in enumerate([1.0] * 10 + [0.7] * 10):
+        check.follow_area(view(area, k * DT), GOAL)
+    assert check.covered == pytest.approx(10 * DT) and check.visible == pytest.approx(0.7)
+    check.follow_area(view(1.0, 1.0), GOAL)
+    assert check.covered is None
+
+
+@pytest.mark.parametrize("seen", [
+    [view(1.0 - 0.02 * k) for k in range(20)],  # the camera goes away, step by step
+    [view(1.0 + 0.3 * (-1) ** k) for k in range(40)],  # noise
+    [view(1.0)] * 10 + [view(0.6, touches=("left",))] * 10,
+    [view(1.0)] * 10 + [view(0.7)] + [view(1.0)] * 10,  # one bad image
+    [view(1.0)] * 10 + [view(0.7, height=0.9)] * 10,  # it went back by as much
+])  # fmt: skip
+def test_what_is_not_covered(seen):
+    check = StepCheck()
+    for observation in seen:
+        check.follow_area(observation, GOAL)
+    assert check.covered is None
+
+
+def test_the_distance_by_kinematics_is_that_along_the_optical_axis():
+    assert distance_by_kinematics(transform((0.1, 0, 0.8), (0,) * 3), GOAL) == pytest.approx(1.5)
+    assert distance_by_kinematics(None, GOAL) == 1.0

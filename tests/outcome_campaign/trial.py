@@ -21,7 +21,8 @@ from aras_visual_servo_controller.judging.remedy import Remedy
 from .kinds import Event, Trial
 
 ONCE = ("hold", "stop")
-REFUSED = "refused"  # the experiment could not be made: never right
+REFUSED = "refused"  # the experiment could not be made; right where that names what is believed
+BELIEVED = "believed"
 EXCESS = 1.5  # times what is left open that a run may be off whose outcome counts as right
 
 
@@ -114,7 +115,8 @@ def judged(trial: Trial, follow: bool) -> Judged:
         run, outcome = carried_out(trial.keys, trial.event)
     except ExperimentError as error:
         nothing = (np.nan,) * 4
-        return Judged(trial.kind, trial.number, REFUSED, str(error), "", *nothing, right=False)
+        right = REFUSED in trial.right and BELIEVED in str(error)
+        return Judged(trial.kind, trial.number, REFUSED, str(error), "", *nothing, right=right)
     found = _found(trial, run, outcome)
     family = "converged" if found.converged else found.said
     right = family in trial.right and not (found.converged and found.excess > EXCESS)

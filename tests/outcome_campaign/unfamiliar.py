@@ -142,9 +142,10 @@ def slowly_turning_target(random: Draw) -> Changes:
 # -- a camera that is not as believed ------------------------------------------------------------
 
 
-@kind("wrong_camera_model")
+@kind("wrong_camera_model", "refused")
 def turned_mounting(random: Draw) -> Changes:
-    """A mounting believed to be turned by 90 to 180 degrees."""
+    """A mounting believed to be turned by 90 to 180 degrees; refused where the target would lie
+    behind the camera at the goal."""
     keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
     turn = float(random.uniform(0.5, 1.0) * np.pi)
     axis = random.choice(3)
@@ -279,9 +280,10 @@ def slow_joints_and_a_limit(random: Draw) -> Changes:
 # -- schemes of users ----------------------------------------------------------------------------
 
 
-@kind("scheme_fault")
+@kind("scheme_fault", "converged")
 def scheme_fails_now_and_then(random: Draw) -> Changes:
-    """A feature that is NaN, raises or changes its length at one image in five."""
+    """A feature that is NaN, raises or changes its length at one image in five; converged with a
+    reason that counts these images."""
     name = random.choice(["NowAndThenNotFinite", "NowAndThenRaises", "NowAndThenShorter"])
     return {**either(random), "scheme": f"{SCHEMES}{name}"}
 

@@ -1,5 +1,8 @@
 """Faults of the servo loop. Every message says what, where and how to fix it."""
 
+# Of a target that kinematics have behind the camera, or the image on the far side of its plane.
+BEHIND = "a point of the target lies behind the camera"
+
 
 class ServoError(Exception):
     """Base of every fault this package raises on purpose."""

@@ -23,7 +23,7 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import signed_area
 
-from ..errors import ConfigurationError, MeasurementError
+from ..errors import BEHIND, ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
 from .base import Feature, Measured, plane_in
@@ -147,7 +147,10 @@ class PointFeature(Feature):
         try:
             return at_plane(goal.plane or Plane.fronto_parallel(goal.depth), desired)
         except MeasurementError as error:
-            raise ConfigurationError(f"{goal.name}: {error}") from error
+            raise ConfigurationError(
+                f"{goal.name}: {error}, where that is believed to be mounted: check the camera's "
+                "place (believed, camera_xyz, camera_rpy) and the goal"
+            ) from error
 
     def _numbered(self, observation: Observation, desired: np.ndarray) -> tuple[np.ndarray, str]:
         """Points (n, 2) in the order of the goal's, and what stays ambiguous.
@@ -225,7 +228,7 @@ def at_plane(plane: Plane, points: np.ndarray) -> np.ndarray:
     """
     inverse = plane.A * points[:, 0] + plane.B * points[:, 1] + plane.C
     if not (inverse > 0.0).all():
-        raise MeasurementError("a point of the target lies behind the camera")
+        raise MeasurementError(BEHIND)
     return inverse
 
 

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..arm.fold import Fold
+from ..errors import BEHIND
 from ..goals.goal import Goal
 from ..loop.state import CONVERGED, HOLDING, STOPPED, ServoSettings, ServoState
 from ..schemes.base import JointController, Scheme
@@ -498,6 +499,11 @@ class Diagnosis:
             self._measured = state.stamp
         if state.stamp - self._measured < WINDOW:
             return Outcome("running", state.reason)
+        if BEHIND in state.reason:
+            return self._advised(outcome(
+                "wrong_camera_model", f"the image shows the target, but {BEHIND} where that is "
+                "believed to be mounted",
+            ))  # fmt: skip
         return self._advised(outcome(
             "target_lost", f"no measurement since {self._measured:.2f} s: {state.reason}"
         ))  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import tempfile
 from pathlib import Path
 
@@ -180,9 +181,11 @@ def computed_goal(keys: Changes) -> str:
         text = parts.goal.to_yaml("computed")
     finally:
         parts.plant.close()
-    with tempfile.NamedTemporaryFile("w", suffix=".yaml", delete=False, encoding="utf-8") as file:
-        file.write(text)
-    return str(Path(file.name))
+    folder = Path(tempfile.gettempdir()) / "aras_outcome_goals"
+    folder.mkdir(exist_ok=True)
+    path = folder / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.yaml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
 
 
 # -- the view, the arm, the loop -----------------------------------------------------------------

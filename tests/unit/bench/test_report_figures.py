@@ -871,7 +871,7 @@ def test_verdicts_are_of_distance_and_angle(runs):
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     at[:3, :3] = GOAL[:3, :3] @ turn
     for reached, word in (((6e-3, 1.6), True), ((4e-3, 1.6), False), ((6e-3, 1.5), False)):
-        found = Verdict.of(GOAL, at, reached)
+        found = Verdict.of(GOAL, at, 1.0, reached)
         assert (found.distance, found.angle) == pytest.approx((5e-3, np.pi / 2))
         assert found.reached == word and found.word == ("goal_reached" if word else "goal_missed")
     assert to_hex(palette.INK) == palette.INK and len(TWIST) == 6

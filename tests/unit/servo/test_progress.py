@@ -45,7 +45,6 @@ def kinds(progress, state):
 @pytest.mark.parametrize(("told", "kind"), [
     (STOPPED, "joint_limit"),
     ({"lost": 0.5 * TWIST}, "singular"),
-    ({"lost": 0.5 * TWIST, "reasons": ("out of reach",)}, "out_of_reach"),
     ({"scale": 0.5}, "saturation"),
 ])  # fmt: skip
 def test_a_cause_has_to_be_there_in_three_of_five_images(told, kind, images, there):
@@ -103,9 +102,9 @@ def test_a_stall_needs_a_window_of_images_of_a_loop_that_servoes(dt, phase, kind
     assert progress.stalled(state).kind == kind
 
 
-def test_a_limit_in_the_way_is_told_at_the_end_though_the_error_is_within_its_tolerances():
+def test_a_limit_in_the_way_is_named_though_the_error_is_within_its_tolerances():
     progress, state = watched(0.08 * STILL, told=lambda i: STOPPED)
-    assert kinds(progress, state) == ("running", "joint_limit")
+    assert kinds(progress, state) == ("joint_limit", "joint_limit")
     assert "gantry at its limit" in progress.unfinished("the time is over").reason
 
 

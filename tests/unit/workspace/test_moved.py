@@ -37,7 +37,7 @@ def test_a_pickle_under_the_old_name_gives_the_same_class() -> None:
     from aras_visual_servo_bench.asked.experiment import CameraPose
 
     text = pickle.dumps(CameraPose((0.0,) * 6), protocol=0)
-    old = text.replace(b"aras_visual_servo_bench.asked.experiment",
+    old = text.replace(b"aras_visual_servo_bench.asked.starts",
                        b"aras_visual_servo_bench.experiment")  # fmt: skip
     assert old != text and type(pickle.loads(old)) is CameraPose
 

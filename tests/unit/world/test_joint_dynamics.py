@@ -471,7 +471,7 @@ def test_both_ways_to_solve_a_step_fulfil_its_conditions(solve):
             if solve == "either":  # as a step asks it, of 1 s
                 modes[:] = before
                 matrices[0], rows[joint_dynamics.BIAS] = matrices[1], 0.0
-                state, joints = np.zeros((3, 4)), np.zeros((4, 9))
+                state, joints = np.zeros((3, 4)), np.zeros((4, joint_dynamics.REST + 1))
                 state[2, leads] = right
                 for column, values in ((joint_dynamics.FORCE, hold), (joint_dynamics.TARGET, goal),
                                        (joint_dynamics.LOWER, bottom), (joint_dynamics.UPPER, top),

@@ -71,7 +71,9 @@ CONFIRMED = 0.6
 FOLLOW = ("camera_retreat", "gain_too_high", "local_minimum", "no_progress", "too_noisy",
           "ambiguous", "target_lost", "singular", "timed_out", "target_moves", "wrong_object",
           "wrong_camera_model")  # fmt: skip
-OWN = 0.5  # part of the features' last motion from which on it is the target's
+# Part of the features' last motion from which on it is the target's, and s for which the camera is
+# not judged by what comes after it.
+OWN, RUNS_ON = 0.5, 1.0
 
 
 class Diagnosis:
@@ -144,6 +146,8 @@ class Diagnosis:
         self._ended = False
         self._starvings, self._starved, self._starved_at = 0, Outcome(), -np.inf
         self._swung: tuple[float, Outcome] | None = None
+        # When the target moved faster than any camera could, s; whether that is not long ago.
+        self._ran_away, self._runs_away = -np.inf, False
         self._faster_than_targets = False  # the latest swing
         self._first = 0.0  # distance of the target at the first image, goal's distances
         self._far, self._retreated = 0, Outcome()
@@ -309,6 +313,9 @@ class Diagnosis:
         self._motion.add(state.decision, observation, goal, tolerances, angles)
         if fault := self._motion.scheme_fault(state.stamp, state.phase == CONVERGED):
             return outcome("scheme_fault", fault)
+        if self._motion.targets_own > OWN:
+            self._ran_away = state.stamp
+        self._runs_away = state.stamp - self._ran_away < RUNS_ON
         if moves:
             self._cameras.clear()  # what they saw was the target's doing
         elif viewed:
@@ -436,7 +443,10 @@ class Diagnosis:
         return found
 
     def _wrong_camera(self, observation: Observation) -> str:
-        """What cannot be with the cameras as believed, in words; empty where all can."""
+        """What cannot be with the cameras as believed, as text; empty where all can, or where the
+        target has just run away faster than any camera of this motion shows."""
+        if self._runs_away:
+            return ""
         for name, check in self._cameras.items():
             if fault := check.fault():
                 return f"camera {name}: {fault}" if observation.others and name else fault
@@ -515,7 +525,7 @@ class Diagnosis:
             return outcome("out_of_reach", f"{self._beyond}; before it came there {at}")
         if fault := self._motion.scheme_fault(state.stamp, state.phase == CONVERGED):
             return outcome("scheme_fault", f"{fault}; {at}")
-        moves = self._motion.targets_own > OWN or self._motion.steps.covered is not None
+        moves = self._runs_away or self._motion.steps.covered is not None
         if not moves and (fault := self._wrong_camera(observation) or self._contrary()):
             kind = "scheme_fault" if self._motion.l_is_wrong else "wrong_camera_model"
             return outcome(kind, f"{fault}; {at}")

@@ -61,7 +61,7 @@ class ViewCheck:
         """Forget all images."""
         self._views.clear()
         self._latest.clear()
-        self._expected = None
+        self._goal = self._expected = None
 
     def add(self, observation: Observation, goal: Goal) -> None:
         """Take in one image."""

@@ -62,6 +62,7 @@ class ViewCheck:
         self._views.clear()
         self._latest.clear()
         self._goal = self._expected = None
+        self._names = []
 
     def add(self, observation: Observation, goal: Goal) -> None:
         """Take in one image."""

@@ -113,7 +113,8 @@ class MotionCheck:
             return ""
         if 1.0 / FASTER < steps.faster < FASTER and steps.together < TOGETHER:
             return f"{words}: their correlation is {steps.together:.2f}"
-        if not moves and steps.faster < FASTER and (names := self._against()):
+        against = steps.together < TOGETHER and steps.faster < FASTER
+        if not moves and against and (names := self._against()):
             return f"{words}: {names} against it"
         if self.l_is_wrong and steps.faster < SLOWER:
             return f"{words}: {steps.faster:.2g} times as far"

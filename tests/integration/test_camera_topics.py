@@ -98,7 +98,8 @@ def test_latency_shifts_arrival_and_not_the_stamp(collect):
     states = collect("/gazebo/performance_metrics", PerformanceMetrics)
     late.wait(6)
     stamps = [m.header.stamp.to_nsec() for m in late.messages]
-    assert {b - a for a, b in pairwise(stamps)} == {50_000_000}
+    steps = [b - a for a, b in pairwise(stamps)]  # a loaded machine may skip an image
+    assert min(steps) == 50_000_000 and {step % 50_000_000 for step in steps} == {0}
     now = states.wait(len(states.messages) + 1).header.stamp.to_nsec()
     assert now - late.messages[-1].header.stamp.to_nsec() >= 90_000_000
 

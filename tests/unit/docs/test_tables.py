@@ -42,6 +42,7 @@ MEASURED = {
     ("docs/schemes.md", "scheme"): "docs/schemes_page.py",
     ("docs/schemes.md", "feature"): "tests/benchmarks/features.py",
     ("docs/truth.md", "check"): "tests/truth",
+    ("docs/truth.md", "outcome"): "tests/outcomes",
     ("docs/step_response.md", "joint"): STEPS,
     ("docs/step_response.md", "step, all joints at once"): STEPS,
     ("docs/step_response.md", "one joint alone, 0 → 0.1"): STEPS,

@@ -24,7 +24,6 @@ from .advice import (
     can_swing,
     faster_joints,
     is_own,
-    larger_target,
     lower_gain,
     other_scheme,
     patience,
@@ -33,7 +32,6 @@ from .advice import (
 from .arrival import Arrived
 from .camera_check import CameraCheck
 from .joint_check import JointCheck, foreign_text, listed
-from .left_open import LARGER
 from .motion_check import MotionCheck
 from .oscillation import Oscillation
 from .outcomes import CALIBRATE, DO_NOT_FOLLOW, NO_MOTION, UNCOVERED, Outcome, outcome
@@ -572,5 +570,4 @@ def _converged(arrived: Arrived) -> Outcome:
         return outcome("ambiguous", arrived.elsewhere)
     left = arrived.open
     kind = f"converged up to {left.up_to}" if left.up_to else "converged"
-    remedy = larger_target(0.0) if left.remedy == LARGER else Remedy(left.remedy)
-    return Outcome(kind, left.reason, remedy, left.distance, left.angle)
+    return Outcome(kind, left.reason, left.remedy, left.distance, left.angle)

@@ -23,6 +23,8 @@ from aras_visual_servo_camera.interaction import Plane
 
 from ..arm.held import held_at
 from ..goals.goal import DEPTH
+from .advice import larger_target
+from .remedy import Remedy
 
 if TYPE_CHECKING:
     from ..arm.resolution import Resolution
@@ -62,14 +64,15 @@ MOST = 64  # numbers that are looked at for what no motion explains; more say so
 WEAK, TURNS_PLANE = 0.05, 0.05
 NO_OFFSET, ALL = np.zeros(6), np.eye(6)
 CERTAIN = 3.0  # standard deviations beyond which an error is no noise
-LARGER = "a larger target, a shorter distance or a longer lens, or less noise"
-FEATURE = "add a feature for them, if the pose matters"
+NOTHING = Remedy()
+LARGER = larger_target(0.0)
+FEATURE = Remedy("add a feature for them, if the pose matters")
 BY_PLANE = (
     "as kinematics have the target's plane elsewhere in the camera's frame than at the goal (it "
     "lies elsewhere, or the camera is not as described, or another pose has the same features)"
 )
-LEVEL = "check the camera's calibration and where the goal has its target"
-POINTS = "a target of more points, farther apart, or not in one plane"
+LEVEL = Remedy("check the camera's calibration and where the goal has its target")
+POINTS = Remedy("a target of more points, farther apart, or not in one plane")
 
 
 @dataclass(frozen=True)
@@ -88,7 +91,7 @@ class LeftOpen:
     angle: float = nan
     up_to: str = ""
     reason: str = ""
-    remedy: str = ""
+    remedy: Remedy = NOTHING
 
 
 class Offsets(NamedTuple):
@@ -196,7 +199,7 @@ class Margin:
         distance += STILL[0] * self._depth + GOES_ON * offsets.speed[0]
         angle = angle / self._depth + STILL[1] + GOES_ON * offsets.speed[1]
         words = [self._up_to] if self._up_to else []
-        reason = remedy = ""
+        reason, remedy = "", NOTHING
         if count := len(self._unseen):
             words.append(f"{count} direction{'s' if count > 1 else ''}")
             reason = f"there are {count} motions of the camera that no feature sees, or too little"
@@ -227,7 +230,7 @@ class Margin:
                     f"{why} the camera may be {1e3 * distance:.2f} mm and "
                     f"{np.degrees(angle):.2f} degrees from its goal"
                 )
-            remedy = remedy if reason else ""
+            remedy = remedy if reason else NOTHING
         if words:
             for way, turn in (self._anywhere(), self._round):
                 distance, angle = distance + way, min(angle + turn, pi)

@@ -16,6 +16,12 @@ RUNS = {
     "browse": (["--runs", "400"], {"reading_s": (0, 60), "longest_answer_s": (0, 30)}),
     "camera_contact_sheet": (["--out", "{folder}/sheet.png"], {}),
     "environment": (["--steps", "2", "--rounds", "1"], {r"here\..*": (0.1, 1e5)}),
+    "core_size": (
+        ["--images", "3"],
+        {"imported modules": (20, 400), "lines of executed modules": (1e3, 3e4),
+         "functions per image": (20, 400), "functions in set-up": (20, 600),
+         "longest function": (5, 100), "lines of code, Python": (1e4, 6e4)},
+    ),
     "features": (["--count", "1"], {r"ours\..*": (1, 1e7)}),
     "loop": (
         ["--seconds", "1", "--hours", "0.0001"],

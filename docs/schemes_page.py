@@ -28,7 +28,7 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.numbers.statistics import compare_rates, holm, proportion
 from aras_visual_servo_bench.study.study import Study
 from aras_visual_servo_controller.features.base import Feature
-from aras_visual_servo_controller.schemes.registry import SCHEMES
+from aras_visual_servo_controller.schemes import SCHEMES
 
 HEAD = """# Schemes
 

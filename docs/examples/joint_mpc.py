@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from aras_visual_servo_controller.errors import MeasurementError
-from aras_visual_servo_controller.features import create_feature
+from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.schemes import Decision, JointController
 
 HORIZON, PERIOD, SPEED, EFFORT = 12, 1.0 / 30.0, 1.0, 1e-4
@@ -20,7 +20,7 @@ class JointMPC(JointController):
     output = "velocity"
 
     def __init__(self):
-        self.feature = create_feature("moments")
+        self.feature = FEATURES.create("moments")
         self.needs, self.names = self.feature.needs, self.feature.names
         self.tolerances, self.units = self.feature.tolerances, self.feature.units
 

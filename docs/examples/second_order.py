@@ -5,7 +5,7 @@
 
 import numpy as np
 
-from aras_visual_servo_controller.features import create_feature
+from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.schemes import Decision, JointController
 
 FREQUENCY, DAMPING = 6.0, 1.0  # rad/s, critical
@@ -17,7 +17,7 @@ class SecondOrder(JointController):
     output = "acceleration"
 
     def __init__(self):
-        self.feature = create_feature("moments")
+        self.feature = FEATURES.create("moments")
         self.needs, self.names = self.feature.needs, self.feature.names
         self.tolerances, self.units = self.feature.tolerances, self.feature.units
 

@@ -27,8 +27,8 @@ from aras_visual_servo_bench.targets.pictures import seen as picture
 from aras_visual_servo_bench.targets.textures import poster
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.features.base import Feature
-from aras_visual_servo_controller.features.registry import FEATURES, create_feature
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
 from aras_visual_servo_controller.seeing.observation import Need, Observation, Observer
@@ -51,7 +51,7 @@ def seen(feature: Feature, place: np.ndarray, name: str) -> Observation:
 
 def microseconds(name: str, count: int) -> float:
     """Of one measure: the median."""
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     goal = Goal.teach(Composed(feature), seen(feature, GOAL, name))
     feature.check(goal)
     near = GOAL.copy()

@@ -15,7 +15,7 @@ from aras_visual_servo_bench.targets.pictures import seen
 from aras_visual_servo_bench.targets.textures import poster
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.features import FEATURES, Feature, Measured, create_feature
+from aras_visual_servo_controller.features import FEATURES, Feature, Measured
 from aras_visual_servo_controller.features.luminance import Luminance, LuminanceMap
 from aras_visual_servo_controller.features.matches import Matches
 from aras_visual_servo_controller.goals.goal import Goal
@@ -140,7 +140,7 @@ def _plane(target: Target, pose: np.ndarray) -> Plane:
 
 
 def _feature(name: str) -> Feature:
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     if feature.reads > 1:
         feature.cameras = ("first", "second")
     return feature

@@ -44,9 +44,11 @@ def test_every_option_of_the_demo_is_explained(capsys, monkeypatch):
     assert rest.strip().startswith("example: ./demo.sh --scheme points --start 2015 --out out/")
 
 
-def test_results_go_into_a_folder():
+def test_results_go_into_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     given = parse(["--out", "a/b", "--timeout", "0.01"])
     assert parse([]).out == Path("out") and (given.out, given.timeout) == (Path("a/b"), 0.01)
+    assert (tmp_path / "a/b").is_dir()
 
 
 @pytest.mark.parametrize(("words", "told"), [
@@ -54,7 +56,11 @@ def test_results_go_into_a_folder():
     (["--scheme", "moments+poimts"], "did you mean 'points'?"),
     (["--scheme", "my_module:MyScheme"], "my_module"),
     (["--law", "proportionel"], "did you mean 'proportional'?"),
-    (["--gain", "5000"], "gain is 5000 1/s, more than 1000"),
+    (["--gain", "5000"], "gain is 5000.0, must be <= 1000 1/s"),
+    (["--gain", "high"], "'high' must be 1 finite numbers"),
+    (["--camera", "pinhole"], "camera 'pinhole' is no preset: known are calibrated, fisheye"),
+    (["--camera", "/nowhere/lens.yaml"], "no file /nowhere/lens.yaml"),
+    (["--out", "/dev/null/x"], "cannot make /dev/null/x: Not a directory"),
     (["--gain", "0"], "0 must be above 0"),
     (["--goal", "2017"], "unknown goal '2017': did you mean '201"),
     (["--start", "2017"], "'2017' must be 6 finite numbers"),
@@ -78,7 +84,7 @@ def test_what_cannot_be_is_told_with_what_would_be_right(words, told, capsys):
 
 def test_a_name_that_is_nothing_like_one_is_told_all_there_are(capsys):
     told = refused(["--scheme", "momnets"], capsys)
-    for name in ("known are moments, ", "partitioned", "luminance", "pose_camera"):
+    for name in ("known are alpha, ", "partitioned", "luminance", "pose_camera"):
         assert name in told
 
 

@@ -25,7 +25,7 @@ from aras_visual_servo_bench.asked.target_spec import BoxSpec, TargetSpec
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import Loop
 from aras_visual_servo_bench.targets.geometry import Motion
-from aras_visual_servo_controller.settings import LAW_GAINS
+from aras_visual_servo_controller.laws import LAWS
 
 BOTH, IMAGES, EXACT = ("exact", "pictures"), ("pictures",), ("exact",)
 ARMS, LOOPS, FLYING = ("bullet", "chain"), ("bullet", "chain", "free"), ("free", "ideal")
@@ -147,9 +147,10 @@ KEYS = {
     "traced": Key(True, plants=("bullet",)),
     "ideal": Key({"speed": [1e-3, 1e-3]}, plants=("ideal",)),
     "robot": Key({"camera_frame": "tool0"}, plants=ARMS, tried=()),  # test_robots has its keys
-    # -- the laws' gains -----------------------------------------------------------------------
-    **{f"options.{name}": Key(3.0 if name == "gain_zero" else 0.7, {"law": law, "gain": None})
-       for law, known in LAW_GAINS.items() for name in known.values() if name != "gain"},
+    # -- the laws' parameters ------------------------------------------------------------------
+    **{f"options.law_options.{one.name}": Key({"zero": 3.0, "bound": 1e-3}.get(one.name, 0.7),
+                                              {"law": law, "gain": None})
+       for law in LAWS for one in LAWS.parameters(law) if one.name not in ("gain", "values")},
 }
 # Keys that no run can be changed by, or that other tests change, and why.
 EXEMPT = {

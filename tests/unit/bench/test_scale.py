@@ -5,7 +5,7 @@ import pytest
 
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_controller.schemes.registry import SCHEMES, create_scheme
+from aras_visual_servo_controller.schemes import SCHEMES, create_scheme
 from aras_visual_servo_controller.seeing.observation import Need
 
 CORNERS = np.array([[-0.09, -0.08], [-0.1, 0.09], [0.1, 0.1], [0.07, -0.1]])

@@ -32,7 +32,7 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.trackers import TRACKERS as KNOWN
 from aras_visual_servo_camera.trackers import DotTracker, LineTracker, MarkerTracker
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.features.registry import create_feature
+from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
 from aras_visual_servo_controller.seeing.observation import Observer
@@ -192,7 +192,7 @@ def test_a_marker_is_found_corner_by_corner(camera, size):
 def test_a_disc_is_the_ellipse_that_it_looks_like(camera, view):
     """By its segmented picture, the lens taken off: middle and n20, n11, n02."""
     target = PlacedTarget(shape_of("circle", (0.12, 0.12)), FACING)
-    feature = create_feature("ellipse")
+    feature = FEATURES.create("ellipse")
     exactly = target.shape.outline(target.seen_from(view))
     plane = target.shape.plane(target.seen_from(view))
     observer = Observer(None, feature.needs)

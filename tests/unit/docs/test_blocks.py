@@ -60,7 +60,7 @@ def carry_out(block: Block, folder: Path, names: dict[str, Any]) -> None:
     if block.language == "python":
         for name in block.mark.removeprefix("given ").split(", ") if block.mark else ():
             names.update(GIVEN[name]())
-        code = compile(block.text, block.place, "exec")
+        code = compile(block.text, block.place, "exec", dont_inherit=True)
         # a file is what other blocks import: its classes come from there
         exec(code, {"__name__": Path(block.file).stem} if block.file else names)
     elif block.language == "yaml":

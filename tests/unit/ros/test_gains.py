@@ -5,7 +5,9 @@ from types import SimpleNamespace
 import pytest
 
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.laws import Adaptive, Ramp, SlidingMode
+from aras_visual_servo_controller.laws.adaptive import Adaptive
+from aras_visual_servo_controller.laws.sliding_mode import SlidingMode
+from aras_visual_servo_controller.laws.wrappers import Ramp
 from aras_visual_servo_controller.ros import reconfigure
 
 

@@ -9,6 +9,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm.task import DIRECTIONS
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features import (
+    FEATURES,
     base,
     corners,
     kernel,
@@ -20,7 +21,6 @@ from aras_visual_servo_controller.features import (
     pose,
     stereo,
 )
-from aras_visual_servo_controller.features.registry import FEATURES
 from aras_visual_servo_controller.schemes import base as schemes
 from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.schemes.broyden import Broyden

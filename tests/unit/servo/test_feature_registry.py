@@ -11,9 +11,8 @@ import pytest
 from feature_scenes import CORNERS, GOAL, PERIODS, TARGETS, VALUES, VIEWS, look, moved
 
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
-from aras_visual_servo_controller.features import Feature
+from aras_visual_servo_controller.features import FEATURES, Feature
 from aras_visual_servo_controller.features.points import Points
-from aras_visual_servo_controller.features.registry import FEATURES, create_feature
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
 from aras_visual_servo_controller.seeing.observation import Need, Observer
@@ -34,7 +33,7 @@ def shown(name, feature, place):
 
 
 def at_goal(name, place=GOAL):
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     goal = Goal.teach(Composed(feature), shown(name, feature, place))
     feature.check(goal)
     return feature, goal
@@ -124,7 +123,7 @@ def test_without_its_target_it_says_so(name):
 
 
 def test_vanishing_points_refuse_a_triangle():
-    feature = create_feature("vanishing_points")
+    feature = FEATURES.create("vanishing_points")
     triangle = np.array([[-0.1, -0.1, 0], [0.1, -0.1, 0], [0.0, 0.1, 0]])
     view = look(Observer(None, feature.needs), GOAL, corners=triangle)
     goal = Goal.teach(Composed(feature), view)
@@ -178,4 +177,4 @@ class Broken(Points):
 def test_a_feature_that_cannot_be_made_is_named():
     name = f"{__name__}:Broken"
     with pytest.raises(ConfigurationError, match=f"feature '{name}': its constructor raised Value"):
-        create_feature(name)
+        FEATURES.create(name)

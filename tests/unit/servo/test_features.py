@@ -12,7 +12,7 @@ from aras_visual_servo_camera.kernel import DELTA_X, DELTA_Y, kernel_features, k
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError, SchemeError
-from aras_visual_servo_controller.features import Feature, Measured, Stack, create_feature
+from aras_visual_servo_controller.features import FEATURES, Feature, Measured, Stack
 from aras_visual_servo_controller.features.base import wrap
 from aras_visual_servo_controller.features.moments import displaced
 from aras_visual_servo_controller.features.of_camera import OfCamera
@@ -60,7 +60,7 @@ def dense(shape, parts=12):
 @pytest.mark.parametrize("extra", [-1, 1, 2])
 def test_corners_that_become_more_or_fewer_are_looked_for_where_the_goals_are(name, extra):
     """The scheme lost a target that it saw: 9 points are seen, the goal has 8."""
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     goal = taught(feature)
     feature.check(goal)
     wanted = feature.measure(look(feature.needs, VIEWS["near"]), goal)
@@ -74,7 +74,7 @@ def test_corners_that_become_more_or_fewer_are_looked_for_where_the_goals_are(na
 
 @pytest.mark.parametrize("view", VIEWS)  # all others: test_feature_registry.py, test_luminance.py
 def test_the_interaction_matrix_of_moments_is_the_derivative(view):
-    feature = create_feature("moments")
+    feature = FEATURES.create("moments")
     goal = taught(feature)
     feature.check(goal)
     measured = feature.measure(look(feature.needs, VIEWS[view]), goal)
@@ -94,7 +94,7 @@ def test_the_interaction_matrix_of_moments_is_the_derivative(view):
 
 
 def test_at_the_goal_the_error_is_none_and_L_the_desired_one():
-    feature = create_feature("moments")
+    feature = FEATURES.create("moments")
     goal = taught(feature)
     feature.check(goal)
     measured = feature.measure(look(feature.needs, GOAL), goal)
@@ -104,7 +104,7 @@ def test_at_the_goal_the_error_is_none_and_L_the_desired_one():
 
 @pytest.mark.parametrize("turn", [-170.0, -91.0, -30.0, 89.0, 91.0, 179.0])
 def test_moments_know_the_whole_turn_of_a_target_with_a_direction(turn):
-    feature = create_feature("moments")
+    feature = FEATURES.create("moments")
     upright = pose((0, 0, 0.2), (0, 0, 0))
     goal = taught(feature, view=upright)
     seen = look(feature.needs, pose((0, 0, 0.2), (0, 0, np.radians(turn))))
@@ -120,7 +120,7 @@ def test_moments_know_the_whole_turn_of_a_target_with_a_direction(turn):
 
 
 def test_moments_say_that_half_a_turn_of_a_symmetric_target_stays_open():
-    feature = create_feature("moments")
+    feature = FEATURES.create("moments")
     rectangle = SQUARE * [1.0, 0.6]
     goal = taught(feature, rectangle, pose((0, 0, 0.2), (0, 0, 0)))
     turned = look(feature.needs, pose((0, 0, 0.2), (0, 0, np.radians(170.0))), rectangle)
@@ -130,7 +130,7 @@ def test_moments_say_that_half_a_turn_of_a_symmetric_target_stays_open():
 
 
 def test_the_shorter_way_of_a_symmetric_target_goes_through_the_wrap():
-    feature = create_feature("moments")
+    feature = FEATURES.create("moments")
     rectangle = SQUARE * [1.0, 0.6]
     goal = taught(feature, rectangle, pose((0, 0, 0.2), (0, 0, np.radians(80.0))))
     turned = look(feature.needs, pose((0, 0, 0.2), (0, 0, np.radians(100.0))), rectangle)
@@ -240,7 +240,7 @@ def test_the_motion_of_the_target_is_that_of_each_part_of_a_stack():
 
 
 def test_moments_of_too_low_an_order_are_refused():
-    feature = create_feature("sx_sy")
+    feature = FEATURES.create("sx_sy")
     view = look(feature.needs, GOAL)
     values, central = view.moments.m_array[:6], view.moments.mu_array[:6]
     low = replace(view, moments=Moments.from_arrays(values, central, 2, view.moments.kind))
@@ -254,7 +254,7 @@ def test_moments_of_too_low_an_order_are_refused():
 
 
 def test_a_square_has_no_angle():
-    feature = create_feature("moments")
+    feature = FEATURES.create("moments")
     with pytest.raises(ConfigurationError, match="alpha is undefined"):
         feature.check(taught(feature, SQUARE, pose((0, 0, 0.2), (0, 0, 0))))
 
@@ -262,7 +262,7 @@ def test_a_square_has_no_angle():
 @pytest.mark.parametrize(("longer", "refused"), [(0.0099, True), (0.0101, False)])
 def test_what_is_a_square_to_a_hundredth_has_no_angle(longer, refused):
     """(w^2 - h^2) / (w^2 + h^2) of a rectangle."""
-    feature = create_feature("moments")
+    feature = FEATURES.create("moments")
     shape = SQUARE * np.sqrt([1.0 + longer, 1.0 - longer])
     goal = taught(feature, shape, pose((0, 0, 0.2), (0, 0, 0)))
     view = look(feature.needs, pose((0, 0, 0.3), (0, 0, 0.4)), shape)
@@ -279,7 +279,7 @@ def test_what_is_a_square_to_a_hundredth_has_no_angle(longer, refused):
 
 def test_without_a_known_plane_its_attitude_comes_from_kinematics():
     """The camera is tilted and turned about the vertical: the plane's normal turns with it."""
-    feature = create_feature("moments")
+    feature = FEATURES.create("moments")
     tilt = pose((0, 0, 0.2), np.radians((10.0, 0.0, 0.0)))
     goal = taught(feature, view=tilt)
     turned = tilt @ pose((0, 0, 0), np.radians((0.0, 0.0, 70.0)))
@@ -294,7 +294,7 @@ def test_without_a_known_plane_its_attitude_comes_from_kinematics():
 @pytest.mark.parametrize(("sine", "refused"), [(0.049, True), (0.051, False)])
 def test_a_camera_that_looks_along_the_plane_by_kinematics_is_refused(sine, refused):
     """The target's middle is seen where it is square on; the joints say something else."""
-    feature = create_feature("moments")
+    feature = FEATURES.create("moments")
     goal = taught(feature, view=pose((0, 0, 0.2), (0, 0, 0)))
     seen = look(feature.needs, pose((0, 0, 0.2), (0, 0, 0)), plane=False)
     ray = np.array([seen.moments.xg, seen.moments.yg, 1.0])
@@ -310,7 +310,7 @@ def test_a_camera_that_looks_along_the_plane_by_kinematics_is_refused(sine, refu
 
 @pytest.mark.parametrize("turn", [0.0, 80.0, 190.0])
 def test_corners_are_matched_whichever_comes_first(turn):
-    feature = create_feature("points")
+    feature = FEATURES.create("points")
     goal = taught(feature, view=pose((0, 0, 0.2), (0, 0, 0)))
     view = pose((0.01, 0, 0.25), np.radians((8.0, 0.0, turn)))
     straight = feature.measure(look(feature.needs, view), goal)
@@ -320,7 +320,7 @@ def test_corners_are_matched_whichever_comes_first(turn):
         measured = feature.measure(look(feature.needs, view, shifted), goal)
         np.testing.assert_allclose(measured.s, straight.s, atol=1e-12)
         assert measured.up_to == ""
-    exact = create_feature("points")
+    exact = FEATURES.create("points")
     exact.ordered = True
     np.testing.assert_allclose(
         straight.s, exact.measure(look(exact.needs, view), goal).s, atol=1e-12
@@ -328,7 +328,7 @@ def test_corners_are_matched_whichever_comes_first(turn):
 
 
 def test_a_square_is_followed_corner_by_corner():
-    feature = create_feature("points")
+    feature = FEATURES.create("points")
     goal = taught(feature, SQUARE, pose((0, 0, 0.2), (0, 0, 0)))
     turns = []
     for turn in np.radians([0, 30, 60, 90, 120, 95, 60, 25, -15]):
@@ -341,7 +341,7 @@ def test_a_square_is_followed_corner_by_corner():
 
 
 def test_a_rectangle_far_aside_leaves_half_a_turn_open_and_no_quarter():
-    feature, shape = create_feature("points"), SQUARE * (1.5, 1.0)
+    feature, shape = FEATURES.create("points"), SQUARE * (1.5, 1.0)
     for at, there in ((0.0, 0.3), (0.3, 0.0)):
         goal = taught(feature, shape, pose((at, 0, 0.2), (0, 0, 0)))
         feature.check(goal)
@@ -354,7 +354,7 @@ def test_a_rectangle_far_aside_leaves_half_a_turn_open_and_no_quarter():
     (SQUARE, "90°"), (SQUARE * (1.5, 1.0), "180°"), (np.vstack([SQUARE[:3], [[-0.05, 0.0]]]), ""),
 ])  # fmt: skip
 def test_what_stays_open_does_not_depend_on_how_large_the_target_is_seen(shape, open_, size):
-    feature = create_feature("points")
+    feature = FEATURES.create("points")
     goal = taught(feature, shape, pose((0, 0, 0.2), (0, 0, 0)))
     seen = look(feature.needs, pose((0, 0, 0.2), (0, 0, 0.3)), shape)
     found = feature.measure(replace(seen, corners=size * seen.corners, numbered=False), goal)
@@ -365,7 +365,7 @@ def test_what_stays_open_does_not_depend_on_how_large_the_target_is_seen(shape, 
 @pytest.mark.parametrize("name", ["points", "numbered_points", "segments", "polar_points", "pose"])
 def test_accuracy_of_corners_goes_through_the_feature(name):
     """Each column is what the feature makes of one corner coordinate that is off."""
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     tilted = pose((0.01, -0.02, 0.2), (0.1, -0.2, 0.3))
     goal = replace(taught(feature, SQUARE, tilted), camera=None)
     feature.check(goal)
@@ -386,7 +386,7 @@ def test_accuracy_of_corners_goes_through_the_feature(name):
 
 
 def test_a_goal_that_this_camera_has_shown_has_the_errors_of_the_same_view():
-    feature = create_feature("points")
+    feature = FEATURES.create("points")
     goal = taught(feature, SQUARE, pose((0, 0, 0.2), (0, 0, 0)))
     feature.check(goal)
     view = replace(look(feature.needs, pose((0, 0, 0.2), (0, 0, 0)), SQUARE), corner_accuracy=1e-4)
@@ -416,7 +416,7 @@ def test_a_goal_that_this_camera_has_shown_has_the_errors_of_the_same_view():
 @pytest.mark.parametrize("name", ["moments", "moments_six"])
 def test_accuracy_of_moments_is_that_of_the_outline(name):
     """An outline that is wider all round by d: what the first column says."""
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     goal = replace(taught(feature), camera=None)
     feature.check(goal)
     view = look(feature.needs, GOAL, dense(OUTLINE))
@@ -439,7 +439,7 @@ def test_accuracy_of_moments_is_that_of_the_outline(name):
 def test_alpha_of_a_nearly_round_outline_gains_nothing_by_the_same_view(wide, as_shown, turn):
     """Rectangles 0.05 m high: (w^2 - h^2) / (w^2 + h^2) is 0.106 and 0.095."""
     c, s = np.cos(turn), np.sin(turn)
-    feature = create_feature("moments")
+    feature = FEATURES.create("moments")
     w, h = 0.5 * wide, 0.025
     outline = np.array([[-w, -h], [w, -h], [w, h], [-w, h]]) @ np.array([[c, s], [-s, c]])
     goal = replace(taught(feature, outline), camera=None)
@@ -455,8 +455,8 @@ def test_alpha_of_a_nearly_round_outline_gains_nothing_by_the_same_view(wide, as
 @pytest.mark.parametrize("shape", [SQUARE * (1.6, 1.0), OUTLINE], ids=["half a turn", "directed"])
 def test_accuracy_of_alpha_is_the_same_whichever_way_the_target_lies(shape):
     """Also at the end of its circle, where two neighbours differ by the whole of it."""
-    feature, sizes = create_feature("moments"), []
-    begin = create_feature("alpha")
+    feature, sizes = FEATURES.create("moments"), []
+    begin = FEATURES.create("alpha")
     upright = taught(begin, shape, pose((0, 0, 0.2), (0, 0, 0)))
     own = begin.measure(look(begin.needs, pose((0, 0, 0.2), (0, 0, 0)), shape), upright).s[0]
     for turn in (0.4, 0.5 * np.pi, -0.5 * np.pi, np.pi, 2.0):
@@ -481,7 +481,7 @@ def raw_moments(outline, order):
 @pytest.mark.parametrize("shape", [SQUARE * (1.6, 1.0), OUTLINE], ids=["half a turn", "directed"])
 def test_accuracy_of_moments_is_what_the_waves_of_an_outline_make_of_each(shape):
     """Of 0.03 px through the root of the pixels, by xn, yn, an and alpha written out."""
-    feature = create_feature("moments")
+    feature = FEATURES.create("moments")
     goal = replace(taught(feature, shape, pose((0.03, -0.02, 0.25), (0.1, 0.2, 0.5))), camera=None)
     view = replace(look(feature.needs, GOAL, dense(shape)), pixel_count=625)
     raw = np.array([[goal.moments.m(i, j) if i + j < 3 else 0.0 for j in range(3)]
@@ -540,7 +540,7 @@ def test_corners_of_any_polygon_are_matched_whichever_way_round_they_are_found(c
     random = np.random.default_rng(count)
     about = 2.0 * np.pi * (np.arange(count) + random.uniform(-0.3, 0.3, count)) / count
     shape = 0.05 * random.uniform(0.6, 1.4, (count, 1)) * np.c_[np.cos(about), np.sin(about)]
-    feature = create_feature("points")
+    feature = FEATURES.create("points")
     for begun in (shape, shape[::-1]):
         goal = taught(feature, begun, pose((0.01, 0.02, 0.3), (0, 0, 0.3)))
         expected = look(feature.needs, VIEWS["near"], begun)
@@ -552,7 +552,7 @@ def test_corners_of_any_polygon_are_matched_whichever_way_round_they_are_found(c
 
 
 def test_a_point_of_a_goal_that_is_not_finite_is_refused():
-    feature = create_feature("points")
+    feature = FEATURES.create("points")
     goal = taught(feature, SQUARE)
     points = [[0.1, 0.1], [0.1, float("nan")], [-0.1, -0.1], [0.2, 0.0]]
     with pytest.raises(ConfigurationError, match="a point is not finite"):
@@ -567,8 +567,8 @@ def test_a_point_of_a_goal_that_is_not_finite_is_refused():
 @pytest.mark.parametrize("ratio", [(1.0, 1.0, 1.0), (1.0, 0.0, 1.0, 1.0), (1.0, -1.0, 1.0, 1.0)])
 def test_a_ratio_is_a_number_above_0_for_each_feature(ratio):
     with pytest.raises(ConfigurationError, match="one number above 0 for each of xn, yn"):
-        Composed(create_feature("moments"), ratio=ratio)
-    feature, rates = create_feature("moments"), []
+        Composed(FEATURES.create("moments"), ratio=ratio)
+    feature, rates = FEATURES.create("moments"), []
     for ratio in (None, (1.0, 0.5, 1e-3, 7.0)):
         scheme = Composed(feature, Proportional(0.8), ratio=ratio)
         seen = look(feature.needs, VIEWS["near"])
@@ -590,7 +590,7 @@ def depth_image(camera_T_object, mask=True):
 
 @pytest.mark.parametrize("name", ["points", "points_3d", "lines"])
 def test_the_plane_is_that_of_goal_and_kinematics(name):
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     goal = taught(feature)
     feature.check(goal)
     observer = Observer(None, feature.needs, plane_from=goal.plane_from)
@@ -615,7 +615,7 @@ def test_the_plane_is_known_from_both_its_sides_and_not_in_it():
 
 @pytest.mark.parametrize("name", ["points", "lines"])
 def test_a_plane_behind_the_camera_is_refused_where_points_are_to_lie_in_it(name):
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     goal = taught(feature)
     with pytest.raises(MeasurementError, match="behind the camera"):
         feature.measure(replace(look(feature.needs, GOAL), plane=Plane(0.0, 0.0, -5.0)), goal)
@@ -625,7 +625,7 @@ def test_a_plane_behind_the_camera_is_refused_where_points_are_to_lie_in_it(name
 
 def test_moments_take_the_depth_from_the_area_where_no_plane_is_measured():
     """By it the loop tells a wrong focal length, which a plane of kinematics hides."""
-    feature = create_feature("moments")
+    feature = FEATURES.create("moments")
     goal = taught(feature)
     seen = look(feature.needs, TILTED)
     assert seen.plane_measured
@@ -639,7 +639,7 @@ def test_moments_take_the_depth_from_the_area_where_no_plane_is_measured():
 @pytest.mark.parametrize("posed", [True, False])
 def test_the_depth_of_the_area_is_the_goals_own_at_the_goal(posed):
     """Far off the axis of a camera that leans both ways, and on the way to it."""
-    feature = create_feature("moments")
+    feature = FEATURES.create("moments")
     aside = pose((0.1, -0.05, 0.3), (0.4, 0.3, 0.2))
     goal = taught(feature, view=aside)
     if not posed:
@@ -658,7 +658,7 @@ def test_the_depth_of_the_area_is_the_goals_own_at_the_goal(posed):
 
 @pytest.mark.parametrize("name", ["points", "numbered_points", "points_3d", "lines"])
 def test_without_a_plane_nothing_of_points_is_measured(name):
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     goal = taught(feature)
     with pytest.raises(MeasurementError, match="nothing tells the target's plane"):
         feature.measure(look(feature.needs, TILTED, plane=False), goal)
@@ -674,7 +674,7 @@ def seen_with_depth(depth, needs=frozenset((Need.CORNERS, Need.DEPTH)), **option
 
 
 def test_the_plane_is_that_of_the_depth_image_where_it_is_asked_for():
-    goal = taught(create_feature("points"))
+    goal = taught(FEATURES.create("points"))
     hull = cv2.convexHull(np.column_stack(
         CAMERA.project(*look(frozenset(), TILTED).contour.T)).astype(np.float32))  # fmt: skip
     target = np.zeros((240, 320), np.uint8)
@@ -696,14 +696,14 @@ def test_pixels_without_depth_do_not_count():
     depth[::2], depth[1::4] = np.nan, 0.0
     seen, known = seen_with_depth(depth)
     np.testing.assert_allclose(seen.plane, known.plane, rtol=1e-4, atol=1e-4)
-    feature = create_feature("points")
+    feature = FEATURES.create("points")
     seen, _ = seen_with_depth(np.full((240, 320), np.inf, np.float32))
     with pytest.raises(MeasurementError, match="the depth image knows no depth at the target"):
         feature.measure(replace(seen, world_T_camera=np.eye(4)), taught(feature))
 
 
 def test_points_that_do_not_fit_the_goal_are_refused():
-    feature = create_feature("points")
+    feature = FEATURES.create("points")
     goal = taught(feature)
     with pytest.raises(MeasurementError, match="4 points are seen, the goal has 8"):
         feature.measure(look(feature.needs, GOAL, SQUARE), goal)
@@ -725,7 +725,7 @@ ON_A_LINE = np.array([[-0.05, 0.01], [0.0, 0.01], [0.02, 0.01], [0.06, 0.01]])
     ("points", [[0.1, 0.2], [0.3, 0.1]], "goal holds no points of the feature 'points': teach it"),
 ])  # fmt: skip
 def test_a_goal_of_points_that_are_no_such_feature_is_refused(name, corners, words):
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     told = {"points": corners if isinstance(corners, str) else np.array(corners).tolist()}
     with pytest.raises(ConfigurationError, match=words):
         feature.check(Goal(depth=0.5, features={name: told}))
@@ -736,7 +736,7 @@ def test_a_goal_of_points_that_are_no_such_feature_is_refused(name, corners, wor
     ("segments", 4, 8), ("depth", 1, 1), ("pose", 6, 1), ("two_and_half_d", 6, 1),
 ])  # fmt: skip
 def test_a_feature_is_as_long_as_the_goal_that_it_was_checked_with(name, each, elements):
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     assert feature.count == 4
     goal = taught(feature)  # of eight corners
     feature.check(goal)
@@ -749,12 +749,12 @@ def test_a_feature_is_as_long_as_the_goal_that_it_was_checked_with(name, each, e
 def test_what_is_a_billionth_of_the_focal_length_apart_is_apart():
     for name, corners in (("polar_points", [[1e-9, 0.0], [0.1, 0.0], [0.1, 0.1]]),
                           ("lines", [[0.0, 0.0], [0.0, 1e-9], [0.3, 0.1]])):  # fmt: skip
-        create_feature(name).check(Goal(depth=0.5, features={name: {"points": corners}}))
+        FEATURES.create(name).check(Goal(depth=0.5, features={name: {"points": corners}}))
 
 
 @pytest.mark.parametrize("name", ["points", "moments", "kernel"])
 def test_a_goal_without_the_depth_of_its_target_is_refused(name):
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     lens = CameraModel(320, 240, (102.7, 0, 159.5, 0, 102.7, 119.5, 0, 0, 1))
     by_kernel = Goal.teach(None, kernel_view(lens, GOAL), depth=0.2)
     goal = replace(taught(feature), kernel=by_kernel.kernel)
@@ -784,7 +784,7 @@ def test_a_users_points_that_are_not_finite_are_refused():
 
 
 def test_a_stack_has_the_parts_one_under_the_other_with_their_weights():
-    parts = [create_feature("moments"), create_feature("points")]
+    parts = [FEATURES.create("moments"), FEATURES.create("points")]
     stack = Stack(parts, [2.0, 0.5])
     scheme = Composed(stack)
     goal = Goal.teach(scheme, look(stack.needs, GOAL))
@@ -827,7 +827,7 @@ def test_a_part_that_sees_the_whole_turn_is_enough():
 @pytest.mark.parametrize("weights", [[1.0], [1.0, -1.0], [1.0, np.nan], [0, 0]])
 def test_wrong_weights_are_refused(weights):
     with pytest.raises(ConfigurationError, match="weights"):
-        Stack([create_feature("moments"), create_feature("points")], weights)
+        Stack([FEATURES.create("moments"), FEATURES.create("points")], weights)
 
 
 class Photo(Feature):
@@ -844,12 +844,12 @@ def test_what_is_judged_by_other_numbers_than_its_rows_is_in_no_stack():
     words = "luminance@left is judged by other numbers than those the law gets"
     for parts in (["points", "luminance"], ["matches", "luminance_dct"]):
         with pytest.raises(ConfigurationError, match="cannot be stacked") as told:
-            Stack([create_feature(name) for name in parts])
+            Stack([FEATURES.create(name) for name in parts])
         assert "\n" not in str(told.value)
     with pytest.raises(ConfigurationError, match=words):
-        Stack([OfCamera(create_feature("luminance"), "left"), create_feature("points")])
-    assert Stack([create_feature("points"), create_feature("matches_pose")]).names
-    stack = Stack([Photo(), create_feature("points")])
+        Stack([OfCamera(FEATURES.create("luminance"), "left"), FEATURES.create("points")])
+    assert Stack([FEATURES.create("points"), FEATURES.create("matches_pose")]).names
+    stack = Stack([Photo(), FEATURES.create("points")])
     with pytest.raises(ConfigurationError, match="Photo is judged by other numbers"):
         stack.measure(look(stack.needs, GOAL), taught(stack))
 
@@ -876,7 +876,7 @@ def kernel_view(camera, camera_T_object, stamp=0.0):
 def test_the_kernels_interaction_matrix_is_the_derivative(way, turn, fx, fy, rows):
     """On a picture of 800 x 600, over several pixels of motion."""
     camera = CameraModel(800, 600, (fx, 0, 99.5, 0, fy, 119.5, 0, 0, 1))
-    feature = create_feature("kernel")
+    feature = FEATURES.create("kernel")
     goal = Goal.teach(None, kernel_view(camera, pose((0.01, 0.02, 0.2), (0, 0, 0.3))), depth=0.2)
     feature.check(goal)
     view = pose((0.01, 0.005, 0.2), (0, 0, turn))
@@ -911,7 +911,7 @@ def test_each_rate_of_the_kernels_is_that_of_the_outline():
     """Of a camera whose axis is by the first pixel, so that what of a turn or an approach is
     measured from there is small and still seen."""
     camera = CameraModel(400, 300, (390.0, 0, 3.4, 0, 460.0, 4.7, 0, 0, 1))
-    feature = create_feature("kernel")
+    feature = FEATURES.create("kernel")
     at_goal = kernel_view(camera, pose((0.11, 0.06, 0.2), (0, 0, 0.3)))
     goal = Goal.teach(None, at_goal, depth=0.2)
     view, step = pose((0.1, 0.052, 0.15), (0, 0, -0.4)), 1e-6
@@ -932,7 +932,7 @@ def test_kernel_features_refuse_another_camera_a_dirty_ground_and_emptiness():
     from dataclasses import replace
 
     camera = CameraModel(320, 240, (102.7, 0, 159.5, 0, 102.7, 119.5, 0, 0, 1))
-    feature = create_feature("kernel")
+    feature = FEATURES.create("kernel")
     view = kernel_view(camera, pose((0.01, 0.02, 0.2), (0, 0, 0.3)))
     goal = Goal.teach(None, view, depth=0.2)
     feature.check(goal)

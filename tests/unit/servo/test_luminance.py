@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
+from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.features.luminance import (
     BORDER,
     LuminancePCA,
@@ -22,7 +23,6 @@ from aras_visual_servo_controller.features.luminance import (
     grey_of,
     square_root,
 )
-from aras_visual_servo_controller.features.registry import FEATURES, create_feature
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
 from aras_visual_servo_controller.seeing.observation import Need, Observer
@@ -61,7 +61,7 @@ def look(camera, place, needs):
 
 
 def at_goal(name, camera=PINHOLE):
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     goal = Goal.teach(Composed(feature), look(camera, GOAL, feature.needs))
     feature.check(goal)
     return feature, goal
@@ -270,7 +270,7 @@ def test_a_picture_that_looks_the_same_when_turned_says_so(sides, told, monkeypa
             return 250.0 - 200.0 * inside[0] * inside[1]
 
         monkeypatch.setitem(globals(), "texture", rectangle)
-    feature = create_feature("luminance")
+    feature = FEATURES.create("luminance")
     seen = look(PINHOLE, VIEW, feature.needs)
     goal = Goal.teach(Composed(feature), seen)
     assert feature.measure(seen, goal).up_to == told
@@ -286,7 +286,7 @@ def test_the_smallest_turn_of_an_eighth_or_more_is_told(folds, told):
     away = np.hypot(u, v)
     star = np.clip((away - 6.0) / 6.0, 0.0, 1.0) * np.clip((44.0 - away) / 6.0, 0.0, 1.0)
     star = np.round(128.0 + 60.0 * star * np.cos(folds * np.arctan2(v, u))).astype(np.uint8)
-    feature = create_feature("luminance")
+    feature = FEATURES.create("luminance")
     seen = Observer(None, feature.needs).of_image(0.0, star, PINHOLE, plane=Plane(0, 0, 1.25))
     assert feature.measure(seen, Goal.teach(Composed(feature), seen)).up_to == told
 
@@ -296,7 +296,7 @@ def test_a_turn_is_judged_by_three_tenths_of_the_picture_at_least(column, told):
     """Of a rectangle near the left side: half a turn about it leaves 45 or 41 of 140 columns."""
     image = np.full((120, 160), 250, np.uint8)
     image[45:75, column - 12 : column + 13] = 20
-    feature = create_feature("luminance")
+    feature = FEATURES.create("luminance")
     seen = Observer(None, feature.needs).of_image(0.0, image, PINHOLE, plane=Plane(0, 0, 1.25))
     assert feature.measure(seen, Goal.teach(Composed(feature), seen)).up_to == told
 
@@ -310,7 +310,7 @@ def test_a_picture_looks_the_same_when_turned_to_its_tolerance_rms(wide, told):
     image[:, 130 - wide : 130] -= 2
     off = smooth(image.astype(np.float32)) - smooth(image[::-1, ::-1].astype(np.float32))
     assert (np.sqrt(np.mean(off**2)) < 1.5 < np.mean(off**2)) == bool(told)
-    feature = create_feature("luminance")
+    feature = FEATURES.create("luminance")
     seen = Observer(None, feature.needs).of_image(
         0.0, image, PINHOLE, plane=Plane(0.0, 0.0, 1.25)
     )  # fmt: skip
@@ -330,7 +330,7 @@ def test_nothing_stays_of_the_camera_or_the_goal_before(name, before):
         seen = look(WIDE, moved(VIEW, np.array([0.1, 0.05, 0, 0, 0, 0.3])), feature.needs)
         feature.measure(seen, replace(Goal.teach(Composed(feature), seen), camera=None))
     found = feature.measure(look(WIDE, VIEW, feature.needs), anywhere)
-    anew = create_feature(name).measure(look(WIDE, VIEW, feature.needs), anywhere)
+    anew = FEATURES.create(name).measure(look(WIDE, VIEW, feature.needs), anywhere)
     np.testing.assert_array_equal(found.L, anew.L)
     np.testing.assert_array_equal(found.error, anew.error)
 

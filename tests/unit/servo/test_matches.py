@@ -14,7 +14,7 @@ from aras_visual_servo_bench.targets.textures import poster
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
-from aras_visual_servo_controller.features.registry import create_feature
+from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
 from aras_visual_servo_controller.seeing.observation import Observer
@@ -37,7 +37,7 @@ def look(feature, picture, place, known=True):
 
 
 def measured(name, picture, known=True):
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     goal = Goal.teach(Composed(feature), look(feature, picture, GOAL))
     feature.check(goal)
     return feature.measure(look(feature, picture, NOW, known), goal)
@@ -75,7 +75,7 @@ def test_judged_is_the_root_of_the_mean_squared_distance(picture):
     found = measured("matches", picture)
     away = np.linalg.norm((found.s - found.desired).reshape(-1, 2), axis=1)
     assert found.judged == pytest.approx(np.sqrt(np.mean(away**2)))
-    assert create_feature("matches").tolerances == create_feature("points").tolerances[:1]
+    assert FEATURES.create("matches").tolerances == FEATURES.create("points").tolerances[:1]
 
 
 def test_the_pose_of_matches_is_the_cameras(picture):
@@ -89,7 +89,7 @@ def test_the_pose_of_matches_is_the_cameras(picture):
 
 def test_keypoints_are_where_they_are_in_the_picture_that_is_turned_by_half(picture):
     """Read a quarter of a pixel aside, as SIFT does by default, they are not."""
-    feature = create_feature("matches")
+    feature = FEATURES.create("matches")
     image = look(feature, picture, GOAL).image[60:180, 80:240]
     upright, turned = (feature.keypoints(np.ascontiguousarray(one))[0]
                        for one in (image, image[::-1, ::-1]))  # fmt: skip
@@ -105,7 +105,7 @@ def test_keypoints_are_where_they_are_in_the_picture_that_is_turned_by_half(pict
     ("matches_orb", cv2.ORB_create(nfeatures=500), 0.0),
 ])  # fmt: skip
 def test_of_a_picture_that_is_narrow_enough_keypoints_are_its_own(name, detector, aside, picture):
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     image = np.ascontiguousarray(look(feature, picture, GOAL).image[60:180, 80:240])
     places, descriptors = feature.keypoints(image)
     keypoints, expected = detector.detectAndCompute(image, None)
@@ -115,7 +115,7 @@ def test_of_a_picture_that_is_narrow_enough_keypoints_are_its_own(name, detector
 
 def test_of_a_picture_that_is_too_wide_keypoints_are_those_of_the_smaller_one(picture):
     """Of the same width and height in pixels of the wide one."""
-    feature = create_feature("matches")
+    feature = FEATURES.create("matches")
     image = look(feature, picture, GOAL).image[60:180, 80:240]
     feature.widest = 160
     small, wide = (feature.keypoints(one)[0]
@@ -124,7 +124,7 @@ def test_of_a_picture_that_is_too_wide_keypoints_are_those_of_the_smaller_one(pi
 
 
 def test_a_picture_that_is_too_wide_is_averaged_and_its_places_are_those_of_the_wide_one():
-    feature, given = create_feature("matches"), []
+    feature, given = FEATURES.create("matches"), []
     feature.widest = 160
     found = [SimpleNamespace(pt=(10.0, 20.0)), SimpleNamespace(pt=(0.0, 7.5))]
     feature._detector = SimpleNamespace(
@@ -144,7 +144,7 @@ def test_a_picture_that_is_too_wide_is_averaged_and_its_places_are_those_of_the_
 
 
 def test_eight_keypoints_that_agree_are_enough(picture, monkeypatch):
-    feature = create_feature("matches")
+    feature = FEATURES.create("matches")
     seen = look(feature, picture, GOAL)
     goal = Goal.teach(Composed(feature), seen)
     all_of = feature.keypoints(seen.image)
@@ -165,7 +165,7 @@ GRID = np.array([[u, v] for u in (60.0, 110.0, 170.0, 230.0) for v in (40.0, 90.
 def matched(picture, monkeypatch, at, distances, name="matches", plane=None):
     """What a feature measures of keypoints seen at (n, 2) px, of a goal's on GRID; distances
     (n, 2): of the best and the second best match of each."""
-    feature = create_feature(name)
+    feature = FEATURES.create(name)
     seen, there = look(feature, picture, NOW), look(feature, picture, GOAL)
     goal = Goal.teach(Composed(feature), there)
     monkeypatch.setattr(feature, "keypoints", lambda grey: (GRID, "the goal's"))

@@ -8,9 +8,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
+from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.features import pose as features
 from aras_visual_servo_controller.features.pose import pose_of_plane
-from aras_visual_servo_controller.features.registry import create_feature
 from aras_visual_servo_controller.goals.goal import Goal
 
 
@@ -95,7 +95,7 @@ def test_no_motion_brings_the_points_nearer_than_they_are():
 def test_points_on_one_line_or_in_one_place_give_no_pose(points):
     with pytest.raises(MeasurementError, match="give no pose: they lie on one line"):
         pose_of_plane(places(GOAL), np.array(points))
-    feature = create_feature("pose")
+    feature = FEATURES.create("pose")
     with pytest.raises(ConfigurationError, match="a pose needs four points that are not on one"):
         feature.check(Goal(depth=0.5, features={"pose": {"points": points}}))
 

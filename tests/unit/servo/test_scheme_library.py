@@ -11,7 +11,7 @@ from free_camera import pose
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.laws import Proportional
+from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.seeing.observation import Observer
 
@@ -95,6 +95,13 @@ def test_each_scheme_tells_its_law_the_time_and_that_since_the_last_image(name):
     np.testing.assert_array_equal(error, decision.error)
     np.testing.assert_allclose(L, decision.L * decision.task.modelled, atol=1e-12)
     np.testing.assert_allclose(rotated, np.linalg.pinv(L) @ error, atol=1e-9)
+
+
+class Gainless(Law):
+    """Has no gain that a scheme could read."""
+
+    def rate(self, error, *_):
+        return -error
 
 
 class Asked(Proportional):
@@ -231,11 +238,12 @@ def test_the_predictive_scheme_fits_a_decay_at_each_step_of_its_horizon():
     wanted = [*((np.exp(-0.8 * stamp) - 1.0) * error for stamp in stamps), np.zeros(6)]
     best = np.linalg.lstsq(np.vstack(rows), np.concatenate(wanted), rcond=None)[0]
     np.testing.assert_allclose(decision.task.twist, depths * best, atol=2e-5)
-    plain = create_scheme("predictive", law := Proportional(1.0))
-    expected = plain.compute(look(Observer(None, plain.needs), START), goal, 0.0).task.twist
-    del law.gain  # 1/s, of a law that says none
-    found = plain.compute(look(Observer(None, plain.needs), START), goal, 0.0).task.twist
-    np.testing.assert_allclose(found, expected, atol=1e-6)
+    expected, found = (
+        create_scheme("predictive", law).compute(
+            look(Observer(None, scheme.needs), START), goal, 0.0
+        ).task.twist for law in (Proportional(1.0), Gainless())
+    )  # fmt: skip
+    np.testing.assert_allclose(found, expected, atol=1e-6)  # 1/s, of a law without a gain
 
 
 def test_the_predictive_scheme_says_where_no_way_keeps_the_target_in_view():

@@ -22,7 +22,9 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.laws import Adaptive, ContinuousStart, Proportional
+from aras_visual_servo_controller.laws.adaptive import Adaptive
+from aras_visual_servo_controller.laws.proportional import Proportional
+from aras_visual_servo_controller.laws.wrappers import ContinuousStart
 from aras_visual_servo_controller.loop.approach import Approach
 from aras_visual_servo_controller.loop.motion import CommandMotion, advanced
 from aras_visual_servo_controller.loop.state import (

@@ -1,8 +1,11 @@
 """The reader of settings: kinds, bounds, paths of keys, files; and names of classes."""
 
+import importlib
 import math
 import os
 import pickle
+import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.names import find_class, imported, nearest, resolve_name
+from aras_visual_servo_base.names import imported, nearest, resolve_name
+from aras_visual_servo_base.registry import Registry
 from aras_visual_servo_base.settings import build, check, defaults, parameter, read, to_mapping
 from aras_visual_servo_base.yaml_files import parse_yaml, read_yaml
 
@@ -250,9 +254,12 @@ def test_the_nearest_name_is_asked_after_or_all_are_told():
 
 
 def test_a_class_is_found_by_name_or_by_its_module():
-    known = {"outer": Outer}
-    assert find_class("scheme", "outer", known, (Outer,), OwnError) is Outer
-    assert find_class("scheme", f"{__name__}:Outer", {}, (Outer,), OwnError) is Outer
+    known = Registry("scheme", "xml", (Outer,), OwnError)
+    assert known.register("outer")(Outer).name == "outer"
+    assert known.find("outer") is Outer and known["outer"] is Outer and list(known) == ["outer"]
+    assert known.find(f"{__name__}:Outer") is Outer
+    with pytest.raises(ValueError, match=f"scheme 'outer' is {__name__}:Outer"):
+        known.register("outer")(Inner)
     assert imported("metric", "math:pi", OwnError) == math.pi
     for name, words in (
         ("outre", "unknown scheme 'outre': did you mean 'outer'? known are outer, or 'pack"),
@@ -264,7 +271,7 @@ def test_a_class_is_found_by_name_or_by_its_module():
         ("math:pi", "pi is not a class derived from Outer"),
     ):
         with pytest.raises(OwnError) as caught:
-            find_class("scheme", name, known, (Outer,), OwnError)
+            known.find(name)
         assert words in str(caught.value)
 
 
@@ -275,3 +282,40 @@ def test_a_class_is_found_by_name_or_by_its_module():
 ])  # fmt: skip
 def test_names_are_resolved_as_node_handles_do(given, expected):
     assert resolve_name(*given) == expected
+
+def test_an_entry_is_one_file_of_its_folder(tmp_path, monkeypatch):
+    """Modules are imported when they are needed, that of the entry's own name first."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    folder = tmp_path / "kind_of_test"
+    folder.mkdir()
+    (folder / "__init__.py").write_text(
+        "from aras_visual_servo_base.registry import Registry\n"
+        "KIND = Registry('kind', __name__, (object,), ValueError)\n"
+    )
+    for module, names in (("first", ["a", "b"]), ("second", ["second"]), ("third", ["c"])):
+        (folder / f"{module}.py").write_text(
+            "from . import KIND\nfrom dataclasses import dataclass\n"
+            "from aras_visual_servo_base.settings import parameter\n" + "".join(
+                f"@KIND.register('{name}')\n@dataclass\nclass K{name}:\n"
+                "    gain: float = parameter(2.0, '1/s', above=0.0, most=9.0, help='how fast')\n"
+                for name in names)
+        )  # fmt: skip
+    kind = importlib.import_module("kind_of_test").KIND
+
+    def loaded():
+        return {name.rpartition(".")[2] for name in sys.modules if name.startswith("kind_of_test.")}
+
+    assert kind.create("second", gain=3.0).gain == 3.0 and loaded() == {"second"}
+    assert "b" in kind and loaded() == {"first", "second"}
+    assert list(kind) == ["a", "b", "c", "second"] and len(kind) == 4 and "d" not in kind
+    (parameter,) = kind.parameters("c")
+    assert parameter == ("gain", "a finite number", 2.0, "1/s", "> 0 and <= 9", "how fast")
+    both = Registry("one", "xml", (object,), ValueError, (kind,))
+    assert both["c"] is kind["c"] and list(both) == list(kind)
+    for make, words in (
+        (lambda: kind.create("c", gian=1.0), "kind 'c' takes no 'gian': did you mean 'gain'"),
+        (lambda: both.find("sekond"), "unknown one 'sekond': did you mean 'second'?"),
+        (lambda: kind.create("c", 1.0, gain=1.0), "kind 'c': multiple values"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(words)):
+            make()

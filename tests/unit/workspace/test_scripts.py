@@ -30,37 +30,6 @@ def test_help_names_every_option_and_ends_with_an_example(script: str) -> None:
     assert set(options) <= set(re.findall(r"--\w+", done.stdout))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (["--scheme", "my hand"], "or package.module:Class, not my hand"),
-        (["--scheme", "my.module:"], "or package.module:Class, not my.module:"),
-        (["--start=1999"], "--start is 2015, 2016, none or six numbers, not 1999"),
-        (["--start", "0 0 0 0 0 x"], "six numbers"),
-        (["--start", "0 0 0 0 0"], "six numbers"),
-        (["--law", "P I"], "--law is a name, as proportional"),
-        (["--gain", "high"], "--gain is a number"),
-        (["--scheme"], "--scheme needs a value"),
-        (["--camera=pinhole"], "--camera: there is no preset"),
-        (["--camera", "/nowhere/lens.yaml"], "and no file /nowhere/lens.yaml"),
-        (["--goal", "/nowhere/goal.yaml"], "there is no file /nowhere/goal.yaml"),
-        (["--target", "four_dot"], "--target: there is no "),
-        (["--target=/nowhere/mine.png"], "and no file /nowhere/mine.png"),
-        (["--target-size", "0.1"], "--target-size is two numbers, m, not 0.1"),
-        (["--urdf", "/nowhere/arm.urdf"], "--urdf: there is no file /nowhere/arm.urdf"),
-        (["--start", "0 0 0 0 0 0 0"], "six numbers"),
-        (["--fast"], "unknown argument --fast"),
-        (["gains=mine.yaml"], "unknown argument gains=mine.yaml"),
-        (["--out", "/dev/null/x"], "--out: cannot write to /dev/null/x"),
-    ],
-)
-def test_demo_refuses_before_it_starts_anything(arguments: list[str], complaint: str) -> None:
-    done = run("demo.sh", *arguments)
-    assert done.returncode == 2
-    assert complaint in done.stderr
-    assert done.stdout == ""
-
-
 def test_setup_lists_packages_of_the_ros_way() -> None:
     done = run("setup.sh", "--packages")
     assert done.returncode == 0

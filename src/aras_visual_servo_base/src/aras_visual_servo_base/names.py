@@ -1,11 +1,10 @@
-"""Names: the nearest known one, names of the ROS graph, classes by 'package.module:Class'."""
+"""Names: the nearest known one, names of the ROS graph, objects by 'package.module:Name'."""
 
 from __future__ import annotations
 
 import difflib
 import importlib
-import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from types import ModuleType
 from typing import Any
 
@@ -87,27 +86,6 @@ def imported(
     return getattr(module, attribute)
 
 
-def find_class(
-    kind: str, name: str, known: Mapping[str, type], bases: tuple[type, ...], fault: Fault
-) -> type:
-    """The class of a short name or of 'package.module:Class'.
-
-    Args:
-        kind: what is looked for, for messages: 'scheme', 'law', 'feature'.
-        name: as the user wrote it.
-        known: short names.
-        bases: it has to derive from one of these.
-
-    Raises:
-        fault: no such name, module or class, or another kind of class.
-    """
-    if name in known:
-        return known[name]
-    if not all(str(name).partition(":")):
-        raise fault(unknown(kind, name, known, own=True))
-    return subclass(kind, name, imported(kind, name, fault), bases, fault)
-
-
 def subclass(kind: str, name: str, found: Any, bases: tuple[type, ...], fault: Fault) -> type:
     """What was found, if it is a class derived from one of the bases; raises `fault` else."""
     if isinstance(found, type) and issubclass(found, bases):
@@ -115,51 +93,6 @@ def subclass(kind: str, name: str, found: Any, bases: tuple[type, ...], fault: F
     called = getattr(found, "__name__", str(name).rpartition(":")[2])
     expected = " or ".join(base.__name__ for base in bases)
     raise fault(f"{kind} '{name}': {called} is not a class derived from {expected}")
-
-
-def construct(
-    kind: str, name: str, cls: type, fault: Fault, *arguments: object, **options: object
-) -> Any:
-    """An instance of a class that may be a user's: whatever it raises becomes one line.
-
-    Raises:
-        fault: an option that it has not, one that it needs and was not given, or the constructor
-            failed.
-    """
-    check_options(kind, name, cls, fault, *arguments, **options)
-    try:
-        return cls(*arguments, **options)
-    except fault:
-        raise
-    except USER_FAULTS as error:
-        raise fault(f"{kind} '{name}': its constructor raised {words(error)}") from error
-
-
-def check_options(
-    kind: str, name: str, cls: type, fault: Fault, *arguments: object, **options: object
-) -> None:
-    """Refuse options that a class's constructor does not take, by name.
-
-    Raises:
-        fault: naming the option, and the nearest one that there is.
-    """
-    try:
-        signature = inspect.signature(cls)
-    except (TypeError, ValueError):
-        return  # one that does not say what it takes
-    taken = sorted(
-        key for key, one in signature.parameters.items()
-        if one.kind in (one.KEYWORD_ONLY, one.POSITIONAL_OR_KEYWORD)
-    )  # fmt: skip
-    if not any(one.kind is one.VAR_KEYWORD for one in signature.parameters.values()):
-        for option in options:
-            if option not in taken:
-                hint = nearest(option, taken)
-                raise fault(f"{kind} '{name}' takes no '{option}': {hint}")
-    try:
-        signature.bind(*arguments, **options)
-    except TypeError as error:
-        raise fault(f"{kind} '{name}': {error}") from error
 
 
 def words(error: BaseException) -> str:

@@ -72,6 +72,7 @@ def parameter(
     internal: bool = False,
     shorthand: bool = False,
     importable: bool = False,
+    help: str = "",
 ) -> Any:
     """A dataclass field with its rules.
 
@@ -85,12 +86,13 @@ def parameter(
         internal: not to be given from outside.
         shorthand: a value that is no mapping, given for the whole dataclass, is this field's.
         importable: a class stands for its 'package.module:Class'.
+        help: what it does, for tables and --help.
     """
     rules = {
         "unit": unit, "least": least, "above": above, "most": most, "below": below,
         "choices": tuple(choices), "wanted": wanted, "name": name, "words": words,
         "infinite": infinite, "internal": internal, "shorthand": shorthand,
-        "importable": importable,
+        "importable": importable, "help": help,
     }  # fmt: skip
     if isinstance(default, dict):
         return dataclasses.field(default_factory=lambda: dict(default), metadata=rules)
@@ -181,7 +183,7 @@ def read(
     if values.get(key) is not None:
         return convert(values[key], hint, place, fault)
     if default is _MISSING:
-        raise fault(f"{place} is missing, must be {_words(hint)}")
+        raise fault(f"{place} is missing, must be {hint_words(hint)}")
     return default
 
 
@@ -292,7 +294,7 @@ def _convert(
     else:  # bool, str and None are taken as they are
         found = value if isinstance(value, hint) else None
     if found is None and hint is not type(None) or hint is type(None) and value is not None:
-        words = "a number, or .inf" if hint is float and rules.get("infinite") else _words(hint)
+        words = "a number, or .inf" if hint is float and rules.get("infinite") else hint_words(hint)
         if hint is str and rules.get("choices"):
             words = "one of " + ", ".join(rules["choices"])
         raise fault(f"{where} is {said(value)}, must be {rules.get('wanted') or words}")
@@ -326,7 +328,7 @@ def _union(value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, 
     for kind in kinds:
         with contextlib.suppress(fault):
             return _convert(value, kind, where, fault)
-    raise fault(f"{where} is {said(value)}, must be {rules.get('wanted') or _words(hint)}")
+    raise fault(f"{where} is {said(value)}, must be {rules.get('wanted') or hint_words(hint)}")
 
 
 def _is(hint: Any, kind: type) -> bool:
@@ -348,7 +350,7 @@ def _tuple(value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, 
     if parts[-1] is Ellipsis and isinstance(items, list | tuple):
         parts = (parts[0],) * len(items)
     if not isinstance(items, list | tuple) or len(items) != len(parts):
-        raise fault(f"{where} is {said(value)}, must be {rules.get('wanted') or _words(hint)}")
+        raise fault(f"{where} is {said(value)}, must be {rules.get('wanted') or hint_words(hint)}")
     return tuple(
         _convert(item, part, f"{where}[{i}]", fault)
         for i, (item, part) in enumerate(zip(items, parts, strict=True))
@@ -365,7 +367,7 @@ def _mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping[str, An
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = to_mapping(value)
     if not isinstance(value, Mapping):
-        raise fault(f"{where.rstrip(': ')} is {said(value)}, must be {_words(hint)}")
+        raise fault(f"{where.rstrip(': ')} is {said(value)}, must be {hint_words(hint)}")
     kind = (typing.get_args(hint) or (str, Any))[1]
     found = {}
     for key, item in value.items():
@@ -488,15 +490,16 @@ def _place(where: str, key: Any) -> str:
 
 
 def _wanted(cls: type, field: dataclasses.Field) -> str:
-    return field.metadata.get("wanted") or _words(annotations(cls)[field.name])
+    return field.metadata.get("wanted") or hint_words(annotations(cls)[field.name])
 
 
-def _words(hint: Any) -> str:
+def hint_words(hint: Any) -> str:
+    """Return what an annotation takes, in words: 'a finite number'."""
     if hint in _WORDS:
         return _WORDS[hint]
     origin, parts = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        kinds = dict.fromkeys(_words(part) for part in parts if part is not type(None))
+        kinds = dict.fromkeys(hint_words(part) for part in parts if part is not type(None))
         return " or ".join(kinds)
     if origin is tuple:
         of = {float: "finite numbers", int: "whole numbers", str: "texts"}.get(parts[0], "values")

@@ -44,7 +44,7 @@ from .features.of_camera import check_steering
 from .goals.goal import Goal
 from .goals.starts import start_joints
 from .goals.teaching import by_geometry
-from .laws import LAWS, Law, create_law
+from .laws import Law, create_law
 from .laws.base import GREATEST_GAIN
 from .loop.servo import Servo
 from .loop.state import ByJoint, ServoSettings, by_joint
@@ -52,13 +52,6 @@ from .schemes import JointController, Scheme, create_scheme
 from .seeing.observation import CAMERA, Need, Observer
 from .seeing.rig import MovedBy, Rig, StandingCamera, beside
 
-# Parameters that laws take by these names.
-LAW_GAINS = {
-    "proportional": {"gain": "gain"},
-    "adaptive": {"zero": "gain_zero", "infinity": "gain_infinity", "slope": "gain_slope"},
-    "pi": {"gain": "gain"},
-    "sliding_mode": {"gain": "gain"},
-}
 # Parameters that are said for some of the joints, by name.
 BY_JOINT = ("max_velocity", "max_acceleration", "lower", "upper", "posture", "elbow", "lead",
             "stiffness", "damping", "controllers")  # fmt: skip
@@ -117,12 +110,9 @@ class Settings:
         kinematics.
     weights: of stacked features, one each; empty: all alike.
     smoothing: s, time constant of a low-pass on the errors; 0: none.
-    law: proportional, adaptive, diagonal, pi, sliding_mode, or 'package.module:Class'.
-    gain: 1/s, of the law.
-    gain_zero: 1/s, of the adaptive law at the goal.
-    gain_infinity: 1/s, of the adaptive law far from it.
-    gain_slope: 1/(s m), of the adaptive law.
-    law_options: other arguments of the law, by name.
+    law: name of a control law, or 'package.module:Class'.
+    gain: 1/s, of the law; its own default.
+    law_options: other parameters of the law, by name.
     continuous_start: 1/s, rate at which the first speed is let in; 0: at once.
     ramp: s, time constant with which the gain rises; 0: none.
     start: initial pose: a name, none, joints, or {xyz, rpy} of the camera, looked for from the
@@ -159,6 +149,8 @@ class Settings:
     package: directory of this package.
     """
 
+    documented_by = (ServoSettings,)  # of the settings that are the loop's
+
     scheme: str = parameter("moments", name=True)
     interaction: str = parameter("current")
     tracker: str = parameter(OUTLINE)
@@ -171,10 +163,7 @@ class Settings:
     weights: tuple[float, ...] = parameter(())
     smoothing: float = parameter(0.0, "s", least=0.0, most=10.0)
     law: str = parameter("proportional")
-    gain: float = parameter(5.0, "1/s", above=0.0)
-    gain_zero: float = parameter(5.0, "1/s", above=0.0)
-    gain_infinity: float = parameter(2.0, "1/s", above=0.0)
-    gain_slope: float = parameter(30.0, "1/(s m)", above=0.0)
+    gain: float | None = parameter(None, "1/s", above=0.0)
     law_options: Mapping[str, int | float | Any] = parameter({})
     continuous_start: float = parameter(0.0, "1/s", least=0.0)
     ramp: float = parameter(0.0, "s", least=0.0)
@@ -372,32 +361,18 @@ class Settings:
         return others
 
     def make_law(self) -> Law:
-        """The law with its gains; ConfigurationError for what it refuses."""
-        known = LAW_GAINS.get(self.law, {})
-        gains = {argument: getattr(self, name) for argument, name in known.items()}
-        for option in self.law_options:
-            if not isinstance(option, str) or option in ("name", "continuous_start", "ramp"):
-                raise ConfigurationError(
-                    f"parameter ~law_options: {option!r} is no argument of a law"
-                    + (f": give it as ~{option}" if option in ("continuous_start", "ramp") else "")
-                )
-        law = create_law(
-            self.law, self.continuous_start, self.ramp, **{**gains, **self.law_options}
-        )
-        if self.law not in LAWS and self.gain != Settings.gain:
-            self._tell_gain(law)
-        return law
-
-    def _tell_gain(self, law: Law) -> None:
-        """Have a law of the user's own take the gain that was given."""
-        while isinstance(getattr(law, "law", None), Law):
-            law = law.law
-        if "gain" not in law.gains:
+        """Return the law with its parameters; ConfigurationError for what it refuses."""
+        options = dict(self.law_options)
+        for key in ("gain", "continuous_start", "ramp"):
+            if key in options:
+                raise ConfigurationError(f"parameter ~law_options.{key}: give it as ~{key}")
+        if self.gain is not None:
+            options["gain"] = self.gain
+        if wrong := [key for key in options if not isinstance(key, str)]:
             raise ConfigurationError(
-                f"law '{self.law}' has no gain (its `gains` are {list(law.gains)}), and ~gain is "
-                f"{self.gain:g}: leave it out"
+                f"parameter ~law_options: {wrong[0]!r} is no parameter of a law"
             )
-        law.change(gain=self.gain)
+        return create_law(self.law, self.continuous_start, self.ramp, **options)
 
     def make_scheme(self) -> Scheme | JointController:
         """The scheme with its law; ConfigurationError naming what is unknown."""

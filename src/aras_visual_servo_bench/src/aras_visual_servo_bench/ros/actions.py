@@ -28,8 +28,8 @@ from aras_visual_servo_base.poses import pose_difference, transform
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.goals.goal import REACHABLE, Goal
-from aras_visual_servo_controller.laws.registry import LAWS
-from aras_visual_servo_controller.schemes.registry import SCHEMES
+from aras_visual_servo_controller.laws import LAWS
+from aras_visual_servo_controller.schemes import SCHEMES
 from aras_visual_servo_controller.settings import Settings
 
 from ..errors import writing

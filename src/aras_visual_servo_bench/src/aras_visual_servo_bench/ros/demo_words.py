@@ -17,7 +17,7 @@ from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.settings import Settings
 
-from ..asked.cameras import HandEyeSpec
+from ..asked.cameras import HandEyeSpec, preset
 from ..asked.experiment import CameraPose, Experiment
 from ..asked.packages import PackagePath
 from ..asked.robots import Robot, RobotSpec
@@ -52,7 +52,7 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
     _add_loop(parser)
     _add_world(parser)
     parser.add_argument(
-        "--out", type=Path, default=Path("out"), help="directory for the results (default out/)"
+        "--out", type=_folder, default=Path("out"), help="folder of the results (default out/)"
     )
     parser.add_argument("--rviz", action="store_true", help="watch it in rviz (needs a display)")
     parser.add_argument(
@@ -128,13 +128,17 @@ def _check(arguments: argparse.Namespace) -> None:
     """What roslaunch or a node would refuse later: ConfigurationError, ExperimentError."""
     arguments.further = _further(arguments.launch)
     _start(arguments.start, arguments.urdf is not None)
+    packages = PackagePath()
+    preset(arguments.camera, packages, SHIPPED.cameras)
+    if Path(arguments.camera).suffix:
+        arguments.camera = str(Path(arguments.camera).expanduser().resolve())
     arguments.target = _target(arguments.target)
     arguments.tracker = tracker_of(arguments.target)
     given = {"scheme": arguments.scheme, "desired": arguments.goal, "start": arguments.start}
     for name in ("law", "gain", "tracker"):
         if value := getattr(arguments, name):
             given[name] = value
-    package = Path(PackagePath().find("aras_visual_servo_controller"))
+    package = Path(packages.find("aras_visual_servo_controller"))
     settings = Settings.from_mapping(given, package)
     settings.make_scheme()
     goal = settings.load_goal()
@@ -247,6 +251,17 @@ def _file(text: str) -> Path:
     if not path.is_file():
         raise argparse.ArgumentTypeError(f"there is no file {path}")
     return path.resolve()
+
+
+def _folder(text: str) -> Path:
+    path = Path(text)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"cannot make {path}: {error.strerror}") from None
+    if not os.access(path, os.W_OK):
+        raise argparse.ArgumentTypeError(f"cannot write to {path}")
+    return path
 
 
 def _start(text: str, other: bool) -> None:

@@ -20,6 +20,7 @@ from ..asked.loop_settings import settings_of
 from ..asked.overrides import with_override
 from ..errors import ExperimentError
 
+OF_LAW = "options.law_options."
 SIZE = 0.2  # m, of a named shape that has no size of its own
 
 
@@ -77,8 +78,13 @@ def _in_effect(experiment: Experiment, key: str) -> Any:
     value: Any = experiment
     for part in key.split("."):
         value = value.get(part) if isinstance(value, Mapping) else getattr(value, part)
+        if value is None:
+            break
     if value is None:
-        value = getattr(settings_of(experiment), key.removeprefix("options."))
+        settings = settings_of(experiment)
+        if key == "gain" or key.startswith(OF_LAW):
+            return settings.make_law().numbers().get(key.removeprefix(OF_LAW))
+        value = getattr(settings, key.removeprefix("options."))
     return value
 
 

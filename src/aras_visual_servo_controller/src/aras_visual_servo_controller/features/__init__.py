@@ -1,6 +1,8 @@
-"""Features: what is compared with the goal, and how it moves with the camera."""
+"""Features: what is compared with the goal, and how it moves with the camera.
 
-from .base import Feature, Measured, Stack, wrap
-from .registry import FEATURES, create_feature
+`FEATURES` has them by name; a module of this folder declares each with `FEATURES.register`.
+"""
 
-__all__ = ["FEATURES", "Feature", "Measured", "Stack", "create_feature", "wrap"]
+from .base import FEATURES, Feature, Measured, Stack, wrap
+
+__all__ = ["FEATURES", "Feature", "Measured", "Stack", "wrap"]

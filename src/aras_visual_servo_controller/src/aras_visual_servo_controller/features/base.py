@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
+from aras_visual_servo_base.registry import Registry
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -152,6 +153,9 @@ class Feature(ABC):
 
     def reset(self) -> None:
         """Forget earlier images."""
+
+
+FEATURES = Registry("feature", __package__, (Feature,), ConfigurationError)
 
 
 class Stack(Feature):

@@ -21,7 +21,7 @@ from aras_visual_servo_base.poses import skew
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
-from .base import DepthPart, Measured, plane_in, wrap, wrap_together
+from .base import FEATURES, DepthPart, Measured, plane_in, wrap, wrap_together
 from .points import TOLERANCE, PointFeature, at_plane, places, point_interaction
 
 TURN = 2.0 * np.pi
@@ -30,6 +30,7 @@ PLACE = (DepthPart(TOLERANCE), DepthPart(TOLERANCE), DepthPart(2.0 * TOLERANCE))
 SMALLEST = 1e-9  # normalised length below which a direction is undefined
 
 
+@FEATURES.register("numbered_points")
 class NumberedPoints(PointFeature):
     """s = (x_0, y_0, x_1, y_1, ...), where it is known which point is which.
 
@@ -37,7 +38,6 @@ class NumberedPoints(PointFeature):
     the goal's.
     """
 
-    name = "numbered_points"
     needs = frozenset((Need.CORNERS,))
 
     def points(self, observation: Observation) -> np.ndarray:
@@ -142,6 +142,7 @@ class CornerFeature(NumberedPoints):
         self.tolerances, self.units = self.part_tolerances * k, self.part_units * k
 
 
+@FEATURES.register("polar_points")
 class PolarPoints(CornerFeature):
     """s = (rho, theta) of each point about the principal point; a turn is a straight path.
 
@@ -149,7 +150,6 @@ class PolarPoints(CornerFeature):
     cylindrical coordinate system, IEEE Transactions on Robotics 21(2), 2005.
     """
 
-    name = "polar_points"
     parts, periods = ("rho", "theta"), (0.0, TURN)
     part_tolerances, part_units = (TOLERANCE, 0.005), ("", "rad")
 
@@ -168,6 +168,7 @@ class PolarPoints(CornerFeature):
         return np.stack([c * x + s * y, (c * y - s * x) / rho], axis=1).reshape(-1, 6)
 
 
+@FEATURES.register("points_3d")
 class Points3D(CornerFeature):
     """s = (X, Y, Z) of each point in the camera's frame, m; Z by the observation's plane.
 
@@ -175,7 +176,6 @@ class Points3D(CornerFeature):
     features, World Automation Congress 1996.
     """
 
-    name = "points_3d"
     parts, periods = ("X", "Y", "Z"), (0.0, 0.0, 0.0)
     part_tolerances, part_units = PLACE, ("m", "m", "m")
 
@@ -194,13 +194,13 @@ class Points3D(CornerFeature):
         return L.reshape(-1, 6)
 
 
+@FEATURES.register("depth")
 class Depth(CornerFeature):
     """s = log Z of the points' middle, so that s - s* = log(Z / Z*): ViSP's vpFeatureDepth.
 
     L = (0, 0, -1/Z, -y, x, 0), with (x, y) the image of that middle.
     """
 
-    name = "depth"
     parts, periods = ("log_Z",), (0.0,)
     part_tolerances, part_units = (0.005,), ("",)
     directions = (False, False, True, False, False, False)
@@ -249,6 +249,7 @@ class EdgeFeature(CornerFeature):
         return x, y, far_x, far_y, longer, angle
 
 
+@FEATURES.register("lines")
 class Lines(EdgeFeature):
     """s = (rho, theta) of each edge's line, x cos(theta) + y sin(theta) = rho.
 
@@ -256,7 +257,6 @@ class Lines(EdgeFeature):
     over the whole turn.
     """
 
-    name = "lines"
     parts, periods = ("rho", "theta"), (0.0, TURN)
     part_tolerances, part_units = (TOLERANCE, 0.005), ("", "rad")
 
@@ -275,10 +275,10 @@ class Lines(EdgeFeature):
         return np.stack([rho, angle], axis=1).reshape(-1, 6)
 
 
+@FEATURES.register("segments")
 class Segments(EdgeFeature):
     """s = (x_m, y_m, length, angle) of each edge: its middle, its size, its direction."""
 
-    name = "segments"
     parts, periods = ("xm", "ym", "length", "angle"), (0.0, 0.0, 0.0, TURN)
     part_tolerances = (TOLERANCE, TOLERANCE, 2.0 * TOLERANCE, 0.005)
     part_units = ("", "", "", "rad")
@@ -297,10 +297,10 @@ class Segments(EdgeFeature):
         return np.stack(rows, axis=1).reshape(-1, 6)
 
 
+@FEATURES.register("normalised_segments")
 class NormalisedSegments(EdgeFeature):
     """s = (x_m / l, y_m / l, 1 / l, angle) of each edge: nearly linear in the translation."""
 
-    name = "normalised_segments"
     parts, periods = ("xn", "yn", "inverse_length", "angle"), (0.0, 0.0, 0.0, TURN)
     part_tolerances = (0.005, 0.005, 0.01, 0.005)
     part_units = ("", "", "", "rad")
@@ -325,6 +325,7 @@ class NormalisedSegments(EdgeFeature):
         return np.stack(rows, axis=1).reshape(-1, 6)
 
 
+@FEATURES.register("vanishing_points")
 class VanishingPoints(CornerFeature):
     """s = (1/rho, alpha) of the vanishing points of a quadrilateral's two pairs of sides.
 
@@ -333,7 +334,6 @@ class VanishingPoints(CornerFeature):
     camera's frame, dD/dt = D x omega.
     """
 
-    name = "vanishing_points"
     parts, periods = ("inverse_rho", "alpha"), (0.0, TURN)
     part_tolerances, part_units = (0.005, 0.005), ("", "rad")
     directions = (False, False, False, True, True, True)

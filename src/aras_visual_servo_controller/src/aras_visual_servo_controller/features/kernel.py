@@ -35,10 +35,11 @@ from aras_visual_servo_camera.kernel import DELTA_X, DELTA_Y
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal, GoalKernel
 from ..seeing.observation import Need, Observation
-from .base import Feature, Measured, other_camera, wrap
+from .base import FEATURES, Feature, Measured, other_camera, wrap
 from .moments import LEVEL_CAMERA
 
 
+@FEATURES.register("kernel")
 class Kernel(Feature):
     """kernel_0, kernel_1 (place along rows and columns), kernel_2 (area), kernel_3 (angle).
 
@@ -51,7 +52,6 @@ class Kernel(Feature):
             white all: more than this many times the target's pixels is refused.
     """
 
-    name = "kernel"
     needs = frozenset((Need.KERNEL,))
     names = ("kernel_0", "kernel_1", "kernel_2", "kernel_3")
     # 1 % of kernel 0 and 1 is half a pixel, 2 % of kernel 2 is 1 % of the distance.

@@ -24,7 +24,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
-from .base import Feature, Measured, other_camera, plane_in
+from .base import FEATURES, Feature, Measured, other_camera, plane_in
 
 GREY = 0.2  # grey levels: what rounding and drawing amount to in a fit of two pictures of one view
 TOGETHER = 3.5  # a smoothed pixel's error counts so much in a fit: its neighbours have it as well
@@ -77,6 +77,7 @@ class _Rays:
         return L.reshape(6, -1)
 
 
+@FEATURES.register("luminance")
 class Luminance(Feature):
     """s = the grey level of every pixel; what goes to the law is its normal equations.
 
@@ -89,7 +90,6 @@ class Luminance(Feature):
             way that it converges from. damping: mu of Levenberg-Marquardt, H + mu diag(H).
     """
 
-    name = "luminance"
     needs = frozenset((Need.IMAGE,))
     names, tolerances, units = ("rms",), (1.5,), ("grey level",)
     stackable = False
@@ -211,10 +211,10 @@ class Luminance(Feature):
         return cv2.GaussianBlur(grey.astype(np.float32), (0, 0), self.blur)
 
 
+@FEATURES.register("luminance_lm")
 class LuminanceDamped(Luminance):
     """Levenberg-Marquardt on the grey levels, with the damping of Collewet and Marchand."""
 
-    name = "luminance_lm"
     damping: ClassVar[float] = 0.01
 
 
@@ -249,10 +249,10 @@ class LuminanceMap(Luminance):
         return (self._basis @ error).astype(float), (self._basis @ L.T).astype(float)
 
 
+@FEATURES.register("luminance_dct")
 class LuminanceDCT(LuminanceMap):
     """s = the lowest coefficients of the picture's cosine transform, but the mean."""
 
-    name = "luminance_dct"
     count: ClassVar[int] = 20
 
     def basis(self, rays: _Rays) -> np.ndarray:
@@ -266,13 +266,13 @@ class LuminanceDCT(LuminanceMap):
         return np.array([np.outer(down[p], across[q]).ravel() for p, q in orders])
 
 
+@FEATURES.register("luminance_pca")
 class LuminancePCA(LuminanceMap):
     """s = principal components of pictures that the goal's own picture gives when it is moved.
 
     The views are made from it: shifts, turns and scales, drawn by a fixed seed.
     """
 
-    name = "luminance_pca"
     count: ClassVar[int] = 20
     views: ClassVar[int] = 80
     spread: ClassVar[tuple[float, float, float]] = (0.1, 0.2, 0.1)  # of width, rad, of size
@@ -300,10 +300,10 @@ class LuminancePCA(LuminanceMap):
         return vectors[:, chosen].T @ V
 
 
+@FEATURES.register("photometric_moments")
 class PhotometricMoments(LuminanceMap):
     """s = moments up to the third order of the grey levels, weighted to fade towards the rim."""
 
-    name = "photometric_moments"
     order: ClassVar[int] = 3
 
     def basis(self, rays: _Rays) -> np.ndarray:

@@ -13,7 +13,7 @@ from aras_visual_servo_camera.interaction import Plane
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Observation
-from .base import Measured, plane_in
+from .base import FEATURES, Measured, plane_in
 from .luminance import Luminance, grey_of
 from .points import places as places_of
 from .points import point_interaction
@@ -26,6 +26,7 @@ ASIDE = 0.25  # px that SIFT finds keypoints too far right and down: it doubles 
 FARTHEST = 500.0  # goal's depths that a match is away at most: it may lie beyond the horizon
 
 
+@FEATURES.register("matches")
 class Matches(Luminance):
     """s = (x, y) of every keypoint that is matched with one of the goal's picture.
 
@@ -35,7 +36,6 @@ class Matches(Luminance):
     image; judged is their root mean squared distance, in normalised coordinates.
     """
 
-    name = "matches"
     names, tolerances, units = ("rms",), (0.001,), ("",)
     detector: ClassVar[str] = "sift"
     count: ClassVar[int] = 500
@@ -124,18 +124,18 @@ class Matches(Luminance):
         )
 
 
+@FEATURES.register("matches_orb")
 class MatchesORB(Matches):
     """The same by ORB: ten times as fast, and less sure."""
 
-    name = "matches_orb"
     detector: ClassVar[str] = "orb"
     widest: ClassVar[int] = 640
 
 
+@FEATURES.register("matches_pose")
 class MatchesPose(Matches):
     """Position-based on the same matches: s = (g_t_c, theta u) of the plane's points."""
 
-    name = "matches_pose"
     stackable = True
     names, tolerances, units = zip(*PoseInGoalFrame.rows, strict=True)
 

@@ -8,70 +8,72 @@ servoing of planar objects, IEEE T-RO 21(6), 2005. A user's own is a subclass wi
 
 from __future__ import annotations
 
+from .base import FEATURES
 from .moments import ALPHA, ASIDE, AWAY, LEVEL_CAMERA, MomentFeature
 
 
+@FEATURES.register("basic_moments")
 class BasicMoments(MomentFeature):
     """s = m00, m10, m01, m20, m11, m02 about the principal point: ViSP's vpFeatureMomentBasic."""
 
-    name = "basic_moments"
     formulas = names = ("m00", "m10", "m01", "m20", "m11", "m02")
     tolerances, units = (1e-4, 1e-4, 1e-4, 1e-5, 1e-5, 1e-5), ("",) * 6
 
 
+@FEATURES.register("centred_moments")
 class CentredMoments(MomentFeature):
     """s = mu20, mu11, mu02, mu30, mu21, mu12, mu03: ViSP's vpFeatureMomentCentered."""
 
-    name = "centred_moments"
     formulas = names = ("mu20", "mu11", "mu02", "mu30", "mu21", "mu12", "mu03")
     tolerances, units = (1e-5,) * 3 + (1e-6,) * 4, ("",) * 7
 
 
+@FEATURES.register("gravity_centre")
 class GravityCentre(MomentFeature):
     """s = xg, yg: ViSP's vpFeatureMomentGravityCenter."""
 
-    name = "gravity_centre"
     formulas = names = ("xg", "yg")
     tolerances, units = (0.001, 0.001), ("", "")
     directions = (True, True, False, False, False, False)
 
 
+@FEATURES.register("gravity_centre_normalised")
 class NormalisedGravityCentre(MomentFeature):
     """s = xn, yn = an (xg, yg), m: linear in the translation."""
 
-    name = "gravity_centre_normalised"
     formulas = names = ("xn", "yn")
     tolerances, units = (ASIDE, ASIDE), ("m", "m")
     directions = (True, True, False, False, False, False)
 
 
+@FEATURES.register("area")
 class Area(MomentFeature):
     """s = a, the target's area in the normalised image: ViSP's vpFeatureMomentArea."""
 
-    name = "area"
     formulas = names = ("area",)
     tolerances, units = (1e-4,), ("",)
     directions = (False, False, True, False, False, False)
 
 
+@FEATURES.register("area_normalised")
 class NormalisedArea(MomentFeature):
     """s = an = Z* sqrt(a* / a), m: the depth of a target square on."""
 
-    name = "area_normalised"
     formulas = names = ("an",)
     tolerances, units = (AWAY,), ("m",)
     directions = (False, False, True, False, False, False)
 
 
+@FEATURES.register("alpha")
 class Alpha(MomentFeature):
     """s = alpha, rad, the orientation; over the whole turn where the shape has a direction."""
 
-    name = "alpha"
     formulas = names = (ALPHA,)
     tolerances, units = (0.005,), ("rad",)
     directions = (False, False, False, False, False, True)
 
 
+@FEATURES.register("ellipse")
 class Ellipse(MomentFeature):
     """s = xg, yg, n20, n11, n02 with n = mu / m00: of an ellipse or a circle, vpFeatureEllipse.
 
@@ -79,56 +81,55 @@ class Ellipse(MomentFeature):
     A turn about its axis of symmetry is not seen.
     """
 
-    name = "ellipse"
     formulas = ("xg", "yg", "mu20 / m00", "mu11 / m00", "mu02 / m00")
     names = ("xg", "yg", "n20", "n11", "n02")
     tolerances, units = (0.001, 0.001, 1e-5, 1e-5, 1e-5), ("",) * 5
 
 
+@FEATURES.register("invariants")
 class Invariants(MomentFeature):
     """s = C1 ... C10 of Tahri and Chaumette 2005: a turn, a shift, a scale leave them alone.
 
     They tell the two tilts: ViSP's vpFeatureMomentCInvariant.
     """
 
-    name = "invariants"
     formulas = names = tuple(f"C{k}" for k in range(1, 11))
     tolerances, units = (0.01,) * 10, ("",) * 10
     directions = (False, False, False, True, True, False)
 
 
+@FEATURES.register("sx_sy")
 class Skewness(MomentFeature):
     """s = Sx, Sy of Chaumette 2004: the two tilts of a target without symmetry."""
 
-    name = "sx_sy"
     formulas = names = ("Sx", "Sy")
     tolerances, units = (0.001, 0.001), ("", "")
     directions = (False, False, False, True, True, False)
 
 
+@FEATURES.register("px_py")
 class Symmetry(MomentFeature):
     """s = Px, Py of Chaumette 2004: the two tilts of a target with a symmetry."""
 
-    name = "px_py"
     formulas = names = ("Px", "Py")
     tolerances, units = (0.001, 0.001), ("", "")
     directions = (False, False, False, True, True, False)
 
 
+@FEATURES.register("moments_pitch")
 class MomentsPitch(MomentFeature):
     """xn, yn, an, alpha, and Sy for the pitch: the paper's moments with a fifth direction."""
 
-    name = "moments_pitch"
     formulas = names = ("xn", "yn", "an", "Sy", ALPHA)
     tolerances = (ASIDE, ASIDE, AWAY, 0.001, 0.005)
     units = ("m", "m", "m", "", "rad")
     directions = (*LEVEL_CAMERA[:4], True, True)
 
 
+@FEATURES.register("moments_six")
 class MomentsSix(MomentFeature):
     """xn, yn, an, Sx, Sy, alpha: all six directions, of a target without symmetry."""
 
-    name = "moments_six"
     formulas = names = ("xn", "yn", "an", "Sx", "Sy", ALPHA)
     tolerances = (ASIDE, ASIDE, AWAY, 0.001, 0.001, 0.005)
     units = ("m", "m", "m", "", "", "rad")

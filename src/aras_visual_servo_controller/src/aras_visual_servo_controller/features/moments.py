@@ -30,7 +30,7 @@ from aras_visual_servo_camera.moments import Moments
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
-from .base import DepthPart, Feature, Measured, wrap
+from .base import FEATURES, DepthPart, Feature, Measured, wrap
 
 LEVEL_CAMERA = (True, True, True, False, False, True)  # vx, vy, vz, wz
 ALPHA, FULL_ALPHA = "alpha", "alpha_full"
@@ -202,10 +202,10 @@ class MomentFeature(Feature):
         return Plane(*(normal / (facing * depth)).tolist())
 
 
+@FEATURES.register("moments")
 class ImageMoments(MomentFeature):
     """xn, yn, an (m) and alpha (rad), for vx, vy, vz and wz."""
 
-    name = "moments"
     formulas = names = camera_features.PAPER
     # The means of a second: a friction of the joints leaves less, the noisy camera a tenth.
     tolerances = (ASIDE, ASIDE, AWAY, 0.005)

@@ -26,7 +26,7 @@ from aras_visual_servo_camera.moments import signed_area
 from ..errors import BEHIND, ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
-from .base import Feature, Measured, plane_in
+from .base import FEATURES, Feature, Measured, plane_in
 
 # Of a goal that this camera has shown, image and goal are measured with nearly the same errors.
 # They differ by NEARLY of a pixel, and CHANGING of the distance by which the points are off.
@@ -206,10 +206,10 @@ class PointFeature(Feature):
         return np.roll(points, -int(good[chosen]), axis=0), up_to
 
 
+@FEATURES.register("points")
 class Points(PointFeature):
     """Corners of the segmented target's outline."""
 
-    name = "points"
     needs = frozenset((Need.CORNERS,))
     ordered: ClassVar[bool] = False
 

@@ -21,7 +21,7 @@ from aras_visual_servo_base.poses import exponential, rotation_vector, rotation_
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Observation
-from .base import DepthPart, Measured
+from .base import FEATURES, DepthPart, Measured
 from .corners import NumberedPoints
 from .points import TOLERANCE, point_interaction
 from .points import places as places_of
@@ -96,10 +96,10 @@ METRES = tuple((name, DepthPart(TOLERANCE), "m") for name in ("tx", "ty", "tz"))
 RADIANS = tuple((name, 0.003, "rad") for name in ("ux", "uy", "uz"))
 
 
+@FEATURES.register("theta_u")
 class ThetaU(RelativePose):
     """s = theta u of g_R_c, rad: L = (0, J), J the inverse right Jacobian of the rotation."""
 
-    name = "theta_u"
     rows = RADIANS
     directions = (False, False, False, True, True, True)
 
@@ -108,10 +108,10 @@ class ThetaU(RelativePose):
         return _turn(c_T_g)
 
 
+@FEATURES.register("translation")
 class Translation(RelativePose):
     """s = g_t_c, m, in the goal's frame: the camera flies straight. L = (g_R_c, 0)."""
 
-    name = "translation"
     rows = METRES
     directions = (True, True, True, False, False, False)
 
@@ -120,13 +120,13 @@ class Translation(RelativePose):
         return _place(c_T_g)
 
 
+@FEATURES.register("translation_camera")
 class TranslationCamera(RelativePose):
     """s = c_t_o, m, in the camera's frame: the target's middle goes straight in the image.
 
     L = (-1, [c_t_o]x).
     """
 
-    name = "translation_camera"
     rows = METRES
 
     def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -135,10 +135,10 @@ class TranslationCamera(RelativePose):
         return place, np.hstack([-np.eye(3), skew(place)])
 
 
+@FEATURES.register("pose")
 class PoseInGoalFrame(RelativePose):
     """Position-based: s = (g_t_c, theta u), translation in the goal's frame."""
 
-    name = "pose"
     rows = METRES + RADIANS
 
     def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -146,16 +146,16 @@ class PoseInGoalFrame(RelativePose):
         return in_goal_frame(c_T_g)
 
 
+@FEATURES.register("model")
 class ModelPose(PoseInGoalFrame):
     """PoseInGoalFrame by the pose of a known mesh, which the tracker 'model' follows."""
 
-    name = "model"
 
 
+@FEATURES.register("pose_camera")
 class PoseCamera(RelativePose):
     """Position-based: s = (c_t_o, theta u), translation in the camera's frame."""
 
-    name = "pose_camera"
     rows = METRES + RADIANS
 
     def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -164,10 +164,10 @@ class PoseCamera(RelativePose):
         return _joined(place, _turn(c_T_g))
 
 
+@FEATURES.register("two_and_half_d")
 class TwoAndHalfD(RelativePose):
     """2 1/2 D: s = (x, y, log Z, theta u), the image of the points' middle, its depth, the turn."""
 
-    name = "two_and_half_d"
     rows = (("x", 0.001, ""), ("y", 0.001, ""), ("log_Z", 0.005, ""), *RADIANS)
 
     def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

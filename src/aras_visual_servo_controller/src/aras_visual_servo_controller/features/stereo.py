@@ -17,7 +17,7 @@ from aras_visual_servo_base.poses import relative, skew
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
-from .base import Feature, Measured
+from .base import FEATURES, Feature, Measured
 from .corners import PLACE, NumberedPoints
 from .points import accuracy_beside
 from .pose import FLATTEST, PoseInGoalFrame, in_goal_frame
@@ -26,10 +26,10 @@ NEAREST = 2e-3  # part of the depth between two cameras, below which they tell n
 STEP = 1e-6  # normalised length, of differences
 
 
+@FEATURES.register("stereo_points")
 class StereoPoints(Feature):
     """s = (X, Y, Z) of each corner in the frame of the first of two cameras, m: L = [-1  [X]x]."""
 
-    name = "stereo_points"
     needs = frozenset((Need.CORNERS,))
     reads: ClassVar[int] = 2
 
@@ -141,10 +141,10 @@ class StereoPoints(Feature):
         return np.stack(found), min(blind)
 
 
+@FEATURES.register("stereo_pose")
 class StereoPose(StereoPoints):
     """Position-based: s = (g_t_c, theta u) of the rigid motion between goal's and seen places."""
 
-    name = "stereo_pose"
 
     def of_places(
         self, places: np.ndarray, desired: np.ndarray

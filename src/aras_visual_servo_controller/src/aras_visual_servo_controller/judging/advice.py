@@ -59,7 +59,9 @@ def lower_gain(scheme: Scheme | JointController, frequency: float | None) -> Rem
         factor = min(max(factor, DEEPEST_CUT), LEAST_CUT)
         return Remedy(advice, multiply("gain", factor))
     if hasattr(law, "zero") and hasattr(law, "infinity"):
-        return Remedy(advice, multiply("gain_zero", 0.3), multiply("gain_infinity", 0.3))
+        return Remedy(advice,
+            advice, multiply("law_options.zero", 0.3), multiply("law_options.infinity", 0.3)
+        )
     return Remedy(advice)
 
 

@@ -1,20 +1,7 @@
-"""Control laws: how fast each error should shrink."""
+"""Control laws: how fast each error should shrink. One file a law, `LAWS` has them by name."""
 
-from .base import Law
-from .dynamic import ProportionalIntegral, SlidingMode
-from .proportional import Adaptive, Diagonal, Proportional
-from .registry import LAWS, create_law
-from .wrappers import ContinuousStart, Ramp
+from .base import LAWS, Law
+from .proportional import Proportional
+from .registry import create_law
 
-__all__ = [
-    "LAWS",
-    "Adaptive",
-    "ContinuousStart",
-    "Diagonal",
-    "Law",
-    "Proportional",
-    "ProportionalIntegral",
-    "Ramp",
-    "SlidingMode",
-    "create_law",
-]
+__all__ = ["LAWS", "Law", "Proportional", "create_law"]

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import ClassVar
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
 
 import numpy as np
+
+from aras_visual_servo_base.registry import Registry
+from aras_visual_servo_base.settings import check, parameter
 
 from ..errors import ConfigurationError
 
@@ -14,20 +17,34 @@ from ..errors import ConfigurationError
 GREATEST_GAIN = 1000.0
 
 
-class Law(ABC):
-    """From the error to its wanted rate; may keep state, which `reset` clears.
+def gain(default: float, help: str = "decay rate of the error") -> Any:
+    """Return the declaration of a parameter that is a gain, 1/s."""
+    return parameter(default, "1/s", above=0.0, most=GREATEST_GAIN, help=help)
 
-    Numbers that may be changed while it runs (by dynamic_reconfigure) are plain attributes named
-    in `gains`; `change` sets them, `check` refuses bad ones.
+
+@dataclass(eq=False)
+class Law(ABC):
+    """From the error to its desired rate; may keep state, which `reset` clears.
+
+    Its parameters are annotated attributes, `gain: float = 5.0`, or declared with unit and bounds
+    by `settings.parameter`: every law is a dataclass. Those that are numbers may be changed while
+    the law runs, by dynamic_reconfigure too.
 
     Attributes:
-        title: of the law, for messages.
-        greatest: of the numbers that have to be above 0, by name; inf: there is none.
+        name: short name, for messages.
     """
 
-    gains: tuple[str, ...] = ()
-    title: ClassVar[str] = ""
-    greatest: ClassVar[Mapping[str, float]] = {}
+    name: ClassVar[str] = ""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Make a dataclass of every law, and name it after its class unless it is registered."""
+        super().__init_subclass__(**options)
+        cls.name = cls.__name__
+        dataclass(eq=False)(cls)
+
+    def __post_init__(self) -> None:
+        self.check()
+        self.reset()
 
     @abstractmethod
     def rate(
@@ -38,7 +55,7 @@ class Law(ABC):
         t: float,
         dt: float,
     ) -> np.ndarray:
-        """The wanted rate of the error (k,), 1/s times its unit.
+        """The desired rate of the error (k,), 1/s times its unit.
 
         Args:
             error: (k,) s - s*.
@@ -48,44 +65,37 @@ class Law(ABC):
             dt: s since the previous image; 0.0 for the first.
         """
 
-    def reset(self) -> None:
-        """Begin anew: forget integrals and the time of the start."""
+    def reset(self) -> None:  # noqa: B027 - a law without state has nothing to forget
+        """Forget integrals and the time of the start."""
 
     def check(self) -> None:
-        """Refuse gains that cannot be, also those that do not go together.
+        """Refuse parameters that are out of bounds, or do not go together.
 
         Raises:
-            ConfigurationError: naming the gain, its value and what would be right.
+            ConfigurationError: naming the parameter, its value and what would be right.
         """
-        for name, most in self.greatest.items():
-            check_gain(self.title, name, getattr(self, name), most)
+        check(self, ConfigurationError, f"law {self.name}: ")
 
-    def change(self, **gains: float) -> None:
-        """Take other gains, also while it runs; those that are not named stay.
+    def numbers(self) -> dict[str, float]:
+        """Return the parameters that may be changed while the law runs, by name."""
+        own = {field.name: getattr(self, field.name) for field in fields(self) if field.init}
+        return {name: value for name, value in own.items() if isinstance(value, float)}
+
+    def change(self, **parameters: float) -> None:
+        """Change parameters, also while the law runs; those that are not named stay.
 
         Raises:
             ConfigurationError: as `check`; all are as they were then.
         """
-        before = {name: getattr(self, name) for name in gains if hasattr(self, name)}
+        before = {name: getattr(self, name) for name in parameters if hasattr(self, name)}
         try:
-            for name, value in gains.items():
+            for name, value in parameters.items():
                 setattr(self, name, value)
             self.check()
         except ConfigurationError:
             for name, value in before.items():
                 setattr(self, name, value)
             raise
-        for name, value in gains.items():
-            setattr(self, name, float(value))
 
 
-def check_gain(owner: str, name: str, value: object, most: float = GREATEST_GAIN) -> None:
-    """Raise ConfigurationError unless the value is a finite number above 0 and not above `most`."""
-    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    if not (number and np.isfinite(value) and value > 0.0):
-        raise ConfigurationError(f"{owner}: {name} is {value!r}, it must be a number above 0")
-    if value > most:
-        raise ConfigurationError(
-            f"{owner}: {name} is {value:g} 1/s, more than {most:g}: no camera is that fast (a gain "
-            "of 5 settles within a second)"
-        )
+LAWS = Registry("law", __package__, (Law,), ConfigurationError)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from aras_visual_servo_base.settings import parameter
+
 from .base import Law
 
 
@@ -15,12 +17,8 @@ class ContinuousStart(Law):
     F. Chaumette, Task sequencing for high-level sensor-based control, IEEE T-RO 23(1), 2007.
     """
 
-    gains, title, greatest = ("mu",), "continuous start", {"mu": np.inf}
-
-    def __init__(self, law: Law, mu: float = 4.0) -> None:
-        self.law = law
-        self.change(mu=mu)
-        self.reset()
+    law: Law = parameter(internal=True)
+    mu: float = parameter(4.0, "1/s", above=0.0, help="rate at which the first motion is let in")
 
     def reset(self) -> None:
         """See Law.reset."""
@@ -41,12 +39,8 @@ class ContinuousStart(Law):
 class Ramp(Law):
     """The wanted rate of the law inside, rising from 0 as 1 - exp(-t / time). time in s."""
 
-    gains, title, greatest = ("time",), "ramp", {"time": np.inf}
-
-    def __init__(self, law: Law, time: float = 0.1) -> None:
-        self.law = law
-        self.change(time=time)
-        self.reset()
+    law: Law = parameter(internal=True)
+    time: float = parameter(0.1, "s", above=0.0, help="time constant")
 
     def reset(self) -> None:
         """See Law.reset."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import rospy
 
+from aras_visual_servo_base.registry import declared_parameters
 from aras_visual_servo_ros.parameters import Value
 from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 
@@ -31,10 +32,12 @@ class GainServer:
             return
         fields = []
         for name, law in laws.items():
-            gain = getattr(law, name)
-            most = min(law.greatest.get(name, GREATEST_GAIN), GREATEST_GAIN)
-            fields.append(Field(name, "double", gain, min(LEAST, gain), max(most, gain),
-                                f"{name} of the law"))  # fmt: skip
+            value = getattr(law, name)
+            help = next(p.help for p in declared_parameters(type(law)) if p.name == name)
+            fields.append(Field(
+                name, "double", value, min(LEAST, value), max(GREATEST_GAIN, value),
+                help or f"{name} of the law",
+            ))  # fmt: skip
         self._server = ReconfigureServer(rospy.resolve_name(NAMESPACE), fields, {}, self._apply)
 
     def _apply(self, values: dict[str, Value]) -> None:
@@ -65,8 +68,7 @@ def _laws(servo: Servo) -> dict[str, Law]:
     laws: dict[str, Law] = {}
     law = getattr(servo.scheme, "law", None)
     while isinstance(law, Law):
-        for name in law.gains:
-            if isinstance(getattr(law, name, None), float):
-                laws.setdefault(name, law)
+        for name in law.numbers():
+            laws.setdefault(name, law)
         law = getattr(law, "law", None)
     return laws

@@ -1,8 +1,8 @@
 """Schemes: what a user names. Most are features with a law."""
 
-from .base import Decision, JointController, Scheme
+from .base import SCHEMES, Decision, JointController, Scheme
 from .composed import INTERACTIONS, Composed
-from .registry import SCHEMES, create_scheme
+from .registry import create_scheme
 
 __all__ = [
     "INTERACTIONS",

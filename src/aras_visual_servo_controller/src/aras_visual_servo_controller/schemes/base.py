@@ -9,9 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from aras_visual_servo_base.registry import Registry
+
 from ..arm.task import Task
+from ..errors import ConfigurationError
+from ..features.base import FEATURES, Feature
 from ..goals.goal import Goal
-from ..laws import Law, Proportional
+from ..laws import Law
+from ..laws.proportional import Proportional
 from ..seeing.joint_sample import JointSample
 from ..seeing.observation import Need, Observation
 
@@ -150,3 +155,9 @@ class JointController(SchemeBase):
     def reset(self, arm: Arm) -> None:
         """Begin anew with this arm."""
         self.arm = arm
+
+
+# The name of a feature is also that of the scheme of this feature alone.
+SCHEMES = Registry(
+    "scheme", __package__, (Scheme, JointController, Feature), ConfigurationError, (FEATURES,)
+)

@@ -10,10 +10,11 @@ from ..arm.task import Task
 from ..features.moments import LEVEL_CAMERA, ImageMoments
 from ..goals.goal import Goal
 from ..seeing.observation import Observation
-from .base import Decision
+from .base import SCHEMES, Decision
 from .of_feature import OfFeature
 
 
+@SCHEMES.register("moments_2016")
 class Laboratory2016(OfFeature):
     """The paper's features with the laboratory's inverse matrix and the ratio of its gains.
 

@@ -13,12 +13,13 @@ from ..features.base import wrap
 from ..features.corners import NumberedPoints
 from ..goals.goal import Goal
 from ..seeing.observation import Observation
-from .base import Decision
+from .base import SCHEMES, Decision
 from .of_feature import OfFeature
 
 ALONG = np.array([False, False, True, False, False, True])  # vz, wz
 
 
+@SCHEMES.register("partitioned")
 class Partitioned(OfFeature):
     """vz by the root of the points' area, wz by the angle of their first edge, the rest by L.
 

@@ -12,12 +12,13 @@ from ..features.corners import NumberedPoints
 from ..goals.goal import Goal
 from ..laws import Law
 from ..seeing.observation import Observation
-from .base import Decision
+from .base import SCHEMES, Decision
 from .of_feature import OfFeature
 
 GAIN = 1.0  # 1/s, of a law that says none
 
 
+@SCHEMES.register("predictive")
 class Predictive(OfFeature):
     """The twist whose predicted path of the points fits a decay best and never leaves the picture.
 

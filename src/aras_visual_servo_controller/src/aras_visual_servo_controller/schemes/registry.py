@@ -1,4 +1,4 @@
-"""Schemes by name: what is shipped, and a user's own Scheme, Feature or JointController."""
+"""Make a scheme by its name: a Scheme, a JointController, or Features with a law."""
 
 from __future__ import annotations
 
@@ -6,27 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aras_visual_servo_base.names import construct, find_class
+from aras_visual_servo_base.registry import construct
 
 from ..errors import ConfigurationError
 from ..features.base import Feature
-from ..features.of_camera import OfCamera
-from ..features.registry import FEATURES
 from ..laws import Law
 from ..seeing.observation import Need
-from .base import JointController, Scheme
+from .base import SCHEMES, JointController, Scheme
 from .composed import Composed
-from .laboratory import Laboratory2016
-from .partitioned import Partitioned
-from .predictive import Predictive
-
-# Beside these every feature's name is a scheme of that feature alone.
-SCHEMES: dict[str, type[Scheme] | type[JointController] | type[Feature]] = {
-    **FEATURES,
-    "moments_2016": Laboratory2016,
-    "partitioned": Partitioned,
-    "predictive": Predictive,
-}
 
 
 def create_scheme(
@@ -54,8 +41,7 @@ def create_scheme(
     for part, read in zip(parts, cameras, strict=True):
         if part[1] and not (part[2].strip() and all(read)):
             raise ConfigurationError(f"scheme '{name}': a camera's name is missing behind the @")
-    bases = (Scheme, JointController, Feature)
-    found = [find_class("scheme", part, SCHEMES, bases, ConfigurationError) for part in names]
+    found = [SCHEMES.find(part) for part in names]
     if len(found) == 1 and not issubclass(found[0], Feature):
         cls = found[0]
         given = {k: v for k, v in options.items() if v not in (None, "", "current", 0.0)}
@@ -106,6 +92,8 @@ def _read_by(feature: Feature, name: str, cameras: tuple[str, ...]) -> Feature:
     if not cameras:
         return feature
     if count == 1:
+        from ..features.of_camera import OfCamera
+
         return OfCamera(feature, cameras[0])
     feature.cameras = cameras
     return feature

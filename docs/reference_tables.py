@@ -1,0 +1,167 @@
+"""Fill the tables of READMEs and of docs/ from the classes and registries that they show.
+
+    PYTHONPATH=$(ls -d src/*/src | paste -sd:) .venv/bin/python docs/reference_tables.py
+
+What stands between a pair of comments is replaced, everything else stays:
+
+    <!-- fields module:Class -->      attributes, by the class's docstring
+    <!-- settings module:Class -->    settings with default, unit and meaning
+    <!-- registry module:NAME -->     entries with their parameters and the first line of their docs
+    <!-- schemes module:NAME -->      the same of features and schemes, with what they need and move
+    <!-- end -->
+
+In a launch file `<!-- names module:NAME -->` stands before an argument, whose help lists a
+registry's names: "Control law: pi, ..., or package.module:Class".
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import importlib
+import inspect
+import re
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from aras_visual_servo_base.registry import Parameter, Registry
+from aras_visual_servo_base.settings import default_of
+
+ROOT = Path(__file__).resolve().parents[1]
+TABLE = re.compile(r"(<!-- (\w+) ([\w.]+):(\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+NAMES = re.compile(
+    r'(<!-- names ([\w.]+):(\w+) -->\s*<arg [^>]*?doc="[^":]*: )[^"]*?(, or )', re.DOTALL
+)
+HEADING = re.compile(r"^Attributes\b.*:$")
+ENTRY = re.compile(r"^ {0,4}(\w+(?:, \w+)*): (.*)$")
+AXES = ("vx", "vy", "vz", "ωx", "ωy", "ωz")
+
+
+def entries(lines: Iterable[str]) -> list[tuple[str, str]]:
+    """Read names, with commas, and what is said of them, from `name: text` lines."""
+    found: list[tuple[str, str]] = []
+    for line in lines:
+        if entry := ENTRY.match(line):
+            found.append((entry[1], entry[2]))
+        elif found and line.startswith("    "):
+            found[-1] = (found[-1][0], f"{found[-1][1]} {line.strip()}")
+        elif found:
+            break
+    return found
+
+
+def attributes(documented: type) -> list[tuple[str, str]]:
+    """Read the attributes of a class from its docstring's list.
+
+    One without such a list, as a named tuple's, is a row: its fields, and its first sentence.
+    """
+    lines = inspect.getdoc(documented).splitlines()
+    begin = next((i for i, line in enumerate(lines) if HEADING.match(line)), None)
+    if begin is None:
+        return [(", ".join(documented._fields), lines[0])]
+    return entries(lines[begin + 1 :])
+
+
+def fields_table(documented: type) -> list[str]:
+    """Return the table of a class's attributes."""
+    rows = [f"| {documented.__name__} | |", "|---|---|"]
+    for names, text in attributes(documented):
+        shown = ", ".join(f"`{name}`" for name in names.split(", "))
+        rows.append(f"| {shown} | {cell(text)} |")
+    return rows
+
+
+def settings_table(documented: type) -> list[str]:
+    """Return the table of a dataclass's settings; their meaning is in its docstring, or where
+    the default comes from in that of the class which has it too."""
+    meanings = dict(entries(inspect.getdoc(documented).split("\n\n", 1)[-1].splitlines()))
+    for base in map(inspect.getdoc, getattr(documented, "documented_by", ())):
+        meanings = dict(entries(base.splitlines())) | meanings
+    rows = ["| name | default | unit | meaning |", "|---|---|---|---|"]
+    for field in dataclasses.fields(documented):
+        if not field.metadata.get("internal"):
+            unit = field.metadata.get("unit", "")
+            text = meanings[field.name].removeprefix(unit).lstrip(", ").rstrip(".")
+            default = default_of(field)
+            shown = "" if default == "" else f"`{default}`"
+            rows.append(f"| `{field.name}` | {shown} | {unit} | {cell(text)} |")
+    return rows
+
+
+def registry_table(registry: Registry) -> list[str]:
+    """Return the table of a registry's entries."""
+    rows = ["| name | what it is | parameters |", "|---|---|---|"]
+    for name in registry:
+        parameters = "; ".join(map(parameter_text, registry.parameters(name)))
+        rows.append(f"| `{name}` | {cell(first_line(registry[name]))} | {cell(parameters)} |")
+    return rows
+
+
+def schemes_table(registry: Registry) -> list[str]:
+    """Return the table of features and schemes."""
+    rows = ["| name | what it is | needs | moves |", "|---|---|---|---|"]
+    for name in registry:
+        made = registry.create(name)
+        needs = ", ".join(sorted(need.value for need in made.needs))
+        directions = getattr(made, "directions", None)
+        moves = "" if directions is None else " ".join(
+            axis for axis, modelled in zip(AXES, directions, strict=True) if modelled
+        )
+        moves = "all six" if directions is not None and all(directions) else moves
+        rows.append(f"| `{name}` | {cell(first_line(registry[name]))} | {needs} | {moves} |")
+    return rows
+
+
+KINDS: Mapping[str, Callable[[Any], list[str]]] = {
+    "fields": fields_table, "settings": settings_table, "registry": registry_table,
+    "schemes": schemes_table,
+}  # fmt: skip
+
+
+def parameter_text(parameter: Parameter) -> str:
+    """Return `name` = default unit: help, of a parameter."""
+    default = "" if parameter.default is None else f" = {parameter.default:g} {parameter.unit}"
+    return f"`{parameter.name}`{default.rstrip()}, {parameter.help}"
+
+
+def first_line(documented: type) -> str:
+    """Return the first line of a docstring, without its full stop."""
+    return inspect.getdoc(documented).splitlines()[0].rstrip(".")
+
+
+def cell(text: str) -> str:
+    """Return a text as a cell of a table has it."""
+    return text.replace("|", "\\|")
+
+
+def filled(page: str) -> str:
+    """Return a page with its tables as classes and registries have them now."""
+
+    def table(match: re.Match[str]) -> str:
+        shown = getattr(importlib.import_module(match[3]), match[4])
+        return "\n".join([match[1], *KINDS[match[2]](shown), "", match[5]])
+
+    def names(match: re.Match[str]) -> str:
+        return match[1] + ", ".join(getattr(importlib.import_module(match[2]), match[3])) + match[4]
+
+    return NAMES.sub(names, TABLE.sub(table, page))
+
+
+def pages() -> list[Path]:
+    """Return the pages that have such tables."""
+    kinds = ("*.md", "docs/*.md", "src/*/*.md", "src/*/launch/*.launch")
+    every = {path: path.read_text(encoding="utf-8") for kind in kinds for path in ROOT.glob(kind)}
+    return sorted(path for path, text in every.items() if TABLE.search(text) or NAMES.search(text))
+
+
+def main() -> None:
+    """Write the pages again."""
+    argparse.ArgumentParser(description=__doc__.splitlines()[0],
+                            epilog="example: docs/reference_tables.py").parse_args()
+    for path in pages():
+        path.write_text(filled(path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

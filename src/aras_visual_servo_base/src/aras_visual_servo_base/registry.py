@@ -1,0 +1,210 @@
+"""Registries: the classes of one kind by short name, each declared in a file of the kind's folder.
+
+    LAWS = Registry("law", "my_package.laws", (Law,), ConfigurationError)
+
+    @LAWS.register("proportional")
+    class Proportional(Law): ...
+
+A new entry is one file in the folder. Its parameters are fields that `settings.parameter` made.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple, TypeVar
+
+from .names import USER_FAULTS, Fault, imported, nearest, subclass, unknown, words
+from .settings import annotations, default_of, hint_words
+
+C = TypeVar("C", bound=type)
+
+
+class Parameter(NamedTuple):
+    """What a registry's entry declares of one parameter; `default` is None where one is needed."""
+
+    name: str
+    kind: str
+    default: Any
+    unit: str
+    bounds: str
+    help: str
+
+
+class Registry(Mapping[str, type]):
+    """Classes of one kind by short name.
+
+    The folder's modules are imported when an entry is first asked for: the module of the entry's
+    own name, and only where that does not declare it the others one by one.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        package: str,
+        bases: tuple[type, ...],
+        fault: Fault,
+        others: tuple[Registry, ...] = (),
+    ) -> None:
+        """Args:
+            kind: of the entries, for messages: 'law'.
+            package: full name of the folder whose modules declare entries.
+            bases: an entry derives from one of these.
+            fault: exception class of wrong names and parameters.
+            others: registries whose entries belong to this kind as well.
+        """
+        self.kind, self.bases, self.fault = kind, bases, fault
+        self._package, self._others = package, others
+        self._entries: dict[str, type] = {}
+        self._unread: list[str] | None = None  # modules of the folder that were not imported yet
+
+    def register(self, name: str) -> Callable[[C], C]:
+        """Return a class decorator that enters the class as `name`, and sets its attribute `name`.
+
+        Raises:
+            ValueError: the name is taken by another class.
+        """
+
+        def enter(cls: C) -> C:
+            taken = self._entries.get(name)
+            if taken is not None and taken.__qualname__ != cls.__qualname__:
+                raise ValueError(f"{self.kind} '{name}' is {taken.__module__}:{taken.__qualname__}")
+            self._entries[name] = cls
+            cls.name = name
+            return cls
+
+        return enter
+
+    def __getitem__(self, name: str) -> type:
+        registries = (self, *self._others)
+        for registry in registries:
+            if name in registry._modules():
+                registry._read(name)
+        for registry in registries:
+            while name not in registry._entries and registry._modules():
+                registry._read(registry._modules()[0])
+            if name in registry._entries:
+                return registry._entries[name]
+        raise KeyError(name)
+
+    def __contains__(self, name: object) -> bool:
+        try:
+            self[name]
+        except KeyError:
+            return False
+        return True
+
+    def __iter__(self) -> Iterator[str]:
+        while self._modules():
+            self._read(self._modules()[0])
+        return iter(sorted({*self._entries, *(name for other in self._others for name in other)}))
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    def _modules(self) -> list[str]:
+        """Return the names of the folder's modules that were not imported yet."""
+        if self._unread is None:
+            folder = importlib.import_module(self._package).__path__
+            self._unread = sorted(module.name for module in pkgutil.iter_modules(folder))
+        return self._unread
+
+    def _read(self, module: str) -> None:
+        """Import a module of the folder, which enters what it declares."""
+        self._modules().remove(module)
+        importlib.import_module(f"{self._package}.{module}")
+
+    def find(self, name: str) -> type:
+        """Return the class of a short name or of 'package.module:Class'.
+
+        Raises:
+            fault: no such name, module or class, or another kind of class.
+        """
+        if not all(str(name).partition(":")):
+            if name not in self:
+                raise self.fault(unknown(self.kind, name, self, own=True))
+            return self[name]
+        return subclass(self.kind, name, imported(self.kind, name, self.fault), self.bases,
+                        self.fault)  # fmt: skip
+
+    def create(self, name: str, /, *arguments: object, **options: object) -> Any:
+        """Return an instance of a short name or of 'package.module:Class'.
+
+        Raises:
+            fault: as `find`; options that the class does not take; what its constructor raised.
+        """
+        return construct(self.kind, name, self.find(name), self.fault, *arguments, **options)
+
+    def parameters(self, name: str) -> tuple[Parameter, ...]:
+        """Return what an entry declares of its parameters."""
+        return declared_parameters(self.find(name))
+
+
+def declared_parameters(cls: type) -> tuple[Parameter, ...]:
+    """Return the parameters of a class, which are the fields of a dataclass; none of another."""
+    if not dataclasses.is_dataclass(cls):
+        return ()
+    hints, found = annotations(cls), []
+    for field in dataclasses.fields(cls):
+        rules = field.metadata
+        if not field.init or rules.get("internal"):
+            continue
+        needed = field.default is field.default_factory is dataclasses.MISSING
+        bounds = " and ".join(
+            f"{sign} {rules[key]:g}"
+            for key, sign in (("least", ">="), ("above", ">"), ("most", "<="), ("below", "<"))
+            if rules.get(key) is not None
+        )
+        found.append(Parameter(
+            field.name, hint_words(hints[field.name]), None if needed else default_of(field),
+            rules.get("unit", ""), bounds or ", ".join(rules.get("choices", ())),
+            rules.get("help", ""),
+        ))  # fmt: skip
+    return tuple(found)
+
+
+def construct(
+    kind: str, name: str, cls: type, fault: Fault, /, *arguments: object, **options: object
+) -> Any:
+    """Return an instance of a class that may be a user's: whatever it raises becomes one line.
+
+    Raises:
+        fault: an option that it has not, one that it needs and was not given, or the constructor
+            failed.
+    """
+    check_options(kind, name, cls, fault, *arguments, **options)
+    try:
+        return cls(*arguments, **options)
+    except fault:
+        raise
+    except USER_FAULTS as error:
+        raise fault(f"{kind} '{name}': its constructor raised {words(error)}") from error
+
+
+def check_options(
+    kind: str, name: str, cls: type, fault: Fault, /, *arguments: object, **options: object
+) -> None:
+    """Refuse options that a class's constructor does not take, by name.
+
+    Raises:
+        fault: naming the option, and the nearest one that there is.
+    """
+    try:
+        signature = inspect.signature(cls)
+    except (TypeError, ValueError):
+        return  # one that does not say what it takes
+    taken = sorted(
+        key for key, one in signature.parameters.items()
+        if one.kind in (one.KEYWORD_ONLY, one.POSITIONAL_OR_KEYWORD)
+    )  # fmt: skip
+    if not any(one.kind is one.VAR_KEYWORD for one in signature.parameters.values()):
+        for option in options:
+            if option not in taken:
+                raise fault(f"{kind} '{name}' takes no '{option}': {nearest(option, taken)}")
+    try:
+        signature.bind(*arguments, **options)
+    except TypeError as error:
+        raise fault(f"{kind} '{name}': {error}") from error

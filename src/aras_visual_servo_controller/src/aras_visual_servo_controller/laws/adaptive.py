@@ -1,0 +1,40 @@
+"""The adaptive law: a gain that grows towards the goal."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.settings import parameter
+
+from ..errors import ConfigurationError
+from .base import LAWS, Law, gain
+
+
+@LAWS.register("adaptive")
+class Adaptive(Law):
+    """High gain near the goal, low far from it (ViSP's vpAdaptiveGain).
+
+    de/dt = -g(n) e,  g(n) = (zero - infinity) exp(-slope n / (zero - infinity)) + infinity, with
+    n the largest component of L^+ e (m and rad).
+    """
+
+    zero: float = gain(5.0, "gain at the goal")
+    infinity: float = gain(2.0, "gain far from the goal")
+    slope: float = parameter(30.0, "1/(s m)", above=0.0, help="slope of the gain at the goal")
+
+    def check(self) -> None:
+        """See Law.check."""
+        super().check()
+        if self.zero <= self.infinity:
+            raise ConfigurationError(
+                f"law {self.name}: zero is {self.zero:g} 1/s, it must exceed infinity, "
+                f"{self.infinity:g} 1/s"
+            )
+
+    def rate(
+        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    ) -> np.ndarray:
+        """See Law.rate."""
+        span = self.zero - self.infinity
+        size = float(np.abs(rotated_error).max())
+        return -(span * np.exp(-self.slope * size / span) + self.infinity) * error

@@ -1,0 +1,51 @@
+"""Tables of READMEs and documentation say what the classes and registries say."""
+
+import dataclasses
+import importlib
+import sys
+
+import pytest
+from blocks import ROOT
+
+
+@pytest.fixture
+def script(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    yield importlib.import_module("reference_tables")
+    sys.modules.pop("reference_tables")
+
+
+def test_the_pages_are_as_the_script_makes_them(script):
+    assert len(script.pages()) >= 2
+    for path in script.pages():
+        page = path.read_text(encoding="utf-8")
+        assert script.filled(page) == page, f"{path}: run docs/reference_tables.py"
+
+
+def test_every_field_of_a_shown_class_is_in_its_table(script):
+    shown = [found for path in script.pages() for found in script.TABLE.findall(path.read_text())]
+    assert len(shown) >= 10
+    for _, kind, module, name, _ in shown:
+        documented = getattr(importlib.import_module(module), name)
+        if kind == "fields" and dataclasses.is_dataclass(documented):
+            names = {word for names, _ in script.attributes(documented)
+                     for word in names.split(", ")}  # fmt: skip
+            assert {field.name for field in dataclasses.fields(documented)} - names == set(), name
+
+
+def test_what_a_docstring_changes_changes_the_page(script):
+    class Documented:
+        """One.
+
+        Attributes (of the class):
+            first, second: both,
+                in two lines | with a bar.
+            third: m.
+
+        Not this: one.
+        """
+
+    found = script.attributes(Documented)
+    assert found == [("first, second", "both, in two lines | with a bar."), ("third", "m.")]
+    assert "| `third` | m. |" in script.fields_table(Documented)
+    assert any(r"lines \| with" in row for row in script.fields_table(Documented))

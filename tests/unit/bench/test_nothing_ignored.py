@@ -131,7 +131,7 @@ KEYS = {
     "camera_rpy": Key([0.0, 0.02, 0.0], plants=ARMS),
     "noise": Key(6.0, **LIGHT), "jitter": Key(0.3, features=EXACT),
     "commands": Key("images", plants=LOOPS), "start": Key({"pose": [0.0, 0.01, *START[2:]]}),
-    "goal": Key({"pose": [0.0, 0.01, *GOAL[2:]]}), "scheme": Key("pose"), "law": Key("adaptive"),
+    "goal": Key({"pose": [0.0, 0.01, *GOAL[2:]]}), "scheme": Key("pose"), "law": Key("pi"),
     "gain": Key(3.0), "duration": Key(0.1), "reached": Key([1.0, 1.0]),
     "seed": Key(5, {"camera": {"effects": {"drop_probability": 0.5}}}),
     "options": Key({"interaction": "desired"}), "features": Key("pictures", features=EXACT),

@@ -121,8 +121,9 @@ KINDS: Mapping[str, Callable[[Any], list[str]]] = {
 
 def parameter_text(parameter: Parameter) -> str:
     """Return `name` = default unit: help, of a parameter."""
-    default = "" if parameter.default is None else f" = {parameter.default:g} {parameter.unit}"
-    return f"`{parameter.name}`{default.rstrip()}, {parameter.help}"
+    default = parameter.default
+    shown = f" = {default:g} {parameter.unit}" if isinstance(default, int | float) else ""
+    return f"`{parameter.name}`{shown.rstrip()}, {parameter.help}"
 
 
 def first_line(documented: type) -> str:

@@ -13,7 +13,7 @@ from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.markers import DICTIONARIES, SEARCHED, MarkerChoice
 from aras_visual_servo_camera.parameters import VisionParameters
 from aras_visual_servo_camera.pipeline import Pipeline
-from aras_visual_servo_camera.trackers import MarkerTracker
+from aras_visual_servo_camera.trackers.marker import MarkerTracker
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
 

@@ -30,7 +30,8 @@ from aras_visual_servo_bench.targets.files import (
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.outlines import NAMES, shape_of
 from aras_visual_servo_bench.targets.solids import PRIMITIVES
-from aras_visual_servo_camera.trackers import DotTracker, MarkerTracker
+from aras_visual_servo_camera.trackers.dots import DotTracker
+from aras_visual_servo_camera.trackers.marker import MarkerTracker
 
 GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
 GOAL = (0.05, 0.0, -0.09, 0.045, 0.045, 0.0)

@@ -30,7 +30,9 @@ from aras_visual_servo_bench.targets.solids import PRIMITIVES
 from aras_visual_servo_bench.targets.textures import MADE, TexturedTarget
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.trackers import TRACKERS as KNOWN
-from aras_visual_servo_camera.trackers import DotTracker, LineTracker, MarkerTracker
+from aras_visual_servo_camera.trackers.dots import DotTracker
+from aras_visual_servo_camera.trackers.lines import LineTracker
+from aras_visual_servo_camera.trackers.marker import MarkerTracker
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.goals.goal import Goal
@@ -636,7 +638,7 @@ def test_an_unknown_robot_names_the_nearest():
 
 def test_a_target_brings_the_tracker_of_its_points():
     assert set(TRACKERS) | {"poster"} == set(MADE)
-    assert set(TRACKERS.values()) | {"outline"} == set(KNOWN)
+    assert set(TRACKERS.values()) | {"model"} == set(KNOWN)
     for shape, tracker in {**TRACKERS, "aras": "outline", "poster": "outline"}.items():
         spec = {**RUN, "target": {"shape": shape, "pose": TURNED}}
         assert settings_of(Experiment.from_mapping(spec)).tracker == tracker

@@ -11,12 +11,12 @@ from object_state import differences, parts, with_method
 
 import aras_sim_bridge.control
 from aras_sim_bridge.control.controllers.gripper import GripperGoal
-from aras_sim_bridge.control.controllers.registry import Registry
+from aras_sim_bridge.control.controllers.registry import ControllerTypes
 from aras_sim_bridge.control.controllers.trajectory_types import Trajectory, TrajectoryPoint
 
 PIDS = {"a": {"p": 20.0, "i": 7.0, "d": 1.5, "i_clamp": 3.0},
         "b": {"p": 10.0, "i": 50.0, "d": 0.1, "i_clamp": 100.0, "antiwindup": True}}  # fmt: skip
-TYPES = Registry().types()
+TYPES = ControllerTypes().types()
 KEEPS_ITS_RHYTHM = "joint_state_controller/JointStateController"  # over restarts, as in ros_control
 WHY_NOT = {
     r"\.(hardware|_hardware|context).*": "not its own",
@@ -25,7 +25,7 @@ WHY_NOT = {
 
 
 def interface_of(kind):
-    made = Registry().find(kind).interface.rpartition("/")[2] or "EffortJointInterface"
+    made = ControllerTypes().find(kind).interface.rpartition("/")[2] or "EffortJointInterface"
     return made.rpartition("::")[2]
 
 

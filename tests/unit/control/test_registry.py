@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from aras_sim_bridge.control.controllers import Controller, Registry, register
+from aras_sim_bridge.control.controllers import Controller, ControllerTypes, register
 from aras_sim_bridge.errors import ControllerError
 
 SOURCE = """
@@ -35,7 +35,7 @@ def users_module(tmp_path, monkeypatch):
 
 
 def test_built_in_types_are_those_of_ros_controllers():
-    assert set(Registry().types()) == {
+    assert set(ControllerTypes().types()) == {
         "joint_state_controller/JointStateController",
         "effort_controllers/GripperActionController",
         "effort_controllers/JointEffortController",
@@ -58,12 +58,12 @@ def test_built_in_types_are_those_of_ros_controllers():
 @pytest.mark.parametrize("kind", ["effort", "position", "velocity"])
 @pytest.mark.parametrize("name", ["JointTrajectoryController", "JointPositionController"])
 def test_a_controller_of_several_interfaces_has_that_of_its_name(kind, name):
-    cls = Registry().find(f"{kind}_controllers/{name}")
+    cls = ControllerTypes().find(f"{kind}_controllers/{name}")
     assert cls.interface == f"{kind.capitalize()}JointInterface"
 
 
 def test_a_users_class_by_path_or_by_parameter(users_module):
-    registry = Registry()
+    registry = ControllerTypes()
     cls = registry.find("users_controllers:Mine")
     assert cls.version == 1
     extra = {"mine/Mine": "users_controllers:Mine"}
@@ -100,7 +100,7 @@ def test_a_users_type_without_a_class_is_named(users_module, make_rig, make_join
 
 
 def test_reload_takes_the_new_source(users_module):
-    registry = Registry()
+    registry = ControllerTypes()
     extra = {"mine/Mine": "users_controllers:Mine"}
     assert registry.find("mine/Mine", extra).version == 1
     users_module.write_text(SOURCE.format(version=22))
@@ -111,9 +111,9 @@ def test_reload_takes_the_new_source(users_module):
 
 def test_reload_takes_the_new_source_of_what_others_have_imported(users_module):
     extra = {"mine/Mine": "users_controllers:Mine"}
-    assert Registry().find("mine/Mine", extra).version == 1
+    assert ControllerTypes().find("mine/Mine", extra).version == 1
     users_module.write_text(SOURCE.format(version=22))
-    another = Registry()
+    another = ControllerTypes()
     another.reload(extra)
     assert another.find("mine/Mine", extra).version == 22
 
@@ -133,7 +133,7 @@ def test_reload_takes_the_new_source_of_what_others_have_imported(users_module):
 )
 def test_what_cannot_be_found_is_explained(users_module, type_name, text):
     with pytest.raises(ControllerError, match=text):
-        Registry().find(type_name)
+        ControllerTypes().find(type_name)
 
 
 def test_a_type_name_belongs_to_one_class():

@@ -16,7 +16,7 @@ from commands import CHECKS, check
 from given import GIVEN
 
 from aras_sim_bridge.camera import CameraConfig
-from aras_sim_bridge.control.controllers.registry import Registry
+from aras_sim_bridge.control.controllers.registry import ControllerTypes
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.commands import main as bench
 from aras_visual_servo_bench.study.engine import check_study
@@ -112,7 +112,7 @@ def load(tree: Mapping[str, Any]) -> None:
 def group(entry: Mapping[str, Any]) -> None:
     """A camera of the world, a controller, or a namespace of controllers."""
     if "type" in entry:
-        Registry().find(entry["type"])
+        ControllerTypes().find(entry["type"])
     elif "parent" in entry:
         settings = {k: v for k, v in entry.items() if k not in ("parent", "pose")}
         CameraConfig.from_mapping({"name": "camera", **settings})

@@ -8,7 +8,8 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from aras_visual_servo_camera.errors import VisionError
-from aras_visual_servo_camera.trackers import DotTracker, _between
+from aras_visual_servo_camera.trackers.dots import DotTracker
+from aras_visual_servo_camera.trackers.straight_edges import _between
 
 SIZE, FINE = (160, 120), 8
 # Column, row and radius, px; in order of angle about their middle.

@@ -416,6 +416,14 @@ def test_each_camera_s_observer_knows_what_it_needs_and_its_goal_s_plane(arm):
 def test_trackers_by_name():
     assert of().make_tracker() is None
     assert isinstance(of(tracker="dots").make_tracker(), TRACKERS["dots"])
+    marker = of(tracker="marker", marker="DICT_5X5_100:5").make_tracker("DICT_5X5_100:7")
+    assert marker.choice.number == 5
+    assert of(tracker="marker").make_tracker("DICT_5X5_100:7").choice.number == 7
+    own = "aras_visual_servo_camera.trackers.dots:DotTracker"
+    assert isinstance(of(tracker=own).make_tracker(), TRACKERS["dots"])
+    for tracker, words in (("dotts", "did you mean 'dots'"), ("math:pi", "derived from Tracker")):
+        with pytest.raises(ConfigurationError, match=words):
+            of(tracker=tracker).make_tracker()
     with pytest.raises(ConfigurationError, match="unknown tracker 'dot': did you mean 'dots'"):
         of(tracker="dot").make_tracker()
     for given in ({"tracker": "model"}, {"scheme": "points+model@left"}):

@@ -258,7 +258,7 @@ def test_a_class_is_found_by_name_or_by_its_module():
     assert known.register("outer")(Outer).name == "outer"
     assert known.find("outer") is Outer and known["outer"] is Outer and list(known) == ["outer"]
     assert known.find(f"{__name__}:Outer") is Outer
-    with pytest.raises(ValueError, match=f"scheme 'outer' is {__name__}:Outer"):
+    with pytest.raises(OwnError, match=f"scheme 'outer' is already {__name__}:Outer"):
         known.register("outer")(Inner)
     assert imported("metric", "math:pi", OwnError) == math.pi
     for name, words in (

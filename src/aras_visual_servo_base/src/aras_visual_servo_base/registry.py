@@ -65,13 +65,15 @@ class Registry(Mapping[str, type]):
         """Return a class decorator that enters the class as `name`, and sets its attribute `name`.
 
         Raises:
-            ValueError: the name is taken by another class.
+            fault: the name is taken by another class.
         """
 
         def enter(cls: C) -> C:
             taken = self._entries.get(name)
             if taken is not None and taken.__qualname__ != cls.__qualname__:
-                raise ValueError(f"{self.kind} '{name}' is {taken.__module__}:{taken.__qualname__}")
+                raise self.fault(
+                    f"{self.kind} '{name}' is already {taken.__module__}:{taken.__qualname__}"
+                )
             self._entries[name] = cls
             cls.name = name
             return cls

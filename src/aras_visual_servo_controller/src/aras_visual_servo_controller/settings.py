@@ -21,12 +21,10 @@ from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import SegmentationError, VisionError
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.markers import MarkerChoice
-from aras_visual_servo_camera.model import Start, model_tracker
 from aras_visual_servo_camera.pipeline import PipelineSettings
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.silhouette import OutlinePlane
-from aras_visual_servo_camera.trackers import TRACKERS, MarkerTracker, Tracker
+from aras_visual_servo_camera.trackers import TRACKERS, Tracker
 
 from .arm import (
     Arm,
@@ -98,7 +96,7 @@ class Settings:
 
     scheme: feature, scheme, several joined by '+', or 'package.module:Class'.
     interaction: L at the view: current, desired, mean, estimated.
-    tracker: of a target's points: outline, dots, marker, lines, model.
+    tracker: of the target's points: outline, another tracker's name, or 'package.module:Class'.
     marker: that is the target: 5, DICT_5X5_100:5, or a board; that of the goal.
     model: mesh of the target (STL, OBJ, DAE), m, whose pose is followed: the tracker is 'model'.
     model_scale: factor on the lengths of the model's file, 0.001 where they are in mm.
@@ -560,22 +558,17 @@ class Settings:
         Args:
             marker: that the goal was taught by, for the tracker 'marker' where none is chosen.
         """
-        if self.tracker == MODEL or self.model or "model" in re.split(r"[+@]", self.scheme):
-            try:
-                return model_tracker(self.model, Start(self.model_start), self.model_scale)
-            except (VisionError, DescriptionError) as error:
-                raise ConfigurationError(str(error)) from error
-        if self.tracker not in TRACKERS:
-            raise ConfigurationError(
-                f"unknown tracker '{self.tracker}': {nearest(self.tracker, (*TRACKERS, MODEL))}"
-            )
-        if self.tracker == MARKER:
-            try:
-                return MarkerTracker(MarkerChoice.read(self.marker or marker, "parameter ~marker"))
-            except VisionError as error:
-                raise ConfigurationError(str(error)) from None
-        made = TRACKERS[self.tracker]
-        return None if made is None else made()
+        name = self.tracker
+        if self.model or "model" in re.split(r"[+@]", self.scheme):
+            name = MODEL
+        if name == OUTLINE:
+            return None
+        given = vars(self) | {"marker": self.marker or marker}
+        try:
+            known = [parameter.name for parameter in TRACKERS.parameters(name)]
+            return TRACKERS.create(name, **{key: given[key] for key in known if key in given})
+        except (VisionError, DescriptionError) as error:
+            raise ConfigurationError(str(error)) from None
 
 
 def flies(arm: Arm) -> bool:

@@ -7,9 +7,8 @@ update(), so one asked for while the simulation is paused simply stays open: not
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from aras_sim_bridge.control.controllers import Registry
 from aras_sim_bridge.control.controllers.base import Context, Controller
-from aras_sim_bridge.control.controllers.registry import BASE_CLASS
+from aras_sim_bridge.control.controllers.registry import BASE_CLASS, ControllerTypes
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.switching import (
     ABORTED,
@@ -63,7 +62,7 @@ class ControllerManager:
         self.hardware = hardware
         self.parameters = parameters or {}
         self.namespace = namespace.rstrip("/")
-        self.registry = Registry()
+        self.registry = ControllerTypes()
         self._warn = warn
         self._error = error
         self._entries: dict[str, Entry] = {}

@@ -2,9 +2,8 @@
 
 from .solid import Solid
 from .starting import Start
-from .tracker import ModelTracker, model_tracker, read_solid
 from .tracking import Found, ModelTracking
 
 __all__ = [
-    "Found", "ModelTracker", "ModelTracking", "Solid", "Start", "model_tracker", "read_solid",
-]  # fmt: skip
+    "Found", "ModelTracking", "Solid", "Start",
+]

@@ -1,15 +1,8 @@
-"""ros_control's controllers, without ROS; importing this package registers them all.
+"""ros_control's controllers, without ROS. One file of this folder declares each with `register`.
 
 base.py documents the ports a ROS skin attaches to, registry.py how a class of your own is found.
 """
 
-from aras_sim_bridge.control.controllers import (
-    forward,
-    gripper,
-    joint_state,
-    pid_controllers,
-    trajectory,
-)
 from aras_sim_bridge.control.controllers.base import (
     ClaimedResources,
     Context,
@@ -17,19 +10,14 @@ from aras_sim_bridge.control.controllers.base import (
     JointControllerState,
     JointStates,
 )
-from aras_sim_bridge.control.controllers.registry import Registry, register
+from aras_sim_bridge.control.controllers.registry import ControllerTypes, register
 
 __all__ = [
     "ClaimedResources",
     "Context",
     "Controller",
+    "ControllerTypes",
     "JointControllerState",
     "JointStates",
-    "Registry",
-    "forward",
-    "gripper",
-    "joint_state",
-    "pid_controllers",
     "register",
-    "trajectory",
 ]

@@ -14,36 +14,33 @@ from types import ModuleType
 from aras_sim_bridge.control.controllers.base import Controller
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.names import imported, subclass, unknown
+from aras_visual_servo_base.registry import Registry
 
 KIND = "controller type"
 BASE_CLASS = "controller_interface::ControllerBase"
-
-_BUILTIN: dict[str, type[Controller]] = {}
+BUILT_IN = Registry(KIND, __package__, (Controller,), ControllerError)
 
 
 def register(type_name: str, **attributes: str) -> Callable[[type[Controller]], type[Controller]]:
-    """Class decorator: make the class known under `type_name`; may be stacked.
+    """Return a class decorator that enters the class as `type_name`; may be stacked.
 
     `attributes` are the class's own where it goes by this name: a controller that is the same for
     several interfaces is one class, with `interface` given for each name.
-    Raises ControllerError if another class has that name already.
+
+    Raises:
+        ControllerError: another class has that name already.
     """
 
     def decorate(cls: type[Controller]) -> type[Controller]:
-        known = _BUILTIN.get(type_name)
-        if known is not None and known.__qualname__ != cls.__qualname__:
-            raise ControllerError(
-                f"controller type '{type_name}' is already {known.__module__}:{known.__qualname__}"
-            )
         named = {"__module__": cls.__module__, "__qualname__": cls.__qualname__, **attributes}
-        _BUILTIN[type_name] = type(cls.__name__, (cls,), named)
+        BUILT_IN.register(type_name)(type(cls.__name__, (cls,), named))
         return cls
 
     return decorate
 
 
-class Registry:
-    """Known controller types: the built-in ones and those named by parameter."""
+class ControllerTypes:
+    """Controller types that one manager knows: the built-in ones and those named by parameter."""
 
     def __init__(self) -> None:
         self._imported: set[str] = set()
@@ -51,7 +48,7 @@ class Registry:
 
     def types(self, extra: Mapping | None = None) -> list[str]:
         """All type strings, sorted; `extra` is the parameter controller_classes."""
-        return sorted({*_BUILTIN, *(extra or {})})
+        return sorted({*BUILT_IN, *(extra or {})})
 
     def find(self, type_name: str, extra: Mapping | None = None) -> type[Controller]:
         """Class of `type_name`.
@@ -64,8 +61,8 @@ class Registry:
             path = type_name
         if path is not None:
             return self._import(type_name, path)
-        if type_name in _BUILTIN:
-            return _BUILTIN[type_name]
+        if type_name in BUILT_IN:
+            return BUILT_IN[type_name]
         raise ControllerError(
             f"{unknown(KIND, type_name, self.types(extra))}. A class of your own is named in "
             "controller_classes as 'package.module:Class'"

@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aras_visual_servo_base.meshes import files
 from aras_visual_servo_base.poses import inverse
+from aras_visual_servo_base.settings import parameter
 
 from ..errors import ModelError, VisionError
 from ..interaction import Plane
-from ..trackers import TrackedPoints, Tracker
+from ..model.solid import Solid, triangles_of
+from ..model.starting import Start
+from ..model.tracking import ModelTracking
 from ..undistortion import CameraModel
-from .solid import Solid, triangles_of
-from .starting import Start
-from .tracking import ModelTracking
+from .base import TRACKERS, TrackedPoints, Tracker
 
 AT_BEST = 0.01  # px to which the points of a pose are known, whatever its covariance
 
 
+@TRACKERS.register("model")
+@dataclass(eq=False)
 class ModelTracker(Tracker):
     """The corners of a solid's middle plane (see Solid.points), by its pose.
 
@@ -29,8 +35,20 @@ class ModelTracker(Tracker):
         tracking: what finds the pose; its `found` has that of the last picture.
     """
 
-    def __init__(self, solid: Solid, start: Start) -> None:
-        self.tracking, self._start = ModelTracking(solid), start
+    model: str | Solid = parameter("", help="mesh file (STL, OBJ, DAE) of the target")
+    model_start: Mapping[str, Any] | Start = parameter({}, help="where the target is at first")
+    model_scale: float = parameter(
+        1.0, above=0.0, help="factor on the file's lengths, 0.001 where they are in mm"
+    )
+
+    def __post_init__(self) -> None:
+        start, solid = self.model_start, self.model
+        self._start = start if isinstance(start, Start) else Start(start)
+        if not solid:
+            raise ModelError("tracker 'model' needs the mesh of what it follows: give model: FILE")
+        if not isinstance(solid, Solid):
+            solid = read_solid(solid, self.model_scale)
+        self.tracking = ModelTracking(solid)
         self.reset()
 
     def reset(self) -> None:
@@ -86,10 +104,3 @@ def read_solid(path: str, scale: float = 1.0) -> Solid:
     except ModelError as error:
         key = " (model_scale)" if "scale it" in str(error) else ""
         raise ModelError(f"{path}: {error}{key}") from None
-
-
-def model_tracker(path: str, start: Start, scale: float = 1.0) -> ModelTracker:
-    """Of a mesh file; scale and errors as of `read_solid`."""
-    if not path:
-        raise ModelError("tracker 'model' needs the mesh of what it follows: give model: FILE")
-    return ModelTracker(read_solid(path, scale), start)

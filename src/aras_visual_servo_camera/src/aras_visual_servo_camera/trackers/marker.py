@@ -1,0 +1,105 @@
+"""ArUco and AprilTag markers, and boards of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from aras_visual_servo_base.settings import parameter
+
+from ..errors import VisionError
+from ..markers import MarkerChoice
+from ..undistortion import CameraModel
+from .base import TRACKERS, TrackedPoints
+from .straight_edges import EdgeTracker
+
+LEAST_CONTRAST = 20.0  # grey levels between a marker's rim and what is around it
+# Of a marker's rim: how often its edges are fitted, and the profiles across one: how many, px
+# between two, px and cells that they reach to either side (beyond half a cell, so that black and
+# white are seen, and not to the next cell), px between their samples.
+RIM_FITS, RIM_STATIONS, RIM_SPACED = 2, (24, 64), 0.5
+RIM_REACH, RIM_FURTHEST, RIM_STEP = (1.5, 0.6), 8.0, 0.4
+
+
+@TRACKERS.register("marker")
+@dataclass(eq=False)
+class MarkerTracker(EdgeTracker):
+    """The four corners of an ArUco or AprilTag marker, from its own first one, clockwise.
+
+    OpenCV finds and reads it; its corners are then where lines through the edges of its black rim
+    meet, for OpenCV's own refinements are off by half a pixel where a cell has three.
+    """
+
+    # In pictures whose white is not brighter than white 0.005; where it is, edges of black move by
+    # some hundredths of a pixel, each by where it lies on the texture's texels.
+    accuracy = 0.025
+
+    marker: str | Mapping[str, Any] | MarkerChoice = parameter(
+        "", help="which marker, or a board of several; empty: the largest in view"
+    )
+
+    def __post_init__(self) -> None:
+        given = self.marker
+        chosen = isinstance(given, MarkerChoice)
+        self.choice = given if chosen else MarkerChoice.read(given, "parameter ~marker")
+
+    def places(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
+        """See Tracker.places; of a board the corners of the rectangle about its markers."""
+        return self.look(grey, camera).points
+
+    def look(
+        self, grey: NDArray[np.uint8], camera: CameraModel,
+        world_T_camera: np.ndarray | None = None, depth: NDArray[np.float32] | None = None,
+    ) -> TrackedPoints:  # fmt: skip
+        """See Tracker.look."""
+        found, scale = self.choice.find(grey), camera.pinhole.fx
+        corners = []
+        for one in found:
+            x, y, _ = camera.normalise(*one.corners.T.astype(float))
+            rough = scale * np.column_stack([x, y])
+            corners.append(self._fitted(grey, camera, scale, rough, one.cells) / scale)
+        accuracy = self.accuracy / camera.K[0]
+        if self.choice.board is None:
+            return TrackedPoints(corners[0], None, accuracy, marker=found[0].name)
+        places = np.concatenate([self.choice.corners_on_board(one.name) for one in found])
+        rectangle = self.choice.board_corners()
+        H, _ = cv2.findHomography(places, np.concatenate(corners))
+        if H is None:
+            raise VisionError(f"{self.choice}: its markers in view lie on no plane")
+        # Corners that lie far beyond the visible markers are as much less accurate.
+        beyond = np.ptp(rectangle, axis=0).max() / np.ptp(places, axis=0).max()
+        points = cv2.perspectiveTransform(rectangle[None], H)[0]
+        return TrackedPoints(points, None, accuracy * max(beyond, 1.0))
+
+    def _fitted(
+        self, grey: np.ndarray, camera: CameraModel, scale: float, corners: np.ndarray, cells: int
+    ) -> np.ndarray:
+        """Corners (4, 2) of the black rim, from rough ones; px of the picture without the lens."""
+        for _ in range(RIM_FITS):
+            lines = []
+            for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+                length = float(np.linalg.norm(end - start))
+                way = (end - start) / length
+                out = np.array([way[1], -way[0]])
+                if (start - corners.mean(axis=0)) @ out < 0.0:
+                    out = -out
+                reach = min(max(RIM_REACH[0], RIM_REACH[1] * length / cells), RIM_FURTHEST)
+                across = np.linspace(-reach, reach, 2 * round(reach / RIM_STEP) + 1)
+                count = int(np.clip(0.8 * length / RIM_SPACED, *RIM_STATIONS))
+                stations = start + np.linspace(0.1, 0.9, count)[:, None] * (end - start)
+                values = self._profiles(grey, camera, scale, stations, out, across)
+                ends = max(len(across) // 8, 1)
+                black, white = values[:, :ends].mean(), values[:, -ends:].mean()
+                if white - black < LEAST_CONTRAST:
+                    raise VisionError("the marker has no contrast to what is around it")
+                # What is black of a profile ends at the edge, however soft that is.
+                dark = (white - values) / (white - black)
+                covered = np.trapezoid(dark, across, axis=1) - reach
+                lines.append(self._line(stations + covered[:, None] * out))
+            corners = self._crossings(lines)
+        return corners

@@ -8,6 +8,7 @@ What stands between a pair of comments is replaced, everything else stays:
     <!-- settings module:Class -->    settings with default, unit and meaning
     <!-- registry module:NAME -->     entries with their parameters and the first line of their docs
     <!-- schemes module:NAME -->      the same of features and schemes, with what they need and move
+    <!-- metrics module:NAME -->      metrics with unit, meaning and formula
     <!-- end -->
 
 In a launch file `<!-- names module:NAME -->` stands before an argument, whose help lists a
@@ -113,9 +114,21 @@ def schemes_table(registry: Registry) -> list[str]:
     return rows
 
 
+def metrics_table(metrics: Mapping[str, Any]) -> list[str]:
+    """Return the table of metrics."""
+    rows = ["| name | unit | better | what it is | default |", "|---|---|---|---|---|"]
+    for name, metric in metrics.items():
+        default = "x" if metric.default else ""
+        rows.append(
+            f"| `{name}` | {metric.unit} | {metric.better} | {cell(metric.text.rstrip('.'))} "
+            f"| {default} |"
+        )
+    return rows
+
+
 KINDS: Mapping[str, Callable[[Any], list[str]]] = {
     "fields": fields_table, "settings": settings_table, "registry": registry_table,
-    "schemes": schemes_table,
+    "schemes": schemes_table, "metrics": metrics_table,
 }  # fmt: skip
 
 

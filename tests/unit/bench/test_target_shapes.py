@@ -30,7 +30,7 @@ from aras_visual_servo_bench.targets.scratch import scratch
 from aras_visual_servo_bench.targets.solids import is_solid, made_solid, primitive, solid_target
 from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_camera.errors import ModelError
-from aras_visual_servo_camera.trackers.model import read_solid
+from aras_visual_servo_camera.model import read_solid
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
 

@@ -19,7 +19,6 @@ from aras_sim_bridge.camera.config import CameraConfig
 from aras_sim_bridge.camera.lens import COEFFICIENTS, RADIUS, REACH
 from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
 from aras_visual_servo_base.settings import defaults
-from aras_visual_servo_bench.numbers import metrics
 from aras_visual_servo_camera.features import required_order
 from aras_visual_servo_camera.moments import POINTS
 from aras_visual_servo_camera.parameters import VisionParameters
@@ -97,22 +96,6 @@ def test_every_table_of_numbers_is_recomputed_or_says_who_measures_it():
         assert (ROOT / who).exists(), who
     for who in CHECKED.values():
         assert who == "here" or (ROOT / "tests" / "unit" / who).is_file(), who
-
-
-def test_metrics_are_listed_with_their_units_and_direction():
-    told = {}
-    for cell, unit, better, _ in table("docs/studies.md", "name"):
-        names = names_of(cell)
-        units = (unit + " ").split(", ") if "," in unit else [unit] * len(names)
-        if len(units) < len(names):
-            units = [*(u.strip() for u in unit.split(",")), ""][: len(names)]
-        told |= {n: (u.strip(), better) for n, u in zip(names, units, strict=True)}
-    told.pop("real_time_multiple")
-    assert told == {name: (m.unit, m.better) for name, m in metrics.BUILT_IN.items()}
-    text = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
-    others = re.search(r"These others are computed .*?Each has one definition", text, re.DOTALL)[0]
-    named = set(re.findall(r"`(\w+)`", others))
-    assert named == set(metrics.TABLE) - set(metrics.BUILT_IN)
 
 
 def test_rates_of_decay_are_those_of_the_loop_that_the_page_describes():

@@ -37,6 +37,7 @@ class Metric:
     source: its formula, or where it is defined. measure: the function.
     of_features: measured on the scheme's own features, so that it means something else of another
         scheme.
+    default: measured where a study names no metrics.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Metric:
     source: str
     measure: Callable[[Run], float]
     of_features: bool = False
+    default: bool = False
 
     @property
     def text(self) -> str:
@@ -53,12 +55,19 @@ class Metric:
 
 
 def metric(
-    unit: str, better: str, source: str, of_features: bool = False
+    unit: str, better: str, source: str, of_features: bool = False, default: bool = False
 ) -> Callable[[Callable], Metric]:
     """Make a metric of a function that has a docstring."""
     if better not in (SMALLER, GREATER, NEITHER):
         raise StudyError(f"better is '{better}', must be {SMALLER} or {GREATER}")
-    return lambda measure: Metric(measure.__name__, unit, better, source, measure, of_features)
+    return lambda measure: Metric(
+        measure.__name__, unit, better, source, measure, of_features, default
+    )
+
+
+def default_metrics() -> tuple[str, ...]:
+    """Return the names of the metrics of a study that names none."""
+    return tuple(name for name, one in TABLE.items() if one.default)
 
 
 def find(name: str) -> Metric:
@@ -80,7 +89,7 @@ def find(name: str) -> Metric:
 # -- how it ended ------------------------------------------------------------------------------
 
 
-@metric("", GREATER, "the loop's outcome and the physics' verdict together")
+@metric("", GREATER, "the loop's outcome and the physics' verdict together", default=True)
 def success(run: Run) -> float:
     """1 where the loop holds that it has converged and the camera truly stands at its goal."""
     return _of_verdict(run, run.succeeded)
@@ -100,7 +109,7 @@ def reduced(run: Run) -> float:
     return _of_verdict(run, near)
 
 
-@metric("", SMALLER, "success of the loop's word against the physics' verdict")
+@metric("", SMALLER, "success of the loop's word against the physics' verdict", default=True)
 def contradicts(run: Run) -> float:
     """1 where the loop holds for reached what the physics knows is not, or the other way round.
 
@@ -116,13 +125,13 @@ def iterations(run: Run) -> float:
     return float(max(len(run.stamp) - 1, 0))
 
 
-@metric("s", SMALLER, "control's 2 % band, of the camera's true distance")
+@metric("s", SMALLER, "control's 2 % band, of the camera's true distance", default=True)
 def settled(run: Run) -> float:
     """Time until the camera stays within 2 % of its first distance from the goal."""
     return _known(run.settled())
 
 
-@metric("", SMALLER, "control's overshoot, of the worst feature", of_features=True)
+@metric("", SMALLER, "control's overshoot, of the worst feature", of_features=True, default=True)
 def overshoot(run: Run) -> float:
     """How far a feature's error goes beyond its goal, as a part of its first error."""
     error = run.error[_measured(run)]
@@ -140,13 +149,13 @@ def overshoot(run: Run) -> float:
 # -- places of the camera ----------------------------------------------------------------------
 
 
-@metric("m", SMALLER, "pose of the physics")
+@metric("m", SMALLER, "pose of the physics", default=True)
 def final_distance(run: Run) -> float:
     """How far the camera is from its goal at the end."""
     return run.verdict.distance
 
 
-@metric("rad", SMALLER, "pose of the physics")
+@metric("rad", SMALLER, "pose of the physics", default=True)
 def final_angle(run: Run) -> float:
     """How far the camera is turned from its goal at the end."""
     return run.verdict.angle
@@ -178,7 +187,9 @@ def start_angle(run: Run) -> float:
     return _first_way(run)[1]
 
 
-@metric("m", SMALLER, "sum of the distances between joint states since the first image")
+@metric(
+    "m", SMALLER, "sum of the distances between joint states since the first image", default=True
+)
 def path_length(run: Run) -> float:
     """Length of the camera's path."""
     places = run.true_pose[run.servoing, :3, 3]
@@ -187,7 +198,7 @@ def path_length(run: Run) -> float:
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
 
-@metric("", SMALLER, "path_length / start_distance; 1 is a straight line")
+@metric("", SMALLER, "path_length / start_distance; 1 is a straight line", default=True)
 def path_ratio(run: Run) -> float:
     """Length of the camera's path over the distance from its start to its goal."""
     straight = _first_way(run)[0]
@@ -205,7 +216,41 @@ def largest_depth(run: Run) -> float:
     return float(max(z for _, _, z, _ in seen))
 
 
-@metric("", SMALLER, "exact projection of the target's corners by the true camera")
+# -- joints ------------------------------------------------------------------------------------
+
+
+@metric(
+    "rad²/s", SMALLER, "integral of the squared joint speeds; m²/s for joints that slide",
+    default=True,
+)  # fmt: skip
+def energy(run: Run) -> float:
+    """What the joints' motion costs: the integral of the sum of their squared speeds."""
+    after = run.servoing
+    if after.sum() < 2:
+        return np.nan
+    power = np.square(run.measured_speed[after]).sum(axis=1)
+    return float(np.trapezoid(power, run.joint_stamp[after]))
+
+
+@metric("s", SMALLER, "joint states, limits of the description", default=True)
+def limit_time(run: Run) -> float:
+    """Time during which a joint stands at one of its limits."""
+    after = run.servoing
+    lower, upper = run.limits
+    if after.sum() < 2:
+        return np.nan
+    if lower.shape != run.measured.shape[1:]:
+        return 0.0
+    margin = AT_LIMIT * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+    q = run.measured[after]
+    at = ((q <= lower + margin) | (q >= upper - margin)).any(axis=1)
+    return float(np.diff(run.joint_stamp[after])[at[:-1]].sum())
+
+
+# -- the image ---------------------------------------------------------------------------------
+
+
+@metric("", SMALLER, "exact projection of the target's corners by the true camera", default=True)
 def image_excursion(run: Run) -> float:
     """Farthest place of a corner from the image's centre, in half sizes: above 1 it was outside."""
     target, camera = run.target, run.camera
@@ -223,40 +268,12 @@ def image_excursion(run: Run) -> float:
     return float(worst)
 
 
-# -- joints ------------------------------------------------------------------------------------
-
-
-@metric("rad²/s", SMALLER, "integral of the squared joint speeds; m²/s for joints that slide")
-def energy(run: Run) -> float:
-    """What the joints' motion costs: the integral of the sum of their squared speeds."""
-    after = run.servoing
-    if after.sum() < 2:
-        return np.nan
-    power = np.square(run.measured_speed[after]).sum(axis=1)
-    return float(np.trapezoid(power, run.joint_stamp[after]))
-
-
-@metric("s", SMALLER, "joint states, limits of the description")
-def limit_time(run: Run) -> float:
-    """Time during which a joint stands at one of its limits."""
-    after = run.servoing
-    lower, upper = run.limits
-    if after.sum() < 2:
-        return np.nan
-    if lower.shape != run.measured.shape[1:]:
-        return 0.0
-    margin = AT_LIMIT * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
-    q = run.measured[after]
-    at = ((q <= lower + margin) | (q >= upper - margin)).any(axis=1)
-    return float(np.diff(run.joint_stamp[after])[at[:-1]].sum())
-
-
 # -- errors of the features --------------------------------------------------------------------
 
 
 @metric(
     "1/s", GREATER, "logarithm of the error between 80 and 15 % of its first value",
-    of_features=True,
+    of_features=True, default=True,
 )  # fmt: skip
 def decay_rate(run: Run) -> float:
     """How fast the norm of the features' error, each in parts of its first, decays."""
@@ -416,14 +433,4 @@ def _known(value: float) -> float:
     return float(value) if np.isfinite(value) else np.nan
 
 
-# What a study's rows have where it names no metrics.
-BUILT_IN: dict[str, Metric] = {
-    m.name: m
-    for m in (
-        success, contradicts, settled, overshoot, final_distance, final_angle, path_length,
-        path_ratio, energy, limit_time, image_excursion, decay_rate,
-    )
-}  # fmt: skip
-TABLE: dict[str, Metric] = BUILT_IN | {
-    m.name: m for m in list(vars().values()) if isinstance(m, Metric)
-}
+TABLE: dict[str, Metric] = {m.name: m for m in list(vars().values()) if isinstance(m, Metric)}

@@ -224,7 +224,7 @@ class Study(NamedValues):
     @cached_property
     def metric_names(self) -> tuple[str, ...]:
         """The metrics that each row has."""
-        return self.metrics or tuple(known_metrics.BUILT_IN)
+        return self.metrics or known_metrics.default_metrics()
 
     @cached_property
     def points(self) -> int:

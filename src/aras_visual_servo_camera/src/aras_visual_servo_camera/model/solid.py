@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.meshes import files
 
 from ..errors import ModelError
 
@@ -164,3 +166,16 @@ def _outermost(vertices, faces, normals, tolerance):
 def triangles_of(meshes: Sequence) -> np.ndarray:
     """(F, 3, 3) corners of the meshes of a file (`positions`, `triangles`), m."""
     return np.concatenate([np.asarray(m.positions, float)[m.triangles] for m in meshes])
+
+
+def read_solid(path: str, scale: float = 1.0) -> Solid:
+    """The solid of a mesh file, in m; scale: factor on the file's lengths, 0.001 where it is in mm.
+
+    Raises:
+        DescriptionError: the file cannot be read. ModelError: it is not a solid in metres.
+    """
+    try:
+        return Solid.of(scale * triangles_of(files.read(path)), Path(path).name)
+    except ModelError as error:
+        key = " (model_scale)" if "scale it" in str(error) else ""
+        raise ModelError(f"{path}: {error}{key}") from None

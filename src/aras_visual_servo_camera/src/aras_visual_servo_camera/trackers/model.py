@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aras_visual_servo_base.meshes import files
 from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_base.settings import parameter
 
 from ..errors import ModelError, VisionError
 from ..interaction import Plane
-from ..model.solid import Solid, triangles_of
+from ..model.solid import Solid, read_solid
 from ..model.starting import Start
 from ..model.tracking import ModelTracking
 from ..undistortion import CameraModel
@@ -91,16 +89,3 @@ def _plane(pose: np.ndarray, places: np.ndarray) -> Plane | None:
     """Of the points (4, 3); None where the camera lies in it."""
     across = float(pose[:3, 2] @ places[0])
     return Plane(*(pose[:3, 2] / across).tolist()) if across else None
-
-
-def read_solid(path: str, scale: float = 1.0) -> Solid:
-    """The solid of a mesh file, in m; scale: factor on the file's lengths, 0.001 where it is in mm.
-
-    Raises:
-        DescriptionError: the file cannot be read. ModelError: it is not a solid in metres.
-    """
-    try:
-        return Solid.of(scale * triangles_of(files.read(path)), Path(path).name)
-    except ModelError as error:
-        key = " (model_scale)" if "scale it" in str(error) else ""
-        raise ModelError(f"{path}: {error}{key}") from None

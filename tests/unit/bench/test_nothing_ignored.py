@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.camera.config import CameraConfig
-from aras_sim_bridge.camera.effects import AutoExposure, Effects, SensorModel
+from aras_sim_bridge.camera.effects import EFFECTS, AutoExposure, Effects, SensorModel
 from aras_sim_bridge.camera.shaking import Shake
 from aras_visual_servo_base.settings import merge
 from aras_visual_servo_bench.asked.assembly import assemble
@@ -90,6 +90,10 @@ KEYS = {
     "camera.effects.exposure_samples": Key(2, effects(exposure_time=0.03), NOT_IDEAL, IMAGES),
     "camera.effects.drop_probability": Key(0.5), "camera.effects.sensor": Key(SENSOR, **LIGHT),
     "camera.effects.auto_exposure": Key({"target": 120.0}, **LIGHT),
+    "camera.effects.further": Key({"defocus": {"stddev": 2.0}}, **LIGHT),
+    **{f"camera.effects.further.{name}.{one.name}": Key(
+        3.0, effects(further={name: {one.name: 1.5}}), PLANTS, IMAGES)
+       for name in EFFECTS for one in EFFECTS.parameters(name)},
     "camera.effects.row_time": Key(3e-4, plants=NOT_IDEAL),
     "camera.effects.rows_together": Key(24, effects(row_time=3e-4), NOT_IDEAL),
     **{f"camera.effects.sensor.{name}": Key(value, effects(

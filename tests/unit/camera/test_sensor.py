@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scenes import BRIGHT, link_pose, looking, table_and_target
 
-from aras_sim_bridge.camera import CameraConfig, CameraSensor, effects
+from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.camera.effects import EffectChain, Effects, SensorModel
+from aras_sim_bridge.camera.effects import sensor as sensor_effects
 from aras_sim_bridge.camera.formats import read_out, shape_of, widened
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.rendering import create_renderer
@@ -340,16 +341,16 @@ def test_noise_has_the_asked_statistics_and_a_seed():
 def test_noise_is_added_to_each_value_within_what_a_byte_holds(monkeypatch):
     """As plain Python does it as well, of which a few are enough."""
     levels, out, plain = np.tile(np.uint8([0, 100, 255]), 40), *np.empty((2, 120), np.uint8)
-    effects._add_noise(levels, 3.0, 6.0, np.uint64(77), out)
-    monkeypatch.setattr(effects, "_deviate", effects._deviate.py_func)
+    sensor_effects._add_noise(levels, 3.0, 6.0, np.uint64(77), out)
+    monkeypatch.setattr(sensor_effects, "_deviate", sensor_effects._deviate.py_func)
     with np.errstate(over="ignore"):
-        effects._add_noise.py_func(levels, 3.0, 6.0, np.uint64(77), plain)
+        sensor_effects._add_noise.py_func(levels, 3.0, 6.0, np.uint64(77), plain)
     assert np.abs(out.astype(int) - plain).max() <= 1
     dark, grey, bright = plain.reshape(-1, 3).T
     assert dark.max() < 30 and dark.min() == 0 and bright.min() > 225 and bright.max() == 255
     assert grey.mean() == pytest.approx(103.0, abs=2.5) and 4.0 < grey.std() < 8.0
     # and the same for a seed in every version, with which pictures of a study are made again
-    effects._add_noise(np.full(12, 100, np.uint8), 3.0, 20.0, np.uint64(77), out[:12])
+    sensor_effects._add_noise(np.full(12, 100, np.uint8), 3.0, 20.0, np.uint64(77), out[:12])
     assert out[:12].tolist() == [123, 102, 93, 93, 125, 95, 123, 73, 94, 124, 108, 117]
 
 

@@ -261,6 +261,8 @@ class CameraConfig:
         for key in ("sensor", "auto_exposure"):
             if (part := getattr(self.effects, key)) is not None:
                 effects[key] = asdict(part)
+        if self.effects.further:
+            effects["further"] = {k: dict(v) for k, v in self.effects.further.items()}
         return {"effects": effects}
 
     @classmethod

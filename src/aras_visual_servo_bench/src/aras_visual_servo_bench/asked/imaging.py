@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from aras_sim_bridge.camera.effects import EFFECTS
 from aras_visual_servo_base.settings import merge
 
 from .cameras import Eye
@@ -41,6 +42,9 @@ def _with_noise(
         found.pop("shake", None)
         effects = found.get("effects", {})
         found["effects"] = {k: v for k, v in effects.items() if k not in CHANCE}
+        if further := effects.get("further"):
+            steady = {k: v for k, v in further.items() if not EFFECTS.find(k).is_random}
+            found["effects"]["further"] = steady
     elif experiment.noise:
         found = merge(found, {"effects": {"noise_stddev": experiment.noise}})
     return found

@@ -8,6 +8,7 @@ from typing import Any
 
 from aras_sim_bridge.camera.config import CameraConfig
 from aras_sim_bridge.camera.effects import Effects
+from aras_visual_servo_base.settings import default_of
 
 from ..errors import ExperimentError, require
 from .cameras import Eye, config_of
@@ -124,7 +125,7 @@ def _changed(overrides: Mapping[str, Any]) -> set[str]:
              and _plain(overrides[f.name]) != _plain(f.default)}  # fmt: skip
     # How finely an exposure is divided matters only where there is one.
     return found | {f"effects.{f.name}" for f in fields(Effects)
-                    if f.name in effects and effects[f.name] != f.default
+                    if f.name in effects and effects[f.name] != default_of(f)
                     and f.name != "exposure_samples"}  # fmt: skip
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,15 +13,17 @@ import numpy as np
 from aras_visual_servo_base.compiled import compiled, inlined
 from aras_visual_servo_base.settings import check, parameter
 
-from ..errors import CameraError
+from ...errors import CameraError
+from .base import EFFECTS, Effect
 
 # A normal deviate is an odd polynomial of the sum of four uniform ones, fitted to the quantiles of
 # both by least squares: off by less than 0.008 up to 3 standard deviations and 0.025 up to 4, of
 # variance 1.00003 and kurtosis 3.0005, and at most 4.7. It needs no branch and no table, so eight
 # are made at once.
 _C1, _C3, _C5, _C7 = (np.float32(c) for c in (1.65999598, 0.09039413, -0.03567146, 0.01594779))
-# Two random sequences for each picture: a lost frame changes no other's noise.
-_DROP, _NOISE = 0, 1
+# Random sequences for each picture: a lost frame changes no other's noise. Registered effects have
+# those from _FURTHER on.
+_DROP, _NOISE, _FURTHER = 0, 1, 16
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,8 @@ class Effects:
     exposure_samples pictures averaged. drop_probability: share of frames that are never sent.
     sensor: its calibrated noise, in place of shot_noise. row_time: s from one row's exposure to
     the next one's, downwards; 0: all rows at once. rows_together: rows drawn as of one instant.
+    further: effects of the registry, or 'package.module:Class', by name with their parameters; they
+    act on the light before the exposure, in this order.
     """
 
     noise_mean: float = parameter(0.0, least=-255.0, most=255.0)
@@ -106,9 +112,11 @@ class Effects:
     auto_exposure: AutoExposure | None = None
     row_time: float = parameter(0.0, "s", least=0.0)
     rows_together: int = parameter(8, least=1)
+    further: Mapping[str, Mapping[str, Any]] = parameter({})
 
     def __post_init__(self) -> None:
         check(self, CameraError, "effects")
+        self.make_further()
         if self.sensor is None:
             return
         if self.shot_noise:
@@ -121,6 +129,11 @@ class Effects:
                 f"effects.sensor.dark_current {self.sensor.dark_current:g} e-/s gathers during "
                 "exposure_time, which is 0: give one above 0, or leave the dark current out"
             )
+
+
+    def make_further(self) -> list[Effect]:
+        """Return the registered effects; CameraError for a name or a parameter that is wrong."""
+        return [EFFECTS.create(name, **values) for name, values in self.further.items()]
 
 
 class EffectChain:
@@ -143,6 +156,7 @@ class EffectChain:
             self._dark = model.gain * model.dark_current * e.exposure_time
             self._full = model.gain * model.full_well
         self._curve = self._curve_of(1.0)
+        self._further = e.make_further()
 
     def lost(self, stamp_ns: int) -> bool:
         """Whether the frame with this stamp, ns of simulated time, never comes."""
@@ -163,6 +177,8 @@ class EffectChain:
         factor: on its light, of the auto exposure.
         """
         e = self.effects
+        for index, effect in enumerate(self._further, _FURTHER):
+            image = effect.apply(image, self._random(stamp_ns, index))
         if self._shot:
             return self._with_shot_noise(image, stamp_ns, factor)
         if self._shade is not None:

@@ -20,10 +20,10 @@ from aras_visual_servo_bench.commands import (
 from aras_visual_servo_bench.errors import BenchError, StudyError
 from aras_visual_servo_bench.numbers import summary
 from aras_visual_servo_bench.pictures import figures
-from aras_visual_servo_bench.report import write as reports
 from aras_visual_servo_bench.study import folder as folders
 from aras_visual_servo_bench.study import replay, tuner
 from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.web.report import write as reports
 
 STUDY = """experiment: {plant: free, features: pictures}
 repeats: 4
@@ -238,7 +238,7 @@ def test_runs_that_are_analyzed_have_the_names_that_they_are_given(asked, tmp_pa
 
 @pytest.mark.parametrize(("display", "opens"), [("", None), (":0", True), (":0", False)])
 def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, display, opens):
-    from aras_visual_servo_bench.browse import server as pages
+    from aras_visual_servo_bench.web.browse import server as pages
 
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.setenv(name, display if name == "DISPLAY" else "")

@@ -830,8 +830,8 @@ def test_a_controller_that_holds_before_it_has_begun_ends_the_demo(shown):
 @pytest.mark.parametrize("converged", [True, False])
 def test_a_demo_reports_what_happened(shown, monkeypatch, converged):
     from aras_visual_servo_bench.numbers import summary
-    from aras_visual_servo_bench.report import write
     from aras_visual_servo_bench.ros import bag
+    from aras_visual_servo_bench.web.report import write
 
     record = SimpleNamespace(converged=converged, settings={"start": "of the bag", "law": "pi"})
     asked = []

@@ -24,6 +24,10 @@ class StudyError(BenchError):
     """A study that cannot be begun, gone on with or read as it is."""
 
 
+class RefusedError(BenchError):
+    """A request that is not carried out, with the reason."""
+
+
 def require(condition: bool, text: str) -> None:
     """Raise ExperimentError with this text unless the condition holds."""
     if not condition:

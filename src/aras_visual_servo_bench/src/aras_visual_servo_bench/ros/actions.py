@@ -32,8 +32,7 @@ from aras_visual_servo_controller.laws.registry import LAWS
 from aras_visual_servo_controller.schemes.registry import SCHEMES
 from aras_visual_servo_controller.settings import Settings
 
-from ..errors import writing
-from ..live.requests import RefusedError
+from ..errors import RefusedError, writing
 from .described import preset_of
 from .keeping import LOGGED
 from .listener import Listener

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from ..errors import StudyError
+from ...errors import StudyError
 from .studies import FoundStudy
 
 TOGETHER = 2  # reports that are computed at a time

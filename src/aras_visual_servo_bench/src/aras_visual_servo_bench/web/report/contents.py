@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from ..live.shapes import FACES, LINES, STRIP, Shape, frustum, on_picture, picture_border
-from ..numbers.printing import headed
-from ..pictures.palette import LIVE_CURVES, SCENE, rgb
-from ..pictures.panels import Panel, last
-from ..pictures.views import servoed_poses, straight
-from ..recording.film import chosen, film
-from ..recording.run import Run
-from ..recording.tracks import milestones, tracks
+from ...drawing.shapes import FACES, LINES, STRIP, Shape, frustum, on_picture, picture_border
+from ...numbers.printing import headed
+from ...pictures.palette import LIVE_CURVES, SCENE, rgb
+from ...pictures.panels import Panel, last
+from ...pictures.views import servoed_poses, straight
+from ...recording.film import chosen, film
+from ...recording.run import Run
+from ...recording.tracks import milestones, tracks
 
 MOST_POSES = 2000  # of a path in space
 FRUSTUM = 0.2  # of a drawn camera, part of the scene

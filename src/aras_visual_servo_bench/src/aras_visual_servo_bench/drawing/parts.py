@@ -1,60 +1,21 @@
-"""A robot as a browser draws it: its tree of joints, and triangles in colours."""
+"""What is visible of a robot: triangles in colours, link by link."""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 from xml.etree.ElementTree import Element
 
 import cv2
-import numpy as np
 
-from aras_sim_bridge.description import Geometry, RobotDescription, parse_urdf
-from aras_sim_bridge.description.packages import ResolvePackage, find
+from aras_sim_bridge.description import Geometry, RobotDescription
 from aras_sim_bridge.description.shapes import triangles
-from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.meshes.mesh import Mesh
 from aras_visual_servo_base.poses import transform
 
 Colour = tuple[float, ...]  # red, green, blue, opacity, 0 to 1
 GREY = (0.7, 0.7, 0.72, 1.0)  # of what has no colour
-LARGEST = 400_000  # triangles; a browser without a graphics card draws no more at a useful rate
-
-
-def robot_model(urdf: str, resolve: ResolvePackage = find) -> dict[str, Any]:
-    """Plain numbers for JSON.
-
-    Returns:
-        {"name", "joints": [{name, kind, parent, child, origin: 16 numbers row by row, axis}],
-        "links": {name: [{colour, corners}]}}; corners: base64 of float32, position (m, in the
-        link) and normal of each corner of each triangle.
-
-    Raises:
-        DescriptionError: the description, or one of its meshes, cannot be used.
-    """
-    robot = parse_urdf(urdf, resolve)
-    links: dict[str, list[dict[str, Any]]] = {}
-    count = 0
-    for link, colour, mesh in parts(robot, urdf):
-        count += len(mesh.triangles)
-        links.setdefault(link, []).append({"colour": list(colour), "corners": _encoded(mesh)})
-    if count > LARGEST:
-        raise DescriptionError(f"{robot.name} has {count} triangles; a page draws {LARGEST}")
-    joints = [
-        {
-            "name": joint.name,
-            "kind": joint.kind,
-            "parent": joint.parent,
-            "child": joint.child,
-            "origin": transform(joint.origin_xyz, joint.origin_rpy).ravel().tolist(),
-            "axis": list(joint.axis),
-        }
-        for joint in robot.joints.values()
-    ]
-    return {"name": robot.name, "root": robot.root, "joints": joints, "links": links}
 
 
 def parts(robot: RobotDescription, urdf: str) -> Iterator[tuple[str, Colour, Mesh]]:
@@ -86,11 +47,6 @@ def _meshes(geometry: Geometry) -> tuple[Mesh, ...]:
     if geometry.kind == "mesh" and not Path(geometry.filename).is_file():
         return ()  # whoever spawned it has been told
     return triangles(geometry)
-
-
-def _encoded(mesh: Mesh) -> str:
-    corners = np.concatenate([mesh.positions, mesh.normals], axis=1)[mesh.triangles.ravel()]
-    return base64.b64encode(corners.astype("<f4").tobytes()).decode("ascii")
 
 
 def _colours(urdf: str) -> dict[tuple[str, int], tuple[float, ...]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Collection, Mapping
@@ -12,17 +11,12 @@ from typing import Any
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.settings import build, parameter, said
 
-from ..errors import BenchError
+from ...errors import RefusedError
 
-LARGEST = 4096  # bytes of a request
 STEPS = 10_000  # physics steps of one request: 10 s of simulated time
 OFFSET, TURN = 0.3, math.pi  # greatest shift (m) and turn (rad) of a goal by the page
 SPEED, TURN_RATE = 0.25, 1.0  # m/s and rad/s of a camera that is driven by hand
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
-
-
-class RefusedError(BenchError):
-    """A request that is not carried out, with the reason."""
 
 
 @dataclass(frozen=True)
@@ -77,31 +71,6 @@ class Request:
 
     do: str
     given: Mapping[str, Any]
-
-
-def read_message(
-    text: str | bytes, known: Mapping[str, type] = REQUESTS, most: int = LARGEST
-) -> tuple[str, dict[str, Any]]:
-    """What a page's message, a JSON object {"do": NAME, ...}, asks for, and the fields given.
-
-    Args:
-        known: requests by name. most: characters.
-
-    Raises:
-        RefusedError: it is none, or too long, or there is no such request.
-    """
-    if not isinstance(text, str) or len(text) > most:
-        raise RefusedError(f"a request is a text of at most {most} characters")
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError):
-        raise RefusedError("a request is a JSON object") from None
-    if not isinstance(data, dict) or not isinstance(data.get("do"), str):
-        raise RefusedError("a request is a JSON object with a key 'do'")
-    do = data.pop("do")
-    if do not in known:
-        raise RefusedError(f"there is no request {said(do)}: {nearest(do, known)}")
-    return do, data
 
 
 def read_request(

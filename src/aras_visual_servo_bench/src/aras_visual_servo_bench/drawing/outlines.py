@@ -11,7 +11,7 @@ from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.description.packages import ResolvePackage, find
 from aras_visual_servo_base.meshes.mesh import Mesh
 
-from .robot_model import Colour, parts
+from .parts import Colour, parts
 from .shapes import FACES, LINES, Shape, carried
 
 CREASE = np.cos(np.radians(30.0))  # of the angle between faces from which their edge is drawn

@@ -17,13 +17,13 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from ..asked.experiment_keys import unit_of
-from ..errors import StudyError
-from ..numbers import metrics
-from ..numbers.printing import legible
-from ..study import rows
-from ..study.folder import MANIFEST, PARTS, TIMES, Folder
-from ..study.results import Results
+from ...asked.experiment_keys import unit_of
+from ...errors import StudyError
+from ...numbers import metrics
+from ...numbers.printing import legible
+from ...study import rows
+from ...study.folder import MANIFEST, PARTS, TIMES, Folder
+from ...study.results import Results
 
 EVERY = 1.0  # s, at least, between two looks at the folders
 DEEPEST = 4  # folders below one that is given, in which studies are looked for

@@ -15,21 +15,20 @@ import tornado.ioloop
 
 from aras_visual_servo_base.settings import build, parameter
 
-from .. import report
-from ..errors import BenchError, StudyError
-from ..live.access import Access
-from ..live.requests import RefusedError, read_message
-from ..live.web import Guarded, WebServer, begin, is_local
-from ..pictures.palette import REPORT, REPORT_DARK, css
-from ..report.library import SCRIPT, STYLE, uplot
-from ..study import compare
+from ...errors import BenchError, RefusedError, StudyError
+from ...pictures.palette import REPORT, REPORT_DARK, css
+from ...study import compare
+from .. import SHARED
+from ..access import Access
+from ..messages import read_message
+from ..server import Guarded, WebServer, begin, is_local
+from ..uplot import SCRIPT, STYLE, uplot
 from . import queries
 from .queries import GroupsAsked, MapAsked, PointsAsked, RowsAsked
 from .reports import Reports
 from .studies import Snapshot, Studies
 
 FILES = Path(__file__).parent / "page"
-REPORT_FILES = Path(report.__file__).parent / "page"
 
 
 @dataclass(frozen=True)
@@ -77,9 +76,9 @@ class BrowseServer(WebServer):
         self._files = {
             "uplot.js": uplot(SCRIPT),
             "style.css": css(REPORT) + css(REPORT_DARK, "[data-theme=dark]") + uplot(STYLE)
-            + (REPORT_FILES / "style.css").read_text(encoding="utf-8"),
+            + (SHARED / "style.css").read_text(encoding="utf-8"),
             **{path.name: path.read_text(encoding="utf-8")
-               for path in (*FILES.glob("*.js"), REPORT_FILES / "charts.js")},
+               for path in (*FILES.glob("*.js"), SHARED / "charts.js")},
         }  # fmt: skip
 
     def routes(self) -> list[tuple[str, type[Guarded]]]:

@@ -18,9 +18,9 @@ import pyarrow.compute as pc
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.settings import parameter, said
 
-from ..errors import StudyError
-from ..numbers.metrics import success
-from ..numbers.statistics import proportion
+from ...errors import StudyError
+from ...numbers.metrics import success
+from ...numbers.statistics import proportion
 from .studies import END, STUDY, Snapshot
 
 OPERATORS = ("=", "≠", "<", "≤", ">", "≥", "contains", "is known", "is not known")

@@ -14,9 +14,9 @@ import numpy as np
 
 from aras_visual_servo_controller.loop.state import ServoState
 
-from .shapes import DIGITS, TEXT, Shape
-from .story import Story
-from .units import feature_units
+from ...drawing.shapes import DIGITS, TEXT, Shape
+from ...drawing.story import Story
+from ...drawing.units import feature_units
 
 KEPT = 900  # samples: half a minute at 30 images/s
 NEW_RUN = -1.0  # s; a stamp that much older than the last begins anew

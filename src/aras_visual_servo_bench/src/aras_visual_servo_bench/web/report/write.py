@@ -21,15 +21,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..errors import BenchError, check_formats, writing
-from ..numbers.metrics import condition
-from ..numbers.printing import legible
-from ..numbers.summary import Quantity, mapping, summarise
-from ..pictures import over_time, panels, style, views
-from ..pictures.over_time import Layout
-from ..pictures.panels import Panel
-from ..pictures.style import KINDS
-from ..recording.run import Run
+from ...errors import BenchError, check_formats, writing
+from ...numbers.metrics import condition
+from ...numbers.printing import legible
+from ...numbers.summary import Quantity, mapping, summarise
+from ...pictures import over_time, panels, style, views
+from ...pictures.over_time import Layout
+from ...pictures.panels import Panel
+from ...pictures.style import KINDS
+from ...recording.run import Run
 from .page import page
 
 Drawing = Callable[[Sequence[Run]], Figure | None]

@@ -15,13 +15,16 @@ from typing import Any, Protocol
 import tornado.ioloop
 import tornado.websocket
 
-from ..pictures.palette import LIVE, css
-from ..report.library import SCRIPT, STYLE, uplot
-from .access import Access
+from ...errors import RefusedError
+from ...pictures.palette import LIVE, css
+from .. import SHARED
+from ..access import Access
+from ..messages import LARGEST, read_message
+from ..server import Guarded, WebServer, begin, is_local
+from ..uplot import SCRIPT, STYLE, uplot
 from .outbox import SEEN, Outbox, text_of
 from .page import Page
-from .requests import LARGEST, RefusedError, Request, read_message, read_request
-from .web import Guarded, WebServer, begin, is_local
+from .requests import REQUESTS, Request, read_request
 
 FILES = Path(__file__).parent / "page"
 RATE = 15.0  # messages a second to each viewer
@@ -77,7 +80,7 @@ class Server(WebServer):
         """See WebServer."""
         if name == "uplot.js":
             return uplot(SCRIPT)
-        path = FILES / name
+        path = SHARED / name if name == "scene.js" else FILES / name
         if not path.is_file():
             return None
         before = css(LIVE) + uplot(STYLE) if name == "style.css" else ""
@@ -202,7 +205,7 @@ class Viewer(Guarded, tornado.websocket.WebSocketHandler):
         loop, host = tornado.ioloop.IOLoop.current(), self.server.host
         do: str | None = None
         try:
-            do, fields = read_message(message)
+            do, fields = read_message(message, REQUESTS)
             request = read_request(do, fields, host.page.choices)
             text = await loop.run_in_executor(self.server.workers, host.do, request)
             answer = {"kind": "answer", "do": do, "done": True, "text": text}

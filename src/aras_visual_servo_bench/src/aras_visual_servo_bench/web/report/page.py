@@ -9,15 +9,15 @@ from pathlib import Path
 
 import jinja2
 
-from .. import live
-from ..asked.experiment_keys import unit_of
-from ..numbers.printing import NONE, amount, number
-from ..numbers.summary import Quantity, best, shown
-from ..pictures.palette import LIVE_CURVES, REPORT, REPORT_DARK, SCENE, css
-from ..pictures.panels import Panel
-from ..recording.run import Run
+from ...asked.experiment_keys import unit_of
+from ...numbers.printing import NONE, amount, number
+from ...numbers.summary import Quantity, best, shown
+from ...pictures.palette import LIVE_CURVES, REPORT, REPORT_DARK, SCENE, css
+from ...pictures.panels import Panel
+from ...recording.run import Run
+from .. import SHARED
+from ..uplot import SCRIPT, STYLE, uplot
 from .contents import contents
-from .library import SCRIPT, STYLE, uplot
 
 # On the tiles: key, factor, unit of what is printed, words.
 TILES = (
@@ -34,8 +34,8 @@ TILES = (
 
 MOST_ROWS = 250  # of a table; a browser takes seconds for some thousands
 FOLDER = Path(__file__).parent / "page"
-SCRIPTS = (Path(live.__file__).parent / "page" / "scene.js",
-           *(FOLDER / f"{name}.js" for name in ("charts", "film", "report")))
+SCRIPTS = (*(SHARED / f"{name}.js" for name in ("scene", "charts")),
+           *(FOLDER / f"{name}.js" for name in ("film", "report")))
 
 
 def page(
@@ -64,7 +64,7 @@ def page(
         title=title,
         uplot_style=uplot(STYLE), uplot_script=uplot(SCRIPT),
         colours=css(REPORT) + css(REPORT_DARK, "[data-theme=dark]"),
-        style=(FOLDER / "style.css").read_text(encoding="utf-8"),
+        style=(SHARED / "style.css").read_text(encoding="utf-8"),
         scripts="\n".join(path.read_text(encoding="utf-8") for path in SCRIPTS),
         contents=in_script({**told, "colours": LIVE_CURVES, **{
             name: SCENE[name] for name in ("goal", "start", "ideal", "face")}}),

@@ -1,0 +1,65 @@
+"""Parts that a run does not need can be taken away, and are not imported."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+SOURCES = Path(__file__).parents[3] / "src"
+BENCH = "aras_visual_servo_bench"
+# None stands for a module that cannot be imported, nor any below it: as if deleted.
+HIDING = """
+import sys
+for name in sys.argv[1].split():
+    sys.modules[name] = None
+"""
+REPORT = """
+from pathlib import Path
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.study.replay import carried_out
+from aras_visual_servo_bench.web.report.write import write_report
+run = carried_out("one", Experiment(plant="free", duration=0.5))
+written = write_report([run], Path(sys.argv[2]), ("png",))
+print(sorted(path.name for path in written if path.suffix in (".html", ".json")))
+"""
+STUDY = """
+from pathlib import Path
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.commands import main
+from aras_visual_servo_bench.running.loop import run
+assert run(Experiment(plant="free")).verdict.reached
+out = Path(sys.argv[2])
+(out / "study.yaml").write_text("{experiment: {plant: free}, vary: {gain: [1.0, 2.0]}}")
+assert main(["run", str(out / "study.yaml"), "--out", str(out / "study"), "--in-process"]) == 0
+assert main(["table", str(out / "study")]) == 0
+"""
+PAGES = f"{BENCH}.web.live {BENCH}.web.browse"
+
+
+def outcome(script: str, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run a script in a process of its own, with all packages of the workspace on its path."""
+    folders = os.pathsep.join(str(folder) for folder in sorted(SOURCES.glob("*/src")))
+    search = os.pathsep.join(filter(None, [folders, os.environ.get("PYTHONPATH")]))
+    return subprocess.run(
+        [sys.executable, "-c", script, *words], capture_output=True, text=True, timeout=180,
+        env={**os.environ, "PYTHONPATH": search, "MPLBACKEND": "agg"},
+    )  # fmt: skip
+
+
+def test_a_report_is_written_without_live_page_and_browser(tmp_path: Path) -> None:
+    done = outcome(HIDING + REPORT, PAGES, str(tmp_path))
+    assert done.stdout == "['report.html', 'summary.json']\n", done.stderr
+    assert "uPlot" in (tmp_path / "report.html").read_text()
+
+
+def test_experiments_and_studies_run_without_pages(tmp_path: Path) -> None:
+    done = outcome(HIDING + STUDY, f"{BENCH}.web", str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert "gain" in done.stdout
+
+
+def test_what_is_hidden_cannot_be_imported() -> None:
+    done = outcome(HIDING + f"import {BENCH}.web.live", PAGES)
+    assert f"import of {BENCH}.web.live halted" in done.stderr

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked import postures
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.running.loop import Loop, run
+from aras_visual_servo_bench.setup import postures
+from aras_visual_servo_bench.setup.assembly import assemble
 
 HEAD = """<link name="camera_link"/><link name="camera_optical_frame"/>
 <joint name="mount" type="fixed"><parent link="{hand}"/><child link="camera_link"/>

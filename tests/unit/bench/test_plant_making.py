@@ -10,16 +10,17 @@ import pytest
 from aras_sim_bridge.camera.effects import Effects
 from aras_sim_bridge.camera.mounting import seed_of
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked import cameras, plant_making
+from aras_visual_servo_bench.asked import cameras
 from aras_visual_servo_bench.asked.cameras import Eye
 from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.asked.goal_views import GoalViews
 from aras_visual_servo_bench.asked.loop_settings import settings_of
-from aras_visual_servo_bench.asked.plant_making import PlantMaker, carried_by
 from aras_visual_servo_bench.asked.robots import Robot
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading, JointReading
 from aras_visual_servo_bench.plants.free_body import FreeBody
+from aras_visual_servo_bench.setup import plant_making
+from aras_visual_servo_bench.setup.goal_views import GoalViews
+from aras_visual_servo_bench.setup.plant_making import PlantMaker, carried_by
 from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_controller.seeing.observation import Need
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import relative, transform
-from aras_visual_servo_bench.asked import postures
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.robots import Robot
 from aras_visual_servo_bench.plants.posed_arm import PosedArm
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.setup import postures
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import PolygonTarget
 
 JOINTS = ("x", "y", "z", "fan", "head")

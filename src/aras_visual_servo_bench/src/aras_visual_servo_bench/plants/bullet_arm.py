@@ -268,7 +268,7 @@ class BulletArm(Plant):
         self, driver: Driver, listener: JointListener, last_ns: Callable[[], float]
     ) -> None:
         """See Plant.join."""
-        from ..running.answers import ArmAnswers  # here, because many plants are no arms
+        from .answers import ArmAnswers  # here, because many plants are no arms
 
         (kind,) = self.outputs
         self._answers = ArmAnswers(

@@ -33,7 +33,7 @@ from aras_visual_servo_controller.schemes.registry import SCHEMES
 from aras_visual_servo_controller.settings import Settings
 
 from ..errors import RefusedError, writing
-from .described import preset_of
+from ..recording.described import preset_of
 from .keeping import LOGGED
 from .listener import Listener
 from .processes import Launch

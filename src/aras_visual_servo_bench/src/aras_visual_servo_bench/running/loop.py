@@ -18,13 +18,13 @@ from aras_visual_servo_controller.judging.remedy import Remedy
 from aras_visual_servo_controller.loop.driver import Driver
 from aras_visual_servo_controller.loop.state import CONVERGED, Command, ServoState
 
-from ..asked.assembly import Assembly, assemble
 from ..asked.experiment import Experiment
-from ..asked.postures import warn
 from ..plants import CameraReading
 from ..plants.base import seconds
 from ..recording.from_loop import Recorder
 from ..recording.run import Run, Verdict
+from ..setup.assembly import Assembly, assemble
+from ..setup.postures import warn
 from .ending import Ending
 
 NS = 1_000_000_000

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ..asked.assembly import assemble
 from ..asked.experiment import Experiment
 from ..errors import ExperimentError, StudyError
 from ..recording.from_loop import picture_of, with_pictures
 from ..recording.run import Run
 from ..running.loop import Loop
+from ..setup.assembly import assemble
 from . import rows
 from .folder import Folder
 from .versions import code, versions

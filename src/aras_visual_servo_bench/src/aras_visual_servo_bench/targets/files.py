@@ -18,12 +18,12 @@ import numpy as np
 
 from aras_visual_servo_camera.moments import signed_area
 
-from ..asked.target_spec import BoxSpec, Pair, TargetSpec
 from ..errors import ExperimentError, require, writing
 from .geometry import Target
 from .outlines import default_size
 from .scratch import scratch
 from .solids import SolidTarget
+from .target_spec import BoxSpec, Pair, TargetSpec
 from .textures import TexturedTarget
 
 ABOVE = 5e-4  # m that an occluder lies above the face

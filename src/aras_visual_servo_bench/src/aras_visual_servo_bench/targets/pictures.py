@@ -14,11 +14,11 @@ from aras_sim_bridge.rendering.tiles import Tiles, shared
 from aras_visual_servo_base.poses import IDENTITY, Pose
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..asked.target_spec import Pair
 from .files import write
 from .geometry import NEAREST, Target
 from .scratch import scratch
 from .solids import SolidTarget
+from .target_spec import Pair
 
 FARTHEST = 1e3  # m
 SHOWN = Sun(ambient=1.0, diffuse=0.0, background=(1.0, 1.0, 1.0, 1.0))  # colours as they are

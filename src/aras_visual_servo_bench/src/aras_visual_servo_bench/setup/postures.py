@@ -14,13 +14,13 @@ from aras_sim_bridge.rendering.recent import Recent
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import UnreachableError
 
+from ..asked.cameras import Eye
+from ..asked.packages import PackagePath
+from ..asked.robots import Robot, arm_from, described
+from ..asked.worlds import read_world
 from ..errors import ExperimentError
 from ..plants.posed_arm import PosedArm, without_visuals
-from .cameras import Eye
-from .packages import PackagePath
-from .robots import Robot, arm_from, described
-from .target_spec import TargetSpec
-from .worlds import read_world
+from ..targets.target_spec import TargetSpec
 
 log = logging.getLogger(__name__)
 HIDDEN = 0.01  # part of a target from which on it counts as hidden: less is of the rim's pixels

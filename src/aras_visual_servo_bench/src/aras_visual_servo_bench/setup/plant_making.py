@@ -18,6 +18,11 @@ from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need
 from aras_visual_servo_controller.seeing.rig import OppositeCamera
 
+from ..asked.cameras import Eye, config_of
+from ..asked.experiment import FLYING, Experiment
+from ..asked.imaging import ON_FEATURES, drawn_settings, imaging_settings
+from ..asked.robots import OF, Carried, Robot
+from ..asked.worlds import around, world_path
 from ..errors import ExperimentError
 from ..plants import CameraReading, Plant
 from ..plants.base import Place
@@ -28,14 +33,9 @@ from ..plants.kinematic import FreeCamera, KinematicChain
 from ..plants.sight import Sight
 from ..targets.files import ABOVE, description_file, occluder_file
 from ..targets.geometry import PlacedTarget
+from ..targets.target_spec import TargetSpec
 from ..targets.textures import TexturedTarget
-from .cameras import Eye, config_of
-from .experiment import FLYING, Experiment
-from .imaging import ON_FEATURES, drawn_settings, imaging_settings
 from .postures import Postures
-from .robots import OF, Carried, Robot
-from .target_spec import TargetSpec
-from .worlds import around, world_path
 
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
 COLOUR = ("rgb", "bgr")  # encodings of pictures that without a renderer are grey

@@ -12,14 +12,14 @@ from aras_sim_bridge.control.joints import HANDLE_COLUMNS, Q, V
 from aras_sim_bridge.cycle import ALL_MADE, cycles
 from aras_visual_servo_controller.loop.ticks import ODD, SENT_ON, Ticks, ticked
 
-from ..plants.base import seconds
+from .base import seconds
 
 if TYPE_CHECKING:
     from aras_sim_bridge.control.controllers.joint_state import JointStateController
     from aras_sim_bridge.simulation import ControlledModel
     from aras_visual_servo_controller.loop.driver import Driver
 
-    from ..plants.base import JointListener
+    from .base import JointListener
 
 
 class ArmAnswers:

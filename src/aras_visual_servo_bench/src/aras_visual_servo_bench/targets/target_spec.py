@@ -14,9 +14,9 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.markers import MarkerChoice
 
 from ..errors import ExperimentError, require
-from ..targets.geometry import Course, Motion, PlacedTarget
-from ..targets.outlines import NAMES, UNMARKED, shape_of
-from ..targets.solids import is_solid
+from .geometry import Course, Motion, PlacedTarget
+from .outlines import NAMES, UNMARKED, shape_of
+from .solids import is_solid
 
 LARGEST_TARGET = 2.0  # m, the table's
 Pair = tuple[float, float]

@@ -12,12 +12,12 @@ from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.algebra import least_squares
 from aras_visual_servo_controller.errors import ServoError, UnreachableError
 
+from ..asked.cameras import in_view
+from ..asked.experiment import Sampler
 from ..errors import ExperimentError, ViewError
 from ..plants.base import Place
 from ..plants.free_body import FreeBody
 from ..targets.geometry import PlacedTarget
-from .cameras import in_view
-from .experiment import Sampler
 
 NEWTON_STEPS, BEGINNINGS, BEND = 12, 4, 0.5  # the last in rad or m
 # Of 67 poses that were found ten steps were the most, and after six none was farther than this

@@ -24,6 +24,14 @@ from aras_visual_servo_controller.seeing.observation import Need, Observation
 from aras_visual_servo_controller.seeing.rig import MovedBy, Rig, StandingCamera
 from aras_visual_servo_controller.settings import Settings
 
+from ..asked.calibrated_places import has_believed_places, with_believed_places, with_fixed_cameras
+from ..asked.cameras import Eye, check_meeting
+from ..asked.experiment import FLYING, CameraPose, Experiment, Sampler
+from ..asked.loop_settings import named_goal, settings_of
+from ..asked.packages import PackagePath
+from ..asked.robots import Robot
+from ..asked.unused_settings import check_camera, check_settings
+from ..asked.worlds import with_link
 from ..errors import ExperimentError, ViewError
 from ..plants import CameraReading, Plant
 from ..plants.base import Place
@@ -31,18 +39,10 @@ from ..plants.free_body import FreeBody
 from ..plants.ideal import ExactResolver, IdealCamera
 from ..targets.geometry import PlacedTarget, RoundTarget
 from ..targets.solids import SolidTarget
-from .calibrated_places import has_believed_places, with_believed_places, with_fixed_cameras
-from .cameras import Eye, check_meeting
-from .experiment import FLYING, CameraPose, Experiment, Sampler
 from .goal_views import GoalViews, observed
-from .loop_settings import named_goal, settings_of
-from .packages import PackagePath
 from .plant_making import PlantMaker, carried_by
 from .postures import Postures, warn
-from .robots import Robot
 from .sampling import draw_start
-from .unused_settings import check_camera, check_settings
-from .worlds import with_link
 
 OF_PICTURES = {Need.IMAGE, Need.KERNEL}  # exact features have none
 

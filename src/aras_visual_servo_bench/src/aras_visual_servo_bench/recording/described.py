@@ -25,8 +25,8 @@ from ..asked.experiment import Experiment
 from ..asked.packages import PackagePath
 from ..asked.robots import RobotSpec
 from ..errors import BenchError, ExperimentError
-from ..recording.from_loop import settings_of
-from .describe import at
+from .from_loop import settings_of
+from .parameters import at
 
 # Of the loop's node alone: an experiment has them elsewhere, or not at all.
 NOT_OPTIONS = {

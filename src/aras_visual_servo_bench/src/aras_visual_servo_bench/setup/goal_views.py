@@ -15,13 +15,13 @@ from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need, Obs
 from aras_visual_servo_controller.seeing.rig import MovedBy
 from aras_visual_servo_controller.settings import Settings
 
+from ..asked import cameras
+from ..asked.cameras import Eye
 from ..errors import ExperimentError, ViewError
 from ..plants import CameraReading
 from ..plants.free_body import FreeBody
 from ..targets.geometry import PlacedTarget
 from ..targets.solids import SolidTarget
-from . import cameras
-from .cameras import Eye
 from .plant_making import PlantMaker
 
 # What is taught from a picture as the loop will see it: its own errors are then none of the goal.

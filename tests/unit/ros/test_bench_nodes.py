@@ -59,7 +59,7 @@ STARTED = {  # program: module whose main it runs
     "aras_visual_servo_controller/nodes/aras_visual_servo_controller_node":
         "aras_visual_servo_controller.ros.node",
     "aras_visual_servo_controller/nodes/aras_teleop": "aras_visual_servo_controller.ros.teleop",
-    "aras_visual_servo_controller/nodes/teach": "aras_visual_servo_controller.goals.teach",
+    "aras_visual_servo_controller/nodes/teach": "aras_visual_servo_controller.ros.teach_goal",
     **{f"aras_sim_bridge/nodes/{name}": f"aras_sim_bridge.ros.cli.{name}" for name in (
         "controller_group", "controller_manager", "spawn_model", "spawner", "unspawner")},
     "aras_sim_bridge/nodes/gazebo": "aras_sim_bridge.ros.runtime.node",

@@ -43,11 +43,11 @@ from .errors import ConfigurationError
 from .features.of_camera import check_steering
 from .goals.goal import Goal
 from .goals.starts import start_joints
-from .goals.teaching import by_geometry
 from .laws import LAWS, Law, create_law
 from .laws.base import GREATEST_GAIN
 from .loop.servo import Servo
 from .loop.state import ByJoint, ServoSettings, by_joint
+from .loop.teaching import by_geometry
 from .schemes import JointController, Scheme, create_scheme
 from .seeing.observation import CAMERA, Need, Observer
 from .seeing.rig import MovedBy, Rig, StandingCamera, beside

@@ -10,14 +10,14 @@ import numpy as np
 
 from aras_sim_bridge.control.joints import HANDLE_COLUMNS, Q, V
 from aras_sim_bridge.cycle import ALL_MADE, cycles
-from aras_visual_servo_controller.loop.ticks import ODD, SENT_ON, Ticks, ticked
+from aras_visual_servo_controller.driving.ticks import ODD, SENT_ON, Ticks, ticked
 
 from .base import seconds
 
 if TYPE_CHECKING:
     from aras_sim_bridge.control.controllers.joint_state import JointStateController
     from aras_sim_bridge.simulation import ControlledModel
-    from aras_visual_servo_controller.loop.driver import Driver
+    from aras_visual_servo_controller.driving.driver import Driver
 
     from .base import JointListener
 

@@ -18,7 +18,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 if TYPE_CHECKING:
-    from aras_visual_servo_controller.loop.driver import Driver
+    from aras_visual_servo_controller.driving.driver import Driver
 
 NS = 1_000_000_000
 

@@ -45,7 +45,7 @@ from .base import CAMERA, CameraReading, JointListener, JointReading, Plant, Rea
 from .sight import Sight, exposures, vibrations
 
 if TYPE_CHECKING:
-    from aras_visual_servo_controller.loop.driver import Driver
+    from aras_visual_servo_controller.driving.driver import Driver
 
 TARGET, OCCLUDER = "target", "occluder"
 NS = 1_000_000_000

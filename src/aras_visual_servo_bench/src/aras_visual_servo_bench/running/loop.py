@@ -14,8 +14,8 @@ import numpy as np
 
 from aras_visual_servo_base.memory import release_freed_memory
 from aras_visual_servo_base.poses import inverse
+from aras_visual_servo_controller.driving.driver import Driver
 from aras_visual_servo_controller.judging.remedy import Remedy
-from aras_visual_servo_controller.loop.driver import Driver
 from aras_visual_servo_controller.loop.state import CONVERGED, Command, ServoState
 
 from ..asked.experiment import Experiment

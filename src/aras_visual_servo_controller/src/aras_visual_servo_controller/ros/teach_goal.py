@@ -19,7 +19,7 @@ from pathlib import Path
 
 from ..arm import Arm
 from ..errors import ConfigurationError, ServoError
-from .goal import Goal
+from ..goals.goal import Goal
 
 
 def from_geometry(path: Path, urdf: Path) -> Goal:
@@ -66,7 +66,7 @@ def main(argv: list[str] | None = None) -> int:
             goal = from_geometry(arguments.geometry, arguments.urdf)
             heading = "What an exact camera sees of the target at this pose, by its geometry."
         else:
-            from ..ros.teach import live  # the rest needs no ROS
+            from .teach import live  # the rest needs no ROS
 
             goal = live(arguments)
             heading = f"Taught from {arguments.images} images."

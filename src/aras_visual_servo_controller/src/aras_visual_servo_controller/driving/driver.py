@@ -22,13 +22,9 @@ import numpy as np
 from ..arm.algebra import finite
 from ..errors import MeasurementError
 from ..judging.outcomes import DO_NOT_FOLLOW, Outcome, outcome
-from ..seeing.joint_history import FARTHEST, JointHistory
-from ..seeing.joint_sample import JointSample
-from ..seeing.rig import Look, Rig
-from ..settings import Settings
-from .motion import JUMP, jumped
-from .servo import Servo
-from .state import (
+from ..loop.motion import JUMP, jumped
+from ..loop.servo import Servo
+from ..loop.state import (
     APPROACHING,
     CONVERGED,
     HOLDING,
@@ -39,6 +35,10 @@ from .state import (
     ServoState,
     Source,
 )
+from ..seeing.joint_history import FARTHEST, JointHistory
+from ..seeing.joint_sample import JointSample
+from ..seeing.rig import Look, Rig
+from ..settings import Settings
 
 REPORT_PERIOD = 1.0 / 30.0  # s; without images, reports need not be faster than a camera
 SILENT = 0.05  # s without a joint state after which time goes on by the clock

@@ -14,13 +14,13 @@ from aras_visual_servo_camera.moments import Moments
 
 from ..arm import Arm
 from ..errors import ConfigurationError, MeasurementError, ServoError
-from ..loop.approach import Approach
-from ..loop.state import ServoSettings, Source
+from ..goals.goal import Goal
 from ..schemes import JointController, Scheme
 from ..seeing.joint_sample import JointSample
 from ..seeing.observation import Observation, Observer
 from ..seeing.rig import Look, Rig
-from .goal import Goal
+from .approach import Approach
+from .state import ServoSettings, Source
 
 NO_IMAGES = "no images arrive"
 AROUND = 400  # points of an outline that is worked out, about as many as a picture's has

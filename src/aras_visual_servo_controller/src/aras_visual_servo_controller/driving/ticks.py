@@ -19,9 +19,9 @@ from ..arm.arm import Arm, implausible
 from ..arm.inversion import LASTING, resolved
 from ..arm.kinematics import CHAIN
 from ..arm.resolver import Resolver
+from ..loop.motion import advanced, jumped
+from ..loop.task_follower import ROUNDING
 from ..seeing.joint_sample import JointSample
-from .motion import advanced, jumped
-from .task_follower import ROUNDING
 
 if TYPE_CHECKING:
     from .driver import Driver

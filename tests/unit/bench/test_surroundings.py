@@ -98,8 +98,6 @@ def test_a_link_of_a_world_is_a_solid_at_its_place(world):
     made = with_link(Experiment(world=world, target={"model": "crate"}), PACKAGES).target
     assert (made.link, made.model, made.shape) == ("body", "crate", path)
     np.testing.assert_allclose(made.pose, pose)
-    plain = Experiment()
-    assert with_link(plain, PACKAGES) is plain
 
 
 ARM = """<robot name="r"><link name="world"/>

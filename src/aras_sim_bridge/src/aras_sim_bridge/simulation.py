@@ -12,10 +12,10 @@ import numpy as np
 
 from aras_sim_bridge import cycle
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.camera.config import seed_of
 from aras_sim_bridge.camera.mounting import (
     MountedCamera,
     robot_camera,
-    seed_of,
     together,
     world_camera,
 )

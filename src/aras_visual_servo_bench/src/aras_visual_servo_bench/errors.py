@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import sys
 from collections.abc import Collection, Iterable, Iterator
+from functools import lru_cache
 from pathlib import Path
+
+log = logging.getLogger(__name__)
 
 
 class BenchError(Exception):
@@ -68,3 +72,9 @@ def not_installed(library: str | None, extra: str = "bench") -> BenchError:
 def first_line(error: BaseException) -> str:
     """What an exception says in its first line, or its class."""
     return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
+@lru_cache
+def log_once(note: str) -> None:
+    """Log a warning, once a process: the runs of a study have much in common."""
+    log.warning("%s", note)

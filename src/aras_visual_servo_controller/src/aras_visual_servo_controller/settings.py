@@ -22,7 +22,6 @@ from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import SegmentationError, VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.markers import MarkerChoice
-from aras_visual_servo_camera.model import Start, model_tracker
 from aras_visual_servo_camera.pipeline import PipelineSettings
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.silhouette import OutlinePlane
@@ -587,6 +586,8 @@ class Settings:
         """
         if self.tracker == MODEL or self.model or "model" in re.split(r"[+@]", self.scheme):
             try:
+                from aras_visual_servo_camera.model import Start, model_tracker
+
                 return model_tracker(self.model, Start(self.model_start), self.model_scale)
             except (VisionError, DescriptionError) as error:
                 raise ConfigurationError(str(error)) from error

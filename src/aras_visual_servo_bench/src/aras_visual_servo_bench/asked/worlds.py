@@ -73,15 +73,13 @@ def _warn(path: str, text: str) -> None:
 
 
 def with_link(experiment: Experiment, packages: PackagePath) -> Experiment:
-    """The same with the mesh and the pose of the link that its target is; itself where it is none.
+    """The same with the mesh and the pose of the link that its target is.
 
     Raises:
         ExperimentError: there is no such model or link, it is no closed solid, or it is a link of
             the robot's that moves.
     """
     target = experiment.target
-    if not target.is_link:
-        return experiment
     if not target.model:
         urdf = read_text(packages.file(experiment.robot.urdf), ExperimentError)
         shape, pose = _robot_link(urdf, packages, target.link)

@@ -19,12 +19,12 @@ from aras_visual_servo_controller.judging.remedy import Remedy
 from aras_visual_servo_controller.loop.state import CONVERGED, Command, ServoState
 
 from ..asked.experiment import Experiment
+from ..errors import log_once
 from ..plants import CameraReading
 from ..plants.base import seconds
 from ..recording.from_loop import Recorder
 from ..recording.run import Run, Verdict
 from ..setup.assembly import Assembly, assemble
-from ..setup.postures import warn
 from .ending import Ending
 
 NS = 1_000_000_000
@@ -251,7 +251,7 @@ class Loop:
             hidden = self.parts.postures.hidden(self.plant.joints()[0], self.plant.time_ns / NS)
             if hidden:
                 run.notes.append(SEEN_THROUGH.format(100.0 * hidden))
-                warn(run.notes[-1])
+                log_once(run.notes[-1])
         return run
 
     def close(self) -> None:

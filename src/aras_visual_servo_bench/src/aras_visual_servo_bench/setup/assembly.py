@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,10 +29,9 @@ from ..asked.cameras import Eye, check_meeting
 from ..asked.experiment import FLYING, CameraPose, Experiment, Sampler
 from ..asked.loop_settings import named_goal, settings_of
 from ..asked.packages import PackagePath
-from ..asked.robots import Robot
+from ..asked.robots import Carried, Robot
 from ..asked.unused_settings import check_camera, check_settings
-from ..asked.worlds import with_link
-from ..errors import ExperimentError, ViewError
+from ..errors import ExperimentError, ViewError, log_once
 from ..plants import CameraReading, Plant
 from ..plants.base import Place
 from ..plants.free_body import FreeBody
@@ -40,9 +39,11 @@ from ..plants.ideal import ExactResolver, IdealCamera
 from ..targets.geometry import PlacedTarget, RoundTarget
 from ..targets.solids import SolidTarget
 from .goal_views import GoalViews, observed
-from .plant_making import PlantMaker, carried_by
-from .postures import Postures, warn
+from .plant_making import PlantMaker
 from .sampling import draw_start
+
+if TYPE_CHECKING:
+    from .postures import Postures
 
 OF_PICTURES = {Need.IMAGE, Need.KERNEL}  # exact features have none
 
@@ -109,7 +110,11 @@ class _Builder:
     ) -> None:
         check_settings(experiment)
         packages = PackagePath(experiment.robot.search)
-        experiment = with_fixed_cameras(with_link(experiment, packages), packages).placed
+        if experiment.target.is_link:
+            from ..asked.worlds import with_link
+
+            experiment = with_link(experiment, packages)
+        experiment = with_fixed_cameras(experiment, packages).placed
         self.robot = _robot(experiment)
         if has_believed_places(experiment.seen_by):
             experiment = with_believed_places(experiment, self.robot)
@@ -138,7 +143,13 @@ class _Builder:
         self.eyes = {name: eyes[name] for name in seeing}
         self.control = self.eyes[read[0]]
         segmentation = self.loop_settings.make_segmentation()
-        self.plants = PlantMaker(
+        kind = PlantMaker
+        if experiment.plant == "bullet":
+            from .arm_making import ArmMaker  # the others need no physics
+
+            kind = ArmMaker
+
+        self.plants = kind(
             experiment, self.robot, self.control,
             {name: self.eyes[name] for name in seeing[1:]}, experiment.target.placed, self.needs,
             depth,
@@ -356,7 +367,7 @@ class _Builder:
             by_joints = not isinstance(self.experiment.start, CameraPose)
             notes += postures.faults(start, "start", by_joints)
         for note in notes:
-            warn(note)
+            log_once(note)
         return tuple(notes)
 
     def _deeper(self, goal: Goal) -> Goal:
@@ -427,9 +438,14 @@ def assemble(
 
 
 def _robot(experiment: Experiment) -> Robot:
+    carried: Mapping[str, Carried] = {}
+    if experiment.plant == "bullet":
+        from .arm_making import carried_by
+
+        carried = carried_by(experiment)
     return Robot(
         experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction,
-        experiment.cameras, carried_by(experiment), experiment.hand_eye,
+        experiment.cameras, carried, experiment.hand_eye,
     )  # fmt: skip
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from aras_sim_bridge.camera.config import seed_of
 from aras_sim_bridge.camera.effects import Effects
-from aras_sim_bridge.camera.mounting import seed_of
 from aras_sim_bridge.camera.shaking import Vibration
 from aras_sim_bridge.camera.shutter import parts
 from aras_visual_servo_base.poses import inverse, relative, transform
@@ -20,43 +20,24 @@ from aras_visual_servo_controller.seeing.rig import OppositeCamera
 
 from ..asked.cameras import Eye, config_of
 from ..asked.experiment import FLYING, Experiment
-from ..asked.imaging import ON_FEATURES, drawn_settings, imaging_settings
-from ..asked.robots import OF, Carried, Robot
-from ..asked.worlds import around, world_path
+from ..asked.imaging import ON_FEATURES, imaging_settings
+from ..asked.robots import Robot
 from ..errors import ExperimentError
-from ..plants import CameraReading, Plant
+from ..plants import Plant
 from ..plants.base import Place
-from ..plants.bullet_arm import OCCLUDER, TARGET, BulletArm, Followed, ShownTarget
 from ..plants.free_body import FreeBody
 from ..plants.ideal import IdealCamera
 from ..plants.kinematic import FreeCamera, KinematicChain
 from ..plants.sight import Sight
-from ..targets.files import ABOVE, description_file, occluder_file
 from ..targets.geometry import PlacedTarget
 from ..targets.target_spec import TargetSpec
 from ..targets.textures import TexturedTarget
-from .postures import Postures
 
-PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
+if TYPE_CHECKING:
+    from .postures import Postures
+
 COLOUR = ("rgb", "bgr")  # encodings of pictures that without a renderer are grey
 WATCHES: frozenset[Need] = frozenset()  # what a camera that steers nothing is asked for
-# The demo's target as the launch files put it into the world: a model whose origin lies there.
-PLATES = "package://aras_visual_servo_gazebo/targets/aras.urdf"
-PLATES_AT = (0.0, 0.0, 0.591)
-
-
-def carried_by(experiment: Experiment) -> dict[str, Carried]:
-    """The targets that are put onto links of the Bullet arm, by the names of their own links; those
-    that its description has itself are none of them."""
-    looked_at = {TARGET: (experiment.target, experiment.robot.target_frame)}
-    for name, camera in experiment.cameras.items():
-        if camera.target is not None:
-            looked_at[OF + name] = camera.target, experiment.robot.carrier_for(camera)
-    return {
-        name: Carried(link, transform(spec.pose[:3], spec.pose[3:]), description_file(spec))
-        for name, (spec, link) in looked_at.items()
-        if experiment.plant == "bullet" and link and not spec.described and spec.shape != "aras"
-    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +95,9 @@ class PlantMaker:
     @cached_property
     def postures(self) -> Postures:
         """Of the arm, with the control camera before the target."""
+        from ..asked.worlds import world_path
+        from .postures import Postures
+
         experiment = self.experiment
         solid = experiment.plant == "bullet"
         target = self.control.spec.target or experiment.target
@@ -185,29 +169,6 @@ class PlantMaker:
             clip=(config.near, config.far) if {"near", "far"} & set(eye.overrides) else None,
         )  # fmt: skip
 
-    def _spawned(self, exactly: bool) -> tuple[ShownTarget, ...]:
-        """What is put into the simulated world: the targets, unless the robot brings them, and
-        what comes and goes on the experiment's."""
-        spec, robot = self.experiment.target, self.robot
-        found = [
-            ShownTarget(eye.spec.target.placed, description_file(eye.spec.target), name=OF + name)
-            for name, eye in self.seen_apart.items()
-            if not robot.target_frame(name) and not eye.spec.target.described
-        ]
-        if spec.brought or self.experiment.robot.target_frame:
-            return tuple(found)
-        if spec.shape == "aras":
-            plates = robot.packages.file(PLATES)
-            return (ShownTarget(self.target, plates, PLATES_AT), *found)
-        seed = self.experiment.seed if spec.perturbed and not exactly else None
-        found.append(ShownTarget(self.target, description_file(spec, seed)))
-        if spec.occluded is not None and not exactly:
-            cover = occluder_file(spec.occluder)
-            found.append(
-                ShownTarget(self.target, cover, (0.0, 0.0, ABOVE), spec.occluded, OCCLUDER)
-            )
-        return tuple(found)
-
     @property
     def seen_apart(self) -> dict[str, Eye]:
         """The cameras that look at a target of their own, by name."""
@@ -216,21 +177,7 @@ class PlantMaker:
 
     def plant(self, arm: Arm | FreeBody, start: np.ndarray, exactly: bool = False) -> Plant:
         """The plant at joints (n,); `exactly`: as for teaching, without noise."""
-        experiment, spec = self.experiment, self.experiment.target
-        if experiment.plant == "bullet":
-            joints = dict(zip(arm.names, start.tolist(), strict=True))
-            return BulletArm(
-                self.robot, self._drawn(self.control, exactly), joints, experiment.seed,
-                experiment.renderer, experiment.traced, self._spawned(exactly),
-                () if experiment.pictures else self.sights(),
-                around(experiment, self.robot.packages, exactly),
-                self.control.name if experiment.cameras else "",
-                {name: self._drawn(eye, exactly) for name, eye in self.others.items()},
-                experiment.sun.exposure, self.label,
-                None if exactly or not spec.model else Followed(
-                    spec.model, spec.link, self.target.course
-                ),
-            )  # fmt: skip
+        experiment = self.experiment
         if experiment.plant == "ideal":
             believed = experiment.believed
             body = FreeBody(arm.origin, transform(believed.xyz, believed.rpy))
@@ -240,40 +187,3 @@ class PlantMaker:
         return kind(
             arm, start, sight, lag=experiment.lag, seed=experiment.seed, others=others
         )  # fmt: skip
-
-    def _drawn(self, eye: Eye, exactly: bool) -> dict[str, Any]:
-        """Settings of a camera whose pictures are rendered; `exactly`: without noise."""
-        settings = drawn_settings(eye, self.experiment, exactly)
-        needs = self.needs.get(eye.name, WATCHES)
-        if self.depth or Need.DEPTH in needs:
-            settings["depth"] = True
-        if self.label and needs & SEGMENTED:
-            settings["segmentation"] = True
-        return settings
-
-    def pictures(self, pose: np.ndarray, joints: Mapping[str, float]) -> dict[str, CameraReading]:
-        """The first picture of each camera that the loop reads, by name, of the arm that stands
-        with its control camera at a pose (4, 4).
-
-        joints: there, by name; empty: they are worked out.
-
-        Raises:
-            UnreachableError: the arm cannot be there. ExperimentError: no picture comes.
-        """
-        arm = self.robot.arm(self.control.name)
-        q = np.array([joints[name] for name in arm.names]) if joints else self.postures.at(pose)
-        plant = self.plant(arm, q, exactly=True)
-        # An arm that efforts drive would sag until its controllers hold it, and the picture comes
-        # after some hundredths of a second.
-        plant.simulation.world.set_physics(gravity=(0.0, 0.0, 0.0))
-        found: dict[str, CameraReading] = {}
-        try:
-            while plant.time_ns < PATIENCE_NS:
-                for reading in plant.advance(PATIENCE_NS):
-                    if isinstance(reading, CameraReading) and reading.camera in self.needs:
-                        found.setdefault(reading.camera, reading)
-                if len(found) == len(self.needs):
-                    return found
-        finally:
-            plant.close()
-        raise ExperimentError("the camera delivers no picture within 1 s to teach the goal by")

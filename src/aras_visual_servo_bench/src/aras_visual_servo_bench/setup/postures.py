@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -22,7 +21,6 @@ from ..errors import ExperimentError
 from ..plants.posed_arm import PosedArm, without_visuals
 from ..targets.target_spec import TargetSpec
 
-log = logging.getLogger(__name__)
 HIDDEN = 0.01  # part of a target from which on it counts as hidden: less is of the rim's pixels
 # What speaks against a posture that runs into something, beside the part of the target that one
 # hides: more than to hide all of it.
@@ -127,12 +125,6 @@ class Postures:
                 f"{':' if given else ','} {remedy.format('less')}"
             )
         return found
-
-
-@lru_cache
-def warn(note: str) -> None:
-    """Into the log, once a process: the runs of a study have much in common."""
-    log.warning("%s", note)
 
 
 # All runs of a study share a goal.

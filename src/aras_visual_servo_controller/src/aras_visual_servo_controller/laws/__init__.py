@@ -1,20 +1,13 @@
 """Control laws: how fast each error should shrink."""
 
-from .base import Law
-from .dynamic import ProportionalIntegral, SlidingMode
-from .proportional import Adaptive, Diagonal, Proportional
-from .registry import LAWS, create_law
-from .wrappers import ContinuousStart, Ramp
+from aras_visual_servo_base.lazy import lazy_exports
 
-__all__ = [
-    "LAWS",
-    "Adaptive",
-    "ContinuousStart",
-    "Diagonal",
-    "Law",
-    "Proportional",
-    "ProportionalIntegral",
-    "Ramp",
-    "SlidingMode",
-    "create_law",
-]
+_PLACES = {
+    **dict.fromkeys(("LAWS", "create_law"), ".registry"),
+    **dict.fromkeys(("Adaptive", "Diagonal", "Proportional"), ".proportional"),
+    **dict.fromkeys(("ContinuousStart", "Ramp"), ".wrappers"),
+    **dict.fromkeys(("ProportionalIntegral", "SlidingMode"), ".dynamic"),
+    "Law": ".base",
+}
+__all__ = sorted(_PLACES)
+__getattr__ = lazy_exports(__name__, _PLACES)

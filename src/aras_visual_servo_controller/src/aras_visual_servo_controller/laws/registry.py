@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
+from aras_visual_servo_base.lazy import LazyClasses
 from aras_visual_servo_base.names import construct, find_class
 
 from ..errors import ConfigurationError
 from .base import Law
-from .dynamic import ProportionalIntegral, SlidingMode
-from .proportional import Adaptive, Diagonal, Proportional
-from .wrappers import ContinuousStart, Ramp
 
-LAWS: dict[str, type[Law]] = {
-    "proportional": Proportional,
-    "adaptive": Adaptive,
-    "diagonal": Diagonal,
-    "pi": ProportionalIntegral,
-    "sliding_mode": SlidingMode,
-}
+LAWS = LazyClasses(__package__, {
+    "proportional": ".proportional:Proportional",
+    "adaptive": ".proportional:Adaptive",
+    "diagonal": ".proportional:Diagonal",
+    "pi": ".dynamic:ProportionalIntegral",
+    "sliding_mode": ".dynamic:SlidingMode",
+})  # fmt: skip
 
 
 def create_law(name: str, continuous_start: float = 0.0, ramp: float = 0.0, **gains: object) -> Law:
@@ -33,6 +31,10 @@ def create_law(name: str, continuous_start: float = 0.0, ramp: float = 0.0, **ga
     """
     cls = find_class("law", name, LAWS, (Law,), ConfigurationError)
     law = construct("law", name, cls, ConfigurationError, **gains)
+    if ramp == continuous_start == 0.0:
+        return law
+    from .wrappers import ContinuousStart, Ramp
+
     if ramp != 0.0:
         law = Ramp(law, ramp)
     return ContinuousStart(law, continuous_start) if continuous_start != 0.0 else law

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from aras_visual_servo_base.lazy import LazyClasses
 from aras_visual_servo_base.names import construct, find_class
 
 from ..errors import ConfigurationError
@@ -16,17 +17,13 @@ from ..laws import Law
 from ..seeing.observation import Need
 from .base import JointController, Scheme
 from .composed import Composed
-from .laboratory import Laboratory2016
-from .partitioned import Partitioned
-from .predictive import Predictive
 
 # Beside these every feature's name is a scheme of that feature alone.
-SCHEMES: dict[str, type[Scheme] | type[JointController] | type[Feature]] = {
-    **FEATURES,
-    "moments_2016": Laboratory2016,
-    "partitioned": Partitioned,
-    "predictive": Predictive,
-}
+SCHEMES = FEATURES | LazyClasses(__package__, {
+    "moments_2016": ".laboratory:Laboratory2016",
+    "partitioned": ".partitioned:Partitioned",
+    "predictive": ".predictive:Predictive",
+})  # fmt: skip
 
 
 def create_scheme(

@@ -35,6 +35,28 @@ out = Path(sys.argv[2])
 assert main(["run", str(out / "study.yaml"), "--out", str(out / "study"), "--in-process"]) == 0
 assert main(["table", str(out / "study")]) == 0
 """
+FREE = """
+import sys
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.running.loop import run
+assert len(run(Experiment(plant="free", **eval(sys.argv[1]))).stamp) > 4
+print(*sys.modules)
+"""
+# What a run of a free camera with exact features does without: physics and control of an arm,
+# rendering, sensors, the whole of SDF, learning, model tracker, features of grey levels.
+UNNEEDED = (
+    "pybullet", "aras_sim_bridge.world", "aras_sim_bridge.control", "aras_sim_bridge.cycle",
+    "aras_sim_bridge.simulation", "aras_sim_bridge.sensors", "aras_sim_bridge.camera.sensor",
+    "aras_sim_bridge.description.sdf", "aras_sim_bridge.description.world_file",
+    "aras_visual_servo_camera.model", "aras_visual_servo_camera.trackers",
+    "aras_visual_servo_controller.features.luminance",
+    "aras_visual_servo_controller.features.kernel", "aras_visual_servo_controller.features.stereo",
+    "aras_visual_servo_controller.hands", "aras_visual_servo_controller.ros",
+    f"{BENCH}.drawing", f"{BENCH}.learning", f"{BENCH}.pictures", f"{BENCH}.ros", f"{BENCH}.study",
+    f"{BENCH}.targets.pictures", f"{BENCH}.targets.solids", f"{BENCH}.targets.textures",
+    f"{BENCH}.plants.bullet_arm", f"{BENCH}.web",
+)  # fmt: skip
+MOST_MODULES = 180  # of the project, packages included: 179 on 3.11
 PAGES = f"{BENCH}.web.live {BENCH}.web.browse"
 
 
@@ -63,3 +85,27 @@ def test_experiments_and_studies_run_without_pages(tmp_path: Path) -> None:
 def test_what_is_hidden_cannot_be_imported() -> None:
     done = outcome(HIDING + f"import {BENCH}.web.live", PAGES)
     assert f"import of {BENCH}.web.live halted" in done.stderr
+
+
+def modules_of(**settings: object) -> set[str]:
+    """The modules that a process has imported after a run of a free camera."""
+    done = outcome(FREE, repr(settings))
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.split())
+
+
+def test_a_run_with_exact_features_imports_what_it_needs() -> None:
+    found = modules_of()
+    parts = {name.rpartition(".")[0] for name in found} | found
+    assert not parts & set(UNNEEDED)
+    # The package itself tells the names of renderers, which an experiment checks.
+    assert not any(name.startswith("aras_sim_bridge.rendering.") for name in found)
+    assert len([name for name in found if name.startswith("aras_")]) <= MOST_MODULES
+
+
+def test_what_a_run_needs_is_imported_then() -> None:
+    """A scheme by name brings its own module, images of a poster bring the renderer."""
+    found = modules_of(scheme="predictive", duration=0.5)
+    assert "aras_visual_servo_controller.schemes.predictive" in found
+    found = modules_of(features="pictures", target="poster", duration=0.5)
+    assert "aras_sim_bridge.rendering.renderer" in found and "pybullet" not in found

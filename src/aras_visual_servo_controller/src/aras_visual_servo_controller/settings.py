@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,8 +24,6 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.markers import MarkerChoice
 from aras_visual_servo_camera.pipeline import PipelineSettings
 from aras_visual_servo_camera.segmentation import Segmentation
-from aras_visual_servo_camera.silhouette import OutlinePlane
-from aras_visual_servo_camera.trackers import TRACKERS, MarkerTracker, Tracker
 
 from .arm import (
     Arm,
@@ -50,6 +48,9 @@ from .loop.teaching import by_geometry
 from .schemes import JointController, Scheme, create_scheme
 from .seeing.observation import CAMERA, Need, Observer
 from .seeing.rig import MovedBy, Rig, StandingCamera, beside
+
+if TYPE_CHECKING:
+    from aras_visual_servo_camera.trackers import Tracker
 
 # Parameters that laws take by these names.
 LAW_GAINS = {
@@ -556,6 +557,8 @@ class Settings:
         that it starts from; None where that is not known, and no goal is taught by it."""
         if not self.model or "pose" not in self.model_start:
             return None
+        from aras_visual_servo_camera.silhouette import OutlinePlane
+
         solid, place = self.make_tracker().tracking.solid, self.model_start["pose"]
         return OutlinePlane(
             solid.vertices, transform(place[:3], place[3:]), Path(self.model).name
@@ -591,6 +594,10 @@ class Settings:
                 return model_tracker(self.model, Start(self.model_start), self.model_scale)
             except (VisionError, DescriptionError) as error:
                 raise ConfigurationError(str(error)) from error
+        if self.tracker == OUTLINE:
+            return None
+        from aras_visual_servo_camera.trackers import TRACKERS, MarkerTracker
+
         if self.tracker not in TRACKERS:
             raise ConfigurationError(
                 f"unknown tracker '{self.tracker}': {nearest(self.tracker, (*TRACKERS, MODEL))}"

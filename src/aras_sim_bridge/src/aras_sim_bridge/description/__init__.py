@@ -32,7 +32,8 @@ _PLACES = {
     **dict.fromkeys(_TYPES, ".types"),
     **dict.fromkeys(("Joint", "JointLimits", "Mimic", "SoftLimits"), "aras_visual_servo_base.urdf"),
     **dict.fromkeys(("SdfContent", "parse_sdf", "read_sdf"), ".sdf"),
-    **dict.fromkeys(("parse_cameras", "parse_urdf"), ".urdf"),
+    "parse_cameras": ".urdf_cameras",
+    "parse_urdf": ".urdf",
 }
 __all__ = sorted(_PLACES)
 __getattr__ = lazy_exports(__name__, _PLACES)

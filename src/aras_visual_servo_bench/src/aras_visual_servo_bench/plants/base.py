@@ -140,12 +140,14 @@ class Plant(ABC):
         joint_names: those that can be commanded.
         outputs: kinds of command that it takes, of position, velocity and effort.
         control: name of the control camera. vibrations: of the cameras that shake, by name.
+        has_exact_plane: whether the plane of the target counts as measured, without error.
     """
 
     camera: CameraModel
     joint_names: tuple[str, ...]
     outputs: frozenset[str]
     control: str = CAMERA
+    has_exact_plane: bool = False
     vibrations: Mapping[str, Vibration] = MappingProxyType({})
 
     @property

@@ -35,9 +35,7 @@ from ..errors import ExperimentError, ViewError, log_once
 from ..plants import CameraReading, Plant
 from ..plants.base import Place
 from ..plants.free_body import FreeBody
-from ..plants.ideal import ExactResolver, IdealCamera
 from ..targets.geometry import PlacedTarget, RoundTarget
-from ..targets.solids import SolidTarget
 from .goal_views import GoalViews, observed
 from .plant_making import PlantMaker
 from .sampling import draw_start
@@ -93,7 +91,7 @@ class Assembly:
         The ideal camera's kinematics are exact, and its plane counts as measured.
         """
         plane = None
-        if isinstance(self.plant, IdealCamera):
+        if self.plant.has_exact_plane:
             plane = self.servo.goal.plane_from(self.servo.arm.pose(joints.positions))
         return observed(
             self.rig.observers[reading.camera], reading, self.eyes[reading.camera], joints=joints,
@@ -196,6 +194,8 @@ class _Builder:
         notes = self._faults(posture, bool(joints), start)
         resolver = None
         if self.experiment.plant == "ideal":
+            from ..plants.ideal import ExactResolver
+
             resolver = ExactResolver(
                 believed_arm, self.control.rate, self.experiment.ideal.speed
             )
@@ -329,7 +329,7 @@ class _Builder:
         goal = named.for_cameras(arms)
         if any(n in self.plants.seen_apart and n not in named.cameras for n in self.needs):
             return None  # what it was shown is not what these look at
-        if goal.target is not None and isinstance(self.target.shape, SolidTarget):
+        if goal.target is not None and self.target.shape.is_solid:
             return None
         try:
             self.scheme.check(goal)

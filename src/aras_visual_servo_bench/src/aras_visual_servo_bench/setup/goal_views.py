@@ -21,7 +21,6 @@ from ..errors import ExperimentError, ViewError
 from ..plants import CameraReading
 from ..plants.free_body import FreeBody
 from ..targets.geometry import PlacedTarget
-from ..targets.solids import SolidTarget
 from .plant_making import PlantMaker
 
 # What is taught from a picture as the loop will see it: its own errors are then none of the goal.
@@ -83,7 +82,7 @@ class GoalViews:
                 raise ExperimentError(
                     f"goal: {error}{where}: {_too_long(target) or ELSEWHERE}"
                 ) from error
-            if isinstance(target.shape, SolidTarget):
+            if target.shape.is_solid:
                 across, down = np.ptp(np.column_stack(eye.true.project(*outline.T)), axis=0)
                 if across > eye.true.width or down > eye.true.height:
                     raise ExperimentError(
@@ -164,7 +163,7 @@ class GoalViews:
         readings: dict[str, CameraReading] = {}
         needs = frozenset().union(*plants.needs.values())
         pictured = needs & PICTURED
-        solid = any(isinstance(plants.target_of(n).shape, SolidTarget) for n in plants.needs)
+        solid = any(plants.target_of(n).shape.is_solid for n in plants.needs)
         # A target of the robot's own description is drawn, not put where its corners say.
         if solid or plants.label or any(plants.spec_of(n).described for n in plants.needs):
             pictured = needs & SEGMENTED | pictured
@@ -189,7 +188,7 @@ class GoalViews:
                 self._is_target(views[camera], pose if place is None else place.at(pose))
         control, target = views.pop(rig.control.name), plants.target_of(rig.control.name)
         depth = target.shape.depth(target.seen_from(control.world_T_camera))
-        if isinstance(target.shape, SolidTarget):
+        if target.shape.is_solid:
             depth = None  # its plane's
         observation = rig.together(control, views) if views else control
         return replace(Goal.teach(self.scheme, observation, name, depth), joints=dict(joints))
@@ -197,7 +196,7 @@ class GoalViews:
 
 def _too_long(target: PlacedTarget) -> str:
     """What to do of a solid that is too large to be in metres, in words; '': it may well be."""
-    if not isinstance(target.shape, SolidTarget):
+    if not target.shape.is_solid:
         return ""
     length = float(np.ptp(target.shape.solid.vertices, axis=0).max())
     if length < LONG:

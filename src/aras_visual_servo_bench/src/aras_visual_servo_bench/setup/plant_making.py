@@ -26,12 +26,10 @@ from ..errors import ExperimentError
 from ..plants import Plant
 from ..plants.base import Place
 from ..plants.free_body import FreeBody
-from ..plants.ideal import IdealCamera
 from ..plants.kinematic import FreeCamera, KinematicChain
 from ..plants.sight import Sight
 from ..targets.geometry import PlacedTarget
 from ..targets.target_spec import TargetSpec
-from ..targets.textures import TexturedTarget
 
 if TYPE_CHECKING:
     from .postures import Postures
@@ -125,7 +123,7 @@ class PlantMaker:
         target, own = self.target_of(eye.name), eye.spec.target is not None
         on_it = TargetSpec() if own else experiment.target
         if on_it.perturbed and not exactly:
-            if not isinstance(target.shape, TexturedTarget):
+            if not target.shape.is_textured:
                 raise ExperimentError(
                     f"target '{experiment.target.shape}' has no picture that could be perturbed: "
                     "use poster or a PNG"
@@ -179,6 +177,8 @@ class PlantMaker:
         """The plant at joints (n,); `exactly`: as for teaching, without noise."""
         experiment = self.experiment
         if experiment.plant == "ideal":
+            from ..plants.ideal import IdealCamera
+
             believed = experiment.believed
             body = FreeBody(arm.origin, transform(believed.xyz, believed.rpy))
             return IdealCamera(arm, body, start, self.sight(self.control), experiment.seed)

@@ -16,7 +16,7 @@ from aras_visual_servo_camera.markers import MarkerChoice
 from ..errors import ExperimentError, require
 from .geometry import Course, Motion, PlacedTarget
 from .outlines import NAMES, UNMARKED, shape_of
-from .solids import is_solid
+from .shape_names import is_solid
 
 LARGEST_TARGET = 2.0  # m, the table's
 Pair = tuple[float, float]

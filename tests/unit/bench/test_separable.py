@@ -35,11 +35,11 @@ out = Path(sys.argv[2])
 assert main(["run", str(out / "study.yaml"), "--out", str(out / "study"), "--in-process"]) == 0
 assert main(["table", str(out / "study")]) == 0
 """
-FREE = """
+RUN = """
 import sys
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.running.loop import run
-assert len(run(Experiment(plant="free", **eval(sys.argv[1]))).stamp) > 4
+assert len(run(Experiment(**eval(sys.argv[1]))).stamp) > 4
 print(*sys.modules)
 """
 # What a run of a free camera with exact features does without: physics and control of an arm,
@@ -88,14 +88,14 @@ def test_what_is_hidden_cannot_be_imported() -> None:
 
 
 def modules_of(**settings: object) -> set[str]:
-    """The modules that a process has imported after a run of a free camera."""
-    done = outcome(FREE, repr(settings))
+    """The modules that a process has imported after a run."""
+    done = outcome(RUN, repr(settings))
     assert done.returncode == 0, done.stderr
     return set(done.stdout.split())
 
 
 def test_a_run_with_exact_features_imports_what_it_needs() -> None:
-    found = modules_of()
+    found = modules_of(plant="free")
     parts = {name.rpartition(".")[0] for name in found} | found
     assert not parts & set(UNNEEDED)
     # The package itself tells the names of renderers, which an experiment checks.
@@ -105,7 +105,18 @@ def test_a_run_with_exact_features_imports_what_it_needs() -> None:
 
 def test_what_a_run_needs_is_imported_then() -> None:
     """A scheme by name brings its own module, images of a poster bring the renderer."""
-    found = modules_of(scheme="predictive", duration=0.5)
+    found = modules_of(plant="free", scheme="predictive", duration=0.5)
     assert "aras_visual_servo_controller.schemes.predictive" in found
-    found = modules_of(features="pictures", target="poster", duration=0.5)
+    found = modules_of(plant="free", features="pictures", target="poster", duration=0.5)
     assert "aras_sim_bridge.rendering.renderer" in found and "pybullet" not in found
+
+
+def test_a_run_of_the_arm_imports_no_rare_feature() -> None:
+    """Grippers, trajectories, solid targets and their tracker are for those who have them."""
+    found = modules_of(duration=0.3)
+    controllers = "aras_sim_bridge.control.controllers"
+    assert f"{controllers}.forward" in found and "aras_sim_bridge.world.world" in found
+    assert not found & {
+        f"{controllers}.gripper", f"{controllers}.trajectory", "aras_sim_bridge.world.grasping",
+        "aras_visual_servo_camera.model", f"{BENCH}.learning", f"{BENCH}.web",
+    }  # fmt: skip

@@ -1,15 +1,8 @@
-"""ros_control's controllers, without ROS; importing this package registers them all.
+"""ros_control's controllers, without ROS; the registry imports one when its type is asked for.
 
 base.py documents the ports a ROS skin attaches to, registry.py how a class of your own is found.
 """
 
-from aras_sim_bridge.control.controllers import (
-    forward,
-    gripper,
-    joint_state,
-    pid_controllers,
-    trajectory,
-)
 from aras_sim_bridge.control.controllers.base import (
     ClaimedResources,
     Context,
@@ -26,10 +19,5 @@ __all__ = [
     "JointControllerState",
     "JointStates",
     "Registry",
-    "forward",
-    "gripper",
-    "joint_state",
-    "pid_controllers",
     "register",
-    "trajectory",
 ]

@@ -19,6 +19,17 @@ KIND = "controller type"
 BASE_CLASS = "controller_interface::ControllerBase"
 
 _BUILTIN: dict[str, type[Controller]] = {}
+# Modules that register the built-in types, those that most robots have first.
+_MODULES = ("joint_state", "forward", "pid_controllers", "trajectory", "gripper")
+
+
+def _built_in(type_name: str = "") -> type[Controller] | None:
+    """The built-in class of a type, whose module is imported; '': import all of them."""
+    for module in _MODULES:
+        if type_name in _BUILTIN:
+            break
+        importlib.import_module(f"{__package__}.{module}")
+    return _BUILTIN.get(type_name)
 
 
 def register(type_name: str, **attributes: str) -> Callable[[type[Controller]], type[Controller]]:
@@ -30,7 +41,8 @@ def register(type_name: str, **attributes: str) -> Callable[[type[Controller]], 
     """
 
     def decorate(cls: type[Controller]) -> type[Controller]:
-        known = _BUILTIN.get(type_name)
+        own = cls.__module__.startswith(f"{__package__}.")
+        known = _BUILTIN.get(type_name) if own else _built_in(type_name)
         if known is not None and known.__qualname__ != cls.__qualname__:
             raise ControllerError(
                 f"controller type '{type_name}' is already {known.__module__}:{known.__qualname__}"
@@ -51,6 +63,7 @@ class Registry:
 
     def types(self, extra: Mapping | None = None) -> list[str]:
         """All type strings, sorted; `extra` is the parameter controller_classes."""
+        _built_in()
         return sorted({*_BUILTIN, *(extra or {})})
 
     def find(self, type_name: str, extra: Mapping | None = None) -> type[Controller]:
@@ -64,8 +77,9 @@ class Registry:
             path = type_name
         if path is not None:
             return self._import(type_name, path)
-        if type_name in _BUILTIN:
-            return _BUILTIN[type_name]
+        known = _built_in(type_name)
+        if known is not None:
+            return known
         raise ControllerError(
             f"{unknown(KIND, type_name, self.types(extra))}. A class of your own is named in "
             "controller_classes as 'package.module:Class'"

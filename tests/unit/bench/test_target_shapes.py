@@ -26,7 +26,8 @@ from aras_visual_servo_bench.targets.geometry import (
 from aras_visual_servo_bench.targets.outlines import read_svg, shape_of, tracker_of
 from aras_visual_servo_bench.targets.pictures import seen, shows
 from aras_visual_servo_bench.targets.scratch import scratch
-from aras_visual_servo_bench.targets.solids import is_solid, made_solid, primitive, solid_target
+from aras_visual_servo_bench.targets.shape_names import is_solid
+from aras_visual_servo_bench.targets.solids import made_solid, primitive, solid_target
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_camera.errors import ModelError

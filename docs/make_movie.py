@@ -19,11 +19,11 @@ import pybullet
 from PIL import Image, ImageDraw, ImageFont
 from pybullet_utils.bullet_client import BulletClient
 
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
 from aras_visual_servo_bench.recording.run import Run
 from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_camera import overlay
 from aras_visual_servo_camera.images import Image as Picture
 from aras_visual_servo_camera.pipeline import Pipeline, Settings

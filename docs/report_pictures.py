@@ -14,10 +14,10 @@ from urllib.parse import quote
 from PIL import Image
 
 from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.browse.server import serve
 from aras_visual_servo_bench.commands import main as bench
-from aras_visual_servo_bench.report.write import write_report
 from aras_visual_servo_bench.study.replay import carried_out
+from aras_visual_servo_bench.web.browse.server import serve
+from aras_visual_servo_bench.web.report.write import write_report
 
 IMAGES = Path(__file__).resolve().parent / "images"
 BROWSERS = ("chromium", "chromium-headless-shell", "chromium-browser", "chrome")

@@ -22,10 +22,10 @@ import yaml
 
 from aras_sim_bridge.control.controllers.gripper import GripperGoal
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.robots import Robot
 from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_controller.errors import UnreachableError
 
 HERE = Path(__file__).resolve().parent

@@ -9,8 +9,8 @@ from aras_visual_servo_bench.experiment import Experiment
 
 from aras_visual_servo_bench.pictures import style
 from aras_visual_servo_bench.recording.run import Run
-from aras_visual_servo_bench.report.write import PARTS, write_report
 from aras_visual_servo_bench.study.replay import carried_out
+from aras_visual_servo_bench.web.report.write import PARTS, write_report
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 

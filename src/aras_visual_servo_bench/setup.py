@@ -7,7 +7,7 @@ setup(**generate_distutils_setup(
     packages=find_packages("src"),
     package_dir={"": "src"},
     package_data={
-        "aras_visual_servo_bench.live": ["page/*"], "aras_visual_servo_bench.report": ["page/*"],
-        "aras_visual_servo_bench.browse": ["page/*"],
+        f"aras_visual_servo_bench.{package}": ["page/*"]
+        for package in ("web", "web.live", "web.report", "web.browse")
     },
 ))  # fmt: skip

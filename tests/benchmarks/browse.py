@@ -19,9 +19,9 @@ from pathlib import Path
 import checkout  # noqa: F401
 from made_study import made_study
 
-from aras_visual_servo_bench.browse.server import BrowseServer
-from aras_visual_servo_bench.browse.studies import Studies
-from aras_visual_servo_bench.live.access import Access
+from aras_visual_servo_bench.web.access import Access
+from aras_visual_servo_bench.web.browse.server import BrowseServer
+from aras_visual_servo_bench.web.browse.studies import Studies
 
 WANTED = 0.5  # s
 FILTERS = {

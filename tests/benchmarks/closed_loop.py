@@ -6,9 +6,9 @@ import statistics
 import time
 from typing import Any
 
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.setup.assembly import assemble
 
 RATE = 30
 clock = time.process_time_ns  # of all threads: the renderer's too

@@ -124,9 +124,9 @@ def measure(images: int) -> tuple[dict[str, int], dict[str, set[CodeType]]]:
     Returns:
         The counts by name, and the functions that ran by phase.
     """
-    from aras_visual_servo_bench.asked.assembly import assemble
     from aras_visual_servo_bench.asked.experiment import Experiment
     from aras_visual_servo_bench.running.loop import Loop
+    from aras_visual_servo_bench.setup.assembly import assemble
 
     with ExecutedFunctions() as setup:
         experiment = Experiment(plant="free", features="exact")

@@ -29,7 +29,6 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty
 from test_bridge_lockstep import COMMANDS, ROBOT, all_running, call, connections
 
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.numbers.summary import summarise
 from aras_visual_servo_bench.recording.from_bag import Messages
@@ -38,6 +37,7 @@ from aras_visual_servo_bench.recording.run import Run, Verdict
 from aras_visual_servo_bench.ros.bag import read_bag
 from aras_visual_servo_bench.ros.describe import gathered
 from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_ros.parameters import fetched
 
 AWAY = (0.05, 0.02, 0.1, -0.05, -0.05, 0.1)

@@ -15,8 +15,8 @@ from ros_graph import wait_for
 from sensor_msgs.msg import JointState
 
 from aras_visual_servo_base.poses import pose_difference
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.goals.goal import Goal
 

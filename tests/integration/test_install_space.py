@@ -13,6 +13,8 @@ PROGRAMS = {
     "aras_visual_servo_controller": "aras_visual_servo_controller_node",
     "aras_visual_servo_gazebo": "adapt_description",
 }
+WEB = "aras_visual_servo_bench/web"
+PAGES = (f"{WEB}/page", f"{WEB}/live/page", f"{WEB}/report/page", f"{WEB}/browse/page")
 
 
 def test_installed_programs_start_at_once_with_this_python(tmp_path):
@@ -36,7 +38,7 @@ def test_installed_programs_start_at_once_with_this_python(tmp_path):
     assert {f"{package}/{program}" for package, program in PROGRAMS.items()} <= set(interpreters)
     library = libraries / "python3" / "dist-packages"
     assert list((library / "aras_sim_bridge").glob("simulation.py"))
-    for page in ("aras_visual_servo_bench/live/page", "aras_visual_servo_bench/report/page"):
+    for page in PAGES:
         source = ROOT / "src" / "aras_visual_servo_bench" / "src" / page
         assert {f.name: f.read_bytes() for f in (library / page).iterdir()} == {
             f.name: f.read_bytes() for f in source.iterdir()

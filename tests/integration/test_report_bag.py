@@ -21,17 +21,17 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from aras_visual_servo_bench.asked import cameras
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.numbers.summary import summarise
+from aras_visual_servo_bench.recording.described import preset_of
 from aras_visual_servo_bench.recording.tracks import tracks
-from aras_visual_servo_bench.report.write import write_report
 from aras_visual_servo_bench.ros.bag import read_bag
 from aras_visual_servo_bench.ros.describe import launches
-from aras_visual_servo_bench.ros.described import preset_of
 from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.setup.assembly import assemble
+from aras_visual_servo_bench.web.report.write import write_report
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.ros.messages import report_message, state_message
 

@@ -22,8 +22,8 @@ from ros_graph import wait_for
 from sensor_msgs.msg import Image, JointState
 from tf.transformations import quaternion_from_euler
 
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.files import description_file
 
 ROOT = Path(__file__).parents[2]

@@ -21,8 +21,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "camera"))
 from tracking_scenes import corners_of, write_obj
 
 from aras_visual_servo_base.poses import Pose, inverse, pose_difference, transform
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_controller.goals.goal import Goal
 
 SPACE = "/aras_visual_servo"

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.recording.run import Run
 from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.study.remedies import apply_remedy
 from aras_visual_servo_controller.judging.outcomes import Outcome
 from aras_visual_servo_controller.judging.remedy import Remedy

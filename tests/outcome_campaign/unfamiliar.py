@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.setup.assembly import assemble
 
 from .kinds import kind
 from .scenes import ARMS, Changes, Draw, Lens, flying, lens, on_arm

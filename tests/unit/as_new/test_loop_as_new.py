@@ -19,11 +19,11 @@ import aras_visual_servo_camera
 import aras_visual_servo_controller
 from aras_visual_servo_base.poses import exponential, to_xyz_rpy, transform
 from aras_visual_servo_base.stamp_pairing import ByStamp
-from aras_visual_servo_bench.asked.assembly import Assembly, assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.running.loop import Loop
-from aras_visual_servo_controller.loop.driver import Driver
+from aras_visual_servo_bench.setup.assembly import Assembly, assemble
+from aras_visual_servo_controller.driving.driver import Driver
 
 SHAPE = [[-0.025, -0.03], [0.03, -0.025], [0.025, 0.02], [-0.015, 0.025]]
 LEFT = {"width": 160, "height": 120, "update_rate": 30.0,

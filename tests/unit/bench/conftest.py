@@ -36,7 +36,7 @@ def host(robot, pinhole):
 @pytest.fixture(scope="module")
 def server(host):
     """That page, served."""
-    from aras_visual_servo_bench.live.server import serve
+    from aras_visual_servo_bench.web.live.server import serve
 
     found = serve(host, "127.0.0.1", 18300 + os.getpid() % 1000, say=lambda _: None)
     yield found

@@ -7,10 +7,10 @@ import threading
 import cv2
 import numpy as np
 
-from aras_visual_servo_bench.live.page import Page
-from aras_visual_servo_bench.live.requests import RefusedError
-from aras_visual_servo_bench.live.robot_model import robot_model
-from aras_visual_servo_bench.live.story import Story
+from aras_visual_servo_bench.drawing.story import Story
+from aras_visual_servo_bench.errors import RefusedError
+from aras_visual_servo_bench.web.live.page import Page
+from aras_visual_servo_bench.web.live.robot_model import robot_model
 from aras_visual_servo_controller.arm.resolution import Resolution
 from aras_visual_servo_controller.loop.state import ServoState
 from aras_visual_servo_controller.schemes import Decision

@@ -13,12 +13,12 @@ from aras_visual_servo_base.poses import (
     transform,
 )
 from aras_visual_servo_bench.asked import cameras
-from aras_visual_servo_bench.asked.assembly import assemble, check
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.robots import Robot
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.setup.assembly import assemble, check
 from aras_visual_servo_camera.undistortion import CameraModel
 
 SHAPE = ((-0.025, -0.03), (0.03, -0.025), (0.025, 0.02), (-0.015, 0.025))

@@ -11,11 +11,11 @@ import pytest
 import yaml
 
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants.base import CameraReading
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_controller.arm import Arm
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"

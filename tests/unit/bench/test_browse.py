@@ -20,21 +20,21 @@ import pytest
 import yaml
 from made_study import made_study, write_chunk
 
-from aras_visual_servo_bench.browse import reports as reports_module
-from aras_visual_servo_bench.browse import studies as studies_module
-from aras_visual_servo_bench.browse.queries import cells, medians
-from aras_visual_servo_bench.browse.reports import Reports
-from aras_visual_servo_bench.browse.server import serve
-from aras_visual_servo_bench.browse.studies import Studies
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.live.web import PortTakenError, bound
 from aras_visual_servo_bench.study import rows as rows_module
 from aras_visual_servo_bench.study.engine import carry_out
 from aras_visual_servo_bench.study.folder import SUMS, Folder
 from aras_visual_servo_bench.study.pools import ThisProcess
 from aras_visual_servo_bench.study.progress import Progress
 from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.web.browse import reports as reports_module
+from aras_visual_servo_bench.web.browse import studies as studies_module
+from aras_visual_servo_bench.web.browse.queries import cells, medians
+from aras_visual_servo_bench.web.browse.reports import Reports
+from aras_visual_servo_bench.web.browse.server import serve
+from aras_visual_servo_bench.web.browse.studies import Studies
+from aras_visual_servo_bench.web.server import PortTakenError, bound
 
 GRID = {"experiment": {"plant": "free", "duration": 0.5},
         "vary": {"gain": [1.0, 4.0, 8.0], "delay": [0.05, 0.2]},

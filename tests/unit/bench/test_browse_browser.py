@@ -10,12 +10,12 @@ import pytest
 import yaml
 from made_study import made_study, write_chunk
 
-from aras_visual_servo_bench.browse.server import serve
 from aras_visual_servo_bench.study.engine import carry_out
 from aras_visual_servo_bench.study.folder import Folder
 from aras_visual_servo_bench.study.pools import ThisProcess
 from aras_visual_servo_bench.study.progress import Progress
 from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.web.browse.server import serve
 
 SIZES = (1440, 390)
 HOSTILE = "<img src=x onerror='window.hit=1'>"

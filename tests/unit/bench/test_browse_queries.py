@@ -11,10 +11,10 @@ import pyarrow as pa
 import pytest
 
 from aras_visual_servo_base.settings import build
-from aras_visual_servo_bench.browse import queries
-from aras_visual_servo_bench.browse.queries import Filter
-from aras_visual_servo_bench.browse.studies import FoundStudy, Snapshot
 from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.web.browse import queries
+from aras_visual_servo_bench.web.browse.queries import Filter
+from aras_visual_servo_bench.web.browse.studies import FoundStudy, Snapshot
 
 COUNT = 390
 

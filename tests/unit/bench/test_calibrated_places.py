@@ -7,7 +7,6 @@ from aras_sim_bridge.camera import mounting
 from aras_sim_bridge.errors import CameraError
 from aras_visual_servo_base.poses import optical, to_xyz_rpy, transform
 from aras_visual_servo_base.urdf import parse_tree
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.calibrated_places import (
     with_believed_places,
     with_fixed_cameras,
@@ -15,6 +14,7 @@ from aras_visual_servo_bench.asked.calibrated_places import (
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.robots import Robot
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.setup.assembly import assemble
 
 OFF = transform((0.004, -0.003, 0.006), (0.02, -0.03, 0.05))
 PLACE = transform((0.3, -0.2, 0.9), (3.0, 0.1, 0.4))

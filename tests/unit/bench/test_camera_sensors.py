@@ -11,7 +11,6 @@ from test_plants import SQUARE, START, bullet, until
 from aras_sim_bridge.camera.effects import Effects
 from aras_sim_bridge.camera.shutter import parts
 from aras_visual_servo_base.poses import exponential
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading
@@ -19,6 +18,7 @@ from aras_visual_servo_bench.plants.free_body import FreeBody
 from aras_visual_servo_bench.plants.kinematic import FreeCamera
 from aras_visual_servo_bench.plants.sight import Sight
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import PlacedTarget
 from aras_visual_servo_camera.undistortion import CameraModel
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked import postures
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.errors import log_once
 from aras_visual_servo_bench.running.loop import Loop, run
+from aras_visual_servo_bench.setup.assembly import assemble
 
 HEAD = """<link name="camera_link"/><link name="camera_optical_frame"/>
 <joint name="mount" type="fixed"><parent link="{hand}"/><child link="camera_link"/>
@@ -82,7 +82,7 @@ def robot(joints, pitch, folder):
 @pytest.fixture(params=["elbow", "gantry"])
 def clear(request, tmp_path):
     """An experiment whose goal's first posture runs into something, and into what."""
-    postures.warn.cache_clear()
+    log_once.cache_clear()
     keys = {"camera": {}, "scheme": "points", "features": "exact", "gain": 2.0, "linger": 0.3}
     if request.param == "elbow":
         return Experiment(

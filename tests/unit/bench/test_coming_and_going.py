@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment, SunSpec, TargetSpec
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.setup.assembly import assemble
 
 TIMES = ((0.1, 0.2), (0.3, 0.4))  # at each an image is exposed, which is before a coming
 OCCLUDER = ((0.01, -0.01), (0.06, 0.05))

@@ -220,8 +220,8 @@ BENCH = "aras_visual_servo_bench"
 
 
 @pytest.mark.parametrize(("words", "missing", "told"), [
-    (["browse", "x"], f"{BENCH}.browse.server", "browse.server is not installed: run ./setup.sh; "
-     "without ROS, pip install '.[page]' in"),
+    (["browse", "x"], f"{BENCH}.web.browse.server", "web.browse.server is not installed: run ./"
+     "setup.sh; without ROS, pip install '.[page]' in"),
     (["table", "x"], f"{BENCH}.commands.reading", "commands.reading is not installed: run ./setup."
      "sh; without ROS, pip install '.[bench]' in"),
     (["analyze", "{}", "--out", "o"], f"{BENCH}.ros.bag", "bags need ROS's Python packages: "),

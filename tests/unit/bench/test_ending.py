@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.running.ending import Ending
 from aras_visual_servo_bench.running.loop import Loop, run
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
+from aras_visual_servo_controller.driving.driver import Driver
 from aras_visual_servo_controller.judging.outcomes import Outcome
-from aras_visual_servo_controller.loop.driver import Driver
 from aras_visual_servo_controller.loop.state import CONVERGED, SERVOING
 
 SQUARE = PolygonTarget(((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1)))

@@ -8,7 +8,6 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from aras_visual_servo_base.poses import pose_difference
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment, Sampler
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.environment import (
@@ -17,6 +16,7 @@ from aras_visual_servo_bench.running.environment import (
     AskedTwist,
     ServoEnv,
 )
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.schemes import Decision, JointController, Scheme
 

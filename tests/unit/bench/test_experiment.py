@@ -9,9 +9,9 @@ import pytest
 import yaml
 
 from aras_visual_servo_bench.asked.experiment import CameraPose, Experiment, Sampler
-from aras_visual_servo_bench.asked.target_spec import TargetSpec
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.targets.geometry import Motion
+from aras_visual_servo_bench.targets.target_spec import TargetSpec
 
 
 def test_defaults_are_the_shipped_demo():

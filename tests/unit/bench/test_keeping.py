@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from aras_visual_servo_bench.live.requests import RefusedError
+from aras_visual_servo_bench.errors import RefusedError
 from aras_visual_servo_bench.ros import keeping
 from aras_visual_servo_bench.ros.processes import Launch
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.setup.assembly import assemble
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 PLACE, TURN, SIZE = (0.45, 0.05, 0.081), 0.3, (0.08, 0.05, 0.06)

@@ -17,14 +17,14 @@ from aras_sim_bridge.camera.config import CameraConfig
 from aras_sim_bridge.camera.effects import EFFECTS, AutoExposure, Effects, SensorModel
 from aras_sim_bridge.camera.shaking import Shake
 from aras_visual_servo_base.settings import merge
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec
 from aras_visual_servo_bench.asked.experiment import PLANTS, Experiment, Ideal, SunSpec
 from aras_visual_servo_bench.asked.overrides import with_override
-from aras_visual_servo_bench.asked.target_spec import BoxSpec, TargetSpec
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import Motion
+from aras_visual_servo_bench.targets.target_spec import BoxSpec, TargetSpec
 from aras_visual_servo_controller.laws import LAWS
 
 BOTH, IMAGES, EXACT = ("exact", "pictures"), ("pictures",), ("exact",)

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from aras_visual_servo_bench.live.access import Access
+from aras_visual_servo_bench.web.access import Access
 
 TOKEN = "abcDEF-123_xyz"
 HOME = Access("127.0.0.1", 8090, TOKEN)

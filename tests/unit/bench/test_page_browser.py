@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from browser import Browser
 
-from aras_visual_servo_bench.live import server as server_module
-from aras_visual_servo_bench.live.server import serve
+from aras_visual_servo_bench.web.live import server as server_module
+from aras_visual_servo_bench.web.live.server import serve
 
 COLOURS = """(() => {{ const c = document.querySelector("#{0} canvas, canvas#{0}");
   if (!c) return 0;

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from aras_visual_servo_bench.live.outbox import AHEAD, Outbox, merged
-from aras_visual_servo_bench.live.page import KEPT
+from aras_visual_servo_bench.web.live.outbox import AHEAD, Outbox, merged
+from aras_visual_servo_bench.web.live.page import KEPT
 
 
 def news(stamp, **more):

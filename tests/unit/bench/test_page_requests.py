@@ -8,15 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from aras_visual_servo_bench.live import page
-from aras_visual_servo_bench.live.requests import (
+from aras_visual_servo_bench.errors import RefusedError
+from aras_visual_servo_bench.web.live import page
+from aras_visual_servo_bench.web.live.requests import (
     CHOSEN,
-    LARGEST,
     REQUESTS,
-    RefusedError,
-    read_message,
     read_request,
 )
+from aras_visual_servo_bench.web.messages import LARGEST, read_message
 from aras_visual_servo_controller.hands.teleop import CAMERA_KEYS
 
 AXES = ("vx", "vy", "vz", "wx", "wy", "wz")
@@ -25,7 +24,7 @@ CHOICES = {"schemes": ["moments"], "laws": ["pi"], "starts": ["2016"], "goals": 
 
 
 def ask(do, **given):
-    return read_request(*read_message(json.dumps({"do": do, **given})), CHOICES)
+    return read_request(*read_message(json.dumps({"do": do, **given}), REQUESTS), CHOICES)
 
 
 def test_a_request_is_read_as_it_was_sent():
@@ -103,14 +102,14 @@ def test_what_is_just_within_its_bounds_is_taken(do, given):
 
 def test_a_request_of_4096_characters_is_read():
     text = json.dumps({"do": "start"})
-    assert read_message(text.ljust(4096)) == ("start", {})
+    assert read_message(text.ljust(4096), REQUESTS) == ("start", {})
     with pytest.raises(RefusedError, match="a text of at most 4096 characters"):
-        read_message(text.ljust(4097))
+        read_message(text.ljust(4097), REQUESTS)
 
 
 def test_a_long_request_is_not_read_at_all():
     with pytest.raises(RefusedError, match=f"at most {LARGEST} characters"):
-        read_message(json.dumps({"do": "start"}) + " " * LARGEST)
+        read_message(json.dumps({"do": "start"}) + " " * LARGEST, REQUESTS)
 
 
 @pytest.mark.parametrize("text", [
@@ -119,7 +118,7 @@ def test_a_long_request_is_not_read_at_all():
 ])  # fmt: skip
 def test_what_is_no_request_is_refused(text):
     with pytest.raises(RefusedError):
-        read_message(text)
+        read_message(text, REQUESTS)
 
 
 def test_every_choice_is_a_field_of_a_request():

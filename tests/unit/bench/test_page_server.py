@@ -23,15 +23,16 @@ from tornado.websocket import WebSocketClosedError, websocket_connect
 
 from aras_sim_bridge.description import parse_urdf
 from aras_visual_servo_base.errors import DescriptionError
+from aras_visual_servo_bench.drawing.parts import parts
 from aras_visual_servo_bench.errors import BenchError
-from aras_visual_servo_bench.live import server as server_module
-from aras_visual_servo_bench.live.access import Access
-from aras_visual_servo_bench.live.outbox import AHEAD
-from aras_visual_servo_bench.live.page import KEPT, Page
-from aras_visual_servo_bench.live.robot_model import parts, robot_model
-from aras_visual_servo_bench.live.server import Server, Viewer, serve
-from aras_visual_servo_bench.live.web import PortTakenError, bound
 from aras_visual_servo_bench.ros.keeping import Keeping
+from aras_visual_servo_bench.web.access import Access
+from aras_visual_servo_bench.web.live import server as server_module
+from aras_visual_servo_bench.web.live.outbox import AHEAD
+from aras_visual_servo_bench.web.live.page import KEPT, Page
+from aras_visual_servo_bench.web.live.robot_model import robot_model
+from aras_visual_servo_bench.web.live.server import Server, Viewer, serve
+from aras_visual_servo_bench.web.server import PortTakenError, bound
 
 SAMPLE = told(error=(0.1, -0.2))
 
@@ -545,7 +546,7 @@ def test_entities_of_a_description_are_refused(robot):
 def test_the_robots_model_is_the_descriptions(robot, host, monkeypatch):
     model = robot_model(robot.urdf, robot.packages.find)
     with monkeypatch.context() as small:
-        small.setattr("aras_visual_servo_bench.live.robot_model.LARGEST", 10)
+        small.setattr("aras_visual_servo_bench.web.live.robot_model.LARGEST", 10)
         with pytest.raises(DescriptionError, match="triangles; a page draws 10"):
             robot_model(robot.urdf, robot.packages.find)
     assert model["name"] == "aras_visual_servo"

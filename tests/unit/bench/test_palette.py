@@ -59,7 +59,7 @@ def test_the_goal_is_the_overlays_blue():
 
 
 @pytest.mark.parametrize("path", [
-    path for folder in ("pictures", "report", "live", "browse")
+    path for folder in ("pictures", "drawing", "web")
     for path in (BENCH / folder).rglob("*")
     if path.suffix in (".py", ".js", ".css", ".html") and path.name != "palette.py"
 ], ids=lambda path: path.name)  # fmt: skip
@@ -68,16 +68,16 @@ def test_colours_stand_in_the_palette_alone(path):
 
 
 def test_what_the_page_asks_for_is_in_the_palette():
-    page = BENCH / "live" / "page"
+    page = BENCH / "web" / "live" / "page"
     asked = set(re.findall(r"var\(--([\w-]+)\)", (page / "style.css").read_text()))
     plots = (page / "plots.js").read_text()
     asked |= set(re.findall(r'colour\("([\w-]+)"\)', plots))
     assert "colour(`curve-${i % 8}`)" in plots and {"quiet", "grid"} <= asked
     asked |= {f"curve-{i}" for i in range(8)}
     assert asked <= set(LIVE) and len(palette.LIVE_CURVES) == 8
-    report = BENCH / "report" / "page"
-    asked = set(re.findall(r"var\(--([\w-]+)\)", (report / "style.css").read_text())) - {"shade"}
-    for script in report.glob("*.js"):
+    shared = BENCH / "web" / "page"
+    asked = set(re.findall(r"var\(--([\w-]+)\)", (shared / "style.css").read_text())) - {"shade"}
+    for script in (shared / "charts.js", *(BENCH / "web" / "report" / "page").glob("*.js")):
         asked |= set(re.findall(r'colour\("([\w-]+)"\)', script.read_text()))
     asked |= {f"curve-{i}" for i in range(8)}
     assert asked <= set(REPORT) and set(REPORT) == set(REPORT_DARK)

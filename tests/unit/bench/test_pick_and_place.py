@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import Loop, run
+from aras_visual_servo_bench.setup.assembly import assemble
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "docs" / "examples" / "pick_and_place.py"
 

@@ -7,19 +7,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from aras_sim_bridge.camera.config import seed_of
 from aras_sim_bridge.camera.effects import Effects
-from aras_sim_bridge.camera.mounting import seed_of
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked import cameras, plant_making
+from aras_visual_servo_bench.asked import cameras
 from aras_visual_servo_bench.asked.cameras import Eye
 from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.asked.goal_views import GoalViews
 from aras_visual_servo_bench.asked.loop_settings import settings_of
-from aras_visual_servo_bench.asked.plant_making import PlantMaker, carried_by
 from aras_visual_servo_bench.asked.robots import Robot
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading, JointReading
 from aras_visual_servo_bench.plants.free_body import FreeBody
+from aras_visual_servo_bench.setup import plant_making
+from aras_visual_servo_bench.setup.arm_making import ArmMaker, carried_by
+from aras_visual_servo_bench.setup.goal_views import GoalViews
+from aras_visual_servo_bench.setup.plant_making import PlantMaker
 from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_controller.seeing.observation import Need
 
@@ -37,8 +39,9 @@ def maker(needs=None, depth=False, label="", **keys):
     eyes = [Eye.of(name, spec, robot.packages, experiment.robot.cameras)
             for name, spec in experiment.seen_by.items()]
     needs = needs or {eyes[0].name: MOMENTS}
-    return PlantMaker(experiment, robot, eyes[0], {eye.name: eye for eye in eyes[1:]},
-                      experiment.target.placed, needs, depth, label)
+    kind = ArmMaker if experiment.plant == "bullet" else PlantMaker
+    return kind(experiment, robot, eyes[0], {eye.name: eye for eye in eyes[1:]},
+                experiment.target.placed, needs, depth, label)
 
 
 def seen(made, exactly=False):

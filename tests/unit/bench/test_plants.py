@@ -9,7 +9,6 @@ from scipy.linalg import expm
 
 from aras_sim_bridge.camera.effects import Effects
 from aras_visual_servo_base.poses import exponential, inverse, logarithm, skew, transform
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading, JointReading
@@ -19,6 +18,7 @@ from aras_visual_servo_bench.plants.ideal import ExactResolver, IdealCamera
 from aras_visual_servo_bench.plants.kinematic import FreeCamera, KinematicChain
 from aras_visual_servo_bench.plants.sight import Sight
 from aras_visual_servo_bench.running.loop import Loop, run
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
 from aras_visual_servo_camera.moments import find_crossing
 from aras_visual_servo_controller.arm.task import Task

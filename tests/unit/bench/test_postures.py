@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import relative, transform
-from aras_visual_servo_bench.asked import postures
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.robots import Robot
+from aras_visual_servo_bench.errors import log_once
 from aras_visual_servo_bench.plants.posed_arm import PosedArm
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import PolygonTarget
 
 JOINTS = ("x", "y", "z", "fan", "head")
@@ -79,7 +79,7 @@ def experiment(tmp_path):
         keys = {"target": TARGET, "goal": GOAL, "start": START, "camera": {}, "scheme": "points",
                 **keys}
         return Experiment(robot=robot, **keys)
-    postures.warn.cache_clear()
+    log_once.cache_clear()
     return made
 
 

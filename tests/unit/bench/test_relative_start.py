@@ -5,10 +5,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.relative_start import RelativeStart
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.setup.assembly import assemble
 
 GOAL = transform((0.1, -0.2, 0.9), (np.pi - 0.1, 0.2, 0.4))
 TARGET = transform((0.3, 0.1, 0.2), (0.1, -0.2, 0.5))

@@ -26,10 +26,11 @@ from aras_visual_servo_bench.pictures.over_time import looks
 from aras_visual_servo_bench.recording.from_loop import settings_of
 from aras_visual_servo_bench.recording.run import CameraRecord, settling
 from aras_visual_servo_bench.recording.tracks import milestones, nearest, tracks
-from aras_visual_servo_bench.report import page, write
-from aras_visual_servo_bench.report import page as page_text
-from aras_visual_servo_bench.report.write import NAMES, PARTS, write_report
 from aras_visual_servo_bench.study.replay import carried_out, with_all_pictures
+from aras_visual_servo_bench.web import SHARED
+from aras_visual_servo_bench.web.report import page, write
+from aras_visual_servo_bench.web.report import page as page_text
+from aras_visual_servo_bench.web.report.write import NAMES, PARTS, write_report
 
 SECONDS = 3.0
 FIGURES = {part.name: part.figure for row in PARTS for part in row}
@@ -361,7 +362,7 @@ def test_the_report_is_one_page_that_needs_nothing_else(moments, tmp_path, monke
         assert drawn[0].shape == drawn[1].shape  # they stand beside each other
     scripts = [path.read_text() for path in page_text.SCRIPTS]
     assert len(scripts) == 4 and all(text in page for text in scripts)
-    assert (page_text.FOLDER / "style.css").read_text() in page
+    assert (SHARED / "style.css").read_text() in page
     for row in PARTS:
         for part in row:
             assert part.name not in parts or part.text in html.unescape(page)

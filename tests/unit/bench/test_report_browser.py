@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.report.write import write_report
 from aras_visual_servo_bench.study.replay import carried_out
+from aras_visual_servo_bench.web.report.write import write_report
 
 SIZES = (1440, 390)
 HOSTILE = "<img src=x onerror='window.hit=1'>"

@@ -19,8 +19,8 @@ from aras_visual_servo_bench.pictures.panels import Curve, Panel
 from aras_visual_servo_bench.recording.from_loop import with_pictures
 from aras_visual_servo_bench.recording.run import Run, Verdict, scaled
 from aras_visual_servo_bench.recording.tracks import milestones, tracks
-from aras_visual_servo_bench.report.write import PARTS
 from aras_visual_servo_bench.targets.geometry import PolygonTarget
+from aras_visual_servo_bench.web.report.write import PARTS
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes.base import Decision

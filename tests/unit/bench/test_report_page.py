@@ -16,11 +16,11 @@ from aras_visual_servo_bench.pictures import panels
 from aras_visual_servo_bench.recording import film as films
 from aras_visual_servo_bench.recording.film import FRAMES, chosen, film
 from aras_visual_servo_bench.recording.tracks import tracks
-from aras_visual_servo_bench.report import library
-from aras_visual_servo_bench.report.contents import contents
-from aras_visual_servo_bench.report.page import in_script
-from aras_visual_servo_bench.report.write import PARTS, write_report
 from aras_visual_servo_bench.study.replay import carried_out
+from aras_visual_servo_bench.web import uplot
+from aras_visual_servo_bench.web.report.contents import contents
+from aras_visual_servo_bench.web.report.page import in_script
+from aras_visual_servo_bench.web.report.write import PARTS, write_report
 
 HOSTILE = '</script><img src=x onerror="window.hit=1">&amp;\'"<!--'
 
@@ -212,10 +212,10 @@ def test_of_thousands_of_numbers_a_table_shows_some_and_says_how_many_more(momen
 
 
 def test_the_library_is_the_one_that_is_meant(tmp_path, monkeypatch):
-    assert "var uPlot=" in library.uplot(library.SCRIPT)
-    assert ".u-over" in library.uplot(library.STYLE)
+    assert "var uPlot=" in uplot.uplot(uplot.SCRIPT)
+    assert ".u-over" in uplot.uplot(uplot.STYLE)
     with pytest.raises(BenchError, match="uplot.min.css is not the uPlot .*: pip install"):
-        library.uplot((library.STYLE[0], "0" * 64))
-    monkeypatch.setattr(library, "CARRIER", "no_such_package")
+        uplot.uplot((uplot.STYLE[0], "0" * 64))
+    monkeypatch.setattr(uplot, "CARRIER", "no_such_package")
     with pytest.raises(BenchError, match="curves, is not installed: run ./setup.sh"):
-        library.uplot(library.SCRIPT)
+        uplot.uplot(uplot.SCRIPT)

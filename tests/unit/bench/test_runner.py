@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import inverse
-from aras_visual_servo_bench.asked.assembly import check
 from aras_visual_servo_bench.asked.cameras import Belief
 from aras_visual_servo_bench.asked.experiment import CameraPose, Experiment, Sampler, TargetSpec
-from aras_visual_servo_bench.asked.sampling import FOUND, _within_limits
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import Loop, assemble, run
+from aras_visual_servo_bench.setup.assembly import check
+from aras_visual_servo_bench.setup.sampling import FOUND, _within_limits
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature

@@ -6,10 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_bench.asked.experiment import Sampler
-from aras_visual_servo_bench.asked.sampling import draw_start, drawn_pose
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants.base import Place
 from aras_visual_servo_bench.plants.free_body import FreeBody
+from aras_visual_servo_bench.setup.sampling import draw_start, drawn_pose
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm

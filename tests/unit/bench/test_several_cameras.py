@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import exponential, pose_difference, to_xyz_rpy, transform
-from aras_visual_servo_bench.asked.assembly import assemble, check
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.report.contents import contents
 from aras_visual_servo_bench.running.environment import ServoEnv
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.setup.assembly import assemble, check
 from aras_visual_servo_bench.study.replay import with_all_pictures
+from aras_visual_servo_bench.web.report.contents import contents
 from aras_visual_servo_controller.arm import Arm
 
 SHAPE = [[-0.025, -0.03], [0.03, -0.025], [0.025, 0.02], [-0.015, 0.025]]

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import pose_difference
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.running.loop import Loop, run
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.study.images import Keeper
 
 SHAKE = {"xyz": [2e-4, 4e-4, 3e-4], "rpy": [1e-3, 2e-3, 1.5e-3], "frequency": 22.0,

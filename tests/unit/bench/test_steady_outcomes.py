@@ -4,9 +4,9 @@ from itertools import groupby
 
 import pytest
 
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.setup.assembly import assemble
 
 
 def reported(**keys):

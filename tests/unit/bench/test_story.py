@@ -9,9 +9,9 @@ import pytest
 from page_host import told
 
 from aras_visual_servo_base.meshes.mesh import Mesh
-from aras_visual_servo_bench.live import outlines, units
-from aras_visual_servo_bench.live.outlines import drawing_of
-from aras_visual_servo_bench.live.shapes import (
+from aras_visual_servo_bench.drawing import outlines, units
+from aras_visual_servo_bench.drawing.outlines import drawing_of
+from aras_visual_servo_bench.drawing.shapes import (
     ARROW,
     FACES,
     LINES,
@@ -20,9 +20,9 @@ from aras_visual_servo_bench.live.shapes import (
     on_picture,
     picture_border,
 )
-from aras_visual_servo_bench.live.story import FRUSTUM, LETTERS, LINE, LONGEST, SECONDS, Story
-from aras_visual_servo_bench.live.track import MOST, Track
-from aras_visual_servo_bench.live.units import feature_units
+from aras_visual_servo_bench.drawing.story import FRUSTUM, LETTERS, LINE, LONGEST, SECONDS, Story
+from aras_visual_servo_bench.drawing.track import MOST, Track
+from aras_visual_servo_bench.drawing.units import feature_units
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ServoError
 

@@ -9,12 +9,14 @@ from scipy.spatial.transform import Rotation
 from aras_sim_bridge.description import parse_urdf
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.meshes.mesh import Mesh
-from aras_visual_servo_bench.live import outlines
-from aras_visual_servo_bench.live import robot_model as model_module
-from aras_visual_servo_bench.live.robot_model import parts, robot_model
-from aras_visual_servo_bench.live.shapes import FACES, Shape, picture_border
-from aras_visual_servo_bench.live.story import Story
-from aras_visual_servo_bench.live.track import Pace, Track
+from aras_visual_servo_bench.drawing import outlines
+from aras_visual_servo_bench.drawing import parts as parts_module
+from aras_visual_servo_bench.drawing.parts import parts
+from aras_visual_servo_bench.drawing.shapes import FACES, Shape, picture_border
+from aras_visual_servo_bench.drawing.story import Story
+from aras_visual_servo_bench.drawing.track import Pace, Track
+from aras_visual_servo_bench.web.live import robot_model as model_module
+from aras_visual_servo_bench.web.live.robot_model import robot_model
 from aras_visual_servo_camera.undistortion import CameraModel
 
 STRAIGHT = np.array([0.1, 0.0, 0.3, -0.2, -0.1, 0.4])
@@ -293,7 +295,7 @@ def test_the_colour_of_a_picture_is_its_mean_and_of_none_the_models(tmp_path, mo
     for texture, rgba in (("a.png", None), ("none.png", None), (None, (0.1, 0.2, 0.3, 1.0))):
         mesh = Mesh(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((1, 3), int), rgba=rgba,
                     texture=texture and str(tmp_path / texture))  # fmt: skip
-        monkeypatch.setattr(model_module, "triangles", lambda _, mesh=mesh: (mesh,))
+        monkeypatch.setattr(parts_module, "triangles", lambda _, mesh=mesh: (mesh,))
         colours += [colour for _, colour, _ in parts(parse_urdf(URDF), URDF)]
     assert colours[0] == pytest.approx((0.5, 0.2, 0.1, 1.0))
     assert colours[1:] == [(0.7, 0.7, 0.72, 1.0), (0.1, 0.2, 0.3, 1.0)]

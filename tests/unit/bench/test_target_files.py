@@ -13,13 +13,12 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.description import parse_urdf
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment, TargetSpec
-from aras_visual_servo_bench.asked.target_spec import BoxSpec
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.ros.move_target import motion_of
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.files import (
     description_file,
     main,
@@ -30,6 +29,7 @@ from aras_visual_servo_bench.targets.files import (
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.outlines import NAMES, shape_of
 from aras_visual_servo_bench.targets.solids import PRIMITIVES
+from aras_visual_servo_bench.targets.target_spec import BoxSpec
 from aras_visual_servo_camera.trackers.dots import DotTracker
 from aras_visual_servo_camera.trackers.marker import MarkerTracker
 

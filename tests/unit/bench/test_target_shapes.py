@@ -11,7 +11,6 @@ from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.description.shapes import triangles
 from aras_sim_bridge.description.types import Geometry
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.target_spec import TargetSpec
 from aras_visual_servo_bench.errors import ExperimentError, ViewError
 from aras_visual_servo_bench.targets import outlines, pictures
 from aras_visual_servo_bench.targets.files import description_file, write
@@ -27,7 +26,9 @@ from aras_visual_servo_bench.targets.geometry import (
 from aras_visual_servo_bench.targets.outlines import read_svg, shape_of, tracker_of
 from aras_visual_servo_bench.targets.pictures import seen, shows
 from aras_visual_servo_bench.targets.scratch import scratch
-from aras_visual_servo_bench.targets.solids import is_solid, made_solid, primitive, solid_target
+from aras_visual_servo_bench.targets.shape_names import is_solid
+from aras_visual_servo_bench.targets.solids import made_solid, primitive, solid_target
+from aras_visual_servo_bench.targets.target_spec import TargetSpec
 from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_camera.model import read_solid

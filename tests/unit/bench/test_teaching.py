@@ -8,12 +8,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import exponential, inverse, transform
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment, Sampler
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.learning import learned, learned_pictures, policy
 from aras_visual_servo_bench.learning.policy import PolicyNetwork
 from aras_visual_servo_bench.learning.regressor import Regressor, fitted, teach
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError

@@ -9,13 +9,13 @@ import pytest
 from scipy.stats import kstest
 
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.assembly import assemble, check
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.loop_settings import settings_of
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.plants.sight import Sight
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.setup.assembly import assemble, check
 from aras_visual_servo_bench.targets import textures
 from aras_visual_servo_bench.targets.geometry import PlacedTarget
 from aras_visual_servo_bench.targets.outlines import (

@@ -20,10 +20,11 @@ from aras_visual_servo_bench.commands import (
 from aras_visual_servo_bench.errors import BenchError, StudyError
 from aras_visual_servo_bench.numbers import summary
 from aras_visual_servo_bench.pictures import figures
-from aras_visual_servo_bench.report import write as reports
 from aras_visual_servo_bench.study import folder as folders
 from aras_visual_servo_bench.study import replay, tuner
 from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.web.report import video
+from aras_visual_servo_bench.web.report import write as reports
 
 STUDY = """experiment: {plant: free, features: pictures}
 repeats: 4
@@ -149,12 +150,12 @@ def test_a_data_set_is_of_all_images_or_of_views_with_depth_or_without(asked, st
 def test_a_run_is_shown_again_with_what_has_changed(asked, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(looking.Folder, "open", lambda path: f"<{path.name}>")
     asked(replay, "replay", ("run", {"decay": (1, 2)}))
-    asked(replay, "write", ["a.html", "b.mp4"])
+    asked(video, "write_with_video", ["a.html", "b.mp4"])
     assert main(["show", str(tmp_path / "s"), "12"]) == 0
     assert main(["show", str(tmp_path / "s"), "3", "--out", "there"]) == 0
     assert [tuple(map(str, call)) for call in asked.found] == [
-        ("replay", "<s>", "12"), ("write", "run", str(tmp_path / "s" / "show-12")),
-        ("replay", "<s>", "3"), ("write", "run", "there")]
+        ("replay", "<s>", "12"), ("write_with_video", "run", str(tmp_path / "s" / "show-12")),
+        ("replay", "<s>", "3"), ("write_with_video", "run", "there")]
     assert capsys.readouterr().out == 2 * (
         "a.html\nb.mp4\nnot as it was recorded: decay was 1, is 2\n")
 
@@ -238,7 +239,7 @@ def test_runs_that_are_analyzed_have_the_names_that_they_are_given(asked, tmp_pa
 
 @pytest.mark.parametrize(("display", "opens"), [("", None), (":0", True), (":0", False)])
 def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, display, opens):
-    from aras_visual_servo_bench.browse import server as pages
+    from aras_visual_servo_bench.web.browse import server as pages
 
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.setenv(name, display if name == "DISPLAY" else "")

@@ -10,10 +10,10 @@ import pytest
 from test_target_files import on_the_arm, seen
 
 from aras_sim_bridge.description import world_file
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.setup.assembly import assemble
 
 ROOT = Path(__file__).resolve().parents[3]
 GAZEBO = ROOT / "src" / "aras_visual_servo_gazebo"

@@ -21,7 +21,7 @@ def test_an_example_of_the_gallery(name, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(scripts))
     monkeypatch.chdir(tmp_path)
     if name != "failure":  # one report of those that keep_runs leaves shows that it does
-        monkeypatch.setattr("aras_visual_servo_bench.report.write.write_report",
+        monkeypatch.setattr("aras_visual_servo_bench.web.report.write.write_report",
                             lambda runs, out, parts: [out / "report.html"])
     quick = ["repeats=1", "duration=0.2"] if name == "study" else []
     monkeypatch.setattr(sys, "argv", [f"{name}.py", str(tmp_path / "out"), *quick])

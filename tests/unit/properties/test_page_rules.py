@@ -5,14 +5,14 @@ import json
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from aras_visual_servo_bench.live.access import Access
-from aras_visual_servo_bench.live.requests import (
+from aras_visual_servo_bench.errors import RefusedError
+from aras_visual_servo_bench.web.access import Access
+from aras_visual_servo_bench.web.live.requests import (
     CHOSEN,
     REQUESTS,
-    RefusedError,
-    read_message,
     read_request,
 )
+from aras_visual_servo_bench.web.messages import read_message
 
 NAMES = st.sampled_from([
     "127.0.0.1", "localhost", "LOCALHOST", "[::1]", "192.168.1.7", "evil.example", "127.0.0.1.evil",
@@ -63,7 +63,7 @@ CHOICES = {kind: ("moments", "2015") for chosen in CHOSEN.values() for kind in c
                        | st.just("moments") | st.integers(1, 9), max_size=6))  # fmt: skip
 def test_what_is_carried_out_was_asked_for_within_its_bounds(do, fields):
     try:
-        asked, given_fields = read_message(json.dumps({"do": do, **fields}))
+        asked, given_fields = read_message(json.dumps({"do": do, **fields}), REQUESTS)
         request = read_request(asked, given_fields, CHOICES)
     except RefusedError as error:
         assert "\n" not in str(error) and len(str(error)) < 400
@@ -80,7 +80,7 @@ def test_what_is_carried_out_was_asked_for_within_its_bounds(do, fields):
 @given(st.text(max_size=40) | st.binary(max_size=10))
 def test_what_is_no_request_is_refused(text):
     try:
-        do, _ = read_message(text)
+        do, _ = read_message(text, REQUESTS)
     except RefusedError as error:
         assert "\n" not in str(error)
     else:

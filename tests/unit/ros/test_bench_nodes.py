@@ -59,7 +59,7 @@ STARTED = {  # program: module whose main it runs
     "aras_visual_servo_controller/nodes/aras_visual_servo_controller_node":
         "aras_visual_servo_controller.ros.node",
     "aras_visual_servo_controller/nodes/aras_teleop": "aras_visual_servo_controller.ros.teleop",
-    "aras_visual_servo_controller/nodes/teach": "aras_visual_servo_controller.goals.teach",
+    "aras_visual_servo_controller/nodes/teach": "aras_visual_servo_controller.ros.teach_goal",
     **{f"aras_sim_bridge/nodes/{name}": f"aras_sim_bridge.ros.cli.{name}" for name in (
         "controller_group", "controller_manager", "spawn_model", "spawner", "unspawner")},
     "aras_sim_bridge/nodes/gazebo": "aras_sim_bridge.ros.runtime.node",
@@ -830,8 +830,8 @@ def test_a_controller_that_holds_before_it_has_begun_ends_the_demo(shown):
 @pytest.mark.parametrize("converged", [True, False])
 def test_a_demo_reports_what_happened(shown, monkeypatch, converged):
     from aras_visual_servo_bench.numbers import summary
-    from aras_visual_servo_bench.report import write
     from aras_visual_servo_bench.ros import bag
+    from aras_visual_servo_bench.web.report import write
 
     record = SimpleNamespace(converged=converged, settings={"start": "of the bag", "law": "pi"})
     asked = []

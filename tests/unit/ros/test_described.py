@@ -11,7 +11,7 @@ import yaml
 from run_messages import ARM, JOINTS
 
 from aras_visual_servo_bench.errors import BenchError
-from aras_visual_servo_bench.ros.described import Described, preset_of
+from aras_visual_servo_bench.recording.described import Described, preset_of
 
 CONFIG = Path(__file__).parents[3] / "src/aras_visual_servo_controller/config"
 GOAL = (CONFIG / "goal_2015.yaml").read_text()

@@ -19,7 +19,7 @@ from geometry_msgs.msg import Point, Pose, Quaternion
 from std_srvs.srv import Empty, Trigger
 
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.live.requests import RefusedError
+from aras_visual_servo_bench.errors import RefusedError
 from aras_visual_servo_bench.ros import actions as page
 from aras_visual_servo_bench.ros.listener import listener_settings
 from aras_visual_servo_controller.goals.goal import Goal

@@ -21,13 +21,15 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.live.requests import RefusedError, Request
-from aras_visual_servo_bench.live.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
-from aras_visual_servo_bench.live.story import Story
+from aras_visual_servo_bench.drawing.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
+from aras_visual_servo_bench.drawing.story import Story
+from aras_visual_servo_bench.errors import RefusedError
 from aras_visual_servo_bench.ros import dashboard, driving, markers, target_watch
 from aras_visual_servo_bench.ros.listener import Listener, listener_settings
 from aras_visual_servo_bench.ros.pictures import AS_FOUND, PLAIN, Pictures
 from aras_visual_servo_bench.ros.target_place import TargetPlace, moved
+from aras_visual_servo_bench.web.live import robot_model
+from aras_visual_servo_bench.web.live.requests import Request
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 
@@ -487,8 +489,8 @@ def test_news_are_of_the_joints_that_were_heard(host, listener):
 
 def test_the_robot_is_drawn_once(host, graph, listener, monkeypatch):
     drawn = []
-    whole = dashboard.robot_model
-    monkeypatch.setattr(dashboard, "robot_model", lambda urdf: drawn.append(1) or whole(urdf))
+    whole = robot_model.robot_model
+    monkeypatch.setattr(robot_model, "robot_model", lambda urdf: drawn.append(1) or whole(urdf))
     assert host.robot()["name"] == "two" and host.robot()["name"] == "two" and len(drawn) == 1
     listener.urdf = "<robot"
     empty = {"name": "", "root": "", "joints": [], "links": {}}
@@ -568,7 +570,7 @@ def test_the_page_is_served_until_the_node_ends(graph, life, parts, monkeypatch,
     monkeypatch.setattr(dashboard, "open_wide", lambda: done.append("open"))
     monkeypatch.setattr(dashboard.threading, "enumerate", lambda: [other, thread])
     monkeypatch.setattr(os, "_exit", leave)
-    monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.live.server",
+    monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.web.live.server",
                         SimpleNamespace(serve=serve))
     graph.parameters["/robot_description"] = urdf
     for key, value in {**GIVEN, **given, "token": "t" * 12}.items():
@@ -592,7 +594,7 @@ def test_the_page_is_served_until_the_node_ends(graph, life, parts, monkeypatch,
 def test_a_page_that_cannot_be_served_says_why(graph, life, monkeypatch):
     monkeypatch.setattr(dashboard, "begin_node", life.begin)
     monkeypatch.setattr(dashboard, "open_wide", lambda: None)
-    monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.live.server",
+    monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.web.live.server",
                         SimpleNamespace(serve=None))
     rospy.set_param("~port", 0)
     assert dashboard.main() == 1 and "parameter ~port" in graph.lines[-1]
@@ -602,7 +604,7 @@ def test_a_page_that_cannot_be_served_says_why(graph, life, monkeypatch):
             if name.endswith("live.server"):
                 raise ModuleNotFoundError(name="websockets")
 
-    monkeypatch.delitem(sys.modules, "aras_visual_servo_bench.live.server")
+    monkeypatch.delitem(sys.modules, "aras_visual_servo_bench.web.live.server")
     monkeypatch.setattr(sys, "meta_path", [Missing(), *sys.meta_path])
     assert dashboard.main() == 1
     assert graph.lines[-1] == "the live page needs websockets: ./setup.sh --for bench installs it"

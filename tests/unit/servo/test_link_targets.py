@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import Course
 
 PLANE = "<geometry><plane><normal>0 0 1</normal></plane></geometry>"

@@ -19,8 +19,8 @@ from aras_visual_servo_controller.features import Feature, Measured, Stack
 from aras_visual_servo_controller.features.of_camera import OfCamera
 from aras_visual_servo_controller.features.points import Points
 from aras_visual_servo_controller.features.stereo import rigid_motion, triangulated
-from aras_visual_servo_controller.goals import teaching
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.loop import teaching
 from aras_visual_servo_controller.schemes import Composed, create_scheme
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.seeing.observation import Need, Observer

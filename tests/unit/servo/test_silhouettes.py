@@ -10,10 +10,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "camera"))
 
 from tracking_scenes import corners_of, write_obj
 
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.setup.assembly import assemble
 
 ROUND = "gravity_centre_normalised+area_normalised"  # of what has no main axis
 LABEL = {"method": "label"}

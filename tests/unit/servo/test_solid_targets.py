@@ -12,10 +12,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "camera"))
 from tracking_scenes import corners_of, write_obj
 
 from aras_visual_servo_base.poses import inverse, transform
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.pictures import seen
 from aras_visual_servo_bench.targets.solids import solid_target
 from aras_visual_servo_bench.targets.textures import marker

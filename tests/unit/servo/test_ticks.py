@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from test_driver import Bench
 
+from aras_visual_servo_controller.driving.ticks import ODD, SENT_ON, Ticks, ticked
 from aras_visual_servo_controller.loop.state import Command
-from aras_visual_servo_controller.loop.ticks import ODD, SENT_ON, Ticks, ticked
 
 
 class Joined(Bench):

@@ -15,10 +15,10 @@ import pytest
 import yaml
 
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.study import card, engine, images, replay, rows
 from aras_visual_servo_bench.study.folder import TRACES, Folder
 from aras_visual_servo_bench.study.study import Study

@@ -25,6 +25,7 @@ from aras_visual_servo_bench.study.progress import Progress
 from aras_visual_servo_bench.study.results import Results
 from aras_visual_servo_bench.study.study import Study
 from aras_visual_servo_bench.study.tuner import Range, Tuner
+from aras_visual_servo_bench.web.report.video import write_video, write_with_video
 
 
 def made(success, settled, name="one", seeds=None, gains=(1.0, 2.0), **case):
@@ -376,7 +377,7 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path, monkeypatch):
     pictures = [picture for _, picture in run.images.pictures]
     assert len(pictures) == row["images"]
     assert pictures[0].shape[2] == 3 and pictures[0].min() < 128  # the target is there
-    names = {path.name for path in replay.write(run, tmp_path / "show")}
+    names = {path.name for path in write_with_video(run, tmp_path / "show")}
     assert {"report.html", "summary.json", "video.mp4", "feature_errors.png"} <= names
     told = json.loads((tmp_path / "show" / "summary.json").read_text())
     assert study.metric_names
@@ -388,7 +389,7 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path, monkeypatch):
     with pytest.raises(StudyError, match="no run 6: .* has runs 0 to 5"):
         replay.replay(Folder.open(tmp_path / "out"), 6)
     with pytest.raises(StudyError, match="cannot write the video .*nowhere/video.mp4"):
-        replay._video(run, tmp_path / "nowhere" / "video.mp4")
+        write_video(run, tmp_path / "nowhere" / "video.mp4")
 
 
 def test_a_video_has_the_colours_and_the_rate_of_its_pictures(tmp_path):
@@ -397,7 +398,7 @@ def test_a_video_has_the_colours_and_the_rate_of_its_pictures(tmp_path):
     for stamp, rate in (([0.0], 30.0), ([0.0, 0.1], 10.0)):
         made = SimpleNamespace(stamp=np.array(stamp), images=SimpleNamespace(
             pictures=[(at, red) for at in stamp]))  # fmt: skip
-        video = cv2.VideoCapture(str(replay._video(made, tmp_path / "video.mp4")))
+        video = cv2.VideoCapture(str(write_video(made, tmp_path / "video.mp4")))
         assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(rate)
         blue, green, red_there = video.read()[1].mean(axis=(0, 1))
         assert red_there > 180.0 and max(blue, green) < 40.0

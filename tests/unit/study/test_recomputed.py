@@ -21,9 +21,6 @@ import pytest
 import yaml
 from scipy import stats
 
-from aras_visual_servo_bench.browse import queries
-from aras_visual_servo_bench.browse.server import serve
-from aras_visual_servo_bench.browse.studies import Studies
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.numbers import statistics
 from aras_visual_servo_bench.pictures import figures
@@ -31,6 +28,9 @@ from aras_visual_servo_bench.study import compare, rows
 from aras_visual_servo_bench.study.folder import Folder
 from aras_visual_servo_bench.study.results import Results
 from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.web.browse import queries
+from aras_visual_servo_bench.web.browse.server import serve
+from aras_visual_servo_bench.web.browse.studies import Studies
 
 KEYS = ["gain", "delay"]
 UNITS = {"gain": "1/s", "delay": "s", "success": "", "settled": "s", "final_distance": "m",

@@ -14,8 +14,8 @@ import yaml
 from scipy import stats
 
 from aras_visual_servo_bench.asked import overrides
-from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.study import rows
 from aras_visual_servo_bench.study.engine import check_study
 from aras_visual_servo_bench.study.folder import Folder

@@ -36,18 +36,71 @@ NODES = (
 )
 LONGEST_NODE = 99  # lines
 
-# The bridge's floors: a room imports from those below it, never from one beside it.
-FLOORS = (
-    {"errors"},
-    {"angles"},
-    {"blending"},
-    {"description"},
-    {"control", "world"},
-    {"rendering", "cycle"},
-    {"camera", "sensors"},
-    {"simulation"},
-    {"ros"},
-)
+# The floors of a package: a room, a folder or a module, imports from rooms on lower floors,
+# never from one on its own floor. A room of a folder, as web/live, is named where its own floor is
+# another than the folder's.
+FLOORS = {
+    "aras_sim_bridge": (
+        {"errors"},
+        {"angles"},
+        {"blending"},
+        {"description"},
+        {"control", "world"},
+        {"rendering", "cycle"},
+        {"camera", "sensors"},
+        {"simulation"},
+        {"ros"},
+    ),
+    "aras_visual_servo_camera": (
+        {"edges", "errors", "formula"},
+        {"definitions", "images", "markers", "moments"},
+        {"degeneracy", "interaction", "kernel", "segmentation", "undistortion"},
+        {"coverage", "labels", "orientation", "silhouette", "trackers"},
+        {"contour", "features", "label_topics", "model", "pipeline"},
+        {"messages", "overlay", "parameters"},
+        {"outputs"},
+        {"node"},
+    ),
+    "aras_visual_servo_controller": (
+        {"errors"},
+        {"laws", "seeing/joint_sample"},
+        {"arm"},
+        {"hands", "seeing"},
+        {"goals"},
+        {"features"},
+        {"schemes"},
+        {"judging"},
+        {"loop/state"},  # what the loop reports: a diagnosis reads it
+        {"judging/progress_check"},
+        {"judging/diagnosis"},
+        {"loop"},
+        {"settings"},
+        {"driving"},
+        {"ros"},
+    ),
+    "aras_visual_servo_bench": (
+        {"errors"},
+        {"targets"},
+        {"asked"},
+        {"plants"},
+        {"setup"},
+        {"recording"},
+        {"numbers", "running"},
+        {"study"},
+        {"pictures"},
+        {"drawing"},
+        {"web"},
+        {"web/report"},
+        {"web/browse", "web/live"},
+        {"ros"},
+        {"commands"},
+        {"__main__", "learning"},
+    ),
+}
+BRIDGE_FLOORS = FLOORS["aras_sim_bridge"]
+# What may import pages, inside functions: commands and nodes that start one.
+STARTERS = ("commands/analyzing.py", "commands/browsing.py", "commands/looking.py",
+            "ros/dashboard.py", "ros/demo.py")  # fmt: skip
 # Pure maths in the rooms above: imports nothing of ours but the two lowest floors.
 PURE = ("control/pid.py", "camera/lens.py")
 
@@ -93,29 +146,64 @@ def test_relative_imports_are_seen(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
-def floor(room: str) -> int:
-    """How high a room of the bridge lies."""
-    found = [height for height, rooms in enumerate(FLOORS) if room in rooms]
-    assert found, f"{room}: a room without a floor; give it one in FLOORS"
+def room_of(package: str, path: tuple[str, ...]) -> str:
+    """The room in which a module of a package lies.
+
+    path: folders and module below the package.
+    """
+    rooms = set().union(*FLOORS[package])
+    for length in range(len(path), 1, -1):
+        if (room := "/".join(path[:length])) in rooms:
+            return room
+    return path[0]
+
+
+def floor(package: str, room: str) -> int:
+    """How high a room of a package lies."""
+    found = [height for height, rooms in enumerate(FLOORS[package]) if room in rooms]
+    assert found, f"{package}/{room}: a room without a floor; give it one in FLOORS"
     return found[0]
 
 
-def bridge_imports(file: Path) -> set[str]:
-    """The rooms of the bridge from which `file` takes something."""
-    library = LIBRARIES["aras_sim_bridge"]
-    rooms = {room.stem for room in library.iterdir() if room.suffix in ("", ".py")}
-    names = [name.split(".") for name in imports(file)]
-    return {n[1] for n in names if n[0] == "aras_sim_bridge" and len(n) > 1 and n[1] in rooms}
+def rooms_imported(package: str, file: Path) -> set[str]:
+    """The rooms of its own package from which `file` takes something."""
+    library = LIBRARIES[package]
+    tops = {room.stem for room in library.iterdir() if room.suffix in ("", ".py")}
+    names = [tuple(name.split(".")) for name in imports(file)]
+    paths = [name[1:] for name in names if name[0] == package and len(name) > 1]
+    return {room_of(package, path) for path in paths if path[0] in tops}
 
 
-def test_the_bridge_imports_go_down_from_floor_to_floor() -> None:
-    library = LIBRARIES["aras_sim_bridge"]
+@pytest.mark.parametrize("package", FLOORS)
+def test_imports_go_down_from_floor_to_floor(package: str) -> None:
+    library = LIBRARIES[package]
     for file in library.rglob("*.py"):
-        room = file.relative_to(library).parts[0].removesuffix(".py")
-        if room == "__init__":
+        path = file.relative_to(library).with_suffix("").parts
+        if path == ("__init__",):
             continue
-        for other in bridge_imports(file) - {room}:
-            assert floor(other) < floor(room), f"{file.relative_to(library)} imports {other}"
+        room = room_of(package, path)
+        for other in rooms_imported(package, file) - {room}:
+            assert floor(package, other) < floor(package, room), (
+                f"{package}: {'/'.join(path)} imports {other}, which does not lie below {room}"
+            )
+
+
+def test_rooms_of_folders_are_told_apart() -> None:
+    bench = "aras_visual_servo_bench"
+    assert room_of(bench, ("web", "live", "server")) == "web/live"
+    assert room_of(bench, ("web", "server", "WebServer")) == "web"
+    assert room_of(bench, ("errors", "BenchError")) == "errors"
+
+
+def test_only_what_starts_a_page_imports_pages_and_only_then() -> None:
+    library = LIBRARIES["aras_visual_servo_bench"]
+    web = "aras_visual_servo_bench.web"
+    for file in library.rglob("*.py"):
+        name = file.relative_to(library).as_posix()
+        if not name.startswith("web/"):
+            found = {one for one in imports(file) if f"{one}.".startswith(f"{web}.")}
+            assert not found or name in STARTERS, f"{name} imports {found}"
+            assert not found & imported_at_once(file), f"{name} imports {found} at its top"
 
 
 def test_there_is_one_class_a_name() -> None:
@@ -130,8 +218,8 @@ def test_there_is_one_class_a_name() -> None:
 @pytest.mark.parametrize("name", PURE)
 def test_pure_maths_needs_no_part(name: str) -> None:
     file = LIBRARIES["aras_sim_bridge"] / name
-    rooms = bridge_imports(file)
-    assert rooms <= FLOORS[0] | FLOORS[1], f"{name} imports {rooms}"
+    rooms = rooms_imported("aras_sim_bridge", file)
+    assert rooms <= BRIDGE_FLOORS[0] | BRIDGE_FLOORS[1], f"{name} imports {rooms}"
 
 
 @pytest.mark.parametrize("package", LIBRARIES)

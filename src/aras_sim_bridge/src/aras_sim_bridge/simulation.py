@@ -12,10 +12,10 @@ import numpy as np
 
 from aras_sim_bridge import cycle
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.camera.config import seed_of
 from aras_sim_bridge.camera.mounting import (
     MountedCamera,
     robot_camera,
-    seed_of,
     together,
     world_camera,
 )
@@ -37,12 +37,13 @@ from aras_sim_bridge.errors import (
 )
 from aras_sim_bridge.rendering import EXPOSURES, Sun, create_renderer
 from aras_sim_bridge.sensors import KINDS, RateSensor
-from aras_sim_bridge.world import GraspFix, Model, Pose, World
+from aras_sim_bridge.world import Model, Pose, World
 from aras_visual_servo_base.poses import IDENTITY
 
 if TYPE_CHECKING:
     from aras_sim_bridge.control.controllers.joint_state import JointStateController
     from aras_sim_bridge.rendering.renderer import Renderer
+    from aras_sim_bridge.world import GraspFix
 
 MOST_LIGHTS = 16  # that pictures are lit by
 DARK = (0.0, 0.0, 0.0, 1.0)
@@ -195,7 +196,10 @@ class Simulation:
             for sensor in body.description.sensors:
                 seed = seed_of(self.config.seed, f"{name} {sensor.kind} {sensor.topic}")
                 self.sensors.append(KINDS[sensor.kind](sensor, body, self.world, seed))
-        self.grasps += [GraspFix(grasp, model, self.world) for grasp in description.grasps]
+        if description.grasps:
+            from aras_sim_bridge.world import GraspFix  # which few robots have
+
+            self.grasps += [GraspFix(grasp, model, self.world) for grasp in description.grasps]
         return model
 
     def delete(self, name: str) -> None:

@@ -4,7 +4,7 @@ from aras_visual_servo_base.moved import keep_old_names
 
 # Documented names from before the rooms.
 keep_old_names(__name__, {
-    "assembly": "asked.assembly", "cameras": "asked.cameras",
+    "assembly": "setup.assembly", "cameras": "asked.cameras",
     "environment": "running.environment", "experiment": "asked.experiment",
     "learned": "learning.learned", "learned_pictures": "learning.learned_pictures",
     "robots": "asked.robots", "run": "recording.run", "runner": "running.loop",

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import sys
 from collections.abc import Collection, Iterable, Iterator
+from functools import lru_cache
 from pathlib import Path
+
+log = logging.getLogger(__name__)
 
 
 class BenchError(Exception):
@@ -22,6 +26,10 @@ class ViewError(BenchError):
 
 class StudyError(BenchError):
     """A study that cannot be begun, gone on with or read as it is."""
+
+
+class RefusedError(BenchError):
+    """A request that is not carried out, with the reason."""
 
 
 def require(condition: bool, text: str) -> None:
@@ -64,3 +72,9 @@ def not_installed(library: str | None, extra: str = "bench") -> BenchError:
 def first_line(error: BaseException) -> str:
     """What an exception says in its first line, or its class."""
     return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
+@lru_cache
+def log_once(note: str) -> None:
+    """Log a warning, once a process: the runs of a study have much in common."""
+    log.warning("%s", note)

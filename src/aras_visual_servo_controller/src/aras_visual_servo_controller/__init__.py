@@ -4,7 +4,7 @@ from aras_visual_servo_base.moved import keep_old_names
 
 # Documented names from before the rooms.
 keep_old_names(__name__, {
-    "driver": "loop.driver", "goal": "goals.goal", "observation": "seeing.observation",
+    "driver": "driving.driver", "goal": "goals.goal", "observation": "seeing.observation",
     "servo": "loop.servo", "starts": "goals.starts", "state": "loop.state",
-    "target_geometry": "seeing.target_geometry", "task": "arm.task", "teaching": "goals.teaching",
+    "target_geometry": "seeing.target_geometry", "task": "arm.task", "teaching": "loop.teaching",
 })  # fmt: skip

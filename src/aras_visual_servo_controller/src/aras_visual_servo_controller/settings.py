@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,8 +23,6 @@ from aras_visual_servo_camera.errors import SegmentationError, VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.pipeline import PipelineSettings
 from aras_visual_servo_camera.segmentation import Segmentation
-from aras_visual_servo_camera.silhouette import OutlinePlane
-from aras_visual_servo_camera.trackers import TRACKERS, Tracker
 
 from .arm import (
     Arm,
@@ -41,14 +39,17 @@ from .errors import ConfigurationError
 from .features.of_camera import check_steering
 from .goals.goal import Goal
 from .goals.starts import start_joints
-from .goals.teaching import by_geometry
 from .laws import Law, create_law
 from .laws.base import GREATEST_GAIN
 from .loop.servo import Servo
 from .loop.state import ByJoint, ServoSettings, by_joint
+from .loop.teaching import by_geometry
 from .schemes import JointController, Scheme, create_scheme
 from .seeing.observation import CAMERA, Need, Observer
 from .seeing.rig import MovedBy, Rig, StandingCamera, beside
+
+if TYPE_CHECKING:
+    from aras_visual_servo_camera.trackers import Tracker
 
 # Parameters that are said for some of the joints, by name.
 BY_JOINT = ("max_velocity", "max_acceleration", "lower", "upper", "posture", "elbow", "lead",
@@ -530,6 +531,8 @@ class Settings:
         that it starts from; None where that is not known, and no goal is taught by it."""
         if not self.model or "pose" not in self.model_start:
             return None
+        from aras_visual_servo_camera.silhouette import OutlinePlane
+
         solid, place = self.make_tracker().tracking.solid, self.model_start["pose"]
         return OutlinePlane(
             solid.vertices, transform(place[:3], place[3:]), Path(self.model).name
@@ -563,6 +566,8 @@ class Settings:
             name = MODEL
         if name == OUTLINE:
             return None
+        from aras_visual_servo_camera.trackers import TRACKERS
+
         given = vars(self) | {"marker": self.marker or marker}
         try:
             known = [parameter.name for parameter in TRACKERS.parameters(name)]

@@ -1,7 +1,10 @@
 """Cameras: lens, intrinsics, effects and the sensor that turns rendered views into frames."""
 
-from .config import CameraConfig
-from .intrinsics import CameraIntrinsics
-from .sensor import CameraSensor, Frame
+from aras_visual_servo_base.lazy import lazy_exports
 
-__all__ = ["CameraConfig", "CameraIntrinsics", "CameraSensor", "Frame"]
+_PLACES = {
+    "CameraConfig": ".config", "CameraIntrinsics": ".intrinsics", "CameraSensor": ".sensor",
+    "Frame": ".sensor",
+}  # fmt: skip
+__all__ = list(_PLACES)
+__getattr__ = lazy_exports(__name__, _PLACES)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 
@@ -317,3 +318,8 @@ class CameraConfig:
         """Absolute names that no other camera may have: its root, its image and its info topic."""
         topics = (self.topic(name) for name in (self.image_topic, self.info_topic))
         return frozenset((self.topic_root, *topics))
+
+
+def seed_of(seed: int, name: str) -> int:
+    """A seed for one camera: two cameras of one run must not share their noise."""
+    return (int(seed) & 0xFFFFFFFF) ^ zlib.crc32(name.encode())

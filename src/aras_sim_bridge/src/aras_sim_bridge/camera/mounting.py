@@ -8,7 +8,6 @@ is a camera of its own, fixed in the world.
 from __future__ import annotations
 
 import logging
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
@@ -16,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor, Frame
-from aras_sim_bridge.camera.config import Three
+from aras_sim_bridge.camera.config import Three, seed_of
 from aras_sim_bridge.description import CameraDescription
 from aras_sim_bridge.errors import CameraError, RenderingError, SimError
 from aras_sim_bridge.world import Model, Pose
@@ -234,11 +233,6 @@ def unused(settings: Mapping[str, object], names: set[str]) -> list[str]:
         for path, node in _mappings(settings, "")
         if "parent" not in node and not any(f"{path}/".startswith(f"{name}/") for name in names)
     ]
-
-
-def seed_of(seed: int, name: str) -> int:
-    """A seed for one camera: two cameras of one run must not share their noise."""
-    return (int(seed) & 0xFFFFFFFF) ^ zlib.crc32(name.encode())
 
 
 def _mappings(node: object, path: str) -> Iterator[tuple[str, Mapping[str, object]]]:

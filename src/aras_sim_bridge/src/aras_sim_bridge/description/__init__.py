@@ -6,31 +6,9 @@ Knows neither ROS nor Bullet.
     robot.joints["J1"].limits.effort
 """
 
-from aras_sim_bridge.description.sdf import SdfContent, parse_sdf, read_sdf
-from aras_sim_bridge.description.types import (
-    CameraDescription,
-    CameraPlugin,
-    ChannelNoise,
-    Collision,
-    ControlPlugin,
-    DepthTopics,
-    Geometry,
-    GraspArm,
-    GraspDescription,
-    Inertial,
-    LensDescription,
-    Light,
-    Link,
-    Noise,
-    RobotDescription,
-    SensorDescription,
-    Transmission,
-    Visual,
-)
-from aras_sim_bridge.description.urdf import parse_cameras, parse_urdf
-from aras_visual_servo_base.urdf import Joint, JointLimits, Mimic, SoftLimits
+from aras_visual_servo_base.lazy import lazy_exports
 
-__all__ = [
+_TYPES = (
     "CameraDescription",
     "CameraPlugin",
     "ChannelNoise",
@@ -41,21 +19,21 @@ __all__ = [
     "GraspArm",
     "GraspDescription",
     "Inertial",
-    "Joint",
-    "JointLimits",
     "LensDescription",
     "Light",
     "Link",
-    "Mimic",
     "Noise",
     "RobotDescription",
-    "SdfContent",
     "SensorDescription",
-    "SoftLimits",
     "Transmission",
     "Visual",
-    "parse_cameras",
-    "parse_sdf",
-    "parse_urdf",
-    "read_sdf",
-]
+)
+_PLACES = {
+    **dict.fromkeys(_TYPES, ".types"),
+    **dict.fromkeys(("Joint", "JointLimits", "Mimic", "SoftLimits"), "aras_visual_servo_base.urdf"),
+    **dict.fromkeys(("SdfContent", "parse_sdf", "read_sdf"), ".sdf"),
+    "parse_cameras": ".urdf_cameras",
+    "parse_urdf": ".urdf",
+}
+__all__ = sorted(_PLACES)
+__getattr__ = lazy_exports(__name__, _PLACES)

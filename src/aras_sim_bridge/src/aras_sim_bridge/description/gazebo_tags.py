@@ -15,9 +15,6 @@ from aras_sim_bridge.description import (
 from aras_sim_bridge.description.assembly import PlacedJoint, links_between
 from aras_sim_bridge.description.geometry import Resolve, bounce
 from aras_sim_bridge.description.sdf_dialects import unify
-from aras_sim_bridge.description.sdf_joints import read_joints
-from aras_sim_bridge.description.sdf_model import read_link
-from aras_sim_bridge.description.sdf_poses import pose_of
 from aras_sim_bridge.description.types import (
     CameraDescription,
     ControlPlugin,
@@ -98,6 +95,8 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
             warnings.append(f"{where} names no link or joint; ignored")
     for node in (node for block in blocks if block.get("reference") is None
                  for node in block.findall("joint")):
+        from aras_sim_bridge.description.sdf_joints import read_joints
+
         try:
             found_joints = read_joints(node, "<gazebo>", tags.poses)
             check_names([*joints, *(one.joint.name for one in tags.added_joints),
@@ -134,6 +133,9 @@ def _unified(block: Element, warnings: list[str]) -> Element:
 
 
 def _add_link(node: Element, tags: GazeboTags, resolve: Resolve, warnings: list[str]) -> None:
+    from aras_sim_bridge.description.sdf_model import read_link
+    from aras_sim_bridge.description.sdf_poses import pose_of
+
     link = read_link(node, "<gazebo>", resolve, [None] * len(node.findall("visual")), warnings)
     if link.name in {**tags.links, **tags.added_links}:
         raise DescriptionError(f"<gazebo>: two links are named '{link.name}'; rename one")

@@ -16,8 +16,7 @@ _DIRECTED = ("origin_xyz", "origin_rpy", "direction")
 _STRENGTHS = ("diffuse", "specular", "attenuation_constant", "attenuation_linear",
               "attenuation_quadratic", "attenuation_range", "spot_inner", "spot_outer",
               "spot_falloff")  # fmt: skip
-# As in rendering.SHADOWS, which knows nothing of files.
-_SHADOWS = ("none", "hard", "soft")
+SHADOWS = ("none", "hard", "soft")
 
 
 def checked_light(light: Light) -> Light:
@@ -78,9 +77,9 @@ def read_scene(scene: Element | None) -> Surroundings:
     if scene is None:
         return plain
     shadows = text_of(scene, "aras:shadows") or plain.shadows
-    if shadows not in _SHADOWS:
+    if shadows not in SHADOWS:
         raise DescriptionError(f"scene: aras:shadows '{shorten(shadows)}' is unknown; use "
-                               f"{', '.join(_SHADOWS)}")
+                               f"{', '.join(SHADOWS)}")
     return Surroundings(_rgba(scene, "ambient", "scene", plain.ambient),
                         _rgba(scene, "background", "scene", plain.background),
                         scene.find("sky") is not None, shadows)

@@ -11,7 +11,6 @@ from aras_sim_bridge.description.inertia import checked_inertial
 from aras_sim_bridge.description.sdf_joints import ENDLESS
 from aras_sim_bridge.description.sdf_model import divide
 from aras_sim_bridge.description.types import (
-    CameraDescription,
     Collision,
     Link,
     RobotDescription,
@@ -19,6 +18,7 @@ from aras_sim_bridge.description.types import (
     Visual,
 )
 from aras_sim_bridge.description.units import degrees_in_angles, degrees_in_limits
+from aras_sim_bridge.description.urdf_cameras import link_poses
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.poses import Pose, quaternion_to, rotate
@@ -27,7 +27,6 @@ from aras_visual_servo_base.urdf import (
     ZERO,
     Joint,
     JointLimits,
-    UrdfTree,
     origin,
     parse_tree,
 )
@@ -64,7 +63,7 @@ def parse_urdf(
         for place in node.iter("origin"):
             where = f"{node.tag} '{node.get('name')}': origin rpy"
             warnings += degrees_in_angles(numbers(place.get("rpy"), 3, where, ZERO), where)
-    poses = _link_poses(tree)
+    poses = link_poses(tree)
     tags = gazebo_tags.parse(robot, links, tree.joints, poses, resolve, warnings)
     warnings += served.unserved(robot, "robot", f"robot '{safe_xml.shorten(tree.name)}'")
     _unfold_planar(tags)
@@ -116,20 +115,6 @@ def _unfold_planar(tags: gazebo_tags.GazeboTags) -> None:
     tags.joints = joints
 
 
-def _link_poses(tree: UrdfTree) -> dict[str, Pose]:
-    """Poses of the links in the root's frame, with all joints at 0."""
-    below: dict[str, list[Joint]] = {}
-    for joint in tree.joints.values():
-        below.setdefault(joint.parent, []).append(joint)
-    poses = {tree.root: Pose()}
-    pending = [tree.root]
-    for link in pending:
-        for joint in below.get(link, ()):
-            poses[joint.child] = poses[link] @ joint.pose
-            pending.append(joint.child)
-    return poses
-
-
 def _assembled(whole: RobotDescription, tags: gazebo_tags.GazeboTags, warnings: list[str]
                ) -> RobotDescription:
     """The robot with the links and joints that its `<gazebo>` tags add, and without its floating
@@ -146,18 +131,6 @@ def _assembled(whole: RobotDescription, tags: gazebo_tags.GazeboTags, warnings: 
         trees = trees[1:]
     at = poses[trees[0].root]
     return divide(replace(whole, initial_pose=(at.xyz, at.rpy)), trees, poses, where, warnings, at)
-
-
-def parse_cameras(xml: str | Element) -> tuple[CameraDescription, ...]:
-    """The cameras of a URDF, without what its links look like; raises as `parse_urdf`."""
-    robot = safe_xml.parse(xml, "URDF")
-    tree = parse_tree(robot)
-    links = {name: Link(name, None, (), ()) for name in tree.links}
-
-    def unread(uri: str, _where: str) -> str:
-        return uri
-
-    return gazebo_tags.parse(robot, links, tree.joints, _link_poses(tree), unread, []).cameras
 
 
 def _link(name: str, element: Element, resolve: Resolve, warnings: list[str]) -> Link:

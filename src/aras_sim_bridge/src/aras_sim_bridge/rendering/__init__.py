@@ -20,18 +20,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from aras_visual_servo_base.lazy import lazy_exports
+
+from ..description.lights import SHADOWS
 from ..errors import RenderingError
-from .view import EXPOSURES, SHADOWS, Sun, View
 
 if TYPE_CHECKING:
     from ..world import World
     from .renderer import Renderer
+    from .view import Sun, View
 
 __all__ = ["EXPOSURES", "RENDERERS", "SHADOWS", "Sun", "View", "create_renderer"]
 
 # All mean the one renderer: 'opengl' and 'tiny' are what launch files of earlier versions ask for.
 RENDERERS = ("auto", "exact", "tiny", "opengl")
-
+# How light becomes grey levels: see Sun.
+EXPOSURES = ("unclipped", "gazebo")
 
 # Memory for what is prepared for views that come again, bytes: 20 cameras of 1920 x 1200.
 KEPT = 1 << 28
@@ -47,5 +51,9 @@ def create_renderer(
     if name not in RENDERERS:
         raise RenderingError(f"there is no renderer '{name}'; there are {', '.join(RENDERERS)}")
     from .renderer import Renderer
+    from .view import Sun
 
     return Renderer(world, light or Sun(), kept)
+
+
+__getattr__ = lazy_exports(__name__, {"Sun": ".view", "View": ".view"})

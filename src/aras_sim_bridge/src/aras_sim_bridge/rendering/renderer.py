@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 from ..errors import RenderingError
-from ..world import World
 from .binning import Binning, Seen
 from .finding import found_edges
 from .fragments import Edges, Fragments
@@ -24,6 +24,9 @@ from .sky import MIDDLE, NO_SKY, sky_words
 from .tiles import Tiles
 from .triangles import Triangles
 from .view import Sun, View
+
+if TYPE_CHECKING:
+    from ..world import World
 
 # Where pixels are sampled, px.
 CENTRE, UPPER_LEFT = 0.0, -0.5

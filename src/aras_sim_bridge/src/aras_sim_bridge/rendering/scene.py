@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,9 +13,11 @@ from aras_sim_bridge.description import shapes
 from aras_sim_bridge.description.gazebo_materials import WHITE
 from aras_sim_bridge.description.types import Link, Rgba
 from aras_sim_bridge.errors import DescriptionError
-from aras_sim_bridge.world import Model, World
 from aras_sim_bridge.world.labels import label
 from aras_visual_servo_base.meshes.mesh import Mesh
+
+if TYPE_CHECKING:
+    from aras_sim_bridge.world import Model, World
 
 _log = logging.getLogger(__name__)
 

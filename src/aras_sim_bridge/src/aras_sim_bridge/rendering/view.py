@@ -60,13 +60,6 @@ class View:
             Tiles.of_pinhole(self.width, self.height, self.K)))
 
 
-# How light becomes grey levels: see Sun.
-EXPOSURES = ("unclipped", "gazebo")
-
-
-SHADOWS = ("none", "hard", "soft")
-
-
 @dataclass(frozen=True)
 class Sun:
     """One white sun without shadows, or `lights` in its place; the defaults are Gazebo's.

@@ -1,8 +1,10 @@
 """The physics world: the only folder that calls Bullet's dynamics."""
 
-from aras_sim_bridge.world.grasping import GraspFix
-from aras_sim_bridge.world.model import Model
-from aras_sim_bridge.world.world import World
-from aras_visual_servo_base.poses import Pose, Twist
+from aras_visual_servo_base.lazy import lazy_exports
 
-__all__ = ["GraspFix", "Model", "Pose", "Twist", "World"]
+_PLACES = {
+    "GraspFix": ".grasping", "Model": ".model", "World": ".world",
+    **dict.fromkeys(("Pose", "Twist"), "aras_visual_servo_base.poses"),
+}  # fmt: skip
+__all__ = sorted(_PLACES)
+__getattr__ = lazy_exports(__name__, _PLACES)

@@ -24,8 +24,8 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.seeing.rig import KEPT
 
 from ..errors import ExperimentError, require
+from ..targets.target_spec import Six, TargetSpec
 from .packages import PackagePath
-from .target_spec import Six, TargetSpec
 
 HALF_TURN = 3.142  # rad; pi as rounded up in files
 LONGEST_DELAY = 10.0  # s

@@ -23,12 +23,12 @@ from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..errors import ExperimentError, StudyError, require
+from ..targets.target_spec import LARGEST_TARGET, Pair, TargetSpec, check_times
 from .cameras import HALF_TURN, LONGEST_DELAY, Belief, CameraSpec, HandEyeSpec
 from .overrides import with_overrides
 from .relative_start import RelativeStart
 from .robots import RobotSpec
 from .starts import CameraPose, Sampler
-from .target_spec import LARGEST_TARGET, Pair, TargetSpec, check_times
 
 PLANTS = ("bullet", "chain", "free", "ideal")
 FLYING = ("free", "ideal")

@@ -14,11 +14,11 @@ from aras_visual_servo_controller.settings import MARKER, Settings
 
 from ..errors import ExperimentError, require
 from ..targets.outlines import tracker_of
-from ..targets.solids import is_solid
+from ..targets.shape_names import is_solid
+from ..targets.target_spec import TargetSpec
 from .experiment import FLYING, Experiment
 from .packages import PackagePath
 from .robots import ROBOT, Robot
-from .target_spec import TargetSpec
 
 # A camera without an arm has no limits to keep away from and no elbow.
 FREE: dict[str, Any] = {"limit_avoidance": False, "output": "velocity"}

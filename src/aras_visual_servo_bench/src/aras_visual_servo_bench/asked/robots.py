@@ -8,17 +8,11 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from aras_sim_bridge.camera.from_description import settings as sensor_settings
-from aras_sim_bridge.description import (
-    CameraDescription,
-    RobotDescription,
-    parse_cameras,
-    parse_urdf,
-)
 from aras_sim_bridge.errors import CameraError, DescriptionError, SimError
 from aras_visual_servo_base.camera_mounting import carrying_link, check_optical, with_camera
 from aras_visual_servo_base.names import nearest
@@ -35,6 +29,9 @@ from aras_visual_servo_controller.seeing.rig import MovedBy, StandingCamera, bes
 from ..errors import ExperimentError
 from .cameras import CameraSpec, HandEyeSpec
 from .packages import PackagePath
+
+if TYPE_CHECKING:
+    from aras_sim_bridge.description import CameraDescription, RobotDescription
 
 ROBOT = "robot"  # its model in the simulated world
 FRAME = "camera_frame_of_"  # of a camera that the robot's own description has not, by its name
@@ -414,10 +411,14 @@ def camera_name(camera: CameraDescription) -> str:
 @functools.lru_cache(maxsize=32)
 def described_cameras(urdf: str) -> tuple[CameraDescription, ...]:
     """Read once a process, as `described`."""
+    from aras_sim_bridge.description import parse_cameras
+
     return parse_cameras(urdf)
 
 
 @functools.lru_cache(maxsize=8)
 def described(urdf: str, search: tuple[str, ...]) -> RobotDescription:
     """Parsed once a process: all runs of a study have the same, which is frozen."""
+    from aras_sim_bridge.description import parse_urdf
+
     return parse_urdf(urdf, PackagePath(search).find)

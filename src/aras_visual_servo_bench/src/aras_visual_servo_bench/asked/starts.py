@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from aras_visual_servo_base.settings import check, parameter
 
 from ..errors import ExperimentError, require
+from ..targets.target_spec import Pair, Six
 from .cameras import HALF_TURN
-from .target_spec import Pair, Six
 
 
 @dataclass(frozen=True)

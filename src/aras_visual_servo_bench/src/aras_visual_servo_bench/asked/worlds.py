@@ -22,7 +22,6 @@ from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import ConfigurationError
 
 from ..errors import ExperimentError, require
-from ..targets.solids import made_solid
 from .experiment import Experiment, SunSpec
 from .packages import PackagePath
 
@@ -73,15 +72,13 @@ def _warn(path: str, text: str) -> None:
 
 
 def with_link(experiment: Experiment, packages: PackagePath) -> Experiment:
-    """The same with the mesh and the pose of the link that its target is; itself where it is none.
+    """The same with the mesh and the pose of the link that its target is.
 
     Raises:
         ExperimentError: there is no such model or link, it is no closed solid, or it is a link of
             the robot's that moves.
     """
     target = experiment.target
-    if not target.is_link:
-        return experiment
     if not target.model:
         urdf = read_text(packages.file(experiment.robot.urdf), ExperimentError)
         shape, pose = _robot_link(urdf, packages, target.link)
@@ -170,6 +167,8 @@ def _robot_link(
 
 def _solid_at(corners: np.ndarray, pose: np.ndarray, name: str) -> tuple[str, tuple[float, ...]]:
     """Path of a mesh of triangles (n, 3, 3), m, and its pose (4, 4) as m and rad."""
+    from ..targets.solids import made_solid
+
     path = made_solid(corners, name).path
     xyz, rpy = to_xyz_rpy(pose)
     return str(path), (*map(float, xyz), *map(float, rpy))

@@ -75,7 +75,7 @@ def report(
 ) -> None:
     """Write the runs' report into `out`, unless that is None, and print what came of them."""
     from ..numbers.summary import summarise, told
-    from ..report.write import write_report
+    from ..web.report.write import write_report
 
     written = []
     if out is not None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import BenchError, not_installed
 
 if TYPE_CHECKING:  # the library that serves may be missing
-    from ..browse.server import BrowseServer
+    from ..web.browse.server import BrowseServer
 
 PORT = 8090
 
@@ -33,7 +33,7 @@ def add(commands: Any) -> None:
 def _browse(options: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
     try:
-        from ..browse.server import serve
+        from ..web.browse.server import serve
     except ModuleNotFoundError as error:
         raise not_installed(error.name, "page") from None
     if not 1 <= options.port <= 65535:

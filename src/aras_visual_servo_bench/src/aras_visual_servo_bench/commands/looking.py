@@ -49,6 +49,7 @@ def _show(options: argparse.Namespace) -> int:
     if options.run is None:
         raise StudyError(f"say which run: {program()} show {options.folder} 0")
     from ..study import replay  # half a second that the others need not wait for
+    from ..web.report.video import write_with_video
 
     folder = Folder.open(options.folder)
     out = options.out or options.folder / f"show-{options.run}"
@@ -58,7 +59,7 @@ def _show(options: argparse.Namespace) -> int:
         if error.__cause__ is None or isinstance(error.__cause__, BenchError):
             raise
         raise StudyError(f"{error}; where it was raised: {_raised(error.__cause__, out)}") from None
-    for path in replay.write(run, out):
+    for path in write_with_video(run, out):
         print(path)
     for key, (old, new) in changed.items():
         print(f"not as it was recorded: {key} was {old}, is {new}")

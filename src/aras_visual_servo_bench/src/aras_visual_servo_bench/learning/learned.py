@@ -109,10 +109,10 @@ def pictures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
     An answer is the goal's place in the camera's frame, m, and cosine and sine of its turn.
     """
-    from ..asked.assembly import assemble
     from ..asked.cameras import in_view
     from ..asked.experiment import Experiment
-    from ..asked.sampling import drawn_pose
+    from ..setup.assembly import assemble
+    from ..setup.sampling import drawn_pose
 
     parts = assemble(Experiment(plant="ideal", features="pictures", goal="2016", start="2016"))
     observer = Observer(None, frozenset((Need.MOMENTS,)))

@@ -116,9 +116,9 @@ def pictures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     An answer is the logarithm of the camera's pose before the domain's goal. Places are the
     domain's starts and others on their ways to the goal; every other picture is perturbed.
     """
-    from ..asked.assembly import assemble
     from ..asked.experiment import Experiment
     from ..commands.running import study_file
+    from ..setup.assembly import assemble
     from ..study.study import Study
     from ..targets.pictures import seen
 

@@ -18,7 +18,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 if TYPE_CHECKING:
-    from aras_visual_servo_controller.loop.driver import Driver
+    from aras_visual_servo_controller.driving.driver import Driver
 
 NS = 1_000_000_000
 
@@ -140,12 +140,14 @@ class Plant(ABC):
         joint_names: those that can be commanded.
         outputs: kinds of command that it takes, of position, velocity and effort.
         control: name of the control camera. vibrations: of the cameras that shake, by name.
+        has_exact_plane: whether the plane of the target counts as measured, without error.
     """
 
     camera: CameraModel
     joint_names: tuple[str, ...]
     outputs: frozenset[str]
     control: str = CAMERA
+    has_exact_plane: bool = False
     vibrations: Mapping[str, Vibration] = MappingProxyType({})
 
     @property

@@ -45,7 +45,7 @@ from .base import CAMERA, CameraReading, JointListener, JointReading, Plant, Rea
 from .sight import Sight, exposures, vibrations
 
 if TYPE_CHECKING:
-    from aras_visual_servo_controller.loop.driver import Driver
+    from aras_visual_servo_controller.driving.driver import Driver
 
 TARGET, OCCLUDER = "target", "occluder"
 NS = 1_000_000_000
@@ -268,7 +268,7 @@ class BulletArm(Plant):
         self, driver: Driver, listener: JointListener, last_ns: Callable[[], float]
     ) -> None:
         """See Plant.join."""
-        from ..running.answers import ArmAnswers  # here, because many plants are no arms
+        from .answers import ArmAnswers  # here, because many plants are no arms
 
         (kind,) = self.outputs
         self._answers = ArmAnswers(

@@ -27,6 +27,7 @@ class IdealCamera(FreeCamera):
     """Takes the twist (6,) of the believed camera; the first image is at 0 s."""
 
     outputs = frozenset(("twist",))
+    has_exact_plane = True
 
     def __init__(
         self, arm: FreeBody, believed: FreeBody, q: np.ndarray, sight: Sight, seed: int = 0

@@ -18,7 +18,6 @@ from aras_visual_servo_base.poses import relative, skew
 
 from ..errors import ViewError
 from ..targets.geometry import PlacedTarget, Target
-from ..targets.solids import SolidTarget
 
 SIDE = 32  # px of the view that the target just fills
 MARGIN = 5e-3  # m before the target's face within which something is taken for the target itself
@@ -146,7 +145,7 @@ def without_visuals(model: RobotDescription, *links: str) -> RobotDescription:
 def _solid_of(target: Target) -> tuple[Geometry, tuple[float, float, float]]:
     """The shape of a target, and its middle in the target's frame, m; of a flat one the thin box
     about it."""
-    if isinstance(target, SolidTarget):
+    if target.is_solid:
         return Geometry("mesh", filename=str(target.path)), (0.0, 0.0, 0.0)
     corners = target.vertices()
     low, high = corners.min(axis=0), corners.max(axis=0)

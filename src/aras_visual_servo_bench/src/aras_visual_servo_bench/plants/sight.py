@@ -20,9 +20,6 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from ..asked import cameras
 from ..errors import ViewError
 from ..targets.geometry import PlacedTarget, Target, project
-from ..targets.pictures import seen, shows
-from ..targets.solids import SolidTarget
-from ..targets.textures import TexturedTarget
 from .base import CAMERA, CameraReading, Place
 
 NS = 1_000_000_000
@@ -169,7 +166,9 @@ class Sight:
     ) -> np.ndarray:
         """The picture (rows, columns) uint8; `occluded`: with what lies on the target."""
         shape, occluder = self.target.shape, self.occluder if occluded else None
-        if isinstance(shape, TexturedTarget | SolidTarget):
+        if shape.is_textured or shape.is_solid:
+            from ..targets.pictures import seen
+
             return seen(shape, self.camera, seen_from, occluder)
         image = cameras.draw(outline, self.camera)
         if outline is not None and occluder is not None:
@@ -184,8 +183,10 @@ class Sight:
     def label(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray | None:
         """(rows, columns) 255 where a solid target is, at one instant; None of a flat black one,
         which is where the image without effects is dark. `pose`: as of `exact`."""
-        if not isinstance(self.target.shape, SolidTarget):
+        if not self.target.shape.is_solid:
             return None
+        from ..targets.pictures import shows
+
         return shows(self.target.shape, self.camera, self.seen_from(pose, stamp_ns))
 
     def depth_image(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray:

@@ -18,8 +18,8 @@ from aras_visual_servo_controller.ros.read_back import state_of
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..errors import BenchError
-from ..ros.described import Described
 from ..targets.geometry import BoxesTarget, PlacedTarget
+from .described import Described
 from .film import chosen, film
 from .from_graph import Heard
 from .from_loop import joint_units, with_pictures

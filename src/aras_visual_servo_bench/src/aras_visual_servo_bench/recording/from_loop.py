@@ -16,9 +16,9 @@ from aras_visual_servo_controller.schemes import JointController, Scheme
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..asked import cameras
-from ..asked.assembly import Assembly
 from ..asked.experiment import Experiment
 from ..plants import CameraReading, Plant
+from ..setup.assembly import Assembly
 from .film import Film, frame
 from .run import CameraRecord, Run
 

@@ -32,9 +32,8 @@ from aras_visual_servo_controller.laws import LAWS
 from aras_visual_servo_controller.schemes import SCHEMES
 from aras_visual_servo_controller.settings import Settings
 
-from ..errors import writing
-from ..live.requests import RefusedError
-from .described import preset_of
+from ..errors import RefusedError, writing
+from ..recording.described import preset_of
 from .keeping import LOGGED
 from .listener import Listener
 from .processes import Launch

@@ -21,11 +21,11 @@ from aras_visual_servo_camera.errors import ImageError
 from aras_visual_servo_camera.images import decode
 
 from ..errors import BenchError
+from ..recording.described import Described
 from ..recording.from_bag import Messages
 from ..recording.from_graph import Heard
 from ..recording.run import Run
 from ..recording.tracks import nearest
-from .described import Described
 
 if TYPE_CHECKING:
     import rosbag

@@ -7,7 +7,7 @@ import sys
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rospy
 
@@ -18,11 +18,11 @@ from aras_visual_servo_controller.seeing.observation import SEGMENTED
 from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.shutdown import beats, begin_node
 
-from ..errors import BenchError
-from ..live.page import Page
-from ..live.requests import RefusedError, Request
-from ..live.robot_model import robot_model
+from ..errors import BenchError, RefusedError
 from .listener import Listener, listener_settings
+
+if TYPE_CHECKING:
+    from ..web.live.requests import Request
 
 PERIOD = 0.5  # s of wall time between two looks at what changes seldom
 
@@ -49,6 +49,7 @@ class Dashboard:
 
     def __init__(self, listener: Listener, robot: str, directory: Path) -> None:
         """`robot`: the model's name; `directory`: where goals, bags and reports go."""
+        from ..web.live.page import Page
         from .actions import Actions
         from .driving import Driving
         from .keeping import Keeping
@@ -102,6 +103,8 @@ class Dashboard:
 
     def robot(self) -> dict[str, Any] | None:
         """The robot's model; a description that cannot be drawn is told, and drawn as nothing."""
+        from ..web.live.robot_model import robot_model
+
         urdf = self._listener.urdf
         if not urdf:
             return None
@@ -199,7 +202,7 @@ def main() -> int:
     begin_node("aras_visual_servo_dashboard", __doc__, disable_rostime=True)
     open_wide()
     try:
-        from ..live.server import serve
+        from ..web.live.server import serve
     except ModuleNotFoundError as error:
         rospy.logfatal("the live page needs %s: ./setup.sh --for bench installs it", error.name)
         return 1

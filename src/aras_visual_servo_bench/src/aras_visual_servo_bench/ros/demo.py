@@ -137,7 +137,7 @@ class Demo:
     def _report(self) -> int:
         """Write the report; print its numbers."""
         from ..numbers.summary import summarise, told
-        from ..report.write import write_report
+        from ..web.report.write import write_report
         from .bag import read_bag
 
         _say("reading the bag, drawing the report")

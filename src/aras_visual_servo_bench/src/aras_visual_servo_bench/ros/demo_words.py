@@ -21,9 +21,9 @@ from ..asked.cameras import HandEyeSpec, preset
 from ..asked.experiment import CameraPose, Experiment
 from ..asked.packages import PackagePath
 from ..asked.robots import Robot, RobotSpec
-from ..asked.target_spec import TargetSpec
 from ..errors import ExperimentError
 from ..targets.outlines import NAMES, default_size, tracker_of
+from ..targets.target_spec import TargetSpec
 
 LAUNCH = "package://aras_visual_servo_gazebo/launch/"
 # The launch files that are started, and those of their arguments that are options here.
@@ -192,7 +192,7 @@ def _taught(arguments: argparse.Namespace, goal: Goal) -> Goal:
     Raises:
         ExperimentError: nothing that this scheme can servo to.
     """
-    from ..asked.assembly import (
+    from ..setup.assembly import (
         assemble,
     )  # the physics: a second that the usual demo need not wait for
 

@@ -16,6 +16,8 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
+from ..recording.parameters import at
+
 FORMAT = 1
 TOPIC = "/aras_visual_servo/experiment"
 CONTROLLER = "/aras_visual_servo_controller"
@@ -36,14 +38,6 @@ def gathered(parameters: Mapping[str, object], controller: str = CONTROLLER) -> 
         "goals": goals(at(parameters, controller)),
         "versions": {**versions(), "code": code()},
     }
-
-
-def at(parameters: Mapping[str, object], name: str) -> dict[str, object]:
-    """The branch of the parameter server below a name; empty where there is none."""
-    found: object = parameters
-    for part in filter(None, name.split("/")):
-        found = found.get(part, {}) if isinstance(found, Mapping) else {}
-    return dict(found) if isinstance(found, Mapping) else {}
 
 
 def goals(controller: Mapping[str, object]) -> dict[str, str]:

@@ -14,7 +14,7 @@ from aras_visual_servo_controller.hands.jog import Jog
 from aras_visual_servo_controller.ros.commands import CommandTopics, stop_controller
 from aras_visual_servo_controller.settings import Settings
 
-from ..live.requests import RefusedError
+from ..errors import RefusedError
 from .listener import Listener
 
 PERIOD = 0.02  # s of wall time between two commands

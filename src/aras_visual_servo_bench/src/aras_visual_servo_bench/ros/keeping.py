@@ -9,8 +9,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ..errors import writing
-from ..live.requests import RefusedError
+from ..errors import RefusedError, writing
 from .processes import Launch
 
 TEACHING, REPORTING, CLOSING = 90.0, 180.0, 15.0  # s of wall time

@@ -28,8 +28,8 @@ from aras_visual_servo_controller.ros.given import package
 from aras_visual_servo_controller.ros.read_back import state_of
 from aras_visual_servo_controller.settings import Settings
 
-from ..live.story import NOTHING, Story
-from ..live.track import Pace
+from ..drawing.story import NOTHING, Story
+from ..drawing.track import Pace
 
 SILENCE = 2.0  # s of wall time without a joint state after which nothing is known of the pace
 

@@ -10,7 +10,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_ros.shutdown import beats, node_main
 
-from ..live.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
+from ..drawing.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
 from .listener import Listener, listener_settings
 from .target_watch import TargetWatch
 

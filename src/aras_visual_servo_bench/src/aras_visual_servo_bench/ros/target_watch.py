@@ -12,8 +12,8 @@ from geometry_msgs.msg import PoseStamped
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.ros.conversions import from_pose
 
-from ..live.outlines import NOTHING, Drawing, drawing_of
-from ..live.story import Story
+from ..drawing.outlines import NOTHING, Drawing, drawing_of
+from ..drawing.story import Story
 from .target_place import TARGET, TOPIC, TargetPlace
 
 TARGET_DESCRIPTION = "/target_description"

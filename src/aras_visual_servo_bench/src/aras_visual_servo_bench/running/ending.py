@@ -8,8 +8,8 @@ from aras_visual_servo_base.poses import inverse, pose_difference
 from aras_visual_servo_controller.judging.outcomes import Outcome, outcome
 from aras_visual_servo_controller.loop.state import CONVERGED, ServoState
 
-from ..asked.assembly import Assembly
 from ..asked.experiment import Experiment
+from ..setup.assembly import Assembly
 
 BLIND = 5  # images without a measurement after which none will come: the camera stands
 # Times the first and the last distance at which a run that does not end well has retreated.

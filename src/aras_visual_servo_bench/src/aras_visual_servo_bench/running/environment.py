@@ -18,9 +18,9 @@ from aras_visual_servo_controller.loop.state import CONVERGED
 from aras_visual_servo_controller.schemes import Decision, JointController, Scheme
 from aras_visual_servo_controller.seeing.observation import Observation
 
-from ..asked.assembly import assemble
 from ..asked.experiment import Experiment, Sampler
 from ..errors import ExperimentError
+from ..setup.assembly import assemble
 from .loop import Loop
 
 ENVIRONMENT = "aras/Servo-v0"  # its name in Gymnasium's registry

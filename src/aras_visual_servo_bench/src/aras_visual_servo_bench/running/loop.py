@@ -14,17 +14,17 @@ import numpy as np
 
 from aras_visual_servo_base.memory import release_freed_memory
 from aras_visual_servo_base.poses import inverse
+from aras_visual_servo_controller.driving.driver import Driver
 from aras_visual_servo_controller.judging.remedy import Remedy
-from aras_visual_servo_controller.loop.driver import Driver
 from aras_visual_servo_controller.loop.state import CONVERGED, Command, ServoState
 
-from ..asked.assembly import Assembly, assemble
 from ..asked.experiment import Experiment
-from ..asked.postures import warn
+from ..errors import log_once
 from ..plants import CameraReading
 from ..plants.base import seconds
 from ..recording.from_loop import Recorder
 from ..recording.run import Run, Verdict
+from ..setup.assembly import Assembly, assemble
 from .ending import Ending
 
 NS = 1_000_000_000
@@ -251,7 +251,7 @@ class Loop:
             hidden = self.parts.postures.hidden(self.plant.joints()[0], self.plant.time_ns / NS)
             if hidden:
                 run.notes.append(SEEN_THROUGH.format(100.0 * hidden))
-                warn(run.notes[-1])
+                log_once(run.notes[-1])
         return run
 
     def close(self) -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 import pyarrow as pa
 import yaml
 
-from ..asked.assembly import assemble
 from ..errors import program, writing
+from ..setup.assembly import assemble
 from . import images
 from .folder import PARTS, TRACES, Folder
 from .progress import counted

@@ -8,9 +8,9 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-from ..asked.assembly import check
 from ..errors import ExperimentError, StudyError
 from ..numbers.metrics import success
+from ..setup.assembly import check
 from . import images, rows
 from .folder import Folder
 from .pools import Pool

@@ -20,11 +20,11 @@ import pyarrow as pa
 from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
-from ..asked.assembly import assemble
 from ..errors import StudyError
 from ..plants import CameraReading
 from ..recording.run import Run
 from ..running.loop import NS, Loop
+from ..setup.assembly import assemble
 from .progress import counted
 from .study import Study
 

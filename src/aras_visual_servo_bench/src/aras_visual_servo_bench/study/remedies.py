@@ -14,11 +14,11 @@ from aras_visual_servo_controller.goals.goal import REACHABLE
 from aras_visual_servo_controller.judging.remedy import Change, Remedy
 from aras_visual_servo_controller.settings import Settings
 
-from ..asked.assembly import Assembly, assemble
 from ..asked.experiment import FLYING, OWN_PARAMETERS, CameraPose, Experiment, Sampler
 from ..asked.loop_settings import settings_of
 from ..asked.overrides import with_override
 from ..errors import ExperimentError
+from ..setup.assembly import Assembly, assemble
 
 OF_LAW = "options.law_options."
 SIZE = 0.2  # m, of a named shape that has no size of its own

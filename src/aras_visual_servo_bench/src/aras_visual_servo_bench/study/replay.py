@@ -1,21 +1,18 @@
-"""One run of a study again, with its pictures: a report and a video."""
+"""One run of a study again, with its pictures, for a report."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
-from ..asked.assembly import assemble
 from ..asked.experiment import Experiment
-from ..errors import ExperimentError, StudyError, writing
+from ..errors import ExperimentError, StudyError
 from ..recording.from_loop import picture_of, with_pictures
 from ..recording.run import Run
-from ..report.write import write_report
 from ..running.loop import Loop
+from ..setup.assembly import assemble
 from . import rows
 from .folder import Folder
 from .versions import code, versions
@@ -91,25 +88,3 @@ def _recorded(folder: Folder, run: int) -> dict[str, Any]:
     table = folder.results()
     kept = table.filter(np.array(table["run"]) == run).to_pylist()
     return {k: v for k, v in kept[0].items() if k not in (*rows.LABELS, "simulated", "seed")}
-
-
-def write(run: Run, out: Path) -> list[Path]:
-    """The report, with video.mp4 where there are pictures; StudyError where it cannot."""
-    with writing(f"into {out}"):
-        written = write_report([run], out, ("png",))
-        if run.images.pictures:
-            written.append(_video(run, out / "video.mp4"))
-    return written
-
-
-def _video(run: Run, path: Path) -> Path:
-    stamp, pictures = run.stamp, [picture for _, picture in run.images.pictures]
-    rate = 1.0 / float(np.median(np.diff(stamp))) if len(stamp) > 1 else 30.0
-    height, width = pictures[0].shape[:2]
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate, (width, height))
-    if not writer.isOpened():
-        raise StudyError(f"cannot write the video {path}")
-    for picture in pictures:
-        writer.write(np.ascontiguousarray(picture[..., ::-1]))
-    writer.release()
-    return path

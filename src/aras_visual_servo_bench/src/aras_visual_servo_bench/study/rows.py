@@ -18,12 +18,12 @@ import pyarrow as pa
 
 from aras_visual_servo_base.memory import release_freed_memory
 
-from ..asked.assembly import assemble
 from ..asked.experiment import Experiment
 from ..errors import ExperimentError
 from ..numbers import metrics as known_metrics
 from ..recording.run import Run
 from ..running.loop import NS, Loop
+from ..setup.assembly import assemble
 from . import images
 from .study import Study
 from .variations import Axis, Draw

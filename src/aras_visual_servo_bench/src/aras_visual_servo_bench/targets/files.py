@@ -12,19 +12,21 @@ import argparse
 import sys
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 from aras_visual_servo_camera.moments import signed_area
 
-from ..asked.target_spec import BoxSpec, Pair, TargetSpec
 from ..errors import ExperimentError, require, writing
 from .geometry import Target
 from .outlines import default_size
 from .scratch import scratch
-from .solids import SolidTarget
-from .textures import TexturedTarget
+from .target_spec import BoxSpec, Pair, TargetSpec
+
+if TYPE_CHECKING:
+    from .solids import SolidTarget
 
 ABOVE = 5e-4  # m that an occluder lies above the face
 URDF = """<?xml version="1.0"?>
@@ -68,7 +70,7 @@ def write(
     Raises:
         ExperimentError: the target is not flat, or nothing can be written there.
     """
-    if isinstance(target, SolidTarget):
+    if target.is_solid:
         return _solid(target, folder, name)
     vertices = target.vertices()
     require(
@@ -78,7 +80,7 @@ def write(
     where = meshes or f"file://{folder.resolve()}"
     with writing(f"the target into {folder}", ExperimentError):
         folder.mkdir(parents=True, exist_ok=True)
-        if isinstance(target, TexturedTarget):
+        if target.is_textured:
             faces = [(0, 3, 2), (0, 2, 1)]  # from the picture's first corner, seen from above
             material = f"Kd 1 1 1\nmap_Kd {name}.png\n"
             drawn = cv2.imwrite(str(folder / f"{name}.png"), target.pixels)
@@ -138,7 +140,7 @@ def description_file(spec: TargetSpec, perturbed_by: int | None = None) -> Path:
     target = spec.placed.shape
     if perturbed_by is not None:
         require(
-            isinstance(target, TexturedTarget),
+            target.is_textured,
             f"target '{spec.shape}' has no picture that could be perturbed: use poster or a PNG",
         )
         target = target.perturbed(perturbed_by)

@@ -27,10 +27,17 @@ ROUNDING = 1e-12  # m by which a point of a box's rim may lie beside it
 STILL = 1e-9  # m, and of unit axes: a change of a pose by less is none
 SAME_TIME = 1e-7  # s
 NEAREST = 1e-3  # m before the camera; what is nearer has no view worth the name
+FLIPPED = (1.0, -1.0)  # y of a picture runs down
 
 
 class Target(ABC):
-    """Something flat and dark that a camera can look at."""
+    """Something flat and dark that a camera can look at.
+
+    is_solid: whether it is a SolidTarget. is_textured: whether it is a TexturedTarget.
+    """
+
+    is_solid = False
+    is_textured = False
 
     @abstractmethod
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:

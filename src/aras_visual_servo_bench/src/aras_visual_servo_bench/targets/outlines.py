@@ -19,9 +19,8 @@ from aras_visual_servo_base.names import nearest
 from aras_visual_servo_controller.settings import MODEL, OUTLINE
 
 from ..errors import ExperimentError, require
-from .geometry import ARAS, PolygonTarget, RoundTarget, Target
-from .solids import PRIMITIVES, is_mesh, is_solid, primitive, solid_target
-from .textures import FLIPPED, MADE, from_picture
+from .geometry import ARAS, FLIPPED, PolygonTarget, RoundTarget, Target
+from .shape_names import PICTURES, PRIMITIVES, is_mesh, is_solid
 
 if TYPE_CHECKING:
     from svgelements import Shape
@@ -49,7 +48,7 @@ OUTLINES: dict[str, tuple[tuple[float, float], ...]] = {
     "l_shape": ((-0.5, -0.5), (0.5, -0.5), (0.5, -0.1), (-0.1, -0.1), (-0.1, 0.5), (-0.5, 0.5)),
     "heptagon": _ring(7),
 }
-NAMES = ("aras", "circle", *OUTLINES, *MADE, *PRIMITIVES)
+NAMES = ("aras", "circle", *OUTLINES, *PICTURES, *PRIMITIVES)
 UNMARKED = frozenset(NAMES) - {"marker"}  # that show no ArUco or AprilTag marker
 # What finds the points of those that are more than an outline.
 TRACKERS = {"four_dots": "dots", "marker": "marker", "line_grid": "lines"}
@@ -96,9 +95,13 @@ def _shape_of(
     if shape == "aras":
         return ARAS
     if shape in PRIMITIVES:
+        from .solids import primitive
+
         return primitive(shape, size or (SIZE[0],) * 3)
     path = Path(shape).expanduser()
     if is_mesh(shape):
+        from .solids import solid_target
+
         return solid_target(path, size, scale)
     require(
         size is None or len(size) == 2,
@@ -115,6 +118,8 @@ def _shape_of(
         return RoundTarget(_scaled(_ring(CIRCLE_EDGES), size))
     if shape in OUTLINES:
         return PolygonTarget(_scaled(OUTLINES[shape], size))
+    from .textures import MADE, from_picture
+
     if shape == "marker":
         return MADE[shape](size, marker)
     if shape in MADE:

@@ -14,11 +14,10 @@ from aras_sim_bridge.rendering.tiles import Tiles, shared
 from aras_visual_servo_base.poses import IDENTITY, Pose
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..asked.target_spec import Pair
 from .files import write
 from .geometry import NEAREST, Target
 from .scratch import scratch
-from .solids import SolidTarget
+from .target_spec import Pair
 
 FARTHEST = 1e3  # m
 SHOWN = Sun(ambient=1.0, diffuse=0.0, background=(1.0, 1.0, 1.0, 1.0))  # colours as they are
@@ -85,5 +84,5 @@ def _rays(camera: CameraModel, pixels: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=KEPT)
 def _renderer(target: Target, occluder: tuple[Pair, Pair] | None) -> Renderer:
     urdf: Path = write(target, scratch(), occluder=occluder)
-    light = LIT if isinstance(target, SolidTarget) else SHOWN
+    light = LIT if target.is_solid else SHOWN
     return create_renderer("exact", _Still(parse_urdf(urdf.read_text())), light, CANVASES)

@@ -28,7 +28,6 @@ PRIMITIVES = {
     "cylinder": Geometry("cylinder", radius=0.5, length=1.0),
     "sphere": Geometry("sphere", radius=0.5),
 }
-MESHES = (".stl", ".obj", ".dae", ".glb", ".gltf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +37,8 @@ class SolidTarget(Target):
     path: of its mesh file, m. made: whether that file was made for this process.
     drawn: the file with its colours; None: path. factor: on the lengths of that along x, y and z.
     """
+
+    is_solid = True
 
     solid: Solid
     path: Path
@@ -78,16 +79,6 @@ class SolidTarget(Target):
         from scipy.spatial import ConvexHull
 
         return self.solid.vertices[ConvexHull(self.solid.vertices).vertices]
-
-
-def is_mesh(shape: str | tuple) -> bool:
-    """Whether a target's shape is the path of a mesh file."""
-    return isinstance(shape, str) and Path(shape).suffix.lower() in MESHES
-
-
-def is_solid(shape: str | tuple) -> bool:
-    """Whether a target's shape is the path of a mesh file, or a primitive's name."""
-    return is_mesh(shape) or isinstance(shape, str) and shape in PRIMITIVES
 
 
 @lru_cache(maxsize=32)

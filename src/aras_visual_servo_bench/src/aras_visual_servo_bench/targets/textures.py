@@ -14,11 +14,10 @@ from aras_visual_servo_base.picture_files import picture_size, read_on_white
 from aras_visual_servo_camera.markers import MarkerChoice
 
 from ..errors import ExperimentError
-from .geometry import Target, project
+from .geometry import FLIPPED, Target, project
 
 PIXELS = 1200  # of a made picture's longer side
 POSTER_SEED = 41
-FLIPPED = (1.0, -1.0)  # y of a picture runs down
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +27,8 @@ class TexturedTarget(Target):
     pixels: (rows, columns) uint8; its first row is at +y, its first column at -x. size: along x
     and y, m. known: points (n, 2) of it, m, that a tracker finds; None: the rectangle's corners.
     """
+
+    is_textured = True
 
     pixels: np.ndarray
     size: tuple[float, float]

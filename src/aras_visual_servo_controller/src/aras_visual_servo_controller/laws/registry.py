@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from .base import LAWS, Law
-from .wrappers import ContinuousStart, Ramp
 
 
 def create_law(
@@ -21,6 +20,10 @@ def create_law(
         ConfigurationError: unknown law, or a parameter that it refuses.
     """
     law = LAWS.create(name, **parameters)
+    if ramp == continuous_start == 0.0:
+        return law
+    from .wrappers import ContinuousStart, Ramp
+
     if ramp != 0.0:
         law = Ramp(law, ramp)
     return ContinuousStart(law, continuous_start) if continuous_start != 0.0 else law

@@ -12,7 +12,7 @@ import rospy
 from actionlib import SimpleActionServer
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
-from ..loop.driver import Driver
+from ..driving.driver import Driver
 from ..loop.state import CONVERGED, STOPPED, ServoState
 from ..msg import ServoToTargetAction, ServoToTargetFeedback, ServoToTargetGoal, ServoToTargetResult
 from .face import RosFace

@@ -6,7 +6,7 @@ import rospy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
-from ..loop.driver import Driver
+from ..driving.driver import Driver
 from ..settings import Settings
 from .measurements import MeasurementInput
 from .pictures import PICTURED, PictureInput

@@ -9,7 +9,7 @@ from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
 
 from aras_visual_servo_base.stamp_pairing import ByStamp
 
-from ..loop.driver import Driver
+from ..driving.driver import Driver
 from ..loop.state import Source
 from ..seeing.observation import Need, Observer
 from ..settings import CameraEntry

@@ -10,8 +10,8 @@ from aras_visual_servo_base.compiled import compile_all
 from aras_visual_servo_base.urdf import robot_name
 from aras_visual_servo_ros.shutdown import beats, node_main
 
+from ..driving.driver import Driver
 from ..errors import ConfigurationError
-from ..loop.driver import Driver
 from ..settings import Settings
 from .control import Control
 from .description import DescriptionWatch, e_stop_topic

@@ -14,7 +14,7 @@ from aras_visual_servo_camera.images import decode
 from aras_visual_servo_camera.label_topics import BUFFER, LabelTopics
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..loop.driver import Driver
+from ..driving.driver import Driver
 from ..loop.state import Source
 from ..seeing.observation import SEGMENTED, Need, Observer
 from ..seeing.rig import Look

@@ -13,8 +13,8 @@ from aras_visual_servo_ros.shutdown import begin_node
 from ..errors import ServoError
 from ..goals.goal import Goal
 from ..goals.starts import start_joints
-from ..goals.teaching import Teacher, goal_of
 from ..judging.joint_check import foreign_text
+from ..loop.teaching import Teacher, goal_of
 from ..seeing.observation import Need
 from .commands import CommandTopics
 from .foreign_commands import ForeignCommandListener

@@ -18,7 +18,6 @@ from ..laws import Law
 from ..seeing.observation import Observation
 from .answer_checks import checked_array
 from .base import Decision
-from .broyden import Broyden
 from .of_feature import OfFeature
 
 INTERACTIONS = ("current", "desired", "mean", "estimated")
@@ -67,6 +66,8 @@ class Composed(OfFeature):
                 f"an estimator is for interaction 'estimated', not '{interaction}'"
             )
         if interaction == "estimated" and estimator is None:
+            from .broyden import Broyden
+
             estimator = Broyden()
         if not (np.isfinite(smoothing) and smoothing >= 0.0):
             raise ConfigurationError(f"smoothing is {smoothing}, it must be >= 0 s")

@@ -22,16 +22,15 @@ from aras_visual_servo_camera.contour import CORNER_ACCURACY, fit_corners, outli
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.kernel import kernel_features
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
-from aras_visual_servo_camera.trackers import Tracker
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from .depth_image import plane_of
 from .joint_sample import JointSample
 
 if TYPE_CHECKING:
+    from aras_visual_servo_camera.trackers import Tracker
+
     from ..arm import Arm
 
 CAMERA = "camera"  # name of the one camera of an experiment or a node that names none
@@ -256,6 +255,8 @@ class Observer:
         if Need.DEPTH in self.needs and depth is not None:
             seen["depth"] = _read_only(np.asarray(depth, np.float32))
             if plane is None and valid:
+                from .depth_image import plane_of
+
                 plane = plane_of(seen["depth"], camera, seen.get("corners", seen.get("contour")))
         return self._made(stamp, valid, reason, camera, joints, world_T_camera, commands,
                           plane=plane, **seen)  # fmt: skip
@@ -357,6 +358,8 @@ class Observer:
                     seen["corner_accuracy"] = hypot(CORNER_ACCURACY / camera.K[0], deviation)
                     seen["numbered"] = False
             if Need.KERNEL in needs:
+                from aras_visual_servo_camera.kernel import kernel_features
+
                 mask = self.pipeline.original_mask(image)
                 seen["kernel"] = _frozen(kernel_features(mask).layout())
         except VisionError as error:

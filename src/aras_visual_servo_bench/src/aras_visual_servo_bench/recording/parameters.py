@@ -1,0 +1,13 @@
+"""Parameters of a parameter server, as nested mappings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+
+def at(parameters: Mapping[str, object], name: str) -> dict[str, object]:
+    """The branch of the parameter server below a name; empty where there is none."""
+    found: object = parameters
+    for part in filter(None, name.split("/")):
+        found = found.get(part, {}) if isinstance(found, Mapping) else {}
+    return dict(found) if isinstance(found, Mapping) else {}

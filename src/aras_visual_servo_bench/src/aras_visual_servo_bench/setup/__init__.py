@@ -1,0 +1,1 @@
+"""From an experiment to what is run: plant, goal and loop."""

@@ -1,0 +1,278 @@
+"""A report into a folder: page, figures, tables, numbers."""
+
+from __future__ import annotations
+
+import csv
+import gc
+import io
+import json
+import math
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from ...errors import BenchError, check_formats, writing
+from ...numbers.metrics import condition
+from ...numbers.printing import legible
+from ...numbers.summary import Quantity, mapping, summarise
+from ...pictures import over_time, panels, style, views
+from ...pictures.over_time import Layout
+from ...pictures.panels import Panel
+from ...pictures.style import KINDS
+from ...recording.run import Run
+from .page import page
+
+Drawing = Callable[[Sequence[Run]], Figure | None]
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """A chapter of a report: a figure in a file, and panels of curves on the page.
+
+    name: of the files. title: of both. text: below. draw: the figure of what is no curve over
+    time. panels: of curves over time. heading: of their figure, layout: of it.
+    """
+
+    name: str
+    title: str
+    text: str
+    draw: Drawing | None = None
+    panels: Callable[[Sequence[Run]], list[Panel]] = lambda runs: []
+    heading: str = ""
+    layout: Layout = Layout()
+
+    def figure(self, runs: Sequence[Run]) -> Figure | None:
+        """Its figure; None where the runs have none."""
+        if self.draw is not None:
+            return self.draw(runs)
+        return over_time.drawn(self.panels(runs), runs, self.heading, self.layout)
+
+
+# Rows of figures, which stand beside each other.
+PARTS: tuple[tuple[Chapter, ...], ...] = (
+    (Chapter("filmstrip", "Filmstrip", "What the camera saw as the error shrank; green: the "
+             "outline that the goal wants.", views.filmstrip),),
+    (Chapter("feature_errors", "Errors", "Errors by unit, and their norm with each in parts of "
+             "its largest.", None, panels.errors, "Feature errors s − s*", Layout(1.75, legend=6)),
+     Chapter("pose_errors", "Pose", "Of the true camera; what the loop itself does not know.",
+             None, panels.poses, "Distance of the camera from its goal", Layout(1.9))),
+    (Chapter("features", "Features", "As measured, and as wanted (dashed).", None,
+             panels.features, "Features s", Layout(2.0, legend=6)),
+     Chapter("camera_twist", "Twist", "In the camera's optical frame: x right, y down, z ahead. "
+             "Dashed: asked.", None, panels.twists, "Twist of the camera", Layout(2.1))),
+    (Chapter("image_trajectory", "Image plane", "Behind the curves: the last picture.",
+             views.image_trajectory),
+     Chapter("camera_path", "Path", "In the world's frame; frusta open along the optical axis.",
+             views.camera_path)),
+    (Chapter("joint_positions", "Joints", "Red: limits of the description.", None, panels.joints,
+             "Positions", Layout(1.25, columns=2, beside="Speeds")),),
+    (Chapter("conditioning", "Conditioning", "L in its modelled directions; L J is what the arm "
+             "inverts. Scale: the factor by which limits slowed the task.", None,
+             panels.conditioning, "Conditioning", Layout(1.5)),
+     Chapter("timing", "Timing", "In simulated time; the real-time factor is what the simulator "
+             "tells. A delay below 0: the picture came before the clock message that tells the "
+             "recorder its time.", None, panels.timing, "Time between images", Layout(1.5))),
+)  # fmt: skip
+DRAWING = 2  # processes that draw figures: more would each wait for the longest row
+NAMES = tuple(part.name for row in PARTS for part in row)
+
+
+def write_report(
+    runs: Sequence[Run],
+    out: Path,
+    kinds: Sequence[str] = KINDS,
+    paper: bool = False,
+    progress: Callable[[float, str], None] = lambda part, what: None,
+) -> list[Path]:
+    """Write report.html, summary.json, summary.csv, figures/ and data/ into a folder.
+
+    Args:
+        runs: one run, or several to be compared.
+        out: made if need be; files of the same names are overwritten.
+        kinds: of png, svg, pdf; of figures as files. The page needs none of them.
+        paper: figures as a paper's column has them, vector files alone.
+        progress: told the part that is done and what comes next.
+
+    Returns:
+        The files, the page first.
+
+    Raises:
+        BenchError: a kind that there is not, or a folder that cannot be written to.
+    """
+    check_formats(kinds, KINDS)
+    if not runs:
+        raise BenchError("nothing to report on")
+    with writing(f"the report into {out}"):
+        return _Report(runs, out, kinds, paper, progress).write()
+
+
+class _Report:
+    """One report on its way."""
+
+    def __init__(
+        self, runs: Sequence[Run], out: Path, kinds: Sequence[str], paper: bool,
+        progress: Callable[[float, str], None],
+    ) -> None:  # fmt: skip
+        self.runs, self.out, self.progress = list(runs), out, progress
+        self.kinds, self.paper = [k for k in kinds if not (paper and k == "png")], paper
+        self.written: list[Path] = []
+        self._steps, self._done = (len(PARTS) if self.kinds else 0) + 2, 0
+
+    def write(self) -> list[Path]:
+        """All files."""
+        for folder in ("figures", "data"):
+            (self.out / folder).mkdir(parents=True, exist_ok=True)
+        self._next("numbers")
+        summaries = [summarise(run) for run in self.runs]
+        self._numbers(summaries)
+        for number, run in enumerate(self.runs):
+            label = "" if len(self.runs) == 1 else f"{number + 1}_"
+            for name, table in tables(run).items():
+                self._text(self.out / "data" / f"{label}{name}.csv", table)
+        self._next("page")
+        names = [run.name for run in self.runs]
+        title = names[0] if len(names) == 1 else "Comparison of " + ", ".join(names)
+        footer = f"Written {datetime.now():%Y-%m-%d %H:%M} by aras_visual_servo_bench analyze."
+        groups = [(p.name, p.title, p.text, p.panels(self.runs)) for row in PARTS for p in row]
+        text = page(title, self.runs, summaries, groups, footer)
+        self._text(self.out / "report.html", text)
+        if self.kinds:
+            for number, written in self._rows():
+                self._next(" and ".join(part.title.lower() for part in PARTS[number]))
+                self.written += written
+        self.progress(1.0, "done")
+        return [self.out / "report.html",
+                *(path for path in self.written if path.name != "report.html")]  # fmt: skip
+
+    def _next(self, what: str) -> None:
+        self.progress(self._done / self._steps, what)
+        self._done += 1
+
+    def _text(self, path: Path, text: str) -> None:
+        path.write_text(legible(text), encoding="utf-8")
+        self.written.append(path)
+
+    def _numbers(self, summaries: Sequence[Sequence[Quantity]]) -> None:
+        told = [mapping(r, qs) for r, qs in zip(self.runs, summaries, strict=True)]
+        text = json.dumps(told[0] if len(told) == 1 else told, indent=2, ensure_ascii=False)
+        self._text(self.out / "summary.json", text + "\n")
+        stream = io.StringIO()
+        rows = csv.writer(stream)
+        rows.writerow(["run", "quantity", "value", "unit", "what it is"])
+        for run, quantities in zip(self.runs, summaries, strict=True):
+            for q in quantities:
+                value = "" if isinstance(q.value, float) and math.isnan(q.value) else q.value
+                rows.writerow([run.name, q.key, value, q.unit, q.text])
+        self._text(self.out / "summary.csv", stream.getvalue())
+
+    def _rows(self) -> Iterator[tuple[int, list[Path]]]:
+        """Draw all rows of figures; each row's number and files, once they are written.
+
+        Two processes draw them where that is safe: a copy of a process with several threads may
+        wait for ever for a lock that a thread held.
+        """
+        alone = threading.active_count() == 1 and len(os.sched_getaffinity(0)) > 1
+        if not alone or len(self.kinds) == 1:
+            yield from ((number, self.row(number)) for number in range(len(PARTS)))
+            return
+        fork = multiprocessing.get_context("fork")
+        with ProcessPoolExecutor(DRAWING, fork, _share, (self,)) as pool:
+            try:
+                for done in as_completed(pool.submit(_row, n) for n in range(len(PARTS))):
+                    yield done.result()
+            except BrokenProcessPool:
+                raise BenchError(
+                    "a process that drew figures was ended: is there memory enough?"
+                ) from None
+
+    def row(self, number: int) -> list[Path]:
+        """Draw a row's figures into files, which it answers."""
+        with style.look(paper=self.paper):
+            drawn = [(part.name, part.figure(self.runs)) for part in PARTS[number]]
+            drawn = [(name, figure) for name, figure in drawn if figure is not None]
+            if drawn and not self.paper:
+                style.level([figure for _, figure in drawn])
+            written = []
+            for name, figure in drawn:
+                for kind in self.kinds:
+                    written.append(self.out / "figures" / f"{name}.{kind}")
+                    written[-1].write_bytes(_drawn(figure, kind))
+                plt.close(figure)
+        return written
+
+
+def _share(report: _Report) -> None:
+    """Tell a process that was just copied which report it draws."""
+    global _shared
+    _shared = report
+    gc.disable()  # the process ends soon; a look through all that was copied takes longer
+
+
+def _row(number: int) -> tuple[int, list[Path]]:
+    return number, _shared.row(number)
+
+
+def _drawn(figure: Figure, kind: str) -> bytes:
+    stream = io.BytesIO()
+    plain = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
+    figure.savefig(stream, format=kind, metadata=plain)
+    return stream.getvalue()
+
+
+def tables(run: Run) -> dict[str, str]:
+    """CSV texts: images (a row an image that was answered) and joints (one a joint state)."""
+    images: dict[str, np.ndarray] = {"time [s]": run.time, "stamp [s]": run.stamp}
+    for i, name in enumerate(run.names):
+        unit = f" [{run.units[i]}]" if run.units[i] else ""
+        images[f"{name}{unit}"] = run.features[:, i]
+        images[f"{name} desired{unit}"] = run.desired[:, i]
+        images[f"{name} error{unit}"] = run.error[:, i]
+        if run.filtered.shape == run.error.shape:
+            images[f"{name} filtered error{unit}"] = run.filtered[:, i]
+    for word, twist in (("asked", run.asked), ("achieved", run.achieved)):
+        for i, axis in enumerate(("vx", "vy", "vz", "wx", "wy", "wz")):
+            images[f"{axis} {word} [{'m/s' if i < 3 else 'rad/s'}]"] = twist[:, i]
+    images["condition of L"] = condition(run.singular_L)
+    images["condition of L J"] = condition(run.singular_LJ)
+    images["manipulability"], images["scale"] = run.manipulability, run.scale
+    images["computing [s]"] = run.computing
+    for i, axis in enumerate("xyz"):
+        images[f"camera {axis} [m]"] = run.pose[:, i, 3]
+    joints: dict[str, np.ndarray] = {
+        "time [s]": run.joint_time, "stamp [s]": run.joint_stamp,
+    }  # fmt: skip
+    units = dict(zip(run.joint_names, run.joint_units, strict=False))
+    for i, name in enumerate(run.joint_names):
+        unit = units.get(name, "rad")
+        joints[f"{name} [{unit}]"] = run.measured[:, i]
+        joints[f"{name} speed [{unit}/s]"] = run.measured_speed[:, i]
+        joints[f"{name} command [{unit}]"] = run.commanded[:, i]
+    for i, axis in enumerate("xyz"):
+        joints[f"camera {axis} [m]"] = run.true_pose[:, i, 3]
+    return {
+        "images": _csv(images, [("phase", run.phases), ("outcome", run.outcomes),
+                                ("reason", run.reasons)]),
+        "joints": _csv(joints, []),
+    }  # fmt: skip
+
+
+def _csv(columns: dict[str, np.ndarray], words: Sequence[tuple[str, Sequence[str]]]) -> str:
+    """Nine digits, nothing where there is no number."""
+    stream = io.StringIO()
+    rows = csv.writer(stream, lineterminator="\n")
+    rows.writerow([*columns, *(name for name, _ in words)])
+    numbers = np.column_stack(list(columns.values())) if columns else np.zeros((0, 0))
+    for i, row in enumerate(numbers.tolist()):
+        told = ["" if math.isnan(value) else f"{value:.9g}" for value in row]
+        rows.writerow([*told, *(texts[i] for _, texts in words)])
+    return stream.getvalue()

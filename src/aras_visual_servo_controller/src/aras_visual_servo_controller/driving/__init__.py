@@ -1,0 +1,1 @@
+"""The loop in time: joint states and images with their stamps, commands between them."""

@@ -1,0 +1,80 @@
+"""Make a goal file: from what the camera sees now, or anew from the target's geometry.
+
+    rosrun aras_visual_servo_controller teach my_pose.yaml                 # the pose it stands in
+    rosrun aras_visual_servo_controller teach --go 2016 my_pose.yaml       # drive there first
+    rosrun aras_visual_servo_controller teach --scheme points my_pose.yaml # what `points` needs
+    rosrun aras_visual_servo_controller teach --scheme model my_pose.yaml \\
+        _model:=part.obj _model_start:='{pose: [0, 0, 0.59, 0, 0, 0]}'     # of a solid
+    rosrun aras_visual_servo_controller teach --geometry goal_2016.yaml --urdf robot.urdf mine.yaml
+
+Parameters of the controller node are given as _NAME:=VALUE.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from pathlib import Path
+
+from ..arm import Arm
+from ..errors import ConfigurationError, ServoError
+from ..goals.goal import Goal
+
+
+def from_geometry(path: Path, urdf: Path) -> Goal:
+    """The goal of a file as an exact camera on this robot sees it; needs no ROS.
+
+    Raises:
+        ConfigurationError: the file has no geometry or no joints, or does not fit the robot.
+    """
+    try:
+        arm = Arm.from_urdf(urdf.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"cannot read the robot description {urdf}: {error}") from error
+    goal = Goal.load(path).for_arm(arm)
+    return goal.seen_from(goal.world_T_camera)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the tool; returns its exit status."""
+    parser = argparse.ArgumentParser(
+        prog="teach", description=__doc__.splitlines()[0],
+        epilog="example: rosrun aras_visual_servo_controller teach "
+        "goal.yaml --scheme points --depth 0.3",
+    )  # fmt: skip
+    given = [a for a in (sys.argv[1:] if argv is None else argv) if ":=" not in a]
+    parser.add_argument("file", type=Path, help="YAML file to write")
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument("--geometry", type=Path, help="goal file with the target's geometry")
+    source.add_argument("--go", help="drive there first: a name, or a goal file with joints")
+    parser.add_argument("--urdf", type=Path, help="robot description, for --geometry")
+    parser.add_argument("--scheme", default="moments", help="whose features to teach")
+    parser.add_argument("--images", type=int, default=30, help="to average over (default 30)")
+    parser.add_argument("--depth", type=float, help="of the target's plane, m (default: by the "
+                        "geometry of the demo's target)")  # fmt: skip
+    parser.add_argument("--timeout", type=float, default=60.0, help="s to wait for images")
+    arguments = parser.parse_args(given)
+    try:
+        if arguments.images < 1 or not arguments.timeout > 0.0:
+            raise ConfigurationError("--images and --timeout have to be above 0")
+        if arguments.depth is not None and not arguments.depth > 0.0:
+            raise ConfigurationError("--depth has to be above 0 m")
+        if arguments.geometry:
+            if arguments.urdf is None:
+                raise ConfigurationError("--geometry needs --urdf, the robot's description")
+            goal = from_geometry(arguments.geometry, arguments.urdf)
+            heading = "What an exact camera sees of the target at this pose, by its geometry."
+        else:
+            from .teach import live  # the rest needs no ROS
+
+            goal = live(arguments)
+            heading = f"Taught from {arguments.images} images."
+        heading += f"\nMade by: teach {shlex.join(given)}"
+        arguments.file.write_text(goal.to_yaml(heading), encoding="utf-8")
+    except (ServoError, OSError) as error:
+        print(f"teach: {error}", file=sys.stderr)
+        return 1
+    area = "" if goal.moments is None else f", area {goal.moments.m00:.6f}"
+    print(f"wrote {arguments.file}: depth {goal.depth:.4f} m{area}")
+    return 0

@@ -1,0 +1,122 @@
+"""Parts that a run does not need can be taken away, and are not imported."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+SOURCES = Path(__file__).parents[3] / "src"
+BENCH = "aras_visual_servo_bench"
+# None stands for a module that cannot be imported, nor any below it: as if deleted.
+HIDING = """
+import sys
+for name in sys.argv[1].split():
+    sys.modules[name] = None
+"""
+REPORT = """
+from pathlib import Path
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.study.replay import carried_out
+from aras_visual_servo_bench.web.report.write import write_report
+run = carried_out("one", Experiment(plant="free", duration=0.5))
+written = write_report([run], Path(sys.argv[2]), ("png",))
+print(sorted(path.name for path in written if path.suffix in (".html", ".json")))
+"""
+STUDY = """
+from pathlib import Path
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.commands import main
+from aras_visual_servo_bench.running.loop import run
+assert run(Experiment(plant="free")).verdict.reached
+out = Path(sys.argv[2])
+(out / "study.yaml").write_text("{experiment: {plant: free}, vary: {gain: [1.0, 2.0]}}")
+assert main(["run", str(out / "study.yaml"), "--out", str(out / "study"), "--in-process"]) == 0
+assert main(["table", str(out / "study")]) == 0
+"""
+RUN = """
+import sys
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.running.loop import run
+assert len(run(Experiment(**eval(sys.argv[1]))).stamp) > 4
+print(*sys.modules)
+"""
+# What a run of a free camera with exact features does without: physics and control of an arm,
+# rendering, sensors, the whole of SDF, learning, model tracker, features of grey levels.
+UNNEEDED = (
+    "pybullet", "aras_sim_bridge.world", "aras_sim_bridge.control", "aras_sim_bridge.cycle",
+    "aras_sim_bridge.simulation", "aras_sim_bridge.sensors", "aras_sim_bridge.camera.sensor",
+    "aras_sim_bridge.description.sdf", "aras_sim_bridge.description.world_file",
+    "aras_visual_servo_camera.model", "aras_visual_servo_camera.trackers",
+    "aras_visual_servo_controller.features.luminance",
+    "aras_visual_servo_controller.features.kernel", "aras_visual_servo_controller.features.stereo",
+    "aras_visual_servo_controller.hands", "aras_visual_servo_controller.ros",
+    f"{BENCH}.drawing", f"{BENCH}.learning", f"{BENCH}.pictures", f"{BENCH}.ros", f"{BENCH}.study",
+    f"{BENCH}.targets.pictures", f"{BENCH}.targets.solids", f"{BENCH}.targets.textures",
+    f"{BENCH}.plants.bullet_arm", f"{BENCH}.web",
+)  # fmt: skip
+MOST_MODULES = 180  # of the project, packages included: 179 on 3.11
+PAGES = f"{BENCH}.web.live {BENCH}.web.browse"
+
+
+def outcome(script: str, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run a script in a process of its own, with all packages of the workspace on its path."""
+    folders = os.pathsep.join(str(folder) for folder in sorted(SOURCES.glob("*/src")))
+    search = os.pathsep.join(filter(None, [folders, os.environ.get("PYTHONPATH")]))
+    return subprocess.run(
+        [sys.executable, "-c", script, *words], capture_output=True, text=True, timeout=180,
+        env={**os.environ, "PYTHONPATH": search, "MPLBACKEND": "agg"},
+    )  # fmt: skip
+
+
+def test_a_report_is_written_without_live_page_and_browser(tmp_path: Path) -> None:
+    done = outcome(HIDING + REPORT, PAGES, str(tmp_path))
+    assert done.stdout == "['report.html', 'summary.json']\n", done.stderr
+    assert "uPlot" in (tmp_path / "report.html").read_text()
+
+
+def test_experiments_and_studies_run_without_pages(tmp_path: Path) -> None:
+    done = outcome(HIDING + STUDY, f"{BENCH}.web", str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert "gain" in done.stdout
+
+
+def test_what_is_hidden_cannot_be_imported() -> None:
+    done = outcome(HIDING + f"import {BENCH}.web.live", PAGES)
+    assert f"import of {BENCH}.web.live halted" in done.stderr
+
+
+def modules_of(**settings: object) -> set[str]:
+    """The modules that a process has imported after a run."""
+    done = outcome(RUN, repr(settings))
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.split())
+
+
+def test_a_run_with_exact_features_imports_what_it_needs() -> None:
+    found = modules_of(plant="free")
+    parts = {name.rpartition(".")[0] for name in found} | found
+    assert not parts & set(UNNEEDED)
+    # The package itself tells the names of renderers, which an experiment checks.
+    assert not any(name.startswith("aras_sim_bridge.rendering.") for name in found)
+    assert len([name for name in found if name.startswith("aras_")]) <= MOST_MODULES
+
+
+def test_what_a_run_needs_is_imported_then() -> None:
+    """A scheme by name brings its own module, images of a poster bring the renderer."""
+    found = modules_of(plant="free", scheme="predictive", duration=0.5)
+    assert "aras_visual_servo_controller.schemes.predictive" in found
+    found = modules_of(plant="free", features="pictures", target="poster", duration=0.5)
+    assert "aras_sim_bridge.rendering.renderer" in found and "pybullet" not in found
+
+
+def test_a_run_of_the_arm_imports_no_rare_feature() -> None:
+    """Grippers, trajectories, solid targets and their tracker are for those who have them."""
+    found = modules_of(duration=0.3)
+    controllers = "aras_sim_bridge.control.controllers"
+    assert f"{controllers}.forward" in found and "aras_sim_bridge.world.world" in found
+    assert not found & {
+        f"{controllers}.gripper", f"{controllers}.trajectory", "aras_sim_bridge.world.grasping",
+        "aras_visual_servo_camera.model", f"{BENCH}.learning", f"{BENCH}.web",
+    }  # fmt: skip

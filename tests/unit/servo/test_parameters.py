@@ -337,24 +337,6 @@ def test_a_user_s_own_law_takes_the_gain_that_is_given(tmp_path, monkeypatch):
         of(law="own_law:Plain", gain=3.0).make_law()
 
 
-def test_every_parameter_is_in_the_readme_with_its_unit_and_default():
-    rows = {}
-    section = (PACKAGE / "README.md").read_text().split("\n## Parameters\n")[1].split("\n## ")[0]
-    for line in section.splitlines():
-        cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
-        if len(cells) == 4 and cells[0].startswith("`"):
-            rows[cells[0].strip("`")] = cells
-    plain, told = Settings(), " ".join(f"{Settings.__doc__} {ServoSettings.__doc__} ".split()) + " "
-    for field in fields(Settings):
-        if field.metadata["internal"]:
-            continue
-        _, default, unit, text = rows.pop(field.name)
-        assert default.strip("`") == str(getattr(plain, field.name)), field.name
-        assert unit == field.metadata["unit"], field.name
-        assert f" {field.name}: {unit + ', ' if unit else ''}{text}. " in told, field.name
-    assert not rows
-
-
 def test_defaults_of_the_loop_are_those_of_its_parameters():
     plain, loop = Settings(), ServoSettings()
     shared = {field.name for field in fields(Settings)} & {f.name for f in fields(ServoSettings)}

@@ -5,10 +5,10 @@
 
 import cv2
 import numpy as np
-from aras_visual_servo_controller.observation import Need
 
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features.points import PointFeature
+from aras_visual_servo_controller.seeing.observation import Need
 
 
 class OwnCorners(PointFeature):

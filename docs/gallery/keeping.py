@@ -5,8 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from aras_visual_servo_bench.experiment import Experiment
-
+from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.pictures import style
 from aras_visual_servo_bench.recording.run import Run
 from aras_visual_servo_bench.study.replay import carried_out

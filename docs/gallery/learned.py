@@ -1,7 +1,8 @@
 """Learned: a network taught by the simulator's own pictures, beside image moments."""
 
-from aras_visual_servo_bench.experiment import Experiment
 from keeping import keep_runs
+
+from aras_visual_servo_bench.asked.experiment import Experiment
 
 taught = "aras_visual_servo_bench.learning.learned:Learned"
 base = Experiment(plant="chain", features="pictures", start="2016", goal="2016", duration=5.0)

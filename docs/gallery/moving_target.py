@@ -1,7 +1,8 @@
 """A moving target: a proportional law lags behind by velocity over gain, a PI law catches up."""
 
-from aras_visual_servo_bench.experiment import Experiment
 from keeping import keep_runs
+
+from aras_visual_servo_bench.asked.experiment import Experiment
 
 target = {"shape": "l_shape", "size": [0.15, 0.1], "motion": {"velocity": [0.02, 0, 0, 0, 0, 0]}}
 drifts = Experiment(

@@ -1,7 +1,8 @@
 """Your own arm: any URDF with its controllers, here docs/examples/my_arm.urdf before an L."""
 
-from aras_visual_servo_bench.experiment import Experiment
 from keeping import EXAMPLES, keep_runs
+
+from aras_visual_servo_bench.asked.experiment import Experiment
 
 # x y z (m), roll pitch yaw (rad) in the world; the camera looks down at the target
 mine = Experiment(

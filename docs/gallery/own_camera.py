@@ -1,7 +1,8 @@
 """Your own camera: a fisheye lens of 180 degrees, and what is believed of it wrong by a tenth."""
 
-from aras_visual_servo_bench.experiment import Experiment
 from keeping import keep_runs
+
+from aras_visual_servo_bench.asked.experiment import Experiment
 
 lens = {"lens": "equidistant", "horizontal_fov": 3.1, "width": 640, "height": 480,
         "update_rate": 30.0}  # fmt: skip

@@ -2,8 +2,9 @@
 
 import sys
 
-from aras_visual_servo_bench.experiment import Experiment
 from keeping import EXAMPLES, keep_runs
+
+from aras_visual_servo_bench.asked.experiment import Experiment
 
 sys.path.append(str(EXAMPLES))
 mine = Experiment(scheme="joint_mpc:JointMPC", start="2016", duration=5.0)

@@ -1,7 +1,8 @@
 """No features at all: the grey levels of the whole picture of a textured poster."""
 
-from aras_visual_servo_bench.experiment import Experiment
 from keeping import keep_runs
+
+from aras_visual_servo_bench.asked.experiment import Experiment
 
 poster = Experiment(
     plant="free", features="pictures", scheme="luminance",

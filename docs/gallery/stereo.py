@@ -3,8 +3,9 @@
 import os
 import sys
 
-from aras_visual_servo_bench.experiment import Experiment
 from keeping import EXAMPLES, folder, keep_runs
+
+from aras_visual_servo_bench.asked.experiment import Experiment
 
 sys.argv[1:] = [str(folder().resolve())]  # portal.yaml names its files as from its own folder
 os.chdir(EXAMPLES)

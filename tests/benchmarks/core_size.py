@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import inspect
 import io
 import json
 import sys
@@ -50,7 +51,8 @@ class ExecutedFunctions:
 
     def _on_event(self, frame: FrameType, event: str, argument: Any) -> None:
         code = frame.f_code
-        if event == "call" and not code.co_name.startswith("<") and is_project(code.co_filename):
+        is_function = code.co_flags & inspect.CO_OPTIMIZED and not code.co_name.startswith("<")
+        if event == "call" and is_function and is_project(code.co_filename):
             self.codes.add(code)
 
 

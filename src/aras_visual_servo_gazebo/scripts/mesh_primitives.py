@@ -249,8 +249,3 @@ def on_grid(part: np.ndarray) -> np.ndarray:
     out = np.round(part * GRID_PER_METRE) / GRID_PER_METRE + 0.0
     keep = np.linalg.norm(np.cross(out[:, 1] - out[:, 0], out[:, 2] - out[:, 0]), axis=1) > 0
     return out[keep]
-
-
-def signed_volume(part: np.ndarray) -> float:
-    """Volume enclosed by a part in m^3; negative when its faces point inwards."""
-    return float(np.einsum("ij,ij->i", part[:, 0], np.cross(part[:, 1], part[:, 2])).sum() / 6)

@@ -1,4 +1,4 @@
-"""Lets the tests of this folder share object_state.py, and use the examples of the docs."""
+"""Lets the tests of this folder share recorded_values.py, and use the examples of the docs."""
 
 import sys
 from pathlib import Path

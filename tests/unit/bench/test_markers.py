@@ -3,10 +3,10 @@
 import cv2
 import numpy as np
 import pytest
-from aras_visual_servo_bench.experiment import Experiment
-from aras_visual_servo_bench.runner import run
 
+from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_camera.errors import ParameterError, VisionError
 from aras_visual_servo_camera.images import Image

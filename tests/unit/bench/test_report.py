@@ -204,7 +204,7 @@ def test_pictures_are_chosen_by_what_is_left_of_the_error(moments):
         replace(moments.states[0], stamp=float(stamp), decision=replace(decision, error=error))
         for stamp, error in enumerate(np.outer([1.0, 0.9, 0.5, 0.15, 0.01, 0.01], [1, 0, 0, 0]))
     ))  # fmt: skip
-    assert milestones(short, (1.0, 0.7, 0.2, 0.0)) == [0.0, 2.0, 3.0, 5.0]
+    assert milestones(short) == [0.0, 2.0, 3.0, 4.0, 5.0]
     blind = tuple(replace(state, decision=None) for state in short.states)
     assert milestones(replace(short, states=blind)) == [0.0, 5.0]
     np.testing.assert_array_equal(nearest(np.array([0.0, 1.0, 4.0]), np.array([-1, 0.6, 2.4, 9])),

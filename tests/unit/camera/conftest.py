@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numba.core.dispatcher import Dispatcher
 
 from aras_sim_bridge import rendering
 from aras_visual_servo_base.compiled import lowest_bit
@@ -33,7 +32,7 @@ def plainly(monkeypatch):
     found = pkgutil.iter_modules(rendering.__path__)
     for module in [importlib.import_module(f"{rendering.__name__}.{one.name}") for one in found]:
         for name, value in list(vars(module).items()):
-            if isinstance(value, Dispatcher):
+            if hasattr(value, "py_func"):
                 monkeypatch.setattr(module, name, value.py_func)
             elif value is lowest_bit:
                 monkeypatch.setattr(module, name, lambda bits: np.int64(

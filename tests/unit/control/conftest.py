@@ -11,7 +11,7 @@ from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.loop import ControlLoop
 from aras_sim_bridge.control.manager import ControllerManager
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "as_new"))  # object_state.py
+sys.path.insert(0, str(Path(__file__).parents[1] / "as_new"))  # recorded_values.py
 
 PREFIX = "hardware_interface/"
 

@@ -20,6 +20,7 @@ from aras_sim_bridge.control.limits import (
     VELOCITY_SATURATION,
     VELOCITY_SOFT,
     LimitRule,
+    enforced,
     rule_for,
 )
 from aras_sim_bridge.description import SoftLimits
@@ -33,6 +34,11 @@ def handle(soft=None, position=0.0, velocity=0.0, interface=EFFORT):
     joint = JointHandle("J", "revolute", None, soft, interface)
     joint.position, joint.velocity = position, velocity
     return joint
+
+
+def enforce(rule, joint):
+    """Limit the joint's command once, DT after the last time."""
+    enforced(rule.row, joint.row, DT)
 
 
 @pytest.mark.parametrize(
@@ -55,7 +61,7 @@ def handle(soft=None, position=0.0, velocity=0.0, interface=EFFORT):
 def test_effort_saturation(proves, position, velocity, command, expected):
     joint = handle(position=position, velocity=velocity)
     joint.effort_command = command
-    LimitRule(EFFORT_SATURATION, LIMITS, joint).enforce(joint, DT)
+    enforce(LimitRule(EFFORT_SATURATION, LIMITS, joint), joint)
     assert joint.effort_command == expected, proves
 
 
@@ -74,14 +80,14 @@ def test_effort_saturation(proves, position, velocity, command, expected):
 def test_effort_soft(make_soft, proves, position, velocity, command, expected):
     joint = handle(make_soft(), position, velocity)
     joint.effort_command = command
-    LimitRule(EFFORT_SOFT, LIMITS, joint).enforce(joint, DT)
+    enforce(LimitRule(EFFORT_SOFT, LIMITS, joint), joint)
     assert joint.effort_command == pytest.approx(expected), proves
 
 
 def test_effort_soft_without_position_limits_bounds_velocity_only(make_soft):
     joint = handle(make_soft(), position=50.0, velocity=4.0)
     joint.effort_command = 60.0
-    LimitRule(EFFORT_SOFT, JointBounds(None, None, 5.0, None, 100.0), joint).enforce(joint, DT)
+    enforce(LimitRule(EFFORT_SOFT, JointBounds(None, None, 5.0, None, 100.0), joint), joint)
     assert joint.effort_command == pytest.approx(20.0)  # -20 (4 - 5)
 
 
@@ -90,7 +96,7 @@ def test_a_soft_limit_that_is_not_given_does_not_bind(make_soft, side):
     for soft, bound in (({}, 60.0), ({side: 1.5 * side}, 20.0), ({-side: -1.5 * side}, 60.0)):
         joint = handle(make_soft(lower=soft.get(-1.0), upper=soft.get(1.0)), position=1.4 * side)
         joint.effort_command = 60.0 * side
-        LimitRule(EFFORT_SOFT, LIMITS, joint).enforce(joint, DT)
+        enforce(LimitRule(EFFORT_SOFT, LIMITS, joint), joint)
         assert joint.effort_command == pytest.approx(bound * side)
 
 
@@ -100,19 +106,19 @@ def test_position_saturation_steps_from_the_measured_position_then_from_its_own_
     given = []
     for _ in range(4):
         joint.position_command = 9.0
-        rule.enforce(joint, DT)
+        enforce(rule, joint)
         given.append(joint.position_command)
     # vmax dt = 0.5 from the measured 1.0, then the range's end; the measured position is forgotten.
     assert given == [1.5, 2.0, 2.0, 2.0]
     joint.position_command = -9.0
-    rule.enforce(joint, DT)
+    enforce(rule, joint)
     assert joint.position_command == 1.5
 
 
 def test_position_saturation_without_velocity_limit_jumps():
     joint = handle(interface=POSITION)
     joint.position_command = -9.0
-    LimitRule(POSITION_SATURATION, JointBounds(-2.0, 2.0), joint).enforce(joint, DT)
+    enforce(LimitRule(POSITION_SATURATION, JointBounds(-2.0, 2.0), joint), joint)
     assert joint.position_command == -2.0
 
 
@@ -122,7 +128,7 @@ def test_position_soft_slows_down_towards_the_soft_limit(make_soft):
     given = []
     for _ in range(3):
         joint.position_command = 9.0
-        rule.enforce(joint, DT)
+        enforce(rule, joint)
         given.append(joint.position_command)
     # vhi = -2 (x - 1.5): each step goes 0.2 of the way that is left to 1.5.
     assert given == pytest.approx([1.1, 1.18, 1.244])
@@ -157,8 +163,8 @@ def test_what_holds_upwards_holds_downwards(rule):
             command = draw.uniform(-20.0, 20.0)
             setattr(joint, field, command)
             setattr(mirrored, field, -command)
-            one.enforce(joint, DT)
-            other.enforce(mirrored, DT)
+            enforce(one, joint)
+            enforce(other, mirrored)
             assert getattr(mirrored, field) == pytest.approx(-getattr(joint, field), abs=1e-12)
             changed += getattr(joint, field) != command
     assert changed > 100
@@ -174,7 +180,7 @@ def test_a_rule_that_was_reset_is_as_new(make_soft, rule):
         if command > 0.0:
             one.reset()
         setattr(joint, field, command)
-        one.enforce(joint, DT)
+        enforce(one, joint)
         given.append(getattr(joint, field))
     assert given[2] == given[3]
 
@@ -192,7 +198,7 @@ def test_velocity_saturation(proves, acceleration, commands, expected):
     given = []
     for command in commands:
         joint.velocity_command = command
-        rule.enforce(joint, DT)
+        enforce(rule, joint)
         given.append(joint.velocity_command)
     assert given == pytest.approx(expected), proves
 
@@ -212,7 +218,7 @@ def test_velocity_saturation(proves, acceleration, commands, expected):
 def test_velocity_soft(make_soft, proves, acceleration, position, velocity, command, expected):
     joint = handle(make_soft(), position, velocity, VELOCITY)
     joint.velocity_command = command
-    LimitRule(VELOCITY_SOFT, JointBounds(-2.0, 2.0, 5.0, acceleration), joint).enforce(joint, DT)
+    enforce(LimitRule(VELOCITY_SOFT, JointBounds(-2.0, 2.0, 5.0, acceleration), joint), joint)
     assert joint.velocity_command == pytest.approx(expected), proves
 
 

@@ -23,7 +23,7 @@ from aras_visual_servo_camera import features
 from aras_visual_servo_camera.definitions import FORMULAS
 from aras_visual_servo_camera.errors import DegenerateFeatureError, FeatureError
 from aras_visual_servo_camera.features import PAPER, Reference, compute, required_order
-from aras_visual_servo_camera.formula import Formula
+from aras_visual_servo_camera.formula import Formula, Program
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments, exponents
 
@@ -282,13 +282,14 @@ def test_partial_derivatives_follow_from_the_formula(name: str) -> None:
     formula = FORMULAS[name]
     random = np.random.default_rng(5)
     at = random.uniform(0.5, 2.0, len(formula.names))
-    _, *partials = formula.value_and_partials(at)
+    program = Program([name], {name: formula}.get, formula.names, {})
+    _, (partials,) = program.values_and_rows(at)
     for k, partial in enumerate(partials):
         step = np.zeros(len(at))
         step[k] = 1e-5
-        ahead, behind = formula.value_and_partials(at + step), formula.value_and_partials(at - step)
-        numeric = (ahead[0] - behind[0]) / 2e-5
-        assert partial == pytest.approx(numeric, rel=1e-6, abs=1e-7 * max(1, abs(ahead[0])))
+        (ahead,), (behind,) = (program.values_and_rows(at + way)[0] for way in (step, -step))
+        numeric = (ahead - behind) / 2e-5
+        assert partial == pytest.approx(numeric, rel=1e-6, abs=1e-7 * max(1, abs(ahead)))
 
 
 def test_formula_refuses_what_it_cannot_differentiate() -> None:

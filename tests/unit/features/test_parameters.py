@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from aras_visual_servo_base.settings import defaults
 from aras_visual_servo_camera.errors import ParameterError
 from aras_visual_servo_camera.parameters import VisionParameters
-
-README = Path(__file__).parents[3] / "src" / "aras_visual_servo_camera" / "README.md"
 
 
 def test_defaults_are_accepted() -> None:
@@ -64,8 +60,3 @@ def test_values_arrive() -> None:
 def test_wrong_parameters_are_refused(given, text: str) -> None:
     with pytest.raises(ParameterError, match=text):
         VisionParameters.from_mapping(given)
-
-
-def test_readme_lists_every_parameter() -> None:
-    text = README.read_text()
-    assert [name for name in defaults(VisionParameters) if f"`~{name}`" not in text] == []

@@ -7,10 +7,15 @@ import make_meshes
 import mesh_primitives
 import numpy as np
 import pytest
-from mesh_primitives import MeshError, capsule, circle, extrude, loft, mirror, signed_volume
+from mesh_primitives import MeshError, capsule, circle, extrude, loft, mirror
 from robot_figures import BOUNDS, PACKAGE
 
 LINKS = list(make_meshes.LINKS)
+
+
+def signed_volume(part: np.ndarray) -> float:
+    """Volume enclosed by a part in m^3; negative when its faces point inwards."""
+    return float(np.einsum("ij,ij->i", part[:, 0], np.cross(part[:, 1], part[:, 2])).sum() / 6)
 
 
 def read_stl(link: str) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -233,11 +232,6 @@ def test_who_ends_at_the_same_ctrl_c_asks_in_vain_and_no_line_is_written_of_it(r
     assert not rig.call("switch_controller", [], ["push"], 2).ok
     assert not rig.call("unload_controller", "push").ok
     assert rig.graph.lines == lines
-
-
-def test_the_limit_of_a_switch_is_as_the_readme_says():
-    text = (Path(__file__).parents[3] / "src" / "aras_sim_bridge" / "README.md").read_text()
-    assert f"answers after {manager_services.SWITCH_TIMEOUT:g} s of wall time" in text
 
 
 def test_a_switch_is_carried_out_when_time_is_stopped_under_it(rig, monkeypatch):

@@ -716,6 +716,9 @@ def test_messages_of_one_stamp_meet_in_any_order():
         assert pairs.add("image", stamp, "i") is None
     assert pairs.add("depth", 10, "d") is None  # forgotten
     assert pairs.add("depth", 29, "d") is not None
+    pairs.add("image", 31, "i")
+    pairs.clear()
+    assert pairs.add("depth", 31, "d") is None
 
 
 def test_a_message_that_never_comes_or_comes_late_changes_no_other_pair():

@@ -9,7 +9,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from aras_visual_servo_base import compiled, loops
+from aras_visual_servo_base import loops
 
 LIBRARY = Path(__file__).parents[3] / "src" / "aras_visual_servo_base" / "src"
 TWICE = """
@@ -25,7 +25,6 @@ def packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A package with a loop below tmp_path/source, and a copy as setup.py makes one, in /copy."""
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)  # loops are kept beside their sources
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")
-    monkeypatch.setattr(compiled, "_prepared", [])
     for folder in ("source", "copy"):
         package = tmp_path / folder / "looping"
         (package / "part").mkdir(parents=True)

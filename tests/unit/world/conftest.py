@@ -7,7 +7,7 @@ import pybullet
 import pytest
 
 HERE = str(Path(__file__).resolve().parent)
-for folder in (HERE, str(Path(HERE).parent / "as_new")):  # the latter for object_state.py
+for folder in (HERE, str(Path(HERE).parent / "as_new")):  # the latter for recorded_values.py
     if folder not in sys.path:
         sys.path.insert(0, folder)
 

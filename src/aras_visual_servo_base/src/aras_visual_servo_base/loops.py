@@ -20,7 +20,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from .compiled import compile_all, put_off
+from .compiled import compile_all
 
 HAS_LOOPS = re.compile(r"^from .*compiled import .*\bcompiled\b", re.MULTILINE)
 
@@ -115,9 +115,8 @@ def _imported(package: str, folder: Path | None) -> bool:
     try:
         if folder:
             take_over(package, folder)
-        with put_off():
-            for path in sources(package):
-                importlib.import_module(".".join(path.with_suffix("").parts))
+        for path in sources(package):
+            importlib.import_module(".".join(path.with_suffix("").parts))
     except ModuleNotFoundError as error:
         print(f"loops: {error}", file=sys.stderr)
         return False

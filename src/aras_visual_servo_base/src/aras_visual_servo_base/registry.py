@@ -86,10 +86,13 @@ class Registry(Mapping[str, type]):
             if name in registry._modules():
                 registry._read(name)
         for registry in registries:
-            while name not in registry._entries and registry._modules():
-                registry._read(registry._modules()[0])
             if name in registry._entries:
                 return registry._entries[name]
+        for registry in registries:
+            while registry._modules():
+                registry._read(registry._modules()[0])
+                if name in registry._entries:
+                    return registry._entries[name]
         raise KeyError(name)
 
     def __contains__(self, name: object) -> bool:

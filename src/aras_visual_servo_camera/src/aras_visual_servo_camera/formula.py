@@ -28,11 +28,6 @@ class Formula:
         self.names: tuple[str, ...] = tuple(_variables(tree))
         partials = [_differentiate(tree, name) for name in self.names]
         self.body = ast.unparse(ast.Tuple(elts=[tree, *partials], ctx=ast.Load()))
-        self._evaluate = _made(f"lambda {', '.join(self.names)}: {self.body}")
-
-    def value_and_partials(self, values: Sequence[float]) -> tuple[float, ...]:
-        """Value, then the derivative by each of `names`; `values` in the order of `names`."""
-        return self._evaluate(*values)
 
     def __repr__(self) -> str:
         return f"Formula({self.source!r})"

@@ -68,21 +68,6 @@ def _view(moments: Moments, plane: Plane) -> tuple[Array | float, ...]:
     return moments.centred, *plane, moments.xg, moments.yg, shrinking
 
 
-def upright(moments: Moments, plane: Plane) -> Array:
-    """Centred moments up to order 3 as a camera looking along the plane's normal sees them.
-
-    With d the offset from the centre of gravity g in the image, e = (A, B) / (1/Zg) and G the
-    linear map from d to offsets in the plane, a point of the plane stands at G d / (1 + e.d), and
-    an area element of a region shrinks by (1 + e.d)^3. The powers of (1 + e.d) are expanded as
-    far as the order of the known moments goes; what is left out is of the order of
-    (rg |e|)^(order - 2), small for a target that is small beside its distance.
-
-    Returns:
-        (4, 4), up to a common factor per order: mu_ij at [i, j].
-    """
-    return _upright(*_view(moments, plane))
-
-
 @compiled("UniTuple(f8, 4), f8")
 def rotate_third(third, angle):
     """mu30, mu21, mu12, mu03 of a shape turned by `angle` (x towards y), rad."""
@@ -160,8 +145,24 @@ def _in_plane_moments(centred, A, B, C, xg, yg, shrinking):
 
 
 @compiled(VIEW)
-def _upright(centred, A, B, C, xg, yg, shrinking):
-    """See upright()."""
+def upright(centred, A, B, C, xg, yg, shrinking):
+    """Centred moments up to order 3 as a camera looking along the plane's normal sees them.
+
+    With d the offset from the centre of gravity g in the image, e = (A, B) / (1/Zg) and G the
+    linear map from d to offsets in the plane, a point of the plane stands at G d / (1 + e.d), and
+    an area element of a region shrinks by (1 + e.d)^3. The powers of (1 + e.d) are expanded as
+    far as the order of the known moments goes; what is left out is of the order of
+    (rg |e|)^(order - 2), small for a target that is small beside its distance.
+
+    Args:
+        centred: central moments mu_ij at [i, j].
+        A, B, C: the plane, 1/Z = A x + B y + C.
+        xg, yg: centre of gravity, normalised.
+        shrinking: 3 for a region, 0 for points.
+
+    Returns:
+        (4, 4), up to a common factor per order: mu_ij at [i, j].
+    """
     table = _in_plane_moments(centred, A, B, C, xg, yg, shrinking)
     return translate(table, -table[1, 0] / table[0, 0], -table[0, 1] / table[0, 0])
 
@@ -172,7 +173,7 @@ def _orientation(centred, A, B, C, xg, yg, shrinking):
     none = False, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0)
     if len(centred) < 4:
         return none
-    mu = _upright(centred, A, B, C, xg, yg, shrinking)
+    mu = upright(centred, A, B, C, xg, yg, shrinking)
     m00, total = mu[0, 0], mu[2, 0] + mu[0, 2]
     c, s = centred[2, 0] - centred[0, 2], 2.0 * centred[1, 1]
     upright_c, upright_s = mu[2, 0] - mu[0, 2], 2.0 * mu[1, 1]

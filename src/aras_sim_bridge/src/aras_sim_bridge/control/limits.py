@@ -98,10 +98,6 @@ class LimitRule:
         """Forget the command before: start from the measured position, or from rest."""
         self.row[_PREVIOUS] = nan
 
-    def enforce(self, handle: JointHandle, dt: float) -> None:
-        """Rewrite the handle's command; `dt`: since the last time, s."""
-        enforced(self.row, handle.row, dt)
-
 
 def rule_for(handle: JointHandle, limits: JointBounds | None,
              row: np.ndarray | None = None) -> LimitRule | None:
@@ -133,7 +129,11 @@ def _soft_speeds(row, position):
 
 @compiled("f8[::1], f8[::1], f8", allocates=False)
 def enforced(row, handle, dt):
-    """See LimitRule.enforce; `handle` (6,). Returns whether the command was changed."""
+    """Limit the command of a joint; return whether it was changed.
+
+    row: of a LimitRule. handle (6,): row of a JointHandle, whose command is rewritten. dt: since
+    the last time, s.
+    """
     kind, position, velocity = int(row[_KIND]), handle[Q], handle[V]
     effort, speed, previous = row[_EFFORT], row[_SPEED], row[_PREVIOUS]
     target = Q_COMMAND

@@ -44,19 +44,15 @@ class SdfContent:
     link_attacher: bool = False
 
 
-def parse_sdf(
-    xml: str | Element,
-    resolve_package: packages.ResolvePackage = packages.find,
-    base_directory: str | None = None,
-) -> RobotDescription:
-    """The one model of an SDF text; arguments as `parse_urdf`'s.
+def parse_sdf(xml: str | Element) -> RobotDescription:
+    """The one model of an SDF text, or of what safe_xml.parse made of it.
 
     The model's own pose is in `initial_pose`; its root link's pose is worked into that link.
 
     Raises:
         DescriptionError: naming the element, what is wrong with it and how to fix it.
     """
-    content = read_sdf(xml, resolve_package, base_directory)
+    content = read_sdf(xml)
     if len(content.models) != 1 or content.lights:
         left_out = "".join(f"; {warning}" for warning in content.warnings)
         raise DescriptionError(f"SDF: {len(content.models)} models and {len(content.lights)} "

@@ -13,6 +13,7 @@ from aras_visual_servo_base.meshes.mesh import Mesh, from_corners
 from aras_visual_servo_base.poses import quaternion_to, rotate
 
 _HUGE = 50.0  # m
+ARC, SECTORS = 8, 32  # edges of a quarter of a turn from pole to equator, and around the axis
 
 
 def triangles(geometry: Geometry) -> tuple[Mesh, ...]:
@@ -52,10 +53,10 @@ def _box(extents: np.ndarray) -> Mesh:
     return from_corners(np.array(tris))
 
 
-def _sphere(radius: float, rings: int = 16) -> Mesh:
+def _sphere(radius: float) -> Mesh:
     """Sphere of latitude rings and longitude sectors."""
     return _revolved([(radius * np.sin(t), -radius * np.cos(t)) for t in
-                      np.linspace(0.0, np.pi, rings + 1)])
+                      np.linspace(0.0, np.pi, 2 * ARC + 1)])
 
 
 def _cylinder(radius: float, length: float) -> Mesh:
@@ -64,16 +65,16 @@ def _cylinder(radius: float, length: float) -> Mesh:
     return _revolved([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
 
 
-def _capsule(radius: float, length: float, rings: int = 8) -> Mesh:
+def _capsule(radius: float, length: float) -> Mesh:
     """Capsule along z: a cylinder of `length` with half spheres at its ends."""
-    arc = np.linspace(0.0, np.pi / 2, rings + 1)
+    arc = np.linspace(0.0, np.pi / 2, ARC + 1)
     low = [(radius * np.sin(t), -length / 2 - radius * np.cos(t)) for t in arc]
     return _revolved(low + [(r, -z) for r, z in reversed(low)])
 
 
-def _revolved(profile: list[tuple[float, float]], sectors: int = 32) -> Mesh:
+def _revolved(profile: list[tuple[float, float]]) -> Mesh:
     """Surface of the (radius, z) profile, bottom to top, turned about z."""
-    angle = np.linspace(0.0, 2 * np.pi, sectors + 1)
+    angle = np.linspace(0.0, 2 * np.pi, SECTORS + 1)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     ring[-1] = ring[0]
     tris = []

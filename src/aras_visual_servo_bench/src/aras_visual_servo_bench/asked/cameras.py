@@ -376,8 +376,9 @@ def _ramp(x: np.ndarray) -> np.ndarray:
     return 0.5 * within * within + np.maximum(x - 1.0, 0.0)
 
 
-def _dense(outline: np.ndarray, parts: int = 8) -> np.ndarray:
-    """The outline with `parts` points an edge, so that a lens may bend its edges."""
+def _dense(outline: np.ndarray) -> np.ndarray:
+    """The outline with eight points on each edge, so that a lens may bend its edges."""
+    parts = 8
     ends = np.roll(outline, -1, axis=0)
     steps = (np.arange(parts) / parts)[None, :, None]
     return (outline[:, None] + steps * (ends - outline)[:, None]).reshape(-1, 2)

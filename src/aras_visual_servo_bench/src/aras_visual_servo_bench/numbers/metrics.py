@@ -26,7 +26,6 @@ AT_LIMIT = 1e-3  # part of a joint's range
 SETTLED, DECAY_FROM, DECAY_TO = 0.02, 0.80, 0.15  # parts of the first error
 REDUCED = 0.1  # part of the first distance and angle
 LATE = 1.5  # image periods
-Finished = Run  # its documented name
 
 
 @dataclass(frozen=True)

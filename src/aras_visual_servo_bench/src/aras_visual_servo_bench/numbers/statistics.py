@@ -30,7 +30,7 @@ def proportion(hits: int, count: int, confidence: float = CONFIDENCE) -> Estimat
     return Estimate(hits / count, float(interval.low), float(interval.high), count)
 
 
-def median(values: Sequence[float], confidence: float = CONFIDENCE) -> Estimate:
+def median(values: Sequence[float]) -> Estimate:
     """The median of what is known, with the bootstrap's percentile interval.
 
     The resampling has a seed of its own: a table is the same each time it is made.
@@ -43,7 +43,7 @@ def median(values: Sequence[float], confidence: float = CONFIDENCE) -> Estimate:
     if known.size < 2 or np.ptp(known) == 0.0:
         return Estimate(middle, middle, middle, known.size)
     found = scipy.stats.bootstrap(
-        (known,), np.median, confidence_level=confidence, n_resamples=RESAMPLES,
+        (known,), np.median, confidence_level=CONFIDENCE, n_resamples=RESAMPLES,
         method="percentile", rng=np.random.default_rng(0), batch=200,
     )  # fmt: skip
     interval = found.confidence_interval

@@ -17,6 +17,8 @@ from .run import Run, scaled
 POINT = re.compile(r"([xy])_?(\d+)$")
 # Corners of a target that are drawn one by one; a disc has more, and none of them is a point.
 MOST_CORNERS = 16
+# Parts of the first error at which an image is shown.
+MILESTONES = (1.0, 0.7, 0.4, 0.2, 0.08)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +121,8 @@ def _pixels(camera: CameraModel, points: np.ndarray) -> np.ndarray:
     return found
 
 
-def milestones(run: Run, parts: Sequence[float] = (1.0, 0.7, 0.4, 0.2, 0.08, 0.0)) -> list[float]:
-    """Stamps (s) of the images at which these parts of the first error were left; 0: the last.
+def milestones(run: Run) -> list[float]:
+    """Stamps (s) of the images at which MILESTONES of the first error were left, and of the last.
 
     What happens is told by the way that is left, not by the clock: most of a run is waiting for
     its end.
@@ -130,7 +132,7 @@ def milestones(run: Run, parts: Sequence[float] = (1.0, 0.7, 0.4, 0.2, 0.08, 0.0
         return [float(stamp) for stamp in run.stamp[[0, -1]]] if len(run.stamp) > 1 else []
     stamp, size = run.stamp[known], np.linalg.norm(scaled(run.error[known]), axis=1)
     size = size / max(size[0], 1e-300)
-    found = [float(stamp[int(np.argmax(size <= part))]) for part in parts[:-1]
+    found = [float(stamp[int(np.argmax(size <= part))]) for part in MILESTONES
              if (size <= part).any()]  # fmt: skip
     return sorted({*found, float(stamp[0]), float(stamp[-1])})
 

@@ -109,11 +109,9 @@ class PlantMaker:
         """Whether what leaves the picture is seen all the same."""
         return self.experiment.plant == "ideal" and self.experiment.ideal.unbounded
 
-    def sights(self, exactly: bool = False) -> list[Sight]:
-        """How plants without a world see, the control camera first; `exactly`: see `sight`."""
-        return [self.sight(self.control, exactly)] + [
-            self.sight(eye, exactly) for eye in self.others.values()
-        ]
+    def sights(self) -> list[Sight]:
+        """How plants without a world see, the control camera first."""
+        return [self.sight(eye) for eye in (self.control, *self.others.values())]
 
     def sight(self, eye: Eye, exactly: bool = False) -> Sight:
         """How a camera sees without a world; `exactly`: as for teaching, without noise."""

@@ -11,6 +11,7 @@ from typing import Any, TextIO
 from ..numbers.printing import number
 
 EVERY = 10.0  # s between lines where there is no terminal
+WIDTH = 24  # characters of a bar
 
 
 class Progress:
@@ -104,10 +105,10 @@ def duration(seconds: float) -> str:
     return f"{seconds / 86400.0:.1f} days"
 
 
-def bar(part: float, width: int = 24) -> str:
+def bar(part: float) -> str:
     """[####....] for a part of 0 to 1."""
-    filled = int(part * width)
-    return f"[{'#' * filled}{'.' * (width - filled)}]"
+    filled = int(part * WIDTH)
+    return f"[{'#' * filled}{'.' * (WIDTH - filled)}]"
 
 
 class Bar:

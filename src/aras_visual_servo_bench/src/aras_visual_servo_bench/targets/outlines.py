@@ -36,8 +36,8 @@ ASPECT = 0.01  # how far a page's may be from its viewBox's: files are rounded
 FARTHEST = 100.0  # pages from the page's middle to a corner
 
 
-def _ring(count: int, turn: float = 0.0) -> tuple[tuple[float, float], ...]:
-    around = turn + 2.0 * np.pi * np.arange(count) / count
+def _ring(count: int) -> tuple[tuple[float, float], ...]:
+    around = 2.0 * np.pi * np.arange(count) / count
     return tuple(zip((0.5 * np.cos(around)).tolist(), (0.5 * np.sin(around)).tolist(), strict=True))
 
 

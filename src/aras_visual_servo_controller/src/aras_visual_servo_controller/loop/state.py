@@ -22,7 +22,6 @@ from ..seeing.joint_sample import JointSample
 WAITING, APPROACHING, SERVOING = "waiting", "approaching", "servoing"
 CONVERGED, HOLDING, STOPPED = "converged", "holding", "stopped"
 OUTPUTS = ("position", "velocity", "effort")
-PHASES = (WAITING, APPROACHING, SERVOING, CONVERGED, HOLDING, STOPPED)
 
 
 ByJoint = float | tuple[float, ...] | Mapping[str, float]
@@ -160,7 +159,7 @@ class ServoState:
 
     Attributes:
         stamp: of the exposure, s.
-        phase: one of PHASES.
+        phase: WAITING, APPROACHING, SERVOING, CONVERGED, HOLDING or STOPPED.
         outcome, reason, remedy: what the loop knows of the run so far; see diagnosis. The reason is
             that of the outcome, with what holds the loop back now.
         scheme: its name; empty where the loop has not told it.

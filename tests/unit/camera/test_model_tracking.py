@@ -16,11 +16,12 @@ from tracking_scenes import (
 
 from aras_visual_servo_base.poses import exponential, inverse, rotation_vector, transform
 from aras_visual_servo_camera.errors import ModelError, VisionError
-from aras_visual_servo_camera.model import ModelTracking, Solid, Start
+from aras_visual_servo_camera.model import ModelTracking, Solid
 from aras_visual_servo_camera.model.fitting import surface_equations
 from aras_visual_servo_camera.model.search import UNKNOWN, measured, noise_of
 from aras_visual_servo_camera.model.visible import GRAZING, visible_samples
 from aras_visual_servo_camera.trackers.model import ModelTracker
+from aras_visual_servo_camera.trackers.starting import Start
 from aras_visual_servo_camera.undistortion import CameraModel
 
 OFF = (0.002, -0.0015, 0.004, 0.012, -0.015, 0.02)  # m and rad that a start is off

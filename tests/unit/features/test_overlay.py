@@ -10,7 +10,7 @@ import pytest
 from feature_cases import RECTANGLE, grey_image
 
 from aras_visual_servo_camera.images import Image
-from aras_visual_servo_camera.overlay import _text, _wrapped, draw
+from aras_visual_servo_camera.overlay import _text, draw
 from aras_visual_servo_camera.pipeline import Measurement, Pipeline, PipelineSettings
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -126,11 +126,6 @@ def test_words_can_be_read_once_however_small_the_picture_is(width: int) -> None
     shade = ground[(ground[..., 0].astype(int) - ground[..., 1]) < 8]
     assert shade.min() >= 204
     assert letters(picture)[:, 1].min() >= 4 and letters(picture)[:, 1].max() < width
-
-
-def test_lines_are_whole_words_that_fit() -> None:
-    wrapped = _wrapped("one two three unbreakable", lambda line: len(line) <= 7)
-    assert wrapped == ["one two", "three", "unbreakable"]
 
 
 def test_the_picture_given_stays_as_it_is(grey: np.ndarray) -> None:

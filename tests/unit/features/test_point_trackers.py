@@ -5,11 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from scipy.ndimage import map_coordinates
 
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.trackers.dots import DotTracker
-from aras_visual_servo_camera.trackers.straight_edges import _between
 
 SIZE, FINE = (160, 120), 8
 # Column, row and radius, px; in order of angle about their middle.
@@ -75,11 +73,3 @@ def test_a_dot_beside_the_border_is_measured_like_another(at):
         large[np.hypot(u - at[0], v - at[1]) < 9.0] = 40
 
     assert np.abs(DotTracker(1).find(drawn(draw)) - at).max() < 0.02
-
-
-def test_levels_between_pixels_are_linear_and_those_beyond_the_border_its_own():
-    random = np.random.default_rng(5)
-    grey = random.integers(0, 256, (13, 21)).astype(np.uint8)
-    u, v = random.uniform(-2.0, 23.0, 400), random.uniform(-2.0, 15.0, 400)
-    wanted = map_coordinates(grey.astype(float), [v, u], order=1, mode="nearest")
-    np.testing.assert_allclose(_between(grey, u, v), wanted, atol=1e-9)

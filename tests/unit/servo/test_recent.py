@@ -18,7 +18,7 @@ def test_the_window_holds_the_newest_in_order(kept):
         np.testing.assert_array_equal(recent.stamps, 0.1 * expected)
         np.testing.assert_array_equal(recent.errors[:, 1], -2.0 * expected)
         assert (recent.errors[:, 2] == 0.5).all()
-    assert len(recent._stamps) <= max(4 * kept, 64)  # it does not grow for ever
+    assert len(recent.stamps.base) <= max(4 * kept, 64)  # it does not grow for ever
 
 
 def test_errors_of_another_length_begin_anew():

@@ -1,9 +1,8 @@
 """Model-based tracking: the pose of a known solid from its visible edges, and from depth images."""
 
 from .solid import Solid, read_solid
-from .starting import Start
 from .tracking import Found, ModelTracking
 
 __all__ = [
-    "Found", "ModelTracking", "Solid", "Start", "read_solid",
+    "Found", "ModelTracking", "Solid", "read_solid",
 ]  # fmt: skip

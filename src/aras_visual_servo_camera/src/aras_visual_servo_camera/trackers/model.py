@@ -16,10 +16,10 @@ from aras_visual_servo_base.settings import parameter
 from ..errors import ModelError, VisionError
 from ..interaction import Plane
 from ..model.solid import Solid, read_solid
-from ..model.starting import Start
 from ..model.tracking import ModelTracking
 from ..undistortion import CameraModel
 from .base import TRACKERS, TrackedPoints, Tracker
+from .starting import Start
 
 AT_BEST = 0.01  # px to which the points of a pose are known, whatever its covariance
 

@@ -13,8 +13,8 @@ from aras_visual_servo_base.poses import inverse, transform
 
 from ..errors import ModelError, VisionError
 from ..markers import MarkerChoice
-from ..trackers.marker import MarkerTracker
 from ..undistortion import CameraModel
+from .marker import MarkerTracker
 
 WAYS = "pose: [x, y, z, roll, pitch, yaw], marker: {size, pose}, or clicks: [[x, y, z, u, v], ...]"
 

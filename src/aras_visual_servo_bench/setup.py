@@ -7,7 +7,8 @@ setup(**generate_distutils_setup(
     packages=find_packages("src"),
     package_dir={"": "src"},
     package_data={
-        f"aras_visual_servo_bench.{package}": ["page/*"]
-        for package in ("web", "web.live", "web.report", "web.browse")
+        "aras_visual_servo_bench.web": ["page/*"], "aras_visual_servo_bench.web.live": ["page/*"],
+        "aras_visual_servo_bench.web.report": ["page/*"],
+        "aras_visual_servo_bench.web.browse": ["page/*"],
     },
 ))  # fmt: skip

@@ -16,12 +16,13 @@ from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.loop_settings import settings_of
 from aras_visual_servo_bench.asked.robots import Robot
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants import CameraReading, JointReading
+from aras_visual_servo_bench.plants import CameraReading, JointReading, ideal
 from aras_visual_servo_bench.plants.free_body import FreeBody
-from aras_visual_servo_bench.setup import plant_making
+from aras_visual_servo_bench.setup import arm_making, plant_making
 from aras_visual_servo_bench.setup.arm_making import ArmMaker, carried_by
 from aras_visual_servo_bench.setup.goal_views import GoalViews
 from aras_visual_servo_bench.setup.plant_making import PlantMaker
+from aras_visual_servo_bench.setup.postures import Postures
 from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_controller.seeing.observation import Need
 
@@ -153,8 +154,9 @@ def test_a_camera_may_look_at_a_target_of_its_own():
 def built(monkeypatch):
     """What plants would have been made of, by their kinds."""
     found = {}
-    for kind in ("BulletArm", "FreeCamera", "KinematicChain", "IdealCamera"):
-        monkeypatch.setattr(plant_making, kind, lambda *a, kind=kind, **k: found.update(
+    for place, kind in ((arm_making, "BulletArm"), (plant_making, "FreeCamera"),
+                        (plant_making, "KinematicChain"), (ideal, "IdealCamera")):
+        monkeypatch.setattr(place, kind, lambda *a, kind=kind, **k: found.update(
             {kind: (a, k)}) or kind)
     return found
 
@@ -271,7 +273,7 @@ def test_a_goal_is_shown_by_the_first_picture_of_each_camera_that_is_read(monkey
     made = maker({"left": MOMENTS, "right": MOMENTS}, cameras={**TWO, "other": {"model": EYE}},
                  camera="original")
     plants = []
-    monkeypatch.setattr(plant_making, "BulletArm",
+    monkeypatch.setattr(arm_making, "BulletArm",
                         lambda *a, **k: plants.append(Filmed(*a, **k)) or plants[-1])
     Filmed.times = (("left", 0), ("other", 0), ("right", 750_000_000))
     joints = dict(zip(made.robot.arm("left").names, START.tolist(), strict=True))
@@ -284,7 +286,7 @@ def test_a_goal_is_shown_by_the_first_picture_of_each_camera_that_is_read(monkey
     with pytest.raises(ExperimentError, match="delivers no picture within 1 s to teach the goal"):
         made.pictures(ABOVE, joints)
     assert plants[1].told.count(1_000_000_000) == 4 and plants[1].told[-1] == "closed"
-    monkeypatch.setattr(plant_making.Postures, "at", lambda self, pose: START + pose[0, 3])
+    monkeypatch.setattr(Postures, "at", lambda self, pose: START + pose[0, 3])
     Filmed.times = (("left", 0), ("right", 0))
     made.pictures(ABOVE, {})
     np.testing.assert_allclose(list(plants[2].given[2].values()), START + 0.01)
@@ -317,7 +319,7 @@ def taught(views, mounting=None, shift=(0.0, 0.0), size=1.0, monkeypatch=None):
         image = cameras.draw(middle + size * (outline - middle) + off, eye.true)
         return {"camera": CameraReading(0, image, "mono8", labelled=255 - image)}
 
-    monkeypatch.setattr(PlantMaker, "pictures", pictures)
+    monkeypatch.setattr(ArmMaker, "pictures", pictures)
     mounting = np.eye(4) if mounting is None else mounting
     goal = views.taught(ABOVE, {"camera": mounting}, JOINTS, "home", {})
     return goal, asked

@@ -292,6 +292,15 @@ def scheme_fails_now_and_then(random: Draw) -> Changes:
 
 
 @kind("scheme_fault")
+def scheme_hangs(random: Draw) -> Changes:
+    """A scheme that never comes to the end of an image: it computes, sleeps, or waits."""
+    keys = either(random)
+    name = random.choice(["Hanging", "Sleeping", "Waiting"])
+    options = {**keys.get("options", {}), "scheme_timeout": 0.5}
+    return {**keys, "scheme": f"{SCHEMES}{name}", "options": options}
+
+
+@kind("scheme_fault")
 def wrong_sign_of_L(random: Draw) -> Changes:
     """Points whose interaction matrix has the wrong sign: the camera goes away from its goal."""
     return {**either(random), "scheme": f"{SCHEMES}WrongSign"}

@@ -17,13 +17,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from aras_visual_servo_base.names import unknown
 
-from ..errors import ConfigurationError, MeasurementError, SchemeError, ServoError
+from ..errors import (
+    ConfigurationError,
+    MeasurementError,
+    SchemeError,
+    SchemeTimeoutError,
+    ServoError,
+)
 from ..goals.goal import Goal
 from ..judging.arrival import NOT_ARRIVED, Arrival, Arrived
 from ..judging.diagnosis import Diagnosis
@@ -56,6 +62,10 @@ if TYPE_CHECKING:
 
 # An image from so far in the future is left over from before the clock went back, s.
 FUTURE = 1.0
+SLOW = (
+    "correct the scheme, or raise scheme_timeout if it needs that long; its traceback is logged; "
+    "to see the rest run, use a shipped one"
+)
 CONTROLLED = ("position", "velocity", "acceleration")
 
 
@@ -94,7 +104,7 @@ class Servo:
         self.source = Source()
         self.clock = clock
         self.goal = goal.for_arm(arm)
-        checked_goal(self.name, scheme, self.goal)
+        checked_goal(self.name, scheme, self.goal, self.settings.scheme_timeout)
         self.settings.check_for(arm.names, resolver.limits)
         if self._answers_joints and scheme.output not in CONTROLLED:
             raise ConfigurationError(
@@ -139,7 +149,7 @@ class Servo:
         self._pause()
         self.resolver.reset()
         try:
-            guarded(self.name, self._begin_scheme)
+            self._guarded(self._begin_scheme)
         except SchemeError as error:
             self._halt(HOLDING, str(error))  # the next image tries again
 
@@ -251,6 +261,9 @@ class Servo:
         except MeasurementError as error:
             self._halt(HOLDING, str(error))
             return self._record(observation)
+        except SchemeTimeoutError as error:
+            self._hold_after(error, f"image of {stamp:.2f} s")
+            return self._record(observation, fault=error.trace)
         except SchemeError as error:
             new = str(error) != self._fault
             self._fault = str(error)
@@ -271,11 +284,11 @@ class Servo:
         if self._paused and self.motion.at_rest:
             # The arm stands: integrals and the start's profile begin anew.
             self._began = observation.stamp
-            guarded(self.name, self._begin_scheme)
+            self._guarded(self._begin_scheme)
             self._arrival.clear()
         t = observation.stamp - self._began
         answer = self.scheme.see if self._answers_joints else self.scheme.compute
-        decision = guarded(self.name, answer, observation, self.goal, t)
+        decision = self._guarded(answer, observation, self.goal, t)
         decision = checked_decision(self.name, decision, self.scheme)
         if decision.task is None:
             return decision, None
@@ -371,6 +384,8 @@ class Servo:
             return ""  # an image's own instant: the joints will be newer when time goes on
         try:
             asked = self.pursuit.velocities(t, dt, measured, self._began)
+        except SchemeTimeoutError as error:
+            self._hold_after(error, f"joints of {t:.2f} s")
         except SchemeError as error:
             self._fault = str(error)
             self._halt(HOLDING, str(error))
@@ -440,6 +455,15 @@ class Servo:
     @property
     def _answers_joints(self) -> bool:
         return isinstance(self.scheme, JointController)
+
+    def _guarded(self, call: Callable[..., Any], *arguments: object) -> Any:
+        return guarded(self.name, self.settings.scheme_timeout, call, *arguments)
+
+    def _hold_after(self, error: SchemeTimeoutError, what: str) -> None:
+        """Hold until `start`: a scheme that hung would do so at every image."""
+        reason = f"{error}, at the {what}"
+        found = outcome("scheme_fault", reason)
+        self.hold(reason, found.with_remedy(SLOW, *found.remedy.changes))
 
     def _begin_scheme(self) -> None:
         if self._answers_joints:

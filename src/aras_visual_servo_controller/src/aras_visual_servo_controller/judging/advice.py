@@ -48,8 +48,13 @@ def can_swing(scheme: Scheme | JointController | None, frequency: float) -> bool
     return gain is None or gain > BY_ITSELF * 2.0 * pi * frequency
 
 
-def lower_gain(scheme: Scheme | JointController, frequency: float | None) -> Remedy:
-    """The gain at which a loop that swings at `frequency` Hz comes to rest; None: not known."""
+def lower_gain(
+    scheme: Scheme | JointController | None, frequency: float | None, duration: float
+) -> Remedy:
+    """The gain at which a loop that swings at `frequency` Hz comes to rest; None: not known.
+
+    duration: of the run, s, in which it has to come to its goal.
+    """
     advice = (
         "lower the gain, or the delay between image and command; mount a camera firmly that shakes"
     )
@@ -57,10 +62,16 @@ def lower_gain(scheme: Scheme | JointController, frequency: float | None) -> Rem
     if (gain := getattr(law, "gain", None)) is not None:
         factor = 0.3 if frequency is None else PER_SWING * frequency / gain
         factor = min(max(factor, DEEPEST_CUT), LEAST_CUT)
-        return Remedy(advice, multiply("gain", factor))
+        return Remedy(advice, multiply("gain", factor), *_time_for(gain * factor, duration))
     if hasattr(law, "zero") and hasattr(law, "infinity"):
         return Remedy(advice, multiply("gain_zero", 0.3), multiply("gain_infinity", 0.3))
     return Remedy(advice)
+
+
+def _time_for(gain: float, duration: float) -> tuple[Change, ...]:
+    """The duration, s, in which a loop of a gain, 1/s, comes to its goal, where it needs more."""
+    needed = (DECAYS / gain + HELD) / duration
+    return (multiply("duration", needed),) if isfinite(duration) and needed > 1.0 else ()
 
 
 def more_time(duration: float, size: float, rate: float, linear: bool = False) -> Remedy:
@@ -145,9 +156,7 @@ def patience(longest: float, gain: float | None, duration: float) -> Remedy:
     if gain is not None:
         factor = min(0.3 / (gain * longest), 1.0)
         changes.append(multiply("gain", factor))
-        needed = DECAYS / (gain * factor) / duration
-        if isfinite(duration) and needed > 1.0:
-            changes.append(multiply("duration", needed))
+        changes += _time_for(gain * factor, duration)
     return Remedy(
         "raise the camera's rate, or find what delays its images; with images as seldom as these "
         "wait longer for each", *changes,

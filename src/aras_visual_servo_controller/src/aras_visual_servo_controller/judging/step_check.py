@@ -61,6 +61,9 @@ class StepCheck:
     # noise is a small part; and rows of that size from which on something is known.
     ROW, ROWS = 8.0, 5
     FEW = 5
+    # Tolerances by which the camera's motion may move features before a camera at rest, and by
+    # which they drift there at least; part of the squares that a steady drift has: noise has 1 / n.
+    RESTS, DRIFT, STEADY = 0.05, 4.0, 0.7
     CENTRE = 0.02  # normalised, by which the target's own centre jumps, at least
     # Part of the area, with the distance by kinematics taken off, that disappears between two
     # images where something is laid over a target, at least, and for FEW images.
@@ -76,6 +79,9 @@ class StepCheck:
         self._before: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self.usual, self._count = 1.0, 0
         self._same, self._since, self._path = 0, 0.0, 0.0
+        # Of images before a camera at rest: their number, the sum of the steps' squares and that of
+        # the steps (k,), in tolerances.
+        self._at_rest: tuple[int, float, np.ndarray] = 0, 0.0, np.zeros(1)
         self._steps: deque[tuple[float, float, float]] = deque(maxlen=self.FEW)
         self._scale = 1.0  # square of the distance by kinematics at the last image
         self._area = 0.0  # of the last image at the goal's distance, in that of the goal
@@ -179,6 +185,7 @@ class StepCheck:
         if wrapped:
             self._row[:] = 0.0
             return
+        self._follow_rest(path, moved, (error - before[0]) / tolerances)
         self._steps.append((moved, left, len(error) * path * path))
         self._count += 1
         if self._count <= self.FEW:
@@ -200,6 +207,27 @@ class StepCheck:
         self._same, self._path = self._same + 1, self._path + path
         if self._same >= self.SAME and self._path > self.MOVED:
             self.unchanged = self._since
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the features moved on steadily while the camera was at rest."""
+        images, square, moved = self._at_rest
+        length = float(np.linalg.norm(moved))
+        return images >= self.FEW and length > self.DRIFT and (
+            length**2 > self.STEADY * images * square
+        )
+
+    def _follow_rest(self, path: float, moved: float, step: np.ndarray) -> None:
+        """Sum up the steps (k,), in tolerances, of features before a camera at rest.
+
+        path: that its motion is to move them by; moved: square of the step.
+        """
+        images, square, sums = self._at_rest
+        if path > self.RESTS:
+            if not self.drifts:
+                self._at_rest = 0, 0.0, np.zeros(1)
+        elif not self.drifts:
+            self._at_rest = images + 1, square + moved, sums + step
 
     def follow_area(self, observation: Observation, goal: Goal) -> None:
         """Note what is visible of the target in an image, and whether its centre jumps."""

@@ -327,6 +327,10 @@ class Servo:
             observation, joints, decision, resolution, seconds, arrived=arrived
         )
 
+    def _age(self, stamp: float) -> float:
+        """s from an image's exposure to the answer's effect."""
+        return max(self.settings.delay, 0.0 if self._now is None else self._now - stamp)
+
     def _in_order(self, stamp: float) -> bool:
         if not np.isfinite(stamp):
             return False
@@ -519,7 +523,8 @@ class Servo:
                 self.diagnosis.joints(
                     state.stamp, self.motion.late, self.motion.velocity, self._joints.velocities
                 )
-            found = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty)
+            age = self._age(state.stamp)
+            found = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty, age)
             state = state.with_outcome(found)
             if decision is not None and self.phase == SERVOING and (
                 self.settings.duration <= observation.stamp - self._began

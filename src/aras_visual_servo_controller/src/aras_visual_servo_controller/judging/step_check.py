@@ -62,8 +62,9 @@ class StepCheck:
     ROW, ROWS = 8.0, 5
     FEW = 5
     # Tolerances by which the camera's motion may move features before a camera at rest, and by
-    # which they drift there at least; part of the squares that a steady drift has: noise has 1 / n.
-    RESTS, DRIFT, STEADY = 0.05, 4.0, 0.7
+    # which they drift there at least; part of the squares that a steady drift has (noise has 1/n);
+    # images.
+    RESTS, DRIFT, STEADY, RESTED = 0.05, 2.5, 0.7, 4
     CENTRE = 0.02  # normalised, by which the target's own centre jumps, at least
     # Part of the area, with the distance by kinematics taken off, that disappears between two
     # images where something is laid over a target, at least, and for FEW images.
@@ -213,7 +214,7 @@ class StepCheck:
         """Whether the features moved on steadily while the camera was at rest."""
         images, square, moved = self._at_rest
         length = float(np.linalg.norm(moved))
-        return images >= self.FEW and length > self.DRIFT and (
+        return images >= self.RESTED and length > self.DRIFT and (
             length**2 > self.STEADY * images * square
         )
 

@@ -19,6 +19,10 @@ LEAST_CUT, DEEPEST_CUT = 0.6, 0.02
 RESERVE, LONGEST = 1.5, 50.0
 LINEAR = 2.0  # times the reserve where joints are at their limits, of which the slowest changes
 DECAYS = 8.0  # time constants in which a run comes to its goal
+# Tolerances by which errors may scatter for a target twice as large to be enough, and by which they
+# do where it is so much that they are not servoed; and by which a camera that is there may see them
+# scatter.
+LARGER, UNKNOWN_NOISE, QUIET = 2.0, 50.0, 0.5
 HELD = 3.0  # s that the error has to be small for, and some more
 # Schemes that see a half turn as it is, and go straight back from most starts.
 STRAIGHT = "pose, two_and_half_d or polar_points"
@@ -120,16 +124,20 @@ def _instead(scheme: Scheme | JointController, name: str) -> tuple[Change, ...]:
     return changes
 
 
-def larger_target(noise: float, *others: Change) -> Remedy:
-    """A target from which the error scatters by less than its tolerance.
+def more_exact(noise: float, *others: Change) -> Remedy:
+    """What an error needs that scatters by more than its tolerance: a larger target where that is
+    enough, else less noise.
 
     Args:
-        noise: in tolerances. others: what has to change besides.
+        noise: in tolerances; 0: not known. others: what has to change besides.
     """
-    factor = min(max(noise, 1.3), 2.0) if noise > 0.0 else 1.5
+    noise = noise or UNKNOWN_NOISE
+    changes = (multiply("target.size", max(noise, 1.3)),)
+    if noise > LARGER:
+        changes = multiply("jitter", QUIET / noise), multiply("noise", QUIET / noise)
     return Remedy(
         "measure more exactly: more light, a shorter distance, other features, or a larger target",
-        multiply("target.size", factor), *others,
+        *changes, *others,
     )
 
 

@@ -34,7 +34,7 @@ from .joint_check import JointCheck, foreign_text, listed
 from .motion_check import MotionCheck
 from .outcomes import CALIBRATE, DO_NOT_FOLLOW, NO_MOTION, UNCOVERED, Outcome, outcome
 from .progress_check import WINDOW, ProgressCheck
-from .remedy import Remedy
+from .remedy import Remedy, set_to
 from .shape_check import ShapeCheck
 from .step_check import distance_by_kinematics
 from .target_check import TargetCheck
@@ -65,6 +65,11 @@ CONFIRMED = 0.6
 FOLLOW = ("camera_retreat", "gain_too_high", "local_minimum", "no_progress", "too_noisy",
           "ambiguous", "target_lost", "singular", "timed_out", "target_moves", "wrong_object",
           "wrong_camera_model")  # fmt: skip
+MISREAD = Remedy(
+    "see that the scheme compares each feature with its own number of the goal, and has more "
+    "features than directions; a shipped one shows whether the goal can be reached",
+    set_to("scheme", "points"),
+)
 DRIFTS = outcome("target_moves", "the features moved steadily while the camera was at rest")
 # Part of the features' last motion from which on it is the target's, and s for which the camera is
 # not judged by what comes after it.
@@ -83,17 +88,18 @@ class Diagnosis:
         lengths: np.ndarray | float = 1.0,
         narrowed: Mapping[str, Sequence[str]] = NONE,
         folds: Sequence[Fold] = (),
+        outside: Sequence[str] = (),
     ) -> None:
         """Args:
             jacobian: (6, n) of the arm at joints (n,); None: there is no arm.
             beyond: why the arm cannot be where the goal was taught, where it cannot.
             names: of the n joints. lengths: see JointCheck.
             narrowed: joints whose limits are narrower than the robot's own, by the parameter.
-            folds: elbows of the arm.
+            folds: elbows of the arm. outside: joints that the goal has beyond their limits.
         """
         self.settings, self._jacobian, self._beyond = settings, jacobian, beyond
         self._names, self._lengths, self._narrowed = tuple(names), lengths, narrowed
-        self._folds = folds
+        self._folds, self._outside = folds, listed(list(outside))
         self.foreign: dict[str, str] = {}  # other nodes that command joints now, by joint
         self.reset()
 
@@ -342,6 +348,8 @@ class Diagnosis:
             return self._mistaken(fault)
         if state.phase == CONVERGED:
             found = _converged(state.arrived)
+            if found.kind == "ambiguous" and own:
+                found = replace(found, remedy=MISREAD)
             if not fault or found.kind == "ambiguous":
                 return self._covered(found)
             return replace(
@@ -396,8 +404,13 @@ class Diagnosis:
         """The outcome of a run that does not come to its goal, with what is known besides."""
         if found.kind in ("camera_retreat", "local_minimum", "singular"):
             found = replace(found, remedy=other_scheme(found, self._scheme))
-        if found.kind == "joint_limit" and (keys := self._narrowed_by(found.reason)):
-            found = replace(found, remedy=wider_limits(keys))
+        if found.kind == "joint_limit":
+            if keys := self._narrowed_by(found.reason):
+                found = replace(found, remedy=wider_limits(keys))
+            slow = self._progress.slowed
+            return found if slow is None else _both(found, slow)
+        if found.kind == "saturation" and self._outside:
+            return _both(found, self._limits_of_goal())
         covered = self._motion.steps.covered is not None
         if found.kind == "gain_too_high":
             drifts = self._motion.steps.drifts and not self._motion.is_own
@@ -409,6 +422,12 @@ class Diagnosis:
         if jumped and found.kind in FOLLOW and jumped not in found.reason:
             found = replace(found, reason=f"{found.reason}; {jumped}")
         return self._covered(found)
+
+    def _limits_of_goal(self) -> Outcome:
+        """That the goal was shown with joints beyond their limits."""
+        found = outcome("joint_limit", f"the goal was shown with {self._outside} beyond its limit")
+        keys = self._narrowed_by(found.reason)
+        return replace(found, remedy=wider_limits(keys)) if keys else found
 
     def _is_stretched(self, joints: JointSample | None) -> bool:
         """Whether an elbow is all but straight."""

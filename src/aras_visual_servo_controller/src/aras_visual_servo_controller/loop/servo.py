@@ -124,6 +124,7 @@ class Servo:
         self.diagnosis = Diagnosis(
             self.settings, arm.jacobian, self.beyond, arm.names, lengths, narrowed,
             getattr(resolver, "folds", ()),
+            () if joints is None else resolver.limits.outside(joints),
         )
         self.reset()
 

@@ -12,7 +12,15 @@ from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.plants.base import CameraReading, JointReading
 from outcome_campaign import cli
 from outcome_campaign.kinds import KINDS, Event
-from outcome_campaign.table import TITLE, failures, markdown, section, section_of, summary
+from outcome_campaign.table import (
+    TITLE,
+    by_faults,
+    failures,
+    markdown,
+    section,
+    section_of,
+    summary,
+)
 from outcome_campaign.trial import Disturbed, Judged, carried_out
 
 RIGHT = Judged("pictures", 0, "converged", "", "", 1e-4, 2e-3, 3e-4, 5e-3, True)
@@ -83,6 +91,19 @@ def test_the_sums_are_those_of_the_runs():
     assert numbers["median_distance"] == 1e-4 and numbers["median_open_angle"] == 5e-3
     assert numbers["remedies_followed"] == 1 and numbers["remedies_helped"] == 1.0
     assert len(failures(numbers)) == 4
+
+
+def test_right_runs_are_counted_by_the_faults_provoked():
+    up_to = replace(RIGHT, said="converged up to the target's distance")
+    both = replace(LOST, kind="moving_target_and_high_gain", right=False)
+    numbers = by_faults([RIGHT, up_to, replace(RIGHT, right=False), LOST, both])
+    assert numbers == {
+        "fault_free": pytest.approx(2 / 3), "plain": pytest.approx(1 / 3),
+        "one_fault": 1.0, "two_faults": 0.0,
+    }  # fmt: skip
+    alike = replace(up_to, kind="same_from_four_sides")  # of no one heading
+    assert by_faults([alike]) == {"fault_free": 1.0}
+    assert "100.0% without a fault." in markdown([alike])
 
 
 def test_bounds_are_met_by_what_is_right():

@@ -71,7 +71,9 @@ class StepCheck:
     HIDDEN = 0.06
     NEARER = 0.05  # part of its square by which the distance may change between these
 
-    def __init__(self) -> None:
+    def __init__(self, row: float = ROW) -> None:
+        """`row`: tolerances of a row whose motion is compared, see ROW."""
+        self._least = row
         self.jumps: deque[Jump] = deque(maxlen=self.OFTEN)
         self.first_jump: Jump | None = None
         self.unchanged: float | None = None
@@ -130,7 +132,7 @@ class StepCheck:
             return None
         product, moved, predicted = self._signs
         size = np.sqrt(moved * predicted)
-        known = (predicted > self.ROWS * self.ROW**2) & (moved > 0.0)
+        known = (predicted > self.ROWS * self._least**2) & (moved > 0.0)
         return np.divide(product, size, out=np.zeros(len(size)), where=known)
 
     @property
@@ -147,7 +149,7 @@ class StepCheck:
     @property
     def moved(self) -> bool:
         """Whether the camera has moved the features far enough to say how they go together."""
-        return self._signs is not None and self._signs[2].sum() >= self.ROWS * self.ROW**2
+        return self._signs is not None and self._signs[2].sum() >= self.ROWS * self._least**2
 
     @property
     def faster(self) -> float:
@@ -180,7 +182,7 @@ class StepCheck:
             sums, self._row = np.zeros((3, len(error))), np.zeros((2, len(error)))
             self._signs = sums
         most, at, explained, moved, left, path, wrapped = _step(
-            *before, *now, observation.motion, observation.dt, tolerances, angles, self.ROW,
+            *before, *now, observation.motion, observation.dt, tolerances, angles, self._least,
             self._row, sums,
         )  # fmt: skip
         if wrapped:

@@ -21,7 +21,7 @@ from outcome_campaign.table import (
     section_of,
     summary,
 )
-from outcome_campaign.trial import Disturbed, Judged, carried_out
+from outcome_campaign.trial import Disturbed, Judged, carried_out, judged
 
 RIGHT = Judged("pictures", 0, "converged", "", "", 1e-4, 2e-3, 3e-4, 5e-3, True)
 LOST = Judged("target_leaves", 1, "target_lost", "gone", "teach", 0.4, 0.1, math.nan, math.nan,
@@ -128,6 +128,20 @@ def test_the_section_takes_the_place_of_the_one_before_and_is_kept_by_other_tabl
 def test_an_unknown_kind_is_named(capsys):
     assert cli.main(["cold"]) == 2
     assert "no kind 'cold'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "said", "besides"),
+    [
+        ("moving_target_and_high_gain", 0, "gain_too_high", "features moved steadily"),
+        ("slow_joints_and_a_limit", 0, "joint_limit", "limit of speed"),
+        ("goal_read_wrongly", 0, "ambiguous", "the image is not the goal's"),
+    ],
+)
+def test_of_two_causes_both_are_named_and_the_remedy_is_for_both(name, number, said, besides):
+    found = judged(KINDS[name].trial(cli.KEPT, number), follow=True)
+    assert found.right and found.said == said, found.reason
+    assert besides in found.reason and found.helped
 
 
 def test_runs_of_the_kept_seed_are_told_right():

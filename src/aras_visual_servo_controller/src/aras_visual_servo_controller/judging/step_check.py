@@ -45,6 +45,7 @@ class StepCheck:
             moved it by MOVED tolerances or more, s; None: it changes.
         covered: since when a part of the target has been invisible that does not lie beyond the
             image's border, s; None: it is as visible as at the first image.
+        drifts: whether the features have moved on steadily while the camera was at rest.
         names: (k,) of the features.
         next: ranges of x and y, normalised, in which the target may be in the next image; None: it
             has not been visible.
@@ -84,7 +85,8 @@ class StepCheck:
         self._same, self._since, self._path = 0, 0.0, 0.0
         # Of images before a camera at rest: their number, the sum of the steps' squares and that of
         # the steps (k,), in tolerances.
-        self._at_rest: tuple[int, float, np.ndarray] = 0, 0.0, np.zeros(1)
+        self._at_rest: tuple[int, float, np.ndarray | float] = 0, 0.0, 0.0
+        self.drifts = False
         self._steps: deque[tuple[float, float, float]] = deque(maxlen=self.FEW)
         self._scale = 1.0  # square of the distance by kinematics at the last image
         self._area = 0.0  # of the last image at the goal's distance, in that of the goal
@@ -188,7 +190,8 @@ class StepCheck:
         if wrapped:
             self._row[:] = 0.0
             return
-        self._follow_rest(path, moved, (error - before[0]) / tolerances)
+        if path < self.RESTS or self._at_rest[0]:
+            self._follow_rest(path, moved, (error - before[0]) / tolerances)
         self._steps.append((moved, left, len(error) * path * path))
         self._count += 1
         if self._count <= self.FEW:
@@ -211,15 +214,6 @@ class StepCheck:
         if self._same >= self.SAME and self._path > self.MOVED:
             self.unchanged = self._since
 
-    @property
-    def drifts(self) -> bool:
-        """Whether the features moved on steadily while the camera was at rest."""
-        images, square, moved = self._at_rest
-        length = float(np.linalg.norm(moved))
-        return images >= self.RESTED and length > self.DRIFT and (
-            length**2 > self.STEADY * images * square
-        )
-
     def _follow_rest(self, path: float, moved: float, step: np.ndarray) -> None:
         """Sum up the steps (k,), in tolerances, of features before a camera at rest.
 
@@ -227,10 +221,12 @@ class StepCheck:
         """
         images, square, sums = self._at_rest
         if path > self.RESTS:
-            if not self.drifts:
-                self._at_rest = 0, 0.0, np.zeros(1)
-        elif not self.drifts:
-            self._at_rest = images + 1, square + moved, sums + step
+            self._at_rest = 0, 0.0, 0.0
+            return
+        images, square, sums = self._at_rest = images + 1, square + moved, sums + step
+        length = float(np.linalg.norm(sums))
+        steady = length**2 > self.STEADY * images * square
+        self.drifts = self.drifts or steady and images >= self.RESTED and length > self.DRIFT
 
     def follow_area(self, observation: Observation, goal: Goal) -> None:
         """Note what is visible of the target in an image, and whether its centre jumps."""

@@ -64,8 +64,8 @@ class StepCheck:
     FEW = 5
     # Tolerances by which the camera's motion may move features before a camera at rest, and by
     # which they drift there at least; part of the squares that a steady drift has (noise has 1/n);
-    # images.
-    RESTS, DRIFT, STEADY, RESTED = 0.05, 2.5, 0.7, 4
+    # images, at least, and for how many of a rest this is looked at.
+    RESTS, DRIFT, STEADY, RESTED, LONG = 0.05, 2.5, 0.7, 4, 30
     CENTRE = 0.02  # normalised, by which the target's own centre jumps, at least
     # Part of the area, with the distance by kinematics taken off, that disappears between two
     # images where something is laid over a target, at least, and for FEW images.
@@ -190,8 +190,10 @@ class StepCheck:
         if wrapped:
             self._row[:] = 0.0
             return
-        if path < self.RESTS or self._at_rest[0]:
-            self._follow_rest(path, moved, (error - before[0]) / tolerances)
+        if path > self.RESTS:
+            self._at_rest = 0, 0.0, 0.0
+        elif self._at_rest[0] < self.LONG:
+            self._follow_rest(moved, (error - before[0]) / tolerances)
         self._steps.append((moved, left, len(error) * path * path))
         self._count += 1
         if self._count <= self.FEW:
@@ -214,15 +216,10 @@ class StepCheck:
         if self._same >= self.SAME and self._path > self.MOVED:
             self.unchanged = self._since
 
-    def _follow_rest(self, path: float, moved: float, step: np.ndarray) -> None:
-        """Sum up the steps (k,), in tolerances, of features before a camera at rest.
-
-        path: that its motion is to move them by; moved: square of the step.
-        """
+    def _follow_rest(self, moved: float, step: np.ndarray) -> None:
+        """Sum up the steps (k,), in tolerances, of features before a camera at rest; moved: square
+        of the step."""
         images, square, sums = self._at_rest
-        if path > self.RESTS:
-            self._at_rest = 0, 0.0, 0.0
-            return
         images, square, sums = self._at_rest = images + 1, square + moved, sums + step
         length = float(np.linalg.norm(sums))
         steady = length**2 > self.STEADY * images * square

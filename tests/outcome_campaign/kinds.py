@@ -51,12 +51,18 @@ class Trial:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of fault: how its experiments are drawn, and what is right of them."""
+    """A kind of fault: how its experiments are drawn, and what is right of them.
+
+    faults: how many are provoked at once. alike: whether its targets look the same from several
+    poses, so that no image tells which of them the camera is at.
+    """
 
     name: str
     draw: Callable[[Draw], Changes]
     right: tuple[str, ...]
     event: Callable[[Draw], Event] | None = None
+    faults: int = 1
+    alike: bool = False
     text: str = field(default="", compare=False)
 
     def trial(self, seed: int, number: int) -> Trial:
@@ -73,12 +79,14 @@ KINDS: dict[str, Kind] = {}
 def kind(
     *right: str,
     event: Callable[[Draw], Event] | None = None,
+    faults: int = 1,
+    alike: bool = False,
 ) -> Callable[[Callable[[Draw], Changes]], Callable[[Draw], Changes]]:
     """Enter a function that draws an experiment's keys as a kind of its name."""
 
     def enter(draw: Callable[[Draw], Changes]) -> Callable[[Draw], Changes]:
         name = draw.__name__
-        KINDS[name] = Kind(name, draw, right, event, (draw.__doc__ or "").strip())
+        KINDS[name] = Kind(name, draw, right, event, faults, alike, (draw.__doc__ or "").strip())
         return draw
 
     return enter
@@ -149,33 +157,33 @@ def pictured(random: Draw, **given: Any) -> Changes:
 # -- nothing wrong -----------------------------------------------------------------------------
 
 
-@kind("converged")
+@kind("converged", faults=0)
 def exact_features(random: Draw) -> Changes:
     """Nothing wrong, exact features of any scheme."""
     keys = healthy(random, ("chain", "free"), ("points", "moments", "segments", "lines", "pose"))
     return {**keys, "features": "exact"}
 
 
-@kind("converged")
+@kind("converged", faults=0)
 def pictures(random: Draw) -> Changes:
     """Nothing wrong, pictures."""
     return pictured(random)
 
 
-@kind("converged", "too_noisy")
+@kind("converged", "too_noisy", faults=0)
 def noisy_pictures(random: Draw) -> Changes:
     """Pictures with noise of 1 to 5 grey levels: of some targets too much for six directions."""
     return {**pictured(random), "noise": float(random.uniform(1.0, 5.0))}
 
 
-@kind("converged", "too_noisy")
+@kind("converged", "too_noisy", faults=0)
 def jittered_features(random: Draw) -> Changes:
     """Exact features that jitter by 0.05 to 0.3 px: of a small target too much for its pose."""
     keys = healthy(random, ("chain", "free"))
     return {**keys, "features": "exact", "jitter": float(random.uniform(0.05, 0.3))}
 
 
-@kind("converged", "too_noisy")
+@kind("converged", "too_noisy", faults=0)
 def small_target(random: Draw) -> Changes:
     """A target of 25 to 45 mm, ten to twenty pixels wide, by pictures: its pixels are noise."""
     keys = pictured(random, plants=("free",))
@@ -185,7 +193,7 @@ def small_target(random: Draw) -> Changes:
             "target": placed(random, size=float(random.uniform(0.025, 0.045)), outlines=2)}
 
 
-@kind("converged")
+@kind("converged", faults=0)
 def marker_target(random: Draw) -> Changes:
     """Points or pose before a marker of 7 to 10 cm, by pictures with a little noise."""
     keys = pictured(random, schemes=("points", "pose"), own=True)
@@ -200,7 +208,7 @@ def wrong_depth(random: Draw) -> Changes:
     return {**keys, "believed": {"depth": float(random.choice([0.6, 0.75, 1.3, 1.6]))}}
 
 
-@kind("converged")
+@kind("converged", faults=0)
 def rate_known(random: Draw) -> Changes:
     """A target that moves at 30 mm/s, before a scheme that knows so."""
     return {
@@ -316,7 +324,7 @@ def other_object(random: Draw) -> Changes:
             "target": {"shape": strip, "pose": [0.0, 0.0, 0.59, 0.0, 0.0, 0.0]}}  # fmt: skip
 
 
-@kind("converged")
+@kind("converged", faults=0, alike=True)
 def same_from_four_sides(random: Draw) -> Changes:
     """A square by points, from a start that is turned by 60 to 120 degrees: any of its four
     headings looks like the goal."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import queue
+import time
 
 import numpy as np
 
@@ -150,6 +152,41 @@ class Jumping(Points):
         measured = super().measure(observation, goal)
         high = int(10.0 * observation.stamp) % 3 == 0
         return dataclasses.replace(measured, error=measured.error + (0.3 if high else 0.0))
+
+
+class Hanging(Points):
+    """Points that are still being computed at the end of time, from 0.2 s on."""
+
+    name = "hanging"
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        while observation.stamp > 0.2:
+            self.wait()
+        return super().measure(observation, goal)
+
+    def wait(self) -> None:
+        """Nothing: the loop is busy."""
+
+
+class Sleeping(Hanging):
+    """The same, asleep again and again."""
+
+    name = "sleeping"
+
+    def wait(self) -> None:
+        """See Hanging.wait."""
+        time.sleep(0.05)
+
+
+class Waiting(Hanging):
+    """The same, in one call that waits for what never comes."""
+
+    name = "waiting"
+
+    def wait(self) -> None:
+        """See Hanging.wait."""
+        queue.Queue().get()
 
 
 class CentreAndSize(Feature):

@@ -39,6 +39,7 @@ def summary(found: Sequence[Judged]) -> dict[str, float]:
         "remedied": _part([bool(f.remedy) for f in failed]),
         "remedies_followed": len(followed),
         "remedies_helped": _part(followed),
+        **by_faults(found),
     }
     for part in ("distance", "angle"):
         errors = np.array([getattr(f, part) for f in there])
@@ -47,6 +48,22 @@ def summary(found: Sequence[Judged]) -> dict[str, float]:
             numbers[f"median_{part}"] = float(np.median(errors))
             numbers[f"median_open_{part}"] = float(np.median(bounds))
     return numbers
+
+
+def by_faults(found: Sequence[Judged]) -> dict[str, float]:
+    """Parts of the runs, by the number of faults provoked, that are told right; 'plain': of those
+    without a fault, before targets of one pose that are exact enough, that are called 'converged'
+    and no more."""
+    parts = {
+        name: [f.right for f in found if KINDS[f.kind].faults == count]
+        for count, name in enumerate(("fault_free", "one_fault", "two_faults"))
+    }
+    parts["plain"] = [
+        f.right and f.said == "converged" for f in found
+        if KINDS[f.kind].faults == 0 and KINDS[f.kind].right == ("converged",)
+        and not KINDS[f.kind].alike
+    ]  # fmt: skip
+    return {name: _part(rights) for name, rights in parts.items() if rights}
 
 
 def failures(numbers: dict[str, float]) -> list[str]:
@@ -86,6 +103,14 @@ def markdown(found: Sequence[Judged]) -> str:
         )
     numbers = summary(found)
     text = "\n".join(rows)
+    if parts := by_faults(found):
+        words = {
+            "fault_free": "without a fault", "plain": "plainly converged of those that must be",
+            "one_fault": "with one fault", "two_faults": "with two faults",
+        }  # fmt: skip
+        text += "\n\nRight, by faults provoked: " + ", ".join(
+            f"{parts[name]:.1%} {word}" for name, word in words.items() if name in parts
+        ) + "."
     if "median_distance" in numbers:
         text += (
             f"\n\nRight in {numbers['right']:.1%} of {numbers['runs']} runs. Of "

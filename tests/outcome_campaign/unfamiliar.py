@@ -46,32 +46,32 @@ def either(random: Draw, schemes: tuple[str, ...] = SIX) -> Changes:
 # -- nothing wrong -------------------------------------------------------------------------------
 
 
-@kind("converged")
+@kind("converged", faults=0)
 def any_attitude(random: Draw) -> Changes:
     """Nothing wrong, a free camera anywhere, exact features."""
     return loop(random, flying(random, lens(random)))
 
 
-@kind("converged")
+@kind("converged", faults=0)
 def any_attitude_by_pictures(random: Draw) -> Changes:
     """Nothing wrong, a free camera anywhere, pictures."""
     keys = flying(random, lens(random), pixels=(70, 120))
     return loop(random, {**keys, "features": "pictures"}, BY_IMAGES)
 
 
-@kind("converged", "ambiguous")
+@kind("converged", "ambiguous", faults=0)
 def long_lens(random: Draw) -> Changes:
     """A field of view of 9 to 23 degrees: a flat target looks nearly the same from two sides."""
     return loop(random, flying(random, lens(random, (0.16, 0.4)), lean=1.0))
 
 
-@kind("converged")
+@kind("converged", faults=0)
 def fisheye(random: Draw) -> Changes:
     """An equidistant lens that sees 115 to 170 degrees."""
     return loop(random, flying(random, lens(random, (2.0, 3.0), fisheye=True)))
 
 
-@kind("converged")
+@kind("converged", faults=0)
 def slow_and_fast_images(random: Draw) -> Changes:
     """5 to 8, or 90 to 120 images a second."""
     camera = lens(random)
@@ -82,27 +82,27 @@ def slow_and_fast_images(random: Draw) -> Changes:
     return loop(random, keys)
 
 
-@kind("converged", "ambiguous")
+@kind("converged", "ambiguous", faults=0)
 def triangle(random: Draw) -> Changes:
     """Three points or three lines, which look the same from up to four poses."""
     return loop(random, flying(random, lens(random), corners=3),
                 ("points", "numbered_points", "lines"))  # fmt: skip
 
 
-@kind("converged", "ambiguous")
+@kind("converged", "ambiguous", faults=0)
 def solid(random: Draw) -> Changes:
     """A box, by the edges of its model, in pictures; it looks the same after half a turn."""
     keys = flying(random, lens(random, (0.6, 1.1)), thickness=0.5, pixels=(80, 120), lean=0.6)
     return loop(random, {**keys, "features": "pictures"}, ("model",))
 
 
-@kind("converged")
+@kind("converged", faults=0)
 def unfamiliar_arm(random: Draw) -> Changes:
     """Nothing wrong, an arm of four, six or seven joints, exact features."""
     return any_arm(random)
 
 
-@kind("converged", "too_noisy")
+@kind("converged", "too_noisy", faults=0)
 def unfamiliar_arm_by_noisy_pictures(random: Draw) -> Changes:
     """The same by pictures with noise of 1 to 4 grey levels."""
     keys = any_arm(random, schemes=BY_IMAGES)
@@ -241,7 +241,7 @@ def slow_joints(random: Draw) -> Changes:
 # -- two faults at once --------------------------------------------------------------------------
 
 
-@kind("target_moves", "gain_too_high")
+@kind("target_moves", "gain_too_high", faults=2)
 def moving_target_and_high_gain(random: Draw) -> Changes:
     """A target that moves at 10 to 40 mm/s, and a gain too high for the delay."""
     keys = either(random)
@@ -251,7 +251,7 @@ def moving_target_and_high_gain(random: Draw) -> Changes:
     return {**keys, "delay": 0.25, "gain": float(random.uniform(5.0, 7.0)), "duration": 6.0}
 
 
-@kind("wrong_camera_model", "too_noisy", "converged")
+@kind("wrong_camera_model", "too_noisy", "converged", faults=2)
 def mounting_off_and_jitter(random: Draw) -> Changes:
     """A mounting believed 5 to 25 degrees off, and a jitter of 0.3 to 2 px."""
     keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
@@ -261,7 +261,7 @@ def mounting_off_and_jitter(random: Draw) -> Changes:
             "believed": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}  # fmt: skip
 
 
-@kind("target_moves", "wrong_camera_model", "converged")
+@kind("target_moves", "wrong_camera_model", "converged", faults=2)
 def moving_target_and_mounting_off(random: Draw) -> Changes:
     """A target that moves at 3 to 20 mm/s before a camera mounted 5 to 25 degrees off."""
     keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
@@ -272,7 +272,7 @@ def moving_target_and_mounting_off(random: Draw) -> Changes:
     return {**keys, "believed": {"rpy": [turn, 0.0, 0.0]}}
 
 
-@kind("saturation", "joint_limit", "converged", "singular")
+@kind("saturation", "joint_limit", "converged", "singular", faults=2)
 def slow_joints_and_a_limit(random: Draw) -> Changes:
     """Slow joints, one of which cannot get to its goal."""
     keys = limit_of_an_unfamiliar_arm(random)
@@ -289,6 +289,15 @@ def scheme_fails_now_and_then(random: Draw) -> Changes:
     reason that counts these images."""
     name = random.choice(["NowAndThenNotFinite", "NowAndThenRaises", "NowAndThenShorter"])
     return {**either(random), "scheme": f"{SCHEMES}{name}"}
+
+
+@kind("scheme_fault")
+def scheme_hangs(random: Draw) -> Changes:
+    """A scheme that never comes to the end of an image: it computes, sleeps, or waits."""
+    keys = either(random)
+    name = random.choice(["Hanging", "Sleeping", "Waiting"])
+    options = {**keys.get("options", {}), "scheme_timeout": 0.5}
+    return {**keys, "scheme": f"{SCHEMES}{name}", "options": options}
 
 
 @kind("scheme_fault")

@@ -223,17 +223,17 @@ def test_a_goal_that_a_users_code_cannot_take_is_one_line():
         (SystemExit(3), "^scheme 'theirs' cannot use the goal: SystemExit: 3"),
     ):
         with pytest.raises(ConfigurationError, match=words):
-            checked_goal("theirs", Own(), error)
+            checked_goal("theirs", Own(), error, 1.0)
     for error, expected in (
         (MeasurementError("dark"), MeasurementError), (SchemeError("own", ""), SchemeError),
         (KeyboardInterrupt(), KeyboardInterrupt), (SystemExit(2), SchemeError),
         (ValueError("no"), SchemeError),
     ):  # fmt: skip
         with pytest.raises(expected) as told:
-            guarded("theirs", Own().check, error)
+            guarded("theirs", 1.0, Own().check, error)
         if isinstance(error, ValueError | SystemExit):
             assert str(told.value).startswith("scheme theirs raised ")
-    assert guarded("theirs", divmod, 7, 3) == (2, 1)
+    assert guarded("theirs", 1.0, divmod, 7, 3) == (2, 1)
 
 
 def test_joints_of_another_arm_hold_it():

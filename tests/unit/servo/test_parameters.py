@@ -118,7 +118,8 @@ def test_a_number_that_yaml_takes_for_a_word_is_one():
         of(gain="1e9").make_scheme()
 
 
-ABOVE_0 = {"hold", "approach_speed", "watchdog", "wall_watchdog", "stop_time", "model_scale"}
+ABOVE_0 = {"hold", "approach_speed", "watchdog", "wall_watchdog", "scheme_timeout", "stop_time",
+           "model_scale"}  # fmt: skip
 LEAST = dict.fromkeys(
     ("smoothing", "continuous_start", "ramp", "duration", "hold_gain", "posture_gain", "lag",
      "delay", "listeners"), 0.0) | {"image_timeout": 0.1, "joint_timeout": 0.1}  # fmt: skip

@@ -182,6 +182,34 @@ def test_noise_that_hides_the_goal_is_told_when_the_time_is_over(error, kind):
         assert told == pytest.approx(5.0, rel=0.15)
 
 
+@pytest.mark.parametrize(
+    ("size", "keys"),
+    [(1.5, ["target.size"]), (6.0, ["jitter", "noise"]), (60.0, ["jitter", "noise"])],
+)
+def test_noise_asks_for_so_much_less_of_it_and_says_how_exact_a_place_is(size, keys):
+    noise = size * np.random.default_rng(1).normal(size=(60, 2))
+    progress, _ = watched(noise + [30.0, 0.0], dt=1 / 40, L=np.eye(2, 6))
+    found = progress.unfinished("the time is over")
+    assert [change.key for change in found.remedy.changes] == keys
+    if size > 2.0:
+        factor = found.remedy.changes[0].value
+        assert 0.2 < factor * size < 1.0  # then within its tolerance
+    place = float(found.reason.split("place to ")[1].split(" mm")[0])
+    assert place == pytest.approx(1e3 * size * np.hypot(*TOLERANCES), rel=0.3)  # m, at L = 1
+
+
+def test_joints_that_were_slow_on_the_way_to_a_limit_are_known():
+    def told(i):
+        return {"scale": 0.4} if i < 8 else STOPPED
+
+    errors = [[100.0 - 5.0 * min(i, 8), 0.0] for i in range(30)]
+    progress, state = watched(errors, told=told)
+    assert progress.stalled(state).kind == "joint_limit"
+    assert progress.slowed is None  # 8 of 30
+    progress, state = watched(errors[:24], told=told)
+    assert progress.slowed.kind == "saturation" and "33 %" in progress.slowed.reason
+
+
 @pytest.mark.parametrize(("size", "kind"), [(0.95, "no_progress"), (1.05, "too_noisy")])
 def test_noise_of_a_tolerance_is_worth_a_word(size, kind):
     noise = np.random.default_rng(2).normal(size=45)

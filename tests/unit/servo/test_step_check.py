@@ -19,12 +19,13 @@ GOAL = SimpleNamespace(
 )  # fmt: skip
 
 
-def followed(images, error_of, check=None):
-    """A check that has followed features, error_of(k, error by L and the camera's motion)."""
+def followed(images, error_of, check=None, rests=0):
+    """A check that has followed features, error_of(k, error by L and the camera's motion), of a
+    camera that first rests for some images."""
     check, draw = check or StepCheck(), np.random.default_rng(3)
     L, told = draw.normal(size=(COUNT, 6)), np.zeros(COUNT)
     for k in range(images):
-        motion = 4e-3 * np.cos([0.1 * k, 0.3, 0.2 * k, 0.0, 0.0, 0.1])
+        motion = 4e-3 * np.cos([0.1 * k, 0.3, 0.2 * k, 0.0, 0.0, 0.1]) * (k >= rests)
         told = told + L @ motion * (k > 0)
         decision = SimpleNamespace(
             error=error_of(k, told), L=L, rate=0.0, names=("x", "y", "size")
@@ -62,6 +63,16 @@ def test_the_motion_of_a_target_that_runs_away_is_known_also_once_it_is_lost():
     assert check.own > 0.9
     assert followed(20, lambda k, told: told).own == 0.0
     assert followed(1, lambda k, told: told, check).own == 0.0  # it is visible again
+
+
+def test_features_that_move_on_before_a_camera_at_rest_drift():
+    drifting = followed(30, lambda k, told: told + 1e-3 * k, rests=8)
+    assert drifting.drifts
+    draw = np.random.default_rng(5)
+    noisy = followed(30, lambda k, told: told + 5e-3 * draw.normal(size=COUNT), rests=30)
+    assert not noisy.drifts
+    assert not followed(30, lambda k, told: told, rests=8).drifts
+    assert not followed(30, lambda k, told: told + 1e-3 * k).drifts  # it never rested
 
 
 @pytest.mark.parametrize("feature", range(COUNT))

@@ -12,8 +12,16 @@ from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.plants.base import CameraReading, JointReading
 from outcome_campaign import cli
 from outcome_campaign.kinds import KINDS, Event
-from outcome_campaign.table import TITLE, failures, markdown, section, section_of, summary
-from outcome_campaign.trial import Disturbed, Judged, carried_out
+from outcome_campaign.table import (
+    TITLE,
+    by_faults,
+    failures,
+    markdown,
+    section,
+    section_of,
+    summary,
+)
+from outcome_campaign.trial import Disturbed, Judged, carried_out, judged
 
 RIGHT = Judged("pictures", 0, "converged", "", "", 1e-4, 2e-3, 3e-4, 5e-3, True)
 LOST = Judged("target_leaves", 1, "target_lost", "gone", "teach", 0.4, 0.1, math.nan, math.nan,
@@ -85,6 +93,19 @@ def test_the_sums_are_those_of_the_runs():
     assert len(failures(numbers)) == 4
 
 
+def test_right_runs_are_counted_by_the_faults_provoked():
+    up_to = replace(RIGHT, said="converged up to the target's distance")
+    both = replace(LOST, kind="moving_target_and_high_gain", right=False)
+    numbers = by_faults([RIGHT, up_to, replace(RIGHT, right=False), LOST, both])
+    assert numbers == {
+        "fault_free": pytest.approx(2 / 3), "plain": pytest.approx(1 / 3),
+        "one_fault": 1.0, "two_faults": 0.0,
+    }  # fmt: skip
+    alike = replace(up_to, kind="same_from_four_sides")  # of no one heading
+    assert by_faults([alike]) == {"fault_free": 1.0}
+    assert "100.0% without a fault." in markdown([alike])
+
+
 def test_bounds_are_met_by_what_is_right():
     assert failures(summary([RIGHT, LOST])) == []
     wide = replace(RIGHT, open_distance=3.1e-4)
@@ -107,6 +128,20 @@ def test_the_section_takes_the_place_of_the_one_before_and_is_kept_by_other_tabl
 def test_an_unknown_kind_is_named(capsys):
     assert cli.main(["cold"]) == 2
     assert "no kind 'cold'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "said", "besides"),
+    [
+        ("moving_target_and_high_gain", 0, "gain_too_high", "features moved steadily"),
+        ("slow_joints_and_a_limit", 0, "joint_limit", "limit of speed"),
+        ("goal_read_wrongly", 0, "ambiguous", "the image is not the goal's"),
+    ],
+)
+def test_of_two_causes_both_are_named_and_the_remedy_is_for_both(name, number, said, besides):
+    found = judged(KINDS[name].trial(cli.KEPT, number), follow=True)
+    assert found.right and found.said == said, found.reason
+    assert besides in found.reason and found.helped
 
 
 def test_runs_of_the_kept_seed_are_told_right():

@@ -42,3 +42,7 @@ class SchemeError(ServoError):
     def __init__(self, message: str, trace: str = "") -> None:
         super().__init__(message)
         self.trace = trace
+
+
+class SchemeTimeoutError(SchemeError):
+    """A scheme whose code has not come to its end within the time that it may take."""

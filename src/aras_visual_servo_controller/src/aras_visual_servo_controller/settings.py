@@ -129,6 +129,8 @@ class Settings:
     singularity_avoidance: climb manipulability, where free.
     elbow: side to which stretched elbows bend: -1 or 1, or by joint.
     wall_watchdog: s, of wall time without one, likewise.
+    scheme_timeout: s, of wall time that the scheme's code may take, once called, before the loop
+        holds as after a fault of the scheme.
     camera_frame: of the camera, in the description.
     cameras: several by name, in place of camera_frame and camera_namespace: see CameraEntry.
     base_frame: link that the arm stands on; empty: the root.
@@ -186,6 +188,7 @@ class Settings:
     delay: float = of_loop("delay")
     watchdog: float = of_loop("watchdog")
     wall_watchdog: float = parameter(5.0, "s", above=0.0)
+    scheme_timeout: float = of_loop("scheme_timeout")
     stop_time: float = of_loop("stop_time")
     output: str = of_loop("output")
     stiffness: ByJoint = of_loop("stiffness")

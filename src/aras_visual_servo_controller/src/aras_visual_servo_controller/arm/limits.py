@@ -87,6 +87,11 @@ class Limits:
             for key, which in narrower.items()
         }
 
+    def outside(self, q: np.ndarray) -> list[str]:
+        """Names of the joints that are beyond their limits at q (n,)."""
+        return [name for name, margin in zip(self.names, self.margins(q), strict=True)
+                if margin < 0.0]  # fmt: skip
+
     def margins(self, q: np.ndarray) -> np.ndarray:
         """Distance (n,) of joints q to the nearer limit, rad or m; negative outside."""
         return np.minimum(q - self.lower, self.upper - q)

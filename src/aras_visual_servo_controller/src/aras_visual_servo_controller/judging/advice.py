@@ -19,6 +19,10 @@ LEAST_CUT, DEEPEST_CUT = 0.6, 0.02
 RESERVE, LONGEST = 1.5, 50.0
 LINEAR = 2.0  # times the reserve where joints are at their limits, of which the slowest changes
 DECAYS = 8.0  # time constants in which a run comes to its goal
+# Tolerances by which errors may scatter for a target twice as large to be enough, and by which they
+# do where it is so much that they are not servoed; and by which a camera that is there may see them
+# scatter.
+LARGER, UNKNOWN_NOISE, QUIET = 2.0, 50.0, 0.5
 HELD = 3.0  # s that the error has to be small for, and some more
 # Schemes that see a half turn as it is, and go straight back from most starts.
 STRAIGHT = "pose, two_and_half_d or polar_points"
@@ -48,8 +52,13 @@ def can_swing(scheme: Scheme | JointController | None, frequency: float) -> bool
     return gain is None or gain > BY_ITSELF * 2.0 * pi * frequency
 
 
-def lower_gain(scheme: Scheme | JointController, frequency: float | None) -> Remedy:
-    """The gain at which a loop that swings at `frequency` Hz comes to rest; None: not known."""
+def lower_gain(
+    scheme: Scheme | JointController | None, frequency: float | None, duration: float
+) -> Remedy:
+    """The gain at which a loop that swings at `frequency` Hz comes to rest; None: not known.
+
+    duration: of the run, s, in which it has to come to its goal.
+    """
     advice = (
         "lower the gain, or the delay between image and command; mount a camera firmly that shakes"
     )
@@ -57,12 +66,18 @@ def lower_gain(scheme: Scheme | JointController, frequency: float | None) -> Rem
     if (gain := getattr(law, "gain", None)) is not None:
         factor = 0.3 if frequency is None else PER_SWING * frequency / gain
         factor = min(max(factor, DEEPEST_CUT), LEAST_CUT)
-        return Remedy(advice, multiply("gain", factor))
+        return Remedy(advice, multiply("gain", factor), *_time_for(gain * factor, duration))
     if hasattr(law, "zero") and hasattr(law, "infinity"):
         return Remedy(advice,
             advice, multiply("law_options.zero", 0.3), multiply("law_options.infinity", 0.3)
         )
     return Remedy(advice)
+
+
+def _time_for(gain: float, duration: float) -> tuple[Change, ...]:
+    """The duration, s, in which a loop of a gain, 1/s, comes to its goal, where it needs more."""
+    needed = (DECAYS / gain + HELD) / duration
+    return (multiply("duration", needed),) if isfinite(duration) and needed > 1.0 else ()
 
 
 def more_time(duration: float, size: float, rate: float, linear: bool = False) -> Remedy:
@@ -111,16 +126,20 @@ def _instead(scheme: Scheme | JointController, name: str) -> tuple[Change, ...]:
     return changes
 
 
-def larger_target(noise: float, *others: Change) -> Remedy:
-    """A target from which the error scatters by less than its tolerance.
+def more_exact(noise: float, *others: Change) -> Remedy:
+    """What an error needs that scatters by more than its tolerance: a larger target where that is
+    enough, else less noise.
 
     Args:
-        noise: in tolerances. others: what has to change besides.
+        noise: in tolerances; 0: not known. others: what has to change besides.
     """
-    factor = min(max(noise, 1.3), 2.0) if noise > 0.0 else 1.5
+    noise = noise or UNKNOWN_NOISE
+    changes = (multiply("target.size", max(noise, 1.3)),)
+    if noise > LARGER:
+        changes = multiply("jitter", QUIET / noise), multiply("noise", QUIET / noise)
     return Remedy(
         "measure more exactly: more light, a shorter distance, other features, or a larger target",
-        multiply("target.size", factor), *others,
+        *changes, *others,
     )
 
 
@@ -147,9 +166,7 @@ def patience(longest: float, gain: float | None, duration: float) -> Remedy:
     if gain is not None:
         factor = min(0.3 / (gain * longest), 1.0)
         changes.append(multiply("gain", factor))
-        needed = DECAYS / (gain * factor) / duration
-        if isfinite(duration) and needed > 1.0:
-            changes.append(multiply("duration", needed))
+        changes += _time_for(gain * factor, duration)
     return Remedy(
         "raise the camera's rate, or find what delays its images; with images as seldom as these "
         "wait longer for each", *changes,

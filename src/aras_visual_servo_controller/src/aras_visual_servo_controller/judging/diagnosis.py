@@ -21,22 +21,20 @@ from ..schemes.base import JointController, Scheme
 from ..seeing.joint_sample import JointSample
 from ..seeing.observation import Observation
 from .advice import (
-    can_swing,
     faster_joints,
     is_own,
-    lower_gain,
     other_scheme,
     patience,
     wider_limits,
 )
 from .arrival import Arrived
 from .camera_check import CameraCheck
+from .gain_check import GainCheck
 from .joint_check import JointCheck, foreign_text, listed
 from .motion_check import MotionCheck
-from .oscillation import Oscillation
 from .outcomes import CALIBRATE, DO_NOT_FOLLOW, NO_MOTION, UNCOVERED, Outcome, outcome
 from .progress_check import WINDOW, ProgressCheck
-from .remedy import Remedy
+from .remedy import Remedy, set_to
 from .shape_check import ShapeCheck
 from .step_check import distance_by_kinematics
 from .target_check import TargetCheck
@@ -53,8 +51,6 @@ WHILE_SERVOING = (
 )  # fmt: skip
 # s after which an interruption of the images is forgotten: they come well since.
 FORGOTTEN = 10.0
-# s for which a swing is not forgotten: one that was cut short, or the target lost by it.
-SWINGS_ON = 1.0
 # Times as far as L says that a camera may be from its goal whose motion L does not explain.
 MISTAKEN = 2.0
 # Times as far as start and goal both from which on the camera has retreated, and images in a row
@@ -69,6 +65,12 @@ CONFIRMED = 0.6
 FOLLOW = ("camera_retreat", "gain_too_high", "local_minimum", "no_progress", "too_noisy",
           "ambiguous", "target_lost", "singular", "timed_out", "target_moves", "wrong_object",
           "wrong_camera_model")  # fmt: skip
+MISREAD = Remedy(
+    "see that the scheme compares each feature with its own number of the goal, and has more "
+    "features than directions; a shipped one shows whether the goal can be reached",
+    set_to("scheme", "points"),
+)
+DRIFTS = outcome("target_moves", "the features moved steadily while the camera was at rest")
 # Part of the features' last motion from which on it is the target's, and s for which the camera is
 # not judged by what comes after it.
 OWN, RUNS_ON = 0.5, 1.0
@@ -86,17 +88,18 @@ class Diagnosis:
         lengths: np.ndarray | float = 1.0,
         narrowed: Mapping[str, Sequence[str]] = NONE,
         folds: Sequence[Fold] = (),
+        outside: Sequence[str] = (),
     ) -> None:
         """Args:
             jacobian: (6, n) of the arm at joints (n,); None: there is no arm.
             beyond: why the arm cannot be where the goal was taught, where it cannot.
             names: of the n joints. lengths: see JointCheck.
             narrowed: joints whose limits are narrower than the robot's own, by the parameter.
-            folds: elbows of the arm.
+            folds: elbows of the arm. outside: joints that the goal has beyond their limits.
         """
         self.settings, self._jacobian, self._beyond = settings, jacobian, beyond
         self._names, self._lengths, self._narrowed = tuple(names), lengths, narrowed
-        self._folds = folds
+        self._folds, self._outside = folds, listed(list(outside))
         self.foreign: dict[str, str] = {}  # other nodes that command joints now, by joint
         self.reset()
 
@@ -132,7 +135,7 @@ class Diagnosis:
         self._gap = 0.0  # longest time without an image, s
         self.outcome = Outcome()
         self._progress = ProgressCheck(self.settings.duration)
-        self._oscillation = Oscillation()
+        self._gain = GainCheck(self.settings.duration)
         self._joints = JointCheck(self._names, self._lengths)
         self._target = TargetCheck()
         self._cameras: dict[str, CameraCheck] = {}
@@ -143,10 +146,8 @@ class Diagnosis:
         self._measured: float | None = None  # when the scheme could last answer, s
         self._ended = False
         self._starvings, self._starved, self._starved_at = 0, Outcome(), -np.inf
-        self._swung: tuple[float, Outcome] | None = None
         # When the target moved faster than any camera could, s; whether that is not long ago.
         self._ran_away, self._runs_away = -np.inf, False
-        self._faster_than_targets = False  # the latest swing
         self._first = 0.0  # distance of the target at the first image, goal's distances
         self._far, self._retreated = 0, Outcome()
         self._loss: Outcome | None = None  # why the target was lost last
@@ -209,12 +210,8 @@ class Diagnosis:
         if self._beyond:
             return outcome("out_of_reach", self._beyond)
         found = self._progress.unfinished(reason)
-        if found.kind in ("no_progress", "timed_out") and self._oscillation.swings:
-            return replace(
-                outcome("gain_too_high", f"{reason}; the error swings about its goal"),
-                remedy=lower_gain(self._scheme, None),
-            )
-        return found
+        swings = found.kind in ("no_progress", "timed_out") and self._gain.unfinished(reason)
+        return swings or found
 
     # -- images --------------------------------------------------------------------------------
 
@@ -225,8 +222,10 @@ class Diagnosis:
         goal: Goal,
         scheme: Scheme | JointController,
         faulty: bool = False,
+        age: float = 0.0,
     ) -> Outcome:
-        """Take in the state of one image; answers the outcome as of now."""
+        """Take in the state of one image, whose answer acts `age` s after its exposure; answers the
+        outcome as of now."""
         self._images += 1
         if self._last is not None and self._starvings:
             self._gap = max(self._gap, state.stamp - self._last)
@@ -236,7 +235,7 @@ class Diagnosis:
         if faulty:
             self._faults.append((state.stamp, state.reason))
         if not self._ended:
-            found = self._judged(state, observation, goal, scheme, faulty)
+            found = self._judged(state, observation, goal, scheme, faulty, age)
             # Stopped by the watchdog again and again: the images between do not cure it.
             lately = state.stamp - self._starved_at < FORGOTTEN
             starved = found.kind == "running" and lately and self._starvings > 1
@@ -269,6 +268,7 @@ class Diagnosis:
         goal: Goal,
         scheme: Scheme | JointController,
         faulty: bool,
+        age: float,
     ) -> Outcome:
         if state.decision is None:
             self._progress.clear()
@@ -324,8 +324,8 @@ class Diagnosis:
                 if check is None:
                     check = self._cameras[name] = CameraCheck(self._jacobian)
                 check.add(part, observation, tolerated, wrap)
-        swings = self._swinging(state.stamp, error)
-        fast = swings is not None and self._faster_than_targets
+        swings = self._gain.add(state.stamp, error, scheme, age)
+        fast = self._gain.swings_fast(state.stamp)
         if moves and state.phase != CONVERGED and not fast:
             if self._target.another_camera and (fault := self._contrary()):
                 return self._mistaken(fault)
@@ -333,9 +333,12 @@ class Diagnosis:
                 "target_moves", "the features move as the camera's motion and a motion of the "
                 f"target's own say: {moves}",
             )  # fmt: skip
+            swings = swings or self._gain.hasty
             return self._covered(found if swings is None else _both(found, swings))
         # Between two images of a fast swing L is not what it is at either.
         fault = "" if fast else self._wrong_camera(observation)
+        if fault and state.phase != CONVERGED and (swings or self._gain.hasty):
+            fault = ""  # whatever the camera is: not by a motion that is not yet over when judged
         # A goal that this camera has shown is where its picture is the same, whatever is believed
         # of it; a goal that was worked out is not.
         if fault and not (state.phase == CONVERGED and shown(observation, goal)):
@@ -345,6 +348,8 @@ class Diagnosis:
             return self._mistaken(fault)
         if state.phase == CONVERGED:
             found = _converged(state.arrived)
+            if found.kind == "ambiguous" and own:
+                found = replace(found, remedy=MISREAD)
             if not fault or found.kind == "ambiguous":
                 return self._covered(found)
             return replace(
@@ -399,9 +404,17 @@ class Diagnosis:
         """The outcome of a run that does not come to its goal, with what is known besides."""
         if found.kind in ("camera_retreat", "local_minimum", "singular"):
             found = replace(found, remedy=other_scheme(found, self._scheme))
-        if found.kind == "joint_limit" and (keys := self._narrowed_by(found.reason)):
-            found = replace(found, remedy=wider_limits(keys))
+        if found.kind == "joint_limit":
+            if keys := self._narrowed_by(found.reason):
+                found = replace(found, remedy=wider_limits(keys))
+            slow = self._progress.slowed
+            return found if slow is None else _both(found, slow)
+        if found.kind == "saturation" and self._outside:
+            return _both(found, self._limits_of_goal())
         covered = self._motion.steps.covered is not None
+        if found.kind == "gain_too_high":
+            drifts = self._motion.steps.drifts and not self._motion.is_own
+            return self._covered(_both(found, DRIFTS) if drifts else found)
         if not covered and found.kind in FOLLOW and (fault := self._contrary()):
             kind = "scheme_fault" if self._motion.l_is_wrong else "wrong_camera_model"
             return outcome(kind, f"{fault}; {found.reason}")
@@ -409,6 +422,12 @@ class Diagnosis:
         if jumped and found.kind in FOLLOW and jumped not in found.reason:
             found = replace(found, reason=f"{found.reason}; {jumped}")
         return self._covered(found)
+
+    def _limits_of_goal(self) -> Outcome:
+        """That the goal was shown with joints beyond their limits."""
+        found = outcome("joint_limit", f"the goal was shown with {self._outside} beyond its limit")
+        keys = self._narrowed_by(found.reason)
+        return replace(found, remedy=wider_limits(keys)) if keys else found
 
     def _is_stretched(self, joints: JointSample | None) -> bool:
         """Whether an elbow is all but straight."""
@@ -467,23 +486,8 @@ class Diagnosis:
         if self._retreated.kind == "running" and self._far == IN_A_ROW:
             words = f"the camera went back to {distance:.1f} times its goal's distance"
             self._retreated = outcome("camera_retreat", f"{words} from the target")
-            if self._swung_lately(stamp):
-                found = self._swung[1]
+            if found := self._gain.lately(stamp):
                 self._retreated = replace(found, reason=f"{found.reason}; {words}")
-
-    def _swinging(self, stamp: float, error: np.ndarray) -> Outcome | None:
-        """That the error (k,), in tolerances, swings, or did a moment ago."""
-        frequency = self._oscillation.add(stamp, error)
-        if frequency is not None and can_swing(self._scheme, frequency):
-            self._faster_than_targets = frequency > TargetCheck.FASTEST
-            self._swung = stamp, replace(outcome(
-                "gain_too_high",
-                f"the error oscillates at {frequency:.2f} Hz and does not die away",
-            ), remedy=lower_gain(self._scheme, frequency))
-        return self._swung[1] if self._swung_lately(stamp) else None
-
-    def _swung_lately(self, stamp: float) -> bool:
-        return self._swung is not None and stamp - self._swung[0] < SWINGS_ON
 
     # -- images without an answer -----------------------------------------------------------
 
@@ -494,8 +498,8 @@ class Diagnosis:
         if observation.valid:
             return self._unanswered(state)
         # However long ago: what was swinging when it was lost, was lost by that.
-        if self._measured is not None and self._swung_lately(self._measured):
-            return self._advised(self._swung[1])
+        if self._measured is not None and (found := self._gain.lately(self._measured)):
+            return self._advised(found)
         if self._loss is None:
             seen_wrong = self._outcome.kind == "wrong_object"
             self._loss = self._outcome if seen_wrong else self._lost(state, observation)
@@ -523,20 +527,18 @@ class Diagnosis:
             return outcome("out_of_reach", f"{self._beyond}; before it came there {at}")
         if fault := self._motion.scheme_fault(state.stamp, state.phase == CONVERGED):
             return outcome("scheme_fault", f"{fault}; {at}")
-        moves = self._runs_away or self._motion.steps.covered is not None
+        covered = self._motion.steps.covered is not None
+        moves = self._runs_away or covered
+        if not covered and (found := self._gain.lost(at)):
+            return self._advised(found)
         if not moves and (fault := self._wrong_camera(observation) or self._contrary()):
             kind = "scheme_fault" if self._motion.l_is_wrong else "wrong_camera_model"
             return outcome(kind, f"{fault}; {at}")
-        if self._oscillation.grows:
-            return replace(outcome(
-                "gain_too_high", "the error went to and fro, farther each time, until the target "
-                f"was lost at {state.stamp:.2f} s",
-            ), remedy=lower_gain(self._scheme, None))  # fmt: skip
         over = f" over the {self._touched}" if self._touched else ""
         found = outcome(
             "target_lost", f"target lost at {state.stamp:.2f} s{over}: {state.reason}"
         )
-        if self._motion.steps.covered is not None:
+        if covered:
             return self._covered(found)
         if moves:
             return replace(found, reason=f"{found.reason}; the features moved otherwise than the "

@@ -23,7 +23,7 @@ from aras_visual_servo_camera.interaction import Plane
 
 from ..arm.held import held_at
 from ..goals.goal import DEPTH
-from .advice import larger_target
+from .advice import more_exact
 from .remedy import Remedy
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ WEAK, TURNS_PLANE = 0.05, 0.05
 NO_OFFSET, ALL = np.zeros(6), np.eye(6)
 CERTAIN = 3.0  # standard deviations beyond which an error is no noise
 NOTHING = Remedy()
-LARGER = larger_target(0.0)
+LARGER = more_exact(1.5)
 FEATURE = Remedy("add a feature for them, if the pose matters")
 BY_PLANE = (
     "as kinematics have the target's plane elsewhere in the camera's frame than at the goal (it "

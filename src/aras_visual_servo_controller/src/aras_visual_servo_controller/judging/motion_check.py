@@ -19,6 +19,7 @@ from .target_check import TargetCheck, centre_of
 # they move where L is wrong.
 TOGETHER, AGAINST, FASTER, SLOWER = 0.5, -0.7, 2.0, 0.2
 SCATTER = 50.0  # times as much as the target's centre that features change without a cause
+CENTRE = 3.0  # tolerances of its rows: a camera that goes astray loses its target within 0.2 s
 ALONG = 0.8  # the correlation of the target's centre with the camera of which it is sure
 
 
@@ -32,7 +33,7 @@ class MotionCheck:
 
     def __init__(self, is_own: bool = False) -> None:
         self.steps, self.is_own = StepCheck(), is_own
-        self._centre = StepCheck() if is_own else None
+        self._centre = StepCheck(CENTRE) if is_own else None
 
     def interrupt(self) -> None:
         """An image without measurement: the next one has no predecessor."""

@@ -56,6 +56,12 @@ class Oscillation:
         latest = np.abs(self._latest(3))
         return len(latest) == 3 and bool((np.diff(latest) > 0.0).all())
 
+    @property
+    def overshot(self) -> bool:
+        """Whether a component of the error has been on both sides of its goal."""
+        errors = self._seen.errors
+        return bool(((errors > self.LEAST).any(0) & (errors < -self.LEAST).any(0)).any())
+
     def _latest(self, count: int) -> np.ndarray:
         """The latest turning points (count,) of the loudest error, if it passed its goal between
         each two; else none."""

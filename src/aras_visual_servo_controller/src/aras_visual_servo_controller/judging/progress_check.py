@@ -12,7 +12,7 @@ import numpy as np
 
 from ..goals.goal import DEPTH
 from ..loop.state import SERVOING, ServoState
-from .advice import larger_target, more_time, patience
+from .advice import more_exact, more_time, patience
 from .outcomes import Outcome, outcome
 
 if TYPE_CHECKING:
@@ -28,6 +28,9 @@ MOST = 0.6
 # Tolerances by which errors scatter from image to image, and the part of their whole scatter that
 # this is, from which on noise hides whether the camera is at its goal.
 NOISE, OF_ALL = 1.0, 0.5
+# Part of its speed that a joint below its limits has; part of a run's images in which some joint is
+# at its limits, from which on more time is needed.
+UNSLOWED, SLOWED = 0.99, 0.3
 # Commanded speed of the camera that is worth a word, depths/s; 1 rad/s counts as TURNING of them.
 SLOW, TURNING = 1e-3, 0.5
 # Part of the wanted rate that L can give below which the error is no camera motion's.
@@ -87,6 +90,10 @@ class ProgressCheck:
         """`duration`: of the run, s."""
         self._seen: deque[_Seen] = deque()
         self._duration = duration
+        self._images = self._slowed = 0
+        # Time, s, and size of the error at the first image and at the last that was slowed.
+        self._first: tuple[float, float] | None = None
+        self._slow, self._slowing = (0.0, 0.0), ""
 
     def clear(self) -> None:
         """Forget what was seen: the loop was interrupted."""
@@ -108,6 +115,11 @@ class ProgressCheck:
             _Seen(state.stamp, size, state, min(modelled, len(error)), error, tolerances, depth,
                   stretched)
         )  # fmt: skip
+        self._images += 1
+        self._first = self._first or (state.stamp, size)
+        if state.resolution is not None and state.resolution.scale < UNSLOWED:
+            self._slowed += 1
+            self._slow, self._slowing = (state.stamp, size), state.resolution.slowing
         while self._seen[0].stamp < state.stamp - WINDOW:
             self._seen.popleft()
         return error
@@ -169,6 +181,18 @@ class ProgressCheck:
         rate = (before - after) / (0.5 * WINDOW)
         return replace(found, remedy=more_time(self._duration, after, rate, linear=True))
 
+    @property
+    def slowed(self) -> Outcome | None:
+        """That joints were at their limits of speed for much of the way; None: they were not."""
+        if self._slowed < SLOWED * self._images:
+            return None
+        (begin, before), (end, after) = self._first, self._slow
+        rate = (before - after) / max(end - begin, 1e-9)
+        return replace(outcome(
+            "saturation", f"{self._slowing} was at its limit of speed or acceleration in "
+            f"{100.0 * self._slowed / self._images:.0f} % of the images",
+        ), remedy=more_time(self._duration, self._seen[-1].size, rate, linear=True))  # fmt: skip
+
     def unfinished(self, reason: str) -> Outcome:
         """What a run is whose time is over, by its last images; `reason`: as known so far."""
         if self.period > SELDOM:
@@ -182,16 +206,19 @@ class ProgressCheck:
         if (found := self._saturated()) is not None:
             return found
         if (dropped := next((s.state.dropped for s in reversed(seen) if s.state.dropped), "")):
-            return outcome("too_noisy", f"{reason}; {dropped}" if dropped not in reason else reason)
+            words = f"{reason}; {dropped}" if dropped not in reason else reason
+            return replace(outcome("too_noisy", words), remedy=more_exact(self.noise))
         before, after = self._halves
         slow = self.shrinks or after < SLOWLY * before
         rate = float(np.log(max(before, 1e-9) / max(after, 1e-9))) / (0.5 * WINDOW)
         if (noise := self.noise) > 0.0:
+            # What noise leaves of a rate is none.
+            slow = after < PROGRESS * before
             others = more_time(self._duration, after, rate).changes if slow else ()
             return replace(outcome(
                 "too_noisy", f"{reason}; from image to image the error scatters by {noise:.1f} "
-                "times its tolerance",
-            ), remedy=larger_target(noise, *others))  # fmt: skip
+                f"times its tolerance{_place(seen)}",
+            ), remedy=more_exact(noise, *others))  # fmt: skip
         if slow:
             reason = reason.removesuffix(f": {STALLS}")
             return replace(
@@ -224,6 +251,19 @@ def _noise(seen: Sequence[_Seen]) -> float:
     return noise if noise > max(NOISE, OF_ALL * scatter[loudest]) else 0.0
 
 
+def _place(seen: Sequence[_Seen]) -> str:
+    """How exactly one image tells the camera's place, as text; empty where L does not say."""
+    last = seen[-1]
+    L = last.state.decision.L
+    if L is None or np.shape(L) != (len(last.error), 6):
+        return ""
+    scale = np.repeat((last.depth, 1.0), 3)
+    inverse = np.linalg.pinv(L * scale / last.tolerances[:, None], rcond=1e-6)
+    place = (np.array([s.error for s in seen]) @ inverse.T * scale).std(axis=0)
+    off, turned = 1e3 * np.linalg.norm(place[:3]), np.degrees(np.linalg.norm(place[3:]))
+    return f": one image tells the camera's place to {off:.2g} mm and {turned:.2g} degrees"
+
+
 def _limit(seen: Sequence[_Seen]) -> Outcome | None:
     stopped = [s.resolution.stopped for s in seen if s.resolution is not None]
     if not seen or sum(bool(names) for names in stopped) < MOST * len(seen):
@@ -237,7 +277,9 @@ def _rank(seen: Sequence[_Seen]) -> Outcome | None:
         return None
     words = f"L has rank {seen[-1].rank} of {seen[-1].full_rank}"
     if (dropped := seen[-1].state.dropped):
-        return outcome("too_noisy", f"{words}: {dropped}")
+        return replace(
+            outcome("too_noisy", f"{words}: {dropped}"), remedy=more_exact(_noise(seen))
+        )
     return outcome("singular", f"{words}: some direction of the camera is not seen")
 
 
@@ -270,7 +312,7 @@ def _reach(seen: Sequence[_Seen]) -> Outcome | None:
 
 
 def _saturation(seen: Sequence[_Seen]) -> Outcome | None:
-    slowed = [s.resolution for s in seen if s.resolution and s.resolution.scale < 0.99]
+    slowed = [s.resolution for s in seen if s.resolution and s.resolution.scale < UNSLOWED]
     if not slowed or len(slowed) < MOST * len(seen):
         return None
     joint = slowed[-1].slowing

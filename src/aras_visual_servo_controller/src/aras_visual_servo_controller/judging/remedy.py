@@ -8,9 +8,11 @@ from typing import Any
 
 OPERATIONS = ("set", "multiply", "remove")
 # How to name what a factor acts on, where the key's own name does not say it.
-LENGTHS = {
+KNOWN_AS = {
     "start": "the start's offset from the goal",
     "goal": "the goal's offset from the start",
+    "jitter": "the features' jitter",
+    "noise": "the images' noise",
 }
 
 
@@ -36,7 +38,7 @@ class Change:
             return f"remove {self.key}"
         value = _written(self.value)
         if self.operation == "multiply":
-            return f"multiply {LENGTHS.get(self.key, self.key)} by {value}"
+            return f"multiply {KNOWN_AS.get(self.key, self.key)} by {value}"
         return f"set {self.key} to {value}"
 
 

@@ -45,6 +45,7 @@ class StepCheck:
             moved it by MOVED tolerances or more, s; None: it changes.
         covered: since when a part of the target has been invisible that does not lie beyond the
             image's border, s; None: it is as visible as at the first image.
+        drifts: whether the features have moved on steadily while the camera was at rest.
         names: (k,) of the features.
         next: ranges of x and y, normalised, in which the target may be in the next image; None: it
             has not been visible.
@@ -61,13 +62,19 @@ class StepCheck:
     # noise is a small part; and rows of that size from which on something is known.
     ROW, ROWS = 8.0, 5
     FEW = 5
+    # Tolerances by which the camera's motion may move features before a camera at rest, and by
+    # which they drift there at least; part of the squares that a steady drift has (noise has 1/n);
+    # images, at least, and for how many of a rest this is looked at.
+    RESTS, DRIFT, STEADY, RESTED, LONG = 0.05, 2.5, 0.7, 4, 30
     CENTRE = 0.02  # normalised, by which the target's own centre jumps, at least
     # Part of the area, with the distance by kinematics taken off, that disappears between two
     # images where something is laid over a target, at least, and for FEW images.
     HIDDEN = 0.06
     NEARER = 0.05  # part of its square by which the distance may change between these
 
-    def __init__(self) -> None:
+    def __init__(self, row: float = ROW) -> None:
+        """`row`: tolerances of a row whose motion is compared, see ROW."""
+        self._least = row
         self.jumps: deque[Jump] = deque(maxlen=self.OFTEN)
         self.first_jump: Jump | None = None
         self.unchanged: float | None = None
@@ -76,6 +83,10 @@ class StepCheck:
         self._before: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self.usual, self._count = 1.0, 0
         self._same, self._since, self._path = 0, 0.0, 0.0
+        # Of images before a camera at rest: their number, the sum of the steps' squares and that of
+        # the steps (k,), in tolerances.
+        self._at_rest: tuple[int, float, np.ndarray | float] = 0, 0.0, 0.0
+        self.drifts = False
         self._steps: deque[tuple[float, float, float]] = deque(maxlen=self.FEW)
         self._scale = 1.0  # square of the distance by kinematics at the last image
         self._area = 0.0  # of the last image at the goal's distance, in that of the goal
@@ -123,7 +134,7 @@ class StepCheck:
             return None
         product, moved, predicted = self._signs
         size = np.sqrt(moved * predicted)
-        known = (predicted > self.ROWS * self.ROW**2) & (moved > 0.0)
+        known = (predicted > self.ROWS * self._least**2) & (moved > 0.0)
         return np.divide(product, size, out=np.zeros(len(size)), where=known)
 
     @property
@@ -140,7 +151,7 @@ class StepCheck:
     @property
     def moved(self) -> bool:
         """Whether the camera has moved the features far enough to say how they go together."""
-        return self._signs is not None and self._signs[2].sum() >= self.ROWS * self.ROW**2
+        return self._signs is not None and self._signs[2].sum() >= self.ROWS * self._least**2
 
     @property
     def faster(self) -> float:
@@ -173,12 +184,16 @@ class StepCheck:
             sums, self._row = np.zeros((3, len(error))), np.zeros((2, len(error)))
             self._signs = sums
         most, at, explained, moved, left, path, wrapped = _step(
-            *before, *now, observation.motion, observation.dt, tolerances, angles, self.ROW,
+            *before, *now, observation.motion, observation.dt, tolerances, angles, self._least,
             self._row, sums,
         )  # fmt: skip
         if wrapped:
             self._row[:] = 0.0
             return
+        if path > self.RESTS:
+            self._at_rest = 0, 0.0, 0.0
+        elif self._at_rest[0] < self.LONG:
+            self._follow_rest(moved, (error - before[0]) / tolerances)
         self._steps.append((moved, left, len(error) * path * path))
         self._count += 1
         if self._count <= self.FEW:
@@ -200,6 +215,15 @@ class StepCheck:
         self._same, self._path = self._same + 1, self._path + path
         if self._same >= self.SAME and self._path > self.MOVED:
             self.unchanged = self._since
+
+    def _follow_rest(self, moved: float, step: np.ndarray) -> None:
+        """Sum up the steps (k,), in tolerances, of features before a camera at rest; moved: square
+        of the step."""
+        images, square, sums = self._at_rest
+        images, square, sums = self._at_rest = images + 1, square + moved, sums + step
+        length = float(np.linalg.norm(sums))
+        steady = length**2 > self.STEADY * images * square
+        self.drifts = self.drifts or steady and images >= self.RESTED and length > self.DRIFT
 
     def follow_area(self, observation: Observation, goal: Goal) -> None:
         """Note what is visible of the target in an image, and whether its centre jumps."""

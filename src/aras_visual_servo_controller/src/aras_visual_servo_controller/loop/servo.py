@@ -17,13 +17,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from aras_visual_servo_base.names import unknown
 
-from ..errors import ConfigurationError, MeasurementError, SchemeError, ServoError
+from ..errors import (
+    ConfigurationError,
+    MeasurementError,
+    SchemeError,
+    SchemeTimeoutError,
+    ServoError,
+)
 from ..goals.goal import Goal
 from ..judging.arrival import NOT_ARRIVED, Arrival, Arrived
 from ..judging.diagnosis import Diagnosis
@@ -56,6 +62,10 @@ if TYPE_CHECKING:
 
 # An image from so far in the future is left over from before the clock went back, s.
 FUTURE = 1.0
+SLOW = (
+    "correct the scheme, or raise scheme_timeout if it needs that long; its traceback is logged; "
+    "to see the rest run, use a shipped one"
+)
 CONTROLLED = ("position", "velocity", "acceleration")
 
 
@@ -94,7 +104,7 @@ class Servo:
         self.source = Source()
         self.clock = clock
         self.goal = goal.for_arm(arm)
-        checked_goal(self.name, scheme, self.goal)
+        checked_goal(self.name, scheme, self.goal, self.settings.scheme_timeout)
         self.settings.check_for(arm.names, resolver.limits)
         if self._answers_joints and scheme.output not in CONTROLLED:
             raise ConfigurationError(
@@ -114,6 +124,7 @@ class Servo:
         self.diagnosis = Diagnosis(
             self.settings, arm.jacobian, self.beyond, arm.names, lengths, narrowed,
             getattr(resolver, "folds", ()),
+            () if joints is None else resolver.limits.outside(joints),
         )
         self.reset()
 
@@ -139,7 +150,7 @@ class Servo:
         self._pause()
         self.resolver.reset()
         try:
-            guarded(self.name, self._begin_scheme)
+            self._guarded(self._begin_scheme)
         except SchemeError as error:
             self._halt(HOLDING, str(error))  # the next image tries again
 
@@ -251,6 +262,9 @@ class Servo:
         except MeasurementError as error:
             self._halt(HOLDING, str(error))
             return self._record(observation)
+        except SchemeTimeoutError as error:
+            self._hold_after(error, f"image of {stamp:.2f} s")
+            return self._record(observation, fault=error.trace)
         except SchemeError as error:
             new = str(error) != self._fault
             self._fault = str(error)
@@ -271,11 +285,11 @@ class Servo:
         if self._paused and self.motion.at_rest:
             # The arm stands: integrals and the start's profile begin anew.
             self._began = observation.stamp
-            guarded(self.name, self._begin_scheme)
+            self._guarded(self._begin_scheme)
             self._arrival.clear()
         t = observation.stamp - self._began
         answer = self.scheme.see if self._answers_joints else self.scheme.compute
-        decision = guarded(self.name, answer, observation, self.goal, t)
+        decision = self._guarded(answer, observation, self.goal, t)
         decision = checked_decision(self.name, decision, self.scheme)
         if decision.task is None:
             return decision, None
@@ -313,6 +327,10 @@ class Servo:
         return self._record(
             observation, joints, decision, resolution, seconds, arrived=arrived
         )
+
+    def _age(self, stamp: float) -> float:
+        """s from an image's exposure to the answer's effect."""
+        return max(self.settings.delay, 0.0 if self._now is None else self._now - stamp)
 
     def _in_order(self, stamp: float) -> bool:
         if not np.isfinite(stamp):
@@ -371,6 +389,8 @@ class Servo:
             return ""  # an image's own instant: the joints will be newer when time goes on
         try:
             asked = self.pursuit.velocities(t, dt, measured, self._began)
+        except SchemeTimeoutError as error:
+            self._hold_after(error, f"joints of {t:.2f} s")
         except SchemeError as error:
             self._fault = str(error)
             self._halt(HOLDING, str(error))
@@ -441,6 +461,15 @@ class Servo:
     def _answers_joints(self) -> bool:
         return isinstance(self.scheme, JointController)
 
+    def _guarded(self, call: Callable[..., Any], *arguments: object) -> Any:
+        return guarded(self.name, self.settings.scheme_timeout, call, *arguments)
+
+    def _hold_after(self, error: SchemeTimeoutError, what: str) -> None:
+        """Hold until `start`: a scheme that hung would do so at every image."""
+        reason = f"{error}, at the {what}"
+        found = outcome("scheme_fault", reason)
+        self.hold(reason, found.with_remedy(SLOW, *found.remedy.changes))
+
     def _begin_scheme(self) -> None:
         if self._answers_joints:
             self.scheme.reset(self.arm)
@@ -495,7 +524,8 @@ class Servo:
                 self.diagnosis.joints(
                     state.stamp, self.motion.late, self.motion.velocity, self._joints.velocities
                 )
-            found = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty)
+            age = self._age(state.stamp)
+            found = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty, age)
             state = state.with_outcome(found)
             if decision is not None and self.phase == SERVOING and (
                 self.settings.duration <= observation.stamp - self._began

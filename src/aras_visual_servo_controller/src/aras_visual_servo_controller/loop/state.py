@@ -55,6 +55,8 @@ class ServoSettings:
     watchdog: s, without a fresh answer (or three image periods) before the arm is stopped.
     watchdog_images: image periods that count likewise.
     stop_time: s, in which a stop comes to rest.
+    scheme_timeout: s, of wall time that the scheme's code may take, once called, before the loop
+        holds as after a fault of the scheme.
     resolve_period: s, for which joint velocities are kept before they are worked out anew.
     output: what is commanded: position, velocity or effort.
     stiffness: N/m, N m/rad, of the effort output.
@@ -73,6 +75,7 @@ class ServoSettings:
     delay: float = parameter(0.0, "s", least=0.0)
     watchdog: float = parameter(0.2, "s", above=0.0)
     watchdog_images: float = parameter(3.0, least=0.0)
+    scheme_timeout: float = parameter(30.0, "s", above=0.0)
     stop_time: float = parameter(0.15, "s", above=0.0, most=10.0)
     # Those of an arm that moves slowly, away from its limits, serve until the next image or 0.05 s.
     resolve_period: float = parameter(0.01, "s", above=0.0)

@@ -109,7 +109,9 @@ class Pursuit:
         self, t: float, dt: float, measured: JointSample
     ) -> tuple[np.ndarray, str]:
         """Velocities (n,) of a controller that answers joints, within the limits."""
-        answer = guarded(self.name, self.scheme.tick, t, dt, measured)
+        answer = guarded(
+            self.name, self.settings.scheme_timeout, self.scheme.tick, t, dt, measured
+        )
         answer = checked_joints(self.name, answer, len(self.motion.names))
         if self.scheme.output == "position":
             velocities = np.zeros_like(answer)

@@ -13,22 +13,29 @@ from aras_visual_servo_base.names import words
 
 from ..arm.algebra import finite
 from ..arm.task import Task
-from ..errors import ConfigurationError, MeasurementError, SchemeError
+from ..errors import ConfigurationError, MeasurementError, SchemeError, SchemeTimeoutError
 from ..features.base import Feature, Measured
 from .base import Decision, JointController, Scheme
+from .time_limit import within
 
 T = TypeVar("T")
 
 
-def guarded(name: str, call: Callable[..., T], *arguments: object) -> T:
+def guarded(name: str, limit: float, call: Callable[..., T], *arguments: object) -> T:
     """The call's answer.
+
+    Args:
+        limit: s that it may take.
 
     Raises:
         MeasurementError: as raised by the call: this image cannot be servoed on.
+        SchemeTimeoutError: it took longer.
         SchemeError: whatever else it raised, SystemExit included.
     """
     try:
-        return call(*arguments)
+        return within(limit, call, *arguments)
+    except SchemeTimeoutError as error:
+        raise SchemeTimeoutError(f"scheme {name}: {error}", error.trace) from None
     except (MeasurementError, SchemeError, KeyboardInterrupt):
         raise
     except BaseException as error:
@@ -37,14 +44,16 @@ def guarded(name: str, call: Callable[..., T], *arguments: object) -> T:
         ) from error
 
 
-def checked_goal(name: str, scheme: Scheme | JointController, goal: object) -> None:
-    """Let the scheme refuse its goal.
+def checked_goal(
+    name: str, scheme: Scheme | JointController, goal: object, limit: float
+) -> None:
+    """Let the scheme refuse its goal, within `limit`, s.
 
     Raises:
-        ConfigurationError: it did, or it raised.
+        ConfigurationError: it did, or it raised, or took longer.
     """
     try:
-        scheme.check(goal)
+        within(limit, scheme.check, goal)
     except ConfigurationError:
         raise
     except (Exception, SystemExit) as error:

@@ -1,0 +1,80 @@
+"""A scheme whose code never returns ends its run as a fault of that scheme."""
+
+import multiprocessing
+import queue
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_controller.errors import SchemeTimeoutError
+from aras_visual_servo_controller.schemes.time_limit import within
+
+LIMIT = 0.5  # s
+
+
+def busy():
+    while True:
+        pass
+
+
+def asleep():
+    while True:
+        time.sleep(0.05)
+
+
+def waits():
+    queue.Queue().get()
+
+
+SCHEMES = ("Hanging", "Sleeping", "Waiting")
+
+
+def keys(scheme, plant="free"):
+    return {"plant": plant, "features": "exact", "duration": 3.0, "seed": 3, "gain": 1.0,
+            "scheme": f"outcome_campaign.schemes:{scheme}",
+            "options": {"scheme_timeout": LIMIT}}  # fmt: skip
+
+
+def outcome_of(given):
+    found = run(given)
+    return found.outcome, found.reason, str(found.remedy)
+
+
+@pytest.mark.parametrize("plant", ["free", "chain", "bullet"])
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_scheme_that_hangs_ends_its_run_as_its_fault(plant, scheme):
+    began = time.monotonic()
+    outcome, reason, remedy = outcome_of(keys(scheme, plant))
+    assert time.monotonic() - began < 30.0
+    assert outcome == "scheme_fault"
+    assert f":{scheme}" in reason and ".compute" in reason and "0.5 s" in reason
+    assert "image of 0.2" in reason, reason  # the first after 0.2 s
+    assert "scheme_timeout" in remedy and "scheme to points" in remedy
+
+
+def test_it_does_so_in_a_thread_and_in_a_worker_process():
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(outcome_of, keys("Hanging")).result(timeout=60)[0] == "scheme_fault"
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        assert pool.apply_async(outcome_of, (keys("Hanging"),)).get(timeout=60)[0] == "scheme_fault"
+        healthy = {**keys("Hanging"), "scheme": "points"}
+        assert pool.apply_async(outcome_of, (healthy,)).get(timeout=60)[0] != "scheme_fault"
+
+
+def test_a_call_within_its_limit_is_as_without_one():
+    assert within(LIMIT, max, 2, 3) == 3
+    with pytest.raises(KeyError):
+        within(LIMIT, {}.__getitem__, 1)
+    assert within(0.01, time.sleep, 0.02) is None  # looks are 0.25 s apart: a limit is a least
+
+
+@pytest.mark.parametrize("hang", [busy, asleep, waits])
+def test_a_call_beyond_its_limit_says_where_it_was(hang):
+    with pytest.raises(SchemeTimeoutError, match="did not end within 0.2 s") as error:
+        within(0.2, hang)
+    assert "Traceback" in error.value.trace and hang.__name__ in error.value.trace
+    time.sleep(1.6)  # nothing is raised afterwards
+    assert all(thread.name != "time limits" for thread in threading.enumerate())

@@ -24,8 +24,8 @@ project_copyright = f"{author}, BSD-3-Clause"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_copybutton"]
 root_doc = "README"
 include_patterns = [
-    "README.md", "docs/*.md", "docs/api/*.rst", "src/*/README.md", "src/aras_sim_bridge/docs/*.md",
-    "tests/README.md",
+    "README.md", "CHANGELOG.md", "docs/*.md", "docs/api/*.rst", "src/*/README.md",
+    "src/aras_sim_bridge/docs/*.md", "tests/README.md",
 ]  # fmt: skip
 # Folders that Sphinx would look through in vain.
 exclude_patterns = [
@@ -78,6 +78,7 @@ CHAPTERS = {
         "src/aras_visual_servo_controller/README", "src/aras_visual_servo_bench/README",
         "src/aras_visual_servo_base/README", "src/aras_visual_servo_ros/README", "tests/README",
     ),
+    "What changed": ("CHANGELOG", "docs/moving"),
     "Python API": ("docs/api/bench", "docs/api/controller", "docs/api/camera", "docs/api/bridge"),
 }  # fmt: skip
 

@@ -1,5 +1,7 @@
 """Results do not change when everything is scaled, and directions are ranked by accuracy."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,8 +10,9 @@ from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_controller.schemes import SCHEMES, create_scheme
 from aras_visual_servo_controller.seeing.observation import Need
 
+ARM = Path(__file__).parents[3] / "docs" / "examples" / "my_arm.urdf"
 CORNERS = np.array([[-0.09, -0.08], [-0.1, 0.09], [0.1, 0.1], [0.07, -0.1]])
-SCALES = (0.3, 10.0)
+SCALES = (0.3, 3.0, 10.0)
 CAMERA = {"width": 320, "height": 240, "horizontal_fov": 1.05}
 SMALL = {"width": 160, "height": 120, "horizontal_fov": 1.05}  # of pictures
 # Of one camera, two, or the pose of a mesh.
@@ -67,6 +70,22 @@ def test_a_run_is_the_same_at_any_scale(scheme, plant):
         assert len(away) == len(distances)
         np.testing.assert_allclose(away, distances, rtol=0.01, atol=1e-4)
         np.testing.assert_allclose(turned, angles, rtol=0.01, atol=1e-4)
+
+
+@pytest.mark.parametrize("scheme", ["numbered_points", "pose", "moments"])
+def test_an_arm_servoes_alike_at_any_scale_within_its_reach(scheme):
+    """Its links do not scale, so paths agree where the arm limits none of them."""
+    runs = {k: run(Experiment.from_mapping({
+        "plant": "chain", "scheme": scheme, "gain": 3.0, "duration": 2.0, "features": "exact",
+        "robot": {"urdf": str(ARM)}, "camera": CAMERA,
+        "target": {"shape": (0.25 * k * CORNERS).tolist(), "pose": [0.4, 0, 0, 0, 0, 0]},
+        "goal": {"pose": [0.4, 0, 0.5 * k, np.pi, 0, 0]},
+        "start": {"pose": [0.4 + 0.02 * k, -0.02 * k, 0.55 * k, np.pi + 0.05, 0.04, 0.2]},
+    })) for k in (1.0, 0.3)}  # fmt: skip
+    (away, turned), (other, other_turned) = (errors(found, k) for k, found in runs.items())
+    assert kind(runs[1.0]) == kind(runs[0.3]) and away[0] > 0.05
+    np.testing.assert_allclose(other, away, rtol=0.01, atol=5e-4)
+    np.testing.assert_allclose(other_turned, turned, rtol=0.01, atol=5e-4)
 
 
 def kind(result):

@@ -1,7 +1,11 @@
 """A scheme whose code never returns ends its run as a fault of that scheme."""
 
 import multiprocessing
+import os
 import queue
+import signal
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -62,6 +66,19 @@ def test_it_does_so_in_a_thread_and_in_a_worker_process():
         assert pool.apply_async(outcome_of, (keys("Hanging"),)).get(timeout=60)[0] == "scheme_fault"
         healthy = {**keys("Hanging"), "scheme": "points"}
         assert pool.apply_async(outcome_of, (healthy,)).get(timeout=60)[0] != "scheme_fault"
+
+
+def test_a_wait_is_interrupted_where_scripts_run_in_the_background():
+    """There the shell has Ctrl-C ignored."""
+    code = ("import queue; from aras_visual_servo_controller.schemes.time_limit import within\n"
+            "try: within(0.2, queue.Queue().get)\n"
+            "except BaseException as error: print(type(error).__name__)")  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=30,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
+    )  # fmt: skip
+    assert done.stdout == "SchemeTimeoutError\n", done.stderr
 
 
 def test_a_call_within_its_limit_is_as_without_one():

@@ -5,7 +5,7 @@ counts its own looks: a process that was stopped, or a person at a debugger's pr
 It ends while there is nothing to look at, so that a process at rest has no thread of it.
 
 Python raises between two of its instructions. A call that waits without end outside of Python is
-interrupted as by Ctrl-C in the main thread, and in no other; compiled code that keeps the
+interrupted by a signal in the main thread, and in no other; compiled code that keeps the
 interpreter, and code that catches everything and continues, are interrupted nowhere.
 """
 
@@ -32,6 +32,9 @@ PERIOD = 0.25  # s between two looks
 INSISTENCE = 4  # looks from one interruption to the next
 IDLE = 4  # looks without a call after which the thread ends
 PYTHON = str(Path(os.__file__).parent)
+# Interrupts a wait in the main thread: SIGINT is ignored in a process that a script has started in
+# the background.
+WAKE = signal.SIGRTMAX
 DEBUGGERS = ("bdb", "pydevd", "_pydevd_bundle")  # modules of which one runs at a prompt
 
 
@@ -107,6 +110,8 @@ def _place(trace: TracebackType) -> str:
 
 def _look_on() -> None:
     global _watch
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(WAKE, _wake)
     with _starting:
         if _watch is None:
             _watch = threading.Thread(target=_look, name="time limits", daemon=True)
@@ -147,10 +152,17 @@ def _interrupt(call: _Call) -> None:
             ctypes.c_ulong(call.thread), ctypes.py_object(Interruption)
         )
         main = threading.main_thread().ident == call.thread
-        if again and main and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        if again and main and signal.getsignal(WAKE) is _wake:
             with contextlib.suppress(OSError):
-                signal.pthread_kill(call.thread, signal.SIGINT)
+                signal.pthread_kill(call.thread, WAKE)
     call.interrupting = False
+
+
+def _wake(*_: object) -> None:
+    """Raise in the main thread, unless the call has ended meanwhile."""
+    here = threading.main_thread().ident
+    if any(call.interrupted and not call.done and call.thread == here for call in _calls):
+        raise Interruption
 
 
 def _is_debugged(frame: FrameType | None) -> bool:

@@ -23,7 +23,8 @@ print(sorted(marker.ns for marker in markers(shapes, "base", set()).markers))
 
 def test_rviz_markers_are_made_without_pages() -> None:
     packages = {name: list(module.__path__) for name, module in sys.modules.items()
-                if name.startswith("aras_") and "." not in name}  # with generated messages
+                if name.startswith("aras_") and "." not in name
+                and hasattr(module, "__path__")}  # with generated messages
     given = json.dumps({"search": sys.path, "packages": packages})
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT, given], capture_output=True, text=True, timeout=60

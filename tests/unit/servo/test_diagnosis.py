@@ -474,7 +474,7 @@ def seen_at(distance, decision=None):
     square = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
     observation = one_camera(
         moments=Moments.from_polygon(square / distance + 0.02), touches=(), valid=True,
-        world_T_camera=None, stamp=0.0, camera=CAMERA,
+        world_T_camera=None, stamp=0.0, camera=CAMERA, plane=None,
     )
     state = SimpleNamespace(stamp=0.0, phase="holding", decision=decision, reason="no answer")
     return state, observation, one_camera(

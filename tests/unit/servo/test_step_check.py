@@ -86,7 +86,7 @@ def view(area, stamp=0.0, height=1.0, touches=()):
     """An observation of the goal's target, of which a part is visible."""
     return SimpleNamespace(
         valid=True, moments=Moments.from_polygon(np.sqrt(area) * OUTLINE), stamp=stamp,
-        touches=touches, world_T_camera=transform((0, 0, height), (0,) * 3),
+        touches=touches, world_T_camera=transform((0, 0, height), (0,) * 3), plane=None,
     )  # fmt: skip
 
 

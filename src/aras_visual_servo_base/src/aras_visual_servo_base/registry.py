@@ -48,6 +48,7 @@ class Registry(Mapping[str, type]):
         bases: tuple[type, ...],
         fault: Fault,
         others: tuple[Registry, ...] = (),
+        first: tuple[str, ...] = (),
     ) -> None:
         """Args:
             kind: of the entries, for messages: 'law'.
@@ -55,9 +56,10 @@ class Registry(Mapping[str, type]):
             bases: an entry derives from one of these.
             fault: exception class of wrong names and parameters.
             others: registries whose entries belong to this kind as well.
+            first: modules to look into before the others, as most users need them.
         """
         self.kind, self.bases, self.fault = kind, bases, fault
-        self._package, self._others = package, others
+        self._package, self._others, self._first = package, others, first
         self._entries: dict[str, type] = {}
         self._unread: list[str] | None = None  # modules of the folder that were not imported yet
 
@@ -114,7 +116,8 @@ class Registry(Mapping[str, type]):
         """Return the names of the folder's modules that were not imported yet."""
         if self._unread is None:
             folder = importlib.import_module(self._package).__path__
-            self._unread = sorted(module.name for module in pkgutil.iter_modules(folder))
+            there = sorted(module.name for module in pkgutil.iter_modules(folder))
+            self._unread = sorted(there, key=lambda name: name not in self._first)
         return self._unread
 
     def _read(self, module: str) -> None:

@@ -308,6 +308,7 @@ class Diagnosis:
         moves = self._target.add(
             state.decision, observation, goal, tolerances, viewed and not own, angles
         )
+        self._motion.is_viewed = viewed or own
         self._motion.add(state.decision, observation, goal, tolerances, angles)
         if fault := self._motion.scheme_fault(state.stamp, state.phase == CONVERGED):
             return outcome("scheme_fault", fault)

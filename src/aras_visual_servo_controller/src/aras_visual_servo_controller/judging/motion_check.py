@@ -29,10 +29,12 @@ class MotionCheck:
 
     Attributes:
         steps: of the features. is_own: whether the scheme is a user's own.
+        is_viewed: whether the scheme's L is that of the present view, from which the camera's
+            motion can be predicted; L at the goal, a mean or an estimate is not.
     """
 
     def __init__(self, is_own: bool = False) -> None:
-        self.steps, self.is_own = StepCheck(), is_own
+        self.steps, self.is_own, self.is_viewed = StepCheck(), is_own, True
         self._centre = StepCheck(CENTRE) if is_own else None
 
     def interrupt(self) -> None:
@@ -110,7 +112,7 @@ class MotionCheck:
         moves: whether the target does, so that a single feature may go against L.
         """
         steps, words = self.steps, "the features move otherwise than L and the arm's motion say"
-        if not steps.moved:
+        if not (steps.moved and self.is_viewed):
             return ""
         if 1.0 / FASTER < steps.faster < FASTER and steps.together < TOGETHER:
             return f"{words}: their correlation is {steps.together:.2f}"

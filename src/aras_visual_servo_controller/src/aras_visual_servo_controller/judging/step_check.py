@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from math import sqrt
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -239,7 +239,7 @@ class StepCheck:
         self.next = (x - size, x + size), (y - size, y + size)
         self._centre_jumps = min(self._centre_jumps + 1, self.OFTEN) if jumped else max(
             self._centre_jumps - 1, 0)
-        scale = distance_by_kinematics(observation.world_T_camera, goal) ** 2
+        scale = 1.0 / area_by_plane(observation, goal)
         area, nearer = seen.m00 / desired.m00 * scale, abs(scale / self._scale - 1.0)
         last, self._area, self._scale = self._area or area, area, scale
         before = self._mean or area
@@ -263,6 +263,22 @@ class StepCheck:
     def visible(self) -> float:
         """Part of the target that is visible since something covers it, 0 to 1."""
         return self._area / self._whole if self._whole else 1.0
+
+
+def area_by_plane(observation: Observation, goal: Goal) -> float:
+    """Return the area that the target has in this view, in that of the goal, by its believed plane.
+
+    A small part of a plane n P = d has an image of area d / Z^3 in that of its own; 1 / Z and n / d
+    are those of the plane. Without a plane it is the square of the distance that counts.
+    """
+    seen, desired, plane = observation.moments, goal.moments, observation.plane
+    if plane is None or goal.plane is None:
+        return distance_by_kinematics(observation.world_T_camera, goal) ** -2
+    here, there = (
+        max(one.inverse_depth(moments.xg, moments.yg), 1e-9) ** 3 / hypot(one.A, one.B, one.C)
+        for one, moments in ((plane, seen), (goal.plane, desired))
+    )
+    return max(here / there, 1e-9)
 
 
 def distance_by_kinematics(world_T_camera: np.ndarray | None, goal: Goal) -> float:

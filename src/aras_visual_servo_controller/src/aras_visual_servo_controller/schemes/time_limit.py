@@ -122,9 +122,9 @@ def _look() -> None:
     """Look at the calls until none has been seen at IDLE looks."""
     global _watch
     known: set[_Call] = set()
-    idle = 0
+    idle, pause = 0, threading.Event()  # a user's code, or a test, may replace time.sleep
     while True:
-        time.sleep(PERIOD)
+        pause.wait(PERIOD)
         now = set(_calls)
         for call in now & known:
             call.looks -= 1

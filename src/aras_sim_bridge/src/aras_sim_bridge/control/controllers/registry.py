@@ -18,7 +18,10 @@ from aras_visual_servo_base.registry import Registry
 
 KIND = "controller type"
 BASE_CLASS = "controller_interface::ControllerBase"
-BUILT_IN = Registry(KIND, __package__, (Controller,), ControllerError)
+BUILT_IN = Registry(
+    KIND, __package__, (Controller,), ControllerError,
+    first=("forward", "joint_state", "pid_controllers"),
+)  # fmt: skip
 
 
 def register(type_name: str, **attributes: str) -> Callable[[type[Controller]], type[Controller]]:

@@ -70,7 +70,7 @@ class StepCheck:
     # Part of the area, with the distance by kinematics taken off, that disappears between two
     # images where something is laid over a target, at least, and for FEW images.
     HIDDEN = 0.06
-    NEARER = 0.05  # part of its square by which the distance may change between these
+    NEARER = 0.2  # part of its square by which the distance may change between these
 
     def __init__(self, row: float = ROW) -> None:
         """`row`: tolerances of a row whose motion is compared, see ROW."""

@@ -1,6 +1,6 @@
 """Visual features of a target and their interaction matrices, as one immutable result.
 
-    result = compute(moments, ("xn", "yn", "an", "alpha"), plane, reference)
+    result = compute_moment_features(moments, ("xn", "yn", "an", "alpha"), plane, reference)
     result.values    # s, (4,)
     result.L         # ds/dt = L v, (4, 6), v the camera's twist in its own optical frame
 
@@ -201,7 +201,7 @@ def required_order(names: Iterable[str], kind: str = DENSE) -> int:
     return max(plan.centred_order, plan.raw_order) + 1
 
 
-def compute(
+def compute_moment_features(
     moments: Moments,
     names: Sequence[str] = PAPER,
     plane: Plane | None = None,
@@ -238,7 +238,7 @@ def values(
     reference: Reference | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Array:
-    """The values (k,) of `compute`, without L; FeatureError likewise."""
+    """The values (k,) of `compute_moment_features`, without L; FeatureError likewise."""
     plan = _plan(names, moments.kind)
     return _View(moments, plane, reference, tolerance).found(names, plan)[0]
 

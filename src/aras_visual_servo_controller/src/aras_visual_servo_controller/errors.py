@@ -33,7 +33,7 @@ class TaskError(ServoError):
 
 
 class SchemeError(ServoError):
-    """A scheme that raised, or answered what is no decision.
+    """A scheme that raised, answered what is no decision, or whose L is wrong.
 
     Attributes:
         trace: its traceback, empty where there is none.

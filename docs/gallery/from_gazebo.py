@@ -30,7 +30,7 @@ WORLD = f"""<sdf version='1.6'><world name='default'>
 
 out = folder()
 (out / "table.world").write_text(WORLD)
-world = world_file.read(str(out / "table.world"))
+world = world_file.load_world(str(out / "table.world"))
 simulation = Simulation(SimulationConfig(world.time_step, world.gravity, lights=world.lights))
 world_file.populate(simulation.spawn, world)
 frames, camera = [], simulation.camera("/eye")

@@ -28,7 +28,7 @@ class Watched(example.Hand):
         """See Hand.grip."""
         held, frames = super().grip(position, effort), []
         if not pictures:
-            world_file.populate(self.simulation.spawn, world_file.read(str(out / "eye.world")))
+            world_file.populate(self.simulation.spawn, world_file.load_world(str(out / "eye.world")))
         camera = self.simulation.camera("/eye")
         camera.on_frame, camera.enabled = frames.append, True
         while not frames:

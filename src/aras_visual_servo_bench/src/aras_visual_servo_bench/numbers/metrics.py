@@ -298,7 +298,7 @@ def decay_predicted(run: Run) -> float:
     if run.experiment is None or run.experiment.gain is None or len(run.stamp) < 2:
         return np.nan
     period = float(np.median(np.diff(run.stamp)))
-    return decay.predicted(run.experiment.gain, decay.delay_of(run.experiment), period)
+    return decay.predict_decay_rate(run.experiment.gain, decay.delay_of(run.experiment), period)
 
 
 @metric(

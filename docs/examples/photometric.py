@@ -8,10 +8,14 @@ import base64
 import cv2
 import numpy as np
 
-from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
-from aras_visual_servo_controller.features import Feature, Measured
-from aras_visual_servo_controller.features.points import point_interaction
-from aras_visual_servo_controller.seeing.observation import Need
+from aras_visual_servo_controller import (
+    ConfigurationError,
+    Feature,
+    Measured,
+    MeasurementError,
+    Need,
+    point_interaction,
+)
 
 BLUR, STEP = 6.0, 2  # pixels: the wider the blur, the wider the way it converges from
 

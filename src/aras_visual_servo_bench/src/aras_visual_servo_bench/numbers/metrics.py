@@ -56,7 +56,21 @@ class Metric:
 def metric(
     unit: str, better: str, source: str, of_features: bool = False, default: bool = False
 ) -> Callable[[Callable], Metric]:
-    """Make a metric of a function that has a docstring."""
+    """Return a decorator that makes a metric of a function from a `Run` to a number.
+
+    The function's name is the column in results, the first line of its docstring the description.
+
+    Args:
+        unit: of the number; '' if it has none.
+        better: 'smaller', 'greater', or '' if neither is better.
+        source: formula, or where it is defined.
+        of_features: whether it is measured on the scheme's own features, so that values of
+            different schemes cannot be compared.
+        default: whether it is measured if a study names no metrics.
+
+    Raises:
+        StudyError: `better` is none of these.
+    """
     if better not in (SMALLER, GREATER, NEITHER):
         raise StudyError(f"better is '{better}', must be {SMALLER} or {GREATER}")
     return lambda measure: Metric(

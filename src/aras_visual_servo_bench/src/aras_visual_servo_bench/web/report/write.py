@@ -96,14 +96,16 @@ def write_report(
     paper: bool = False,
     progress: Callable[[float, str], None] = lambda part, what: None,
 ) -> list[Path]:
-    """Write report.html, summary.json, summary.csv, figures/ and data/ into a folder.
+    """Write the report of one or more runs: a page with all curves, numbers and figures.
+
+    The folder gets report.html, summary.json, summary.csv, figures/ and data/.
 
     Args:
         runs: one run, or several to be compared.
-        out: made if need be; files of the same names are overwritten.
-        kinds: of png, svg, pdf; of figures as files. The page needs none of them.
-        paper: figures as a paper's column has them, vector files alone.
-        progress: told the part that is done and what comes next.
+        out: folder, made if need be; files of the same names are overwritten.
+        kinds: formats of the figures as files, of png, svg, pdf; the page needs none of them.
+        paper: whether figures are vector files alone, as wide as a paper's column.
+        progress: called with the part that is done, 0 to 1, and what comes next.
 
     Returns:
         The files, the page first.

@@ -39,4 +39,5 @@ _FURTHER = {
 }
 FIRST_PROJECT = tuple(_FIRST)
 __all__ = [*_FIRST, *_FURTHER]
-__getattr__, __dir__ = lazy_exports(__name__, {**_FIRST, **_FURTHER})
+if not TYPE_CHECKING:  # a type checker would take any name for one that there is
+    __getattr__, __dir__ = lazy_exports(__name__, {**_FIRST, **_FURTHER})

@@ -6,6 +6,7 @@ hold on the site as they do in the files. `docs/make_site.py` calls it.
 
 from __future__ import annotations
 
+import importlib
 import re
 import shutil
 import sys
@@ -145,6 +146,17 @@ def escaped(line: str) -> str:
     return "".join(pieces)
 
 
+PUBLIC = ("aras_visual_servo_bench", "aras_visual_servo_controller", "aras_sim_bridge")
+
+
+def skip_public(app: Sphinx, what: str, name: str, obj: object, skip: bool, options) -> bool | None:
+    """Public names are documented once, with their package, and not again with their module."""
+    if what != "module" or app.env.temp_data.get("autodoc:module") in PUBLIC:
+        return None
+    packages = (importlib.import_module(package) for package in PUBLIC)
+    return any(name in one.__all__ and getattr(one, name) is obj for one in packages) or None
+
+
 def copy_first_page(app: Sphinx, error: Exception | None) -> None:
     """README.html is what a browser asks for as index.html."""
     first = Path(app.outdir) / f"{root_doc}.html"
@@ -156,4 +168,5 @@ def setup(app: Sphinx) -> None:
     """Sphinx's hook."""
     app.connect("source-read", add_contents)
     app.connect("autodoc-process-docstring", plain)
+    app.connect("autodoc-skip-member", skip_public)
     app.connect("build-finished", copy_first_page)

@@ -20,7 +20,7 @@ sys.path.insert(0, str(HERE.parent / "tests" / "unit" / "features"))
 
 from feature_cases import L_SHAPE, TARGET, View, grey_image, rotation
 
-from aras_visual_servo_camera.features import compute
+from aras_visual_servo_camera.features import compute_moment_features
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
@@ -43,7 +43,7 @@ def draw_moments(axes: plt.Axes) -> None:
     grey = grey_image(view.image, CAMERA.pinhole)
     moments = measured(grey, "coverage")
     u, v = CAMERA.project(np.array([moments.xg]), np.array([moments.yg]))
-    alpha = compute(moments, ("alpha",), Plane(0, 0, 1))["alpha"]
+    alpha = compute_moment_features(moments, ("alpha",), Plane(0, 0, 1))["alpha"]
     spread = [moments.mu(2, 0), moments.mu(1, 1), moments.mu(0, 2)]
     axes.imshow(grey, cmap="gray", interpolation="nearest")
     main, cross = (alpha, "tab:orange", "main axis α"), (alpha + pi / 2, "0.5", None)

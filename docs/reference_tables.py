@@ -9,6 +9,7 @@ What stands between a pair of comments is replaced, everything else stays:
     <!-- registry module:NAME -->     entries with their parameters and the first line of their docs
     <!-- schemes module:NAME -->      the same of features and schemes, with what they need and move
     <!-- metrics module:NAME -->      metrics with unit, meaning and formula
+    <!-- exports package:NAMES -->    public names with the first line of their docs
     <!-- end -->
 
 In a launch file `<!-- names module:NAME -->` stands before an argument, whose help lists a
@@ -126,9 +127,16 @@ def metrics_table(metrics: Mapping[str, Any]) -> list[str]:
     return rows
 
 
+def exports_table(exported: Mapping[str, Any]) -> list[str]:
+    """Return the table of the objects that a package exports, by name."""
+    rows = ["| name | what it is |", "|---|---|"]
+    rows += [f"| `{name}` | {cell(first_line(shown))} |" for name, shown in exported.items()]
+    return rows
+
+
 KINDS: Mapping[str, Callable[[Any], list[str]]] = {
     "fields": fields_table, "settings": settings_table, "registry": registry_table,
-    "schemes": schemes_table, "metrics": metrics_table,
+    "schemes": schemes_table, "metrics": metrics_table, "exports": exports_table,
 }  # fmt: skip
 
 
@@ -153,7 +161,10 @@ def filled(page: str) -> str:
     """Return a page with its tables as classes and registries have them now."""
 
     def table(match: re.Match[str]) -> str:
-        shown = getattr(importlib.import_module(match[3]), match[4])
+        module = importlib.import_module(match[3])
+        shown = getattr(module, match[4])
+        if match[2] == "exports":
+            shown = {name: getattr(module, name) for name in shown}
         return "\n".join([match[1], *KINDS[match[2]](shown), "", match[5]])
 
     def names(match: re.Match[str]) -> str:

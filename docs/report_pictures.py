@@ -13,9 +13,9 @@ from urllib.parse import quote
 
 from PIL import Image
 
+from aras_visual_servo_bench import run_with_images
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.commands import main as bench
-from aras_visual_servo_bench.study.replay import carried_out
 from aras_visual_servo_bench.web.browse.server import serve
 from aras_visual_servo_bench.web.report.write import write_report
 
@@ -41,7 +41,7 @@ def main() -> int:
 
 
 def _reports(chromium: str, out: Path) -> None:
-    records = [carried_out(name, experiment) for name, experiment in RUNS.items()]
+    records = [run_with_images(experiment, name) for name, experiment in RUNS.items()]
     write_report(records[:1], out / "one", ("png", "svg"))
     write_report(records, out / "all", ())
     _kept(out / "one" / "figures" / "feature_errors.png", "feature_errors.png", 900)

@@ -5,9 +5,7 @@
 
 import numpy as np
 
-from aras_visual_servo_controller.features.points import Points
-from aras_visual_servo_controller.schemes import Decision, JointController
-from aras_visual_servo_controller.seeing.observation import Need
+from aras_visual_servo_controller import Decision, JointController, Need, Points
 
 GAIN = 3.0  # 1/s
 

@@ -7,9 +7,7 @@ it, minimises sum |e(k)|^2 + r |q_dot|^2 within the limits of speed and position
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from aras_visual_servo_controller.errors import MeasurementError
-from aras_visual_servo_controller.features import FEATURES
-from aras_visual_servo_controller.schemes import Decision, JointController
+from aras_visual_servo_controller import FEATURES, Decision, JointController, MeasurementError
 
 HORIZON, PERIOD, SPEED, EFFORT = 12, 1.0 / 30.0, 1.0, 1e-4
 

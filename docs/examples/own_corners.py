@@ -6,9 +6,7 @@
 import cv2
 import numpy as np
 
-from aras_visual_servo_controller.errors import MeasurementError
-from aras_visual_servo_controller.features.points import PointFeature
-from aras_visual_servo_controller.seeing.observation import Need
+from aras_visual_servo_controller import MeasurementError, Need, PointFeature
 
 
 class OwnCorners(PointFeature):

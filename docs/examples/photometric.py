@@ -1,17 +1,20 @@
 """A user's scheme: the grey levels of the whole picture, no features at all.
 
-Reference: C. Collewet and E. Marchand, Photometric visual servoing, IEEE T-RO 27(4), 2011.
-"""
+Reference: C. Collewet and E. Marchand, Photometric visual servoing, IEEE T-RO 27(4), 2011."""
 
 import base64
 
 import cv2
 import numpy as np
 
-from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
-from aras_visual_servo_controller.features import Feature, Measured
-from aras_visual_servo_controller.features.points import point_interaction
-from aras_visual_servo_controller.seeing.observation import Need
+from aras_visual_servo_controller import (
+    ConfigurationError,
+    Feature,
+    Measured,
+    MeasurementError,
+    Need,
+    point_interaction,
+)
 
 BLUR, STEP = 6.0, 2  # pixels: the wider the blur, the wider the way it converges from
 
@@ -19,13 +22,12 @@ BLUR, STEP = 6.0, 2  # pixels: the wider the blur, the wider the way it converge
 class Photometric(Feature):
     """s = I, a row for every other pixel: dI/dt = -grad I . (dx/dt)."""
 
-    name = "photometric"
-    needs = frozenset((Need.IMAGE,))
+    name, needs = "photometric", frozenset((Need.IMAGE,))
     names, tolerances, units = ("rms",), (1.5,), ("grey level",)
     directions = (True, True, True, False, False, True)  # a flat target tells little of the tilt
 
     def teach(self, observation):
-        png = cv2.imencode(".png", self._grey(observation))[1]
+        png = cv2.imencode(".png", self._grey(observation.image))[1]
         return {"png": base64.b64encode(png).decode()}
 
     def check(self, goal):
@@ -35,7 +37,7 @@ class Photometric(Feature):
         self.desired = self._blurred(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
 
     def measure(self, observation, goal):
-        now, camera = self._blurred(self._grey(observation)), observation.camera
+        now, camera = self._blurred(self._grey(observation.image)), observation.camera
         if now.shape != self.desired.shape:
             raise MeasurementError("the picture has another size than the goal's")
         rows, columns = (np.arange(4, n - 4, STEP) for n in now.shape)
@@ -50,8 +52,7 @@ class Photometric(Feature):
         return Measured(s, desired, s - desired, L, judged=np.array([rms]))
 
     @staticmethod
-    def _grey(observation):
-        image = observation.image
+    def _grey(image):
         return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
 
     @staticmethod

@@ -20,13 +20,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from aras_sim_bridge.control.controllers.gripper import GripperGoal
-from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.asked.robots import Robot
-from aras_visual_servo_bench.running.loop import Loop
-from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_controller.errors import UnreachableError
+from aras_sim_bridge import GripperGoal, Pose
+from aras_visual_servo_bench import Experiment, Loop, assemble
+from aras_visual_servo_controller import ServoError
 
 HERE = Path(__file__).resolve().parent
 TABLE, BOX = 0.05, (0.07, 0.04, 0.06)  # m: height of the table's top; the box's sides
@@ -117,7 +113,7 @@ class Hand:
         self.robot = self.simulation.robots["robot"]
         self.robot.start(["gripper"])
         self.gripper = self.robot.manager.get("gripper")
-        self.arm = Robot(loop.experiment.robot).arm()
+        self.arm = loop.servo.arm
         self.joints = loop.plant.joints()[0]
         self.camera = self.arm.pose(self.joints)
 
@@ -138,10 +134,11 @@ class Hand:
         for half_turns in (0, 1):
             x, y, z = PLACE
             turn = YAW + half_turns * math.pi
-            camera = transform((x, y, z + BOX[2]), (0.0, 0.0, turn)) @ box_T_camera
+            box = Pose.from_rpy((x, y, z + BOX[2]), (0.0, 0.0, turn))
+            camera = box.matrix() @ box_T_camera
             try:
                 self.arm.inverse(camera, self.joints)
-            except UnreachableError:
+            except ServoError:
                 continue
             return camera
         raise SystemExit(f"the place {PLACE} is out of the arm's reach")
@@ -172,8 +169,8 @@ def pick_and_place(robot: dict[str, str], seed: int) -> tuple[float, float] | st
         if not loop.result().converged:
             return f"the servo ended with {loop.result().outcome}"
         hand, box = Hand(loop, robot), loop.plant.simulation.world.models["target"]
-        # The box's frame in the camera's, as the goal was shown.
-        camera_T_box = np.linalg.inv(transform((0, 0, ABOVE), (math.pi, 0.0, -math.pi / 2)))
+        # The camera's frame in the box's, as the goal was shown.
+        box_T_camera = Pose.from_rpy((0.0, 0.0, ABOVE), (math.pi, 0.0, -math.pi / 2)).matrix()
         reach = ABOVE - TIPS + 0.03  # the fingertips 30 mm below the box's top
         hand.grip(OPEN, 20.0)
         over = hand.camera
@@ -183,7 +180,7 @@ def pick_and_place(robot: dict[str, str], seed: int) -> tuple[float, float] | st
         hand.go(over)
         if box.pose().xyz[2] < TABLE + BOX[2] + 0.05:
             return "the box slipped out"
-        put = hand.put_down(np.linalg.inv(camera_T_box))
+        put = hand.put_down(box_T_camera)
         hand.go(put)
         hand.go(down(put, reach - 0.001), 0.05)
         hand.grip(OPEN, 20.0)

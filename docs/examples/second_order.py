@@ -5,8 +5,7 @@
 
 import numpy as np
 
-from aras_visual_servo_controller.features import FEATURES
-from aras_visual_servo_controller.schemes import Decision, JointController
+from aras_visual_servo_controller import FEATURES, Decision, JointController, MeasurementError
 
 FREQUENCY, DAMPING = 6.0, 1.0  # rad/s, critical
 
@@ -31,8 +30,6 @@ class SecondOrder(JointController):
 
     def see(self, observation, goal, t):
         if not observation.valid:
-            from aras_visual_servo_controller.errors import MeasurementError
-
             raise MeasurementError(observation.reason)
         measured = self.feature.measure(observation, goal)
         self.error, self.L = measured.error.copy(), measured.L

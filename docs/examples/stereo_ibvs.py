@@ -5,13 +5,10 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
-from aras_visual_servo_base.poses import relative
-from aras_visual_servo_controller.features import Stack
-from aras_visual_servo_controller.features.of_camera import OfCamera
-from aras_visual_servo_controller.features.points import Points, point_interaction
-from aras_visual_servo_controller.features.stereo import triangulated
+from aras_visual_servo_controller import OfCamera, Points, Stack, point_interaction
 
 
 class StereoIBVS(Stack):
@@ -24,8 +21,10 @@ class StereoIBVS(Stack):
         found = super().measure(observation, goal)  # numbered as in the goal
         left, right = observation.cameras["left"], observation.cameras["right"]
         in_left, in_right = np.split(found.s.reshape(-1, 2), 2)
-        right_T_left = relative(right.world_T_camera, left.world_T_camera)
-        places = triangulated(in_left, in_right, right_T_left)  # (n, 3), m, in the left
+        right_T_left = np.linalg.inv(right.world_T_camera) @ left.world_T_camera
+        P_left, P_right = np.eye(3, 4), right_T_left[:3]
+        X = cv2.triangulatePoints(P_left, P_right, in_left.T, in_right.T)  # (4, n), homogeneous
+        places = (X[:3] / X[3]).T  # (n, 3), m, in the left
         in_the_right = places @ right_T_left[:3, :3].T + right_T_left[:3, 3]
         # Of each camera for its own twist, brought to the one twist that the loop decides.
         L_left = left.brought(point_interaction(in_left, 1.0 / places[:, 2]))

@@ -2,7 +2,7 @@
 
 from keeping import keep_runs
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench import Experiment
 
 late = Experiment(plant="chain", delay=0.2, gain=8.0, duration=6.0)
 run, remedied = keep_runs({"gain 8": late, "gain 2": late.with_(gain=2.0)}, "feature_errors")

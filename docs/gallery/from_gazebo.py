@@ -3,8 +3,7 @@
 import cv2
 from keeping import folder
 
-from aras_sim_bridge.description import world_file
-from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge import Simulation, SimulationConfig, load_world, populate
 
 BOX = """<model name='{0}'><pose>{1}</pose><static>{2}</static><link name='l'>
   <inertial><mass>1</mass></inertial>
@@ -30,9 +29,9 @@ WORLD = f"""<sdf version='1.6'><world name='default'>
 
 out = folder()
 (out / "table.world").write_text(WORLD)
-world = world_file.read(str(out / "table.world"))
+world = load_world(out / "table.world")
 simulation = Simulation(SimulationConfig(world.time_step, world.gravity, lights=world.lights))
-world_file.populate(simulation.spawn, world)
+populate(simulation.spawn, world)
 frames, camera = [], simulation.camera("/eye")
 camera.on_frame, camera.enabled = frames.append, True
 while simulation.time_ns < 1_500_000_000:  # the cube falls onto the table

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from keeping import EXAMPLES, folder
 
-from aras_sim_bridge.description import world_file
+from aras_sim_bridge import load_world, populate
 
 sys.path.append(str(EXAMPLES))
 import pick_and_place as example  # noqa: E402  docs/examples/pick_and_place.py
@@ -28,7 +28,7 @@ class Watched(example.Hand):
         """See Hand.grip."""
         held, frames = super().grip(position, effort), []
         if not pictures:
-            world_file.populate(self.simulation.spawn, world_file.read(str(out / "eye.world")))
+            populate(self.simulation.spawn, load_world(out / "eye.world"))
         camera = self.simulation.camera("/eye")
         camera.on_frame, camera.enabled = frames.append, True
         while not frames:

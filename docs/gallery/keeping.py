@@ -5,11 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.pictures import style
-from aras_visual_servo_bench.recording.run import Run
-from aras_visual_servo_bench.study.replay import carried_out
-from aras_visual_servo_bench.web.report.write import PARTS, write_report
+from aras_visual_servo_bench import Experiment, Run, run_with_images, save_figure, write_report
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
@@ -25,11 +21,9 @@ def folder() -> Path:
 def keep_runs(experiments: dict[str, Experiment], figure: str) -> list[Run]:
     """Carry experiments out, by name; leave their report, and one of its figures as picture.png."""
     out = folder()
-    runs = [carried_out(name, experiment) for name, experiment in experiments.items()]
+    runs = [run_with_images(experiment, name) for name, experiment in experiments.items()]
     page = write_report(runs, out, ())[0]
-    (chapter,) = (part for row in PARTS for part in row if part.name == figure)
-    with style.look():
-        chapter.figure(runs).savefig(out / "picture.png")
+    save_figure(runs, figure, out / "picture.png")
     for run in runs:
         off = f"{1e3 * run.verdict.distance:.2f} mm from its goal"
         print(f"{run.name}: {run.outcome}, {run.verdict.word}, {off}")

@@ -2,7 +2,7 @@
 
 from keeping import keep_runs
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench import Experiment
 
 taught = "aras_visual_servo_bench.learning.learned:Learned"
 base = Experiment(plant="chain", features="pictures", start="2016", goal="2016", duration=5.0)

@@ -2,7 +2,7 @@
 
 from keeping import keep_runs
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench import Experiment
 
 target = {"shape": "l_shape", "size": [0.15, 0.1], "motion": {"velocity": [0.02, 0, 0, 0, 0, 0]}}
 drifts = Experiment(

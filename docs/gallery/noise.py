@@ -2,7 +2,7 @@
 
 from keeping import keep_runs
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench import Experiment
 
 dim = {"horizontal_fov": 2.0, "width": 320, "height": 240, "update_rate": 30.0}
 light = {"exposure_time": 0.02, "noise_stddev": 8.0, "shot_noise": 0.2}

@@ -2,7 +2,7 @@
 
 from keeping import EXAMPLES, keep_runs
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench import Experiment
 
 # x y z (m), roll pitch yaw (rad) in the world; the camera looks down at the target
 mine = Experiment(

@@ -2,7 +2,7 @@
 
 from keeping import keep_runs
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench import Experiment
 
 lens = {"lens": "equidistant", "horizontal_fov": 3.1, "width": 640, "height": 480,
         "update_rate": 30.0}  # fmt: skip

@@ -4,7 +4,7 @@ import sys
 
 from keeping import EXAMPLES, keep_runs
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench import Experiment
 
 sys.path.append(str(EXAMPLES))
 mine = Experiment(scheme="own_corners:OwnCorners", start="2016", duration=5.0)

@@ -2,7 +2,7 @@
 
 from keeping import keep_runs
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench import Experiment
 
 poster = Experiment(
     plant="free", features="pictures", scheme="luminance",

@@ -2,7 +2,7 @@
 
 from keeping import keep_runs
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench import Experiment
 
 names = ("moments", "points", "points_3d")
 runs = keep_runs({name: Experiment(scheme=name, start="2016") for name in names}, "camera_path")

@@ -1,11 +1,11 @@
-"""Stereo: two cameras before an arm tell the depth by themselves, in a scheme of 33 lines."""
+"""Stereo: two cameras before an arm tell the depth by themselves, in a scheme of 32 lines."""
 
 import os
 import sys
 
 from keeping import EXAMPLES, folder, keep_runs
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench import Experiment
 
 sys.argv[1:] = [str(folder().resolve())]  # portal.yaml names its files as from its own folder
 os.chdir(EXAMPLES)

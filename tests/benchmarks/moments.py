@@ -30,7 +30,8 @@ import checkout  # noqa: F401
 import cv2
 import numpy as np
 
-from aras_visual_servo_camera.features import PAPER, Reference, compute
+from aras_visual_servo_camera.features import PAPER, Reference
+from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.images import decode
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments, Pinhole

@@ -15,7 +15,8 @@ from ros_graph import PATIENCE, RosMaster, wait_for
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float64MultiArray
 
-from aras_visual_servo_camera.features import PAPER, Reference, compute
+from aras_visual_servo_camera.features import PAPER, Reference
+from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.messages import moments_from_message
 
 NODE = ["rosrun", "aras_visual_servo_camera", "aras_visual_servo_camera_node"]

@@ -3,22 +3,74 @@
 from __future__ import annotations
 
 import importlib
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
+PACKAGE = """
 from aras_visual_servo_base.lazy import lazy_exports
 
+__all__ = ["Experiment", "Study"]
+__getattr__, __dir__ = lazy_exports(__name__, {"Experiment": ".one", "Study": ".two"})
+"""
 
-def test_a_package_exports_names_of_its_modules() -> None:
-    exported = lazy_exports("json", {"JSONDecoder": ".decoder"})
-    assert exported("JSONDecoder") is importlib.import_module("json.decoder").JSONDecoder
-    with pytest.raises(AttributeError, match="module 'json' has no attribute 'Other'"):
-        exported("Other")
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A package that exports two names of two modules, and has a third module."""
+    folder = tmp_path / "lazy_example"
+    folder.mkdir()
+    (folder / "__init__.py").write_text(PACKAGE)
+    (folder / "one.py").write_text("class Experiment: ...\n")
+    (folder / "two.py").write_text("class Study: ...\n")
+    (folder / "other.py").write_text("VALUE = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    yield "lazy_example"
+    for name in [name for name in sys.modules if name.partition(".")[0] == "lazy_example"]:
+        del sys.modules[name]
+
+
+def test_a_name_is_imported_when_it_is_used(package: str) -> None:
+    module = importlib.import_module(package)
+    assert dir(module) == ["Experiment", "Study"]
+    assert f"{package}.one" not in sys.modules
+    assert module.Experiment is importlib.import_module(f"{package}.one").Experiment
+    assert f"{package}.two" not in sys.modules
+
+
+def test_a_wrong_attribute_gets_the_nearest_name(package: str) -> None:
+    module = importlib.import_module(package)
+    said = "^module 'lazy_example' has no attribute 'Experimnt': did you mean 'Experiment'[?]$"
+    with pytest.raises(AttributeError, match=said):
+        module.Experimnt  # noqa: B018
+    with pytest.raises(AttributeError, match="known are Experiment, Study"):
+        module.Unheard  # noqa: B018
+    assert not hasattr(module, "Experimnt") and not hasattr(module, "__wrapped__")
+
+
+def test_a_wrong_import_gets_the_nearest_name(package: str) -> None:
+    said = "^cannot import name 'Experimnt' from 'lazy_example': did you mean 'Experiment'[?]$"
+    with pytest.raises(ImportError, match=said):
+        exec(f"from {package} import Experimnt")
+    found: dict[str, object] = {}
+    exec(f"from {package} import other, Study", found)
+    assert found["other"].VALUE == 1 and found["Study"].__module__ == f"{package}.two"
+
+
+def test_a_traceback_suggests_once(package: str, tmp_path: Path) -> None:
+    for wrong in (f"import {package}; {package}.Experimnt", f"from {package} import Experimnt"):
+        paths = repr([str(tmp_path), *sys.path])
+        code = f"import sys; sys.path[:0] = {paths}\n{wrong}"
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        assert done.returncode == 1
+        assert done.stderr.lower().count("did you mean") == 1, done.stderr
 
 
 @pytest.mark.parametrize("package", [
     "aras_sim_bridge.camera", "aras_sim_bridge.description", "aras_sim_bridge.rendering",
-    "aras_visual_servo_controller.laws",
+    "aras_sim_bridge.world", "aras_visual_servo_controller.laws",
 ])  # fmt: skip
 def test_all_that_a_package_says_it_exports_is_there(package: str) -> None:
     module = importlib.import_module(package)

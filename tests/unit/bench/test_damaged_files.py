@@ -62,7 +62,7 @@ def inertias(path):
 
 
 def world(path):
-    return [np.ravel(one.initial_pose) for one in world_file.read(str(path)).models]
+    return [np.ravel(one.initial_pose) for one in world_file.load_world(str(path)).models]
 
 
 def picture(path):

@@ -26,7 +26,7 @@ from aras_visual_servo_bench.pictures.over_time import looks
 from aras_visual_servo_bench.recording.from_loop import settings_of
 from aras_visual_servo_bench.recording.run import CameraRecord, settling
 from aras_visual_servo_bench.recording.tracks import milestones, nearest, tracks
-from aras_visual_servo_bench.study.replay import carried_out, with_all_pictures
+from aras_visual_servo_bench.study.replay import run_with_images, with_all_pictures
 from aras_visual_servo_bench.web import SHARED
 from aras_visual_servo_bench.web.report import page, write
 from aras_visual_servo_bench.web.report import page as page_text
@@ -50,18 +50,18 @@ SIMPLE = tuple((write.Chapter(name, name, "", simple),) for name in "abc")
 @pytest.fixture(scope="module")
 def moments():
     """The paper's moments on an arm without dynamics, exactly seen."""
-    return carried_out("moments", Experiment(plant="chain", duration=SECONDS, linger=None))
+    return run_with_images(Experiment(plant="chain", duration=SECONDS, linger=None), "moments")
 
 
 @pytest.fixture(scope="module")
 def points():
     """Four points of a square, seen by a camera that flies."""
-    return carried_out("points", Experiment.from_mapping({
+    return run_with_images({
         "plant": "free", "target": {"shape": "square", "size": [0.1, 0.1]},
         "scheme": "numbered_points", "start": {"pose": [0.05, -0.03, 0.4, 3.14159, 0.0, 0.5]},
         "goal": {"pose": [0.0, 0.0, 0.25, 3.14159, 0.0, 0.0]}, "duration": SECONDS,
         "linger": None,
-    }))  # fmt: skip
+    }, "points")  # fmt: skip
 
 
 def values(record):
@@ -74,7 +74,7 @@ def values(record):
 def test_the_numbers_are_those_of_the_studies():
     experiment = Experiment(plant="chain", duration=1.0, linger=None)
     run = with_all_pictures(experiment)
-    found = values(carried_out("again", experiment))
+    found = values(run_with_images(experiment, "again"))
     for name, metric in metrics.TABLE.items():
         assert found[name] == pytest.approx(metric.measure(run), abs=0.0, nan_ok=True), name
     assert [stamp for stamp, _ in run.images.pictures] == run.stamp.tolist()

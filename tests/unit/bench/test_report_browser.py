@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.study.replay import carried_out
+from aras_visual_servo_bench.study.replay import run_with_images
 from aras_visual_servo_bench.web.report.write import write_report
 
 SIZES = (1440, 390)
@@ -19,7 +19,7 @@ READY = "!!window.arasReport"
 def runs():
     """Two of unlike gains and lengths."""
     asked = Experiment(plant="chain", start="2016", duration=2.0, linger=None)
-    quick, slow = carried_out("quick", asked), carried_out("slow", asked.with_(gain=2.0))
+    quick, slow = run_with_images(asked, "quick"), run_with_images(asked.with_(gain=2.0), "slow")
     return [quick, replace(slow, name=f"slow {HOSTILE}")]
 
 

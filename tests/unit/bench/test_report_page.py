@@ -16,7 +16,7 @@ from aras_visual_servo_bench.pictures import panels
 from aras_visual_servo_bench.recording import film as films
 from aras_visual_servo_bench.recording.film import FRAMES, chosen, film
 from aras_visual_servo_bench.recording.tracks import tracks
-from aras_visual_servo_bench.study.replay import carried_out
+from aras_visual_servo_bench.study.replay import run_with_images
 from aras_visual_servo_bench.web import uplot
 from aras_visual_servo_bench.web.report.contents import contents
 from aras_visual_servo_bench.web.report.page import in_script
@@ -29,19 +29,19 @@ HOSTILE = '</script><img src=x onerror="window.hit=1">&amp;\'"<!--'
 def moments():
     """Joints, pictures, a start that is turned against the goal."""
     asked = Experiment(plant="chain", start="2016", duration=1.5, linger=None)
-    return carried_out("moments", asked)
+    return run_with_images(asked, "moments")
 
 
 @pytest.fixture(scope="module")
 def flying():
     """Four points, seen by a camera that flies, whose target drifts."""
-    return carried_out("flying", Experiment.from_mapping({
+    return run_with_images({
         "plant": "free", "scheme": "numbered_points", "duration": 1.0, "linger": None,
         "target": {"shape": "square", "size": [0.1, 0.1],
                    "motion": {"velocity": [0.02, -0.01, 0.0, 0.0, 0.0, 0.1]}},
         "start": {"pose": [0.05, -0.03, 0.4, 3.14159, 0.0, 0.5]},
         "goal": {"pose": [0.0, 0.0, 0.25, 3.14159, 0.0, 0.0]},
-    }))  # fmt: skip
+    }, "flying")  # fmt: skip
 
 
 def of_page(runs):
@@ -126,7 +126,7 @@ def test_the_arm_in_space_carries_the_camera(moments, flying):
 
 
 def test_the_arm_of_the_physics_stands_in_its_world(moments):
-    run = carried_out("bullet", Experiment(duration=0.1))
+    run = run_with_images(Experiment(duration=0.1), "bullet")
     reach = [np.linalg.norm(one.arm_places[:, -1] - one.true_pose[:, :3, 3], axis=1)
              for one in (run, moments)]  # fmt: skip
     assert np.ptp(np.concatenate(reach)) < 1e-6

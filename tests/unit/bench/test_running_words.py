@@ -245,16 +245,16 @@ def test_an_experiment_is_run_once(calls, tmp_path, monkeypatch, words, name, so
     words = [str(path) if word == "FILE" else word for word in words]
     done, ran = SimpleNamespace(name=""), []
     monkeypatch.setattr(running.loop, "run", lambda asked: ran.append(asked) or done)
-    calls(replay, "carried_out", done)
+    calls(replay, "run_with_images", done)
     calls(analyzing, "report")
     assert main(["run", *words, "gain=2.5"]) == 0
     assert calls.found[-1] == ("report", [done], None if out is None else running.Path(out))
-    asked = ran[0] if out is None else calls.found[0][2]
+    asked = ran[0] if out is None else calls.found[0][1]
     assert asked.gain == 2.5 and (asked.plant == "free") is bool(source)
     if out is None:
         assert done.name == name
     else:
-        assert calls.found[0][1:4:2] == (name, str(path) if source else "")
+        assert calls.found[0][2:4] == (name, str(path) if source else "")
 
 
 def test_what_belongs_to_studies_is_refused_of_an_experiment(tmp_path, capsys):

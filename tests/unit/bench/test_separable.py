@@ -18,9 +18,9 @@ for name in sys.argv[1].split():
 REPORT = """
 from pathlib import Path
 from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.study.replay import carried_out
+from aras_visual_servo_bench.study.replay import run_with_images
 from aras_visual_servo_bench.web.report.write import write_report
-run = carried_out("one", Experiment(plant="free", duration=0.5))
+run = run_with_images(Experiment(plant="free", duration=0.5), "one")
 written = write_report([run], Path(sys.argv[2]), ("png",))
 print(sorted(path.name for path in written if path.suffix in (".html", ".json")))
 """

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
+from aras_visual_servo_bench import load_run
 from aras_visual_servo_bench.commands import (
     analyzing,
     browsing,
@@ -222,7 +223,7 @@ def test_runs_that_are_analyzed_have_the_names_that_they_are_given(asked, tmp_pa
         progress(0.5)
         return SimpleNamespace(name=f"of {given}")
 
-    monkeypatch.setattr(analyzing, "read", read)
+    monkeypatch.setattr(analyzing, "load_run", read)
     asked(analyzing, "report")
     words = ["analyze", "a", "b", "--out", str(tmp_path)]
     assert main([*words, "--names", "one, two", "--formats", "svg,png", "--paper"]) == 0
@@ -313,12 +314,12 @@ def test_a_word_names_a_bag_however_it_was_left(bags, tmp_path):
                         (none / "other.bag", none / "other.bag"),
                         (cut / "run.bag", cut / "run.bag.active"),
                         (tmp_path / "b.bag", tmp_path / "b.bag.active")):
-        assert analyzing.read(str(given), parts.append) == f"bag {read}"
+        assert load_run(str(given), parts.append) == f"bag {read}"
     assert parts == [0.25] * 5
     for given, why in ((none, f"{none} holds no run.bag; a study's run is named as {none}:NUMBER"),
                        (tmp_path / "c.bag", f"there is no file {tmp_path / 'c.bag'}")):
         with pytest.raises(BenchError) as told:
-            analyzing.read(str(given), parts.append)
+            load_run(str(given), parts.append)
         assert str(told.value) == why
 
 
@@ -327,21 +328,19 @@ def test_a_word_names_a_study_s_run_or_an_experiment(asked, bags, tmp_path, monk
     opened = []
     monkeypatch.setattr(folders.Folder, "open", lambda path: opened.append(path) or folder)
     asked(replay, "replay", ("run", {}))
-    assert analyzing.read("a/b:12", print) == "run" and str(opened[0]) == "a/b"
+    assert load_run("a/b:12", print) == "run" and str(opened[0]) == "a/b"
     assert asked.found == [("replay", folder, 12, "mine:12")]
     (tmp_path / "x:3").write_text("")
-    assert analyzing.read(str(tmp_path / "x:3"), lambda part: None).startswith("bag ")
-    asked(replay, "carried_out", "done")
+    assert load_run(str(tmp_path / "x:3"), lambda part: None).startswith("bag ")
     for name in ("one.yaml", "two.yml"):
-        (tmp_path / name).write_text("plant: free\ngain: 2.5\n")
-        assert analyzing.read(str(tmp_path / name), print) == "done"
-        _, stem, experiment, source = asked.found[-1]
-        assert (stem, source) == (name[:3], str(tmp_path / name))
-        assert (experiment.plant, experiment.gain) == ("free", 2.5)
+        (tmp_path / name).write_text("plant: free\ngain: 2.5\nduration: 0.1\n")
+        run = load_run(tmp_path / name)
+        assert (run.name, run.source) == (name[:3], str(tmp_path / name))
+        assert (run.experiment.plant, run.experiment.gain) == ("free", 2.5)
     for text, why in (("gain: -1\n", f"{tmp_path / 'one.yaml'}: gain is -1.0"), ("gain: [\n", "")):
         (tmp_path / "one.yaml").write_text(text)
         with pytest.raises(BenchError) as told:
-            analyzing.read(str(tmp_path / "one.yaml"), print)
+            load_run(str(tmp_path / "one.yaml"), print)
         assert str(told.value).startswith(why) and str(told.value).count("one.yaml") == 1
 
 

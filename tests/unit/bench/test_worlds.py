@@ -59,7 +59,7 @@ def test_grey_levels_lead_the_arm_home_on_the_workbench():
 
 
 def test_the_workbench_has_nothing_to_warn_of(caplog):
-    world = world_file.read(str(GAZEBO / "world" / "workbench.world"),
+    world = world_file.load_world(str(GAZEBO / "world" / "workbench.world"),
                             lambda _: str(GAZEBO))
     assert world.warnings == () and not caplog.records
     assert (len(world.lights), world.scene.shadows, world.scene.sky) == (3, "hard", True)

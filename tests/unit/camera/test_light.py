@@ -137,7 +137,7 @@ WORLD = """<sdf version="1.6"><world name="w"><scene><ambient>0.2 0.1 0.3 1</amb
 def test_what_a_world_says_of_light(tmp_path):
     path = tmp_path / "w.world"
     path.write_text(WORLD.format("<sky/><shadows>1</shadows>"))
-    world = world_file.read(str(path))
+    world = world_file.load_world(str(path))
     (spot,) = world.lights
     assert (spot.spot_inner, spot.spot_outer, spot.spot_falloff, spot.attenuation_range) == (
         0.2, 0.5, 2.0, 7.0)
@@ -145,10 +145,10 @@ def test_what_a_world_says_of_light(tmp_path):
     assert world.scene.background == (0.1, 0.2, 0.3, 1.0)
     assert (world.scene.sky, world.scene.shadows) == (True, "none")
     path.write_text(WORLD.format("<aras:shadows>soft</aras:shadows>"))
-    assert world_file.read(str(path)).scene.shadows == "soft"
+    assert world_file.load_world(str(path)).scene.shadows == "soft"
     path.write_text(WORLD.format("<aras:shadows>long</aras:shadows>"))
     with pytest.raises(DescriptionError, match="'long' is unknown; use none, hard, soft"):
-        world_file.read(str(path))
+        world_file.load_world(str(path))
 
 
 TIMED = WORLD.replace("</attenuation>", "</attenuation><aras:shines>{times}</aras:shines>")
@@ -157,12 +157,12 @@ TIMED = WORLD.replace("</attenuation>", "</attenuation><aras:shines>{times}</ara
 def test_a_light_of_a_world_comes_and_goes(tmp_path):
     path = tmp_path / "w.world"
     path.write_text(TIMED.format("", times="0 0.5  1.25 2"))
-    (spot,) = world_file.read(str(path)).lights
+    (spot,) = world_file.load_world(str(path)).lights
     assert spot.shines == ((0.0, 0.5), (1.25, 2.0))
     for times, complaint in [("0 0.5 1", "needs 4 numbers"), ("1 0.5", "from 1 to 0.5 s"),
                              ("-1 0.5", "must rise from 0 on"), ("1 x", "'x'")]:
         path.write_text(TIMED.format("", times=times))
-        found = world_file.read(str(path))
+        found = world_file.load_world(str(path))
         (told,) = found.warnings
         assert not found.lights
         assert re.match(f"light 'l' is left out: light 'l': aras:shines.*{complaint}", told)

@@ -230,7 +230,7 @@ def test_a_world_with_one_bad_model_of_twenty_starts_with_nineteen(tmp_path, bad
     path = tmp_path / "w.world"
     path.write_text("<sdf version='1.6'><world name='w'>" + "".join(
         [*good[:7], wrong, *good[7:]]) + "</world></sdf>")
-    found = world_file.read(str(path))
+    found = world_file.load_world(str(path))
     simulation = Simulation(SimulationConfig(ground_plane=False))
     said = list(found.warnings)
     world_file.populate(simulation.spawn, found, said.append)

@@ -71,7 +71,7 @@ def read(tmp_path):
     def world(inside):
         path = tmp_path / "saved.world"
         path.write_text(f"<sdf version='1.6'><world name='default'>{inside}</world></sdf>")
-        return world_file.read(str(path))
+        return world_file.load_world(str(path))
 
     return world
 

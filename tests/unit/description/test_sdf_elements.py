@@ -184,7 +184,7 @@ def read(tmp_path_factory):
 
     def made(inside):
         file.write_text(f"<sdf version='1.9'><world name='w'>{inside}</world></sdf>")
-        found = world_file.read(str(file))
+        found = world_file.load_world(str(file))
         return found.warnings, repr(found).replace(repr(found.warnings), "")
 
     return made

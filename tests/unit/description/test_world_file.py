@@ -26,11 +26,11 @@ def world(tmp_path, inside):
     """The world file of this text, read."""
     path = tmp_path / "a.world"
     path.write_text(f"<sdf version='1.6'><world name='default'>{inside}</world></sdf>")
-    return world_file.read(str(path))
+    return world_file.load_world(str(path))
 
 
 def test_without_a_file_there_are_gazebo_s_ground_and_sun():
-    found = world_file.read("")
+    found = world_file.load_world("")
     assert (found.time_step, found.gravity, found.update_rate) == (0.001, (0, 0, -9.8), 1000.0)
     assert found.ground_plane and found.lights == (SUN,) and not found.models
 
@@ -72,14 +72,14 @@ def test_what_is_wrong_is_named_with_the_file(tmp_path, inside, reason):
 
 def test_files_that_are_no_world(tmp_path):
     with pytest.raises(DescriptionError, match="the world file cannot be read"):
-        world_file.read(str(tmp_path / "gone.world"))
+        world_file.load_world(str(tmp_path / "gone.world"))
     path = tmp_path / "a.world"
     path.write_text("<sdf/>")
     with pytest.raises(DescriptionError, match="there is no <sdf><world> in it"):
-        world_file.read(str(path))
+        world_file.load_world(str(path))
     path.write_bytes(b"\xff\xfe<")
     with pytest.raises(DescriptionError, match="the world file cannot be read"):
-        world_file.read(str(path))
+        world_file.load_world(str(path))
 
 
 def test_a_light_s_numbers(tmp_path):
@@ -121,7 +121,7 @@ def test_a_mesh_that_is_missing_is_left_out_and_named(tmp_path, monkeypatch):
         f'<visual name="b">{box}<material><diffuse>1 0 0 1</diffuse></material></visual>'
         f'<collision name="c">{part.format("crate/c.stl")}</collision>'
         f'<collision name="d">{box}</collision></link></model></world></sdf>')
-    found = world_file.read(str(path))
+    found = world_file.load_world(str(path))
     link = found.models[0].links["l"]
     assert [v.name for v in link.visuals] == ["b"]
     assert [c.name for c in link.collisions] == ["d"]
@@ -129,7 +129,7 @@ def test_a_mesh_that_is_missing_is_left_out_and_named(tmp_path, monkeypatch):
     assert "visual 'a'" in first and "nowhere" in first and "left out" in first
     assert "collision 'c'" in second and "c.stl" in second
     path.write_text(path.read_text().replace("nowhere/a.dae", "crate/../../a.dae"))
-    assert "climbs out" in world_file.read(str(path)).warnings[0]
+    assert "climbs out" in world_file.load_world(str(path)).warnings[0]
 
 
 NUMBERS = [*_DIRECTED, *_STRENGTHS]
@@ -205,7 +205,7 @@ def test_a_mesh_that_many_models_lack_is_named_in_one_line(tmp_path, count):
     file = tmp_path / "a.world"
     file.write_text("<sdf version='1.6'><world name='w'>"
                     + "".join(map(model.format, range(count))) + "</world></sdf>")
-    told = [one for one in world_file.read(str(file)).warnings if "gone.dae" in one]
+    told = [one for one in world_file.load_world(str(file)).warnings if "gone.dae" in one]
     assert len(told) == (3 if count == 3 else 1)
     assert "model 'm0'" in told[0]
     assert told[0].endswith(" (and in 6 more places)") == (count == 7)
@@ -232,7 +232,7 @@ def test_files_that_a_world_names_lie_beside_it(tmp_path, monkeypatch):
                     + mesh.format("package://p/part.stl") + "</link></model></world></sdf>")
     monkeypatch.chdir(tmp_path)
     for name in (str(path), "worlds/a.world"):
-        found = world_file.read(name, lambda package: str(tmp_path))
+        found = world_file.load_world(name, lambda package: str(tmp_path))
         assert found.warnings == ()
         assert [visual.geometry.filename for visual in found.models[0].links["a"].visuals] == [
             str(tmp_path / "worlds/own.stl"), *[str(tmp_path / "part.stl")] * 2]

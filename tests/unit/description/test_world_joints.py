@@ -33,7 +33,7 @@ def read(tmp_path):
     def world(*inside):
         path = tmp_path / "a.world"
         path.write_text(f"<sdf version='1.6'><world name='w'>{''.join(inside)}</world></sdf>")
-        return world_file.read(str(path))
+        return world_file.load_world(str(path))
 
     return world
 

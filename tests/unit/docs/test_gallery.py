@@ -1,5 +1,6 @@
 """The gallery's examples do what they say, and its page and the front page show them all."""
 
+import os
 import runpy
 import sys
 
@@ -20,6 +21,7 @@ def test_an_example_of_the_gallery(name, tmp_path, monkeypatch):
     scripts = ROOT / "docs" / "gallery"
     monkeypatch.syspath_prepend(str(scripts))
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # of programs that it starts
     if name != "failure":  # one report of those that keep_runs leaves shows that it does
         monkeypatch.setattr("aras_visual_servo_bench.web.report.write.write_report",
                             lambda runs, out, parts: [out / "report.html"])

@@ -22,7 +22,8 @@ from feature_cases import (
 from aras_visual_servo_camera import features
 from aras_visual_servo_camera.definitions import FORMULAS
 from aras_visual_servo_camera.errors import DegenerateFeatureError, FeatureError
-from aras_visual_servo_camera.features import PAPER, Reference, compute, required_order
+from aras_visual_servo_camera.features import PAPER, Reference, required_order
+from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.formula import Formula, Program
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments, exponents

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from feature_cases import pixels_inside
 
-from aras_visual_servo_camera.features import Reference, compute
+from aras_visual_servo_camera.features import Reference
+from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments, Pinhole
 

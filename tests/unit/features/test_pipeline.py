@@ -9,7 +9,7 @@ import pytest
 from feature_cases import TARGET, View, grey_image, rotation
 
 from aras_visual_servo_camera.errors import CalibrationError, DegenerateFeatureError
-from aras_visual_servo_camera.features import compute
+from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.pipeline import Measurement, Pipeline, PipelineSettings, _unfit

@@ -10,7 +10,8 @@ import pytest
 from feature_cases import TARGET, rotation
 from feature_cases import View as Pose
 
-from aras_visual_servo_camera.features import PAPER, Reference, compute
+from aras_visual_servo_camera.features import PAPER, Reference
+from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings

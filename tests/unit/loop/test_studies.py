@@ -50,10 +50,10 @@ def test_the_prediction_is_that_of_a_simulated_delay():
         s += speed * step
         history.append((t, s))
     t, s = np.array(history).T
-    assert fitted(t, s) == pytest.approx(decay.predicted(gain, tau), rel=0.02)
-    assert decay.predicted(gain, 0.0) == pytest.approx(-np.log(1 - gain * period) / period)
+    assert fitted(t, s) == pytest.approx(decay.predict_decay_rate(gain, tau), rel=0.02)
+    assert decay.predict_decay_rate(gain, 0.0) == pytest.approx(-np.log(1 - gain * period) / period)
     # With a gain that goes beyond the goal by half of the way each time.
-    assert decay.predicted(1.5 / period, 0.0) == pytest.approx(np.log(2.0) / period)
+    assert decay.predict_decay_rate(1.5 / period, 0.0) == pytest.approx(np.log(2.0) / period)
 
 
 @pytest.mark.parametrize("number", range(2))

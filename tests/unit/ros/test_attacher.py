@@ -40,5 +40,5 @@ def test_a_world_says_whether_it_has_the_plug_in(tmp_path, plugin):
     file = tmp_path / "a.world"
     inside = "<plugin name='p' filename='libgazebo_ros_link_attacher.so'/>" * plugin
     file.write_text(f"<sdf version='1.6'><world name='w'>{inside}</world></sdf>")
-    read = world_file.read(str(file))
+    read = world_file.load_world(str(file))
     assert read.link_attacher is plugin and not read.warnings

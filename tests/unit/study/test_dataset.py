@@ -178,7 +178,8 @@ def test_each_camera_has_columns_of_its_own():
     assert images.schema(study).names[-2:] == ["picture_left", "picture_right"]
     assert images.schema(study_of(SEVERAL, depth=True)).names[-4:] == [
         "picture_left", "depth_left", "picture_right", "depth_right"]
-    run = replay.carried_out("again", study.experiment_of(0).with_(duration=0.05), "here")
+    run = replay.run_with_images(
+        study.experiment_of(0).with_(duration=0.05), "again", "here")
     assert (run.name, run.source) == ("again", "here")
     assert run.cameras["left"].film and not run.cameras["left"].pictures
     assert len(run.images.pictures) == len(run.stamp)

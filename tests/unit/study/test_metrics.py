@@ -240,7 +240,8 @@ def test_the_predicted_decay_needs_two_images_and_a_gain_that_is_known():
     for count, known in ((0, False), (1, False), (2, True), (3, True)):
         found = replace(run(), states=run().states[:count], experiment=asked)
         told = measured("decay_predicted", found)
-        assert told == pytest.approx(decays.predicted(2.0, 0.03)) if known else np.isnan(told)
+        rate = decays.predict_decay_rate(2.0, 0.03)
+        assert told == pytest.approx(rate) if known else np.isnan(told)
         unknown = replace(found, experiment=asked.with_(gain=None))
         assert np.isnan(measured("decay_predicted", unknown))
 

@@ -23,7 +23,7 @@ import model_folders  # noqa: E402
 def simulation(tmp_path, monkeypatch):
     """The saved world with a table below two eyes."""
     monkeypatch.setenv("GAZEBO_MODEL_PATH", str(model_folders.write(tmp_path)))
-    found = world_file.read(str(WORLDS / "stereo_table.world"))
+    found = world_file.load_world(str(WORLDS / "stereo_table.world"))
     assert all("ground_plane" in text for text in found.warnings)
     made = Simulation(SimulationConfig(ground_plane=False, lights=found.lights))
     world_file.populate(made.spawn, found)

@@ -25,7 +25,7 @@ def load(tmp_path, monkeypatch):
     made = []
 
     def read(name):
-        found = world_file.read(str(WORLDS / f"{name}.world"))
+        found = world_file.load_world(str(WORLDS / f"{name}.world"))
         simulation = Simulation(SimulationConfig(
             found.time_step, found.gravity, ground_plane=False, lights=found.lights))
         made.append(simulation)

@@ -1,1 +1,43 @@
-"""Gazebo's ROS interface over PyBullet."""
+"""Gazebo's ROS interface over PyBullet, and the simulation behind it as a library without ROS.
+
+The names of `__all__` are the public interface; those of `FIRST_PROJECT` come first. Each is
+imported when it is first used.
+"""
+
+from typing import TYPE_CHECKING
+
+from aras_visual_servo_base.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from aras_visual_servo_base.poses import Pose as Pose
+
+    from .camera.effects.base import Effect as Effect
+    from .control.controllers.base import Controller as Controller
+    from .control.controllers.gripper import GripperGoal as GripperGoal
+    from .description.files import load_description as load_description
+    from .description.world_file import load_world as load_world
+    from .description.world_file import populate as populate
+    from .errors import SimError as SimError
+    from .simulation import Simulation as Simulation
+    from .simulation import SimulationConfig as SimulationConfig
+    from .world.world import World as World
+
+_FIRST = {
+    "Simulation": ".simulation",
+    "SimulationConfig": ".simulation",
+    "load_description": ".description.files",
+    "Pose": "aras_visual_servo_base.poses",
+}
+_FURTHER = {
+    "load_world": ".description.world_file",
+    "populate": ".description.world_file",
+    "World": ".world.world",
+    "Controller": ".control.controllers.base",
+    "GripperGoal": ".control.controllers.gripper",
+    "Effect": ".camera.effects.base",
+    "SimError": ".errors",
+}
+FIRST_PROJECT = tuple(_FIRST)
+__all__ = [*_FIRST, *_FURTHER]
+if not TYPE_CHECKING:  # a type checker would take any name for one that there is
+    __getattr__, __dir__ = lazy_exports(__name__, {**_FIRST, **_FURTHER})

@@ -54,10 +54,19 @@ Cycles = Callable[..., tuple[int, int, int]]
 
 @dataclass(frozen=True)
 class SimulationConfig:
-    """time_step: s. gravity: m/s². seed: of the sensors' noise.
+    """Settings of a simulation: physics, light and noise.
 
-    lights: of the world; cameras see by the first MOST_LIGHTS. scene: what is around. exposure: one
-    of rendering.EXPOSURES, how the light becomes grey levels.
+    Attributes:
+        time_step: physics step, s.
+        gravity: (x, y, z) in the world, m/s².
+        gui: whether PyBullet's window opens.
+        renderer: name of the renderer; all names mean one.
+        seed: of the noise of cameras and sensors.
+        legacy_camera_info: whether camera_info is that of the original's camera plugin.
+        ground_plane: whether Gazebo's ground plane is in the world.
+        lights: of the world; images are lit by the first MOST_LIGHTS.
+        scene: ambient light, background, sky and shadows.
+        exposure: how light becomes grey levels, one of rendering.EXPOSURES.
     """
 
     time_step: float = 0.001
@@ -120,13 +129,14 @@ class Answers(Protocol):
 
 
 class Simulation:
-    """Models, robots and cameras of one world; simulated time only.
+    """A simulated world with its models, robots and cameras, stepped by its caller.
 
-    Programs without ROS use just this much of it, and tests/unit/world/test_simulation_use.py
-    holds it: spawn (at `joint_positions`), `robots[name].start` and `.command`,
-    `robots[name].manager.get(...).on_state` for the joint states that ROS would get,
-    `camera(name)` with its `enabled`, `on_frame`, `parent_T_optical` and `sensor.info`, `step`,
-    `time_ns`, `step_ns`, the model's `joint_names`, `read_joints` and `link_pose`, `close`.
+    Time is simulated time alone. Programs without ROS use just this much of it, and
+    tests/unit/world/test_simulation_use.py holds it: spawn (at `joint_positions`),
+    `robots[name].start` and `.command`, `robots[name].manager.get(...).on_state` for the joint
+    states that ROS would get, `camera(name)` with its `enabled`, `on_frame`, `parent_T_optical` and
+    `sensor.info`, `step`, `time_ns`, `step_ns`, the model's `joint_names`, `read_joints` and
+    `link_pose`, `close`.
 
     Attributes:
         world: physics. robots: by model name. cameras, sensors, grasps: in spawn order. lights: by

@@ -2,7 +2,7 @@
 
 
 class SimError(Exception):
-    """Base of every fault that the simulator reports to its user."""
+    """Base class of all errors that the simulator reports to its user."""
 
 
 class DescriptionError(SimError):

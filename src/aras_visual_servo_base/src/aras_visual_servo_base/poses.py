@@ -26,7 +26,10 @@ class Twist(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """Position (m) and orientation; unpacks as (xyz, quat)."""
+    """A rigid pose: position (x, y, z), m, and unit quaternion (x, y, z, w).
+
+    A pose a_T_b maps coordinates in b to a; `@` composes poses, `matrix` gives the (4, 4).
+    """
 
     xyz: Vector3 = (0.0, 0.0, 0.0)
     quat: Quaternion = (0.0, 0.0, 0.0, 1.0)

@@ -13,7 +13,7 @@ log = logging.getLogger(__name__)
 
 
 class BenchError(Exception):
-    """Base of every fault that this package raises on purpose."""
+    """Base class of all errors of experiments, studies and reports."""
 
 
 class ExperimentError(BenchError):

@@ -1,6 +1,6 @@
 """Visual features of a target and their interaction matrices, as one immutable result.
 
-    result = compute(moments, ("xn", "yn", "an", "alpha"), plane, reference)
+    result = compute_moment_features(moments, ("xn", "yn", "an", "alpha"), plane, reference)
     result.values    # s, (4,)
     result.L         # ds/dt = L v, (4, 6), v the camera's twist in its own optical frame
 
@@ -41,7 +41,7 @@ _MOMENT = re.compile(r"(m|mu)(\d)(\d)\Z")
 
 @dataclass(frozen=True)
 class Reference:
-    """What the desired view looks like: needed by an, xn, yn and alpha_full.
+    """Area, depth and orientation of the desired view, which an, xn, yn and alpha_full refer to.
 
     Attributes:
         area: a*, the `Moments.area` of the desired view.
@@ -201,23 +201,29 @@ def required_order(names: Iterable[str], kind: str = DENSE) -> int:
     return max(plan.centred_order, plan.raw_order) + 1
 
 
-def compute(
+def compute_moment_features(
     moments: Moments,
     names: Sequence[str] = PAPER,
     plane: Plane | None = None,
     reference: Reference | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> FeatureSet:
-    """Features `names` of the target with their interaction matrix.
+    """Compute features of image moments and their interaction matrix, ds/dt = L v.
+
+    v is the twist of the camera in its own optical frame, m/s and rad/s. Source: F. Chaumette, IEEE
+    T-RO 20(4), 2004; O. Tahri and F. Chaumette, IEEE T-RO 21(6), 2005.
 
     Args:
         moments: of the current view.
-        names: see the head of this module.
-        plane: target's plane in the current optical frame; without it the plane is taken as
+        names: features such as 'xn', 'alpha' or 'C3 - 0.5 * C4'; see the head of this module.
+        plane: target's plane in the current optical frame, 1/Z = A x + B y + C. By default it is
             square to the optical axis, at the depth at which the area matches the reference.
         reference: the desired view, for an, xn, yn, alpha_full and the default plane.
         tolerance: dimensionless size below which a denominator counts as zero; rounding needs
             1e-9, a noisy image of a square rather 1e-2.
+
+    Returns:
+        values s (k,), L (k, 6), and why which of them is undefined for this shape.
 
     Raises:
         FeatureError: unknown name, order of moments too low, or no reference where one is needed.
@@ -238,7 +244,7 @@ def values(
     reference: Reference | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Array:
-    """The values (k,) of `compute`, without L; FeatureError likewise."""
+    """The values (k,) of `compute_moment_features`, without L; FeatureError likewise."""
     plan = _plan(names, moments.kind)
     return _View(moments, plane, reference, tolerance).found(names, plan)[0]
 

@@ -74,10 +74,13 @@ class Pinhole:
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """Moments of one shape up to `order`; immutable.
+    """Image moments of one shape, m_ij and mu_ij for i + j <= `order`; immutable.
+
+    Made by `from_image`, `from_polygon`, `from_points` or `from_arrays`, in normalised coordinates:
+    they do not depend on lens and resolution.
 
     Attributes:
-        order: highest i + j.
+        order: highest i + j, up to 6.
         kind: 'dense' for a region, 'points' for a set of points.
         m00: area (dense; normalised, no unit) or number of points.
         xg, yg: centre of gravity.

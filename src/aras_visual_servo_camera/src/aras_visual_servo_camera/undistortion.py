@@ -54,11 +54,16 @@ class PixelTables(NamedTuple):
 
 @dataclass(frozen=True)
 class CameraModel:
-    """Intrinsics and distortion of one camera; hashable, so that a change is easily seen.
+    """Intrinsics and distortion of one camera; `project` and `normalise` map rays and pixels.
 
     Attributes:
-        width, height: of the image, pixels.
-        K: 9 numbers, row by row. D: distortion coefficients. model: name as in CameraInfo.
+        width, height: of the image, px.
+        K: camera matrix, 9 numbers row by row, px.
+        D: distortion coefficients, as in sensor_msgs/CameraInfo.
+        model: distortion model, as in sensor_msgs/CameraInfo.
+
+    Raises:
+        CalibrationError: unknown model, or numbers that no camera has.
     """
 
     width: int

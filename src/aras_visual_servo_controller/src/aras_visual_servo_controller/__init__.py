@@ -1,1 +1,85 @@
-"""Visual servoing of the ARAS robot."""
+"""Visual servoing of an arm's camera: features, laws, schemes, and the loop that runs them.
+
+The names of `__all__` are the public interface; those of `FIRST_PROJECT` come first. Each is
+imported when it is first used.
+"""
+
+from typing import TYPE_CHECKING
+
+from aras_visual_servo_base.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from aras_visual_servo_camera.features import Reference as Reference
+    from aras_visual_servo_camera.features import (
+        compute_moment_features as compute_moment_features,
+    )
+    from aras_visual_servo_camera.moments import Moments as Moments
+    from aras_visual_servo_camera.trackers.base import Tracker as Tracker
+    from aras_visual_servo_camera.undistortion import CameraModel as CameraModel
+
+    from .arm.arm import Arm as Arm
+    from .arm.resolver import Resolver as Resolver
+    from .arm.task import Task as Task
+    from .errors import ConfigurationError as ConfigurationError
+    from .errors import MeasurementError as MeasurementError
+    from .errors import ServoError as ServoError
+    from .features.base import FEATURES as FEATURES
+    from .features.base import Feature as Feature
+    from .features.base import Measured as Measured
+    from .features.base import Stack as Stack
+    from .features.interaction_check import check_interaction_matrix as check_interaction_matrix
+    from .features.of_camera import OfCamera as OfCamera
+    from .features.points import PointFeature as PointFeature
+    from .features.points import Points as Points
+    from .features.points import point_interaction as point_interaction
+    from .goals.goal import Goal as Goal
+    from .laws.base import Law as Law
+    from .laws.registry import create_law as create_law
+    from .loop.servo import Servo as Servo
+    from .schemes.base import Decision as Decision
+    from .schemes.base import JointController as JointController
+    from .schemes.base import Scheme as Scheme
+    from .schemes.registry import create_scheme as create_scheme
+    from .seeing.observation import Need as Need
+    from .seeing.observation import Observation as Observation
+    from .seeing.observation import Observer as Observer
+
+_FIRST = {
+    "Feature": ".features.base",
+    "Measured": ".features.base",
+    "Need": ".seeing.observation",
+    "Observation": ".seeing.observation",
+    "Goal": ".goals.goal",
+    "check_interaction_matrix": ".features.interaction_check",
+    "Law": ".laws.base",
+    "Scheme": ".schemes.base",
+    "JointController": ".schemes.base",
+    "Decision": ".schemes.base",
+    "Task": ".arm.task",
+    "MeasurementError": ".errors",
+}
+_FURTHER = {
+    "PointFeature": ".features.points",
+    "Points": ".features.points",
+    "point_interaction": ".features.points",
+    "Stack": ".features.base",
+    "OfCamera": ".features.of_camera",
+    "FEATURES": ".features.base",
+    "create_law": ".laws.registry",
+    "create_scheme": ".schemes.registry",
+    "Arm": ".arm.arm",
+    "Resolver": ".arm.resolver",
+    "Observer": ".seeing.observation",
+    "Servo": ".loop.servo",
+    "CameraModel": "aras_visual_servo_camera.undistortion",
+    "Moments": "aras_visual_servo_camera.moments",
+    "Reference": "aras_visual_servo_camera.features",
+    "compute_moment_features": "aras_visual_servo_camera.features",
+    "Tracker": "aras_visual_servo_camera.trackers.base",
+    "ServoError": ".errors",
+    "ConfigurationError": ".errors",
+}
+FIRST_PROJECT = tuple(_FIRST)
+__all__ = [*_FIRST, *_FURTHER]
+if not TYPE_CHECKING:  # a type checker would take any name for one that there is
+    __getattr__, __dir__ = lazy_exports(__name__, {**_FIRST, **_FURTHER})

@@ -5,11 +5,11 @@ BEHIND = "a point of the target lies behind the camera"
 
 
 class ServoError(Exception):
-    """Base of every fault this package raises on purpose."""
+    """Base class of all errors that the controller reports to its user."""
 
 
 class ConfigurationError(ServoError):
-    """A parameter or configuration file that cannot be used."""
+    """A parameter, goal or configuration file that cannot be used."""
 
 
 class UnreachableError(ServoError):
@@ -25,7 +25,7 @@ class UnreachableError(ServoError):
 
 
 class MeasurementError(ServoError):
-    """A measurement that must not be servoed on: lost target, wrong size, not finite."""
+    """An image that cannot be servoed on: target lost, wrong size, not finite. The arm holds."""
 
 
 class TaskError(ServoError):
@@ -33,7 +33,7 @@ class TaskError(ServoError):
 
 
 class SchemeError(ServoError):
-    """A scheme that raised, or answered what is no decision.
+    """A scheme that raised, answered what is no decision, or whose L is wrong.
 
     Attributes:
         trace: its traceback, empty where there is none.

@@ -7,4 +7,4 @@ _PLACES = {
     "Frame": ".sensor",
 }  # fmt: skip
 __all__ = list(_PLACES)
-__getattr__ = lazy_exports(__name__, _PLACES)
+__getattr__, __dir__ = lazy_exports(__name__, _PLACES)

@@ -36,4 +36,4 @@ _PLACES = {
     "parse_urdf": ".urdf",
 }
 __all__ = sorted(_PLACES)
-__getattr__ = lazy_exports(__name__, _PLACES)
+__getattr__, __dir__ = lazy_exports(__name__, _PLACES)

@@ -44,15 +44,19 @@ class SdfContent:
     link_attacher: bool = False
 
 
-def parse_sdf(xml: str | Element) -> RobotDescription:
+def parse_sdf(xml: str | Element, base_directory: str | None = None) -> RobotDescription:
     """The one model of an SDF text, or of what safe_xml.parse made of it.
 
     The model's own pose is in `initial_pose`; its root link's pose is worked into that link.
 
+    Args:
+        xml: the document.
+        base_directory: what relative mesh paths are relative to; None refuses them.
+
     Raises:
         DescriptionError: naming the element, what is wrong with it and how to fix it.
     """
-    content = read_sdf(xml)
+    content = read_sdf(xml, base_directory=base_directory)
     if len(content.models) != 1 or content.lights:
         left_out = "".join(f"; {warning}" for warning in content.warnings)
         raise DescriptionError(f"SDF: {len(content.models)} models and {len(content.lights)} "

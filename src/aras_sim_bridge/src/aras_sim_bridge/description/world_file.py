@@ -43,10 +43,16 @@ class WorldFile:
     link_attacher: bool = False
 
 
-def read(path: str, resolve_package: packages.ResolvePackage = packages.find) -> WorldFile:
-    """Return what stands in the world file at `path`; an empty path gives the defaults.
+def load_world(
+    path: str | Path, resolve_package: packages.ResolvePackage = packages.find
+) -> WorldFile:
+    """Read an SDF world file: gravity, physics step, models, lights and scene.
 
-    resolve_package: the directory of a package, by its name.
+    `SimulationConfig` takes its numbers and lights, `populate` puts its models into a simulation.
+
+    Args:
+        path: of the file; an empty path gives Gazebo's defaults.
+        resolve_package: the directory of a package, by its name.
 
     Raises:
         DescriptionError: no such file, not SDF, something in it that cannot be built, or a number
@@ -111,10 +117,15 @@ def _grouped(warnings: Sequence[str]) -> list[str]:
 
 def populate(spawn: Callable[..., object], world: WorldFile,
              warn: Callable[[str], object] | None = None) -> None:
-    """Put the file's models into a world by its `spawn`.
+    """Spawn all models of a world file in a simulation.
 
-    warn: takes a sentence on each model that cannot be simulated, which is left out; None: the
-    first such one is a SimError.
+    Args:
+        spawn: `Simulation.spawn`, or a function with the same arguments.
+        world: as `load_world` returned it.
+        warn: called with one sentence for each model that cannot be simulated, which is left out.
+
+    Raises:
+        SimError: a model cannot be simulated, and there is no `warn`.
     """
     for model in world.models:
         try:

@@ -56,4 +56,4 @@ def create_renderer(
     return Renderer(world, light or Sun(), kept)
 
 
-__getattr__ = lazy_exports(__name__, {"Sun": ".view", "View": ".view"})
+__getattr__, __dir__ = lazy_exports(__name__, {"Sun": ".view", "View": ".view"})

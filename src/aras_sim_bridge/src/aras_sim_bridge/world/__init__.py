@@ -7,4 +7,4 @@ _PLACES = {
     **dict.fromkeys(("Pose", "Twist"), "aras_visual_servo_base.poses"),
 }  # fmt: skip
 __all__ = sorted(_PLACES)
-__getattr__ = lazy_exports(__name__, _PLACES)
+__getattr__, __dir__ = lazy_exports(__name__, _PLACES)

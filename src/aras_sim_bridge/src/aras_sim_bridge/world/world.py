@@ -46,7 +46,9 @@ SOLVER_RESIDUAL = 1e-12
 
 
 class World:
-    """Bullet's physics with Gazebo's meaning: no hidden damping, motors or velocity bounds.
+    """The physics world: Bullet without its hidden damping, motors and velocity bounds.
+
+    `Simulation.world` is one.
 
     Args:
         time_step: s.

@@ -57,7 +57,7 @@ def read_world(path: str, packages: PackagePath) -> WorldFile:
         ExperimentError: for a bad file.
     """
     try:
-        found = world_file.read(path, packages.find) if path else WorldFile()
+        found = world_file.load_world(path, packages.find) if path else WorldFile()
     except SimError as error:
         raise ExperimentError(str(error)) from error
     for text in found.warnings:
@@ -135,7 +135,7 @@ def _link_target(
 ) -> tuple[str, tuple[float, ...]]:
     """Path of the mesh of a link's visuals, and where it is at first: m, rad."""
     try:
-        content = world_file.read(world, packages.find)
+        content = world_file.load_world(world, packages.find)
         simulation = Simulation(SimulationConfig(ground_plane=content.ground_plane))
         try:
             world_file.populate(simulation.spawn, content)

@@ -4,18 +4,16 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import BenchError, ExperimentError, check_formats
+from ..errors import BenchError, check_formats
+from ..loading import load_run
 from ..numbers.printing import legible
 from ..recording.run import Run
 from ..study.progress import Bar
-
-RUN_OF_STUDY = re.compile(r"(.+):(\d+)$")
 
 
 def add(commands: Any) -> None:
@@ -59,7 +57,7 @@ def carry_out(options: argparse.Namespace) -> int:
         runs = []
         for i, given in enumerate(options.runs):
             low, each = 0.5 * i / len(options.runs), 0.5 / len(options.runs)
-            run = read(given, lambda part, low=low, each=each, given=given: bar.show(
+            run = load_run(given, lambda part, low=low, each=each, given=given: bar.show(
                 low + each * part, f"reading {given}"))  # fmt: skip
             run.name = legible(names[i] if names else run.name)
             runs.append(run)
@@ -92,47 +90,6 @@ def report(
             print(f"  Note: {note}")
     if written:
         print(f"\n{len(written)} files, the page is {legible(written[0])}")
-
-
-def read(given: str, progress: Callable[[float], None]) -> Run:
-    """The run that a word on the command line names.
-
-    Raises:
-        BenchError: there is no such run, or it cannot be read.
-    """
-    match, path = RUN_OF_STUDY.match(given), Path(given)
-    if match and not path.exists():
-        from ..study import replay
-        from ..study.folder import Folder
-
-        folder = Folder.open(Path(match[1]))
-        return replay.replay(folder, int(match[2]), f"{folder.path.name}:{match[2]}")[0]
-    if path.is_dir():
-        bags = [path / name for name in ("run.bag", "run.bag.active") if (path / name).is_file()]
-        if not bags:
-            raise BenchError(
-                f"{path} holds no run.bag; a study's run is named as {path}:NUMBER"
-            )
-        path = bags[0]
-    active = path.with_name(path.name + ".active")  # of a recorder that was cut off
-    if not path.is_file() and active.is_file():
-        path = active
-    if not path.is_file():
-        raise BenchError(f"there is no file {path}")
-    if path.suffix in (".yaml", ".yml"):
-        from ..asked.experiment import Experiment
-        from ..study.replay import carried_out
-
-        try:
-            return carried_out(path.stem, Experiment.from_yaml(path), str(path))
-        except ExperimentError as error:
-            text = str(error)
-            raise BenchError(text if text.startswith(str(path)) else f"{path}: {text}") from None
-    try:
-        from ..ros.bag import read_bag
-    except ImportError as error:
-        raise BenchError(f"bags need ROS's Python packages: {error}") from None
-    return read_bag(path, progress)
 
 
 def _told_apart(runs: list[Run]) -> None:

@@ -133,7 +133,7 @@ def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
         done = loop.run(experiment)
         done.name = name
     else:
-        done = replay.carried_out(name, experiment, str(source))
+        done = replay.run_with_images(experiment, name, str(source))
     analyzing.report([done], out)
     return 0
 

@@ -25,8 +25,17 @@ def delay_of(experiment: Experiment) -> float:
     return experiment.delay + 0.5 * TICK + late
 
 
-def predicted(gain: float, tau: float, period: float = IMAGE_PERIOD) -> float:
-    """Decay (1/s) of a feature under -gain s, tau (s) late, with an image each period (s)."""
+def predict_decay_rate(gain: float, tau: float, period: float = IMAGE_PERIOD) -> float:
+    """Predict the rate (1/s) at which a feature s decays under the velocity -gain s.
+
+    The equation is that of this module: the slowest root of the sampled and delayed loop. Without
+    delay and for short periods the rate is the gain.
+
+    Args:
+        gain: of a proportional law, 1/s.
+        tau: delay from an exposure until the joints move as it asks, s.
+        period: time between two images, s.
+    """
     whole, rest = divmod(tau, period)
     n = int(whole)
     polynomial = np.zeros(n + 3)  # z^(n+2) - z^(n+1) + gain ((T - rest) z + rest)

@@ -56,7 +56,21 @@ class Metric:
 def metric(
     unit: str, better: str, source: str, of_features: bool = False, default: bool = False
 ) -> Callable[[Callable], Metric]:
-    """Make a metric of a function that has a docstring."""
+    """Return a decorator that makes a metric of a function from a `Run` to a number.
+
+    The function's name is the column in results, the first line of its docstring the description.
+
+    Args:
+        unit: of the number; '' if it has none.
+        better: 'smaller', 'greater', or '' if neither is better.
+        source: formula, or where it is defined.
+        of_features: whether it is measured on the scheme's own features, so that values of
+            different schemes cannot be compared.
+        default: whether it is measured if a study names no metrics.
+
+    Raises:
+        StudyError: `better` is none of these.
+    """
     if better not in (SMALLER, GREATER, NEITHER):
         raise StudyError(f"better is '{better}', must be {SMALLER} or {GREATER}")
     return lambda measure: Metric(
@@ -298,7 +312,7 @@ def decay_predicted(run: Run) -> float:
     if run.experiment is None or run.experiment.gain is None or len(run.stamp) < 2:
         return np.nan
     period = float(np.median(np.diff(run.stamp)))
-    return decay.predicted(run.experiment.gain, decay.delay_of(run.experiment), period)
+    return decay.predict_decay_rate(run.experiment.gain, decay.delay_of(run.experiment), period)
 
 
 @metric(

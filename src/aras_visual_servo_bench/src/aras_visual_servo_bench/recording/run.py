@@ -83,7 +83,10 @@ class CameraRecord:
 
 @dataclass(eq=False)
 class Run:
-    """A run; n images were answered, m joint states came. What is not known is None, NaN or empty.
+    """One run: what the loop measured and commanded, where the camera truly was, and the result.
+
+    The loop answered n images, and m joint states came. What is not known is None, NaN or empty.
+    Poses are world_T_camera (4, 4); lengths are in m, angles in rad, times in s.
 
     Attributes:
         states: n records of the loop, one an image.

@@ -62,7 +62,13 @@ def _numbers(column: pa.ChunkedArray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Results:
-    """Rows of a study. name: of its folder. table: in order of the runs."""
+    """The results of a study, one row a run, read from its folder.
+
+    Attributes:
+        name: of the folder.
+        study: what was run.
+        table: settings, outcome, verdict and metrics, in order of the runs.
+    """
 
     name: str
     study: Study
@@ -70,7 +76,7 @@ class Results:
 
     @classmethod
     def read(cls, path: str | Path) -> Results:
-        """Of a folder, as far as it is done; StudyError where there is nothing."""
+        """Read the folder of a study, as far as it is done; StudyError if there is no run."""
         return cls.of(Folder.open(path))
 
     @classmethod

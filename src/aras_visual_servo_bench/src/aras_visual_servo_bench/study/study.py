@@ -65,7 +65,7 @@ class Combination:
 
 @dataclass(frozen=True)
 class Study(NamedValues):
-    """What is to be run.
+    """Many runs as data: a base experiment, what varies, how often, and the seed.
 
     experiment: keys of the base experiment, the Experiment itself, or the path of its YAML file.
     vary: by dotted key, what it takes in turn or is drawn from; see variations.py.

@@ -36,9 +36,10 @@ class TrackedPoints(NamedTuple):
 
 
 class Tracker(ABC):
-    """Base of trackers, also of a user's own: give `find`.
+    """Finds points of the target in an image, which count as its corners. Base class of all.
 
-    Its parameters, if it has any, are the fields of a dataclass.
+    A subclass gives `find`, and is named as 'package.module:Class'. Its parameters, if it has any,
+    are the fields of a dataclass.
 
     Attributes:
         name: short name.

@@ -37,17 +37,21 @@ def tolerances_at(tolerances: Sequence[float], goal: Goal) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """One feature vector in one image.
+    """The value of a feature in one image: s, s*, their difference, and the interaction matrix.
+
+    With the twist v = (vx, vy, vz, wx, wy, wz) of the camera in its own optical frame (m/s, rad/s),
+    ds/dt = L v for a target at rest.
 
     Attributes:
-        s, desired: (k,) present and desired values.
-        error: (k,) s - s* on the feature's own manifold (angles wrapped).
-        L: (k, 6), ds/dt = L v, all six columns, at the current view.
-        rate: (k,) d(s - s*)/dt that is not the camera's doing: a moving target or goal.
-        up_to: a motion that the error cannot see, in words ('180°'); empty where there is none.
-        judged: what is published and judged in place of error, where that is too long to (a whole
-            image): as many numbers as the feature has names; None: the error itself.
-        notes: what is worth a word in the state.
+        s, desired: (k,) measured and desired values, s and s*.
+        error: (k,) s - s*; differences of angles are wrapped.
+        L: (k, 6) interaction matrix at the current view, with all six columns.
+        rate: (k,) part of d(s - s*)/dt that the camera does not cause, 1/s times the unit of s: a
+            moving target or goal.
+        up_to: camera motion that the error cannot show, as text ('180°'); empty if there is none.
+        judged: (m,) what is published and judged instead of the error of a whole image, one number
+            for each name of the feature; None: the error itself.
+        notes: texts for the state of the loop.
     """
 
     s: np.ndarray
@@ -61,21 +65,24 @@ class Measured:
 
 
 class Feature(ABC):
-    """Base of all features, also of a user's own. Constructed without arguments.
+    """A visual feature s: what is compared with its value s* at the goal. Base class of all.
+
+    A subclass gives `measure`; it is constructed without arguments, and named as a scheme by
+    'package.module:Class'.
 
     Attributes (of the class or of the instance):
-        name: its entry in goal files.
-        needs: of the image.
-        cameras: names of those that it reads; none: the first, the control camera, alone.
-        reads: how many cameras, where they are named in the scheme.
+        name: key under which goal files hold what the feature taught.
+        needs: what has to be measured in the image.
+        cameras: names of the cameras that it reads; none: the first one, the control camera, alone.
+        reads: number of cameras, if the scheme names them.
         names, tolerances, units: (k,) of the components; |error| below the tolerance counts as
             reached. A DepthPart among the tolerances is a part of the target's depth.
-        directions: (6,) camera directions that it models, vx ... wz; the others are held.
+        directions: (6,) bool, camera directions vx ... wz that it controls; the others are held.
         weights: (k,) of the components in the least squares; None: all equal.
-        geometric: whether s follows from where the points of the target are seen. Of what a
-            network tells, an s that moves otherwise than L says tells nothing of the camera.
-        stackable: whether it can be one of several in a Stack. False where it is judged by other
-            numbers than those that the law gets (Measured.judged).
+        geometric: whether s follows from the image positions of the target's points. The output of
+            a network does not, so that a deviation from L says nothing about the camera.
+        stackable: whether it can be a part of a Stack. False if it is judged by other numbers than
+            those that the law gets (Measured.judged).
     """
 
     name: ClassVar[str] = ""
@@ -98,10 +105,14 @@ class Feature(ABC):
 
     @abstractmethod
     def measure(self, observation: Observation, goal: Goal) -> Measured:
-        """The feature in this image.
+        """Measure the feature in one image.
+
+        Args:
+            observation: what is known of the image: what `needs` asks for, camera, joints, pose.
+            goal: what the camera sees at its goal.
 
         Raises:
-            MeasurementError: it cannot be had from this observation.
+            MeasurementError: it cannot be measured in this observation; the arm holds still.
         """
 
     def needs_of(self, *cameras: str) -> frozenset[Need]:
@@ -156,10 +167,15 @@ class Feature(ABC):
 
 
 FEATURES = Registry("feature", __package__, (Feature,), ConfigurationError)
+FEATURES.__doc__ = "All built-in features by name; `create(name)` makes one."
 
 
 class Stack(Feature):
-    """Several features as one, each with a weight."""
+    """Several features as one: s, s*, e and L are stacked, each feature with its weight.
+
+    Attributes:
+        features: the parts, in order.
+    """
 
     def __init__(self, features: Sequence[Feature], weights: Sequence[float] | None = None) -> None:
         """`weights`: one a feature, >= 0.

@@ -66,7 +66,7 @@ class _AtGoal:
             orientation = self.reference.orientation
             self._directed = orientation is not None and not orientation.symmetric
             self._formulas = formulas
-            found = camera_features.compute(
+            found = camera_features.compute_moment_features(
                 goal.moments, self.formulas(goal.moments), self.plane, self.reference, tolerance
             )
         except VisionError as error:
@@ -141,7 +141,7 @@ class MomentFeature(Feature):
             raise MeasurementError("no moments in this observation: is it the segmented target's?")
         formulas = at.formulas(moments)
         try:
-            found = camera_features.compute(
+            found = camera_features.compute_moment_features(
                 moments, formulas, self._plane(observation, moments, at), at.reference,
                 self.anisotropy,
             )  # fmt: skip

@@ -19,15 +19,16 @@ ROUNDING = 1e-6  # of a matrix of twists, below which a direction is none
 
 
 class OfCamera(Feature):
-    """Another feature, measured by the camera of a name.
+    """A feature measured by another camera than the control camera.
 
-    Its L is brought to the control camera's twist, L of_control, and where that camera exposed
-    earlier, s to the control camera's exposure. Where the feature models some directions of its
-    camera alone, modelled are the control camera's directions that move its camera along them.
+    Its L refers to the twist of the control camera: L of_control. If the other camera exposed
+    earlier, s is extrapolated to the control camera's exposure. If the feature controls some
+    directions of its own camera alone, it controls the control camera's directions that move its
+    camera along them.
     """
 
     def __init__(self, feature: Feature, camera: str) -> None:
-        """`camera`: its name."""
+        """Measure `feature` with the camera of the name `camera`."""
         self.feature, self.camera = feature, camera
         self.cameras, self.needs = (camera,), feature.needs
         self.geometric, self.stackable = feature.geometric, feature.stackable

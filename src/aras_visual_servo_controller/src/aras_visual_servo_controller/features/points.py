@@ -41,7 +41,17 @@ TOLERANCE = 0.001  # 0.1 pixel of a camera with f = 100, 0.2 mm at 0.2 m
 
 
 def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-    """L (2n, 6) of points (n, 2), normalised, with 1/Z (n,), 1/m; rows x_0, y_0, x_1, ..."""
+    """Return the interaction matrix of image points, d(x, y)/dt = L v.
+
+    The equation is that of this module; v is the twist of the camera in its own optical frame.
+
+    Args:
+        points: (n, 2) normalised coordinates x = X/Z, y = Y/Z.
+        inverse_depth: (n,) 1/Z of each point along the optical axis, 1/m.
+
+    Returns:
+        (2n, 6) with the rows x_0, y_0, x_1, ...
+    """
     x, y = np.asarray(points, float).T
     w = np.asarray(inverse_depth, float)
     L = np.zeros((len(x), 2, 6))
@@ -54,14 +64,15 @@ def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarr
 
 
 class PointFeature(Feature):
-    """Base of features made of points: give `points`, and be servoed.
+    """A feature made of image points: base class for points found by your own image processing.
 
-    The goal's points are what `teach` kept under this feature's name. Points are matched to the
-    goal's where `ordered` is False and they are not a marker's: as an outline, by turning round.
+    A subclass gives `points`; s, s*, e and L follow. The goal's points are those that `teach` kept
+    under this feature's name. If `ordered` is False and the points are not a marker's, they are
+    matched to the goal's as an outline, by turning round.
 
     Attributes:
-        ordered: `points` always gives the same point first.
-        count: of points; taken from the goal when it is checked.
+        ordered: whether `points` always returns the same point first.
+        count: number of points; taken from the goal when it is checked.
     """
 
     ordered: ClassVar[bool] = True
@@ -208,7 +219,7 @@ class PointFeature(Feature):
 
 @FEATURES.register("points")
 class Points(PointFeature):
-    """Corners of the segmented target's outline."""
+    """The corners of the segmented target's outline: s = (x_0, y_0, x_1, ...), normalised."""
 
     needs = frozenset((Need.CORNERS,))
     ordered: ClassVar[bool] = False

@@ -66,7 +66,9 @@ class Teaching(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """The goal; whatever is not known is None or empty.
+    """What the camera sees at its goal, and from where; what is not known is None or empty.
+
+    Made by `load` from a file, by `teach` from an observation, or by an experiment.
 
     Attributes:
         name: of the file, for messages.

@@ -212,7 +212,7 @@ def _place_interaction(goal: Goal) -> np.ndarray:
         return np.zeros((len(PLACE), 6))
     plane = goal.plane or Plane.fronto_parallel(goal.distance)
     try:
-        L = np.array(camera_features.compute(moments, PLACE, plane).L)
+        L = np.array(camera_features.compute_moment_features(moments, PLACE, plane).L)
     except VisionError:  # moments of too low an order
         return np.zeros((len(PLACE), 6))
     L[2] /= 2.0 * moments.area

@@ -24,11 +24,12 @@ def gain(default: float, help: str = "decay rate of the error") -> Any:
 
 @dataclass(eq=False)
 class Law(ABC):
-    """From the error to its desired rate; may keep state, which `reset` clears.
+    """A control law: it maps the error to the error's desired rate. Base class of all laws.
 
-    Its parameters are annotated attributes, `gain: float = 5.0`, or declared with unit and bounds
-    by `settings.parameter`: every law is a dataclass. Those that are numbers may be changed while
-    the law runs, by dynamic_reconfigure too.
+    A subclass gives `rate`. Its parameters are annotated attributes, `gain: float = 5.0`, or are
+    declared with unit and bounds by `settings.parameter`: every law is a dataclass. Numbers may be
+    changed while the law runs, also by dynamic_reconfigure. State that the law keeps between images
+    is cleared by `reset`.
 
     Attributes:
         name: short name, for messages.
@@ -55,7 +56,7 @@ class Law(ABC):
         t: float,
         dt: float,
     ) -> np.ndarray:
-        """The desired rate of the error (k,), 1/s times its unit.
+        """Return the desired rate of the error (k,), 1/s times its unit.
 
         Args:
             error: (k,) s - s*.

@@ -11,7 +11,7 @@ def create_law(
     """Return the law of a short name or of 'package.module:Class'.
 
     Args:
-        name: see LAWS.
+        name: such as 'proportional' or 'pi'; see LAWS for all.
         continuous_start: mu of a ContinuousStart round it, 1/s; 0 for none.
         ramp: time of a Ramp round it, s; 0 for none.
         parameters: of the law.

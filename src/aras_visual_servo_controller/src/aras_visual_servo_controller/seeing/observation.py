@@ -39,7 +39,7 @@ FARTHEST = 30.0
 
 
 class Need(Enum):
-    """What a scheme needs of an image; it is given just that."""
+    """What a feature or a scheme needs of an image; nothing else is measured for it."""
 
     MOMENTS = "moments"
     CONTOUR = "contour"
@@ -55,7 +55,10 @@ SEGMENTED = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS, Need.KERNEL))
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """All that is known of one image; arrays are read-only, what was not asked for is None.
+    """Everything that is known of one image; what no scheme needs is None, arrays are read-only.
+
+    Lengths are in m, angles in rad, times in s; image coordinates are normalised, x = X/Z to the
+    right and y = Y/Z downwards. `a_T_b` (4, 4) maps b to a.
 
     Attributes:
         stamp: exposure, s of simulated time.
@@ -170,13 +173,15 @@ class Observation:
 
 
 class Observer:
-    """Makes observations; keeps what the last one was, to tell what changed since.
+    """Makes the observations of one camera: from an image, from moments, or from exact geometry.
+
+    It keeps the last observation's stamp and pose, from which the next one gets dt and motion.
 
     Attributes:
         arm: for the camera's pose; None: no poses, unless they are given.
-        needs: what the scheme asks for; nothing else is worked out.
-        plane_from: tells the target's plane as seen from world_T_camera (4, 4), or None, as a
-            goal's function of that name does; None: no planes, unless they are given.
+        needs: what the scheme needs; nothing else is measured.
+        plane_from: function from world_T_camera (4, 4) to the target's plane there or None, such as
+            `Goal.plane_from`; None: no planes, unless they are given.
         pipeline: segmentation and moments, for `of_image`.
         name: of the camera.
     """

@@ -16,10 +16,10 @@ from ...errors import CameraError
 
 @dataclass(frozen=True)
 class Effect(ABC):
-    """Changes the light of an image before the sensor converts it: blur, glare, dust.
+    """An effect on the light of an image before the sensor converts it: blur, glare, dust.
 
-    Its parameters are annotated attributes, with unit and bounds by `settings.parameter`: every
-    effect is a dataclass.
+    A subclass gives `apply`, and is named as 'package.module:Class'. Its parameters are annotated
+    attributes, with unit and bounds by `settings.parameter`: every effect is a dataclass.
 
     Attributes:
         name: short name, for messages.

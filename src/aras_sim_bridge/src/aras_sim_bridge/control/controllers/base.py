@@ -109,7 +109,7 @@ class JointStates:
 
 
 class Controller:
-    """Base of every controller.
+    """A joint controller as ros_control has them. Base class of all, also of your own.
 
     `interface` is the ros_control interface whose joints it claims; `slot` holds the last checked
     command that no update has seen; `compiled`: it is a CommandedController whose loops the

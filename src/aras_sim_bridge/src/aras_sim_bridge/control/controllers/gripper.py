@@ -25,7 +25,10 @@ _NS_PER_S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class GripperGoal:
-    """Go to a position (rad or m) with at most this effort (N m or N) where efforts drive."""
+    """Goal of a gripper: a position, rad or m, and the largest effort, N m or N.
+
+    The effort counts if the joint is driven by efforts.
+    """
 
     position: float
     max_effort: float = 0.0

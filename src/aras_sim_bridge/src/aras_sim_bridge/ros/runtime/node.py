@@ -55,7 +55,7 @@ class GazeboNode:
         self.fault: BaseException | None = None
         self.api: GazeboApi | None = None
         self.clock = ClockPublisher(parameters.effective_clock_rate)
-        self.world_file = world_file.read(parameters.world)
+        self.world_file = world_file.load_world(parameters.world)
         self.thread = SimulationThread(
             self._build,
             make_pacer(parameters, self.world_file),

@@ -21,6 +21,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
+from aras_visual_servo_base.names import nearest
+
 from ...errors import BenchError, check_formats, writing
 from ...numbers.metrics import condition
 from ...numbers.printing import legible
@@ -94,14 +96,16 @@ def write_report(
     paper: bool = False,
     progress: Callable[[float, str], None] = lambda part, what: None,
 ) -> list[Path]:
-    """Write report.html, summary.json, summary.csv, figures/ and data/ into a folder.
+    """Write the report of one or more runs: a page with all curves, numbers and figures.
+
+    The folder gets report.html, summary.json, summary.csv, figures/ and data/.
 
     Args:
         runs: one run, or several to be compared.
-        out: made if need be; files of the same names are overwritten.
-        kinds: of png, svg, pdf; of figures as files. The page needs none of them.
-        paper: figures as a paper's column has them, vector files alone.
-        progress: told the part that is done and what comes next.
+        out: folder, made if need be; files of the same names are overwritten.
+        kinds: formats of the figures as files, of png, svg, pdf; the page needs none of them.
+        paper: whether figures are vector files alone, as wide as a paper's column.
+        progress: called with the part that is done, 0 to 1, and what comes next.
 
     Returns:
         The files, the page first.
@@ -114,6 +118,27 @@ def write_report(
         raise BenchError("nothing to report on")
     with writing(f"the report into {out}"):
         return _Report(runs, out, kinds, paper, progress).write()
+
+
+def save_figure(runs: Sequence[Run], name: str, path: str | Path) -> None:
+    """Draw one figure of a report into a file.
+
+    Args:
+        runs: one run, or several to be compared.
+        name: of the figure, as its file in the folder `figures` of a report is named.
+        path: of the file; its suffix says the format, as .png, .svg or .pdf.
+
+    Raises:
+        BenchError: there is no such figure, the runs have none of it, or it cannot be written.
+    """
+    chapters = {chapter.name: chapter for row in PARTS for chapter in row}
+    if name not in chapters:
+        raise BenchError(f"no figure '{name}': {nearest(name, chapters)}")
+    with style.look(), writing(path, BenchError):
+        figure = chapters[name].figure(runs)
+        if figure is None:
+            raise BenchError(f"the runs have no figure '{name}'")
+        figure.savefig(path)
 
 
 class _Report:

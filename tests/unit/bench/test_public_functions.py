@@ -1,0 +1,145 @@
+"""What a program does with the public functions of bench and bridge, from a run to its figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from aras_sim_bridge import SimError, Simulation, load_description, load_world, populate
+from aras_visual_servo_bench import (
+    BenchError,
+    Experiment,
+    Study,
+    load_run,
+    predict_decay_rate,
+    run,
+    run_study,
+    run_with_images,
+    save_figure,
+)
+
+EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
+QUICK = {"plant": "free", "duration": 0.3}
+STUDY = {"experiment": QUICK, "vary": {"gain": [1.0, 2.0]}, "repeats": 2,
+         "metrics": ["final_distance"]}  # fmt: skip
+BOX = """<sdf version='1.6'><model name='box'><pose>1 0 2 0 0 0</pose><link name='l'>
+  <inertial><mass>2</mass></inertial><collision name='c'><geometry><box><size>1 1 1</size></box>
+  </geometry></collision></link></model></sdf>"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a study that was carried out."""
+    path = tmp_path_factory.mktemp("study") / "mine"
+    results = run_study(STUDY, path)
+    assert results.column("gain") == [1.0, 1.0, 2.0, 2.0] and results.name == "mine"
+    return path
+
+
+def test_a_study_that_is_done_is_read_and_another_is_refused(folder: Path) -> None:
+    parts = {path: path.stat().st_mtime_ns for path in (folder / "parts").iterdir()}
+    again = run_study(Study.from_mapping(STUDY), folder)
+    assert again.table.num_rows == 4
+    assert parts == {path: path.stat().st_mtime_ns for path in (folder / "parts").iterdir()}
+    with pytest.raises(BenchError, match="holds another study: repeats was 2, is 3"):
+        run_study({**STUDY, "repeats": 3}, folder)
+    with pytest.raises(BenchError, match="did you mean 'repeats'"):
+        run_study({**STUDY, "repeat": 3}, folder)
+
+
+def test_what_is_missing_of_a_study_is_run(folder: Path, tmp_path: Path) -> None:
+    whole = run_study(STUDY, tmp_path / "again")
+    (part, *_) = sorted((tmp_path / "again" / "parts").iterdir())
+    kept = part.read_bytes()
+    part.unlink()
+    results = run_study(STUDY, tmp_path / "again")
+    assert part.read_bytes() == kept
+    assert np.array_equal(results.numbers("final_distance"), whole.numbers("final_distance"))
+
+
+def test_a_run_of_a_study_is_loaded_with_its_images(folder: Path) -> None:
+    found = load_run(f"{folder}:2")
+    assert found.experiment.gain == 2.0 and found.name == "mine:2"
+    alone = run(found.experiment)
+    assert np.array_equal(found.error, alone.error, equal_nan=True)
+    assert len(found.images.pictures) == len(found.stamp) and not alone.images.pictures
+    with pytest.raises(BenchError, match="there is no run 4: .* has runs 0 to 3"):
+        load_run(f"{folder}:4")
+
+
+def test_an_experiment_is_loaded_by_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "one.yaml"
+    file.write_text("{plant: free, duration: 0.3, gain: 2.0}\n")
+    found, same = load_run(file), run_with_images({**QUICK, "gain": 2.0}, "one")
+    assert found.name == same.name == "one"
+    assert np.array_equal(found.error, same.error, equal_nan=True)
+    for wrong, said in (("two.yaml", "there is no file"), ("", "holds no run.bag")):
+        with pytest.raises(BenchError, match=said):
+            load_run(tmp_path / wrong)
+
+
+def test_a_figure_is_drawn_by_its_name(tmp_path: Path) -> None:
+    done = run(Experiment.from_mapping(QUICK))
+    save_figure([done], "feature_errors", tmp_path / "errors.png")
+    with Image.open(tmp_path / "errors.png") as picture:
+        assert min(picture.size) > 200
+    with pytest.raises(BenchError, match="did you mean 'feature_errors'"):
+        save_figure([done], "feature_error", tmp_path / "errors.png")
+    with pytest.raises(BenchError, match="cannot write"):
+        save_figure([done], "feature_errors", tmp_path / "none" / "errors.png")
+
+
+def test_the_predicted_decay_is_the_gain_without_delay() -> None:
+    assert predict_decay_rate(2.0, 0.0, 1e-4) == pytest.approx(2.0, rel=1e-3)
+    assert predict_decay_rate(2.0, 0.05) > predict_decay_rate(2.0, 0.0)
+
+
+def test_a_description_is_read_by_what_it_is(tmp_path: Path) -> None:
+    arm = load_description(EXAMPLES / "my_arm.urdf")
+    (tmp_path / "box.sdf").write_text(BOX)
+    box = load_description(tmp_path / "box.sdf")
+    simulation = Simulation()
+    try:
+        simulation.spawn(arm, "arm")
+        simulation.spawn(box, "box")
+        assert simulation.world.model("arm").joint_names and not box.joints
+        simulation.step()
+    finally:
+        simulation.close()
+
+
+def test_a_mesh_is_found_beside_its_description(tmp_path: Path) -> None:
+    mesh = "<mesh filename='{}.obj'/>"
+    for name, found in (("there", True), ("gone", False)):
+        urdf = ("<robot name='r'><link name='l'><visual><geometry>" + mesh.format(name)
+                + "</geometry></visual></link></robot>")  # fmt: skip
+        (tmp_path / "there.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+        (tmp_path / f"{name}.urdf").write_text(urdf)
+        warnings = load_description(tmp_path / f"{name}.urdf").warnings
+        assert any("gone.obj" in warning for warning in warnings) is not found
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    (None, "description .*x.urdf cannot be read"), ("", "the description is empty"),
+    ("<mujoco/>", "the root element is <mujoco>; <robot> .URDF. or <sdf> is needed"),
+    ("<robot name='r'/>", "description .*x.urdf: "),
+])  # fmt: skip
+def test_what_is_no_description_is_refused(tmp_path: Path, text: str | None, said: str) -> None:
+    if text is not None:
+        (tmp_path / "x.urdf").write_text(text)
+    with pytest.raises(SimError, match=said):
+        load_description(tmp_path / "x.urdf")
+
+
+def test_the_models_of_a_world_file_are_spawned(tmp_path: Path) -> None:
+    world = BOX.replace("<model", "<world name='w'><model").replace("</model>", "</model></world>")
+    (tmp_path / "box.world").write_text(world)
+    simulation = Simulation()
+    try:
+        populate(simulation.spawn, load_world(tmp_path / "box.world"))
+        assert simulation.world.model("box").pose().xyz == pytest.approx((1.0, 0.0, 2.0))
+    finally:
+        simulation.close()

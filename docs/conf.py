@@ -73,7 +73,7 @@ CHAPTERS = {
         "docs/truth",
     ),
     "Reference": (
-        "docs/packages", "docs/topics", "docs/scheme_interface",
+        "docs/packages", "docs/adding", "docs/topics", "docs/scheme_interface",
         "src/aras_visual_servo_gazebo/README", "src/aras_sim_bridge/README",
         "src/aras_sim_bridge/docs/camera", "src/aras_visual_servo_camera/README",
         "src/aras_visual_servo_controller/README", "src/aras_visual_servo_bench/README",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from aras_visual_servo_base.lazy import lazy_exports
 
 if TYPE_CHECKING:
+    from aras_visual_servo_base.settings import parameter as parameter
     from aras_visual_servo_camera.features import Reference as Reference
     from aras_visual_servo_camera.features import (
         compute_moment_features as compute_moment_features,
@@ -75,6 +76,7 @@ _FURTHER = {
     "Moments": "aras_visual_servo_camera.moments",
     "Reference": "aras_visual_servo_camera.features",
     "compute_moment_features": "aras_visual_servo_camera.features",
+    "parameter": "aras_visual_servo_base.settings",
     "Tracker": "aras_visual_servo_camera.trackers.base",
     "ServoError": ".errors",
     "ConfigurationError": ".errors",

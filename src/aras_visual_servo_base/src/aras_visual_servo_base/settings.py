@@ -74,9 +74,11 @@ def parameter(
     importable: bool = False,
     help: str = "",
 ) -> Any:
-    """A dataclass field with its rules.
+    """Declare a setting: a dataclass field with the rules for its value.
 
     Args:
+        default: value where none is given; left out: the setting is needed.
+        unit: for messages and tables: 'm', '1/s'.
         least, above, most, below: bounds of a number, and of each in a list or mapping.
         choices: the texts that there are.
         wanted: what to say instead of the annotation's words.

@@ -13,7 +13,7 @@ from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec, Eye, check
 from aras_visual_servo_bench.asked.packages import PackagePath
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading
-from aras_visual_servo_bench.setup.goal_views import observed
+from aras_visual_servo_bench.setup.goal_teaching import observed
 from aras_visual_servo_camera.undistortion import CameraModel
 
 K = (16.0, 0.0, 3.0, 0.0, 32.0, -2.0, 0.0, 0.0, 1.0)

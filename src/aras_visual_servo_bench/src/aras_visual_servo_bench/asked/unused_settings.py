@@ -13,7 +13,6 @@ from aras_visual_servo_base.settings import default_of
 from ..errors import ExperimentError, require
 from .cameras import Eye, config_of
 from .experiment import FLYING, Experiment, Ideal
-from .imaging import ON_FEATURES
 
 # Keys of an experiment: the plants on which they act, the value that is true of the others all the
 # same, and what they are of.
@@ -29,6 +28,9 @@ ON_PLANTS = (
 )  # fmt: skip
 # What exact features do not show.
 ON_IMAGES = ("target.perturbed", "target.occluder", "target.marker", "sun")
+# Effects on exact features: when rows are exposed, and which images are lost. The others are on the
+# light of an image.
+ON_FEATURES = {"row_time", "rows_together", "drop_probability"}
 # Keys of a robot that say where presets and packages are, also for a camera without an arm.
 OF_FILES = ("cameras", "search")
 # What the ideal camera, which sees at one instant, cannot have.

@@ -11,7 +11,7 @@ from aras_sim_bridge.camera.effects import Effects
 from aras_visual_servo_base.settings import default_of
 
 from ..errors import ExperimentError, require
-from .cameras import Eye, config_of
+from .cameras import Eye
 from .experiment import FLYING, Experiment, Ideal
 
 # Keys of an experiment: the plants on which they act, the value that is true of the others all the
@@ -84,7 +84,7 @@ def check_camera(eye: Eye, experiment: Experiment) -> None:
         "robot has them, and stream; leave it out",
     )
     for key in OVER_TIME:
-        if plant == "ideal" and (time := getattr(config_of(eye.settings).effects, key)):
+        if plant == "ideal" and (time := getattr(eye.config.effects, key)):
             raise ExperimentError(
                 f"{where}has a {key} of {time:g} s, and plant ideal exposes all rows at once, in "
                 f"an instant: take plant free, or leave {key} out"

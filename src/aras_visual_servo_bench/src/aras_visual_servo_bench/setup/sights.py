@@ -42,8 +42,9 @@ def make_sight(context: RunContext, eye: Eye, exactly: bool = False) -> Sight:
                 "use poster or a PNG"
             )
         target = replace(target, shape=target.shape.perturbed(experiment.seed))
-    settings = with_noise(eye.settings, experiment, exactly)
-    config = config_of(settings)
+    config = eye.config
+    if exactly or experiment.noise:
+        config = config_of(with_noise(eye.settings, experiment, exactly))
     effects = config.effects
     if exactly:  # of one instant, as the camera is at rest
         effects = replace(effects, row_time=0.0, exposure_time=0.0)
@@ -54,7 +55,7 @@ def make_sight(context: RunContext, eye: Eye, exactly: bool = False) -> Sight:
         pixels = np.indices((config.height, config.width))[::-1].reshape(2, -1).T
         rays = config.model.unproject(pixels.astype(float))
         blind = ~np.isfinite(rays).all(axis=1).reshape(config.height, config.width)
-    seed = settings.get("seed", seed_of(experiment.seed, eye.name))
+    seed = eye.settings.get("seed", seed_of(experiment.seed, eye.name))
     vibration = None if config.shake is None else Vibration(config.shake, seed)
     encoding = "mono8" if config.encoding.startswith(COLOUR) else config.encoding
     return Sight(

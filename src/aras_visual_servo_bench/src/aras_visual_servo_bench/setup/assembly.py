@@ -36,7 +36,6 @@ from ..targets.geometry import PlacedTarget
 from .goal_teaching import check_view, needs_images, observed, teach_goal
 from .read_context import Wrap, check_scheme, read_context
 from .run_context import RunContext
-from .sampling import draw_start
 from .sights import make_sight
 
 if TYPE_CHECKING:
@@ -336,6 +335,8 @@ def find_start(
     """Joints (n,) at the start; `goal_joints`: those at the goal, None: they are not known."""
     start = context.experiment.start
     if isinstance(start, Sampler):
+        from .sampling import draw_start
+
         near = find_joints(postures, goal_pose)
         near = np.zeros(len(arm.names)) if near is None else near
         return draw_start(

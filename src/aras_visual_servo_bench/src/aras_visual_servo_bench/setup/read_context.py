@@ -14,7 +14,6 @@ from aras_visual_servo_controller.schemes import JointController, Scheme
 from aras_visual_servo_controller.seeing.observation import Need
 from aras_visual_servo_controller.seeing.rig import OppositeCamera
 
-from ..asked.calibrated_places import has_believed_places, with_believed_places, with_fixed_cameras
 from ..asked.cameras import Eye, check_meeting
 from ..asked.experiment import FLYING, Experiment
 from ..asked.loop_settings import settings_of
@@ -72,9 +71,15 @@ def read_robot(experiment: Experiment) -> tuple[Experiment, Robot]:
         from ..asked.worlds import with_link
 
         experiment = with_link(experiment, packages)
-    experiment = with_fixed_cameras(experiment, packages).placed
+    if any(camera.hand_eye is not None for camera in experiment.cameras.values()):
+        from ..asked.calibrated_places import with_fixed_cameras
+
+        experiment = with_fixed_cameras(experiment, packages)
+    experiment = experiment.placed
     robot = _robot(experiment)
-    if has_believed_places(experiment.seen_by):
+    if any(camera.believed.hand_eye is not None for camera in experiment.seen_by.values()):
+        from ..asked.calibrated_places import with_believed_places
+
         experiment = with_believed_places(experiment, robot)
         robot = _robot(experiment)
     return experiment, robot

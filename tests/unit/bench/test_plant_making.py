@@ -79,6 +79,8 @@ def test_a_goal_is_taught_without_noise():
         cameras.config_of(eye).effects, noise_stddev=2.0) and run.pictures
     assert taught.effects == Effects(rows_together=40) and taught.pictures
     assert run.vibration is not None and taught.vibration is None and len(taught.parts) == 1
+    quiet = seen(context_of(**DRAWN, camera=eye), exactly=True)  # also without noise of its own
+    assert (quiet.effects, quiet.vibration) == (taught.effects, None)
     noisy = [seen(context_of(**{**pictured, "camera": eye}, seed=seed)).look(
         ABOVE, 10**8, np.random.default_rng(0)).image for seed in (1, 1, 2)]
     np.testing.assert_array_equal(*noisy[:2])

@@ -23,8 +23,8 @@ import cv2
 import numpy as np
 from feature_scenes import CORNERS, GOAL, PARALLELOGRAM, VIEWS, look
 
+from aras_visual_servo_bench.targets.outlines import shape_of
 from aras_visual_servo_bench.targets.pictures import seen as picture
-from aras_visual_servo_bench.targets.textures import poster
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features import FEATURES
@@ -90,7 +90,7 @@ if __name__ == "__main__":
     parser.add_argument("--pictures", type=Path, help="write its pictures there, and end")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    POSTER = poster((0.8, 0.6))
+    POSTER = shape_of("poster", (0.8, 0.6))
     if options.pictures:
         options.pictures.mkdir(parents=True, exist_ok=True)
         write_pictures(options.pictures)

@@ -18,7 +18,7 @@ import numpy as np
 
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_bench.targets.solids import primitive
+from aras_visual_servo_bench.targets.outlines import shape_of
 
 LABEL = {"method": "label"}
 NEAR = {"method": "nearest_colour", "near_colour": [180, 26, 26], "colour_distance": 40}
@@ -41,7 +41,7 @@ CASES = [
 def red(size: tuple[float, ...], folder: str) -> str:
     """The path of a red box's mesh."""
     path = Path(folder) / "red.obj"
-    text = primitive("box", size).path.read_text()
+    text = shape_of("box", size).path.read_text()
     path.write_text("mtllib red.mtl\nusemtl red\n" + text)
     path.with_suffix(".mtl").write_text("newmtl red\nKd 0.7 0.1 0.1\n")
     return str(path)

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import adjoint, relative
 from aras_visual_servo_bench.targets.geometry import PolygonTarget, Target
+from aras_visual_servo_bench.targets.outlines import shape_of
 from aras_visual_servo_bench.targets.pictures import seen
-from aras_visual_servo_bench.targets.textures import poster
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features import FEATURES, Feature, Measured
@@ -83,6 +83,7 @@ def _kinds() -> list[_Kind]:
     cornered = frozenset(
         n for n, f in FEATURES.items() if Need.CORNERS in f.needs and n not in stereo | matched)
     moments = frozenset(FEATURES) - photometric - matched - stereo - cornered - kernel
+    poster = shape_of("poster", (0.5, 0.4))
     return [
         _Kind(moments, _WITHOUT_SYMMETRY, frozenset((Need.MOMENTS,)), 0.005),
         _Kind(cornered, _PARALLELOGRAM, frozenset((Need.CORNERS,)), 0.02),
@@ -90,9 +91,9 @@ def _kinds() -> list[_Kind]:
         # It counts whole pixels, and knows a pinhole that looks square on.
         _Kind(kernel, _LARGE, frozenset((Need.KERNEL,)), 0.1, 0.03, 201, 3, level=True),
         # Grey levels change linearly over a pixel, sums of all over several.
-        _Kind(grey, poster((0.5, 0.4)), frozenset((Need.IMAGE,)), 0.1, 1e-3, 9, 3, True),
-        _Kind(sums, poster((0.5, 0.4)), frozenset((Need.IMAGE,)), 0.15, 4e-3, at_goal=True),
-        _Kind(matched, poster((0.5, 0.4)), frozenset((Need.IMAGE,)), 0.1, 0.04, degree=3),
+        _Kind(grey, poster, frozenset((Need.IMAGE,)), 0.1, 1e-3, 9, 3, True),
+        _Kind(sums, poster, frozenset((Need.IMAGE,)), 0.15, 4e-3, at_goal=True),
+        _Kind(matched, poster, frozenset((Need.IMAGE,)), 0.1, 0.04, degree=3),
     ]
 
 

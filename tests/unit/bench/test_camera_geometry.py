@@ -13,7 +13,7 @@ from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec, Eye, check
 from aras_visual_servo_bench.asked.packages import PackagePath
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading
-from aras_visual_servo_bench.setup.goal_views import observed
+from aras_visual_servo_bench.setup.goal_teaching import observed
 from aras_visual_servo_camera.undistortion import CameraModel
 
 K = (16.0, 0.0, 3.0, 0.0, 32.0, -2.0, 0.0, 0.0, 1.0)
@@ -145,7 +145,7 @@ def test_pixels_are_read_through_the_believed_lens():
 def test_what_a_camera_delivers_is_read_as_it_is_believed():
     """An outline's edges are bent by another lens; points are points."""
     true = CameraModel(320, 240, (300.0, 0, 166.0, 0, 280.0, 115.0, 0, 0, 1))
-    eye = Eye("left", CameraSpec(), {}, {}, true, replace(true, D=BENT))
+    eye = Eye("left", CameraSpec(), {}, {}, cameras.config_of({}), true, replace(true, D=BENT))
     pixels, given = np.array([(10.0, 20.0), (300.0, 30.0), (160.0, 200.0)]), []
     observer = SimpleNamespace(of_exact=lambda *a, **k: given.append((a, k)) or "exact",
                                of_image=lambda *a, **k: given.append((a, k)) or "seen")
@@ -224,7 +224,8 @@ def eye(name, rate, delay=0.0):
     true = CameraModel(320, 240, (300.0, 0, 166.0, 0, 280.0, 115.0, 0, 0, 1))
     # Its latency is a delay too.
     settings = {"update_rate": rate, "latency": 0.5 * delay}
-    return Eye(name, CameraSpec(delay=0.5 * delay), settings, settings, true, true)
+    config = cameras.config_of(settings)
+    return Eye(name, CameraSpec(delay=0.5 * delay), settings, settings, config, true, true)
 
 
 @pytest.mark.parametrize(("control", "other", "why"), [

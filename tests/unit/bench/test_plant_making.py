@@ -9,20 +9,23 @@ import pytest
 
 from aras_sim_bridge.camera.config import seed_of
 from aras_sim_bridge.camera.effects import Effects
+from aras_sim_bridge.camera.shaking import Vibration
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_bench.asked import cameras
-from aras_visual_servo_bench.asked.cameras import Eye
 from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.asked.loop_settings import settings_of
-from aras_visual_servo_bench.asked.robots import Robot
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading, JointReading, ideal
 from aras_visual_servo_bench.plants.free_body import FreeBody
-from aras_visual_servo_bench.setup import arm_making, plant_making
-from aras_visual_servo_bench.setup.arm_making import ArmMaker, carried_by
-from aras_visual_servo_bench.setup.goal_views import GoalViews
-from aras_visual_servo_bench.setup.plant_making import PlantMaker
-from aras_visual_servo_bench.setup.postures import Postures
+from aras_visual_servo_bench.setup import assembly, bullet_setup
+from aras_visual_servo_bench.setup.assembly import make_plant
+from aras_visual_servo_bench.setup.bullet_setup import (
+    carried_targets,
+    make_bullet_arm,
+    take_first_images,
+)
+from aras_visual_servo_bench.setup.goal_teaching import needs_images, teach_goal
+from aras_visual_servo_bench.setup.read_context import read_context
+from aras_visual_servo_bench.setup.sights import make_sight
 from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_controller.seeing.observation import Need
 
@@ -33,40 +36,35 @@ ABOVE = transform((0.01, 0.02, 0.85), (np.pi - 0.1, 0.05, 0.2))
 MOMENTS, NONE = frozenset({Need.MOMENTS}), frozenset()
 
 
-def maker(needs=None, depth=False, label="", **keys):
-    """The plant maker of an experiment; `needs` of its first camera."""
-    experiment = Experiment.from_mapping({"camera": EYE, "target": FLAT, **keys})
-    robot = Robot(experiment.robot, cameras=experiment.cameras, carried=carried_by(experiment))
-    eyes = [Eye.of(name, spec, robot.packages, experiment.robot.cameras)
-            for name, spec in experiment.seen_by.items()]
-    needs = needs or {eyes[0].name: MOMENTS}
-    kind = ArmMaker if experiment.plant == "bullet" else PlantMaker
-    return kind(experiment, robot, eyes[0], {eye.name: eye for eye in eyes[1:]},
-                experiment.target.placed, needs, depth, label)
+def context_of(needs=None, depth=False, label="", **keys):
+    """What is read of an experiment; `needs` by the names of its cameras."""
+    read = read_context(Experiment.from_mapping({"camera": EYE, "target": FLAT, **keys}))
+    needs = needs or {read.control.name: MOMENTS}
+    return dataclasses.replace(read, needs=needs, depth=depth, label=label)
 
 
-def seen(made, exactly=False):
-    return made.sight(made.control, exactly)
+def seen(context, exactly=False):
+    return make_sight(context, context.control, exactly)
 
 
 FREE = {"plant": "free"}
+DRAWN = {**FREE, "features": "pictures"}
 
 
 def test_a_sight_has_what_is_needed_and_asked_for():
     for needs, asked, wanted in ((MOMENTS, False, False), (MOMENTS, True, True), (
             frozenset({Need.DEPTH}), False, True)):
-        assert seen(maker({"camera": needs}, depth=asked, **FREE)).depth is wanted
+        assert seen(context_of({"camera": needs}, depth=asked, **FREE)).depth is wanted
     for needs, label, wanted in ((MOMENTS, "m", True), (MOMENTS, "", False), (
             frozenset({Need.IMAGE}), "m", False)):
-        assert seen(maker({"camera": needs}, label=label, **FREE)).labelled is wanted
-    found = seen(maker(**FREE, jitter=0.3))
+        assert seen(context_of({"camera": needs}, label=label, **FREE)).labelled is wanted
+    found = seen(context_of(**FREE, jitter=0.3))
     assert (found.rate, found.name, found.jitter, found.effects) == (20.0, "camera", 0.3, Effects())
     assert (found.place, len(found.parts), found.vibration, found.unbounded) == (
         None, 1, None, False)
     assert not found.pictures and found.camera.K[0] == 300.0 and found.occluder is None
     ideal = {"plant": "ideal", "ideal": {"unbounded": True}}
-    assert seen(maker(**ideal)).unbounded and not seen(maker(plant="ideal")).unbounded
-    assert not seen(maker(plant="free", ideal={"unbounded": True})).unbounded
+    assert seen(context_of(**ideal)).unbounded and not seen(context_of(plant="ideal")).unbounded
 
 
 def test_a_goal_is_taught_without_noise():
@@ -74,14 +72,16 @@ def test_a_goal_is_taught_without_noise():
                "drop_probability": 0.2, "sensor": {
                    "gain": 0.02, "full_well": 12e3, "dark_current": 50.0}}
     eye = {**EYE, "effects": effects, "shake": {"xyz": [1e-3, 0, 0], "frequency": 20.0}}
-    pictured = {"plant": "free", "features": "pictures", "noise": 2.0}
-    made = maker(**{**pictured, "camera": eye})
+    pictured = {**DRAWN, "noise": 2.0}
+    made = context_of(**{**pictured, "camera": eye})
     run, taught = seen(made), seen(made, exactly=True)
     assert run.effects == dataclasses.replace(
         cameras.config_of(eye).effects, noise_stddev=2.0) and run.pictures
     assert taught.effects == Effects(rows_together=40) and taught.pictures
     assert run.vibration is not None and taught.vibration is None and len(taught.parts) == 1
-    noisy = [seen(maker(**{**pictured, "camera": eye}, seed=seed)).look(
+    quiet = seen(context_of(**DRAWN, camera=eye), exactly=True)  # also without noise of its own
+    assert (quiet.effects, quiet.vibration) == (taught.effects, None)
+    noisy = [seen(context_of(**{**pictured, "camera": eye}, seed=seed)).look(
         ABOVE, 10**8, np.random.default_rng(0)).image for seed in (1, 1, 2)]
     np.testing.assert_array_equal(*noisy[:2])
     assert (noisy[0] != noisy[2]).any() and noisy[0].shape == (240, 320)
@@ -89,23 +89,23 @@ def test_a_goal_is_taught_without_noise():
     opened = [p for p in run.parts if p.first == 0]
     assert {(p.first, p.last) for p in run.parts} == {(k, k + 40) for k in range(0, 240, 40)}
     assert opened[2].offset_ns == round(1e9 * 1e-4 * (19.5 - 119.5)) and len(opened) == 5
-    exact = maker(**{**FREE, "jitter": 0.4})
+    exact = context_of(**{**FREE, "jitter": 0.4})
     assert (seen(exact).jitter, seen(exact, True).jitter) == (0.4, 0.0)
     # A rendered goal is drawn only where the whole image counts.
     for needs, drawn in ((MOMENTS, False), (frozenset({Need.IMAGE}), True)):
-        assert seen(maker({"camera": needs}), exactly=True).pictures is drawn
-    assert seen(maker()).pictures
+        assert seen(context_of({"camera": needs}), exactly=True).pictures is drawn
+    assert seen(context_of()).pictures
 
 
 def test_noise_is_each_camera_s_and_each_seed_s():
     eye = {**EYE, "shake": {"xyz": [1e-3, 0, 0], "frequency": 20.0}}
     found = {}
     for seed, own in ((1, {}), (2, {}), (1, {"seed": 77})):
-        vibration = seen(maker(**FREE, seed=seed, camera={**eye, **own})).vibration
+        vibration = seen(context_of(**FREE, seed=seed, camera={**eye, **own})).vibration
         found[seed, bool(own)] = vibration.at(10**9)
-    other = plant_making.Vibration(cameras.config_of(eye).shake, seed_of(1, "camera"))
+    other = Vibration(cameras.config_of(eye).shake, seed_of(1, "camera"))
     np.testing.assert_array_equal(found[1, False], other.at(10**9))
-    other = plant_making.Vibration(cameras.config_of(eye).shake, 77)
+    other = Vibration(cameras.config_of(eye).shake, 77)
     np.testing.assert_array_equal(found[1, True], other.at(10**9))
     assert not np.array_equal(found[1, False], found[2, False])
 
@@ -113,18 +113,18 @@ def test_noise_is_each_camera_s_and_each_seed_s():
 def test_what_covers_a_target_is_not_there_when_the_goal_is_taught():
     cover = ((-0.01, -0.02), (0.03, 0.04))
     for times in (None, [[1.0, 2.0]]):
-        made = maker(**FREE, target={**FLAT, "occluder": cover, "occluded": times})
+        made = context_of(**DRAWN, target={**FLAT, "occluder": cover, "occluded": times})
         kept = None if times is None else ((1.0, 2.0),)
         assert (seen(made).occluder, seen(made).occluded) == (cover, kept)
         assert seen(made, True).occluded == (None if times is None else ())
     poster = {"shape": "poster", "size": [0.02, 0.01], "pose": FLAT["pose"], "perturbed": True}
-    made = maker(**FREE, target=poster, seed=3)
+    made = context_of(**DRAWN, target=poster, seed=3)
     assert seen(made, True).target is made.target
     other = seen(made).target
     np.testing.assert_array_equal(other.shape.pixels, made.target.shape.perturbed(3).pixels)
     assert isinstance(other.shape, TexturedTarget) and other.pose is made.target.pose
     with pytest.raises(ExperimentError, match="target 'l_shape' has no picture that could be pert"):
-        seen(maker(**FREE, target={**FLAT, "perturbed": True}))
+        seen(context_of(**DRAWN, target={**FLAT, "perturbed": True}))
 
 
 OWN = {"shape": "square", "size": [0.05, 0.05], "pose": [0.3, 0.0, 0.6, 0.0, 0.0, 0.1]}
@@ -133,17 +133,18 @@ TWO = {"left": {"model": EYE}, "right": {"model": EYE, "xyz": [0.0, -0.1, 0.0], 
 
 def test_a_camera_may_look_at_a_target_of_its_own():
     cover = {"occluder": ((-0.01, -0.02), (0.03, 0.04))}
-    made = maker({"left": MOMENTS}, **FREE, camera="original", cameras=TWO,
+    made = context_of({"left": MOMENTS}, **DRAWN, camera="original", cameras=TWO,
                  target={**FLAT, **cover})
-    assert list(made.seen_apart) == ["right"]
-    assert made.spec_of("right").shape == "square" and made.spec_of("left").shape == "l_shape"
-    np.testing.assert_allclose(made.target_of("right").pose, transform(OWN["pose"][:3], OWN["pose"][
-        3:]))
-    assert made.target_of("left") is made.target
-    left, right = made.sights()
+    assert [name for name in made.eyes if made.has_own_target(name)] == ["right"]
+    assert made.target_spec("right").shape == "square"
+    assert made.target_spec("left").shape == "l_shape"
+    np.testing.assert_allclose(
+        made.targets["right"].pose, transform(OWN["pose"][:3], OWN["pose"][3:]))
+    assert made.targets["left"] is made.target
+    left, right = (make_sight(made, eye) for eye in made.eyes.values())
     assert (left.name, right.name) == ("left", "right")
     assert left.occluder is not None and right.occluder is None
-    assert right.target.shape is made.target_of("right").shape
+    assert right.target.shape is made.targets["right"].shape
     np.testing.assert_allclose(right.place.pose[:3, 3], [0.1, 0.0, 0.0], atol=1e-12)
 
 
@@ -154,8 +155,8 @@ def test_a_camera_may_look_at_a_target_of_its_own():
 def built(monkeypatch):
     """What plants would have been made of, by their kinds."""
     found = {}
-    for place, kind in ((arm_making, "BulletArm"), (plant_making, "FreeCamera"),
-                        (plant_making, "KinematicChain"), (ideal, "IdealCamera")):
+    for place, kind in ((bullet_setup, "BulletArm"), (assembly, "FreeCamera"),
+                        (assembly, "KinematicChain"), (ideal, "IdealCamera")):
         monkeypatch.setattr(place, kind, lambda *a, kind=kind, **k: found.update(
             {kind: (a, k)}) or kind)
     return found
@@ -165,12 +166,12 @@ START = np.array([0.05, 0.0, -0.09, 0.045, 0.045, 0.1])
 
 
 def test_the_bullet_arm_is_given_all_that_was_asked(built):
-    made = maker({"left": frozenset({Need.DEPTH, Need.MOMENTS})}, label="target", cameras=TWO,
+    made = context_of({"left": frozenset({Need.DEPTH, Need.MOMENTS})}, label="target", cameras=TWO,
                  camera="original", seed=4, noise=1.5, traced=True, renderer="exact",
                  sun={"exposure": "gazebo", "diffuse": 0.5},
                  target={**FLAT, "occluder": ((0, 0), (0.01, 0.02)), "occluded": [[0.1, 0.2]]})
     arm = made.robot.arm("left")
-    assert made.plant(arm, START) == "BulletArm"
+    assert make_plant(made, arm, START) == "BulletArm"
     (robot, settings, joints, seed, renderer, traced, shown, sights, world, name, others, exposure,
      label, followed), _ = built["BulletArm"]
     assert robot is made.robot and joints == dict(zip(arm.names, START.tolist(), strict=True))
@@ -183,22 +184,23 @@ def test_the_bullet_arm_is_given_all_that_was_asked(built):
     assert [(one.name, one.times) for one in shown] == [
         ("target_of_right", None), ("target", None), ("occluder", ((0.1, 0.2),))]
     assert shown[2].lies_at == (0.0, 0.0, 5e-4) and shown[1].placed is made.target
-    np.testing.assert_allclose(shown[0].placed.pose, made.target_of("right").pose)
-    made.plant(arm, START, exactly=True)
+    np.testing.assert_allclose(shown[0].placed.pose, made.targets["right"].pose)
+    make_bullet_arm(made, START, exactly=True)
     (_, settings, *_, shown, _, _, _, others, _, _, _), _ = built["BulletArm"]
     assert settings == {**EYE, "effects": {}, "depth": True, "segmentation": True}
     assert [one.name for one in shown] == ["target_of_right", "target"]
 
 
 def test_one_camera_is_the_robot_s_own_and_exact_features_are_seen(built):
-    made = maker(features="exact", depth=True, camera={**EYE, "effects": {
-        "shot_noise": 0.1, "row_time": 1e-5}, "shake": {"xyz": [1e-3, 0, 0], "frequency": 9.0}})
-    made.plant(made.robot.arm(), START)
+    made = context_of(features="exact", depth=True, camera={
+        **EYE, "effects": {"drop_probability": 0.1, "row_time": 1e-5},
+        "shake": {"xyz": [1e-3, 0, 0], "frequency": 9.0}})
+    make_plant(made, made.arm, START)
     (_, settings, *_, sights, _, name, others, _, label, _), _ = built["BulletArm"]
     assert (name, others, label) == ("", {}, "") and [one.name for one in sights] == ["camera"]
     assert settings["depth"] is True and "segmentation" not in settings
-    assert settings["effects"]["shot_noise"] == 0.1 and "shake" in settings
-    made.plant(made.robot.arm(), START, exactly=True)
+    assert settings["effects"]["drop_probability"] == 0.1 and "shake" in settings
+    make_bullet_arm(made, START, exactly=True)
     _, settings, *_ = built["BulletArm"][0]
     assert settings["effects"] == {"row_time": 1e-5} and "shake" not in settings
 
@@ -209,8 +211,8 @@ def test_one_camera_is_the_robot_s_own_and_exact_features_are_seen(built):
     (FLAT, {"robot": {"target_frame": "camera_link"}}, []), (FLAT, {}, [("target", (0, 0, 0))]),
 ])  # fmt: skip
 def test_what_the_robot_or_the_world_brings_is_not_put_there(built, target, more, shown):
-    made = maker(target=target, **more)
-    made.plant(SimpleNamespace(names=("a",)), np.zeros(1))
+    made = context_of(target=target, **more)
+    make_plant(made, made.arm, START)
     found = built["BulletArm"][0][6]
     assert [(one.name, one.lies_at) for one in found] == shown
     if target["shape"] == "aras":
@@ -219,16 +221,16 @@ def test_what_the_robot_or_the_world_brings_is_not_put_there(built, target, more
 
 def test_other_plants_have_their_lag_seed_and_cameras(built):
     for plant, kind in (("free", "FreeCamera"), ("chain", "KinematicChain")):
-        made = maker({"left": MOMENTS}, plant=plant, cameras=TWO, camera="original", lag=0.07,
+        made = context_of({"left": MOMENTS}, plant=plant, cameras=TWO, camera="original", lag=0.07,
                      seed=6)
-        assert made.plant("arm", "start") == kind
+        assert make_plant(made, "arm", "start") == kind
         (arm, start, sight), more = built[kind]
         assert (arm, start, sight.name) == ("arm", "start", "left")
         assert (more["lag"], more["seed"]) == (0.07, 6)
         assert [one.name for one in more["others"]] == ["right"]
     believed = {"xyz": [0.01, 0.02, 0.03], "rpy": [0.1, 0.2, 0.3]}
-    made = maker(plant="ideal", believed=believed, seed=8)
-    made.plant(FreeBody(ABOVE), np.zeros(6))
+    made = context_of(plant="ideal", believed=believed, seed=8)
+    make_plant(made, FreeBody(ABOVE), np.zeros(6))
     (arm, body, start, sight, seed), _ = built["IdealCamera"]
     np.testing.assert_allclose(body.pose(np.zeros(6)), ABOVE @ transform(*believed.values()))
     assert (sight.name, seed) == ("camera", 8) and arm.origin is not ABOVE
@@ -237,17 +239,17 @@ def test_other_plants_have_their_lag_seed_and_cameras(built):
 def test_targets_that_the_arm_carries_are_put_onto_its_links():
     frame = {"target_frame": "hand"}
     given = {"plant": "bullet", "target": FLAT, "robot": frame}
-    found = carried_by(Experiment.from_mapping(given))
+    found = carried_targets(Experiment.from_mapping(given))
     assert list(found) == ["target"] and found["target"].link == "hand"
     np.testing.assert_allclose(found["target"].pose, transform(FLAT["pose"][:3], FLAT["pose"][3:]))
     assert found["target"].urdf.suffix == ".urdf"
     eyes = {"a": {}, "b": {"target": OWN, "target_frame": "wrist"}, "c": {"target": OWN}}
-    found = carried_by(Experiment.from_mapping({**given, "cameras": eyes}))
+    found = carried_targets(Experiment.from_mapping({**given, "cameras": eyes}))
     assert {name: one.link for name, one in found.items()} == {
         "target": "hand", "target_of_b": "wrist", "target_of_c": "hand"}
     for changed in ({"plant": "chain"}, {"robot": {}}, {"target": {"shape": "aras"}},
                     {"target": {"shape": ((0, 0), (1, 0), (0, 1))}}):
-        assert carried_by(Experiment.from_mapping({**given, **changed})) == {}
+        assert carried_targets(Experiment.from_mapping({**given, **changed})) == {}
 
 
 class Filmed:
@@ -270,68 +272,54 @@ class Filmed:
 
 
 def test_a_goal_is_shown_by_the_first_picture_of_each_camera_that_is_read(monkeypatch):
-    made = maker({"left": MOMENTS, "right": MOMENTS}, cameras={**TWO, "other": {"model": EYE}},
+    made = context_of({"left": MOMENTS, "right": MOMENTS}, cameras={**TWO, "other": {"model": EYE}},
                  camera="original")
     plants = []
-    monkeypatch.setattr(arm_making, "BulletArm",
+    monkeypatch.setattr(bullet_setup, "BulletArm",
                         lambda *a, **k: plants.append(Filmed(*a, **k)) or plants[-1])
     Filmed.times = (("left", 0), ("other", 0), ("right", 750_000_000))
     joints = dict(zip(made.robot.arm("left").names, START.tolist(), strict=True))
-    found = made.pictures(ABOVE, joints)
+    found = take_first_images(made, START)
     assert {name: one.stamp_ns for name, one in found.items()} == {
         "left": 250_000_000, "right": 750_000_000}
     assert plants[0].given[2] == joints
     assert plants[0].told == [{"gravity": (0.0, 0.0, 0.0)}, *[1_000_000_000] * 3, "closed"]
     Filmed.times = (("left", 0), ("right", 1_250_000_000))
     with pytest.raises(ExperimentError, match="delivers no picture within 1 s to teach the goal"):
-        made.pictures(ABOVE, joints)
+        take_first_images(made, START)
     assert plants[1].told.count(1_000_000_000) == 4 and plants[1].told[-1] == "closed"
-    monkeypatch.setattr(Postures, "at", lambda self, pose: START + pose[0, 3])
-    Filmed.times = (("left", 0), ("right", 0))
-    made.pictures(ABOVE, {})
-    np.testing.assert_allclose(list(plants[2].given[2].values()), START + 0.01)
 
 
 # -- how goals are taught ------------------------------------------------------------------------
 
 
 def views(needs, **keys):
-    keys = {"scheme": "moments", **keys}
-    made = maker({"camera": needs}, label=keys.pop("label", ""), **keys)
-    settings = settings_of(made.experiment, made.robot)
-    return GoalViews(made, settings, settings.make_scheme())
+    return context_of({"camera": needs}, **{"scheme": "moments", **keys})
 
 
 JOINTS = {"a": 0.1, "b": 0.2}
 
 
-def taught(views, mounting=None, shift=(0.0, 0.0), size=1.0, monkeypatch=None):
-    """The goal by a picture in which the target is off its place, px, or larger; and whether that
-    was asked for."""
-    asked = []
-
-    def pictures(made, pose, joints):
-        asked.append((pose, joints))
-        eye = made.control
-        outline = made.target.shape.outline(made.target.seen_from(pose))
+def taught(context, mounting=None, shift=(0.0, 0.0), size=1.0, image=True):
+    """The goal by an image in which the target is off its place, px, or larger; or by none."""
+    eye, target, images = context.control, context.target, {}
+    if image:
+        outline = target.shape.outline(target.seen_from(ABOVE))
         middle = outline.mean(axis=0)
         off = np.array(shift) / [300.0, 280.0]
-        image = cameras.draw(middle + size * (outline - middle) + off, eye.true)
-        return {"camera": CameraReading(0, image, "mono8", labelled=255 - image)}
-
-    monkeypatch.setattr(ArmMaker, "pictures", pictures)
+        drawn = cameras.draw(middle + size * (outline - middle) + off, eye.true)
+        images = {"camera": CameraReading(0, drawn, "mono8", labelled=255 - drawn)}
     mounting = np.eye(4) if mounting is None else mounting
-    goal = views.taught(ABOVE, {"camera": mounting}, JOINTS, "home", {})
-    return goal, asked
+    return teach_goal(context, ABOVE, {"camera": mounting}, {}, images, "home", JOINTS)
 
 
-def test_a_goal_holds_what_is_seen_there_as_it_is_believed(monkeypatch):
+def test_a_goal_holds_what_is_seen_there_as_it_is_believed():
     off = transform((0.01, -0.02, 0.0), (0.0, 0.05, 0.1))
     found = views(MOMENTS, plant="chain", features="exact")
-    goal, asked = taught(found, off, monkeypatch=monkeypatch)
-    assert not asked and (goal.name, goal.joints) == ("home", JOINTS)
+    goal = taught(found, off, image=False)
+    assert (goal.name, goal.joints) == ("home", JOINTS)
     np.testing.assert_allclose(goal.world_T_camera, ABOVE @ off, atol=1e-12)
-    target = found.plants.target
+    target = found.target
     at = target.seen_from(ABOVE @ off)
     assert goal.depth == pytest.approx(target.shape.depth(at))
     np.testing.assert_allclose(goal.plane, target.shape.plane(at), atol=1e-12)
@@ -350,34 +338,30 @@ BENT = {"shape": ((-0.05, -0.04), (0.05, -0.04), (0.05, 0.04), (-0.05, 0.0))}
     (CORNERS, {"scheme": "points", "plant": "free"}, False), (MOMENTS, {"label": "target"}, True),
     (MOMENTS, {"target": {"shape": "box", "size": [0.06, 0.05, 0.03], "pose": FLAT["pose"]}}, True),
 ])  # fmt: skip
-def test_what_a_picture_teaches_is_taught_by_one(monkeypatch, needs, keys, shown):
-    goal, asked = taught(views(needs, **keys), monkeypatch=monkeypatch)
-    assert bool(asked) is shown
-    if shown:
-        np.testing.assert_array_equal(asked[0][0], ABOVE)
-        assert asked[0][1] == JOINTS
+def test_what_a_picture_teaches_is_taught_by_one(needs, keys, shown):
+    assert needs_images(views(needs, **keys)) is shown
 
 
 @pytest.mark.parametrize(("shift", "why"), [
     ((9.0, 0.0), ""), ((-9.0, 9.0), ""), ((60.0, 0.0), "is not where the target is"),
     ((-60.0, 0.0), "is not where"), ((0.0, 60.0), "is not where"), ((0.0, -60.0), "is not where")])
-def test_something_else_of_the_target_s_colour_is_told(monkeypatch, shift, why):
+def test_something_else_of_the_target_s_colour_is_told(shift, why):
     found = views(MOMENTS, label="target")
     if not why:
-        taught(found, shift=shift, monkeypatch=monkeypatch)
+        taught(found, shift=shift)
         return
     with pytest.raises(ExperimentError, match=why):
-        taught(found, shift=shift, monkeypatch=monkeypatch)
+        taught(found, shift=shift)
 
 
-def test_a_described_target_has_the_size_of_its_corners(monkeypatch):
+def test_a_described_target_has_the_size_of_its_corners():
     found = views(MOMENTS, target=BENT)
     for size in (1.04, 0.96):  # 8 % of the area
-        taught(found, size=size, monkeypatch=monkeypatch)
+        taught(found, size=size)
     for size, told in ((1.06, "1.12"), (0.94, "0.88")):
         with pytest.raises(ExperimentError, match=f"target is {told} times as large in the pict"):
-            taught(found, size=size, monkeypatch=monkeypatch)
+            taught(found, size=size)
     seen_larger = views(MOMENTS, target=BENT, believed={"focal": 0.8})  # and so are its corners
-    taught(seen_larger, monkeypatch=monkeypatch)
+    taught(seen_larger)
     other = views(MOMENTS, label="target")  # it is not described
-    taught(other, size=1.06, monkeypatch=monkeypatch)
+    taught(other, size=1.06)

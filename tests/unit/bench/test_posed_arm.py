@@ -8,7 +8,7 @@ from aras_sim_bridge.description.world_file import WorldFile
 from aras_visual_servo_base.poses import relative, transform
 from aras_visual_servo_bench.plants.posed_arm import PosedArm
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
-from aras_visual_servo_bench.targets.solids import primitive
+from aras_visual_servo_bench.targets.outlines import shape_of
 
 BODY = ('<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" '
         'iyz="0"/></inertial>')
@@ -58,7 +58,7 @@ def test_what_it_runs_into_is_said_from_a_millimetre_on(arm, free, way, other):
 
 
 def test_a_solid_is_run_into_as_it_is_and_what_is_not_there_is_not():
-    solid = PlacedTarget(primitive("cylinder", (0.2, 0.2, 0.3)), transform((0, 0, 1), (0, 0.2, 0)))
+    solid = PlacedTarget(shape_of("cylinder", (0.2, 0.2, 0.3)), transform((0, 0, 1), (0, 0.2, 0)))
     alone = PosedArm(slides(), target=solid)
     assert alone.touched(placed(0.0, 0.0, 1.1)) and not alone.touched(placed(0.14, 0.14, 1.0))
     assert not alone.touched(placed(0.3, 0.2, 0.0))  # no ground

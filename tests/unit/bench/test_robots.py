@@ -62,6 +62,20 @@ def sensor_of(urdf):
     return found
 
 
+def test_cameras_alone_are_those_of_the_whole_description():
+    sensor = "<sensor type='{}' name='{}'><update_rate>{}</update_rate><camera/></sensor>"
+    tags = "".join(
+        f"<gazebo{where}>{sensor.format(*words)}</gazebo>" for where, *words in (
+            (" reference='a'", "camera", "first", 10), (" reference='a'", "camera", "first", 20),
+            (" reference='none'", "camera", "lost", 30), (" reference='a'", "imu", "turns", 40),
+            (" reference='a'", "depth", "deep", 50), ("", "camera", "nowhere", 60),
+        ))
+    urdf = f"<robot name='r'><link name='a'/>{tags}</robot>"
+    found = parse_cameras(urdf)
+    assert [(one.name, one.update_rate) for one in found] == [("first", 10.0), ("deep", 50.0)]
+    assert found == parse_urdf(urdf).cameras
+
+
 Q = np.array([0.4, -0.1])
 HAND_T_LINK = transform((0.05, 0.0, 0.1), (0.0, 0.3, 0.0))
 LINK_T_EYE = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])

@@ -15,7 +15,7 @@ from aras_visual_servo_bench.plants import CameraReading, JointReading
 from aras_visual_servo_bench.plants.base import Place, Plant, seconds
 from aras_visual_servo_bench.plants.sight import Exposures, Sight, exposures, vibrations
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
-from aras_visual_servo_bench.targets.solids import primitive
+from aras_visual_servo_bench.targets.outlines import shape_of
 from aras_visual_servo_camera.undistortion import CameraModel
 
 CAMERA = CameraModel(60, 40, (50.0, 0, 31.0, 0, 40.0, 18.0, 0, 0, 1))
@@ -155,7 +155,7 @@ def test_a_flat_target_is_drawn_and_told_by_where_it_is_dark():
 
 
 def test_a_solid_is_told_by_its_own_pixels():
-    target = PlacedTarget(primitive("box", (0.3, 0.2, 0.2)), np.eye(4))
+    target = PlacedTarget(shape_of("box", (0.3, 0.2, 0.2)), np.eye(4))
     solid = replace(SIGHT, target=target, pictures=True, labelled=True)
     seen = solid.look(POSE, STAMP, drawn())
     assert (seen.image[seen.labelled == 0] > 250).mean() > 0.9

@@ -27,8 +27,8 @@ from aras_visual_servo_bench.targets.files import (
     write,
 )
 from aras_visual_servo_bench.targets.geometry import Motion
-from aras_visual_servo_bench.targets.outlines import NAMES, shape_of
-from aras_visual_servo_bench.targets.solids import PRIMITIVES
+from aras_visual_servo_bench.targets.outlines import shape_of
+from aras_visual_servo_bench.targets.shapes import SHAPES
 from aras_visual_servo_bench.targets.target_spec import BoxSpec
 from aras_visual_servo_camera.trackers.dots import DotTracker
 from aras_visual_servo_camera.trackers.marker import MarkerTracker
@@ -166,7 +166,8 @@ def test_a_target_without_a_picture_cannot_be_perturbed():
     assert (one != other).any()
 
 
-@pytest.mark.parametrize("name", sorted(set(NAMES) - {"aras", *PRIMITIVES}))
+@pytest.mark.parametrize("name", sorted(
+    name for name, kind in SHAPES.items() if name != "aras" and not kind.is_solid))
 def test_what_ships_is_what_is_made(name, tmp_path):
     size = (0.4, 0.3) if name == "poster" else (0.1, 0.1)
     write(shape_of(name, size), tmp_path, name, "package://aras_visual_servo_gazebo/targets")

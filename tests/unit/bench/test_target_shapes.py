@@ -23,11 +23,10 @@ from aras_visual_servo_bench.targets.geometry import (
     RoundTarget,
     project,
 )
-from aras_visual_servo_bench.targets.outlines import read_svg, shape_of, tracker_of
+from aras_visual_servo_bench.targets.outlines import is_solid, read_svg, shape_of, tracker_of
 from aras_visual_servo_bench.targets.pictures import seen, shows
 from aras_visual_servo_bench.targets.scratch import scratch
-from aras_visual_servo_bench.targets.shape_names import is_solid
-from aras_visual_servo_bench.targets.solids import made_solid, primitive, solid_target
+from aras_visual_servo_bench.targets.solids import made_solid, solid_target
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_camera.errors import ModelError
@@ -137,7 +136,7 @@ def test_a_course_notes_a_change_of_a_micrometre():
     ("box", 1.0, 1e-9), ("cylinder", np.pi / 4, 0.03), ("sphere", np.pi / 6, 0.06)])
 def test_a_primitive_fills_its_size_about_its_origin(name, share, rel):
     size = (0.3, 0.2, 0.16)
-    target = primitive(name, size)
+    target = shape_of(name, size)
     corners = target.solid.vertices
     np.testing.assert_allclose(corners.max(axis=0), 0.5 * np.array(size), rtol=0.01)
     np.testing.assert_allclose(corners.min(axis=0), -0.5 * np.array(size), rtol=0.01)
@@ -146,12 +145,12 @@ def test_a_primitive_fills_its_size_about_its_origin(name, share, rel):
     again = solid_target(target.path)  # what was written is what it is
     assert not again.made
     np.testing.assert_allclose(ConvexHull(again.solid.vertices).volume, ConvexHull(corners).volume)
-    with pytest.raises(ExperimentError, match=rf"of a {name} is \[0.3, 0.2\], must be three"):
+    with pytest.raises(ExperimentError, match=r"target.size is \[0.3, 0.2\], must be three"):
         shape_of(name, (0.3, 0.2))
 
 
 def test_a_solid_s_outline_is_the_hull_of_its_view():
-    target = primitive("box", (0.3, 0.2, 0.16))
+    target = shape_of("box", (0.3, 0.2, 0.16))
     pose = transform((0.4, -0.3, 0.5), (-2.4, 0.3, 0.5))
     corners = (target.solid.vertices - pose[:3, 3]) @ pose[:3, :3]
     flat = corners[:, :2] / corners[:, 2:]
@@ -185,7 +184,7 @@ def test_what_is_no_closed_solid_is_refused(tmp_path):
 
 
 def test_a_solid_s_description_names_its_mesh_and_makes_what_has_no_colour_grey(tmp_path):
-    made = primitive("box", (0.1, 0.2, 0.3))
+    made = shape_of("box", (0.1, 0.2, 0.3))
     text = write(made, tmp_path / "new" / "a", "crate").read_text()
     assert write(made, tmp_path / "new" / "a", "crate").read_text() == text
     robot = parse_urdf(text)
@@ -246,7 +245,7 @@ def test_a_lens_is_drawn_by_unit_rays(monkeypatch):
 
 
 def test_a_solid_is_lit_on_white_and_its_pixels_are_shown():
-    box = primitive("box", (0.1, 0.1, 0.1))
+    box = shape_of("box", (0.1, 0.1, 0.1))
     pose = transform((0.2, -0.3, 0.45), (-2.5, 0.2, 0.3))
     image, label = seen(box, CAMERA, pose), shows(box, CAMERA, pose)
     assert label.dtype == np.uint8 and set(np.unique(label)) == {0, 255}
@@ -388,7 +387,7 @@ def test_a_mesh_gets_a_scale_or_a_size(tmp_path):
 def test_a_polygon_s_own_corners_need_no_size():
     corners = ((0.0, 0.0), (0.1, 0.0), (0.0, 0.2))
     assert shape_of(corners, (9.0,)) == PolygonTarget(corners)
-    with pytest.raises(ExperimentError, match=r"size of square is \[0.1\], must be two lengths"):
+    with pytest.raises(ExperimentError, match=r"target.size is \[0.1\], must be two lengths"):
         shape_of("square", (0.1,))
     with pytest.raises(ExperimentError, match="target.shape is 'squar': did you mean 'square'"):
         shape_of("squar", SIZE)

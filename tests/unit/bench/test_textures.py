@@ -18,16 +18,10 @@ from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble, check
 from aras_visual_servo_bench.targets import textures
 from aras_visual_servo_bench.targets.geometry import PlacedTarget
-from aras_visual_servo_bench.targets.outlines import (
-    NAMES,
-    TRACKERS,
-    read_svg,
-    shape_of,
-    tracker_of,
-)
+from aras_visual_servo_bench.targets.outlines import read_svg, shape_of, tracker_of
 from aras_visual_servo_bench.targets.pictures import seen as picture_of
-from aras_visual_servo_bench.targets.solids import PRIMITIVES
-from aras_visual_servo_bench.targets.textures import MADE, TexturedTarget
+from aras_visual_servo_bench.targets.shapes import SHAPES
+from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.trackers import TRACKERS as KNOWN
 from aras_visual_servo_camera.trackers.dots import DotTracker
@@ -62,8 +56,8 @@ def seen(name, camera=CAMERA, view=VIEW, occluder=None):
 
 
 def test_every_name_is_a_target():
-    for name in NAMES:
-        size = (*SIZE, 0.1) if name in PRIMITIVES else SIZE
+    for name, kind in SHAPES.items():
+        size = (*SIZE, 0.1) if kind.is_solid else SIZE
         assert shape_of(name, size).vertices().shape[1] == 3
 
 
@@ -317,7 +311,7 @@ def middles(target):
 
 @pytest.mark.parametrize("size", [OBLONG, (0.2, 0.3)])
 def test_dots_are_discs_about_the_known_points(coarse, size):
-    target = MADE["four_dots"](size)
+    target = SHAPES.create("four_dots", size=size).make()
     assert max(target.pixels.shape) == 300 and target.size == size
     w, h = size
     np.testing.assert_allclose(
@@ -333,7 +327,7 @@ def test_dots_are_discs_about_the_known_points(coarse, size):
 
 @pytest.mark.parametrize("size", [OBLONG, (0.2, 0.3)])
 def test_a_grid_is_five_by_five_lines_a_hundredth_of_the_width_thick(coarse, size):
-    target = MADE["line_grid"](size)
+    target = SHAPES.create("line_grid", size=size).make()
     (w, h), (x, y) = size, middles(target)
     across = np.array([-0.4, -0.2, 0.0, 0.2, 0.4])
     pixel = w / target.pixels.shape[1]
@@ -350,7 +344,7 @@ def test_a_grid_is_five_by_five_lines_a_hundredth_of_the_width_thick(coarse, siz
 
 @pytest.mark.parametrize("size", [OBLONG, (0.2, 0.3)])
 def test_a_marker_is_square_in_the_middle_and_its_corners_are_known(coarse, size):
-    target = MADE["marker"](size)
+    target = SHAPES.create("marker", size=size).make()
     columns, rows = np.round([at(target, *corner) for corner in target.known], 6).T
     assert np.ptp(columns) == np.ptp(rows) == 160  # 8 of 10 cells of the shorter side's 200
     (first, last), (top, bottom) = ((int(np.ceil(n.min())), int(np.floor(n.max())) + 1)
@@ -637,9 +631,11 @@ def test_an_unknown_robot_names_the_nearest():
 
 
 def test_a_target_brings_the_tracker_of_its_points():
-    assert set(TRACKERS) | {"poster"} == set(MADE)
-    assert set(TRACKERS.values()) | {"model"} == set(KNOWN)
-    for shape, tracker in {**TRACKERS, "aras": "outline", "poster": "outline"}.items():
+    trackers = {name: kind.tracker for name, kind in SHAPES.items()}
+    assert set(trackers.values()) == {*KNOWN, "outline"}
+    for shape, tracker in trackers.items():
+        if SHAPES[shape].is_solid:
+            continue
         spec = {**RUN, "target": {"shape": shape, "pose": TURNED}}
         assert settings_of(Experiment.from_mapping(spec)).tracker == tracker
         own = Experiment.from_mapping({**spec, "options": {"tracker": "outline"}})

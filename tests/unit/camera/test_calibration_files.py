@@ -185,6 +185,15 @@ def test_what_contradicts_itself_or_is_not_served_is_named(tmp_path, name, text,
     assert "\n" not in str(refused.value)
 
 
+def test_matrices_in_rows_are_a_calibration_though_its_sizes_are_missing(tmp_path):
+    path = tmp_path / "cut.yaml"
+    path.write_text(yaml.safe_dump({
+        "camera_matrix": {"rows": 3, "cols": 3, "data": [300, 0, 160, 0, 300, 120, 0, 0, 1]},
+        "distortion_model": "plumb_bob"}))
+    with pytest.raises(CameraError, match="image_width"):
+        read_camera(path)
+
+
 def test_a_preset_names_its_calibration(tmp_path):
     (tmp_path / "head.yaml").write_text(ROS)
     (tmp_path / "chain.yaml").write_text(CHAIN)

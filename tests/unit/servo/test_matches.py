@@ -9,8 +9,8 @@ import pytest
 from free_camera import pose
 
 from aras_visual_servo_base.poses import inverse, rotation_vector
+from aras_visual_servo_bench.targets.outlines import shape_of
 from aras_visual_servo_bench.targets.pictures import seen
-from aras_visual_servo_bench.targets.textures import poster
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
@@ -27,7 +27,7 @@ NOW = pose((0.06, 0.02, 0.8), (0.05, 0.1, 0.4))
 
 @pytest.fixture(scope="module")
 def picture():
-    return poster((0.8, 0.6))
+    return shape_of("poster", (0.8, 0.6))
 
 
 def look(feature, picture, place, known=True):

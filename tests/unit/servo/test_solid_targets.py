@@ -16,9 +16,9 @@ from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
+from aras_visual_servo_bench.targets.outlines import shape_of
 from aras_visual_servo_bench.targets.pictures import seen
 from aras_visual_servo_bench.targets.solids import solid_target
-from aras_visual_servo_bench.targets.textures import marker
 from aras_visual_servo_camera.model import ModelTracking
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError
@@ -152,7 +152,7 @@ def marked(tmp_path_factory):
     """A box 0.08 x 0.05 x 0.06 m on z = 0, with a marker on its top beside the middle."""
     folder = tmp_path_factory.mktemp("marked")
     path = write_obj(folder / "marked.obj", [(corners_of("box"), 0.6)])
-    cv2.imwrite(str(folder / "tag.png"), marker((MARKED, MARKED)).pixels)
+    cv2.imwrite(str(folder / "tag.png"), shape_of("marker", (MARKED, MARKED)).pixels)
     with path.with_suffix(".mtl").open("a") as file:
         file.write("\nnewmtl tag\nKd 1 1 1\nmap_Kd tag.png\n")
     turn, flat = transform(*TAG), 0.5 * MARKED * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])

@@ -381,7 +381,7 @@ def _mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping[str, An
 
 
 def check(settings: Any, fault: Fault, where: str = "") -> None:
-    """Convert and check the fields of a dataclass, however it was made.
+    """Convert and check the fields of a dataclass, however it was made; defaults are right.
 
     Raises:
         fault: naming the field, its value and what is wanted.
@@ -389,6 +389,8 @@ def check(settings: Any, fault: Fault, where: str = "") -> None:
     hints = annotations(type(settings))
     for name, field in _known(type(settings)).items():
         value = getattr(settings, name)
+        if value is field.default:
+            continue
         found = convert(value, hints[name], _place(where, name), fault, field.metadata)
         if found is not value:
             object.__setattr__(settings, name, found)  # it may be frozen

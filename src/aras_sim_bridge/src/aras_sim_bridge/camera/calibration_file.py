@@ -15,14 +15,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from aras_visual_servo_base.settings import said
 from aras_visual_servo_base.yaml_files import read_text
 
 from ..errors import CameraError
-from .calibration import Calibration
-from .calibration_formats import FORMATS
+
+if TYPE_CHECKING:
+    from .calibration import Calibration
 
 KEY = "calibration"
 # Keys beside `calibration` that would contradict it.
@@ -65,6 +66,8 @@ def with_calibration(settings: Mapping[str, Any], folder: Path | None = None) ->
 
 def find_calibration(text: str, path: Path, camera: str) -> Calibration | None:
     """What a calibration file says of one of its cameras; None: the text is of another kind."""
+    from .calibration_formats import FORMATS
+
     for detect, read in FORMATS:
         if not detect(text):
             continue

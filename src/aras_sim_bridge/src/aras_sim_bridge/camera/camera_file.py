@@ -12,6 +12,7 @@ from typing import Any
 from aras_visual_servo_base.yaml_files import parse_yaml, read_text
 
 from ..errors import CameraError
+from .calibration_file import KEY as CALIBRATION
 from .calibration_file import find_calibration, split_name, with_calibration
 from .config import CameraConfig
 
@@ -27,7 +28,7 @@ def read_camera(name: str | Path) -> dict[str, Any]:
     """
     path, camera = split_name(name)
     text = read_text(path, CameraError)
-    calibration = find_calibration(text, path, camera)
+    calibration = None if _is_preset(text) else find_calibration(text, path, camera)
     if calibration is not None:
         if calibration.width is None or calibration.height is None:
             raise CameraError(
@@ -44,3 +45,16 @@ def read_camera(name: str | Path) -> dict[str, Any]:
     found = with_calibration(settings, path.parent)
     CameraConfig.check_keys(found, f"{path}: ")
     return found
+
+
+def _is_preset(text: str) -> bool:
+    """Whether a text has only keys of a preset, and none of them in the form of a calibration."""
+    try:
+        settings = parse_yaml(text, "", CameraError)
+    except CameraError:
+        return False
+    if not isinstance(settings, Mapping) or not settings:
+        return False
+    rows = any(isinstance(one, Mapping) and ("rows" in one or "data" in one)
+               for one in settings.values())  # fmt: skip
+    return not rows and settings.keys() <= {CALIBRATION, *CameraConfig.__dataclass_fields__}

@@ -18,7 +18,6 @@ from aras_sim_bridge.description.types import (
     Visual,
 )
 from aras_sim_bridge.description.units import degrees_in_angles, degrees_in_limits
-from aras_sim_bridge.description.urdf_cameras import link_poses
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.poses import Pose, quaternion_to, rotate
@@ -27,6 +26,7 @@ from aras_visual_servo_base.urdf import (
     ZERO,
     Joint,
     JointLimits,
+    UrdfTree,
     origin,
     parse_tree,
 )
@@ -63,7 +63,7 @@ def parse_urdf(
         for place in node.iter("origin"):
             where = f"{node.tag} '{node.get('name')}': origin rpy"
             warnings += degrees_in_angles(numbers(place.get("rpy"), 3, where, ZERO), where)
-    poses = link_poses(tree)
+    poses = _link_poses(tree)
     tags = gazebo_tags.parse(robot, links, tree.joints, poses, resolve, warnings)
     warnings += served.unserved(robot, "robot", f"robot '{safe_xml.shorten(tree.name)}'")
     _unfold_planar(tags)
@@ -177,3 +177,17 @@ def _transmission(element: Element) -> Transmission:
         name, kind, joints[0] if joints else "", interfaces[0] if interfaces else "",
         bool(element.findall("actuator")), tuple(joints), tuple(interfaces),
     )
+
+
+def _link_poses(tree: UrdfTree) -> dict[str, Pose]:
+    """Poses of the links in the root's frame, with all joints at 0."""
+    below: dict[str, list[Joint]] = {}
+    for joint in tree.joints.values():
+        below.setdefault(joint.parent, []).append(joint)
+    poses = {tree.root: Pose()}
+    pending = [tree.root]
+    for link in pending:
+        for joint in below.get(link, ()):
+            poses[joint.child] = poses[link] @ joint.pose
+            pending.append(joint.child)
+    return poses

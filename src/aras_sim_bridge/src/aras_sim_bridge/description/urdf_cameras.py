@@ -1,35 +1,38 @@
 """The cameras of a URDF, without what its links weigh, show and touch."""
 
+import copy
+from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import gazebo_tags
-from aras_sim_bridge.description.types import CameraDescription, Link
+from aras_sim_bridge.description import camera_tags
+from aras_sim_bridge.description.sdf_dialects import unify
+from aras_sim_bridge.description.types import CameraDescription
 from aras_visual_servo_base import safe_xml
-from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.urdf import Joint, UrdfTree, parse_tree
+from aras_visual_servo_base.urdf import CAMERA_KINDS
 
 
 def parse_cameras(xml: str | Element) -> tuple[CameraDescription, ...]:
-    """The cameras of a URDF, without what its links look like; raises as `parse_urdf`."""
-    robot = safe_xml.parse(xml, "URDF")
-    tree = parse_tree(robot)
-    links = {name: Link(name, None, (), ()) for name in tree.links}
+    """The cameras of a URDF, the first of each name, without anything else that it describes.
 
-    def unread(uri: str, _where: str) -> str:
-        return uri
+    Raises:
+        DescriptionError: the text is no XML, or an element of a camera is wrong.
+    """
+    cameras: dict[str, CameraDescription] = {}
+    for link, sensor in _sensors(safe_xml.parse(xml, "URDF")):
+        if sensor.get("type") in CAMERA_KINDS:
+            sensor = copy.deepcopy(sensor)
+            unify(sensor, [])
+            for camera in camera_tags.cameras(sensor, link, []):
+                cameras.setdefault(camera.name, camera)
+    return tuple(cameras.values())
 
-    return gazebo_tags.parse(robot, links, tree.joints, link_poses(tree), unread, []).cameras
 
-
-def link_poses(tree: UrdfTree) -> dict[str, Pose]:
-    """Poses of the links in the root's frame, with all joints at 0."""
-    below: dict[str, list[Joint]] = {}
-    for joint in tree.joints.values():
-        below.setdefault(joint.parent, []).append(joint)
-    poses = {tree.root: Pose()}
-    pending = [tree.root]
-    for link in pending:
-        for joint in below.get(link, ()):
-            poses[joint.child] = poses[link] @ joint.pose
-            pending.append(joint.child)
-    return poses
+def _sensors(robot: Element) -> Iterator[tuple[str, Element]]:
+    """The sensors of the `<gazebo>` tags, each with the name of its link."""
+    links = {link.get("name") for link in robot.findall("link")}
+    for block in robot.findall("gazebo"):
+        reference = block.get("reference")
+        for place in block.findall("link") if reference is None else (block,):
+            link = place.get("name") if reference is None else reference
+            if reference is None or reference in links:
+                yield from ((link, sensor) for sensor in place.findall("sensor"))

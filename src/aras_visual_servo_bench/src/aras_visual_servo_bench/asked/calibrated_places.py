@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -55,11 +54,6 @@ def with_believed_places(experiment: Experiment, robot: Robot) -> Experiment:
     ((name, spec),) = experiment.seen_by.items()
     return replace(experiment, believed=_believed(
         spec.believed, spec, experiment, robot, "believed.hand_eye", name))
-
-
-def has_believed_places(cameras: Mapping[str, CameraSpec]) -> bool:
-    """Whether a hand-eye calibration says where a camera is believed to be."""
-    return any(spec.believed.hand_eye is not None for spec in cameras.values())
 
 
 def _believed(belief: Belief, spec: CameraSpec, experiment: Experiment, robot: Robot, where: str,

@@ -165,14 +165,15 @@ class Eye:
     """A camera of an experiment, with its files read.
 
     overrides: keys that the experiment sets, by preset or by itself. settings: all that are known,
-    with those of the robot's description. true: its intrinsics. believed: those that the controller
-    uses.
+    with those of the robot's description. config: made of these. true: its intrinsics.
+    believed: those that the controller uses.
     """
 
     name: str
     spec: CameraSpec
     overrides: Mapping[str, Any]
     settings: Mapping[str, Any]
+    config: CameraConfig
     true: CameraModel
     believed: CameraModel
 
@@ -186,19 +187,21 @@ class Eye:
         if spec.rate is not None:
             overrides["update_rate"] = spec.rate
         settings = merge(described, overrides)
-        told = model_of(settings)  # what CameraInfo says, which may be Gazebo's formulas
-        true = model_of({**settings, "legacy_camera_info": False})
-        return cls(name, spec, overrides, settings, true, spec.believed.camera(told))
+        config = config_of(settings)
+        told = true = model_of_info(config.intrinsics())
+        if config.legacy_camera_info:  # CameraInfo says Gazebo's formulas
+            true = model_of({**settings, "legacy_camera_info": False})
+        return cls(name, spec, overrides, settings, config, true, spec.believed.camera(told))
 
     @property
     def rate(self) -> float:
         """Pictures a second."""
-        return float(self.settings.get("update_rate", 30.0))
+        return self.config.update_rate
 
     @property
     def delay(self) -> float:
         """s from an exposure to when the loop has the image: the camera's latency, and `delay`."""
-        return self.spec.delay + float(self.settings.get("latency", 0.0))
+        return self.spec.delay + self.config.latency
 
 
 def check_meeting(eyes: Sequence[Eye], duration: float) -> None:

@@ -13,8 +13,7 @@ from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.settings import MARKER, Settings
 
 from ..errors import ExperimentError, require
-from ..targets.outlines import tracker_of
-from ..targets.shape_names import is_solid
+from ..targets.outlines import is_solid, tracker_of
 from ..targets.target_spec import TargetSpec
 from .experiment import FLYING, Experiment
 from .packages import PackagePath

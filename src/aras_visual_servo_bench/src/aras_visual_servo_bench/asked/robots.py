@@ -14,7 +14,6 @@ import numpy as np
 
 from aras_sim_bridge.camera.from_description import settings as sensor_settings
 from aras_sim_bridge.errors import CameraError, DescriptionError, SimError
-from aras_visual_servo_base.camera_mounting import carrying_link, check_optical, with_camera
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import inverse, optical, to_xyz_rpy, transform
 from aras_visual_servo_base.settings import check, parameter
@@ -312,6 +311,8 @@ class Robot:
 
     def _calibrated_place(self, urdf: str, name: str) -> tuple[str, np.ndarray]:
         """The link of a camera whose place is a hand-eye calibration's, and link_T_optical."""
+        from aras_visual_servo_base.camera_mounting import carrying_link, check_optical
+
         camera = self._cameras[name]
         try:
             found = camera.hand_eye.read(self.packages)
@@ -338,6 +339,8 @@ class Robot:
 
     def _calibrated(self, spec: HandEyeSpec) -> str:
         """The description with its camera where a hand-eye calibration found it."""
+        from aras_visual_servo_base.camera_mounting import with_camera
+
         try:
             found = spec.read(self.packages)
             return with_camera(self._plain, found, spec.link, self.spec.camera_frame)

@@ -11,9 +11,8 @@ from aras_sim_bridge.camera.effects import Effects
 from aras_visual_servo_base.settings import default_of
 
 from ..errors import ExperimentError, require
-from .cameras import Eye, config_of
+from .cameras import Eye
 from .experiment import FLYING, Experiment, Ideal
-from .imaging import ON_FEATURES
 
 # Keys of an experiment: the plants on which they act, the value that is true of the others all the
 # same, and what they are of.
@@ -29,6 +28,9 @@ ON_PLANTS = (
 )  # fmt: skip
 # What exact features do not show.
 ON_IMAGES = ("target.perturbed", "target.occluder", "target.marker", "sun")
+# Effects on exact features: when rows are exposed, and which images are lost. The others are on the
+# light of an image.
+ON_FEATURES = {"row_time", "rows_together", "drop_probability"}
 # Keys of a robot that say where presets and packages are, also for a camera without an arm.
 OF_FILES = ("cameras", "search")
 # What the ideal camera, which sees at one instant, cannot have.
@@ -82,7 +84,7 @@ def check_camera(eye: Eye, experiment: Experiment) -> None:
         "robot has them, and stream; leave it out",
     )
     for key in OVER_TIME:
-        if plant == "ideal" and (time := getattr(config_of(eye.settings).effects, key)):
+        if plant == "ideal" and (time := getattr(eye.config.effects, key)):
             raise ExperimentError(
                 f"{where}has a {key} of {time:g} s, and plant ideal exposes all rows at once, in "
                 f"an instant: take plant free, or leave {key} out"

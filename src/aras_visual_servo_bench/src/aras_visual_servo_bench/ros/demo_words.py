@@ -22,7 +22,8 @@ from ..asked.experiment import CameraPose, Experiment
 from ..asked.packages import PackagePath
 from ..asked.robots import Robot, RobotSpec
 from ..errors import ExperimentError
-from ..targets.outlines import NAMES, default_size, tracker_of
+from ..targets.outlines import default_size, tracker_of
+from ..targets.shapes import SHAPES
 from ..targets.target_spec import TargetSpec
 
 LAUNCH = "package://aras_visual_servo_gazebo/launch/"
@@ -177,10 +178,10 @@ def _declared(file: str) -> set[str]:
 def _target(text: str) -> str:
     """A target's name, or the whole path of its file; ExperimentError where there is none."""
     path = Path(text).expanduser()
-    if text in (*NAMES, NOTHING):
+    if text in (*SHAPES, NOTHING):
         return text
     if not path.suffix:
-        raise ExperimentError(f"--target is '{text}': {nearest(text, (*NAMES, NOTHING))}")
+        raise ExperimentError(f"--target is '{text}': {nearest(text, (*SHAPES, NOTHING))}")
     if not path.is_file():
         raise ExperimentError(f"--target: there is no file {path}")
     return str(path.resolve())

@@ -19,9 +19,9 @@ from ..asked.loop_settings import settings_of
 from ..asked.overrides import with_override
 from ..errors import ExperimentError
 from ..setup.assembly import Assembly, assemble
+from ..targets.outlines import SIZE, find_shape
 
 OF_LAW = "options.law_options."
-SIZE = 0.2  # m, of a named shape that has no size of its own
 
 
 def apply_remedy(experiment: Experiment, remedy: Remedy) -> Experiment:
@@ -105,8 +105,9 @@ def _times(value: Any, factor: float, key: str) -> Any:
 def _scaled_target(experiment: Experiment, factor: float) -> Experiment:
     """A target of the same shape, larger."""
     target = experiment.target
-    if target.shape == "aras" or target.is_link:
-        raise ExperimentError("target.size: the demo's plates, and links, have one size")
+    named = find_shape(target.shape)
+    if target.is_link or named is not None and not hasattr(named, "size"):
+        raise ExperimentError(f"target.size: {target.link or target.shape} has one size")
     changes: dict[str, Any] = {}
     if isinstance(target.shape, tuple):
         changes["shape"] = _times(target.shape, factor, "target.shape")
@@ -115,7 +116,7 @@ def _scaled_target(experiment: Experiment, factor: float) -> Experiment:
     elif target.scale is not None:
         changes["scale"] = target.scale * factor
     else:
-        changes["size"] = _times(target.size or (SIZE, SIZE), factor, "target.size")
+        changes["size"] = _times(target.size or getattr(named, "size", SIZE), factor, "target.size")
     if target.occluder is not None:
         changes["occluder"] = _times(target.occluder, factor, "target.occluder")
     values = experiment.to_mapping()

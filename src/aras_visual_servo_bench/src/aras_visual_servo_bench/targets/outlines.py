@@ -1,32 +1,36 @@
-"""Targets by name: outlines, made pictures, a PNG, an SVG outline, a mesh."""
+"""Targets by name, of a PNG, of an SVG outline, of a mesh."""
 
 from __future__ import annotations
 
 import io
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
 
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.errors import DescriptionError
-from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.names import USER_FAULTS, nearest, words
 from aras_visual_servo_controller.settings import MODEL, OUTLINE
 
 from ..errors import ExperimentError, require
-from .geometry import ARAS, FLIPPED, PolygonTarget, RoundTarget, Target
-from .shape_names import PICTURES, PRIMITIVES, is_mesh, is_solid
+from .geometry import FLIPPED, PolygonTarget, Target
+from .shapes import SHAPES, TargetShape
 
 if TYPE_CHECKING:
     from svgelements import Shape
 
+Corners = tuple[tuple[float, float], ...]
 SIZE = (0.2, 0.2)  # m, of a target that has no size of its own
-CIRCLE_EDGES = 180
+CIRCLE_EDGES = 180  # a turn of an SVG's arc
+MESHES = (".stl", ".obj", ".dae", ".glb", ".gltf")
+OWN = re.compile(r"[\w.]+:\w+")  # a class of a user's own
 LARGEST_SVG = 1_000_000  # bytes
 UNITS = ("", "mm", "cm", "in", "pt", "pc", "px")  # of lengths of an SVG's page
 PPI = 96.0  # px in an inch, by CSS
@@ -36,33 +40,53 @@ ASPECT = 0.01  # how far a page's may be from its viewBox's: files are rounded
 FARTHEST = 100.0  # pages from the page's middle to a corner
 
 
-def _ring(count: int) -> tuple[tuple[float, float], ...]:
-    around = 2.0 * np.pi * np.arange(count) / count
-    return tuple(zip((0.5 * np.cos(around)).tolist(), (0.5 * np.sin(around)).tolist(), strict=True))
+def find_shape(shape: str | Corners) -> type[TargetShape] | None:
+    """The class of a named shape or of 'package.module:Class'; None: a file, corners, no name.
+
+    Raises:
+        ExperimentError: there is no such class.
+    """
+    if not isinstance(shape, str):
+        return None
+    return SHAPES.find(shape) if OWN.fullmatch(shape) else SHAPES.get(shape)
 
 
-# Corners within a square of side 1; the size of the target scales them.
-OUTLINES: dict[str, tuple[tuple[float, float], ...]] = {
-    "square": ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)),
-    "triangle": ((-0.5, -0.4), (0.5, -0.3), (-0.1, 0.5)),
-    "l_shape": ((-0.5, -0.5), (0.5, -0.5), (0.5, -0.1), (-0.1, -0.1), (-0.1, 0.5), (-0.5, 0.5)),
-    "heptagon": _ring(7),
-}
-NAMES = ("aras", "circle", *OUTLINES, *PICTURES, *PRIMITIVES)
-UNMARKED = frozenset(NAMES) - {"marker"}  # that show no ArUco or AprilTag marker
-# What finds the points of those that are more than an outline.
-TRACKERS = {"four_dots": "dots", "marker": "marker", "line_grid": "lines"}
+def is_mesh(shape: str | Corners) -> bool:
+    """Whether a target's shape is the path of a mesh file."""
+    return isinstance(shape, str) and Path(shape).suffix.lower() in MESHES
 
 
-def tracker_of(shape: str | tuple[tuple[float, float], ...]) -> str:
+def is_solid(shape: str | Corners) -> bool:
+    """Whether a target's shape is a mesh file, or a solid by name."""
+    return is_mesh(shape) or getattr(find_shape(shape), "is_solid", False)
+
+
+def tracker_of(shape: str | Corners) -> str:
     """Name of the tracker of a target's points, by its shape as in TargetSpec or by its file."""
-    if is_solid(shape):
+    if is_mesh(shape):
         return MODEL
-    return TRACKERS.get(Path(shape).stem, OUTLINE) if isinstance(shape, str) else OUTLINE
+    named = find_shape(shape)
+    if named is None and isinstance(shape, str):
+        named = SHAPES.get(Path(shape).stem)  # a file is named after the flat target that it shows
+        named = None if named is None or named.is_solid else named
+    return OUTLINE if named is None else named.tracker
+
+
+def parameters_of(shape: str | Corners) -> frozenset[str]:
+    """Names of the parameters of a named shape; none of a file and of corners."""
+    named = find_shape(shape)
+    return frozenset(() if named is None else (field.name for field in fields(named)))
+
+
+def default_size(shape: str) -> tuple[float, ...] | None:
+    """Size, m, that programs give a target whose size is not given; None: its file has one."""
+    if is_mesh(shape) or Path(shape).suffix.lower() == ".svg":
+        return None
+    return (0.1, 0.1, 0.1) if is_solid(shape) else (0.1, 0.1)
 
 
 def shape_of(
-    shape: str | tuple[tuple[float, float], ...],
+    shape: str | Corners,
     size: tuple[float, ...] | None = None,
     scale: float | None = None,
     marker: str = "",
@@ -71,7 +95,7 @@ def shape_of(
     corners.
 
     Args:
-        shape, size, scale: as in TargetSpec. marker: that the shape 'marker' shows.
+        shape, size, scale: as in TargetSpec. marker: that a shape with such a parameter shows.
 
     Raises:
         ExperimentError: there is none of that name, or its file cannot be used.
@@ -81,10 +105,7 @@ def shape_of(
 
 @lru_cache(maxsize=4)  # images and meshes are large
 def _shape_of(
-    shape: str | tuple[tuple[float, float], ...],
-    size: tuple[float, ...] | None,
-    scale: float | None,
-    marker: str,
+    shape: str | Corners, size: tuple[float, ...] | None, scale: float | None, marker: str
 ) -> Target:
     if not isinstance(shape, str):
         return PolygonTarget(shape)
@@ -92,12 +113,8 @@ def _shape_of(
         scale is None or is_mesh(shape),
         f"target.scale is a factor on a mesh's lengths, and '{shape}' is none: give target.size",
     )
-    if shape == "aras":
-        return ARAS
-    if shape in PRIMITIVES:
-        from .solids import primitive
-
-        return primitive(shape, size or (SIZE[0],) * 3)
+    if find_shape(shape) is not None:
+        return _make_shape(shape, {"size": size and list(size), "marker": marker})
     path = Path(shape).expanduser()
     if is_mesh(shape):
         from .solids import solid_target
@@ -107,35 +124,29 @@ def _shape_of(
         size is None or len(size) == 2,
         f"target.size of {shape} is {list(size or ())}, must be two lengths, along x and y, m",
     )
-    require(shape in NAMES or bool(path.suffix), f"target.shape is '{shape}': "
-            f"{nearest(shape, NAMES)}")
-    if path.suffix and shape not in NAMES:
-        require(path.is_file(), f"target.shape: there is no file {path}")
+    if not path.suffix:
+        raise ExperimentError(f"target.shape is '{shape}': {nearest(shape, SHAPES)}")
+    require(path.is_file(), f"target.shape: there is no file {path}")
     if path.suffix.lower() == ".svg":
         return PolygonTarget(read_svg(path).placed(size))
-    size = size or SIZE
-    if shape == "circle":
-        return RoundTarget(_scaled(_ring(CIRCLE_EDGES), size))
-    if shape in OUTLINES:
-        return PolygonTarget(_scaled(OUTLINES[shape], size))
-    from .textures import MADE, from_picture
+    from .textures import from_picture
 
-    if shape == "marker":
-        return MADE[shape](size, marker)
-    if shape in MADE:
-        return MADE[shape](size)
-    return from_picture(path, size)
+    return from_picture(path, size or SIZE)
 
 
-def default_size(shape: str) -> tuple[float, float] | None:
-    """Size, m, that programs give a target whose size is not given; None: its file has one."""
-    return None if is_mesh(shape) or Path(shape).suffix.lower() == ".svg" else (0.1, 0.1)
-
-
-def _scaled(
-    corners: tuple[tuple[float, float], ...], size: tuple[float, float]
-) -> tuple[tuple[float, float], ...]:
-    return tuple((x * size[0], y * size[1]) for x, y in corners)
+def _make_shape(name: str, given: Mapping[str, Any]) -> Target:
+    """The target of a named shape, with what is given of its parameters."""
+    known = parameters_of(name)
+    shape = SHAPES.create(name, **{k: v for k, v in given.items() if v and k in known})
+    try:
+        target = shape.make()
+    except ExperimentError:
+        raise
+    except USER_FAULTS as error:
+        raise ExperimentError(f"target shape '{name}': make raised {words(error)}") from error
+    require(isinstance(target, Target),
+            f"target shape '{name}': make returned {type(target).__name__}, must return a Target")
+    return target
 
 
 # -- SVG ---------------------------------------------------------------------------------------

@@ -22,13 +22,6 @@ from ..errors import ExperimentError, ViewError, require
 from .geometry import Target, project
 from .scratch import scratch
 
-# Of unit size; the target's size scales them along x, y and z.
-PRIMITIVES = {
-    "box": Geometry("box", size=(1.0, 1.0, 1.0)),
-    "cylinder": Geometry("cylinder", radius=0.5, length=1.0),
-    "sphere": Geometry("sphere", radius=0.5),
-}
-
 
 @dataclass(frozen=True, eq=False)
 class SolidTarget(Target):
@@ -82,15 +75,13 @@ class SolidTarget(Target):
 
 
 @lru_cache(maxsize=32)
-def primitive(name: str, size: tuple[float, ...]) -> SolidTarget:
-    """A box, cylinder or sphere about its frame's origin, of that size along x, y and z, m.
+def scaled_solid(unit: Geometry, size: tuple[float, float, float], name: str) -> SolidTarget:
+    """A solid of size 1 about its frame's origin, scaled along x, y and z, m.
 
     Raises:
-        ExperimentError: the size is not three lengths, or no camera could see it.
+        ExperimentError: no camera could see it.
     """
-    require(len(size) == 3,
-            f"target.size of a {name} is {list(size)}, must be three lengths, along x, y and z, m")
-    (mesh,) = triangles(PRIMITIVES[name])
+    (mesh,) = triangles(unit)
     return made_solid(mesh.positions[mesh.triangles] * size, name)
 
 

@@ -15,8 +15,8 @@ from aras_visual_servo_camera.markers import MarkerChoice
 
 from ..errors import ExperimentError, require
 from .geometry import Course, Motion, PlacedTarget
-from .outlines import NAMES, UNMARKED, shape_of
-from .shape_names import is_solid
+from .outlines import find_shape, is_solid, parameters_of, shape_of
+from .shapes import SHAPES
 
 LARGEST_TARGET = 2.0  # m, the table's
 Pair = tuple[float, float]
@@ -50,10 +50,9 @@ class BoxSpec:
 class TargetSpec:
     """The target: what it is, where, and how it moves.
 
-    shape: 'aras', the demo's two plates; corners (x, y), m, of a flat polygon; square, triangle,
-        l_shape, heptagon, circle; four_dots, marker, line_grid, poster; the solids box, cylinder,
-        sphere, about their frame's origin; the path of a picture, of an SVG with an outline, or of
-        a mesh (STL, OBJ, DAE, glTF; m), which is a solid.
+    shape: 'aras', the demo's two plates; another name of `targets.shapes.SHAPES`, or
+        'package.module:Class' of your own; corners (x, y), m, of a flat polygon; the path of a
+        picture, of an SVG with an outline, or of a mesh (STL, OBJ, DAE, glTF; m), which is a solid.
     size: of a named shape, a picture or an SVG's page, along x and y, of a solid along z too, m;
         None: that of the file (a mesh; an SVG with units), else 0.2 along each.
     scale: factor on the lengths of a mesh, in place of size: 0.001 where they are in mm.
@@ -74,7 +73,7 @@ class TargetSpec:
         of the robot's own description, which no joint moves.
     """
 
-    shape: str | tuple[Pair, ...] = parameter("aras", shorthand=True)
+    shape: str | tuple[Pair, ...] = parameter("aras", shorthand=True, importable=True)
     size: tuple[float, ...] | None = parameter(None, "m", above=0.0)
     pose: Six = (0.0,) * 6
     motion: Motion = Motion()
@@ -97,8 +96,8 @@ class TargetSpec:
 
     @property
     def drawn_marker(self) -> str:
-        """The marker that the shape 'marker' shows."""
-        return self.marker if self.shape == "marker" else ""
+        """The marker that the target is drawn with; '': it is not drawn by one."""
+        return self.marker if "marker" in parameters_of(self.shape) else ""
 
     @property
     def plain(self) -> bool:
@@ -129,23 +128,26 @@ class TargetSpec:
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "target")
-        require(
-            isinstance(self.shape, tuple) or self.shape in NAMES or bool(Path(self.shape).suffix),
-            f"target.shape is '{self.shape}', must be a list of corners, the path of a picture, "
-            f"an SVG or a mesh, or a name: {nearest(str(self.shape), NAMES)}",
-        )
+        named = find_shape(self.shape) is not None
+        draws_marker = "marker" in parameters_of(self.shape)
+        if not (isinstance(self.shape, tuple) or named or Path(self.shape).suffix):
+            raise ExperimentError(
+                f"target.shape is '{self.shape}', must be a list of corners, the path of a "
+                "picture, an SVG or a mesh, 'package.module:Class', or a name: "
+                f"{nearest(self.shape, SHAPES)}"
+            )
         try:
             choice = MarkerChoice.read(self.marker, "target.marker")
         except VisionError as error:
             raise ExperimentError(str(error)) from None
         require(
-            self.shape != "marker" or choice.board is None,
-            "target.marker of the shape 'marker' is one that is drawn: a board is for an image of "
-            "it, as a PNG",
+            not draws_marker or choice.board is None,
+            f"target.marker of the shape '{self.shape}' is one that is drawn: a board is for an "
+            "image of it, as a PNG",
         )
         require(
             not self.marker or not is_solid(self.shape) and not self.is_link
-            and self.shape not in UNMARKED and isinstance(self.shape, str),
+            and (draws_marker or not named) and isinstance(self.shape, str),
             f"target.marker is for a target that shows markers, as an image, and {self.shape} has "
             "none: leave it out",
         )

@@ -1,0 +1,108 @@
+"""What the shape of a target is, also one of a user's own."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from aras_sim_bridge.description.types import Geometry
+from aras_visual_servo_base.registry import Registry
+from aras_visual_servo_base.settings import check, parameter
+from aras_visual_servo_controller.settings import MODEL, OUTLINE
+
+from ...errors import ExperimentError
+from ..geometry import PolygonTarget, Target
+
+Corners = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class TargetShape(ABC):
+    """Makes the geometry of a target from its parameters.
+
+    Parameters are annotated attributes, with unit, bounds and help by `settings.parameter`: every
+    shape is a dataclass. `size` and `marker` get their values from the target's settings.
+
+    Attributes:
+        name: short name, for messages.
+        tracker: name of the tracker that finds its points in images.
+        is_solid: whether it makes a SolidTarget.
+    """
+
+    name: ClassVar[str] = ""
+    tracker: ClassVar[str] = OUTLINE
+    is_solid: ClassVar[bool] = False
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Make a dataclass of every shape, and name it after its class unless it is registered."""
+        super().__init_subclass__(**options)
+        cls.name = cls.__name__
+        dataclass(frozen=True)(cls)
+
+    def __post_init__(self) -> None:
+        check(self, ExperimentError, "target")
+
+    @abstractmethod
+    def make(self) -> Target:
+        """Return the target in its own frame, whose z axis is the normal of its face."""
+
+
+class FlatShape(TargetShape):
+    """A flat shape within a rectangle."""
+
+    size: tuple[float, float] = parameter(
+        (0.2, 0.2), "m", above=0.0, wanted="two lengths, along x and y, m", help="along x and y, m"
+    )
+
+
+class OutlineShape(FlatShape):
+    """A polygon.
+
+    Attributes:
+        corners: (x, y) within a square of side 1 about the origin; the size scales them.
+    """
+
+    corners: ClassVar[Corners] = ()
+
+    def make(self) -> Target:
+        """Return the polygon."""
+        return PolygonTarget(self.scaled_corners())
+
+    def scaled_corners(self) -> Corners:
+        """Return the corners (x, y), m."""
+        return tuple((x * self.size[0], y * self.size[1]) for x, y in self.corners)
+
+
+class SolidShape(TargetShape):
+    """A solid about the origin of its frame.
+
+    Attributes:
+        unit: the solid of size 1 along x, y and z.
+    """
+
+    tracker = MODEL
+    is_solid = True
+    unit: ClassVar[Geometry]
+
+    size: tuple[float, float, float] = parameter(
+        (0.2, 0.2, 0.2), "m", above=0.0, wanted="three lengths, along x, y and z, m",
+        help="along x, y and z, m",
+    )  # fmt: skip
+
+    def make(self) -> Target:
+        """Return the solid."""
+        from ..solids import scaled_solid
+
+        return scaled_solid(self.unit, self.size, self.name)
+
+
+SHAPES = Registry("target shape", __package__, (TargetShape,), ExperimentError)
+
+
+def ring(count: int) -> Corners:
+    """Return corners (x, y) of a regular polygon in a circle of diameter 1."""
+    around = 2.0 * np.pi * np.arange(count) / count
+    return tuple(zip((0.5 * np.cos(around)).tolist(), (0.5 * np.sin(around)).tolist(), strict=True))

@@ -1,0 +1,17 @@
+"""A disc."""
+
+from ..geometry import RoundTarget, Target
+from .base import SHAPES, OutlineShape, ring
+
+EDGES = 180
+
+
+@SHAPES.register("circle")
+class Circle(OutlineShape):
+    """A disc, which has no corners."""
+
+    corners = ring(EDGES)
+
+    def make(self) -> Target:
+        """Return the disc."""
+        return RoundTarget(self.scaled_corners())

@@ -1,0 +1,12 @@
+"""An ellipsoid."""
+
+from aras_sim_bridge.description.types import Geometry
+
+from .base import SHAPES, SolidShape
+
+
+@SHAPES.register("sphere")
+class SphereShape(SolidShape):
+    """An ellipsoid."""
+
+    unit = Geometry("sphere", radius=0.5)

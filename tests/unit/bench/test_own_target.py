@@ -1,0 +1,102 @@
+"""A target of one's own, by 'package.module:Class', and what the registry says of the shipped."""
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_base.settings import parameter
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.asked.loop_settings import settings_of
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.targets.geometry import PolygonTarget
+from aras_visual_servo_bench.targets.outlines import default_size, is_solid, shape_of, tracker_of
+from aras_visual_servo_bench.targets.shapes import SHAPES, FlatShape, OutlineShape, TargetShape
+
+
+class Kite(OutlineShape):
+    """Four corners, two of them far from each other."""
+
+    corners = ((-0.5, 0.0), (0.1, -0.3), (0.5, 0.05), (0.0, 0.4))
+
+
+class Blob(FlatShape):
+    """Takes a marker, and is followed as dots."""
+
+    tracker = "dots"
+    marker: str = parameter("", help="number")
+
+    def make(self):
+        return PolygonTarget(((0.0, 0.0), (self.size[0], 0.0), (0.0, float(self.marker or 1))))
+
+
+class Broken(TargetShape):
+    """Raises."""
+
+    def make(self):
+        raise KeyError("corner")
+
+
+class Empty(TargetShape):
+    """Makes nothing."""
+
+    def make(self):
+        return None
+
+
+KITE, BLOB = f"{__name__}:Kite", f"{__name__}:Blob"
+
+
+def test_a_target_of_one_s_own_is_servoed_to():
+    for shape in (Kite, KITE):
+        result = run(Experiment(
+            plant="free", features="exact", scheme="points", duration=4.0, gain=2.0,
+            target={"shape": shape, "size": [0.2, 0.2]}, goal={"pose": [0, 0, -0.6, 0, 0, 0]},
+            start={"pose": [0.05, -0.04, -0.8, 0.1, -0.05, 0.3]},
+        ))
+        assert result.converged and result.verdict.reached
+    np.testing.assert_allclose(
+        shape_of(KITE, (0.1, 0.2)).vertices()[1], (0.01, -0.06, 0.0), atol=1e-12)
+
+
+def test_it_gets_its_parameters_and_its_tracker():
+    assert shape_of(BLOB, (0.3, 0.1), None, "7").corners[1:] == ((0.3, 0.0), (0.0, 7.0))
+    assert shape_of(BLOB).corners[1:] == ((0.2, 0.0), (0.0, 1.0))
+    assert tracker_of(BLOB) == "dots" and not is_solid(BLOB)
+    settings = settings_of(Experiment(plant="free", target={"shape": BLOB}))
+    assert settings.tracker == "dots"
+    marked = {"shape": BLOB, "marker": "5"}
+    experiment = Experiment(plant="free", features="pictures", target=marked)
+    assert experiment.target.placed.shape.corners[2] == (0.0, 5.0)
+
+
+@pytest.mark.parametrize(("target", "why"), [
+    ({"shape": f"{__name__}:Kit"}, "has no Kit: did you mean 'Kite'"),
+    ({"shape": f"{__name__}:PolygonTarget"}, "Target is not a class derived from"),
+    ({"shape": "no_such_package.module:Kite"}, "cannot import no_such_package.module"),
+    ({"shape": KITE, "marker": "5"}, "target.marker is for a target that shows markers"),
+    ({"shape": "l_shap"}, "did you mean 'l_shape'"),
+])  # fmt: skip
+def test_a_wrong_name_is_told_before_anything_runs(target, why):
+    with pytest.raises(ExperimentError, match=why):
+        Experiment(plant="free", features="pictures", target=target)
+
+
+@pytest.mark.parametrize(("shape", "size", "why"), [
+    (KITE, (0.1,), r"target.size is \[0.1\], must be two lengths"),
+    (KITE, (0.1, -0.1), r"target.size\[1\] is -0.1, must be > 0"),
+    ("box", (0.1, 0.1), "must be three lengths"),
+    (f"{__name__}:Broken", None, "Broken': make raised KeyError: 'corner'"),
+    (f"{__name__}:Empty", None, "make returned NoneType, must return a Target"),
+])  # fmt: skip
+def test_what_cannot_be_made_is_one_line(shape, size, why):
+    with pytest.raises(ExperimentError, match=why):
+        shape_of(shape, size)
+
+
+def test_every_entry_declares_its_parameters():
+    for name in SHAPES:
+        for one in SHAPES.parameters(name):
+            assert one.name in ("size", "marker") and one.help, (name, one)
+        if any(one.name == "size" for one in SHAPES.parameters(name)):
+            shape_of(name, default_size(name))  # of as many lengths as it takes
+    assert default_size("a.svg") is default_size("b.stl") is None

@@ -16,7 +16,7 @@ from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.loop_settings import settings_of
 from aras_visual_servo_bench.asked.robots import Robot
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants import CameraReading, JointReading, ideal
+from aras_visual_servo_bench.plants import JointReading, ideal
 from aras_visual_servo_bench.plants.free_body import FreeBody
 from aras_visual_servo_bench.setup import arm_making, plant_making
 from aras_visual_servo_bench.setup.arm_making import ArmMaker, carried_by
@@ -24,6 +24,7 @@ from aras_visual_servo_bench.setup.goal_views import GoalViews
 from aras_visual_servo_bench.setup.plant_making import PlantMaker
 from aras_visual_servo_bench.setup.postures import Postures
 from aras_visual_servo_bench.targets.textures import TexturedTarget
+from aras_visual_servo_controller.seeing.frame import Frame
 from aras_visual_servo_controller.seeing.observation import Need
 
 EYE = {"width": 320, "height": 240, "update_rate": 20.0,
@@ -263,7 +264,7 @@ class Filmed:
         self.time_ns += 250_000_000
         names = [name for name, at in self.times if at <= self.time_ns]
         return [JointReading(1, (), (), ()), *(
-            CameraReading(self.time_ns, camera=name) for name in names)]
+            Frame(self.time_ns, name=name) for name in names)]
 
     def close(self):
         self.told.append("closed")
@@ -317,7 +318,7 @@ def taught(views, mounting=None, shift=(0.0, 0.0), size=1.0, monkeypatch=None):
         middle = outline.mean(axis=0)
         off = np.array(shift) / [300.0, 280.0]
         image = cameras.draw(middle + size * (outline - middle) + off, eye.true)
-        return {"camera": CameraReading(0, image, "mono8", labelled=255 - image)}
+        return {"camera": Frame(0, image, "mono8", labelled=255 - image)}
 
     monkeypatch.setattr(ArmMaker, "pictures", pictures)
     mounting = np.eye(4) if mounting is None else mounting

@@ -11,12 +11,13 @@ from aras_sim_bridge.camera.shutter import RowBand, parts
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_base.settings import convert
 from aras_visual_servo_bench.asked import cameras
-from aras_visual_servo_bench.plants import CameraReading, JointReading
+from aras_visual_servo_bench.plants import JointReading
 from aras_visual_servo_bench.plants.base import Place, Plant, seconds
-from aras_visual_servo_bench.plants.sight import Exposures, Sight, exposures, vibrations
+from aras_visual_servo_bench.plants.sight import Exposures, Sight, capture, exposures, vibrations
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
 from aras_visual_servo_bench.targets.solids import primitive
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.seeing.frame import Frame
 
 CAMERA = CameraModel(60, 40, (50.0, 0, 31.0, 0, 40.0, 18.0, 0, 0, 1))
 SHAPE = PolygonTarget(((-0.2, -0.15), (0.25, -0.1), (0.2, 0.2), (-0.1, 0.1)))
@@ -103,7 +104,7 @@ def test_an_open_shutter_blurs_what_moves():
     sight = replace(SIGHT, target=FLAT, pictures=True, labelled=True, effects=effects,
                     parts=parts(effects, CAMERA.height))
     found = rolling(sight, ASIDE, STAMP, drawn())
-    each = [replace(sight, parts=(), effects=Effects()).look(pose, STAMP, drawn()).image
+    each = [capture(replace(sight, parts=(), effects=Effects()), pose, STAMP, drawn()).image
             for pose in ASIDE]
     np.testing.assert_array_equal(found.image, (np.sum(each, axis=0, dtype=int) + 1) // 3)
     np.testing.assert_array_equal(found.labelled, np.where(found.image < 128, 255, 0))
@@ -141,7 +142,7 @@ def test_depth_is_the_plane_s_in_each_pixel_and_none_behind_its_horizon():
 
 def test_a_flat_target_is_drawn_and_told_by_where_it_is_dark():
     sight = replace(SIGHT, pictures=True, labelled=True, name="left")
-    found = sight.look(POSE, STAMP, drawn())
+    found = capture(sight, POSE, STAMP, drawn())
     assert (found.stamp_ns, found.encoding, found.camera) == (STAMP, "mono8", "left")
     assert found.depth is None
     outline = (exactly(POSE) - [31.0, 18.0]) / [50.0, 40.0]
@@ -165,8 +166,8 @@ def test_a_solid_is_told_by_its_own_pixels():
 def test_a_cover_hides_what_lies_under_it_at_its_times():
     cover = ((-0.3, -0.3), (0.02, 0.3))
     sight = replace(SIGHT, pictures=True, occluder=cover)
-    found, bare = sight.look(POSE, STAMP, drawn()).image, replace(sight, occluder=None).look(
-        POSE, STAMP, drawn()).image
+    found, bare = capture(sight, POSE, STAMP, drawn()).image, capture(
+            replace(sight, occluder=None),         POSE, STAMP, drawn()).image
     here = transform((0.05, 0.0, 0.1), (0.0, 0.0, 0.3))
     rays = np.linalg.inv(here) @ POSE
     v, u = np.indices((40, 60))
@@ -185,7 +186,7 @@ def test_a_lens_shows_nothing_beyond_its_cutoff():
     blind[:, 40:] = True  # the target's right corner is there
     for features in (False, True):
         sight = replace(SIGHT, pictures=features, blind=blind)
-        found = sight.look(POSE, STAMP, drawn())
+        found = capture(sight, POSE, STAMP, drawn())
         bare = replace(sight, blind=None).look(POSE, STAMP, drawn())
         if features:
             assert (found.image[:, 40:] == 0).all()
@@ -313,12 +314,12 @@ def test_a_picture_s_rows_are_of_their_own_instants():
     found = rolling(moving, ASIDE, STAMP, drawn())
     still = replace(moving, parts=())
     for part, pose in zip(ROWS, ASIDE, strict=True):
-        now = still.look(pose, STAMP + part.offset_ns, drawn())
+        now = capture(still, pose, STAMP + part.offset_ns, drawn())
         rows = slice(part.first, part.last)
         np.testing.assert_array_equal(found.image[rows], now.image[rows])
         np.testing.assert_array_equal(found.labelled[rows], now.labelled[rows])
     # The part that is nearest to the stamp sees the depth.
-    np.testing.assert_allclose(found.depth, still.look(ASIDE[1], STAMP, drawn()).depth)
+    np.testing.assert_allclose(found.depth, capture(still, ASIDE[1], STAMP, drawn()).depth)
     assert (found.encoding, found.camera, found.stamp_ns) == ("mono8", "left", STAMP)
     grain = replace(moving, effects=Effects(noise_stddev=4.0))
     grained = rolling(grain, ASIDE, STAMP, drawn()).image
@@ -340,9 +341,9 @@ def test_readings_are_in_seconds_and_in_any_order_of_joints():
     q, v = reading.of(("c", "a"))
     assert (reading.stamp, q.tolist(), v.tolist()) == (1.5, [3.0, 1.0], [6.0, 4.0])
     image = np.zeros((2, 3), np.uint8)
-    seen = CameraReading(1_500_000_000, image, "mono8", labelled=image)
+    seen = Frame(1_500_000_000, image, "mono8", labelled=image)
     assert seen.stamp == 1.5 and seen.pictured and seen.picture.encoding == "mono8"
-    assert seen.picture.labelled is image and not CameraReading(3).pictured
+    assert seen.picture.labelled is image and not Frame(3).pictured
 
 
 def test_another_camera_is_beside_the_control_camera_or_stands():

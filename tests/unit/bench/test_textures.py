@@ -12,7 +12,6 @@ from aras_visual_servo_base.poses import transform
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.loop_settings import settings_of
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.plants.sight import Sight
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble, check
@@ -37,7 +36,8 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.observation import Observer
+from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.seeing.observer import Observer
 
 CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
 LENS = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1), (-0.2, 0.05, 0, 0))
@@ -685,7 +685,7 @@ def test_the_arm_s_camera_draws_a_marker_where_it_is():
         parts = assemble(Experiment.from_mapping(spec))
         try:
             reading = None
-            while not isinstance(reading, CameraReading):
+            while not isinstance(reading, Frame):
                 reading = parts.plant.advance(10**9)[-1]
             camera, seen_from = parts.plant.camera, parts.target.seen_from(parts.plant.pose())
         finally:

@@ -9,6 +9,7 @@ from loop_rig import CAMERA, STARTS, Rig, lost, scaled, the_arm, the_goal, the_l
 
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature, Measured, Stack
 from aras_visual_servo_controller.judging.arrival import Arrived
@@ -20,7 +21,6 @@ from aras_visual_servo_controller.judging.views import by_camera, shown
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.loop.state import CONVERGED, ServoSettings
 from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
 
 SEEDS = (0, 2)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from loop_rig import IMAGE_PERIOD, STARTS, TICK, Rig, the_goal, the_servo
 
+from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import (
     ConfigurationError,
@@ -30,7 +31,6 @@ from aras_visual_servo_controller.schemes.answer_checks import (
     checked_joints,
     guarded,
 )
-from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
 GOOD_FROM, GOOD_TO = 0.1, 0.4  # s between which the scheme goes wrong
 

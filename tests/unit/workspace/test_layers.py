@@ -63,7 +63,7 @@ FLOORS = {
     ),
     "aras_visual_servo_controller": (
         {"errors"},
-        {"laws", "seeing/joint_sample"},
+        {"laws"},
         {"arm"},
         {"hands", "seeing"},
         {"goals"},

@@ -9,6 +9,7 @@ import numpy as np
 
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.seeing.frame import Frame
 from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need
 
 from ..asked.cameras import Eye
@@ -17,7 +18,6 @@ from ..asked.imaging import drawn_settings
 from ..asked.robots import OF, Carried
 from ..asked.worlds import around
 from ..errors import ExperimentError
-from ..plants import CameraReading
 from ..plants.bullet_arm import OCCLUDER, TARGET, BulletArm, Followed, ShownTarget
 from ..targets.files import ABOVE, description_file, occluder_file
 from .plant_making import WATCHES, PlantMaker
@@ -95,7 +95,7 @@ class ArmMaker(PlantMaker):
             settings["segmentation"] = True
         return settings
 
-    def pictures(self, pose: np.ndarray, joints: Mapping[str, float]) -> dict[str, CameraReading]:
+    def pictures(self, pose: np.ndarray, joints: Mapping[str, float]) -> dict[str, Frame]:
         """The first picture of each camera that the loop reads, by name, of the arm that stands
         with its control camera at a pose (4, 4).
 
@@ -110,12 +110,12 @@ class ArmMaker(PlantMaker):
         # An arm that efforts drive would sag until its controllers hold it, and the picture comes
         # after some hundredths of a second.
         plant.simulation.world.set_physics(gravity=(0.0, 0.0, 0.0))
-        found: dict[str, CameraReading] = {}
+        found: dict[str, Frame] = {}
         try:
             while plant.time_ns < PATIENCE_NS:
                 for reading in plant.advance(PATIENCE_NS):
-                    if isinstance(reading, CameraReading) and reading.camera in self.needs:
-                        found.setdefault(reading.camera, reading)
+                    if isinstance(reading, Frame) and reading.name in self.needs:
+                        found.setdefault(reading.name, reading)
                 if len(found) == len(self.needs):
                     return found
         finally:

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from aras_visual_servo_camera.moments import signed_area
+from aras_visual_servo_camera.undistortion import normalise_pixels
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import JointController, Scheme
-from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need, Observation, Observer
+from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need, Observation
+from aras_visual_servo_controller.seeing.observer import observe
 from aras_visual_servo_controller.seeing.rig import MovedBy
 from aras_visual_servo_controller.settings import Settings
 
 from ..asked import cameras
 from ..asked.cameras import Eye
 from ..errors import ExperimentError, ViewError
-from ..plants import CameraReading
 from ..plants.free_body import FreeBody
+from ..plants.sight import capture
 from ..targets.geometry import PlacedTarget
 from .plant_making import PlantMaker
 
@@ -28,26 +30,6 @@ PICTURED = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
 SAME_SIZE = 0.1  # part of an area by which a described target may differ from its corners
 LONG = 1.0  # m, of a solid that is more likely in millimetres
 ELSEWHERE = "give a goal from where the camera sees it, or move the target"
-
-
-def observed(
-    observer: Observer, reading: CameraReading, eye: Eye, **known: Any
-) -> Observation:
-    """What the true camera has delivered, read through the one that the controller believes in.
-
-    Args:
-        known: further arguments of `Observer.of_image` and `of_exact`.
-    """
-    if reading.pictured:
-        return observer.of_image(
-            reading.stamp, reading.picture, eye.believed, depth=reading.depth, **known
-        )
-    return observer.of_exact(
-        reading.stamp, eye.believed,
-        contour=cameras.read(reading.outline, eye.true, eye.believed, closed=True),
-        points=cameras.read(reading.points, eye.true, eye.believed),
-        noise=reading.jitter / eye.believed.K[0], **known,
-    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +105,7 @@ class GoalViews:
         eye, target = self._eye(seen.name), self.plants.target_of(seen.name)
         outline = target.shape.outline(target.seen_from(pose))
         pixels = np.column_stack(eye.true.project(*outline.T))
-        corners = cameras.read(pixels, eye.true, eye.believed, closed=True)
+        corners = normalise_pixels(pixels, eye.true, eye.believed, closed=True)
         (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
         found = seen.moments
         if found and not (left <= found.xg <= right and top <= found.yg <= bottom):
@@ -160,7 +142,7 @@ class GoalViews:
         self.check(pose)
         plants = self.plants
         rig = self.settings.rig({**dict.fromkeys(mountings), **others}, self.scheme)
-        readings: dict[str, CameraReading] = {}
+        readings: dict[str, Frame] = {}
         needs = frozenset().union(*plants.needs.values())
         pictured = needs & PICTURED
         solid = any(plants.target_of(n).shape.is_solid for n in plants.needs)
@@ -175,13 +157,13 @@ class GoalViews:
             target = plants.target_of(camera)
             if reading is None:
                 sight = plants.sight(self._eye(camera), exactly=True)
-                reading = sight.look(pose, 0, np.random.default_rng(0))
+                reading = capture(sight, pose)
             believed = (pose if place is None else place.at(pose)) @ mountings[camera]
             plane = target.shape.plane
             if Need.MOMENTS in observer.needs and Need.CORNERS not in observer.needs:
                 plane = target.shape.outline_plane
-            views[camera] = observed(
-                observer, reading, self._eye(camera), world_T_camera=believed,
+            views[camera] = observe(
+                reading, None, observer, self._eye(camera).believed, world_T_camera=believed,
                 plane=plane(target.seen_from(believed)),
             )  # fmt: skip
             if camera in readings:

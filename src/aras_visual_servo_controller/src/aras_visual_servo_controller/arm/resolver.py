@@ -35,6 +35,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..errors import ServoError
 from .algebra import finite
 from .arm import Arm
 from .fold import Fold, find
@@ -198,3 +199,32 @@ class Resolver:
         main = np.flatnonzero(missing > 0.5 * missing.max())
         words = ", ".join(f"{DIRECTIONS[i]} {lost[i]:.3g} {UNITS[i]}" for i in main)
         return [f"lost, the arm cannot do it here: {words}"]
+
+
+def solve_ik(
+    task: Task,
+    q: np.ndarray,
+    resolver: Resolver,
+    period: float = 0.0,
+    velocities: np.ndarray | None = None,
+) -> Resolution:
+    """Joint velocities that give the camera the motion which a task asks for: L J q_dot = e_dot.
+
+    Args:
+        task: L (k, 6) and the desired rate (k,) of the error.
+        q: (n,) joints, rad or m.
+        resolver: of the arm, with its limits and secondary tasks.
+        period: for which the velocities will be commanded, s; 0: not known.
+        velocities: (n,) commanded before, for the limits of acceleration.
+
+    Returns:
+        The solution, with velocities (n,) in rad/s or m/s; of the task without the directions that
+        no feature shows.
+
+    Raises:
+        ServoError: the velocities are not finite. ValueError: an input is not.
+    """
+    solution = resolver.resolve(q, task.measurable, period, velocities)
+    if not finite(solution.velocities, solution.velocities, solution.velocities):
+        raise ServoError("the joint velocities are not finite")
+    return solution

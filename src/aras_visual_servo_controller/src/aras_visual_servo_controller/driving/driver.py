@@ -20,6 +20,7 @@ from typing import Protocol
 import numpy as np
 
 from ..arm.algebra import finite
+from ..arm.joint_sample import JointSample
 from ..errors import MeasurementError
 from ..judging.outcomes import DO_NOT_FOLLOW, Outcome, outcome
 from ..loop.motion import JUMP, jumped
@@ -36,7 +37,6 @@ from ..loop.state import (
     Source,
 )
 from ..seeing.joint_history import FARTHEST, JointHistory
-from ..seeing.joint_sample import JointSample
 from ..seeing.rig import Look, Rig
 from ..settings import Settings
 

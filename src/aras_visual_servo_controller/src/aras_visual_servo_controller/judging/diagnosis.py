@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..arm.fold import Fold
+from ..arm.joint_sample import JointSample
 from ..errors import BEHIND
 from ..goals.goal import Goal
 from ..loop.state import CONVERGED, HOLDING, STOPPED, ServoSettings, ServoState
 from ..schemes.base import JointController, Scheme
-from ..seeing.joint_sample import JointSample
 from ..seeing.observation import Observation
 from .advice import (
     faster_joints,

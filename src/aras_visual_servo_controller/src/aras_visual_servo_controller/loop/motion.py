@@ -9,7 +9,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 
-from ..seeing.joint_sample import JointSample
+from ..arm.joint_sample import JointSample
 from .state import Command, ServoSettings
 
 if TYPE_CHECKING:

@@ -17,12 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from aras_visual_servo_base.names import unknown
 
+from ..arm.joint_sample import JointSample
+from ..arm.resolver import solve_ik
 from ..errors import (
     ConfigurationError,
     MeasurementError,
@@ -35,9 +37,10 @@ from ..judging.arrival import NOT_ARRIVED, Arrival, Arrived
 from ..judging.diagnosis import Diagnosis
 from ..judging.joint_check import foreign_text
 from ..judging.outcomes import Outcome, outcome
-from ..schemes.answer_checks import checked_decision, checked_goal, guarded
+from ..schemes.answer_checks import checked_goal
 from ..schemes.base import Decision, JointController, Scheme
-from ..seeing.joint_sample import JointSample
+from ..schemes.compute import compute
+from ..schemes.time_limit import call_user_code
 from ..seeing.observation import Observation
 from .approach import Approach
 from .motion import CommandMotion
@@ -53,7 +56,7 @@ from .state import (
     ServoState,
     Source,
 )
-from .task_follower import Pursuit, checked_resolution
+from .task_follower import Pursuit
 
 if TYPE_CHECKING:
     from ..arm import Arm
@@ -106,7 +109,7 @@ class Servo:
         self.goal = goal.for_arm(arm)
         checked_goal(self.name, scheme, self.goal, self.settings.scheme_timeout)
         self.settings.check_for(arm.names, resolver.limits)
-        if self._answers_joints and scheme.output not in CONTROLLED:
+        if isinstance(scheme, JointController) and scheme.output not in CONTROLLED:
             raise ConfigurationError(
                 unknown(f"output of scheme {self.name}", scheme.output, CONTROLLED)
             )
@@ -150,7 +153,7 @@ class Servo:
         self._pause()
         self.resolver.reset()
         try:
-            self._guarded(self._begin_scheme)
+            self._begin_scheme()
         except SchemeError as error:
             self._halt(HOLDING, str(error))  # the next image tries again
 
@@ -257,8 +260,23 @@ class Servo:
             self._halt(WAITING, "no joint states yet")
             return self._record(observation)
         began = None if self.clock is None else self.clock()
-        try:
-            decision, resolution = self._decide(observation, joints)
+        solution = None
+        try:  # everything that can go wrong, before anything counts
+            self.arm.check(joints.positions, joints.velocities)
+            if self._paused and self.motion.at_rest:
+                # The arm stands: integrals and the start's profile begin anew.
+                self._began = stamp
+                self._begin_scheme()
+                self._arrival.clear()
+            decision = compute(
+                self.scheme, observation, self.goal, stamp - self._began, self.name,
+                self.settings.scheme_timeout,
+            )  # fmt: skip
+            if decision.task is not None:
+                solution = solve_ik(
+                    decision.task, joints.positions, self.resolver, self.settings.resolve_period,
+                    self.motion.velocity,
+                )  # fmt: skip
         except MeasurementError as error:
             self._halt(HOLDING, str(error))
             return self._record(observation)
@@ -275,29 +293,7 @@ class Servo:
             self._halt(HOLDING, str(error))
             return self._record(observation, decision=None)
         seconds = 0.0 if began is None else self.clock() - began
-        return self._commit(observation, joints, decision, resolution, seconds)
-
-    def _decide(
-        self, observation: Observation, joints: JointSample
-    ) -> tuple[Decision, Resolution | None]:
-        """Everything that can go wrong, before anything counts."""
-        self.arm.check(joints.positions, joints.velocities)
-        if self._paused and self.motion.at_rest:
-            # The arm stands: integrals and the start's profile begin anew.
-            self._began = observation.stamp
-            self._guarded(self._begin_scheme)
-            self._arrival.clear()
-        t = observation.stamp - self._began
-        answer = self.scheme.see if self._answers_joints else self.scheme.compute
-        decision = self._guarded(answer, observation, self.goal, t)
-        decision = checked_decision(self.name, decision, self.scheme)
-        if decision.task is None:
-            return decision, None
-        resolution = self.resolver.resolve(
-            joints.positions, decision.task.measurable, self.settings.resolve_period,
-            self.motion.velocity,
-        )  # fmt: skip
-        return decision, checked_resolution(resolution)
+        return self._commit(observation, joints, decision, solution, seconds)
 
     def _commit(
         self,
@@ -457,13 +453,6 @@ class Servo:
             self.motion.begin(measured.positions)
         return jumped
 
-    @property
-    def _answers_joints(self) -> bool:
-        return isinstance(self.scheme, JointController)
-
-    def _guarded(self, call: Callable[..., Any], *arguments: object) -> Any:
-        return guarded(self.name, self.settings.scheme_timeout, call, *arguments)
-
     def _hold_after(self, error: SchemeTimeoutError, what: str) -> None:
         """Hold until `start`: a scheme that hung would do so at every image."""
         reason = f"{error}, at the {what}"
@@ -471,10 +460,9 @@ class Servo:
         self.hold(reason, found.with_remedy(SLOW, *found.remedy.changes))
 
     def _begin_scheme(self) -> None:
-        if self._answers_joints:
-            self.scheme.reset(self.arm)
-        else:
-            self.scheme.reset()
+        arguments = (self.arm,) if isinstance(self.scheme, JointController) else ()
+        call_user_code(self.scheme.reset, *arguments, limit=self.settings.scheme_timeout,
+                       scheme=self.name)  # fmt: skip
 
     def _pause(self) -> None:
         """Nothing is asked of the arm any more; the next image begins the scheme anew."""

@@ -67,21 +67,17 @@ class OfFeature(Scheme):
         return {name: entry for name, entry in taught.items() if entry or name in looked_for}
 
     def measured(self, observation: Observation, goal: Goal) -> Measured:
-        """The feature in an image; MeasurementError where it cannot be measured."""
+        """The feature in an image, checked; MeasurementError where it cannot be measured."""
         if not observation.others:
             if self.needs & SEGMENTED and not observation.valid:
                 raise MeasurementError(observation.reason or "the target is not visible")
-            return self._checked(self.feature.measure(observation, goal))
-        for name, view in observation.cameras.items():
-            own = (name,) if view.of_control is not None else ("", name)
-            if self.needs_of(*own) & SEGMENTED and not view.valid:
-                reason = view.reason or "the target is not visible"
-                raise MeasurementError(f"camera {name}: {reason}")
-        return self._checked(self.feature.measure(observation, goal))
-
-    def _checked(self, found: object) -> Measured:
-        """What the feature measured; SchemeError."""
-        measured = checked_measured(self.feature, found)
+        else:
+            for name, view in observation.cameras.items():
+                own = (name,) if view.of_control is not None else ("", name)
+                if self.needs_of(*own) & SEGMENTED and not view.valid:
+                    reason = view.reason or "the target is not visible"
+                    raise MeasurementError(f"camera {name}: {reason}")
+        measured = checked_measured(self.feature, self.feature.measure(observation, goal))
         self._rows = len(measured.error)
         return measured
 

@@ -14,7 +14,7 @@ from statistics import median
 
 import numpy as np
 
-from .joint_sample import JointSample
+from ..arm.joint_sample import JointSample
 
 # Further than this from the nearest sample nothing is known of the joints, s.
 FARTHEST = 0.1

@@ -14,8 +14,8 @@ from aras_visual_servo_bench.recording.run import Run
 from aras_visual_servo_bench.running.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.study.remedies import apply_remedy
-from aras_visual_servo_controller.judging.outcomes import Outcome
-from aras_visual_servo_controller.judging.remedy import Remedy
+from aras_visual_servo_controller.records.outcomes import Outcome
+from aras_visual_servo_controller.records.remedy import Remedy
 from aras_visual_servo_controller.seeing.frame import Frame
 
 from .kinds import Event, Trial

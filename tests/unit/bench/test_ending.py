@@ -12,8 +12,8 @@ from aras_visual_servo_bench.running.loop import Loop, run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
 from aras_visual_servo_controller.driving.driver import Driver
-from aras_visual_servo_controller.judging.outcomes import Outcome
-from aras_visual_servo_controller.loop.state import CONVERGED, SERVOING
+from aras_visual_servo_controller.records.outcomes import Outcome
+from aras_visual_servo_controller.records.state import CONVERGED, SERVOING
 
 SQUARE = PolygonTarget(((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1)))
 RISING = Motion(velocity=(0.0, 0.0, 1.0, 0.0, 0.0, 0.0))

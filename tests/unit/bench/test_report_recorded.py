@@ -22,7 +22,7 @@ from aras_visual_servo_bench.recording.run import CameraRecord, padded
 from aras_visual_servo_bench.web.report.contents import contents
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.loop.state import ServoState
+from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes.base import Decision
 from aras_visual_servo_controller.seeing.frame import Frame
 

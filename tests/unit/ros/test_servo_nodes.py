@@ -19,7 +19,7 @@ from aras_visual_servo_camera.errors import ImageError, VisionError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.parameters import VisionParameters
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.loop.state import Source
+from aras_visual_servo_controller.records.state import Source
 from aras_visual_servo_controller.ros import control, description, given, goal_topics, inputs, node
 from aras_visual_servo_controller.ros import pictures as picture_input
 from aras_visual_servo_controller.ros.commands import stop_controller

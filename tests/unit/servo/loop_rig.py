@@ -18,7 +18,7 @@ from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.loop.servo import Servo
-from aras_visual_servo_controller.loop.state import Command, ServoSettings, ServoState
+from aras_visual_servo_controller.records.state import Command, ServoSettings, ServoState
 from aras_visual_servo_controller.schemes import JointController, Scheme, create_scheme
 from aras_visual_servo_controller.seeing.observation import Observation
 from aras_visual_servo_controller.seeing.observer import Observer

@@ -12,14 +12,13 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature, Measured, Stack
-from aras_visual_servo_controller.judging.arrival import Arrived
 from aras_visual_servo_controller.judging.diagnosis import Diagnosis
-from aras_visual_servo_controller.judging.left_open import LeftOpen
-from aras_visual_servo_controller.judging.outcomes import KINDS, REMEDIES, outcome
-from aras_visual_servo_controller.judging.remedy import Change
 from aras_visual_servo_controller.judging.views import by_camera, shown
 from aras_visual_servo_controller.laws import Proportional
-from aras_visual_servo_controller.loop.state import CONVERGED, ServoSettings
+from aras_visual_servo_controller.records.arrived import Arrived, LeftOpen
+from aras_visual_servo_controller.records.outcomes import KINDS, REMEDIES, outcome
+from aras_visual_servo_controller.records.remedy import Change
+from aras_visual_servo_controller.records.state import CONVERGED, ServoSettings
 from aras_visual_servo_controller.schemes import Composed
 from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
 

@@ -28,7 +28,8 @@ from aras_visual_servo_controller.laws.proportional import Proportional
 from aras_visual_servo_controller.laws.wrappers import ContinuousStart
 from aras_visual_servo_controller.loop.approach import Approach
 from aras_visual_servo_controller.loop.motion import CommandMotion, advanced
-from aras_visual_servo_controller.loop.state import (
+from aras_visual_servo_controller.loop.task_follower import Pursuit
+from aras_visual_servo_controller.records.state import (
     APPROACHING,
     CONVERGED,
     HOLDING,
@@ -40,7 +41,6 @@ from aras_visual_servo_controller.loop.state import (
     ServoState,
     Source,
 )
-from aras_visual_servo_controller.loop.task_follower import Pursuit
 from aras_visual_servo_controller.seeing.observer import Observer
 
 

@@ -17,7 +17,6 @@ from aras_visual_servo_camera.contour import corners_of
 from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.loop.state import ServoSettings
 from aras_visual_servo_controller.loop.teaching import (
     Teacher,
     _along,
@@ -25,6 +24,7 @@ from aras_visual_servo_controller.loop.teaching import (
     goal_of,
     mean_of,
 )
+from aras_visual_servo_controller.records.state import ServoSettings
 from aras_visual_servo_controller.ros.teach_goal import from_geometry, main
 from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.seeing.observer import Observer

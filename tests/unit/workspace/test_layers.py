@@ -69,10 +69,8 @@ FLOORS = {
         {"goals"},
         {"features"},
         {"schemes"},
+        {"records"},
         {"judging"},
-        {"loop/state"},  # what the loop reports: a diagnosis reads it
-        {"judging/progress_check"},
-        {"judging/diagnosis"},
         {"loop"},
         {"settings"},
         {"driving"},

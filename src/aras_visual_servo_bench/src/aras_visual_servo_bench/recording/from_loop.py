@@ -11,7 +11,7 @@ import numpy as np
 
 from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.loop.state import APPROACHING, ServoState
+from aras_visual_servo_controller.records.state import APPROACHING, ServoState
 from aras_visual_servo_controller.schemes import JointController, Scheme
 from aras_visual_servo_controller.seeing.frame import Frame
 from aras_visual_servo_controller.seeing.observation import CAMERA

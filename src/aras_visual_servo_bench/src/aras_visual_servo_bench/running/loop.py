@@ -15,8 +15,8 @@ import numpy as np
 from aras_visual_servo_base.memory import release_freed_memory
 from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_controller.driving.driver import Driver
-from aras_visual_servo_controller.judging.remedy import Remedy
-from aras_visual_servo_controller.loop.state import CONVERGED, Command, ServoState
+from aras_visual_servo_controller.records.remedy import Remedy
+from aras_visual_servo_controller.records.state import CONVERGED, Command, ServoState
 from aras_visual_servo_controller.seeing.frame import Frame, seconds
 
 from ..asked.experiment import Experiment
@@ -227,7 +227,7 @@ class Loop:
         if self.over and self.servo.outcome.kind == "running":
             # It holds, for less time than a lost target is worth a word: the loop's own end of
             # time asks for a measurement.
-            self.servo.diagnosis.timed_out(self.experiment.duration)
+            self.servo.time_out(self.experiment.duration)
         outcome = self.servo.outcome
         if self._ending is not None:
             outcome = self._ending.last_word(outcome)

@@ -22,10 +22,10 @@ import numpy as np
 from ..arm.algebra import finite
 from ..arm.joint_sample import JointSample
 from ..errors import MeasurementError
-from ..judging.outcomes import DO_NOT_FOLLOW, Outcome, outcome
 from ..loop.motion import JUMP, jumped
 from ..loop.servo import Servo
-from ..loop.state import (
+from ..records.outcomes import DO_NOT_FOLLOW, Outcome, outcome
+from ..records.state import (
     APPROACHING,
     CONVERGED,
     HOLDING,

@@ -10,7 +10,7 @@ import numpy as np
 from aras_visual_servo_base.compiled import compiled
 
 from ..arm.joint_sample import JointSample
-from .state import Command, ServoSettings
+from ..records.state import Command, ServoSettings
 
 if TYPE_CHECKING:
     from ..arm.limits import Limits

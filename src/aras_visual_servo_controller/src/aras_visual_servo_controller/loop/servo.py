@@ -33,18 +33,13 @@ from ..errors import (
     ServoError,
 )
 from ..goals.goal import Goal
-from ..judging.arrival import NOT_ARRIVED, Arrival, Arrived
+from ..judging.arrival import Arrival
 from ..judging.diagnosis import Diagnosis
 from ..judging.joint_check import foreign_text
-from ..judging.outcomes import Outcome, outcome
-from ..schemes.answer_checks import checked_goal
-from ..schemes.base import Decision, JointController, Scheme
-from ..schemes.compute import compute
-from ..schemes.time_limit import call_user_code
-from ..seeing.observation import Observation
-from .approach import Approach
-from .motion import CommandMotion
-from .state import (
+from ..records.arrived import NOT_ARRIVED, Arrived
+from ..records.outcomes import Outcome, outcome
+from ..records.run_record import ImageRecord, JointRecord, Record, RunContext, RunEvent
+from ..records.state import (
     APPROACHING,
     CONVERGED,
     HOLDING,
@@ -56,6 +51,13 @@ from .state import (
     ServoState,
     Source,
 )
+from ..schemes.answer_checks import checked_goal
+from ..schemes.base import Decision, JointController, Scheme
+from ..schemes.compute import compute
+from ..schemes.time_limit import call_user_code
+from ..seeing.observation import Observation
+from .approach import Approach
+from .motion import CommandMotion
 from .task_follower import Pursuit
 
 if TYPE_CHECKING:
@@ -83,6 +85,7 @@ class Servo:
         source: of the images, for messages.
         motion, pursuit: where the commands stand, and what they go after.
         state: the latest ServoState, None before the first.
+        keep: is given each record that the diagnosis reads; None: nobody keeps them.
     """
 
     def __init__(
@@ -124,11 +127,12 @@ class Servo:
         self.beyond = self.goal.beyond(arm)
         lengths = np.where(arm.prismatic, resolver.settings.slide, 1.0)
         narrowed = resolver.limits.narrowed(arm)
-        self.diagnosis = Diagnosis(
-            self.settings, arm.jacobian, self.beyond, arm.names, lengths, narrowed,
-            getattr(resolver, "folds", ()),
+        self.diagnosis = Diagnosis(RunContext(
+            self.settings, self.goal, scheme, arm.jacobian, self.beyond, tuple(arm.names), lengths,
+            narrowed, getattr(resolver, "folds", ()),
             () if joints is None else resolver.limits.outside(joints),
-        )
+        ))  # fmt: skip
+        self.keep: Callable[[Record], None] | None = None
         self.reset()
 
     # -- what the loop is told -------------------------------------------------------------
@@ -142,7 +146,7 @@ class Servo:
         self._approach = self._to_start
         if self._approach is not None:
             self._approach.reset()
-        self.diagnosis.reset()
+        self._note(RunEvent("started"))
         self._now: float | None = None
         self._joints: JointSample | None = None
         self._stamp: float | None = None
@@ -164,7 +168,7 @@ class Servo:
             if self._joints is not None:
                 self.motion.take_up(self._joints.positions)
             self.phase, self.reason = WAITING, ""
-        self.diagnosis.reset()
+        self._note(RunEvent("started"))
         self._pause()
 
     def stop(self, reason: str = "stopped") -> None:
@@ -178,7 +182,11 @@ class Servo:
         """
         self._held = reason or "held"
         self._halt(HOLDING, self._held)
-        self.diagnosis.halted(found or outcome("held", self._held))
+        self._note(RunEvent("halted", outcome=found or outcome("held", self._held)))
+
+    def time_out(self, duration: float) -> None:
+        """The time for the run, s, is over: an outcome that is still open is judged."""
+        self._note(RunEvent("timed_out", time=duration))
 
     def joints_jumped(self) -> None:
         """The joints may be elsewhere: command them from where they are, once the arm moves on."""
@@ -187,7 +195,6 @@ class Servo:
     def set_foreign(self, nodes: Mapping[str, str]) -> None:
         """Name the other nodes that command joints now, by joint; empty: none does any more."""
         ended, self._foreign = bool(self._foreign) and not nodes, dict(nodes)
-        self.diagnosis.foreign = self._foreign
         if ended:
             self.foreign_commands_ended()
 
@@ -361,7 +368,7 @@ class Servo:
         if unmeasured:
             if self.phase != STOPPED and not self._held:
                 self._halt(HOLDING, unmeasured)
-                self.diagnosis.unmeasured(unmeasured)
+                self._note(RunEvent("joints_unmeasured", unmeasured))
             self.motion.brake(dt)
             return self._sent(t, self._joints, unmeasured)
         if self._joints is None:
@@ -390,7 +397,7 @@ class Servo:
         except SchemeError as error:
             self._fault = str(error)
             self._halt(HOLDING, str(error))
-            self.diagnosis.fault(str(error))
+            self._note(RunEvent("scheme_failed", str(error)))
         except (ServoError, ValueError, ArithmeticError) as error:
             self._halt(HOLDING, str(error))
         else:
@@ -412,7 +419,7 @@ class Servo:
             return
         answered, patience = self.answered
         if answered is not None and t - answered > patience:
-            self.diagnosis.starved(t, self._period)
+            self._note(RunEvent("starved", time=t, period=self._period))
             self._halt(WAITING, self.source.missing(t - answered))
 
     def _approached(self, t: float, dt: float, measured: JointSample) -> Command:
@@ -482,6 +489,12 @@ class Servo:
             t, measured, self.arm.effort, self._with_foreign(reason), self.phase
         )
 
+    def _note(self, record: Record) -> Outcome:
+        """Diagnose a record, and have it kept; the outcome as of now."""
+        if self.keep is not None:
+            self.keep(record)
+        return self.diagnosis.add(record)
+
     def _with_foreign(self, reason: str) -> str:
         """A reason, with the other nodes that command joints."""
         return "; ".join(text for text in (reason, foreign_text(self._foreign)) if text)
@@ -508,17 +521,20 @@ class Servo:
             scheme=self.name, arrived=arrived,
         )  # fmt: skip
         if reason is None:
+            joints = None
             if self._joints is not None:
-                self.diagnosis.joints(
-                    state.stamp, self.motion.late, self.motion.velocity, self._joints.velocities
+                joints = JointRecord(
+                    self.motion.late, self.motion.velocity, self._joints.velocities
                 )
-            age = self._age(state.stamp)
-            found = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty, age)
+            found = self._note(ImageRecord(
+                state, observation.without_pixels(), self._age(state.stamp), faulty, joints,
+                self._foreign,
+            ))  # fmt: skip
             state = state.with_outcome(found)
             if decision is not None and self.phase == SERVOING and (
                 self.settings.duration <= observation.stamp - self._began
             ):
-                self.diagnosis.timed_out(self.settings.duration)
+                self.time_out(self.settings.duration)
                 self.stop("the time for it is over")
             self.state = state
         return state

@@ -10,11 +10,11 @@ import numpy as np
 from ..arm.joint_sample import JointSample
 from ..arm.resolver import solve_ik
 from ..arm.task import Task
+from ..records.state import ServoSettings
 from ..schemes.answer_checks import checked_joints
 from ..schemes.base import JointController, Scheme
 from ..schemes.time_limit import call_user_code
 from .motion import CommandMotion
-from .state import ServoSettings
 
 if TYPE_CHECKING:
     from ..arm.resolution import Resolution

@@ -16,12 +16,12 @@ from ..arm import Arm
 from ..arm.joint_sample import JointSample
 from ..errors import ConfigurationError, MeasurementError, ServoError
 from ..goals.goal import Goal
+from ..records.state import ServoSettings, Source
 from ..schemes import JointController, Scheme
 from ..seeing.observation import Observation
 from ..seeing.observer import Observer
 from ..seeing.rig import Look, Rig
 from .approach import Approach
-from .state import ServoSettings, Source
 
 NO_IMAGES = "no images arrive"
 AROUND = 400  # points of an outline that is worked out, about as many as a picture's has

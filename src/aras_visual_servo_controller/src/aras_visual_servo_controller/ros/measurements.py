@@ -10,7 +10,7 @@ from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
 from aras_visual_servo_base.stamp_pairing import ByStamp
 
 from ..driving.driver import Driver
-from ..loop.state import Source
+from ..records.state import Source
 from ..seeing.frame import Frame, MeasuredTarget
 from ..seeing.observation import Need
 from ..seeing.observer import Observer, observe

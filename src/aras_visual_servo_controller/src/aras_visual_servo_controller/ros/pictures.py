@@ -14,7 +14,7 @@ from aras_visual_servo_camera.label_topics import BUFFER, LabelTopics
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..driving.driver import Driver
-from ..loop.state import Source
+from ..records.state import Source
 from ..seeing.frame import Frame
 from ..seeing.observation import SEGMENTED, Need
 from ..seeing.observer import Observer, observe

@@ -102,7 +102,7 @@ class Composed(OfFeature):
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
         """See Scheme.compute."""
-        measured = self.measured(observation, goal)
+        measured = self.checked(self.feature.measure(self.visible(observation), goal))
         L = self._interaction(observation, measured, goal)
         modelled = L * self._modelled
         filtered = self._smoothed(measured.error, observation.stamp)

@@ -129,6 +129,13 @@ class Observation:
         """Whether what is seen comes from a picture, and not from exact geometry."""
         return self.image is not None or self.depth is not None or self.pixel_count > 0
 
+    def without_pixels(self) -> Observation:
+        """The same without images and depth images, as a record of a run keeps it."""
+        others = {name: view.without_pixels() for name, view in self.others.items()}
+        if self.image is None and self.depth is None and not others:
+            return self
+        return replace(self, image=None, depth=None, others=others)
+
     def with_noise(self) -> Observation:
         """The same with noise as a part of the accuracy that the corners have in each image."""
         if not self.corner_noise:

@@ -15,9 +15,9 @@ from ..arm.limits import Limits, check_inside
 from ..arm.resolution import Resolution, rank
 from ..arm.task import Task
 from ..errors import ConfigurationError
-from ..judging.arrival import NOT_ARRIVED, Arrived
-from ..judging.outcomes import Outcome
 from ..schemes.base import Decision
+from .arrived import NOT_ARRIVED, Arrived
+from .outcomes import Outcome
 
 WAITING, APPROACHING, SERVOING = "waiting", "approaching", "servoing"
 CONVERGED, HOLDING, STOPPED = "converged", "holding", "stopped"

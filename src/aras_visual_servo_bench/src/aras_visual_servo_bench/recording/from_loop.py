@@ -11,6 +11,7 @@ import numpy as np
 
 from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
 from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.records.run_record import Record
 from aras_visual_servo_controller.records.state import APPROACHING, ServoState
 from aras_visual_servo_controller.schemes import JointController, Scheme
 from aras_visual_servo_controller.seeing.frame import Frame
@@ -25,11 +26,16 @@ from .run import CameraRecord, Run
 
 
 class Recorder:
-    """What was answered to each image, and what each joint state told."""
+    """What was answered to each image, and what each joint state told.
+
+    Attributes:
+        records: what the diagnosis reads of each image, and the events between images.
+    """
 
     def __init__(self, joints: int, filmed: bool = False) -> None:
         """`joints`: how many there are; `filmed`: keep what other cameras than the control camera
         see."""
+        self.records: list[Record] = []
         self._states: list[ServoState] = []
         self._poses: list[np.ndarray] = []
         self._stamps: list[float] = []

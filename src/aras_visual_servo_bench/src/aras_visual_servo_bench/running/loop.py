@@ -16,6 +16,7 @@ from aras_visual_servo_base.memory import release_freed_memory
 from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_controller.driving.driver import Driver
 from aras_visual_servo_controller.records.remedy import Remedy
+from aras_visual_servo_controller.records.run_record import Record
 from aras_visual_servo_controller.records.state import CONVERGED, Command, ServoState
 from aras_visual_servo_controller.seeing.frame import Frame, seconds
 
@@ -83,6 +84,7 @@ class Loop:
         self.reading: Frame | None = None
         self.state: ServoState | None = None
         self._recorder = Recorder(len(self.plant.joint_names), filmed)
+        self.servo.keep = self._recorder.records.append
         self._flies = "twist" in self.plant.outputs
         self._ending = Ending(experiment, parts) if self._flies else None
         # Wall time stands still: what is late here is late in simulated time.
@@ -130,6 +132,12 @@ class Loop:
         log.info("%s", text)
 
     # -- the run ---------------------------------------------------------------------------
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """What the diagnosis has read so far: `diagnose(servo.diagnosis.run, records)` repeats it.
+        """
+        return tuple(self._recorder.records)
 
     @property
     def servo_time(self) -> float:

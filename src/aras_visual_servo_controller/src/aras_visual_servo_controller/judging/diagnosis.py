@@ -7,7 +7,7 @@ give.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,14 +31,17 @@ WHILE_SERVOING = (
 FORGOTTEN = 10.0
 
 
-def diagnose(run: RunContext, records: Iterable[Record]) -> Outcome:
+def diagnose(
+    run: RunContext, records: Iterable[Record], order: Sequence[str] = ORDER
+) -> Outcome:
     """What a recorded run came to: the same as `Diagnosis` says while it goes on.
 
     Args:
         run: arm, goal, scheme and settings; a law whose gain was changed counts as it is now.
         records: images and events in their order, from the start of the loop on.
+        order: names of the diagnoses that are asked.
     """
-    diagnosis = Diagnosis(run)
+    diagnosis = Diagnosis(run, order)
     for record in records:
         diagnosis.add(record)
     return diagnosis.outcome
@@ -47,13 +50,14 @@ def diagnose(run: RunContext, records: Iterable[Record]) -> Outcome:
 class Diagnosis:
     """Follows one run record by record. Ask `outcome` at any time."""
 
-    def __init__(self, run: RunContext) -> None:
-        self.run = run
+    def __init__(self, run: RunContext, order: Sequence[str] = ORDER) -> None:
+        """`order`: names of the diagnoses that are asked, of which the last always answers."""
+        self.run, self._order = run, tuple(order)
         self._start()
 
     def _start(self) -> None:
         self.evidence = Evidence(self.run)
-        self._diagnoses = [DIAGNOSES[name]() for name in ORDER]
+        self._diagnoses = [DIAGNOSES[name]() for name in self._order]
         self._faults: list[tuple[float, str]] = []  # of images, with the scheme's fault
         self._images = 0
         self._last: float | None = None  # stamp of the last image, s

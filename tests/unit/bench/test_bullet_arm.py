@@ -110,7 +110,7 @@ def test_the_first_picture_is_of_the_camera_s_name(standing):
     found = []
     while not found:
         found = [r for r in plant.advance(plant.time_ns + 10**8) if isinstance(r, Frame)]
-    assert found[0].camera == "camera" and found[0].labelled is None
+    assert found[0].name == "camera" and found[0].labelled is None
     assert found[0].image.shape == (240, 320, 3) and found[0].encoding == "rgb8"
 
 

@@ -57,7 +57,7 @@ def test_a_point_is_where_it_was_when_its_own_row_was_exposed():
             seen = np.linalg.inv(pose_at((row - 119.5) * ROW)) @ [*corner, 1.0]
             u, row = CAMERA.project(seen[0] / seen[2], seen[1] / seen[2])
         np.testing.assert_allclose(pixel, [u, row], atol=0.01)
-    still = replace(sight(), parts=()).look(ORIGIN, STAMP, np.random.default_rng(0))
+    still = capture(replace(sight(), parts=()), ORIGIN, STAMP, np.random.default_rng(0))
     assert np.abs(found.points - still.points).max() > 1.0
     np.testing.assert_allclose(found.outline, found.points)
 

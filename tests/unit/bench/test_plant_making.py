@@ -18,6 +18,7 @@ from aras_visual_servo_bench.asked.robots import Robot
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import JointReading, ideal
 from aras_visual_servo_bench.plants.free_body import FreeBody
+from aras_visual_servo_bench.plants.sight import capture
 from aras_visual_servo_bench.setup import arm_making, plant_making
 from aras_visual_servo_bench.setup.arm_making import ArmMaker, carried_by
 from aras_visual_servo_bench.setup.goal_views import GoalViews
@@ -82,8 +83,11 @@ def test_a_goal_is_taught_without_noise():
         cameras.config_of(eye).effects, noise_stddev=2.0) and run.pictures
     assert taught.effects == Effects(rows_together=40) and taught.pictures
     assert run.vibration is not None and taught.vibration is None and len(taught.parts) == 1
-    noisy = [seen(maker(**{**pictured, "camera": eye}, seed=seed)).look(
-        ABOVE, 10**8, np.random.default_rng(0)).image for seed in (1, 1, 2)]
+    noisy = [
+        capture(seen(maker(**{**pictured, "camera": eye}, seed=seed)), ABOVE, 10**8,
+                np.random.default_rng(0)).image
+        for seed in (1, 1, 2)
+    ]
     np.testing.assert_array_equal(*noisy[:2])
     assert (noisy[0] != noisy[2]).any() and noisy[0].shape == (240, 320)
     # Forty rows at once, each at the middle of its own.

@@ -300,10 +300,10 @@ def test_a_camera_without_its_target_in_view_sees_nothing(arm, sight, pinhole):
     behind = goal @ np.diag([1.0, -1.0, -1.0, 1.0])
     assert capture(sight, behind, 0, random).outline is None
     drawn = dataclasses.replace(sight, pictures=True, depth=True)
-    reading = drawn.look(goal, 0, random)
+    reading = capture(drawn, goal, 0, random)
     assert reading.image.min() == 0 and reading.pictured
     assert reading.depth[120, 160] == pytest.approx(goal[2, 3] - 0.59, abs=1e-3)
-    assert drawn.look(behind, 0, random).image.min() == 255
+    assert capture(drawn, behind, 0, random).image.min() == 255
 
 
 def test_noise_is_the_seeds(arm, sight):
@@ -313,8 +313,9 @@ def test_noise_is_the_seeds(arm, sight):
         dataclasses.replace(sight, pictures=True, effects=Effects(noise_stddev=5.0)),
     ):
         def seen(seed, noisy=noisy):
-            reading = dataclasses.replace(noisy, seed=seed).look(
-                pose, 0, np.random.default_rng(seed))
+            reading = capture(
+                dataclasses.replace(noisy, seed=seed), pose, 0, np.random.default_rng(seed)
+            )
             return reading.image if reading.pictured else reading.outline
 
         np.testing.assert_array_equal(seen(1), seen(1))

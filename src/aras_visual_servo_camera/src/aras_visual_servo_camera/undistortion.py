@@ -106,7 +106,7 @@ class CameraModel:
         """Focal lengths and principal point, without the distortion."""
         return Pinhole.from_K(self.K)
 
-    @property
+    @cached_property
     def distorted(self) -> bool:
         """True if pixels need the tables; a fisheye lens does even with D = 0."""
         return self.model in FISHEYE_MODELS or any(self.D)

@@ -126,7 +126,8 @@ class Plant(ABC):
 
     def pose(self) -> np.ndarray:
         """The truth: world_T_camera (4, 4) of the optical frame now."""
-        return self.shaken(self.at_rest(), self.time_ns)
+        pose = self.at_rest()
+        return self.shaken(pose, self.time_ns) if self.vibrations else pose
 
     @abstractmethod
     def at_rest(self) -> np.ndarray:

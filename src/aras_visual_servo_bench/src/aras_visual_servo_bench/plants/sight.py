@@ -109,10 +109,12 @@ class Sight:
         except ViewError:
             return None
         in_view = self.unbounded or cameras.in_view(outline, self.camera, 0.0)
-        if self.is_clipped(outline, seen_from) or not in_view:
+        if not in_view or self.clip is not None and self.is_clipped(outline, seen_from):
             return None
         found = self.pixels(outline)
-        return None if self.is_blind_at(found) else (found, self.pixels(points))
+        if self.blind is not None and self.is_blind_at(found):
+            return None
+        return found, self.pixels(points)
 
     def is_clipped(self, outline: np.ndarray, seen_from: np.ndarray) -> bool:
         """Whether a point of the outline (n, 2), normalised, is nearer or farther than is seen."""

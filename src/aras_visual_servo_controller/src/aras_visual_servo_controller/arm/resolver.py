@@ -155,9 +155,10 @@ class Resolver:
             wish += entry.velocity(q)
         limited = previous is not None and self.accelerates and dt > 0.0
         before = np.asarray(previous, float) if limited else q
+        goal = self._held_at(q, task.modelled) if self.goal is None else self.goal
         asked = (
-            self._goal(q, task.modelled), task.L, task.rate, task.modelled, wish, self.pulls,
-            self.fold_rows, self.limit_rows, dt, limited, before, self.last, self.numbers,
+            goal, task.L, task.rate, task.modelled, wish, self.pulls, self.fold_rows,
+            self.limit_rows, dt, limited, before, self.last, self.numbers,
         )  # fmt: skip
         chain, view = getattr(self.arm, "chain", None), (np.empty((4, 4)), np.empty((6, len(q))))
         if chain is None:
@@ -178,10 +179,8 @@ class Resolver:
             tuple(reasons), task.L, view[1], task.modelled, LASTING if lasts else 0.0,
         )  # fmt: skip
 
-    def _goal(self, q: np.ndarray, modelled: np.ndarray) -> np.ndarray:
-        """What `goal` is, or stands for."""
-        if self.goal is not None:
-            return self.goal
+    def _held_at(self, q: np.ndarray, modelled: np.ndarray) -> np.ndarray:
+        """What `goal` stands for where it is not given."""
         if self._kept is not None:
             return self._kept
         view = self.arm.view(q)[0]

@@ -144,10 +144,17 @@ class Driver:
                 return
             if not len(velocities):
                 sample = self.history.with_speed(sample)
-            if self._discontinuous(sample):
-                self.servo.joints_jumped()
+            newest = self.history.newest
+            if newest is not None:
+                dt = sample.stamp - newest.stamp
+                if dt > self.settings.watchdog or jumped(
+                    sample.positions, newest.positions, sample.velocities, newest.velocities,
+                    self._lead, dt,
+                ):  # fmt: skip
+                    self.servo.joints_jumped()  # or not heard of for long
             self.history.add(sample)
-            self._find_foreign()
+            if self._foreign is not None and not self.settings.lockstep:
+                self._find_foreign()
             command = self._tick(stamp, sample)
             if not self.settings.lockstep:
                 self._send(command)
@@ -194,8 +201,12 @@ class Driver:
         joints, newest = self.history.at(stamp, earlier_only=lockstep), self.history.newest
         if newest is not None and stamp - newest.stamp > FARTHEST:
             return  # whatever it shows, nothing is known of the joints any more
-        since = self._commanded_since(stamp)
-        state = self.servo.see(look(joints, since))
+        since: list[JointSample] = []  # commands from the stamp on
+        for command in reversed(self.commands):
+            if command.stamp < stamp:
+                break
+            since.append(command)
+        state = self.servo.see(look(joints, tuple(reversed(since))))
         if not state.answers_image:
             return  # late, or seen before
         if state.fault:
@@ -205,15 +216,6 @@ class Driver:
         at = stamp if self.time is None else max(stamp, self.time)
         self._send(self._tick(at if lockstep else self.time or at), repeat=lockstep)
         self._report(state)
-
-    def _commanded_since(self, stamp: float) -> tuple[JointSample, ...]:
-        """The latest commands, from the stamp on."""
-        later: list[JointSample] = []
-        for command in reversed(self.commands):
-            if command.stamp < stamp:
-                break
-            later.append(command)
-        return tuple(reversed(later))
 
     def watch(self) -> None:
         """Call often, from a thread of its own: stops the arm when nothing comes any more."""
@@ -318,8 +320,8 @@ class Driver:
         # A joint state that was held up comes behind a tick by the clock, which did not go back.
         t = self.time = t if self.time is None else max(t, self.time)
         command = self.servo.tick(t, sample, unmeasured)
-        if command.positions is not None:
-            self.commands.append(JointSample.of(t, command.names, command.positions))
+        if command.kind == "position" and command.values is not None:
+            self.commands.append(JointSample.of(t, command.names, command.values))
         return command
 
     def _blind(self, t: float, reason: str) -> None:
@@ -341,7 +343,7 @@ class Driver:
             return
         same = self.sent is not None and values.tolist() == self.sent.tolist()
         if not same:
-            self._forget_foreign()
+            self._behind = self._foreign_at = None
         elif command.positions is not None and not (repeat or self._due_again(command)):
             return
         self.sent, self._sent_at = values, command.stamp
@@ -380,8 +382,6 @@ class Driver:
 
     def _find_foreign(self) -> None:
         """Name the nodes that command the joints; listen for them while joints do not follow."""
-        if self._foreign is None or self.settings.lockstep:
-            return
         wall = self._wall()
         active = {
             joint: node for joint, (node, at) in self._foreign.latest().items()
@@ -406,17 +406,6 @@ class Driver:
         if at > self._sent_at:
             self.sent, self._sent_at = sent, at
             self._forget_foreign()
-
-    def _discontinuous(self, sample: JointSample) -> bool:
-        """Whether the joints were not heard of for long, or jumped since."""
-        newest = self.history.newest
-        if newest is None:
-            return False
-        dt = sample.stamp - newest.stamp
-        return dt > self.settings.watchdog or jumped(
-            sample.positions, newest.positions, sample.velocities, newest.velocities,
-            self._lead, dt,
-        )  # fmt: skip
 
     def _now_and_then(self, command: Command, joints: JointSample | None) -> None:
         """Report without an image, at a camera's pace."""

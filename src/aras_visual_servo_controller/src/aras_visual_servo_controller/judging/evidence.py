@@ -104,9 +104,9 @@ class Evidence:
 
     def covered(self, found: Outcome) -> Outcome:
         """The outcome where something covers the target: of that, if it can follow from it."""
-        if not self.is_covered or found.kind not in FOLLOW or self.progress.noise:
-            return found
         steps = self.motion.steps
+        if steps.covered is None or found.kind not in FOLLOW or self.progress.noise:
+            return found
         return outcome(
             "wrong_object", f"since {steps.covered:.2f} s something covers the target, of which "
             f"{100.0 * steps.visible:.0f} % is visible; {found.reason}",
@@ -126,11 +126,13 @@ class Evidence:
         if found.kind == "gain_too_high":
             drifts = self.motion.steps.drifts and not self.motion.is_own
             return self.covered(both(found, DRIFTS) if drifts else found)
-        if not self.is_covered and found.kind in FOLLOW and (fault := self.contrary()):
+        if found.kind not in FOLLOW:
+            return found
+        if not self.is_covered and (fault := self.contrary()):
             kind = "scheme_fault" if self.motion.l_is_wrong else "wrong_camera_model"
             return outcome(kind, f"{fault}; {found.reason}")
         jumped = self.motion.jumped
-        if jumped and found.kind in FOLLOW and jumped not in found.reason:
+        if jumped and jumped not in found.reason:
             found = replace(found, reason=f"{found.reason}; {jumped}")
         return self.covered(found)
 

@@ -251,7 +251,9 @@ class Servo:
         An image that is not newer than the last one changes nothing.
         """
         stamp = float(observation.stamp)
-        if not self._in_order(stamp):
+        late = self._stamp is not None and stamp <= self._stamp
+        early = self._now is not None and stamp > self._now + FUTURE
+        if late or early or not np.isfinite(stamp):
             return self._record(observation, reason=f"image of {stamp:.3f} s ignored: it is late")
         if self._stamp is not None:
             self._period = stamp - self._stamp
@@ -314,7 +316,7 @@ class Servo:
         self._paused, self._fault = False, ""
         self._fresh = True
         task, dropped = decision.task, ""
-        if task is not None:
+        if task is not None and task.measurable is not task:
             task, dropped = task.measurable, task.dropped
         self.pursuit.ask(task, resolution, stamp, self._now)
         arrived = self._arrival.add(decision, observation, self.goal, self.scheme, resolution)
@@ -330,17 +332,6 @@ class Servo:
         return self._record(
             observation, joints, decision, resolution, seconds, arrived=arrived
         )
-
-    def _age(self, stamp: float) -> float:
-        """s from an image's exposure to the answer's effect."""
-        return max(self.settings.delay, 0.0 if self._now is None else self._now - stamp)
-
-    def _in_order(self, stamp: float) -> bool:
-        if not np.isfinite(stamp):
-            return False
-        if self._stamp is not None and stamp <= self._stamp:
-            return False
-        return self._now is None or stamp <= self._now + FUTURE
 
     # -- ticks -----------------------------------------------------------------------------
 
@@ -405,7 +396,8 @@ class Servo:
                 self.motion.brake(dt)
                 return ""
             velocities, reason = asked
-            self._take_up_jumped(measured)
+            if self._jumped:
+                self._take_up_jumped(measured)
             self._late = self.motion.advance(velocities, measured.positions, dt)
             return "; ".join(text for text in (reason, self._late) if text)
         self.motion.brake(dt)
@@ -485,9 +477,9 @@ class Servo:
         self._arrival.clear()
 
     def _sent(self, t: float, measured: JointSample | None, reason: str) -> Command:
-        return self.motion.sent(
-            t, measured, self.arm.effort, self._with_foreign(reason), self.phase
-        )
+        if self._foreign:
+            reason = self._with_foreign(reason)
+        return self.motion.sent(t, measured, self.arm.effort, reason, self.phase)
 
     def _note(self, record: Record) -> Outcome:
         """Diagnose a record, and have it kept; the outcome as of now."""
@@ -526,10 +518,10 @@ class Servo:
                 joints = JointRecord(
                     self.motion.late, self.motion.velocity, self._joints.velocities
                 )
+            age = max(self.settings.delay, 0.0 if self._now is None else self._now - state.stamp)
             found = self._note(ImageRecord(
-                state, observation.without_pixels(), self._age(state.stamp), faulty, joints,
-                self._foreign,
-            ))  # fmt: skip
+                state, observation.without_pixels(), age, faulty, joints, self._foreign
+            ))
             state = state.with_outcome(found)
             if decision is not None and self.phase == SERVOING and (
                 self.settings.duration <= observation.stamp - self._began

@@ -24,7 +24,8 @@ class FeaturesContradict(RunDiagnosis):
         scheme, motion = evidence.run.scheme, evidence.motion
         evidence.tolerances = tolerances = np.asarray(scheme.tolerances, float)
         evidence.error = evidence.progress.add(
-            state, tolerances, goal.distance, evidence.is_stretched(state.joints)
+            state, tolerances, goal.distance,
+            bool(evidence.run.folds) and evidence.is_stretched(state.joints),
         )
         # What can wrap: an angle, or what may be one; a length cannot.
         evidence.angles = angles = np.array(

@@ -220,7 +220,7 @@ def test_who_watches_is_told_of_every_image_as_it_is_made():
         **BASE, "camera": "original", "scheme": "points@left", "duration": 0.3,
         "cameras": eyes({"delay": 0.1}, {})})
     loop = Loop(experiment, assemble(experiment),
-                watch=lambda of, one: seen.append((one.camera, of.plant.time_ns - one.stamp_ns)))
+                watch=lambda of, one: seen.append((one.name, of.plant.time_ns - one.stamp_ns)))
     loop.to_end()
     assert {name for name, _ in seen} == {"left", "right"} and all(late == 0 for _, late in seen)
     record = loop.result().cameras["right"]

@@ -20,7 +20,6 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
-from aras_visual_servo_bench.asked import cameras
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import BenchError
@@ -33,6 +32,7 @@ from aras_visual_servo_bench.running.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.web.report.write import write_report
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_camera.undistortion import normalise_pixels
 from aras_visual_servo_controller.ros.messages import report_message, state_message
 
 NAMESPACE = "/aras_visual_servo"
@@ -86,7 +86,7 @@ def write_run(path, optical=True, seconds=3.0, described=False, compressed=False
     seen = []
     while (state := loop.to_image()) is not None:
         camera = loop.parts.camera
-        outline = cameras.read(loop.reading.outline, camera, camera, closed=True)
+        outline = normalise_pixels(loop.reading.outline, camera, camera, closed=True)
         seen.append((state, loop.plant.joints()[0], outline))
 
     with rosbag.Bag(str(path), "w", chunk_threshold=20_000) as bag:

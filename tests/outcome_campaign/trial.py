@@ -10,13 +10,13 @@ import numpy as np
 
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.recording.run import Run
 from aras_visual_servo_bench.running.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.study.remedies import apply_remedy
-from aras_visual_servo_controller.judging.outcomes import Outcome
-from aras_visual_servo_controller.judging.remedy import Remedy
+from aras_visual_servo_controller.records.outcomes import Outcome
+from aras_visual_servo_controller.records.remedy import Remedy
+from aras_visual_servo_controller.seeing.frame import Frame
 
 from .kinds import Event, Trial
 
@@ -78,7 +78,7 @@ class Disturbed:
         if not self.happened:
             return readings
         ended = {"images_end": True, "joints_end": False}.get(self._event.what)
-        return [r for r in readings if ended is None or isinstance(r, CameraReading) != ended]
+        return [r for r in readings if ended is None or isinstance(r, Frame) != ended]
 
     def command(self, kind: str, values: Any) -> None:
         """As the plant's; joints that stick get none."""

@@ -20,7 +20,8 @@ from aras_visual_servo_controller.features.luminance import Luminance, Luminance
 from aras_visual_servo_controller.features.matches import Matches
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.observation import Need, Observation, Observer
+from aras_visual_servo_controller.seeing.observation import Need, Observation
+from aras_visual_servo_controller.seeing.observer import Observer
 
 from .check import Row, check
 from .robots import SOURCES

@@ -16,10 +16,10 @@ from recorded_values import values
 
 from aras_visual_servo_base.poses import exponential, to_xyz_rpy, transform
 from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.running.loop import Loop
 from aras_visual_servo_bench.setup.assembly import Assembly, assemble
 from aras_visual_servo_controller.driving.driver import Driver
+from aras_visual_servo_controller.seeing.frame import Frame
 
 SHAPE = [[-0.025, -0.03], [0.03, -0.025], [0.025, 0.02], [-0.015, 0.025]]
 LEFT = {"width": 160, "height": 120, "update_rate": 30.0,
@@ -93,9 +93,9 @@ class Tape:
         self.trace = []
         for reading in self.readings if readings is None else readings:
             self.time = max(self.time, reading.stamp)
-            if isinstance(reading, CameraReading):
+            if isinstance(reading, Frame):
                 look = partial(parts.observe, reading)
-                driver.image(reading.stamp, look, reading.camera)
+                driver.image(reading.stamp, look, reading.name)
             else:
                 driver.joints(
                     reading.names, reading.positions, reading.velocities, reading.stamp
@@ -138,7 +138,7 @@ def recorded(request, tmp_path_factory):
     loop = Loop(experiment, made)
     loop.to_end()
     loop.close()
-    assert sum(isinstance(r, CameraReading) for r in readings) > 20
+    assert sum(isinstance(r, Frame) for r in readings) > 20
     return experiment, sorted(readings, key=lambda reading: reading.stamp)
 
 

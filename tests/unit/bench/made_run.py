@@ -12,9 +12,8 @@ from aras_visual_servo_bench.recording.run import CameraRecord, Run, Verdict
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm.resolution import Resolution
-from aras_visual_servo_controller.judging.arrival import Arrived
-from aras_visual_servo_controller.judging.left_open import LeftOpen
-from aras_visual_servo_controller.loop.state import ServoState
+from aras_visual_servo_controller.records.arrived import Arrived, LeftOpen
+from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes.base import Decision
 
 NAMES, UNITS = ("area", "height", "turn"), ("", "m", "rad")

@@ -12,7 +12,7 @@ from aras_visual_servo_bench.errors import RefusedError
 from aras_visual_servo_bench.web.live.page import Page
 from aras_visual_servo_bench.web.live.robot_model import robot_model
 from aras_visual_servo_controller.arm.resolution import Resolution
-from aras_visual_servo_controller.loop.state import ServoState
+from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes import Decision
 
 

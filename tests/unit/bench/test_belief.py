@@ -12,14 +12,14 @@ from aras_visual_servo_base.poses import (
     to_xyz_rpy,
     transform,
 )
-from aras_visual_servo_bench.asked import cameras
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.robots import Robot
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants import CameraReading
+from aras_visual_servo_bench.plants.sight import capture
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble, check
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
+from aras_visual_servo_controller.seeing.frame import Frame
 
 SHAPE = ((-0.025, -0.03), (0.03, -0.025), (0.025, 0.02), (-0.015, 0.025))
 # fx and fy differ, and the principal point is off the middle.
@@ -132,7 +132,8 @@ def test_exact_features_are_seen_through_the_believed_camera(plant, scheme):
         )))  # fmt: skip
         joints = parts.servo.arm.sample(parts.plant.joint_names, parts.plant.joints()[0])
         pixels = np.array([[150.0, 90.0], [210.0, 95.0], [205.0, 140.0], [160.0, 150.0]])
-        reading = CameraReading(40_000_000, outline=pixels, points=pixels)
+        reading = Frame(40_000_000, outline=pixels, points=pixels,
+                        camera=parts.eyes["camera"].true)
         observation = parts.observe(reading, joints)
         seen[wrong] = observation.moments, observation.corners
     true, moved = seen["none"], seen["focal"]
@@ -148,20 +149,19 @@ def test_an_outline_bends_where_another_lens_is_believed():
     true = CameraModel(320, 240, (300.0, 0, 166.0, 0, 280.0, 115.0, 0, 0, 1))
     believed = replace(true, D=(-0.3, 0.05, 0.0, 0.0))
     pixels = np.array([[10.0, 10.0], [300.0, 12.0], [305.0, 220.0], [12.0, 225.0]])
-    corners = cameras.read(pixels, true, believed)
-    outline = cameras.read(pixels, true, believed, closed=True)
+    corners = normalise_pixels(pixels, true, believed)
+    outline = normalise_pixels(pixels, true, believed, closed=True)
     np.testing.assert_allclose(outline[::8], corners, atol=1e-12)
     np.testing.assert_allclose(
         np.column_stack(believed.project(*outline[4])), [[155.0, 11.0]], atol=1e-6
     )
-    assert len(cameras.read(pixels, true, true, closed=True)) == 4
-    assert cameras.read(None, true, believed) is None
+    assert len(normalise_pixels(pixels, true, true, closed=True)) == 4
 
 
 def test_jitter_is_the_same_number_of_pixels_along_both_axes():
     parts = assemble(flying(jitter=0.5))
     pose, random = parts.goal_pose, np.random.default_rng(1)
-    seen = np.array([parts.plant.sight.look(pose, 0, random).points for _ in range(400)])
+    seen = np.array([capture(parts.plant.sight, pose, 0, random).points for _ in range(400)])
     np.testing.assert_allclose(seen.std(axis=0), 0.5, rtol=0.15)
 
 
@@ -181,7 +181,7 @@ def test_every_observation_has_the_plane_of_goal_and_kinematics(plant, depth):
     joints = None
     while True:
         for reading in parts.plant.advance(10**9):
-            if isinstance(reading, CameraReading):
+            if isinstance(reading, Frame):
                 seen = parts.observe(reading, joints)
                 break
             joints = parts.servo.arm.sample(reading.names, reading.positions)

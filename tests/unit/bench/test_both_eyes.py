@@ -13,10 +13,10 @@ import yaml
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants.base import CameraReading
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.seeing.frame import Frame
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 ASKED = yaml.safe_load((EXAMPLES / "both_eyes.yaml").read_text())
@@ -99,8 +99,8 @@ def first_pictures(experiment):
     try:
         while len(found) < 2:
             for reading in parts.plant.advance(10**9):
-                if isinstance(reading, CameraReading):
-                    found.setdefault(reading.camera, reading.image)
+                if isinstance(reading, Frame):
+                    found.setdefault(reading.name, reading.image)
     finally:
         parts.plant.close()
     return parts, found

@@ -12,11 +12,12 @@ from aras_visual_servo_base.poses import Pose, transform
 from aras_visual_servo_bench.asked.cameras import CameraSpec
 from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants import CameraReading, bullet_arm
+from aras_visual_servo_bench.plants import bullet_arm
 from aras_visual_servo_bench.plants.bullet_arm import Followed, ShownTarget
 from aras_visual_servo_bench.plants.sight import Sight
 from aras_visual_servo_bench.targets.files import write
 from aras_visual_servo_bench.targets.geometry import Course, Motion, PlacedTarget
+from aras_visual_servo_controller.seeing.frame import Frame
 
 AT = transform((0.3, 0.1, 0.7), (0.1, 0.2, 0.3))
 RISING = Motion(velocity=(0.0, 0.0, 1.0, 0.0, 0.0, 0.5))
@@ -108,8 +109,8 @@ def test_the_first_picture_is_of_the_camera_s_name(standing):
     plant, *_ = standing
     found = []
     while not found:
-        found = [r for r in plant.advance(plant.time_ns + 10**8) if isinstance(r, CameraReading)]
-    assert found[0].camera == "camera" and found[0].labelled is None
+        found = [r for r in plant.advance(plant.time_ns + 10**8) if isinstance(r, Frame)]
+    assert found[0].name == "camera" and found[0].labelled is None
     assert found[0].image.shape == (240, 320, 3) and found[0].encoding == "rgb8"
 
 
@@ -121,7 +122,7 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     try:
         pose, found = plant.pose(), []
         while not found:
-            found = [r for r in plant.advance(10**9) if isinstance(r, CameraReading)]
+            found = [r for r in plant.advance(10**9) if isinstance(r, Frame)]
     finally:
         plant.close()
         plant.close()
@@ -136,7 +137,7 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     try:
         found = []
         while not found:
-            found = [r for r in bare.advance(10**9) if isinstance(r, CameraReading)]
+            found = [r for r in bare.advance(10**9) if isinstance(r, Frame)]
         assert found[0].labelled is None and found[0].depth is None
     finally:
         bare.close()
@@ -150,7 +151,7 @@ def test_an_exposure_at_a_step_s_end_is_seen_then(robot, preset, pinhole):
     try:
         readings = []
         while not readings:
-            readings = [r for r in plant.advance(10**9) if isinstance(r, CameraReading)]
+            readings = [r for r in plant.advance(10**9) if isinstance(r, Frame)]
         assert readings[0].stamp_ns == plant.time_ns == 50_000_000
     finally:
         plant.close()
@@ -171,8 +172,8 @@ def test_several_cameras_sit_where_the_robot_has_their_frames(preset):
                                    atol=1e-6)
         stamps = {"left": [], "right": []}
         for reading in until(plant, 101_000_000):
-            if isinstance(reading, CameraReading):
-                stamps[reading.camera].append(reading.stamp_ns)
+            if isinstance(reading, Frame):
+                stamps[reading.name].append(reading.stamp_ns)
     finally:
         plant.close()
     assert stamps == {"left": [33_333_333, 66_666_667, 100_000_000],

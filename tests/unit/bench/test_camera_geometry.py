@@ -1,7 +1,6 @@
 """Cameras of experiments: what they draw, what is in their view, where they sit, what they say."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,9 +11,11 @@ from aras_visual_servo_bench.asked import cameras
 from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec, Eye, check_meeting, preset
 from aras_visual_servo_bench.asked.packages import PackagePath
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants import CameraReading
-from aras_visual_servo_bench.setup.goal_teaching import observed
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
+from aras_visual_servo_controller.seeing.frame import Frame, MeasuredTarget
+from aras_visual_servo_controller.seeing.observation import Need
+from aras_visual_servo_controller.seeing.observer import Observer, observe
 
 K = (16.0, 0.0, 3.0, 0.0, 32.0, -2.0, 0.0, 0.0, 1.0)
 SMALL = CameraModel(20, 14, K)
@@ -133,11 +134,11 @@ def test_pixels_are_read_through_the_believed_lens():
     true = CameraModel(320, 240, (300.0, 0, 166.0, 0, 280.0, 115.0, 0, 0, 1))
     other = CameraModel(320, 240, (250.0, 0, 160.0, 0, 290.0, 110.0, 0, 0, 1))
     pixels = np.array([(10.0, 20.0), (300.0, 30.0), (160.0, 200.0)])
-    np.testing.assert_allclose(cameras.read(pixels, true, other, closed=True),
+    np.testing.assert_allclose(normalise_pixels(pixels, true, other, closed=True),
                                (pixels - [160.0, 110.0]) / [250.0, 290.0])
     fish = CameraModel(320, 240, (60.0, 0, 160.0, 0, 60.0, 110.0, 0, 0, 1), (0.0,) * 4,
                        "equidistant")  # fmt: skip
-    found = cameras.read(np.array([(160.0, 110.0), (310.0, 110.0)]), true, fish)
+    found = normalise_pixels(np.array([(160.0, 110.0), (310.0, 110.0)]), true, fish)
     np.testing.assert_allclose(found[0], 0.0, atol=1e-12)
     assert np.isnan(found[1]).all()  # 150 px are 2.5 rad: behind it
 
@@ -146,22 +147,25 @@ def test_what_a_camera_delivers_is_read_as_it_is_believed():
     """An outline's edges are bent by another lens; points are points."""
     true = CameraModel(320, 240, (300.0, 0, 166.0, 0, 280.0, 115.0, 0, 0, 1))
     eye = Eye("left", CameraSpec(), {}, {}, cameras.config_of({}), true, replace(true, D=BENT))
-    pixels, given = np.array([(10.0, 20.0), (300.0, 30.0), (160.0, 200.0)]), []
-    observer = SimpleNamespace(of_exact=lambda *a, **k: given.append((a, k)) or "exact",
-                               of_image=lambda *a, **k: given.append((a, k)) or "seen")
-    reading = CameraReading(2_500_000_000, outline=pixels, points=pixels[:2])
-    assert observed(observer, reading, eye, joints="q") == "exact"
-    (stamp, camera), known = given.pop()
-    assert (stamp, camera, known["joints"]) == (2.5, eye.believed, "q")
-    assert len(known["contour"]) == 24 and len(known["points"]) == 2
-    np.testing.assert_allclose(np.column_stack(eye.believed.project(*known["points"].T)),
+    pixels = np.array([(10.0, 20.0), (300.0, 30.0), (160.0, 200.0)])
+    observer = Observer(None, frozenset((Need.IMAGE, Need.DEPTH)))
+    frame = Frame(2_500_000_000, outline=pixels, points=pixels[:2], jitter=3.0, camera=true)
+    seen = observe(frame, None, observer, eye.believed)
+    assert (seen.stamp, seen.camera, seen.corner_noise) == (2.5, eye.believed, 0.01)
+    assert len(seen.contour) == 24 and len(seen.corners) == 2
+    np.testing.assert_allclose(np.column_stack(eye.believed.project(*seen.corners.T)),
                                pixels[:2], atol=1e-6)
-    image, depth = np.zeros((3, 4), np.uint8), np.ones((3, 4))
-    reading = CameraReading(1_000_000_000, image, "mono8", depth, labelled=image)
-    assert observed(observer, reading, eye, plane="p") == "seen"
-    (stamp, picture, camera), known = given.pop()
-    assert (stamp, camera, known["plane"]) == (1.0, eye.believed, "p")
-    assert known["depth"] is depth and picture.encoding == "mono8"
+    image, depth = np.arange(12, dtype=np.uint8).reshape(3, 4), np.ones((3, 4))
+    frame = Frame(3_000_000_000, image, "mono8", depth, camera=true)
+    seen = observe(frame, None, observer, plane=Plane(0.0, 0.0, 2.0))
+    assert (seen.stamp, seen.camera, seen.plane) == (3.0, true, Plane(0.0, 0.0, 2.0))
+    np.testing.assert_array_equal(seen.image, image)
+    np.testing.assert_array_equal(seen.depth, depth)
+    target = MeasuredTarget(None, False, "covered", pixel_count=7)
+    seen = observe(Frame(4_000_000_000, camera=true, target=target), None, observer)
+    assert (seen.valid, seen.reason, seen.pixel_count) == (False, "covered", 7)
+    gone = observe(Frame(5_000_000_000, camera=true), None, observer)
+    assert (gone.valid, gone.reason) == (False, "the target is not in view")
 
 
 # -- where they sit ------------------------------------------------------------------------------

@@ -13,14 +13,14 @@ from aras_sim_bridge.camera.shutter import parts
 from aras_visual_servo_base.poses import exponential
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.plants.free_body import FreeBody
 from aras_visual_servo_bench.plants.kinematic import FreeCamera
-from aras_visual_servo_bench.plants.sight import Sight
+from aras_visual_servo_bench.plants.sight import Sight, capture
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import PlacedTarget
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.seeing.frame import Frame
 
 ROW, PERIOD = 1.1e-4, 1.0 / 30.0
 K = (240.0, 0.0, 165.3, 0.0, 251.0, 112.8, 0.0, 0.0, 1.0)
@@ -39,7 +39,7 @@ def flying(seen):
     """The first picture of a camera that flies by a twist."""
     plant = FreeCamera(FreeBody(ORIGIN @ exponential(-PERIOD * TWIST)), np.zeros(6), seen)
     plant.command("velocity", TWIST)
-    readings = [r for r in until(plant, 60_000_000) if isinstance(r, CameraReading)]
+    readings = [r for r in until(plant, 60_000_000) if isinstance(r, Frame)]
     assert [r.stamp_ns for r in readings] == [STAMP]
     return readings[0]
 
@@ -57,7 +57,7 @@ def test_a_point_is_where_it_was_when_its_own_row_was_exposed():
             seen = np.linalg.inv(pose_at((row - 119.5) * ROW)) @ [*corner, 1.0]
             u, row = CAMERA.project(seen[0] / seen[2], seen[1] / seen[2])
         np.testing.assert_allclose(pixel, [u, row], atol=0.01)
-    still = replace(sight(), parts=()).look(ORIGIN, STAMP, np.random.default_rng(0))
+    still = capture(replace(sight(), parts=()), ORIGIN, STAMP, np.random.default_rng(0))
     assert np.abs(found.points - still.points).max() > 1.0
     np.testing.assert_allclose(found.outline, found.points)
 
@@ -67,10 +67,10 @@ def test_a_picture_is_made_of_rows_of_the_pictures_of_their_instants(depth):
     rolling = sight(pictures=True, depth=depth)
     found, still = flying(rolling), replace(rolling, parts=(), effects=Effects())
     for part in rolling.parts:
-        now = still.look(pose_at(1e-9 * part.offset_ns), STAMP, np.random.default_rng(0)).image
+        now = capture(still, pose_at(1e-9 * part.offset_ns), STAMP, np.random.default_rng(0)).image
         rows = slice(part.first, part.last)
         np.testing.assert_allclose(found.image[rows].astype(int), now[rows], atol=1)
-    middle = still.look(pose_at(0.0), STAMP, np.random.default_rng(0))
+    middle = capture(still, pose_at(0.0), STAMP, np.random.default_rng(0))
     assert np.abs(found.image.astype(int) - middle.image).max() > 50
     if depth:
         np.testing.assert_allclose(found.depth, middle.depth, rtol=5e-3)
@@ -94,7 +94,7 @@ def test_an_arms_exact_points_are_of_their_own_rows_too(robot, preset, pinhole):
         plant = bullet(robot, preset, sights=(seen,))
         try:
             plant.command("position", START + [0.0, 0.0, 0.0, 0.0, 0.0, 0.8])
-            found[name] = [r for r in until(plant, 220_000_000) if isinstance(r, CameraReading)]
+            found[name] = [r for r in until(plant, 220_000_000) if isinstance(r, Frame)]
         finally:
             plant.close()
     assert [r.stamp_ns for r in found["global"]] == [r.stamp_ns for r in found["rolling"]]
@@ -114,7 +114,7 @@ def test_a_stretch_of_steps_sees_what_single_steps_see(robot, preset):
             plant.command("position", START + [0.0, 0.0, 0.1, 0.0, 0.0, 0.5])
             while plant.time_ns < 120_000_000:
                 until_ns = min(plant.time_ns + step_ns, 120_000_000)
-                taken += [r for r in plant.advance(until_ns) if isinstance(r, CameraReading)]
+                taken += [r for r in plant.advance(until_ns) if isinstance(r, Frame)]
         finally:
             plant.close()
         pictures[step_ns] = taken

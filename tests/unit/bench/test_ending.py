@@ -12,8 +12,8 @@ from aras_visual_servo_bench.running.loop import Loop, run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
 from aras_visual_servo_controller.driving.driver import Driver
-from aras_visual_servo_controller.judging.outcomes import Outcome
-from aras_visual_servo_controller.loop.state import CONVERGED, SERVOING
+from aras_visual_servo_controller.records.outcomes import Outcome
+from aras_visual_servo_controller.records.state import CONVERGED, SERVOING
 
 SQUARE = PolygonTarget(((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1)))
 RISING = Motion(velocity=(0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
@@ -220,7 +220,7 @@ def test_who_watches_is_told_of_every_image_as_it_is_made():
         **BASE, "camera": "original", "scheme": "points@left", "duration": 0.3,
         "cameras": eyes({"delay": 0.1}, {})})
     loop = Loop(experiment, assemble(experiment),
-                watch=lambda of, one: seen.append((one.camera, of.plant.time_ns - one.stamp_ns)))
+                watch=lambda of, one: seen.append((one.name, of.plant.time_ns - one.stamp_ns)))
     loop.to_end()
     assert {name for name, _ in seen} == {"left", "right"} and all(late == 0 for _, late in seen)
     record = loop.result().cameras["right"]

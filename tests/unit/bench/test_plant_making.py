@@ -14,8 +14,9 @@ from aras_visual_servo_base.poses import transform
 from aras_visual_servo_bench.asked import cameras
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants import CameraReading, JointReading, ideal
+from aras_visual_servo_bench.plants import JointReading, ideal
 from aras_visual_servo_bench.plants.free_body import FreeBody
+from aras_visual_servo_bench.plants.sight import capture
 from aras_visual_servo_bench.setup import assembly, bullet_setup
 from aras_visual_servo_bench.setup.assembly import make_plant
 from aras_visual_servo_bench.setup.bullet_setup import (
@@ -27,6 +28,7 @@ from aras_visual_servo_bench.setup.goal_teaching import needs_images, teach_goal
 from aras_visual_servo_bench.setup.read_context import read_context
 from aras_visual_servo_bench.setup.sights import make_sight
 from aras_visual_servo_bench.targets.textures import TexturedTarget
+from aras_visual_servo_controller.seeing.frame import Frame
 from aras_visual_servo_controller.seeing.observation import Need
 
 EYE = {"width": 320, "height": 240, "update_rate": 20.0,
@@ -81,8 +83,11 @@ def test_a_goal_is_taught_without_noise():
     assert run.vibration is not None and taught.vibration is None and len(taught.parts) == 1
     quiet = seen(context_of(**DRAWN, camera=eye), exactly=True)  # also without noise of its own
     assert (quiet.effects, quiet.vibration) == (taught.effects, None)
-    noisy = [seen(context_of(**{**pictured, "camera": eye}, seed=seed)).look(
-        ABOVE, 10**8, np.random.default_rng(0)).image for seed in (1, 1, 2)]
+    noisy = [
+        capture(seen(context_of(**{**pictured, "camera": eye}, seed=seed)), ABOVE, 10**8,
+                np.random.default_rng(0)).image
+        for seed in (1, 1, 2)
+    ]
     np.testing.assert_array_equal(*noisy[:2])
     assert (noisy[0] != noisy[2]).any() and noisy[0].shape == (240, 320)
     # Forty rows at once, each at the middle of its own.
@@ -265,7 +270,7 @@ class Filmed:
         self.time_ns += 250_000_000
         names = [name for name, at in self.times if at <= self.time_ns]
         return [JointReading(1, (), (), ()), *(
-            CameraReading(self.time_ns, camera=name) for name in names)]
+            Frame(self.time_ns, name=name) for name in names)]
 
     def close(self):
         self.told.append("closed")
@@ -308,7 +313,7 @@ def taught(context, mounting=None, shift=(0.0, 0.0), size=1.0, image=True):
         middle = outline.mean(axis=0)
         off = np.array(shift) / [300.0, 280.0]
         drawn = cameras.draw(middle + size * (outline - middle) + off, eye.true)
-        images = {"camera": CameraReading(0, drawn, "mono8", labelled=255 - drawn)}
+        images = {"camera": Frame(0, drawn, "mono8", labelled=255 - drawn)}
     mounting = np.eye(4) if mounting is None else mounting
     return teach_goal(context, ABOVE, {"camera": mounting}, {}, images, "home", JOINTS)
 

@@ -11,18 +11,19 @@ from aras_sim_bridge.camera.effects import Effects
 from aras_visual_servo_base.poses import exponential, inverse, logarithm, skew, transform
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants import CameraReading, JointReading
+from aras_visual_servo_bench.plants import JointReading
 from aras_visual_servo_bench.plants.bullet_arm import BulletArm
 from aras_visual_servo_bench.plants.free_body import FreeBody
 from aras_visual_servo_bench.plants.ideal import ExactResolver, IdealCamera
 from aras_visual_servo_bench.plants.kinematic import FreeCamera, KinematicChain
-from aras_visual_servo_bench.plants.sight import Sight
+from aras_visual_servo_bench.plants.sight import Sight, capture
 from aras_visual_servo_bench.running.loop import Loop, run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
 from aras_visual_servo_camera.moments import find_crossing
 from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller.seeing.frame import Frame
 
 START = np.array([0.1, 0.0, 0.17, -0.09, -0.09, 0.3])
 SQUARE = PolygonTarget(((-0.02, -0.02), (0.02, -0.02), (0.02, 0.02), (-0.02, 0.02)))
@@ -55,10 +56,10 @@ def test_the_simulated_arm_measures_when_a_graph_does(robot, preset):
     finally:
         plant.close()
     joints = [r.stamp_ns for r in readings if isinstance(r, JointReading)]
-    pictures = [r.stamp_ns for r in readings if isinstance(r, CameraReading)]
+    pictures = [r.stamp_ns for r in readings if isinstance(r, Frame)]
     assert joints[:3] == [1_000_000, 10_000_000, 20_000_000]
     assert pictures == [33_333_333, 66_666_667, 100_000_000]
-    assert [r for r in readings if isinstance(r, CameraReading)][0].image.shape == (240, 320, 3)
+    assert [r for r in readings if isinstance(r, Frame)][0].image.shape == (240, 320, 3)
 
 
 def test_the_simulated_arm_is_spawned_at_its_start_and_moves_as_told(robot, preset, arm):
@@ -236,7 +237,7 @@ def test_joint_states_and_images_come_at_their_rates(arm, sight):
     assert plant.advance(500_000) == [] and plant.time_ns == 500_000
     stamps = [(type(r).__name__, r.stamp_ns) for r in until(plant, 520_000_000)]
     joints = [("JointReading", 1_000_000 + k * 250_000_000) for k in range(3)]
-    images = [("CameraReading", k * 125_000_000) for k in range(1, 5)]
+    images = [("Frame", k * 125_000_000) for k in range(1, 5)]
     assert sorted(stamps, key=lambda one: one[1]) == sorted(joints + images, key=lambda o: o[1])
     assert stamps == sorted(stamps, key=lambda one: one[1])
     np.testing.assert_array_equal(plant.poses(np.array([START, START + 0.01])),
@@ -284,7 +285,7 @@ def test_velocity_lags_too(arm, sight):
 def test_a_chain_measures_at_the_phase_of_the_simulated_arm(arm, sight):
     readings = until(KinematicChain(arm, START, sight), 101_000_000)
     joints = [r.stamp_ns for r in readings if isinstance(r, JointReading)]
-    pictures = [r.stamp_ns for r in readings if isinstance(r, CameraReading)]
+    pictures = [r.stamp_ns for r in readings if isinstance(r, Frame)]
     assert joints[:3] == [1_000_000, 11_000_000, 21_000_000]
     assert pictures == [33_333_333, 66_666_667, 100_000_000]
 
@@ -292,17 +293,17 @@ def test_a_chain_measures_at_the_phase_of_the_simulated_arm(arm, sight):
 def test_a_camera_without_its_target_in_view_sees_nothing(arm, sight, pinhole):
     random = np.random.default_rng(0)
     goal = arm.pose(np.zeros(6))
-    assert sight.look(goal, 0, random).outline.shape == (4, 2)
+    assert capture(sight, goal, 0, random).outline.shape == (4, 2)
     aside = goal.copy()
     aside[0, 3] += 0.5
-    assert sight.look(aside, 0, random).outline is None
+    assert capture(sight, aside, 0, random).outline is None
     behind = goal @ np.diag([1.0, -1.0, -1.0, 1.0])
-    assert sight.look(behind, 0, random).outline is None
+    assert capture(sight, behind, 0, random).outline is None
     drawn = dataclasses.replace(sight, pictures=True, depth=True)
-    reading = drawn.look(goal, 0, random)
+    reading = capture(drawn, goal, 0, random)
     assert reading.image.min() == 0 and reading.pictured
     assert reading.depth[120, 160] == pytest.approx(goal[2, 3] - 0.59, abs=1e-3)
-    assert drawn.look(behind, 0, random).image.min() == 255
+    assert capture(drawn, behind, 0, random).image.min() == 255
 
 
 def test_noise_is_the_seeds(arm, sight):
@@ -312,8 +313,9 @@ def test_noise_is_the_seeds(arm, sight):
         dataclasses.replace(sight, pictures=True, effects=Effects(noise_stddev=5.0)),
     ):
         def seen(seed, noisy=noisy):
-            reading = dataclasses.replace(noisy, seed=seed).look(
-                pose, 0, np.random.default_rng(seed))
+            reading = capture(
+                dataclasses.replace(noisy, seed=seed), pose, 0, np.random.default_rng(seed)
+            )
             return reading.image if reading.pictured else reading.outline
 
         np.testing.assert_array_equal(seen(1), seen(1))
@@ -326,9 +328,9 @@ def test_the_noise_of_an_outline_lets_no_edges_cross(arm, sight):
     sight = dataclasses.replace(sight, target=PlacedTarget(notched, sight.target.pose))
     noisy, pose = dataclasses.replace(sight, jitter=1.0), arm.pose(np.zeros(6))
     random = np.random.default_rng(1)
-    outlines = [noisy.look(pose, 0, random).outline for _ in range(300)]
+    outlines = [capture(noisy, pose, 0, random).outline for _ in range(300)]
     assert all(find_crossing(outline) is None for outline in outlines)
-    exact = sight.look(pose, 0, random).outline
+    exact = capture(sight, pose, 0, random).outline
     free = exact + np.random.default_rng(1).normal(0.0, 1.0, (300, *exact.shape))
     assert any(find_crossing(outline) is not None for outline in free)
 
@@ -437,7 +439,7 @@ def test_an_exposure_between_two_steps_is_seen_from_between_their_poses():
     plant.at_rest = lambda: pose(plant.time_ns * 1e-9)
     with contextlib.closing(plant):
         while len(found) < 4:
-            found += [r for r in plant.advance(10**9) if isinstance(r, CameraReading)]
+            found += [r for r in plant.advance(10**9) if isinstance(r, Frame)]
     for k, reading in enumerate(found, 1):
         assert reading.stamp == pytest.approx(k / 30.0, abs=1e-9)
         seen_from = parts.target.seen_from(pose(k / 30.0), k / 30.0)

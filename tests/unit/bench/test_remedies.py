@@ -9,7 +9,7 @@ from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.study.remedies import apply_remedy
-from aras_visual_servo_controller.judging.remedy import Change, Remedy, multiply, remove, set_to
+from aras_visual_servo_controller.records.remedy import Change, Remedy, multiply, remove, set_to
 
 CORNERS = [[-0.05, -0.04], [0.05, -0.05], [0.04, 0.05], [-0.03, 0.03]]
 BASE = {

@@ -16,15 +16,15 @@ from aras_visual_servo_bench.asked.cameras import CameraSpec, Eye
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.drawing.shapes import on_picture, picture_border
 from aras_visual_servo_bench.pictures.palette import LIVE_CURVES, SCENE, rgb
-from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.recording import film as films
 from aras_visual_servo_bench.recording.from_loop import Recorder, picture_of, with_pictures
 from aras_visual_servo_bench.recording.run import CameraRecord, padded
 from aras_visual_servo_bench.web.report.contents import contents
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.loop.state import ServoState
+from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes.base import Decision
+from aras_visual_servo_controller.seeing.frame import Frame
 
 ARM = """<robot name="two"><link name="base"/><link name="cart"/><link name="hand"/>
 <joint name="slide" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>
@@ -68,7 +68,7 @@ def recorded(arm, phases=("approaching", "servoing", "servoing"), filmed=True,
         recorder.joints(1.0 + 0.5 * i, np.array([0.1 * i, -0.2]), np.array([0.3, 0.4 + i]))
     for i in range(2):
         image = np.full((40, 80, 3), (200, 100 * i, 10), np.uint8)
-        recorder.saw(CameraReading(round(1.2e9 + 1e8 * i), image, "bgr8", camera="wide"),
+        recorder.saw(Frame(round(1.2e9 + 1e8 * i), image, "bgr8", name="wide"),
                      pose(7 + i), WIDE)  # fmt: skip
     plant = SimpleNamespace(poses=lambda q: np.array([pose(10 * row[0]) for row in q]))
     end = {"joint_names": ("slide", "elbow"), "goal_pose": GOAL, "outcome": "converged",
@@ -118,14 +118,14 @@ def test_a_recorder_keeps_what_it_is_told_from_where_servoing_began():
 def test_a_picture_is_rgb_whatever_the_camera_delivers():
     grey = np.arange(48 * 64, dtype=np.uint8).reshape(48, 64)
     for image in (grey, grey[..., None]):
-        shown = picture_of(CameraReading(0, image, "mono8"), LEFT)
+        shown = picture_of(Frame(0, image, "mono8"), LEFT)
         np.testing.assert_array_equal(shown, np.repeat(grey[..., None], 3, 2))
     colours = np.dstack([grey, grey // 2, grey // 3])
-    np.testing.assert_array_equal(picture_of(CameraReading(0, colours, "rgb8"), LEFT), colours)
-    turned = picture_of(CameraReading(0, colours, "bgr8"), LEFT)
+    np.testing.assert_array_equal(picture_of(Frame(0, colours, "rgb8"), LEFT), colours)
+    turned = picture_of(Frame(0, colours, "bgr8"), LEFT)
     np.testing.assert_array_equal(turned, colours[..., ::-1])
     outline = np.array([[10.0, 12.0], [40.0, 12.0], [40.0, 30.0], [10.0, 30.0]])
-    drawn = picture_of(CameraReading(0, outline=outline), LEFT)
+    drawn = picture_of(Frame(0, outline=outline), LEFT)
     dark = np.argwhere(drawn[..., 0] < 100)
     assert drawn.shape == (48, 64, 3)
     assert np.abs(dark.min(axis=0) - [12, 10]).max() <= 1

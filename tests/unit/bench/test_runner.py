@@ -10,6 +10,7 @@ from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_bench.asked.cameras import Belief
 from aras_visual_servo_bench.asked.experiment import CameraPose, Experiment, Sampler, TargetSpec
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.plants.sight import capture
 from aras_visual_servo_bench.running.loop import Loop, assemble, run
 from aras_visual_servo_bench.setup.assembly import check
 from aras_visual_servo_bench.setup.sampling import FOUND, _within_limits
@@ -127,7 +128,7 @@ def test_a_believed_camera_measures_what_it_believes():
     assert parts.camera.K[5] == pytest.approx(true.K[5] - 2.0)
     reading = next(r for _ in range(9) for r in parts.plant.advance(10**9) if hasattr(r, "image"))
     seen, = (parts.observe(reading, None) for _ in range(1))
-    exact = assemble(FREE).plant.sight.look(parts.plant.pose(), 0, np.random.default_rng(0))
+    exact = capture(assemble(FREE).plant.sight, parts.plant.pose(), 0, np.random.default_rng(0))
     u = exact.outline.mean(axis=0)[0]
     assert seen.moments.xg == pytest.approx((u - parts.camera.K[2]) / parts.camera.K[0], abs=0.03)
 
@@ -211,7 +212,7 @@ def test_starts_are_drawn_within_their_ranges_and_in_view():
             centre = parts.target.shape.vertices().mean(axis=0)
             assert abs(x - centre[0]) <= 0.05 + FOUND and abs(y - centre[1]) <= 0.05 + FOUND
             assert 0.15 - FOUND <= z - centre[2] <= 0.3 + FOUND
-            reading = parts.plant.sight.look(parts.plant.pose(), 0, np.random.default_rng(0))
+            reading = capture(parts.plant.sight, parts.plant.pose(), 0, np.random.default_rng(0))
             assert reading.outline is not None
             drawn.add((x, y, z))
             again = assemble(experiment).plant.pose()

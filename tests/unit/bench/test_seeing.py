@@ -11,12 +11,13 @@ from aras_sim_bridge.camera.shutter import RowBand, parts
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_base.settings import convert
 from aras_visual_servo_bench.asked import cameras
-from aras_visual_servo_bench.plants import CameraReading, JointReading
+from aras_visual_servo_bench.plants import JointReading
 from aras_visual_servo_bench.plants.base import Place, Plant, seconds
-from aras_visual_servo_bench.plants.sight import Exposures, Sight, exposures, vibrations
+from aras_visual_servo_bench.plants.sight import Exposures, Sight, capture, exposures, vibrations
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
 from aras_visual_servo_bench.targets.outlines import shape_of
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.seeing.frame import Frame
 
 CAMERA = CameraModel(60, 40, (50.0, 0, 31.0, 0, 40.0, 18.0, 0, 0, 1))
 SHAPE = PolygonTarget(((-0.2, -0.15), (0.25, -0.1), (0.2, 0.2), (-0.1, 0.1)))
@@ -32,7 +33,7 @@ def drawn():
 
 def rolling(sight, poses, stamp_ns, random):
     """The image of a camera that is at each of the poses when its part is exposed."""
-    return Exposures(sight, random).image(poses, stamp_ns)
+    return capture(sight, poses, stamp_ns, random)
 
 
 def exactly(pose, time=0.5, sight=SIGHT):
@@ -44,14 +45,15 @@ def exactly(pose, time=0.5, sight=SIGHT):
 
 
 def test_exact_features_are_where_the_target_is_at_the_stamp():
-    found = replace(SIGHT, name="left").look(POSE, STAMP, drawn())
-    assert (found.stamp_ns, found.camera, found.pictured) == (STAMP, "left", False)
+    found = capture(replace(SIGHT, name="left"), POSE, STAMP, drawn())
+    assert (found.stamp_ns, found.name, found.pictured) == (STAMP, "left", False)
     np.testing.assert_allclose(found.points, exactly(POSE), atol=1e-9)
     np.testing.assert_array_equal(found.points, found.outline)
     place = Place(transform((0.1, 0.05, 0.0), (0.0, 0.1, 0.3)))
     shaken = SimpleNamespace(at=lambda ns: transform((ns * 1e-11, 0, 0), (0, 0, 0)))
-    beside = replace(SIGHT, place=place, vibration=shaken, unbounded=True).look(
-        POSE, STAMP, drawn())
+    beside = capture(
+        replace(SIGHT, place=place, vibration=shaken, unbounded=True), POSE, STAMP, drawn()
+    )
     at = POSE @ place.pose @ transform((0.005, 0, 0), (0, 0, 0))
     np.testing.assert_allclose(beside.points, exactly(at), atol=1e-9)
 
@@ -60,11 +62,13 @@ def test_what_leaves_the_picture_is_lost_unless_that_has_no_border():
     for shift in (np.array([0.8, 0.0]), np.array([0.0, 0.8])):
         aside = POSE.copy()
         aside[:2, 3] += shift
-        assert SIGHT.look(aside, STAMP, drawn()).outline is None
-        seen = replace(SIGHT, unbounded=True).look(aside, STAMP, drawn())
+        assert capture(SIGHT, aside, STAMP, drawn()).outline is None
+        seen = capture(replace(SIGHT, unbounded=True), aside, STAMP, drawn())
         np.testing.assert_allclose(seen.points, exactly(aside), atol=1e-9)
-    behind = replace(SIGHT, unbounded=True).look(transform((0, 0, 1.1), (0, 0, 0)), STAMP, drawn())
-    assert behind.outline is None and behind.points is None and behind.camera == "camera"
+    behind = capture(
+        replace(SIGHT, unbounded=True), transform((0, 0, 1.1), (0, 0, 0)), STAMP, drawn()
+    )
+    assert behind.outline is None and behind.points is None and behind.name == "camera"
 
 
 def test_an_outline_s_noise_is_drawn_a_hundred_times_at_most():
@@ -80,21 +84,21 @@ def test_an_outline_s_noise_is_drawn_a_hundred_times_at_most():
     assert len(calls) == 100 and set(calls) == {(0.0, 0.4, (4, 2))}
     found = noisy.jittered(pixels, random)
     assert len(calls) == 101 and found[3].tolist() == [5.0, -5.0]
-    assert noisy.jittered(None, random) is None and SIGHT.jittered(pixels, random) is pixels
+    assert noisy.jittered(None, random) is None
 
 
 def test_each_effect_acts_on_a_drawn_image_and_on_its_seed():
     sight, bare = replace(SIGHT, pictures=True), replace(SIGHT, pictures=True)
-    plain = bare.look(POSE, STAMP, drawn()).image
+    plain = capture(bare, POSE, STAMP, drawn()).image
     for effects in ({"noise_stddev": 8.0}, {"shot_noise": 2.0}, {"gain": 0.5}, {"exposure": 0.5},
                     {"vignetting": 0.5}, {"noise_mean": -20.0},
                     {"sensor": {"gain": 0.1, "full_well": 2e3, "read_noise": 9.0}}):
         one = replace(sight, effects=convert(effects, Effects, "", ValueError), seed=5)
-        found = one.look(POSE, STAMP, drawn()).image
+        found = capture(one, POSE, STAMP, drawn()).image
         assert (found != plain).mean() > 0.3, effects
-        np.testing.assert_array_equal(found, one.look(POSE, STAMP, drawn()).image)
+        np.testing.assert_array_equal(found, capture(one, POSE, STAMP, drawn()).image)
         by_chance = not {"noise_stddev", "shot_noise", "sensor"}.isdisjoint(effects)
-        other = replace(one, seed=6).look(POSE, STAMP, drawn()).image
+        other = capture(replace(one, seed=6), POSE, STAMP, drawn()).image
         assert (found != other).any() == by_chance, effects
 
 
@@ -103,7 +107,7 @@ def test_an_open_shutter_blurs_what_moves():
     sight = replace(SIGHT, target=FLAT, pictures=True, labelled=True, effects=effects,
                     parts=parts(effects, CAMERA.height))
     found = rolling(sight, ASIDE, STAMP, drawn())
-    each = [replace(sight, parts=(), effects=Effects()).look(pose, STAMP, drawn()).image
+    each = [capture(replace(sight, parts=(), effects=Effects()), pose, STAMP, drawn()).image
             for pose in ASIDE]
     np.testing.assert_array_equal(found.image, (np.sum(each, axis=0, dtype=int) + 1) // 3)
     np.testing.assert_array_equal(found.labelled, np.where(found.image < 128, 255, 0))
@@ -117,16 +121,16 @@ def test_the_auto_exposure_follows_the_images_that_were_delivered():
 
 
 def test_a_mosaic_and_wide_pixels_are_delivered_in_their_encoding():
-    plain = replace(SIGHT, pictures=True).look(POSE, STAMP, drawn()).image
+    plain = capture(replace(SIGHT, pictures=True), POSE, STAMP, drawn()).image
     for encoding, factor in (("bayer_rggb8", 1), ("mono16", 257)):
-        found = replace(SIGHT, pictures=True, encoding=encoding).look(POSE, STAMP, drawn())
+        found = capture(replace(SIGHT, pictures=True, encoding=encoding), POSE, STAMP, drawn())
         assert found.encoding == encoding
         np.testing.assert_array_equal(found.image, plain.astype(int) * factor)
 
 
 def test_depth_is_the_plane_s_in_each_pixel_and_none_behind_its_horizon():
     low = transform((0.0, -0.4, 0.35), (np.pi + 1.3, 0.0, 0.0))  # looks along the ground
-    found = replace(SIGHT, pictures=True, depth=True).look(low, STAMP, drawn())
+    found = capture(replace(SIGHT, pictures=True, depth=True), low, STAMP, drawn())
     assert found.depth.shape == (40, 60) and found.depth.dtype == np.float32
     v, u = np.indices((40, 60))
     rays = np.stack([(u - 31.0) / 50.0, (v - 18.0) / 40.0, np.ones((40, 60))], -1) @ low[:3, :3].T
@@ -135,21 +139,21 @@ def test_depth_is_the_plane_s_in_each_pixel_and_none_behind_its_horizon():
     np.testing.assert_allclose(found.depth, np.where(depth > 0, depth, np.inf), rtol=1e-5)
     assert np.isinf(found.depth).any() and np.isfinite(found.depth).any()
     fish = CameraModel(60, 40, (8.0, 0, 31.0, 0, 8.0, 18.0, 0, 0, 1), (0.0,) * 4, "equidistant")
-    seen = replace(SIGHT, camera=fish, pictures=True, depth=True).look(POSE, STAMP, drawn())
+    seen = capture(replace(SIGHT, camera=fish, pictures=True, depth=True), POSE, STAMP, drawn())
     assert np.isinf(seen.depth[0, 0]) and np.isfinite(seen.depth[18, 31])  # no ray, and one
 
 
 def test_a_flat_target_is_drawn_and_told_by_where_it_is_dark():
     sight = replace(SIGHT, pictures=True, labelled=True, name="left")
-    found = sight.look(POSE, STAMP, drawn())
-    assert (found.stamp_ns, found.encoding, found.camera) == (STAMP, "mono8", "left")
+    found = capture(sight, POSE, STAMP, drawn())
+    assert (found.stamp_ns, found.encoding, found.name) == (STAMP, "mono8", "left")
     assert found.depth is None
     outline = (exactly(POSE) - [31.0, 18.0]) / [50.0, 40.0]
     np.testing.assert_array_equal(found.image, cameras.draw(outline, CAMERA))
     np.testing.assert_array_equal(found.labelled, np.where(found.image < 128, 255, 0))
     assert found.labelled.dtype == np.uint8
-    assert replace(sight, labelled=False).look(POSE, STAMP, drawn()).labelled is None
-    noisy = replace(sight, effects=Effects(noise_stddev=60.0)).look(POSE, STAMP, drawn())
+    assert capture(replace(sight, labelled=False), POSE, STAMP, drawn()).labelled is None
+    noisy = capture(replace(sight, effects=Effects(noise_stddev=60.0)), POSE, STAMP, drawn())
     assert (noisy.image != found.image).mean() > 0.4
     np.testing.assert_array_equal(noisy.labelled, found.labelled)  # of the picture without noise
 
@@ -157,7 +161,7 @@ def test_a_flat_target_is_drawn_and_told_by_where_it_is_dark():
 def test_a_solid_is_told_by_its_own_pixels():
     target = PlacedTarget(shape_of("box", (0.3, 0.2, 0.2)), np.eye(4))
     solid = replace(SIGHT, target=target, pictures=True, labelled=True)
-    seen = solid.look(POSE, STAMP, drawn())
+    seen = capture(solid, POSE, STAMP, drawn())
     assert (seen.image[seen.labelled == 0] > 250).mean() > 0.9
     assert (seen.image[seen.labelled > 0] < 250).mean() > 0.9
 
@@ -165,8 +169,8 @@ def test_a_solid_is_told_by_its_own_pixels():
 def test_a_cover_hides_what_lies_under_it_at_its_times():
     cover = ((-0.3, -0.3), (0.02, 0.3))
     sight = replace(SIGHT, pictures=True, occluder=cover)
-    found, bare = sight.look(POSE, STAMP, drawn()).image, replace(sight, occluder=None).look(
-        POSE, STAMP, drawn()).image
+    found, bare = capture(sight, POSE, STAMP, drawn()).image, capture(
+            replace(sight, occluder=None),         POSE, STAMP, drawn()).image
     here = transform((0.05, 0.0, 0.1), (0.0, 0.0, 0.3))
     rays = np.linalg.inv(here) @ POSE
     v, u = np.indices((40, 60))
@@ -176,7 +180,7 @@ def test_a_cover_hides_what_lies_under_it_at_its_times():
     np.testing.assert_array_equal(found[x > 0.02 + 0.03], bare[x > 0.02 + 0.03])
     assert (bare < 9).sum() > 1.5 * (found < 9).sum() > 10
     for times, there in ((((0.4, 0.5),), True), (((0.5, 0.6),), False), (((0.1, 0.2),), False)):
-        timed = replace(sight, occluded=times).look(POSE, STAMP, drawn()).image
+        timed = capture(replace(sight, occluded=times), POSE, STAMP, drawn()).image
         np.testing.assert_array_equal(timed, found if there else bare)
 
 
@@ -185,8 +189,8 @@ def test_a_lens_shows_nothing_beyond_its_cutoff():
     blind[:, 40:] = True  # the target's right corner is there
     for features in (False, True):
         sight = replace(SIGHT, pictures=features, blind=blind)
-        found = sight.look(POSE, STAMP, drawn())
-        bare = replace(sight, blind=None).look(POSE, STAMP, drawn())
+        found = capture(sight, POSE, STAMP, drawn())
+        bare = capture(replace(sight, blind=None), POSE, STAMP, drawn())
         if features:
             assert (found.image[:, 40:] == 0).all()
             np.testing.assert_array_equal(found.image[:, :40], bare.image[:, :40])
@@ -247,7 +251,7 @@ ASIDE = [np.array([[1.0, 0, 0, s], [0, -1.0, 0, 0], [0, 0, -1.0, 1.0], [0, 0, 0,
 def test_a_point_moves_evenly_between_the_parts_that_see_it():
     rolled = replace(SIGHT, target=FLAT, parts=ROWS, name="left")
     found = rolling(rolled, ASIDE, STAMP, drawn())
-    assert (found.stamp_ns, found.camera) == (STAMP, "left")
+    assert (found.stamp_ns, found.name) == (STAMP, "left")
     corners = np.array(SHAPE.corners)
     v = 18.0 - 40.0 * corners[:, 1]
     shift = np.interp(v, MIDDLES, SHIFTS)
@@ -298,7 +302,7 @@ def test_what_leaves_the_picture_while_it_is_read_is_lost():
         for pose in aside:
             pose[axis, 3] += 0.6
         found = rolling(rolled, aside, STAMP, drawn())
-        assert found.points is None and found.outline is None and found.camera == "left"
+        assert found.points is None and found.outline is None and found.name == "left"
         assert rolling(replace(rolled, unbounded=True), aside, STAMP, drawn()).points is not None
     behind = [pose @ np.diag([1.0, -1.0, -1.0, 1.0]) for pose in ASIDE]
     assert rolling(rolled, behind, STAMP, drawn()).points is None
@@ -313,13 +317,13 @@ def test_a_picture_s_rows_are_of_their_own_instants():
     found = rolling(moving, ASIDE, STAMP, drawn())
     still = replace(moving, parts=())
     for part, pose in zip(ROWS, ASIDE, strict=True):
-        now = still.look(pose, STAMP + part.offset_ns, drawn())
+        now = capture(still, pose, STAMP + part.offset_ns, drawn())
         rows = slice(part.first, part.last)
         np.testing.assert_array_equal(found.image[rows], now.image[rows])
         np.testing.assert_array_equal(found.labelled[rows], now.labelled[rows])
     # The part that is nearest to the stamp sees the depth.
-    np.testing.assert_allclose(found.depth, still.look(ASIDE[1], STAMP, drawn()).depth)
-    assert (found.encoding, found.camera, found.stamp_ns) == ("mono8", "left", STAMP)
+    np.testing.assert_allclose(found.depth, capture(still, ASIDE[1], STAMP, drawn()).depth)
+    assert (found.encoding, found.name, found.stamp_ns) == ("mono8", "left", STAMP)
     grain = replace(moving, effects=Effects(noise_stddev=4.0))
     grained = rolling(grain, ASIDE, STAMP, drawn()).image
     off = grained[found.image == 0].astype(float)
@@ -340,9 +344,9 @@ def test_readings_are_in_seconds_and_in_any_order_of_joints():
     q, v = reading.of(("c", "a"))
     assert (reading.stamp, q.tolist(), v.tolist()) == (1.5, [3.0, 1.0], [6.0, 4.0])
     image = np.zeros((2, 3), np.uint8)
-    seen = CameraReading(1_500_000_000, image, "mono8", labelled=image)
+    seen = Frame(1_500_000_000, image, "mono8", labelled=image)
     assert seen.stamp == 1.5 and seen.pictured and seen.picture.encoding == "mono8"
-    assert seen.picture.labelled is image and not CameraReading(3).pictured
+    assert seen.picture.labelled is image and not Frame(3).pictured
 
 
 def test_another_camera_is_beside_the_control_camera_or_stands():

@@ -167,7 +167,7 @@ def test_drawn_starts_are_in_view_of_both():
     experiment = experiment.with_(features="exact")
     for seed in range(5):
         parts = assemble(experiment.with_(seed=seed))
-        seen = {reading.camera for _ in range(8) for reading in parts.plant.advance(10**9)
+        seen = {reading.name for _ in range(8) for reading in parts.plant.advance(10**9)
                 if getattr(reading, "outline", None) is not None}  # fmt: skip
         assert seen == {"left", "right"}
 

@@ -8,10 +8,10 @@ import pytest
 
 from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.running.loop import Loop, run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.study.images import Keeper
+from aras_visual_servo_controller.seeing.frame import Frame
 
 SHAKE = {"xyz": [2e-4, 4e-4, 3e-4], "rpy": [1e-3, 2e-3, 1.5e-3], "frequency": 22.0,
          "bandwidth": 8.0}
@@ -37,7 +37,7 @@ def test_points_are_seen_from_where_the_camera_is(plant):
     with contextlib.closing(still):
         assert list(still.vibrations) == ["camera"]
         while len(found) < 4:
-            found += [r for r in still.advance(10**9) if isinstance(r, CameraReading)]
+            found += [r for r in still.advance(10**9) if isinstance(r, Frame)]
         at_rest = still.at_rest()
         off = pose_difference(at_rest, still.pose())
         assert off == pose_difference(at_rest, still.shaken(at_rest, still.time_ns))
@@ -125,7 +125,7 @@ def test_each_camera_shakes_by_itself(plant):
     assert set(plant.vibrations) == {"left", "right"}
     records = loop.result().cameras
     loop.close()
-    last = {reading.camera: (reading, at_rest) for reading, at_rest in seen}
+    last = {reading.name: (reading, at_rest) for reading, at_rest in seen}
     for name, (reading, at_rest) in last.items():
         place = parts.places.get(name)
         pose = plant.shaken(at_rest if place is None else place.at(at_rest), reading.stamp_ns, name)

@@ -21,7 +21,6 @@ from aras_visual_servo_bench.asked.worlds import (
     world_path,
 )
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.plants.posed_arm import PosedArm
 from aras_visual_servo_bench.setup import postures
 from aras_visual_servo_bench.setup.assembly import assemble, check
@@ -30,6 +29,7 @@ from aras_visual_servo_bench.targets.solids import solid_target
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 from aras_visual_servo_controller.errors import UnreachableError
 from aras_visual_servo_controller.schemes import JointController
+from aras_visual_servo_controller.seeing.frame import Frame
 
 PACKAGES = PackagePath()
 BOX = "<geometry><box><size>{}</size></box></geometry>"
@@ -424,7 +424,7 @@ def test_the_ideal_camera_s_plane_counts_as_measured():
     found = parts(plant="ideal")
     joints = found.servo.arm.sample(found.plant.joint_names, np.array([0.02, 0, 0.01, 0.1, 0, 0.3]))
     pixels = np.array([[150.0, 90.0], [210.0, 95.0], [205.0, 140.0]])
-    reading = CameraReading(40_000_000, outline=pixels, points=pixels)
+    reading = Frame(40_000_000, outline=pixels, points=pixels, camera=found.plant.camera)
     plane = found.observe(reading, joints).plane
     there = found.servo.arm.pose(joints.positions)
     point = np.array([0.1, -0.2, 1.0]) / (np.array(found.goal.plane) @ (0.1, -0.2, 1.0))

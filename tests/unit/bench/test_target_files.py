@@ -15,7 +15,6 @@ import pytest
 from aras_sim_bridge.description import parse_urdf
 from aras_visual_servo_bench.asked.experiment import Experiment, TargetSpec
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.ros.move_target import motion_of
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
@@ -32,6 +31,7 @@ from aras_visual_servo_bench.targets.shapes import SHAPES
 from aras_visual_servo_bench.targets.target_spec import BoxSpec
 from aras_visual_servo_camera.trackers.dots import DotTracker
 from aras_visual_servo_camera.trackers.marker import MarkerTracker
+from aras_visual_servo_controller.seeing.frame import Frame
 
 GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
 GOAL = (0.05, 0.0, -0.09, 0.045, 0.045, 0.0)
@@ -56,7 +56,7 @@ def seen(experiment, wanted=1):
     try:
         for _ in range(200):
             for reading in plant.advance(plant.time_ns + 10**9):
-                if isinstance(reading, CameraReading):
+                if isinstance(reading, Frame):
                     wanted -= 1
                     if wanted == 0:
                         grey = getattr(reading.picture, "grey", reading.picture)

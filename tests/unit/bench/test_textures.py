@@ -12,8 +12,7 @@ from aras_visual_servo_base.poses import transform
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.asked.loop_settings import settings_of
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants import CameraReading
-from aras_visual_servo_bench.plants.sight import Sight
+from aras_visual_servo_bench.plants.sight import Sight, capture
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble, check
 from aras_visual_servo_bench.targets import textures
@@ -31,7 +30,8 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.observation import Observer
+from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.seeing.observer import Observer
 
 CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
 LENS = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1), (-0.2, 0.05, 0, 0))
@@ -50,7 +50,7 @@ AWAY = transform((0.0, 0.0, -8.0), (0.0, 0.0, 0.0))
 def seen(name, camera=CAMERA, view=VIEW, occluder=None):
     target = PlacedTarget(shape_of(name, SIZE), FACING)
     sight = Sight(camera, target, pictures=True, occluder=occluder)
-    image = sight.look(view, 0, np.random.default_rng(0)).image
+    image = capture(sight, view, 0, np.random.default_rng(0)).image
     points = target.shape.points(target.seen_from(view))
     return image, None if points is None else np.column_stack(camera.project(*points.T))
 
@@ -89,7 +89,7 @@ def test_dots_of_three_pixels_are_found_wherever_they_lie_on_the_pixels():
     for k in range(40):
         step = 1e-4 * k
         view = transform((step, 0.7 * step, -0.192), (0.0, 0.0, 0.05 * k))
-        found = DotTracker().find(sight.look(view, 0, np.random.default_rng(0)).image)
+        found = DotTracker().find(capture(sight, view, 0, np.random.default_rng(0)).image)
         x, y = target.shape.points(target.seen_from(view)).T
         exact = np.column_stack(wide.project(x, y))
         assert np.linalg.norm(found[:, None] - exact, axis=2).min(axis=1).max() < 0.25, k
@@ -144,7 +144,7 @@ def pictured(target, camera, view, fine=8):
         camera.width * fine, camera.height * fine,
         (fine * fx, 0, fine * (cx + 0.5) - 0.5, 0, fine * fy, fine * (cy + 0.5) - 0.5, 0, 0, 1),
     )  # fmt: skip
-    drawn = Sight(whole, target, pictures=True).look(view, 0, np.random.default_rng(0)).image
+    drawn = capture(Sight(whole, target, pictures=True), view, 0, np.random.default_rng(0)).image
     parts = drawn.reshape(camera.height, fine, camera.width, fine)
     return np.round(parts.mean(axis=(1, 3))).astype(np.uint8)
 
@@ -177,7 +177,7 @@ def test_points_are_found_to_a_hundredth_of_a_pixel(name, tracker, far, size, vi
 def test_a_marker_is_found_corner_by_corner(camera, size):
     """From its own first corner on, through any lens; a cell of the small one is 3 px wide."""
     target = PlacedTarget(shape_of("marker", (size, size)), FACING)
-    image = Sight(camera, target, pictures=True).look(VIEW, 0, np.random.default_rng(0)).image
+    image = capture(Sight(camera, target, pictures=True), VIEW, 0, np.random.default_rng(0)).image
     exact = target.shape.points(target.seen_from(VIEW))
     found = MarkerTracker().places(image, camera)
     assert np.abs(found - exact).max() * camera.K[0] < 0.1  # px
@@ -194,7 +194,7 @@ def test_a_disc_is_the_ellipse_that_it_looks_like(camera, view):
     observer = Observer(None, feature.needs)
     exact = observer.of_exact(0.0, camera, contour=exactly, plane=plane)
     goal = Goal.teach(Composed(feature), exact, depth=0.5)
-    image = Sight(camera, target, pictures=True).look(view, 0, np.random.default_rng(0)).image
+    image = capture(Sight(camera, target, pictures=True), view, 0, np.random.default_rng(0)).image
     found = feature.measure(observer.of_image(0.1, image, camera, plane=plane), goal)
     assert np.abs(found.error[:2]).max() * camera.K[0] < 0.02  # px
     assert found.s[2:] == pytest.approx(found.desired[2:], rel=2e-3, abs=2e-6)
@@ -243,7 +243,7 @@ def test_a_picture_stands_upright_and_in_its_size(tmp_path):
     cv2.imwrite(str(tmp_path / "mine.png"), pixels)
     target = shape_of(str(tmp_path / "mine.png"), (0.2, 0.1))
     sight = Sight(CAMERA, PlacedTarget(target, FACING), pictures=True)
-    image = sight.look(transform((0, 0, -0.3), (0, 0, 0)), 0, np.random.default_rng(0)).image
+    image = capture(sight, transform((0, 0, -0.3), (0, 0, 0)), 0, np.random.default_rng(0)).image
     u, v = 159.5, 119.5
     assert image[int(v - 20), int(u - 40)] < 40
     assert image[int(v + 20), int(u - 40)] > 180
@@ -681,7 +681,7 @@ def test_the_arm_s_camera_draws_a_marker_where_it_is():
         parts = assemble(Experiment.from_mapping(spec))
         try:
             reading = None
-            while not isinstance(reading, CameraReading):
+            while not isinstance(reading, Frame):
                 reading = parts.plant.advance(10**9)[-1]
             camera, seen_from = parts.plant.camera, parts.target.seen_from(parts.plant.pose())
         finally:

@@ -15,9 +15,9 @@ from aras_visual_servo_bench.asked.cameras import draw
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.features.moments import ImageMoments
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
 SQUARE = np.array([[-0.2, -0.1], [0.2, -0.1], [0.25, 0.1], [-0.2, 0.1]])
 CONFIG = ROOT / "src" / "aras_visual_servo_controller" / "config"

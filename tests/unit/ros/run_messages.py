@@ -9,13 +9,12 @@ import numpy as np
 import rospy
 from sensor_msgs.msg import JointState
 
+from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.arm.resolution import Resolution
 from aras_visual_servo_controller.arm.task import Task
-from aras_visual_servo_controller.judging.arrival import Arrived
-from aras_visual_servo_controller.judging.left_open import LeftOpen
-from aras_visual_servo_controller.loop.state import ServoState
+from aras_visual_servo_controller.records.arrived import Arrived, LeftOpen
+from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes.base import Decision
-from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.settings import Settings
 
 JOINTS = ("slide", "elbow")

@@ -19,7 +19,7 @@ from aras_visual_servo_camera.errors import ImageError, VisionError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.parameters import VisionParameters
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.loop.state import Source
+from aras_visual_servo_controller.records.state import Source
 from aras_visual_servo_controller.ros import control, description, given, goal_topics, inputs, node
 from aras_visual_servo_controller.ros import pictures as picture_input
 from aras_visual_servo_controller.ros.commands import stop_controller
@@ -58,8 +58,8 @@ def observer(*needs, labels=False):
     kinds = ("image", "labels") if labels else ("image",)
     segmentation = SimpleNamespace(kinds=kinds, label="box")
     return SimpleNamespace(
-        name="left", needs=set(needs), of_moments=lambda *given, **more: (*given, more),
-        of_image=lambda *given: given,
+        name="left", needs=set(needs), of_moments=lambda *given: given,
+        of_image=lambda *given: given[:6],
         pipeline=SimpleNamespace(settings=SimpleNamespace(segmentation=segmentation)))
 
 
@@ -84,16 +84,16 @@ def test_moments_reach_the_loop(graph):
     hear = graph.subscribers["/two/camera/moments"]
     hear(moments(touches_border=True))
     (stamp, seen, name), = driver.images
-    at, found, valid, reason, camera, joints, commands, more = seen
+    at, found, valid, reason, camera, joints, commands, *more = seen
     assert (stamp, at, name, valid, reason) == (3.25, 3.25, "left", True, "")
     assert (camera.width, camera.K) == (64, K) and (joints, commands) == ("joints", "commands")
-    assert more == {"kernel": None, "pixel_count": 77, "touches": ("border",)}
+    assert more == [None, 77, ("border",)]
     np.testing.assert_allclose(found.m_array, Moments.from_polygon(SQUARE, 3).m_array)
     for message, why in ((moments(valid=False, reason="dark"), "dark"),
                          (moments(valid=False), "the target is not visible")):
         hear(message)
-        _, found, valid, reason, *_, more = driver.images[-1][1]
-        assert (found, valid, reason, more["touches"]) == (None, False, why, ())
+        _, found, valid, reason, *_, touches = driver.images[-1][1]
+        assert (found, valid, reason, touches) == (None, False, why, ())
     broken = moments()
     broken.m = broken.m[:4]
     hear(broken)
@@ -116,8 +116,8 @@ def test_moments_wait_for_their_kernel_features(graph):
     hear(moments())
     assert not driver.images
     kernel(numbers)
-    *_, valid, reason, _, _, _, more = driver.images[-1][1]
-    assert valid and not reason and list(more["kernel"]) == list(range(20))
+    *_, valid, reason, _, _, _, numbers, _, _ = driver.images[-1][1]
+    assert valid and not reason and list(numbers) == list(range(20))
     later = rospy.Time(4)
     kernel(KernelFeatures(header=rospy.Header(stamp=later), reason="too small"))
     hear(moments(stamp=later))

@@ -14,13 +14,14 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm, Limits, Posture, Resolver
 from aras_visual_servo_controller.arm.fold import find
+from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.loop.servo import Servo
-from aras_visual_servo_controller.loop.state import Command, ServoSettings, ServoState
+from aras_visual_servo_controller.records.state import Command, ServoSettings, ServoState
 from aras_visual_servo_controller.schemes import JointController, Scheme, create_scheme
-from aras_visual_servo_controller.seeing.joint_sample import JointSample
-from aras_visual_servo_controller.seeing.observation import Observation, Observer
+from aras_visual_servo_controller.seeing.observation import Observation
+from aras_visual_servo_controller.seeing.observer import Observer
 
 SOURCES = Path(__file__).parents[3] / "src"
 URDF = SOURCES / "aras_visual_servo_gazebo" / "robots" / "aras_visual_servo.urdf"

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.judging.camera_check import DIRECTIONS, CameraCheck, _advanced
-from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
 
 class Rows:

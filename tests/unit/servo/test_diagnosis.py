@@ -9,18 +9,21 @@ from loop_rig import CAMERA, STARTS, Rig, lost, scaled, the_arm, the_goal, the_l
 
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature, Measured, Stack
-from aras_visual_servo_controller.judging.arrival import Arrived
-from aras_visual_servo_controller.judging.diagnosis import Diagnosis
-from aras_visual_servo_controller.judging.left_open import LeftOpen
-from aras_visual_servo_controller.judging.outcomes import KINDS, REMEDIES, outcome
-from aras_visual_servo_controller.judging.remedy import Change
+from aras_visual_servo_controller.judging.base import DIAGNOSES, RunDiagnosis
+from aras_visual_servo_controller.judging.diagnosis import Diagnosis, diagnose
+from aras_visual_servo_controller.judging.evidence import Evidence
+from aras_visual_servo_controller.judging.order import ORDER
 from aras_visual_servo_controller.judging.views import by_camera, shown
 from aras_visual_servo_controller.laws import Proportional
-from aras_visual_servo_controller.loop.state import CONVERGED, ServoSettings
+from aras_visual_servo_controller.records.arrived import Arrived, LeftOpen
+from aras_visual_servo_controller.records.outcomes import KINDS, REMEDIES, outcome
+from aras_visual_servo_controller.records.remedy import Change
+from aras_visual_servo_controller.records.run_record import ImageRecord, RunContext, RunEvent
+from aras_visual_servo_controller.records.state import CONVERGED, ServoSettings
 from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
 
 SEEDS = (0, 2)
@@ -248,7 +251,7 @@ def test_a_joint_that_stands_at_its_limit_is_the_cause_also_where_the_camera_loo
     start[0], start[1] = -0.1, 0.0
     limits = the_limits(upper={"gantry": -0.01, "J1": 0.02}, lower={"J1": -0.02})
     rig = Rig(the_servo("2016", limits=limits), start)
-    rig.servo.diagnosis._cameras["camera"] = doubtful("the features move otherwise")
+    rig.servo.diagnosis.evidence.cameras["camera"] = doubtful("the features move otherwise")
     rig.run(0.5)
     assert rig.servo.outcome.kind == "wrong_camera_model"
     rig.run(6.0)
@@ -287,8 +290,8 @@ def test_a_target_lost_on_the_way_to_a_goal_out_of_reach_is_the_goal_s_fault():
     assert outcome.kind == "out_of_reach"
     assert "the target was lost at 0.30 s: gone" in outcome.reason
     assert "nearer" in outcome.remedy
-    short = the_servo("2016", goal=lifted(2.5)).diagnosis
-    short.timed_out(3.0)
+    short = the_servo("2016", goal=lifted(2.5))
+    short.time_out(3.0)
     assert short.outcome.kind == "out_of_reach"
     # one that the arm nearly has, and one by joints, are not; it cannot roll
     rolled = [lifted(0.001), lifted(0.001)]
@@ -298,7 +301,7 @@ def test_a_target_lost_on_the_way_to_a_goal_out_of_reach_is_the_goal_s_fault():
     for goal in (rolled[0], the_goal("2016")):
         near_by = the_servo("2016", goal=goal)
         assert near_by.beyond == ""
-        near_by.diagnosis.timed_out(3.0)
+        near_by.time_out(3.0)
         assert near_by.outcome.kind == "timed_out"
 
 
@@ -320,7 +323,7 @@ def test_starving_again_and_again_is_remembered():
     rig.run(0.2)
     assert rig.states[-1].phase == "servoing"
     assert rig.states[-1].outcome == "too_few_images"
-    rig.servo.diagnosis.reset()
+    rig.servo.start()
     rig.run(0.1)
     assert rig.states[-1].outcome == "running"
 
@@ -477,8 +480,14 @@ def seen_at(distance, decision=None):
         world_T_camera=None, stamp=0.0, camera=CAMERA, plane=None,
     )
     state = SimpleNamespace(stamp=0.0, phase="holding", decision=decision, reason="no answer")
-    return state, observation, one_camera(
-        moments=Moments.from_polygon(square), world_T_camera=None)  # fmt: skip
+    return ImageRecord(state, observation)
+
+
+def to_a_square(moments=None):
+    """A run whose goal is to see the square of `seen_at`."""
+    square = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
+    goal = one_camera(moments=moments or Moments.from_polygon(square), world_T_camera=None)
+    return RunContext(ServoSettings(), goal)
 
 
 @pytest.mark.parametrize(
@@ -487,16 +496,15 @@ def seen_at(distance, decision=None):
      (2.0, 5.9, "running"), (2.0, 6.1, "camera_retreat")],
 )  # fmt: skip
 def test_a_camera_far_behind_start_and_goal_has_retreated(first, then, kind):
-    diagnosis = the_servo("2016").diagnosis
-    diagnosis.reset()
+    diagnosis = Diagnosis(to_a_square())
     for distance in (first, then, then, first, then, then, then):
         assert diagnosis.outcome.kind == "running"  # two images in a row show a part of the target
-        diagnosis.see(*seen_at(distance), None)
+        diagnosis.add(seen_at(distance))
     found = diagnosis.outcome
     assert found.kind == kind
     assert (f"{then:.1f} times its goal's distance" in found.reason) == (kind != "running")
-    assert diagnosis.see(*seen_at(1.6 * max(first, 1.0)), None).kind == kind
-    assert diagnosis.see(*seen_at(1.4 * max(first, 1.0)), None).kind == "running"  # it came back
+    assert diagnosis.add(seen_at(1.6 * max(first, 1.0))).kind == kind
+    assert diagnosis.add(seen_at(1.4 * max(first, 1.0))).kind == "running"  # it came back
 
 
 @dataclass
@@ -530,14 +538,12 @@ def test_a_goal_that_one_of_the_cameras_has_not_shown_is_not_shown():
 
 
 def test_without_the_outline_of_goal_or_view_no_retreat_is_told():
-    diagnosis = the_servo("2016").diagnosis
-    diagnosis.reset()
-    state, far, goal = seen_at(9.0)
+    record, run = seen_at(9.0), to_a_square()
     empty = Moments(6, "dense", 0.0, 0.0, 0.0, np.zeros((7, 7)))
-    for seen, wanted in ((far.moments, None), (None, goal.moments), (empty, goal.moments)):
-        far.moments, goal.moments = seen, wanted
-        for _ in range(4):
-            assert diagnosis.see(state, far, goal, None).kind == "running"
+    far = record.observation.moments
+    for seen, wanted in ((far, None), (None, run.goal.moments), (empty, run.goal.moments)):
+        record.observation.moments, run.goal.moments = seen, wanted
+        assert diagnose(run, [record] * 4).kind == "running"
 
 
 def test_a_target_that_a_swing_has_lost_stays_lost_by_it():
@@ -631,17 +637,28 @@ def test_a_joint_that_was_late_is_not_waited_for_once_the_loop_holds():
 
 @pytest.mark.parametrize(("noise", "kind"), [(2.0, "too_noisy"), (0.0, "gain_too_high")])
 def test_noise_is_no_swing_when_the_time_is_over(noise, kind):
-    random, diagnosis = np.random.default_rng(4), Diagnosis(ServoSettings())
+    random = np.random.default_rng(4)
+    scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
+    records = []
     for k in range(46):
         t = k / 30.0
         error = np.array([5.0 * np.cos(2.0 * np.pi * 1.4 * t) * (noise == 0.0)])
         error += noise * random.normal(size=1) + 3.0 * noise * np.cos(0.5 * np.pi * (k // 12))
-        decision = SimpleNamespace(error=error, task=None, L=None)
-        state = SimpleNamespace(stamp=t, phase="servoing", decision=decision, reason="",
-                                resolution=None, rank=1, dropped="")  # fmt: skip
-        diagnosis._gain.add(t, diagnosis._progress.add(state, np.ones(1)), None, 0.0)
-    diagnosis.timed_out(1.5)
-    assert diagnosis.outcome.kind == kind
+        records.append(answered(t, error))
+    records.append(RunEvent("timed_out", time=1.5))
+    assert diagnose(RunContext(ServoSettings(), the_goal("2016"), scheme), records).kind == kind
+
+
+def answered(stamp, error, phase="servoing", arrived=None, observation=None):
+    """An image whose scheme gave this error, of features without an L."""
+    decision = SimpleNamespace(error=error, task=None, L=None, rate=0.0, names=("x",))
+    state = SimpleNamespace(stamp=stamp, phase=phase, decision=decision, reason="",
+                            resolution=None, rank=1, dropped="", joints=None,
+                            arrived=arrived)  # fmt: skip
+    return ImageRecord(state, observation or one_camera(
+        valid=True, touches=(), moments=None, camera=CAMERA, motion=None, world_T_camera=None,
+        dt=0.03, joints=None, stamp=stamp,
+    ))  # fmt: skip
 
 
 @pytest.mark.parametrize(("kind", "before", "told"), [
@@ -650,47 +667,83 @@ def test_noise_is_no_swing_when_the_time_is_over(noise, kind):
     ("target_lost", "it went aside", "it went aside"),
 ])  # fmt: skip
 def test_a_run_whose_time_is_over_says_what_it_was_about(kind, before, told):
-    diagnosis = Diagnosis(ServoSettings())
-    diagnosis.outcome = replace(diagnosis.outcome, kind=kind, reason=before)
-    diagnosis.timed_out(2.5)
+    diagnosis = Diagnosis(RunContext(ServoSettings()))
+    diagnosis.evidence.present = replace(diagnosis.outcome, kind=kind, reason=before)
+    diagnosis.add(RunEvent("timed_out", time=2.5))
     assert diagnosis.outcome.kind == (kind if kind != "running" else "timed_out")
     assert diagnosis.outcome.reason == told
-    diagnosis.unmeasured("no more")  # it has ended
+    diagnosis.add(RunEvent("joints_unmeasured", "no more"))  # it has ended
     assert diagnosis.outcome.reason == told
+
+
+def test_an_event_that_no_run_has_is_refused():
+    with pytest.raises(ValueError, match="a run has no event 'timed out'"):
+        diagnose(RunContext(ServoSettings()), [RunEvent("timed out")])
 
 
 def test_a_retreat_of_a_camera_that_swings_is_the_gain_s():
-    diagnosis = Diagnosis(ServoSettings())
+    run = RunContext(ServoSettings(), the_goal("2016"))
+    evidence, retreat = Evidence(run), DIAGNOSES["camera_retreat"]()
     for k in range(28):  # until 0.9 s
-        diagnosis._gain.add(k / 30.0, swing(k / 30.0, 3.0), None, 0.0)
-    goal = the_goal("2016")
+        evidence.gain.add(k / 30.0, swing(k / 30.0, 3.0), None, 0.0)
     for stamp, distance in ((0.0, 1.0), (1.0, 9.0), (1.1, 9.0), (1.2, 9.0)):
-        seen = SimpleNamespace(valid=True, world_T_camera=None,
-                               moments=scaled(goal.moments, 1.0 / distance))  # fmt: skip
-        diagnosis._follow_distance(stamp, seen, goal)
-    found = diagnosis._retreated
+        seen = one_camera(valid=True, world_T_camera=None, touches=(), stamp=stamp,
+                          moments=scaled(run.goal.moments, 1.0 / distance))  # fmt: skip
+        found = retreat.judge(answered(stamp, np.zeros(1), observation=seen), evidence)
     assert found.kind == "gain_too_high" and "went back" in found.reason
+
+
+def test_the_order_has_every_diagnosis_once_and_each_says_what_it_finds():
+    shipped = [n for n, c in DIAGNOSES.items() if c.__module__.startswith("aras_visual_servo_")]
+    assert sorted(ORDER) == sorted(shipped)
+    for name in ORDER:
+        found = DIAGNOSES[name]
+        assert found.help and found.kinds and set(found.kinds) <= set(KINDS), name
+        assert found.__module__.endswith(f".{name}")
+    assert {kind for name in ORDER for kind in DIAGNOSES[name].kinds} | {
+        "held", "no_joint_states", "too_few_images", "too_noisy", "no_progress", "timed_out"
+    } == set(KINDS)  # those are of events
+
+
+def test_a_diagnosis_of_ones_own_is_asked_at_its_place():
+    asked = []
+
+    class Bored(RunDiagnosis):
+        """Says that the target moves at every image from 0.1 s on."""
+
+        def judge(self, record, evidence):
+            asked.append(record.state.stamp)
+            return outcome("target_moves", "bored") if record.state.stamp > 0.1 else None
+
+    DIAGNOSES.register("bored")(Bored)
+    scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
+    run = RunContext(ServoSettings(), the_goal("2016"), scheme)
+    records = [answered(t, np.ones(1)) for t in (0.0, 0.05, 0.2)]
+    assert diagnose(run, records, (*ORDER[:-1], "bored", ORDER[-1])).reason == "bored"
+    assert asked == [0.0, 0.05, 0.2]
+    asked.clear()
+    assert diagnose(run, records, (*ORDER, "bored")).kind == "running"  # the last answers
+    assert not asked
 
 
 def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal():
     def arrived(fault, phase=CONVERGED, moves="", others=()):
-        diagnosis = Diagnosis(ServoSettings())
-        diagnosis._cameras["camera"] = doubtful(fault)
         goal = replace(the_goal("2016"), camera=CAMERA)
+        scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
+        diagnosis = Diagnosis(RunContext(ServoSettings(), goal, scheme))
+        evidence = diagnosis.evidence
+        evidence.cameras["camera"] = doubtful(fault)
         seen = one_camera(valid=True, touches=(), moments=None, camera=CAMERA,
                           motion=None, world_T_camera=None, dt=0.03, joints=None)  # fmt: skip
         for name in others:
             seen.others[name] = seen.cameras[name] = one_camera(moments=None, touches=())
-        decision = SimpleNamespace(error=np.zeros(1), L=None, rate=0.0, task=None, names=("x",))
         left = Arrived(True, open=LeftOpen(1e-4, 2e-3))
-        state = SimpleNamespace(stamp=1.0, phase=phase, decision=decision, reason="",
-                                arrived=left, resolution=None, rank=1, joints=None)  # fmt: skip
-        scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
+        record = answered(1.0, np.zeros(1), phase, left, seen)
         if moves:
-            diagnosis._target._moves = moves
-            assert diagnosis.see(state, seen, goal, scheme).kind == "target_moves"
-            diagnosis._target._moves = ""
-        return diagnosis.see(state, seen, goal, scheme)
+            evidence.target._moves = moves
+            assert diagnosis.add(record).kind == "target_moves"
+            evidence.target._moves = ""
+        return diagnosis.add(record)
 
     plain, other = arrived(""), arrived("the features move otherwise")
     assert (plain.open_distance, plain.open_angle) == (1e-4, 2e-3) and not plain.remedy

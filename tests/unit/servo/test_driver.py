@@ -14,13 +14,13 @@ from aras_visual_servo_base.poses import pose_difference, transform
 from aras_visual_servo_base.stamp_pairing import ByStamp
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.driving.driver import Driver
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.judging.outcomes import REMEDIES
 from aras_visual_servo_controller.loop.motion import JUMP, JUMP_SPEEDS, jumped
-from aras_visual_servo_controller.loop.state import Source
+from aras_visual_servo_controller.records.outcomes import REMEDIES
+from aras_visual_servo_controller.records.state import Source
 from aras_visual_servo_controller.seeing.joint_history import FARTHEST, JointHistory
-from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.settings import Settings
 
 SOURCES = Path(__file__).parents[3] / "src"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from loop_rig import IMAGE_PERIOD, STARTS, TICK, Rig, the_goal, the_servo
 
+from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import (
     ConfigurationError,
@@ -14,9 +15,9 @@ from aras_visual_servo_controller.errors import (
     TaskError,
 )
 from aras_visual_servo_controller.features import Feature, Measured
-from aras_visual_servo_controller.judging.outcomes import REMEDIES
 from aras_visual_servo_controller.laws import Law, Proportional
-from aras_visual_servo_controller.loop.state import HOLDING, SERVOING
+from aras_visual_servo_controller.records.outcomes import REMEDIES
+from aras_visual_servo_controller.records.state import HOLDING, SERVOING
 from aras_visual_servo_controller.schemes import (
     Composed,
     Decision,
@@ -25,12 +26,11 @@ from aras_visual_servo_controller.schemes import (
     create_scheme,
 )
 from aras_visual_servo_controller.schemes.answer_checks import (
-    checked_decision,
     checked_goal,
     checked_joints,
-    guarded,
 )
-from aras_visual_servo_controller.seeing.joint_sample import JointSample
+from aras_visual_servo_controller.schemes.compute import compute
+from aras_visual_servo_controller.schemes.time_limit import call_user_code
 
 GOOD_FROM, GOOD_TO = 0.1, 0.4  # s between which the scheme goes wrong
 
@@ -165,7 +165,7 @@ class Wanting(Scheme):
     names, tolerances, needs = ("a", "b"), (0.1, 0.2), frozenset()
 
     def compute(self, observation, goal, t):
-        raise NotImplementedError
+        return observation  # which the tests make the decision
 
 
 GIVEN = {"features": [1, 2], "desired": [3, 4], "error": [-2, -2]}
@@ -175,9 +175,9 @@ def test_a_decision_is_made_of_arrays_whatever_was_answered():
     numbers = {name: np.array(value, float) for name, value in GIVEN.items()}
     task = Task.of_twist(np.ones(6))
     made = Decision(("a", "b"), **numbers, task=task)
-    assert checked_decision("mine", made, Wanting()) is made
+    assert compute(Wanting(), made, None) is made
     for name in GIVEN:
-        found = checked_decision("mine", replace(made, **{name: GIVEN[name]}), Wanting())
+        found = compute(Wanting(), replace(made, **{name: GIVEN[name]}), None)
         for one, value in numbers.items():
             np.testing.assert_array_equal(getattr(found, one), value)
             assert getattr(found, one).dtype == float
@@ -204,10 +204,10 @@ def test_what_is_wrong_with_a_decision_is_told(scheme, decision, words):
     vars(asked).update(scheme)
     given = {**GIVEN, "task": Task.of_twist(np.ones(6)), **decision}
     with pytest.raises(SchemeError, match=f"^scheme mine {words}"):
-        checked_decision("mine", Decision(("a", "b"), **given), asked)
+        compute(asked, Decision(("a", "b"), **given), None, name="mine")
     for rate in (0.5, [0.5, -0.5]):
         fine = Decision(("a", "b"), **GIVEN, task=Task.of_twist(np.ones(6)), rate=rate)
-        assert checked_decision("mine", fine, Wanting()).rate is rate
+        assert compute(Wanting(), fine, None).rate is rate
 
 
 def test_a_goal_that_a_users_code_cannot_take_is_one_line():
@@ -230,10 +230,10 @@ def test_a_goal_that_a_users_code_cannot_take_is_one_line():
         (ValueError("no"), SchemeError),
     ):  # fmt: skip
         with pytest.raises(expected) as told:
-            guarded("theirs", 1.0, Own().check, error)
+            call_user_code(Own().check, error, limit=1.0, scheme="theirs")
         if isinstance(error, ValueError | SystemExit):
             assert str(told.value).startswith("scheme theirs raised ")
-    assert guarded("theirs", 1.0, divmod, 7, 3) == (2, 1)
+    assert call_user_code(divmod, 7, 3, limit=1.0, scheme="theirs") == (2, 1)
 
 
 def test_joints_of_another_arm_hold_it():

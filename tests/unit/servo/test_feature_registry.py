@@ -15,7 +15,8 @@ from aras_visual_servo_controller.features import FEATURES, Feature
 from aras_visual_servo_controller.features.points import Points
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.observation import Need, Observer
+from aras_visual_servo_controller.seeing.observation import Need
+from aras_visual_servo_controller.seeing.observer import Observer
 
 STEP = 1e-6
 # They model a camera that looks square on, or pixels: test_kernel_scheme, test_features and, for

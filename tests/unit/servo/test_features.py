@@ -20,7 +20,8 @@ from aras_visual_servo_controller.features.points import PointFeature, at_plane
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.schemes import Composed, create_scheme
-from aras_visual_servo_controller.seeing.observation import Need, Observer
+from aras_visual_servo_controller.seeing.observation import Need
+from aras_visual_servo_controller.seeing.observer import Observer
 
 CAMERA = CameraModel(320, 240, (200.0, 0, 158.3, 0, 201.0, 121.6, 0, 0, 1))
 # A square with a patch that gives it a direction, m.

@@ -16,12 +16,12 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import kernel_of_outline
 from aras_visual_servo_camera.moments import Moments, Pinhole
 from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.goals.goal_file import GoalKernel
 from aras_visual_servo_controller.schemes import create_scheme
-from aras_visual_servo_controller.seeing.joint_sample import JointSample
-from aras_visual_servo_controller.seeing.observation import Observer
+from aras_visual_servo_controller.seeing.observer import Observer
 from aras_visual_servo_controller.seeing.target_geometry import (
     TargetGeometry,
     convex_hull,

@@ -17,7 +17,7 @@ from aras_visual_servo_controller.errors import ConfigurationError, MeasurementE
 from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.observation import Observer
+from aras_visual_servo_controller.seeing.observer import Observer
 
 CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
 FACING = np.diag([1.0, -1.0, -1.0, 1.0])  # a poster's z is towards the camera

@@ -14,10 +14,11 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.pipeline import PipelineSettings
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.seeing.depth_image import LEAST, plane_of
-from aras_visual_servo_controller.seeing.joint_sample import JointSample
-from aras_visual_servo_controller.seeing.observation import Need, Observer, implausible
+from aras_visual_servo_controller.seeing.observation import Need
+from aras_visual_servo_controller.seeing.observer import Observer, implausible
 
 ALL = frozenset(Need)
 

@@ -15,7 +15,7 @@ from aras_visual_servo_controller.arm import JointLimitAvoidance, Posture, Singu
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features.moments import ImageMoments
 from aras_visual_servo_controller.goals.starts import start_joints
-from aras_visual_servo_controller.loop.state import ServoSettings
+from aras_visual_servo_controller.records.state import ServoSettings
 from aras_visual_servo_controller.seeing.observation import Need
 from aras_visual_servo_controller.settings import Settings
 

@@ -9,7 +9,7 @@ import pytest
 from aras_visual_servo_controller.arm.resolution import Resolution
 from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.judging.progress_check import ProgressCheck
-from aras_visual_servo_controller.loop.state import SERVOING, ServoState
+from aras_visual_servo_controller.records.state import SERVOING, ServoState
 from aras_visual_servo_controller.schemes.base import Decision
 
 TOLERANCES = np.array([2e-3, 1e-3])

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import exponential, inverse, logarithm, transform
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import Feature, Measured, Stack
 from aras_visual_servo_controller.features.of_camera import OfCamera
@@ -22,8 +23,8 @@ from aras_visual_servo_controller.features.stereo import rigid_motion, triangula
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.loop import teaching
 from aras_visual_servo_controller.schemes import Composed, create_scheme
-from aras_visual_servo_controller.seeing.joint_sample import JointSample
-from aras_visual_servo_controller.seeing.observation import Need, Observer
+from aras_visual_servo_controller.seeing.observation import Need
+from aras_visual_servo_controller.seeing.observer import Observer
 from aras_visual_servo_controller.seeing.rig import Rig, StandingCamera
 from aras_visual_servo_controller.settings import Settings
 

@@ -13,7 +13,7 @@ from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.schemes import create_scheme
-from aras_visual_servo_controller.seeing.observation import Observer
+from aras_visual_servo_controller.seeing.observer import Observer
 
 START = pose((0.06, -0.05, 0.9), (0.1, -0.12, 0.5))
 ALL = (

@@ -19,6 +19,7 @@ from loop_rig import (
 )
 
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
@@ -27,7 +28,8 @@ from aras_visual_servo_controller.laws.proportional import Proportional
 from aras_visual_servo_controller.laws.wrappers import ContinuousStart
 from aras_visual_servo_controller.loop.approach import Approach
 from aras_visual_servo_controller.loop.motion import CommandMotion, advanced
-from aras_visual_servo_controller.loop.state import (
+from aras_visual_servo_controller.loop.task_follower import Pursuit
+from aras_visual_servo_controller.records.state import (
     APPROACHING,
     CONVERGED,
     HOLDING,
@@ -39,9 +41,7 @@ from aras_visual_servo_controller.loop.state import (
     ServoState,
     Source,
 )
-from aras_visual_servo_controller.loop.task_follower import Pursuit
-from aras_visual_servo_controller.seeing.joint_sample import JointSample
-from aras_visual_servo_controller.seeing.observation import Observer
+from aras_visual_servo_controller.seeing.observer import Observer
 
 
 def phases(states):

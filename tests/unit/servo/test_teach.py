@@ -17,7 +17,6 @@ from aras_visual_servo_camera.contour import corners_of
 from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.loop.state import ServoSettings
 from aras_visual_servo_controller.loop.teaching import (
     Teacher,
     _along,
@@ -25,9 +24,10 @@ from aras_visual_servo_controller.loop.teaching import (
     goal_of,
     mean_of,
 )
+from aras_visual_servo_controller.records.state import ServoSettings
 from aras_visual_servo_controller.ros.teach_goal import from_geometry, main
 from aras_visual_servo_controller.schemes import create_scheme
-from aras_visual_servo_controller.seeing.observation import Observer
+from aras_visual_servo_controller.seeing.observer import Observer
 from aras_visual_servo_controller.seeing.rig import Rig
 from aras_visual_servo_controller.settings import Settings
 
@@ -168,7 +168,7 @@ def test_views_are_averaged():
     q = the_goal("2016").joint_values(arm.names)
     views = []
     for i, off in enumerate((-0.001, 0.003, 0.004)):
-        from aras_visual_servo_controller.seeing.joint_sample import JointSample
+        from aras_visual_servo_controller.arm.joint_sample import JointSample
 
         views.append(view_at(observer, float(i), JointSample.of(i, arm.names, q + off)))
     goal = goal_of(views, scheme, arm, "mine", depth=0.2)

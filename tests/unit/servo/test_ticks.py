@@ -5,7 +5,7 @@ import pytest
 from test_driver import Bench
 
 from aras_visual_servo_controller.driving.ticks import ODD, SENT_ON, Ticks, ticked
-from aras_visual_servo_controller.loop.state import Command
+from aras_visual_servo_controller.records.state import Command
 
 
 class Joined(Bench):

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from loop_rig import CAMERA, STARTS, Rig, lost, the_arm, the_goal, the_servo
 
+from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.schemes import create_scheme
-from aras_visual_servo_controller.seeing.joint_sample import JointSample
-from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need, Observer
+from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need
+from aras_visual_servo_controller.seeing.observer import Observer
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 NAMES = {

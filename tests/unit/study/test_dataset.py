@@ -127,7 +127,7 @@ def test_of_each_camera_the_latest_image_is_kept_with_a_row():
     loop = SimpleNamespace(parts=SimpleNamespace(rig=SimpleNamespace(control=control)))
     kept = images.Keeper(pictures=True)
     for k, stamp in enumerate((0.1, 0.2)):
-        kept.add(loop, SimpleNamespace(camera="left", stamp=stamp, image=None,
+        kept.add(loop, SimpleNamespace(name="left", stamp=stamp, image=None,
                                        depth=np.full((2, 2), 1.0 + k)))  # fmt: skip
     for stamp, depth in ((0.0998, None), (0.1, 10000), (0.1995, 10000), (0.2, 20000)):
         found = kept._at(stamp)

@@ -14,7 +14,7 @@ from aras_visual_servo_bench.numbers import decay as decays
 from aras_visual_servo_bench.numbers import metrics, summary
 from aras_visual_servo_bench.recording.run import CameraRecord, Run, Verdict
 from aras_visual_servo_bench.study.results import REAL_TIME
-from aras_visual_servo_controller.loop.state import ServoState
+from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes import Decision
 
 STAMP = np.arange(90) / 30.0  # of images

@@ -14,7 +14,7 @@ import pytest
 
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_controller.errors import SchemeTimeoutError
-from aras_visual_servo_controller.schemes.time_limit import within
+from aras_visual_servo_controller.schemes.time_limit import call_user_code
 
 LIMIT = 0.5  # s
 
@@ -82,16 +82,17 @@ def test_a_wait_is_interrupted_where_scripts_run_in_the_background():
 
 
 def test_a_call_within_its_limit_is_as_without_one():
-    assert within(LIMIT, max, 2, 3) == 3
+    assert call_user_code(max, 2, 3, limit=LIMIT) == 3
     with pytest.raises(KeyError):
-        within(LIMIT, {}.__getitem__, 1)
-    assert within(0.01, time.sleep, 0.02) is None  # looks are 0.25 s apart: a limit is a least
+        call_user_code({}.__getitem__, 1, limit=LIMIT)
+    # Looks are 0.25 s apart: a limit is a least.
+    assert call_user_code(time.sleep, 0.02, limit=0.01) is None
 
 
 @pytest.mark.parametrize("hang", [busy, asleep, waits])
 def test_a_call_beyond_its_limit_says_where_it_was(hang):
     with pytest.raises(SchemeTimeoutError, match="did not end within 0.2 s") as error:
-        within(0.2, hang)
+        call_user_code(hang, limit=0.2)
     assert "Traceback" in error.value.trace and hang.__name__ in error.value.trace
     time.sleep(1.6)  # nothing is raised afterwards
     assert all(thread.name != "time limits" for thread in threading.enumerate())

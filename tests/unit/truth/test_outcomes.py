@@ -9,7 +9,8 @@ from dataclasses import replace
 import pytest
 
 from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.plants.base import CameraReading, JointReading
+from aras_visual_servo_bench.plants.base import JointReading
+from aras_visual_servo_controller.seeing.frame import Frame
 from outcome_campaign import cli
 from outcome_campaign.kinds import KINDS, Event
 from outcome_campaign.table import (
@@ -50,7 +51,7 @@ class Plant:
         self.commands = []
 
     def advance(self, until_ns):
-        return [JointReading(until_ns, ("a",), [0.0], [0.0]), CameraReading(until_ns)]
+        return [JointReading(until_ns, ("a",), [0.0], [0.0]), Frame(until_ns)]
 
     def command(self, kind, values):
         self.commands.append((kind, values))
@@ -58,8 +59,8 @@ class Plant:
 
 @pytest.mark.parametrize(
     "what, left",
-    [("images_end", [JointReading]), ("joints_end", [CameraReading]),
-     ("joints_stick", [JointReading, CameraReading])],
+    [("images_end", [JointReading]), ("joints_end", [Frame]),
+     ("joints_stick", [JointReading, Frame])],
 )  # fmt: skip
 def test_an_event_takes_away_what_it_says_once_it_has_happened(what, left):
     plant = Plant()

@@ -63,16 +63,14 @@ FLOORS = {
     ),
     "aras_visual_servo_controller": (
         {"errors"},
-        {"laws", "seeing/joint_sample"},
+        {"laws"},
         {"arm"},
         {"hands", "seeing"},
         {"goals"},
         {"features"},
         {"schemes"},
+        {"records"},
         {"judging"},
-        {"loop/state"},  # what the loop reports: a diagnosis reads it
-        {"judging/progress_check"},
-        {"judging/diagnosis"},
         {"loop"},
         {"settings"},
         {"driving"},

@@ -111,7 +111,7 @@ class CameraModel:
         """Focal lengths and principal point, without the distortion."""
         return Pinhole.from_K(self.K)
 
-    @property
+    @cached_property
     def distorted(self) -> bool:
         """True if pixels need the tables; a fisheye lens does even with D = 0."""
         return self.model in FISHEYE_MODELS or any(self.D)
@@ -165,6 +165,33 @@ class CameraModel:
                 x, y = brown_beyond_fold(x, y, self.D)
         camera = self.pinhole
         return camera.fx * x + camera.cx, camera.fy * y + camera.cy
+
+
+def normalise_pixels(
+    pixels: Array, camera: CameraModel, assumed: CameraModel, closed: bool = False
+) -> Array:
+    """Normalised points (n, 2) that an assumed camera makes of pixels of the true one.
+
+    Args:
+        pixels: (n, 2) of `camera`, px. assumed: the calibration by which they are read.
+        closed: whether they are an outline, whose straight edges another lens would bend: it gets
+            points along them.
+
+    Returns:
+        NaN where the assumed camera has no ray.
+    """
+    if closed and camera != assumed and (camera.distorted or assumed.distorted):
+        x, y, _ = camera.normalise(*pixels.T)
+        pixels = np.column_stack(camera.project(*subdivide(np.column_stack([x, y])).T))
+    x, y, valid = assumed.normalise(*pixels.T)
+    return np.column_stack([np.where(valid, x, np.nan), np.where(valid, y, np.nan)])
+
+
+def subdivide(outline: Array, parts: int = 8) -> Array:
+    """The outline (n, 2) with `parts` points on each edge, so that a lens may bend its edges."""
+    ends = np.roll(outline, -1, axis=0)
+    steps = (np.arange(parts) / parts)[None, :, None]
+    return (outline[:, None] + steps * (ends - outline)[:, None]).reshape(-1, 2)
 
 
 def _undistort_polynomial(xd: Array, yd: Array, D: tuple[float, ...]):

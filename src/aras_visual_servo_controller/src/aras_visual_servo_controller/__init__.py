@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from .schemes.registry import create_scheme as create_scheme
     from .seeing.observation import Need as Need
     from .seeing.observation import Observation as Observation
-    from .seeing.observation import Observer as Observer
+    from .seeing.observer import Observer as Observer
 
 _FIRST = {
     "Feature": ".features.base",
@@ -70,7 +70,7 @@ _FURTHER = {
     "create_scheme": ".schemes.registry",
     "Arm": ".arm.arm",
     "Resolver": ".arm.resolver",
-    "Observer": ".seeing.observation",
+    "Observer": ".seeing.observer",
     "Servo": ".loop.servo",
     "CameraModel": "aras_visual_servo_camera.undistortion",
     "Moments": "aras_visual_servo_camera.moments",

@@ -42,10 +42,11 @@ from .goals.starts import start_joints
 from .laws import Law, create_law
 from .laws.base import GREATEST_GAIN
 from .loop.servo import Servo
-from .loop.state import ByJoint, ServoSettings, by_joint
 from .loop.teaching import by_geometry
+from .records.state import ByJoint, ServoSettings, by_joint
 from .schemes import JointController, Scheme, create_scheme
-from .seeing.observation import CAMERA, Need, Observer
+from .seeing.observation import CAMERA, Need
+from .seeing.observer import Observer
 from .seeing.rig import MovedBy, Rig, StandingCamera, beside
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from aras_sim_bridge.camera import CameraConfig, CameraSensor, Frame
+from aras_sim_bridge.camera import CameraConfig, CameraSensor, SensorFrame
 from aras_sim_bridge.camera.config import Three, seed_of
 from aras_sim_bridge.description import CameraDescription
 from aras_sim_bridge.errors import CameraError, RenderingError, SimError
@@ -62,7 +62,7 @@ class MountedCamera:
         self.sensor = sensor
         self.model = model
         self.link = link
-        self.on_frame: Callable[[Frame], None] | None = None
+        self.on_frame: Callable[[SensorFrame], None] | None = None
         self._fixed = None if pose is None else pose.matrix()
         self._enabled = False
         self._fresh = False

@@ -30,7 +30,7 @@ NEVER = (1 << 63) - 1  # ns: when a camera exposes that waits for its trigger
 
 
 @dataclass(frozen=True)
-class Frame:
+class SensorFrame:
     """One picture.
 
     stamp_ns: middle of the exposure on the simulated clock; encoding as ROS names it.
@@ -176,7 +176,7 @@ class CameraSensor:
         while self._instant(self._index) + self._parts[0].offset_ns <= time_ns:
             self._index += 1
         self._before: tuple[int, np.ndarray] | None = None
-        self._waiting: deque[tuple[int, Frame]] = deque()
+        self._waiting: deque[tuple[int, SensorFrame]] = deque()
         self._pipeline.reset(exposure)
         self._measured: tuple[np.ndarray, np.ndarray] | None = None
         self._part = 0
@@ -209,7 +209,7 @@ class CameraSensor:
         """Whether `capture` has something to do at this tick."""
         return self.due_ns <= time_ns
 
-    def capture(self, world_T_link: np.ndarray, time_ns: int) -> Frame | None:
+    def capture(self, world_T_link: np.ndarray, time_ns: int) -> SensorFrame | None:
         """Draw what is due, and give the frame whose time of publication has come, if any.
 
         world_T_link: (4, 4) pose of the camera's link at `time_ns`.
@@ -265,7 +265,7 @@ class CameraSensor:
         image = self._pipeline.read_out(formats.read_out(image, encoding), stamp)
         depth, segmentation = self._measured or (None, None)
         self._measured = None
-        frame = Frame(stamp, formats.widened(image, encoding), encoding,
+        frame = SensorFrame(stamp, formats.widened(image, encoding), encoding,
                       depth if self.depth else None,
                       segmentation if self.segmentation else None)
         self._waiting.append((stamp + self._latency_ns, frame))

@@ -20,7 +20,7 @@ from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import inverse, optical, transform
 from aras_visual_servo_base.settings import check, merge, parameter
 from aras_visual_servo_camera.errors import CalibrationError
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.undistortion import CameraModel, subdivide
 from aras_visual_servo_controller.seeing.rig import KEPT
 
 from ..errors import ExperimentError, require
@@ -293,27 +293,9 @@ def model_of_info(info: Any) -> CameraModel:
     return CameraModel(info.width, info.height, K, tuple(map(float, info.D)), info.model)
 
 
-def read(
-    pixels: np.ndarray | None, true: CameraModel, believed: CameraModel, closed: bool = False
-) -> np.ndarray | None:
-    """Normalised points (n, 2) for which a believed camera takes pixels (n, 2) of the true one;
-    NaN where it has no ray for them, None for None.
-
-    closed: they are an outline, whose straight edges another lens would bend: it gets points along
-        them.
-    """
-    if pixels is None:
-        return None
-    if closed and true != believed and (true.distorted or believed.distorted):
-        x, y, _ = true.normalise(*pixels.T)
-        pixels = np.column_stack(true.project(*_dense(np.column_stack([x, y])).T))
-    x, y, valid = believed.normalise(*pixels.T)
-    return np.column_stack([np.where(valid, x, np.nan), np.where(valid, y, np.nan)])
-
-
 def in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) -> bool:
     """Whether an outline (n, 2), normalised, is wholly in the picture, `margin` px inside."""
-    u, v = camera.project(*_dense(outline).T)
+    u, v = camera.project(*subdivide(outline).T)
     return bool(
         (u >= margin).all()
         and (u <= camera.width - 1 - margin).all()
@@ -330,7 +312,7 @@ def draw(outline: np.ndarray | None, camera: CameraModel) -> np.ndarray:
     picture = np.full((camera.height, camera.width), WHITE, np.uint8)
     if outline is None:
         return picture
-    vertices = _dense(outline) if camera.distorted else outline
+    vertices = subdivide(outline) if camera.distorted else outline
     pixels = np.column_stack(camera.project(*vertices.T))
     low = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 1, 0)
     high = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 2, (camera.width, camera.height))
@@ -377,11 +359,3 @@ def _ramp(x: np.ndarray) -> np.ndarray:
     """Integral from -inf to x of clip(x, 0, 1)."""
     within = np.clip(x, 0.0, 1.0)
     return 0.5 * within * within + np.maximum(x - 1.0, 0.0)
-
-
-def _dense(outline: np.ndarray) -> np.ndarray:
-    """The outline with eight points on each edge, so that a lens may bend its edges."""
-    parts = 8
-    ends = np.roll(outline, -1, axis=0)
-    steps = (np.arange(parts) / parts)[None, :, None]
-    return (outline[:, None] + steps * (ends - outline)[:, None]).reshape(-1, 2)

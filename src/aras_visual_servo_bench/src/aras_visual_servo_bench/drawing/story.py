@@ -12,7 +12,7 @@ import numpy as np
 
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.loop.state import (
+from aras_visual_servo_controller.records.state import (
     APPROACHING,
     CONVERGED,
     SERVOING,

@@ -23,7 +23,8 @@ from aras_visual_servo_controller.features.base import wrap
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Law
 from aras_visual_servo_controller.schemes import Decision, Scheme
-from aras_visual_servo_controller.seeing.observation import Need, Observation, Observer
+from aras_visual_servo_controller.seeing.observation import Need, Observation
+from aras_visual_servo_controller.seeing.observer import Observer, observe
 
 from ..asked.experiment import Sampler
 from ..errors import ViewError
@@ -111,6 +112,7 @@ def pictures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """
     from ..asked.cameras import in_view
     from ..asked.experiment import Experiment
+    from ..plants.sight import capture
     from ..setup.assembly import assemble
     from ..setup.sampling import drawn_pose
 
@@ -126,8 +128,7 @@ def pictures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
                 continue
         except ViewError:
             continue
-        reading = sight.look(pose, 0, random)
-        seen = observer.of_image(float(len(x)), reading.picture, parts.camera)
+        seen = observe(capture(sight, pose, 0, random), None, observer, parts.camera)
         if seen.valid:
             c_T_g = relative(pose, parts.goal_pose)
             x.append(inputs(seen.moments))

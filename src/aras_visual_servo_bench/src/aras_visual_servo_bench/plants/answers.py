@@ -11,8 +11,7 @@ import numpy as np
 from aras_sim_bridge.control.joints import HANDLE_COLUMNS, Q, V
 from aras_sim_bridge.cycle import ALL_MADE, cycles
 from aras_visual_servo_controller.driving.ticks import ODD, SENT_ON, Ticks, ticked
-
-from .base import seconds
+from aras_visual_servo_controller.seeing.frame import seconds
 
 if TYPE_CHECKING:
     from aras_sim_bridge.control.controllers.joint_state import JointStateController

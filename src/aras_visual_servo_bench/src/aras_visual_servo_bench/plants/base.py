@@ -13,20 +13,12 @@ import numpy as np
 
 from aras_sim_bridge.camera.shaking import Vibration
 from aras_visual_servo_base.poses import inverse
-from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.seeing.frame import Frame, seconds
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 if TYPE_CHECKING:
     from aras_visual_servo_controller.driving.driver import Driver
-
-NS = 1_000_000_000
-
-
-def seconds(stamp_ns: int) -> float:
-    """A stamp in s, rounded as ROS rounds it, so that it is the same number on a graph."""
-    return float(stamp_ns // NS) + (stamp_ns % NS) / 1e9
-
 
 @lru_cache
 def _rows(names: tuple[str, ...], wanted: tuple[str, ...]) -> tuple[int, ...]:
@@ -59,44 +51,7 @@ class JointReading:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class CameraReading:
-    """What the camera delivers: a picture, or exact features where there are no pictures.
-
-    stamp_ns: of the exposure. image: (rows, columns[, 3]) uint8 and its encoding, or None.
-    depth: (rows, columns) m or None. labelled: (rows, columns) 255 where a label image has the
-    target, or None. outline: (n, 2), points: (m, 2), px; None: not in view. jitter: standard
-    deviation of the noise in their coordinates, px.
-    camera: its name.
-    """
-
-    stamp_ns: int
-    image: np.ndarray | None = None
-    encoding: str = ""
-    depth: np.ndarray | None = None
-    outline: np.ndarray | None = None
-    points: np.ndarray | None = None
-    camera: str = CAMERA
-    labelled: np.ndarray | None = None
-    jitter: float = 0.0
-
-    @property
-    def stamp(self) -> float:
-        """`stamp_ns` in s."""
-        return seconds(self.stamp_ns)
-
-    @property
-    def pictured(self) -> bool:
-        """Whether it is a picture and not exact features."""
-        return self.image is not None
-
-    @property
-    def picture(self) -> Image:
-        """The picture as the camera package reads it."""
-        return Image(self.image, self.encoding, self.labelled)
-
-
-Reading = JointReading | CameraReading
+Reading = JointReading | Frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +126,8 @@ class Plant(ABC):
 
     def pose(self) -> np.ndarray:
         """The truth: world_T_camera (4, 4) of the optical frame now."""
-        return self.shaken(self.at_rest(), self.time_ns)
+        pose = self.at_rest()
+        return self.shaken(pose, self.time_ns) if self.vibrations else pose
 
     @abstractmethod
     def at_rest(self) -> np.ndarray:

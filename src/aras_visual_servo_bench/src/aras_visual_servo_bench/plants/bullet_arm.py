@@ -36,12 +36,13 @@ from aras_visual_servo_base.poses import (
 )
 from aras_visual_servo_camera.errors import SegmentationError
 from aras_visual_servo_camera.labels import TargetLabels
+from aras_visual_servo_controller.seeing.frame import Frame
 
 from ..asked import cameras
 from ..asked.robots import ROBOT, Robot, camera_name
 from ..errors import ExperimentError
 from ..targets.geometry import Course, PlacedTarget
-from .base import CAMERA, CameraReading, JointListener, JointReading, Plant, Reading
+from .base import CAMERA, JointListener, JointReading, Plant, Reading
 from .sight import Sight, exposures, vibrations
 
 if TYPE_CHECKING:
@@ -358,8 +359,8 @@ class BulletArm(Plant):
         labelled = None
         if self._labels is not None and frame.segmentation is not None:
             labelled = self._labels.mask(frame.segmentation)
-        self._readings.append(CameraReading(
-            frame.stamp_ns, frame.image, frame.encoding, frame.depth, camera=camera,
+        self._readings.append(Frame(
+            frame.stamp_ns, frame.image, frame.encoding, frame.depth, name=camera,
             labelled=labelled,
         ))  # fmt: skip
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.poses import exponential, inverse, logarithm, relative, skew
+from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.errors import MeasurementError
-from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
 NAMES = ("x", "y", "z", "rx", "ry", "rz")
 

@@ -44,9 +44,9 @@ class IdealCamera(FreeCamera):
         time_ns = min(image_ns, until_ns)
         if self._asked is not STILL:
             mounting = self._believed.mounting
-            motion = exponential(self._asked * ((time_ns - self._time_ns) / NS))
+            motion = exponential(self._asked * ((time_ns - self.time_ns) / NS))
             self._pose = self._pose @ mounting @ motion @ inverse(mounting)
-        self._time_ns = time_ns
+        self.time_ns = time_ns
         if image_ns > time_ns:
             return []
         q, speed = self.joints()

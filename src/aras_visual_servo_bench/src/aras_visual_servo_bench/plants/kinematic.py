@@ -25,6 +25,7 @@ class KinematicPlant(Plant):
     """Coordinates that follow their commands; what chain and free camera share."""
 
     outputs = frozenset(("position", "velocity"))
+    time_ns = 0
 
     def __init__(
         self,
@@ -49,24 +50,19 @@ class KinematicPlant(Plant):
         self.control, self.vibrations = sight.name, vibrations(sight, *others)
         self._image_ns = min(one.due_ns for one in self._exposures)
         self._lag = lag
-        self._time_ns = 0
+        self.time_ns = 0
         self._q = np.array(q, float)
         self._speed = np.zeros_like(self._q)
         self._kind, self._asked = "position", self._q.copy()
         self._joint_period, self._samples = NS / joint_rate, 0
 
-    @property
-    def time_ns(self) -> int:
-        """Simulated time, ns."""
-        return self._time_ns
-
     def advance(self, until_ns: int) -> list[Reading]:
         """Go to the next measurement, or to `until_ns` if none comes before."""
         joints_ns = JOINT_PHASE_NS + round(self._samples * self._joint_period)
         time_ns = min(joints_ns, self._image_ns, until_ns)
-        if time_ns > self._time_ns:
-            self._move((time_ns - self._time_ns) / NS)
-            self._time_ns = time_ns
+        if time_ns > self.time_ns:
+            self._move((time_ns - self.time_ns) / NS)
+            self.time_ns = time_ns
         readings: list[Reading] = []
         if joints_ns == time_ns:
             self._samples += 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -16,11 +17,12 @@ from aras_sim_bridge.camera.shutter import RowBand
 from aras_sim_bridge.description.types import within
 from aras_visual_servo_camera.moments import find_crossing
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.seeing.frame import Frame
 
 from ..asked import cameras
 from ..errors import ViewError
 from ..targets.geometry import PlacedTarget, Target, project
-from .base import CAMERA, CameraReading, Place
+from .base import CAMERA, Place
 
 NS = 1_000_000_000
 OCCLUDED = 128  # grey level of the cover's own drawing from which on it hides
@@ -69,17 +71,20 @@ class Sight:
     blind: np.ndarray | None = None
     clip: tuple[float, float] | None = None
 
-    def look(self, pose: np.ndarray, stamp_ns: int, random: np.random.Generator) -> CameraReading:
-        """What it delivers where the control camera is at rest at world_T_camera (4, 4).
-
-        random: draws the jitter of exact points.
-        """
-        return Exposures(self, random).image([pose] * len(self.exposures), stamp_ns)
-
-    @property
+    @cached_property
     def exposures(self) -> tuple[RowBand, ...]:
         """`parts`, at least one."""
         return self.parts or (RowBand(0, 0, self.camera.height),)
+
+    @cached_property
+    def bands(self) -> tuple[Sight, ...]:
+        """The same with a camera of the rows of each of `exposures`."""
+        return tuple(self.at_rows(part) for part in self.exposures)
+
+    def pipeline(self) -> ImagePipeline:
+        """What becomes of its images, from the first one on."""
+        shape = (self.camera.height, self.camera.width)
+        return ImagePipeline(self.effects, shape, self.seed, self.exposures)
 
     def at_rows(self, part: RowBand) -> Sight:
         """The same with a camera of these rows alone."""
@@ -104,10 +109,12 @@ class Sight:
         except ViewError:
             return None
         in_view = self.unbounded or cameras.in_view(outline, self.camera, 0.0)
-        if self.is_clipped(outline, seen_from) or not in_view:
+        if not in_view or self.clip is not None and self.is_clipped(outline, seen_from):
             return None
         found = self.pixels(outline)
-        return None if self.is_blind_at(found) else (found, self.pixels(points))
+        if self.blind is not None and self.is_blind_at(found):
+            return None
+        return found, self.pixels(points)
 
     def is_clipped(self, outline: np.ndarray, seen_from: np.ndarray) -> bool:
         """Whether a point of the outline (n, 2), normalised, is nearer or farther than is seen."""
@@ -142,8 +149,8 @@ class Sight:
     ) -> np.ndarray | None:
         """Pixels (n, 2) with their noise; that of an outline, closed, is drawn anew where edges
         cross, as no picture's do."""
-        if pixels is None or not self.jitter:
-            return pixels
+        if pixels is None:
+            return None
         for _ in range(TRIES):
             found = pixels + random.normal(0.0, self.jitter, pixels.shape)
             if not closed or find_crossing(found) is None:
@@ -202,6 +209,95 @@ class Sight:
         return depth.reshape(self.camera.height, self.camera.width)
 
 
+def capture(
+    camera: Sight,
+    world_T_camera: np.ndarray | Sequence[np.ndarray],
+    stamp_ns: int = 0,
+    random: np.random.Generator | None = None,
+    pipeline: ImagePipeline | None = None,
+) -> Frame:
+    """Image or exact features of the target that a camera delivers.
+
+    Args:
+        camera: the true one, with the target in the world.
+        world_T_camera: (4, 4) of the control camera at rest; of an image with several exposures
+            one for each.
+        stamp_ns: of the exposure, ns.
+        random: draws the noise of exact features; None: from seed 0.
+        pipeline: sensor effects, which follow the earlier images; None: this is the first one.
+
+    Returns:
+        The frame; without features where the target is not in view.
+    """
+    parts = camera.exposures
+    poses = [world_T_camera] * len(parts) if np.ndim(world_T_camera) == 2 else world_T_camera
+    random = np.random.default_rng(0) if random is None else random
+    if camera.pictures or len(parts) > 1:
+        pipeline = camera.pipeline() if pipeline is None else pipeline
+        if camera.pictures:
+            return _image(camera, poses, stamp_ns, pipeline)
+        found = _shuttered(camera, poses, stamp_ns, pipeline.middle)
+    else:
+        found = camera.exact(poses[0], stamp_ns)
+    if found is None:
+        return Frame(stamp_ns, name=camera.name, camera=camera.camera)
+    outline, points = found
+    if camera.jitter:
+        outline = camera.jittered(outline, random, closed=True)
+        points = camera.jittered(points, random)
+    return Frame(stamp_ns, outline=outline, points=points, name=camera.name, jitter=camera.jitter,
+                 camera=camera.camera)  # fmt: skip
+
+
+def _image(
+    sight: Sight, poses: Sequence[np.ndarray], stamp_ns: int, pipeline: ImagePipeline
+) -> Frame:
+    """The drawn image, after the effects of the sensor."""
+    labels = ExposureMean(sight.exposures, sight.camera.height)
+    is_solid = False
+    for index, (band, pose) in enumerate(zip(sight.bands, poses, strict=True)):
+        ns = stamp_ns + sight.exposures[index].offset_ns
+        pipeline.light.add(index, band.draw(pose, ns))
+        if sight.labelled and (label := band.label(pose, ns)) is not None:
+            labels.add(index, label)
+            is_solid = True
+    light = pipeline.light.take()
+    labelled = depth = None
+    if sight.labelled:
+        # Of a solid where it is for the greater part of the exposure.
+        found = labels.take() >= OCCLUDED if is_solid else light < OCCLUDED
+        labelled = found.view(np.uint8) * 255
+    if sight.depth:
+        depth = sight.depth_image(poses[pipeline.middle], stamp_ns)
+    image = formats.widened(pipeline.read_out(light, stamp_ns), sight.encoding)
+    return Frame(stamp_ns, image, sight.encoding, depth, name=sight.name, labelled=labelled,
+                 camera=sight.camera)  # fmt: skip
+
+
+def _shuttered(
+    sight: Sight, poses: Sequence[np.ndarray], stamp_ns: int, middle: int
+) -> tuple[np.ndarray, np.ndarray | None] | None:
+    """As `Sight.exact`, of an image whose rows are exposed one after the other."""
+    parts, shape = sight.exposures, sight.target.shape
+    looks = [sight.seen_from(pose, stamp_ns + part.offset_ns)
+             for pose, part in zip(poses, parts, strict=True)]  # fmt: skip
+    try:
+        outlines = _outlines(shape, looks, middle)
+        places = [shape.points(look) for look in looks]
+    except ViewError:
+        return None
+    outline = _in_own_rows(np.array([sight.pixels(one) for one in outlines]), parts)
+    last = np.array([sight.camera.width, sight.camera.height]) - 1
+    if not sight.unbounded and not ((outline >= 0.0) & (outline <= last)).all():
+        return None
+    seen = shape.outline(looks[middle])
+    if sight.is_blind_at(outline) or sight.is_clipped(seen, looks[middle]):
+        return None
+    if places[0] is None:
+        return outline, None
+    return outline, _in_own_rows(np.array([sight.pixels(one) for one in places]), parts)
+
+
 class Exposures:
     """The images of one camera: when it exposes, and what it sees then.
 
@@ -215,90 +311,22 @@ class Exposures:
         """`random`: draws the jitter of exact points. `first`: period with the first image."""
         self._sight, self._random, self._count = sight, random, first
         self._period = NS / sight.rate
-        self._parts = sight.exposures
-        self._bands = [sight.at_rows(part) for part in self._parts] if sight.pictures else []
-        shape = (sight.camera.height, sight.camera.width)
-        self._pipeline = ImagePipeline(sight.effects, shape, sight.seed, self._parts)
+        self._pipeline = sight.pipeline()
         self._poses: list[np.ndarray] = []
-        self.due_ns = self._stamp_ns + self._parts[0].offset_ns
+        self._stamp_ns = round(self._count * self._period)
+        self.due_ns = self._stamp_ns + sight.exposures[0].offset_ns
 
-    @property
-    def _stamp_ns(self) -> int:
-        return round(self._count * self._period)
-
-    def expose(self, pose: np.ndarray) -> CameraReading | None:
+    def expose(self, pose: np.ndarray) -> Frame | None:
         """Where the control camera is at world_T_camera (4, 4); None: the image is lost, or not
         whole yet."""
-        stamp_ns, poses = self._stamp_ns, [*self._poses, pose]
-        is_whole = len(poses) == len(self._parts)
+        stamp_ns, poses, parts = self._stamp_ns, [*self._poses, pose], self._sight.exposures
+        is_whole = len(poses) == len(parts)
         self._poses, self._count = [] if is_whole else poses, self._count + is_whole
-        self.due_ns = self._stamp_ns + self._parts[len(self._poses)].offset_ns
+        self._stamp_ns = round(self._count * self._period)
+        self.due_ns = self._stamp_ns + parts[len(self._poses)].offset_ns
         if not is_whole or self._pipeline.is_lost(stamp_ns):
             return None
-        return self.image(poses, stamp_ns)
-
-    def image(self, poses: Sequence[np.ndarray], stamp_ns: int) -> CameraReading:
-        """The image of that stamp; `poses`: (4, 4) at each of its parts."""
-        at = [stamp_ns + part.offset_ns for part in self._parts]
-        if self._sight.pictures:
-            return self._picture(poses, at, stamp_ns)
-        return self._features(poses, at, stamp_ns)
-
-    def _picture(
-        self, poses: Sequence[np.ndarray], at: Sequence[int], stamp_ns: int
-    ) -> CameraReading:
-        sight, pipeline = self._sight, self._pipeline
-        labels = ExposureMean(self._parts, sight.camera.height)
-        is_solid = False
-        for index, (band, pose, ns) in enumerate(zip(self._bands, poses, at, strict=True)):
-            pipeline.light.add(index, band.draw(pose, ns))
-            if sight.labelled and (label := band.label(pose, ns)) is not None:
-                labels.add(index, label)
-                is_solid = True
-        light = pipeline.light.take()
-        labelled = depth = None
-        if sight.labelled:
-            # Of a solid where it is for the greater part of the exposure.
-            found = labels.take() >= OCCLUDED if is_solid else light < OCCLUDED
-            labelled = found.view(np.uint8) * 255
-        if sight.depth:
-            depth = sight.depth_image(poses[pipeline.middle], stamp_ns)
-        image = formats.widened(pipeline.read_out(light, stamp_ns), sight.encoding)
-        return CameraReading(
-            stamp_ns, image, sight.encoding, depth, camera=sight.name, labelled=labelled
-        )
-
-    def _features(
-        self, poses: Sequence[np.ndarray], at: Sequence[int], stamp_ns: int
-    ) -> CameraReading:
-        sight, nothing = self._sight, CameraReading(stamp_ns, camera=self._sight.name)
-        if len(self._parts) == 1:
-            if (found := sight.exact(poses[0], at[0])) is None:
-                return nothing
-            outline, points = found
-        else:
-            looks = [sight.seen_from(pose, ns) for pose, ns in zip(poses, at, strict=True)]
-            try:
-                outlines = _outlines(sight.target.shape, looks, self._pipeline.middle)
-                places = [sight.target.shape.points(look) for look in looks]
-            except ViewError:
-                return nothing
-            outline = _in_own_rows(np.array([sight.pixels(one) for one in outlines]), self._parts)
-            last = np.array([sight.camera.width, sight.camera.height]) - 1
-            if not sight.unbounded and not ((outline >= 0.0) & (outline <= last)).all():
-                return nothing
-            middle = self._pipeline.middle
-            seen = sight.target.shape.outline(looks[middle])
-            if sight.is_blind_at(outline) or sight.is_clipped(seen, looks[middle]):
-                return nothing
-            points = None
-            if places[0] is not None:
-                points = _in_own_rows(np.array([sight.pixels(one) for one in places]), self._parts)
-        return CameraReading(
-            stamp_ns, outline=sight.jittered(outline, self._random, closed=True),
-            points=sight.jittered(points, self._random), camera=sight.name,
-            jitter=sight.jitter,
-        )  # fmt: skip
+        return capture(self._sight, poses, stamp_ns, self._random, self._pipeline)
 
 
 def exposures(

@@ -13,7 +13,7 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.loop.state import APPROACHING, ServoState
+from aras_visual_servo_controller.records.state import APPROACHING, ServoState
 from aras_visual_servo_controller.ros.read_back import state_of
 from aras_visual_servo_controller.seeing.observation import CAMERA
 

@@ -9,26 +9,33 @@ from typing import Any
 import cv2
 import numpy as np
 
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.loop.state import APPROACHING, ServoState
+from aras_visual_servo_controller.records.run_record import Record
+from aras_visual_servo_controller.records.state import APPROACHING, ServoState
 from aras_visual_servo_controller.schemes import JointController, Scheme
+from aras_visual_servo_controller.seeing.frame import Frame
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..asked import cameras
 from ..asked.experiment import Experiment
-from ..plants import CameraReading, Plant
+from ..plants import Plant
 from ..setup.assembly import Assembly
 from .film import Film, frame
 from .run import CameraRecord, Run
 
 
 class Recorder:
-    """What was answered to each image, and what each joint state told."""
+    """What was answered to each image, and what each joint state told.
+
+    Attributes:
+        records: what the diagnosis reads of each image, and the events between images.
+    """
 
     def __init__(self, joints: int, filmed: bool = False) -> None:
         """`joints`: how many there are; `filmed`: keep what other cameras than the control camera
         see."""
+        self.records: list[Record] = []
         self._states: list[ServoState] = []
         self._poses: list[np.ndarray] = []
         self._stamps: list[float] = []
@@ -42,10 +49,10 @@ class Recorder:
         self._states.append(state)
         self._poses.append(pose)
 
-    def saw(self, reading: CameraReading, pose: np.ndarray, model: CameraModel) -> None:
+    def saw(self, reading: Frame, pose: np.ndarray, model: CameraModel) -> None:
         """An image of another camera than the control camera; its true pose then, and model."""
         shown = frame(picture_of(reading, model)) if self._filmed else b""
-        self._seen.setdefault(reading.camera, []).append((reading.stamp, pose, shown))
+        self._seen.setdefault(reading.name, []).append((reading.stamp, pose, shown))
 
     def commanded(self, values: np.ndarray) -> None:
         """What was sent last, (n,)."""
@@ -101,11 +108,14 @@ class Recorder:
         return found
 
 
-def picture_of(reading: CameraReading, model: CameraModel) -> np.ndarray:
+def picture_of(reading: Frame, model: CameraModel) -> np.ndarray:
     """What a camera saw, (rows, columns, 3) rgb; drawn where it sees exactly."""
     image = reading.image
     if image is None:
-        image = cameras.draw(cameras.read(reading.outline, model, model), model)
+        outline = reading.outline
+        if outline is not None:
+            outline = normalise_pixels(outline, model, model)
+        image = cameras.draw(outline, model)
     if image.ndim == 2 or image.shape[2] == 1:
         return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
     return image[..., ::-1].copy() if reading.encoding.startswith("bgr") else image

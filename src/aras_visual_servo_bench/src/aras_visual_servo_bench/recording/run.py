@@ -15,7 +15,7 @@ from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.judging.left_open import PLAIN
-from aras_visual_servo_controller.loop.state import CONVERGED, ServoState
+from aras_visual_servo_controller.records.state import CONVERGED, ServoState
 
 from ..asked.experiment import Experiment
 from ..targets.geometry import PlacedTarget

@@ -15,7 +15,7 @@ from typing import Any
 import rospy
 
 from aras_visual_servo_controller.errors import ServoError
-from aras_visual_servo_controller.loop.state import HOLDING
+from aras_visual_servo_controller.records.state import HOLDING
 
 from ..errors import BenchError
 from .demo_words import STARTED, parse

@@ -22,7 +22,7 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.messages import outline_of
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
-from aras_visual_servo_controller.loop.state import ServoState as State
+from aras_visual_servo_controller.records.state import ServoState as State
 from aras_visual_servo_controller.ros.description import DescriptionWatch
 from aras_visual_servo_controller.ros.given import package
 from aras_visual_servo_controller.ros.read_back import state_of

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from aras_visual_servo_base.poses import inverse, pose_difference
-from aras_visual_servo_controller.judging.outcomes import Outcome, outcome
-from aras_visual_servo_controller.loop.state import CONVERGED, ServoState
+from aras_visual_servo_controller.records.outcomes import Outcome, outcome
+from aras_visual_servo_controller.records.state import CONVERGED, ServoState
 
 from ..asked.experiment import Experiment
 from ..setup.assembly import Assembly

@@ -14,7 +14,7 @@ from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import relative
 from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.loop.state import CONVERGED
+from aras_visual_servo_controller.records.state import CONVERGED
 from aras_visual_servo_controller.schemes import Decision, JointController, Scheme
 from aras_visual_servo_controller.seeing.observation import Observation
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,13 +15,14 @@ import numpy as np
 from aras_visual_servo_base.memory import release_freed_memory
 from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_controller.driving.driver import Driver
-from aras_visual_servo_controller.judging.remedy import Remedy
-from aras_visual_servo_controller.loop.state import CONVERGED, Command, ServoState
+from aras_visual_servo_controller.records.remedy import Remedy
+from aras_visual_servo_controller.records.run_record import Record
+from aras_visual_servo_controller.records.state import CONVERGED, Command, ServoState
+from aras_visual_servo_controller.seeing.frame import Frame, seconds
 
 from ..asked.experiment import Experiment
 from ..errors import log_once
-from ..plants import CameraReading
-from ..plants.base import seconds
+from ..plants import JointReading
 from ..recording.from_loop import Recorder
 from ..recording.run import Run, Verdict
 from ..setup.assembly import Assembly, assemble
@@ -74,15 +75,16 @@ class Loop:
 
     def __init__(
         self, experiment: Experiment, parts: Assembly, filmed: bool = False,
-        watch: Callable[[Loop, CameraReading], None] | None = None,
+        watch: Callable[[Loop, Frame], None] | None = None,
     ) -> None:
         """`filmed`: keep what other cameras than the control camera see. `watch`: is told of every
         camera's images as they are made."""
         self.experiment, self.parts = experiment, parts
         self.plant, self.servo = parts.plant, parts.servo
-        self.reading: CameraReading | None = None
+        self.reading: Frame | None = None
         self.state: ServoState | None = None
         self._recorder = Recorder(len(self.plant.joint_names), filmed)
+        self.servo.keep = self._recorder.records.append
         self._flies = "twist" in self.plant.outputs
         self._ending = Ending(experiment, parts) if self._flies else None
         # Wall time stands still: what is late here is late in simulated time.
@@ -92,7 +94,7 @@ class Loop:
         )  # fmt: skip
         self._watch = watch
         self._answered = False
-        self._coming: list[tuple[int, int, CameraReading]] = []  # heap, by when they arrive, ns
+        self._coming: list[tuple[int, int, Frame]] = []  # heap, by when they arrive, ns
         self._delayed = 0
         self._delays_ns = {name: round(eye.delay * NS) for name, eye in parts.eyes.items()}
         self._began_ns: int | None = None
@@ -132,6 +134,12 @@ class Loop:
     # -- the run ---------------------------------------------------------------------------
 
     @property
+    def records(self) -> tuple[Record, ...]:
+        """What the diagnosis has read so far: `diagnose(servo.diagnosis.run, records)` repeats it.
+        """
+        return tuple(self._recorder.records)
+
+    @property
     def servo_time(self) -> float:
         """s since the first image; 0 before it."""
         return 0.0 if self._began_ns is None else (self.plant.time_ns - self._began_ns) / NS
@@ -162,51 +170,53 @@ class Loop:
 
     def to_image(self) -> ServoState | None:
         """Go on until an image is answered, and give that answer; None where time ran out."""
-        plant, driver = self.plant, self._driver
+        driver, observe = self._driver, self.parts.observe
         self._answered = False
         while not (self.over or self._answered):
-            until_ns = plant.time_ns + NS
-            if self._coming:
-                until_ns = min(until_ns, self._coming[0][0])
-            for reading in plant.advance(until_ns):
-                if isinstance(reading, CameraReading):
-                    self._exposed(reading)
-                else:
+            for reading in self._measure():
+                if isinstance(reading, JointReading):
                     stamp = reading.stamp
                     driver.joints(reading.names, reading.positions, reading.velocities, stamp)
-                    self._recorder.joints(stamp, *reading.of(plant.joint_names))
-            while self._coming and self._coming[0][0] <= plant.time_ns:
-                self._arrived(heapq.heappop(self._coming)[2])
+                    self._recorder.joints(stamp, *reading.of(self.plant.joint_names))
+                    continue
+                if reading.name == self.parts.rig.control.name:
+                    self.reading = reading
+                driver.image(reading.stamp, partial(observe, reading), reading.name)
         return self.state if self._answered else None
 
-    def _exposed(self, reading: CameraReading) -> None:
-        """An image was made; the loop has it after its camera's delay."""
-        if self._watch is not None:
-            self._watch(self, reading)
-        control = reading.camera == self.parts.rig.control.name
-        if control and self._began_ns is None:
-            self._began_ns = reading.stamp_ns
-        if not control:
-            place = self.parts.places[reading.camera]
-            model = self.parts.eyes[reading.camera].true
-            pose = place.at(self.plant.at_rest())
-            pose = self.plant.shaken(pose, reading.stamp_ns, reading.camera)
-            self._recorder.saw(reading, pose, model)
-        if reading.camera not in self.parts.rig.observers:
-            return
-        if delay_ns := self._delays_ns[reading.camera]:
-            self._delayed += 1  # a tie's order
-            entry = reading.stamp_ns + delay_ns, self._delayed, reading
-            heapq.heappush(self._coming, entry)
-        else:
-            self._arrived(reading)
+    def _measure(self) -> Iterator[JointReading | Frame]:
+        """Go on in time; the joint states and frames that the loop has then, each after the delay
+        of its camera."""
+        plant, coming = self.plant, self._coming
+        until_ns = plant.time_ns + NS
+        if coming:
+            until_ns = min(until_ns, coming[0][0])
+        for reading in plant.advance(until_ns):
+            if isinstance(reading, JointReading):
+                yield reading
+                continue
+            self._exposed(reading)
+            if reading.name not in self.parts.rig.observers:
+                continue
+            if delay_ns := self._delays_ns[reading.name]:
+                self._delayed += 1  # a tie's order
+                heapq.heappush(coming, (reading.stamp_ns + delay_ns, self._delayed, reading))
+            else:
+                yield reading
+        while coming and coming[0][0] <= plant.time_ns:
+            yield heapq.heappop(coming)[2]
 
-    def _arrived(self, reading: CameraReading) -> None:
-        """The loop has an image."""
-        if reading.camera == self.parts.rig.control.name:
-            self.reading = reading
-        look = partial(self.parts.observe, reading)
-        self._driver.image(reading.stamp, look, reading.camera)
+    def _exposed(self, frame: Frame) -> None:
+        """Note that a frame was made, whether the loop reads it or not."""
+        if self._watch is not None:
+            self._watch(self, frame)
+        if frame.name != self.parts.rig.control.name:
+            model = self.parts.eyes[frame.name].true
+            pose = self.parts.places[frame.name].at(self.plant.at_rest())
+            pose = self.plant.shaken(pose, frame.stamp_ns, frame.name)
+            self._recorder.saw(frame, pose, model)
+        elif self._began_ns is None:
+            self._began_ns = frame.stamp_ns
 
     def goal_pose(self) -> np.ndarray:
         """world_T_camera (4, 4) where the camera ought to be now, before a target that may move."""
@@ -225,7 +235,7 @@ class Loop:
         if self.over and self.servo.outcome.kind == "running":
             # It holds, for less time than a lost target is worth a word: the loop's own end of
             # time asks for a measurement.
-            self.servo.diagnosis.timed_out(self.experiment.duration)
+            self.servo.time_out(self.experiment.duration)
         outcome = self.servo.outcome
         if self._ending is not None:
             outcome = self._ending.last_word(outcome)

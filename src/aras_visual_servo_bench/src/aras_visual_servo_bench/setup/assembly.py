@@ -20,7 +20,9 @@ from aras_visual_servo_controller.errors import ConfigurationError, ServoError, 
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.goals.starts import start_joints
 from aras_visual_servo_controller.loop.servo import Servo
+from aras_visual_servo_controller.seeing.frame import Frame
 from aras_visual_servo_controller.seeing.observation import Need, Observation
+from aras_visual_servo_controller.seeing.observer import observe
 from aras_visual_servo_controller.seeing.rig import MovedBy, Rig, StandingCamera
 from aras_visual_servo_controller.settings import Settings
 
@@ -28,12 +30,12 @@ from ..asked.cameras import Eye
 from ..asked.experiment import CameraPose, Experiment, Sampler
 from ..asked.loop_settings import named_goal
 from ..errors import ExperimentError, ViewError, log_once
-from ..plants import CameraReading, Plant
+from ..plants import Plant
 from ..plants.base import Place
 from ..plants.free_body import FreeBody
 from ..plants.kinematic import FreeCamera, KinematicChain
 from ..targets.geometry import PlacedTarget
-from .goal_teaching import check_view, needs_images, observed, teach_goal
+from .goal_teaching import check_view, needs_images, teach_goal
 from .read_context import Wrap, check_scheme, read_context
 from .run_context import RunContext
 from .sights import make_sight
@@ -78,18 +80,16 @@ class Assembly:
         """What the loop wants of the control camera's image."""
         return self.rig.control.needs
 
-    def observe(self, reading: CameraReading, joints: Any, commands: tuple = ()) -> Observation:
-        """The observation of a camera's reading, as the controller makes it.
+    def observe(self, frame: Frame, joints: Any, commands: tuple = ()) -> Observation:
+        """The observation of a frame, as the controller makes it.
 
         The ideal camera's kinematics are exact, and its plane counts as measured.
         """
         plane = None
         if self.plant.has_exact_plane:
             plane = self.servo.goal.plane_from(self.servo.arm.pose(joints.positions))
-        return observed(
-            self.rig.observers[reading.camera], reading, self.eyes[reading.camera], joints=joints,
-            commands=commands, plane=plane,
-        )  # fmt: skip
+        return observe(frame, joints, self.rig.observers[frame.name],
+                       self.eyes[frame.name].believed, commands, plane)  # fmt: skip
 
 
 def assemble(

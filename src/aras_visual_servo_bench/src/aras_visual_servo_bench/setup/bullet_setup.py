@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from aras_visual_servo_base.poses import transform
+from aras_visual_servo_controller.seeing.frame import Frame
 
 from ..asked.experiment import Experiment
 from ..asked.robots import OF, Carried
 from ..asked.worlds import around
 from ..errors import ExperimentError
-from ..plants import CameraReading
 from ..plants.bullet_arm import OCCLUDER, TARGET, BulletArm, Followed, ShownTarget
 from ..targets.files import ABOVE, description_file, occluder_file
 from .run_context import RunContext
@@ -55,7 +55,7 @@ def make_bullet_arm(context: RunContext, start: np.ndarray, exactly: bool = Fals
     )  # fmt: skip
 
 
-def take_first_images(context: RunContext, joints: np.ndarray) -> dict[str, CameraReading]:
+def take_first_images(context: RunContext, joints: np.ndarray) -> dict[str, Frame]:
     """The first image of each camera that the loop reads, by name, of an arm at joints (n,).
 
     Raises:
@@ -65,12 +65,12 @@ def take_first_images(context: RunContext, joints: np.ndarray) -> dict[str, Came
     # An arm that efforts drive would sag until its controllers hold it, and the picture comes
     # after some hundredths of a second.
     plant.simulation.world.set_physics(gravity=(0.0, 0.0, 0.0))
-    found: dict[str, CameraReading] = {}
+    found: dict[str, Frame] = {}
     try:
         while plant.time_ns < PATIENCE_NS:
             for reading in plant.advance(PATIENCE_NS):
-                if isinstance(reading, CameraReading) and reading.camera in context.needs:
-                    found.setdefault(reading.camera, reading)
+                if isinstance(reading, Frame) and reading.name in context.needs:
+                    found.setdefault(reading.name, reading)
             if len(found) == len(context.needs):
                 return found
     finally:

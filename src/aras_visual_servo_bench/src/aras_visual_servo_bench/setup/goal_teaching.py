@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from aras_visual_servo_camera.moments import signed_area
+from aras_visual_servo_camera.undistortion import normalise_pixels
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need, Observation, Observer
+from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need, Observation
+from aras_visual_servo_controller.seeing.observer import observe
 from aras_visual_servo_controller.seeing.rig import MovedBy
 
 from ..asked import cameras
-from ..asked.cameras import Eye
 from ..errors import ExperimentError, ViewError
-from ..plants import CameraReading
 from ..plants.free_body import FreeBody
+from ..plants.sight import capture
 from ..targets.geometry import PlacedTarget
 from .run_context import RunContext
 from .sights import make_sight
@@ -27,26 +28,6 @@ PICTURED = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
 SAME_SIZE = 0.1  # part of an area by which a described target may differ from its corners
 LONG = 1.0  # m, of a solid that is more likely in millimetres
 ELSEWHERE = "give a goal from where the camera sees it, or move the target"
-
-
-def observed(
-    observer: Observer, reading: CameraReading, eye: Eye, **known: Any
-) -> Observation:
-    """What the true camera has delivered, read through the one that the controller believes in.
-
-    Args:
-        known: further arguments of `Observer.of_image` and `of_exact`.
-    """
-    if reading.pictured:
-        return observer.of_image(
-            reading.stamp, reading.picture, eye.believed, depth=reading.depth, **known
-        )
-    return observer.of_exact(
-        reading.stamp, eye.believed,
-        contour=cameras.read(reading.outline, eye.true, eye.believed, closed=True),
-        points=cameras.read(reading.points, eye.true, eye.believed),
-        noise=reading.jitter / eye.believed.K[0], **known,
-    )  # fmt: skip
 
 
 def check_view(context: RunContext, pose: np.ndarray) -> None:
@@ -109,7 +90,7 @@ def teach_goal(
     pose: np.ndarray,
     mountings: Mapping[str, np.ndarray],
     others: Mapping[str, MovedBy | FreeBody],
-    images: Mapping[str, CameraReading],
+    images: Mapping[str, Frame],
     name: str,
     joints: Mapping[str, float],
 ) -> Goal:
@@ -130,13 +111,13 @@ def teach_goal(
         reading, true_pose = images.get(camera), context.pose_of(camera, pose)
         if reading is None:
             sight = make_sight(context, eye, exactly=True)
-            reading = sight.look(pose, 0, np.random.default_rng(0))
+            reading = capture(sight, pose)
         believed = true_pose @ mountings[camera]
         plane = target.shape.plane
         if Need.MOMENTS in observer.needs and Need.CORNERS not in observer.needs:
             plane = target.shape.outline_plane
-        views[camera] = observed(
-            observer, reading, eye, world_T_camera=believed,
+        views[camera] = observe(
+            reading, None, observer, eye.believed, world_T_camera=believed,
             plane=plane(target.seen_from(believed)),
         )  # fmt: skip
         if camera in images:
@@ -164,7 +145,7 @@ def _check_is_target(context: RunContext, seen: Observation, pose: np.ndarray) -
     eye, target = context.eyes[seen.name], context.targets[seen.name]
     outline = target.shape.outline(target.seen_from(pose))
     pixels = np.column_stack(eye.true.project(*outline.T))
-    corners = cameras.read(pixels, eye.true, eye.believed, closed=True)
+    corners = normalise_pixels(pixels, eye.true, eye.believed, closed=True)
     (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
     found = seen.moments
     if found and not (left <= found.xg <= right and top <= found.yg <= bottom):

@@ -18,10 +18,10 @@ import numpy as np
 import pyarrow as pa
 
 from aras_visual_servo_base.poses import inverse
+from aras_visual_servo_controller.seeing.frame import Frame
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..errors import StudyError
-from ..plants import CameraReading
 from ..recording.run import Run
 from ..running.loop import NS, Loop
 from ..setup.assembly import assemble
@@ -148,9 +148,9 @@ class Keeper:
         """Of the latest images of all cameras."""
         return sum(len(part or b"") for seen in self._seen.values() for part in seen[-1])
 
-    def add(self, loop: Loop, reading: CameraReading) -> None:
+    def add(self, loop: Loop, reading: Frame) -> None:
         """An image of a camera of this loop, just made."""
-        if reading.camera == loop.parts.rig.control.name:
+        if reading.name == loop.parts.rig.control.name:
             # The plant stands at the end of the step in which it was exposed.
             positions, velocities = loop.plant.joints()
             since = loop.plant.time_ns / NS - reading.stamp
@@ -158,8 +158,8 @@ class Keeper:
             at_rest = loop.plant.poses(at_exposure)[0]
             self._poses[reading.stamp] = loop.plant.shaken(at_rest, reading.stamp_ns)
         if self._pictures:
-            self._stamps.setdefault(reading.camera, []).append(reading.stamp)
-            self._seen.setdefault(reading.camera, []).append((_picture(reading), _depth(reading)))
+            self._stamps.setdefault(reading.name, []).append(reading.stamp)
+            self._seen.setdefault(reading.name, []).append((_picture(reading), _depth(reading)))
 
     def rows(self, number: int, run: Run, ended: float) -> list[dict[str, Any]]:
         """A row for each image that was answered in a run.
@@ -198,14 +198,14 @@ def _cameras(study: Study) -> tuple[str, ...]:
     return tuple(study.experiment_of(0).seen_by)
 
 
-def _picture(reading: CameraReading) -> bytes | None:
+def _picture(reading: Frame) -> bytes | None:
     if reading.image is None:
         return None
     picture = reading.picture
     return _png(picture.rgb[..., ::-1] if picture.has_colour else picture.grey)
 
 
-def _depth(reading: CameraReading) -> bytes | None:
+def _depth(reading: Frame) -> bytes | None:
     if reading.depth is None:
         return None
     near = np.where(reading.depth <= _FARTHEST, reading.depth, 0.0)

@@ -11,7 +11,7 @@ import numpy as np
 from aras_visual_servo_base.poses import exponential, logarithm, relative, to_xyz_rpy
 from aras_visual_servo_controller.errors import UnreachableError
 from aras_visual_servo_controller.goals.goal import REACHABLE
-from aras_visual_servo_controller.judging.remedy import Change, Remedy
+from aras_visual_servo_controller.records.remedy import Change, Remedy
 from aras_visual_servo_controller.settings import Settings
 
 from ..asked.experiment import FLYING, OWN_PARAMETERS, CameraPose, Experiment, Sampler

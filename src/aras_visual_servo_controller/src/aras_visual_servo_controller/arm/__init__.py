@@ -1,7 +1,7 @@
 """The arm: kinematics of any chain from its description, limits, resolver, secondary tasks."""
 
-from ..seeing.joint_sample import JointSample
 from .arm import Arm
+from .joint_sample import JointSample
 from .limits import Limits
 from .resolution import Resolution
 from .resolver import Resolver, ResolverSettings

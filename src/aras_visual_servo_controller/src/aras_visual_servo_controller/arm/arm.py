@@ -18,7 +18,7 @@ from aras_visual_servo_base.urdf import (
 )
 
 from ..errors import ConfigurationError, MeasurementError
-from ..seeing.joint_sample import JointSample
+from .joint_sample import JointSample
 from .kinematics import Chain
 
 # A measured position further outside its limits than their span, or a speed so many times the

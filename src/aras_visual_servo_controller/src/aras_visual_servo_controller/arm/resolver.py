@@ -35,6 +35,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..errors import ServoError
 from .algebra import finite
 from .arm import Arm
 from .fold import Fold, find
@@ -154,9 +155,10 @@ class Resolver:
             wish += entry.velocity(q)
         limited = previous is not None and self.accelerates and dt > 0.0
         before = np.asarray(previous, float) if limited else q
+        goal = self._held_at(q, task.modelled) if self.goal is None else self.goal
         asked = (
-            self._goal(q, task.modelled), task.L, task.rate, task.modelled, wish, self.pulls,
-            self.fold_rows, self.limit_rows, dt, limited, before, self.last, self.numbers,
+            goal, task.L, task.rate, task.modelled, wish, self.pulls, self.fold_rows,
+            self.limit_rows, dt, limited, before, self.last, self.numbers,
         )  # fmt: skip
         chain, view = getattr(self.arm, "chain", None), (np.empty((4, 4)), np.empty((6, len(q))))
         if chain is None:
@@ -177,10 +179,8 @@ class Resolver:
             tuple(reasons), task.L, view[1], task.modelled, LASTING if lasts else 0.0,
         )  # fmt: skip
 
-    def _goal(self, q: np.ndarray, modelled: np.ndarray) -> np.ndarray:
-        """What `goal` is, or stands for."""
-        if self.goal is not None:
-            return self.goal
+    def _held_at(self, q: np.ndarray, modelled: np.ndarray) -> np.ndarray:
+        """What `goal` stands for where it is not given."""
         if self._kept is not None:
             return self._kept
         view = self.arm.view(q)[0]
@@ -198,3 +198,32 @@ class Resolver:
         main = np.flatnonzero(missing > 0.5 * missing.max())
         words = ", ".join(f"{DIRECTIONS[i]} {lost[i]:.3g} {UNITS[i]}" for i in main)
         return [f"lost, the arm cannot do it here: {words}"]
+
+
+def solve_ik(
+    task: Task,
+    q: np.ndarray,
+    resolver: Resolver,
+    period: float = 0.0,
+    velocities: np.ndarray | None = None,
+) -> Resolution:
+    """Joint velocities that give the camera the motion which a task asks for: L J q_dot = e_dot.
+
+    Args:
+        task: L (k, 6) and the desired rate (k,) of the error.
+        q: (n,) joints, rad or m.
+        resolver: of the arm, with its limits and secondary tasks.
+        period: for which the velocities will be commanded, s; 0: not known.
+        velocities: (n,) commanded before, for the limits of acceleration.
+
+    Returns:
+        The solution, with velocities (n,) in rad/s or m/s; of the task without the directions that
+        no feature shows.
+
+    Raises:
+        ServoError: the velocities are not finite. ValueError: an input is not.
+    """
+    solution = resolver.resolve(q, task.measurable, period, velocities)
+    if not finite(solution.velocities, solution.velocities, solution.velocities):
+        raise ServoError("the joint velocities are not finite")
+    return solution

@@ -13,18 +13,19 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Protocol
 
 import numpy as np
 
 from ..arm.algebra import finite
+from ..arm.joint_sample import JointSample
 from ..errors import MeasurementError
-from ..judging.outcomes import DO_NOT_FOLLOW, Outcome, outcome
-from ..loop.motion import JUMP, jumped
+from ..loop.motion import jumped
 from ..loop.servo import Servo
-from ..loop.state import (
+from ..records.outcomes import Outcome, outcome
+from ..records.state import (
     APPROACHING,
     CONVERGED,
     HOLDING,
@@ -36,18 +37,16 @@ from ..loop.state import (
     Source,
 )
 from ..seeing.joint_history import FARTHEST, JointHistory
-from ..seeing.joint_sample import JointSample
 from ..seeing.rig import Look, Rig
 from ..settings import Settings
+from .foreign import ForeignCommands, ForeignWatch
 
 REPORT_PERIOD = 1.0 / 30.0  # s; without images, reports need not be faster than a camera
 SILENT = 0.05  # s without a joint state after which time goes on by the clock
 STANDING = 0.5  # s of wall time after which a clock that does not go on is worth a word
 RESUME = "resume the simulation, or start the simulator again"
-SKEW = 0.5  # s; stamps further off the clock are of another clock, or of none
 REPEAT_PERIOD = 0.1  # s between two sendings of a command that a joint does not follow
-QUIET = 1.0  # s without a foreign command after which the loop commands the joints again
-LISTENING = 5.0  # s of wall time for which foreign commands are listened for after the last sign
+SKEW = 0.5  # s; stamps further off the clock are of another clock, or of none
 
 
 class Face(Protocol):
@@ -61,16 +60,6 @@ class Face(Protocol):
 
     def say(self, text: str) -> None:
         """One line for a person."""
-
-
-class ForeignCommands(Protocol):
-    """Receives the commands that other nodes send to the joints."""
-
-    def listen(self, active: bool) -> None:
-        """Start or stop to receive them; returns at once."""
-
-    def latest(self) -> Mapping[str, tuple[str, float]]:
-        """By joint: the node that commanded it last, and when, s of wall time (monotonic)."""
 
 
 class Driver:
@@ -90,10 +79,10 @@ class Driver:
         of other nodes, None where they cannot be received."""
         self.servo, self.rig, self.settings = servo, rig, settings
         self._face, self._clock, self._wall = face, clock, wall
-        self._foreign, self._suspected = foreign, -np.inf
         self._lead = np.atleast_1d(np.asarray(servo.settings.lead, float))
         self._lock = threading.RLock()
         self.history = JointHistory()
+        self._foreign = ForeignWatch(servo, self.history, settings, foreign)
         rig.joints_at = partial(self.history.at, earlier_only=settings.lockstep)
         self.commands: deque[JointSample] = deque(maxlen=256)
         self._joints_heard = self._answered = wall()
@@ -144,10 +133,17 @@ class Driver:
                 return
             if not len(velocities):
                 sample = self.history.with_speed(sample)
-            if self._discontinuous(sample):
-                self.servo.joints_jumped()
+            newest = self.history.newest
+            if newest is not None:
+                dt = sample.stamp - newest.stamp
+                if dt > self.settings.watchdog or jumped(
+                    sample.positions, newest.positions, sample.velocities, newest.velocities,
+                    self._lead, dt,
+                ):  # fmt: skip
+                    self.servo.joints_jumped()  # or not heard of for long
             self.history.add(sample)
-            self._find_foreign()
+            if self._foreign.is_able:
+                self._foreign.find(self._wall())
             command = self._tick(stamp, sample)
             if not self.settings.lockstep:
                 self._send(command)
@@ -194,8 +190,12 @@ class Driver:
         joints, newest = self.history.at(stamp, earlier_only=lockstep), self.history.newest
         if newest is not None and stamp - newest.stamp > FARTHEST:
             return  # whatever it shows, nothing is known of the joints any more
-        since = self._commanded_since(stamp)
-        state = self.servo.see(look(joints, since))
+        since: list[JointSample] = []  # commands from the stamp on
+        for command in reversed(self.commands):
+            if command.stamp < stamp:
+                break
+            since.append(command)
+        state = self.servo.see(look(joints, tuple(reversed(since))))
         if not state.answers_image:
             return  # late, or seen before
         if state.fault:
@@ -205,15 +205,6 @@ class Driver:
         at = stamp if self.time is None else max(stamp, self.time)
         self._send(self._tick(at if lockstep else self.time or at), repeat=lockstep)
         self._report(state)
-
-    def _commanded_since(self, stamp: float) -> tuple[JointSample, ...]:
-        """The latest commands, from the stamp on."""
-        later: list[JointSample] = []
-        for command in reversed(self.commands):
-            if command.stamp < stamp:
-                break
-            later.append(command)
-        return tuple(reversed(later))
 
     def watch(self) -> None:
         """Call often, from a thread of its own: stops the arm when nothing comes any more."""
@@ -287,7 +278,7 @@ class Driver:
         self._now: float | None = None
         self.sent: np.ndarray | None = None
         self._sent_at = 0.0
-        self._forget_foreign()
+        self._foreign.forget()
         self._reported = -np.inf
 
     def _follow(self) -> float:
@@ -318,8 +309,8 @@ class Driver:
         # A joint state that was held up comes behind a tick by the clock, which did not go back.
         t = self.time = t if self.time is None else max(t, self.time)
         command = self.servo.tick(t, sample, unmeasured)
-        if command.positions is not None:
-            self.commands.append(JointSample.of(t, command.names, command.positions))
+        if command.kind == "position" and command.values is not None:
+            self.commands.append(JointSample.of(t, command.names, command.values))
         return command
 
     def _blind(self, t: float, reason: str) -> None:
@@ -341,56 +332,19 @@ class Driver:
             return
         same = self.sent is not None and values.tolist() == self.sent.tolist()
         if not same:
-            self._forget_foreign()
-        elif command.positions is not None and not (repeat or self._due_again(command)):
+            self._foreign.forget()
+        elif command.positions is not None and not (repeat or self._is_due_again(command)):
             return
         self.sent, self._sent_at = values, command.stamp
         if not self.settings.dry:
             self._face.send(command)
 
-    def _due_again(self, command: Command) -> bool:
+    def _is_due_again(self, command: Command) -> bool:
         """Whether a position command is sent again: a controller may not have received it, as one
-        that was loaded after it was sent.
-
-        A joint that moves away from its command follows foreign commands that cannot be received.
-        Until it has rested for QUIET nothing is sent; then the loop continues from where it is.
-        """
-        newest = self.history.newest
-        if newest is None or self._e_stopped or not self.servo.waits_for_joints:
-            return False
-        if command.stamp - newest.stamp > self.settings.watchdog:
-            return False  # nobody knows where they are
-        behind = np.abs(command.positions - newest.positions)
-        if self._behind is None:
-            self._behind = behind
-        if (behind > self._behind + JUMP * self._lead).any():
-            self._behind, self._foreign_at = np.maximum(self._behind, behind), command.stamp
-        elif self._foreign_at is None and self.servo.phase == HOLDING:
-            self._foreign_at = command.stamp  # farther away than the loop itself lets them be
-        if self._foreign_at is not None:
-            if command.stamp - self._foreign_at >= QUIET:
-                self._forget_foreign()
-                self.servo.foreign_commands_ended()
+        that was loaded after it was sent."""
+        if self._e_stopped or not self._foreign.allows(command):
             return False
         return command.stamp - self._sent_at >= REPEAT_PERIOD - 1e-9
-
-    def _forget_foreign(self) -> None:
-        self._behind: np.ndarray | None = None  # (n,) that the joints lacked when it came to rest
-        self._foreign_at: float | None = None  # when a foreign command seemed to act last
-
-    def _find_foreign(self) -> None:
-        """Name the nodes that command the joints; listen for them while joints do not follow."""
-        if self._foreign is None or self.settings.lockstep:
-            return
-        wall = self._wall()
-        active = {
-            joint: node for joint, (node, at) in self._foreign.latest().items()
-            if wall - at < QUIET
-        }  # fmt: skip
-        self.servo.set_foreign(active)
-        if active or self.servo.waits_for_joints or self.servo.outcome.kind == DO_NOT_FOLLOW:
-            self._suspected = wall
-        self._foreign.listen(wall - self._suspected < LISTENING)
 
     def ticked(
         self, samples: Sequence[JointSample], commands: np.ndarray, sent: np.ndarray, at: float
@@ -405,18 +359,7 @@ class Driver:
         self._stamp = self._arrived = self.time = self._now = samples[-1].stamp
         if at > self._sent_at:
             self.sent, self._sent_at = sent, at
-            self._forget_foreign()
-
-    def _discontinuous(self, sample: JointSample) -> bool:
-        """Whether the joints were not heard of for long, or jumped since."""
-        newest = self.history.newest
-        if newest is None:
-            return False
-        dt = sample.stamp - newest.stamp
-        return dt > self.settings.watchdog or jumped(
-            sample.positions, newest.positions, sample.velocities, newest.velocities,
-            self._lead, dt,
-        )  # fmt: skip
+            self._foreign.forget()
 
     def _now_and_then(self, command: Command, joints: JointSample | None) -> None:
         """Report without an image, at a camera's pace."""

@@ -17,11 +17,11 @@ from aras_visual_servo_base.compiled import compiled
 from ..arm.algebra import finite
 from ..arm.arm import Arm, implausible
 from ..arm.inversion import LASTING, resolved
+from ..arm.joint_sample import JointSample
 from ..arm.kinematics import CHAIN
 from ..arm.resolver import Resolver
 from ..loop.motion import advanced, jumped
 from ..loop.task_follower import ROUNDING
-from ..seeing.joint_sample import JointSample
 
 if TYPE_CHECKING:
     from .driver import Driver

@@ -15,7 +15,8 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from ..arm.task import DIRECTIONS
 from ..errors import ConfigurationError, SchemeError
 from ..goals.goal import Goal
-from ..seeing.observation import Need, Observation, Observer
+from ..seeing.observation import Need, Observation
+from ..seeing.observer import Observer
 from .base import Feature, Measured
 
 Observe = Callable[[np.ndarray], Observation]

@@ -114,7 +114,7 @@ class Goal:
         """Times as far as the laboratory's target, for which lengths of settings were chosen."""
         return self.distance / DEPTH
 
-    @property
+    @cached_property
     def cameras(self) -> dict[str, Goal]:
         """The goal of each camera of the scheme, by name; the first, this one, is the control
         camera's."""

@@ -18,7 +18,8 @@ from aras_visual_servo_camera.moments import MAX_ORDER, Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..errors import ConfigurationError
-from ..seeing.observation import CAMERA, implausible
+from ..seeing.observation import CAMERA
+from ..seeing.observer import implausible
 from ..seeing.target_geometry import TargetGeometry
 from .starts import PoseEntry, Three
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from math import isfinite, log, pi
 
 from ..features.base import Feature
+from ..records.outcomes import CLOSER, Outcome
+from ..records.remedy import Change, Remedy, multiply, remove, set_to
 from ..schemes.base import JointController, Scheme, SchemeBase
-from .outcomes import CLOSER, Outcome
-from .remedy import Change, Remedy, multiply, remove, set_to
 
 # Of a loop with a dead time T that swings at its limit, at f = 1 / (4 T), the gain that brings the
 # error down fastest without a swing is 1 / (e T) = 1.5 f; somewhat less allows for its tolerance.

@@ -9,7 +9,6 @@ were measured, and are taken so.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import hypot, nan
 from typing import TYPE_CHECKING
 
@@ -19,8 +18,9 @@ from aras_visual_servo_base.compiled import compiled
 
 from ..arm.algebra import least_squares, svd, task_finite
 from ..goals.goal import DEPTH
+from ..records.arrived import Arrived, LeftOpen
 from ..seeing.ring_buffer import RecentErrors
-from .left_open import BLIND, LeftOpen, Margin, Offsets, directions, symmetric
+from .left_open import BLIND, Margin, Offsets, directions, symmetric
 from .other_poses import OtherPoses
 from .view_check import VIEWS, ViewCheck
 
@@ -55,27 +55,6 @@ OFTEN = 8  # images of an arrival, each of which is compared with the goal; then
 ALIKE = "the points look as at the goal from several poses"
 OTHER_VIEW = "every feature is at its goal, but the image is not the goal's"
 ROUNDING = 1e-9  # s; rad, and m at a depth of DEPTH
-
-
-@dataclass(frozen=True)
-class Arrived:
-    """What is known of the arrival as of one image.
-
-    Attributes:
-        reached: the camera is at its goal.
-        short: why it is not, in words, where the features' tolerances alone would do; else empty.
-        elsewhere: why the camera is elsewhere although every feature is at its goal, as text; else
-            empty.
-        open: what the arrival leaves open; None until the goal is reached.
-    """
-
-    reached: bool = False
-    short: str = ""
-    elsewhere: str = ""
-    open: LeftOpen | None = None
-
-
-NOT_ARRIVED = Arrived()
 
 
 class Arrival:

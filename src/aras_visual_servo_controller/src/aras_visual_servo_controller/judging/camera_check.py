@@ -8,9 +8,9 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 
+from ..arm.joint_sample import JointSample
 from ..arm.task import DIRECTIONS
 from ..schemes.base import Decision
-from ..seeing.joint_sample import JointSample
 from ..seeing.observation import Observation
 
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..records.outcomes import Outcome, outcome
 from ..schemes.base import JointController, Scheme
 from .advice import can_swing, gain_of, lower_gain
 from .oscillation import Oscillation
-from .outcomes import Outcome, outcome
 from .target_check import TargetCheck
 
 # s for which a swing is not forgotten: one that was cut short, or the target lost by it.

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import inf, nan, pi, radians, sin, sqrt
+from math import inf, pi, radians, sin, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -23,8 +22,9 @@ from aras_visual_servo_camera.interaction import Plane
 
 from ..arm.held import held_at
 from ..goals.goal import DEPTH
+from ..records.arrived import NOTHING, LeftOpen
+from ..records.remedy import Remedy
 from .advice import more_exact
-from .remedy import Remedy
 
 if TYPE_CHECKING:
     from ..arm.resolution import Resolution
@@ -64,7 +64,6 @@ MOST = 64  # numbers that are looked at for what no motion explains; more say so
 WEAK, TURNS_PLANE = 0.05, 0.05
 NO_OFFSET, ALL = np.zeros(6), np.eye(6)
 CERTAIN = 3.0  # standard deviations beyond which an error is no noise
-NOTHING = Remedy()
 LARGER = more_exact(1.5)
 FEATURE = Remedy("add a feature for them, if the pose matters")
 BY_PLANE = (
@@ -73,25 +72,6 @@ BY_PLANE = (
 )
 LEVEL = Remedy("check the camera's calibration and where the goal has its target")
 POINTS = Remedy("a target of more points, farther apart, or not in one plane")
-
-
-@dataclass(frozen=True)
-class LeftOpen:
-    """What an arrival leaves open.
-
-    Attributes:
-        distance, angle: 99.7 % bounds on how far the camera is from its goal, m and rad; inf where
-            it may be anywhere along a direction, NaN where the scheme has no L to tell them by.
-        up_to: the same in words, '180° and 0.6 mm' or '1 direction'; empty where it is next to
-            nothing.
-        reason, remedy: why, and what would narrow it.
-    """
-
-    distance: float = nan
-    angle: float = nan
-    up_to: str = ""
-    reason: str = ""
-    remedy: Remedy = NOTHING
 
 
 class Offsets(NamedTuple):

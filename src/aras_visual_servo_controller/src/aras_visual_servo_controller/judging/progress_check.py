@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..goals.goal import DEPTH
-from ..loop.state import SERVOING, ServoState
+from ..records.outcomes import Outcome, outcome
+from ..records.state import SERVOING, ServoState
 from .advice import more_exact, more_time, patience
-from .outcomes import Outcome, outcome
 
 if TYPE_CHECKING:
     from ..arm.resolution import Resolution

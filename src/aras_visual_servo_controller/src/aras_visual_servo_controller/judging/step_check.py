@@ -205,12 +205,9 @@ class StepCheck:
             self.first_jump = self.first_jump or jump
         else:
             self.usual = self.REST * self.usual + (1.0 - self.REST) * most
-        self._follow_change(observation.stamp, moved == 0.0, path)
-
-    def _follow_change(self, stamp: float, same: bool, path: float) -> None:
-        """Note whether the error was the same again; path: by which it had to move, tolerances."""
-        if not same:
-            self._same, self._path, self._since, self.unchanged = 0, 0.0, stamp, None
+        if moved != 0.0:
+            self._same, self._path, self._since = 0, 0.0, observation.stamp
+            self.unchanged = None
             return
         self._same, self._path = self._same + 1, self._path + path
         if self._same >= self.SAME and self._path > self.MOVED:

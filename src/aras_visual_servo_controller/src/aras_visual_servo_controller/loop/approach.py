@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .state import ServoSettings
+from ..records.state import ServoSettings
 
 
 class Approach:

@@ -9,8 +9,8 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 
-from ..seeing.joint_sample import JointSample
-from .state import Command, ServoSettings
+from ..arm.joint_sample import JointSample
+from ..records.state import Command, ServoSettings
 
 if TYPE_CHECKING:
     from ..arm.limits import Limits
@@ -86,7 +86,7 @@ class CommandMotion:
         )  # fmt: skip
         if not late.any():
             self.go_on(after, speeds)
-            return self.stopped_words(np.flatnonzero(stopped))
+            return self.stopped_words(np.flatnonzero(stopped)) if stopped.any() else ""
         self.late = late
         self.brake(dt)
         if self.at_rest and self.settings.output == "velocity":
@@ -99,7 +99,7 @@ class CommandMotion:
 
     def go_on(self, command: np.ndarray, velocity: np.ndarray) -> None:
         """The command (n,) has moved on, at a velocity (n,), and waits for no joint."""
-        self.wait_for_none()
+        self.late = np.zeros(len(self.names), bool)
         self._brake, self.velocity, self.command = None, velocity, command
 
     def stopped_words(self, stopped: Sequence[int]) -> str:

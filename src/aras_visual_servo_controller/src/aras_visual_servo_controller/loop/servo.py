@@ -1,7 +1,7 @@
 """The servo loop without ROS: images in, joint commands out, at two rates.
 
-    see(observation): features -> law -> task, once an image, checked wholly before it counts
-    tick(t, joints):  task -> joint velocities -> commands, between the images as well
+    see(observation): compute -> solve_ik, once an image, checked wholly before it counts
+    tick(t, joints):  solve_ik -> commands, between the images as well
 
 Phases: `waiting` (for joint states or images), `approaching` (the start pose, with the camera's
 eyes shut), `servoing`, `converged` (the mean of the measured error over `hold` seconds within the
@@ -15,33 +15,21 @@ the stamps and `tick` say, simulated or not; nothing here reads a clock of its o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_visual_servo_base.names import unknown
-
+from ..arm.joint_sample import JointSample
+from ..arm.resolver import solve_ik
 from ..errors import (
-    ConfigurationError,
     MeasurementError,
     SchemeError,
     SchemeTimeoutError,
     ServoError,
 )
-from ..goals.goal import Goal
-from ..judging.arrival import NOT_ARRIVED, Arrival, Arrived
-from ..judging.diagnosis import Diagnosis
-from ..judging.joint_check import foreign_text
-from ..judging.outcomes import Outcome, outcome
-from ..schemes.answer_checks import checked_decision, checked_goal, guarded
-from ..schemes.base import Decision, JointController, Scheme
-from ..seeing.joint_sample import JointSample
-from ..seeing.observation import Observation
-from .approach import Approach
-from .motion import CommandMotion
-from .state import (
+from ..records.arrived import NOT_ARRIVED, Arrived
+from ..records.run_record import ImageRecord, JointRecord, RunEvent
+from ..records.state import (
     APPROACHING,
     CONVERGED,
     HOLDING,
@@ -49,27 +37,21 @@ from .state import (
     STOPPED,
     WAITING,
     Command,
-    ServoSettings,
     ServoState,
-    Source,
 )
-from .task_follower import Pursuit, checked_resolution
+from ..schemes.base import Decision
+from ..schemes.compute import compute
+from ..seeing.observation import Observation
+from .servo_control import ServoControl
 
 if TYPE_CHECKING:
-    from ..arm import Arm
     from ..arm.resolution import Resolution
-    from ..arm.resolver import Resolver
 
 # An image from so far in the future is left over from before the clock went back, s.
 FUTURE = 1.0
-SLOW = (
-    "correct the scheme, or raise scheme_timeout if it needs that long; its traceback is logged; "
-    "to see the rest run, use a shipped one"
-)
-CONTROLLED = ("position", "velocity", "acceleration")
 
 
-class Servo:
+class Servo(ServoControl):
     """The loop. Construct, `tick` with each joint state, `see` each image.
 
     Attributes:
@@ -80,158 +62,8 @@ class Servo:
         source: of the images, for messages.
         motion, pursuit: where the commands stand, and what they go after.
         state: the latest ServoState, None before the first.
+        keep: is given each record that the diagnosis reads; None: nobody keeps them.
     """
-
-    def __init__(
-        self,
-        scheme: Scheme | JointController,
-        arm: Arm,
-        goal: Goal,
-        resolver: Resolver,
-        settings: ServoSettings | None = None,
-        clock: Callable[[], float] | None = None,
-        name: str = "",
-    ) -> None:
-        """`clock`: s of processor time, to tell a scheme that takes too long; `name`: of the
-        scheme, for messages.
-
-        Raises:
-            ConfigurationError: goal, start or settings do not fit the arm or the scheme.
-        """
-        self.scheme, self.arm, self.resolver = scheme, arm, resolver
-        self.settings = settings if settings is not None else ServoSettings()
-        self.name = name or type(scheme).__name__
-        self.source = Source()
-        self.clock = clock
-        self.goal = goal.for_arm(arm)
-        checked_goal(self.name, scheme, self.goal, self.settings.scheme_timeout)
-        self.settings.check_for(arm.names, resolver.limits)
-        if self._answers_joints and scheme.output not in CONTROLLED:
-            raise ConfigurationError(
-                unknown(f"output of scheme {self.name}", scheme.output, CONTROLLED)
-            )
-        joints = self.goal.joint_values(arm.names)
-        resolver.goal = self.goal.world_T_camera if joints is None else arm.view(joints)[0]
-        self.motion = CommandMotion(arm.names, resolver.limits, self.settings)
-        self.pursuit = Pursuit(self.name, scheme, resolver, self.motion, self.settings)
-        self._to_start = None
-        if self.settings.start is not None:
-            self._to_start = self._approach_to(self.settings.start, "the start pose")
-        self._arrival = Arrival(self.settings.hold)
-        self.beyond = self.goal.beyond(arm)
-        lengths = np.where(arm.prismatic, resolver.settings.slide, 1.0)
-        narrowed = resolver.limits.narrowed(arm)
-        self.diagnosis = Diagnosis(
-            self.settings, arm.jacobian, self.beyond, arm.names, lengths, narrowed,
-            getattr(resolver, "folds", ()),
-            () if joints is None else resolver.limits.outside(joints),
-        )
-        self.reset()
-
-    # -- what the loop is told -------------------------------------------------------------
-
-    def reset(self) -> None:
-        """Begin anew, as if just constructed: for a clock that went back."""
-        self.phase, self.reason = WAITING, ""
-        self.state: ServoState | None = None
-        self.motion.reset()
-        self._jumped, self._foreign = False, {}
-        self._approach = self._to_start
-        if self._approach is not None:
-            self._approach.reset()
-        self.diagnosis.reset()
-        self._now: float | None = None
-        self._joints: JointSample | None = None
-        self._stamp: float | None = None
-        self._period = 0.0
-        self._held = ""
-        self._began = 0.0
-        self._fault = ""
-        self._pause()
-        self.resolver.reset()
-        try:
-            self._guarded(self._begin_scheme)
-        except SchemeError as error:
-            self._halt(HOLDING, str(error))  # the next image tries again
-
-    def start(self) -> None:
-        """Go on after `stop` or `hold`; the goal is taken up anew."""
-        self._held = ""
-        if self.phase in (STOPPED, HOLDING):
-            if self._joints is not None:
-                self.motion.take_up(self._joints.positions)
-            self.phase, self.reason = WAITING, ""
-        self.diagnosis.reset()
-        self._pause()
-
-    def stop(self, reason: str = "stopped") -> None:
-        """Come smoothly to rest and stay there until `start`."""
-        self._halt(STOPPED, reason)
-
-    def hold(self, reason: str, found: Outcome | None = None) -> None:
-        """Come smoothly to rest and hold still until `start`, whatever is seen.
-
-        `found`: the outcome, where no client has asked for it; None: held.
-        """
-        self._held = reason or "held"
-        self._halt(HOLDING, self._held)
-        self.diagnosis.halted(found or outcome("held", self._held))
-
-    def joints_jumped(self) -> None:
-        """The joints may be elsewhere: command them from where they are, once the arm moves on."""
-        self._jumped = True
-
-    def set_foreign(self, nodes: Mapping[str, str]) -> None:
-        """Name the other nodes that command joints now, by joint; empty: none does any more."""
-        ended, self._foreign = bool(self._foreign) and not nodes, dict(nodes)
-        self.diagnosis.foreign = self._foreign
-        if ended:
-            self.foreign_commands_ended()
-
-    @property
-    def yields(self) -> bool:
-        """Whether another node commands joints, and the loop waits for its end."""
-        return bool(self._foreign)
-
-    def foreign_commands_ended(self) -> None:
-        """Command the joints again after another node did, from where they are.
-
-        Where the images show no target since, the arm first returns to where it was to be.
-        """
-        if self.phase == HOLDING and not self._held and self.motion.command is not None:
-            self._approach = self._approach_to(self.motion.command, "the last commanded pose")
-        self._jumped = True
-
-    def _approach_to(self, joints: Sequence[float], where: str) -> Approach:
-        """The path to joints (n,)."""
-        limits, settings = self.resolver.limits, replace(self.settings, start=tuple(joints))
-        return Approach(self.arm.names, limits.velocity, settings, limits.acceleration, where)
-
-    @property
-    def waits_for_joints(self) -> bool:
-        """Whether the command rests until joints have followed it: of itself never while the loop
-        is stopped or held."""
-        if self.phase == APPROACHING:
-            return bool(self._approach.reason)
-        if self.phase == HOLDING and not (self._held or self._jumped or self._joints is None):
-            away = np.abs(self.motion.command - self._joints.positions)
-            return self.motion.at_rest and bool((away > self.motion.lead).any())
-        return self.phase in (SERVOING, CONVERGED) and bool(self.motion.late.any())
-
-    @property
-    def approaching(self) -> bool:
-        """Whether the start pose has still to be reached: images are not looked at."""
-        return self._approach is not None and not self._approach.done
-
-    @property
-    def outcome(self) -> Outcome:
-        """What the loop knows of the run so far."""
-        return self.diagnosis.outcome
-
-    @property
-    def command(self) -> np.ndarray | None:
-        """(n,) positions that the commands stand at; None before the first tick."""
-        return None if self.motion.command is None else self.motion.command.copy()
 
     # -- images ----------------------------------------------------------------------------
 
@@ -241,7 +73,9 @@ class Servo:
         An image that is not newer than the last one changes nothing.
         """
         stamp = float(observation.stamp)
-        if not self._in_order(stamp):
+        late = self._stamp is not None and stamp <= self._stamp
+        early = self._now is not None and stamp > self._now + FUTURE
+        if late or early or not np.isfinite(stamp):
             return self._record(observation, reason=f"image of {stamp:.3f} s ignored: it is late")
         if self._stamp is not None:
             self._period = stamp - self._stamp
@@ -257,8 +91,23 @@ class Servo:
             self._halt(WAITING, "no joint states yet")
             return self._record(observation)
         began = None if self.clock is None else self.clock()
-        try:
-            decision, resolution = self._decide(observation, joints)
+        solution = None
+        try:  # everything that can go wrong, before anything counts
+            self.arm.check(joints.positions, joints.velocities)
+            if self._paused and self.motion.at_rest:
+                # The arm stands: integrals and the start's profile begin anew.
+                self._began = stamp
+                self._begin_scheme()
+                self._arrival.clear()
+            decision = compute(
+                self.scheme, observation, self.goal, stamp - self._began, self.name,
+                self.settings.scheme_timeout,
+            )  # fmt: skip
+            if decision.task is not None:
+                solution = solve_ik(
+                    decision.task, joints.positions, self.resolver, self.settings.resolve_period,
+                    self.motion.velocity,
+                )  # fmt: skip
         except MeasurementError as error:
             self._halt(HOLDING, str(error))
             return self._record(observation)
@@ -275,29 +124,7 @@ class Servo:
             self._halt(HOLDING, str(error))
             return self._record(observation, decision=None)
         seconds = 0.0 if began is None else self.clock() - began
-        return self._commit(observation, joints, decision, resolution, seconds)
-
-    def _decide(
-        self, observation: Observation, joints: JointSample
-    ) -> tuple[Decision, Resolution | None]:
-        """Everything that can go wrong, before anything counts."""
-        self.arm.check(joints.positions, joints.velocities)
-        if self._paused and self.motion.at_rest:
-            # The arm stands: integrals and the start's profile begin anew.
-            self._began = observation.stamp
-            self._guarded(self._begin_scheme)
-            self._arrival.clear()
-        t = observation.stamp - self._began
-        answer = self.scheme.see if self._answers_joints else self.scheme.compute
-        decision = self._guarded(answer, observation, self.goal, t)
-        decision = checked_decision(self.name, decision, self.scheme)
-        if decision.task is None:
-            return decision, None
-        resolution = self.resolver.resolve(
-            joints.positions, decision.task.measurable, self.settings.resolve_period,
-            self.motion.velocity,
-        )  # fmt: skip
-        return decision, checked_resolution(resolution)
+        return self._commit(observation, joints, decision, solution, seconds)
 
     def _commit(
         self,
@@ -311,7 +138,7 @@ class Servo:
         self._paused, self._fault = False, ""
         self._fresh = True
         task, dropped = decision.task, ""
-        if task is not None:
+        if task is not None and task.measurable is not task:
             task, dropped = task.measurable, task.dropped
         self.pursuit.ask(task, resolution, stamp, self._now)
         arrived = self._arrival.add(decision, observation, self.goal, self.scheme, resolution)
@@ -327,17 +154,6 @@ class Servo:
         return self._record(
             observation, joints, decision, resolution, seconds, arrived=arrived
         )
-
-    def _age(self, stamp: float) -> float:
-        """s from an image's exposure to the answer's effect."""
-        return max(self.settings.delay, 0.0 if self._now is None else self._now - stamp)
-
-    def _in_order(self, stamp: float) -> bool:
-        if not np.isfinite(stamp):
-            return False
-        if self._stamp is not None and stamp <= self._stamp:
-            return False
-        return self._now is None or stamp <= self._now + FUTURE
 
     # -- ticks -----------------------------------------------------------------------------
 
@@ -365,7 +181,7 @@ class Servo:
         if unmeasured:
             if self.phase != STOPPED and not self._held:
                 self._halt(HOLDING, unmeasured)
-                self.diagnosis.unmeasured(unmeasured)
+                self._note(RunEvent("joints_unmeasured", unmeasured))
             self.motion.brake(dt)
             return self._sent(t, self._joints, unmeasured)
         if self._joints is None:
@@ -394,7 +210,7 @@ class Servo:
         except SchemeError as error:
             self._fault = str(error)
             self._halt(HOLDING, str(error))
-            self.diagnosis.fault(str(error))
+            self._note(RunEvent("scheme_failed", str(error)))
         except (ServoError, ValueError, ArithmeticError) as error:
             self._halt(HOLDING, str(error))
         else:
@@ -402,7 +218,8 @@ class Servo:
                 self.motion.brake(dt)
                 return ""
             velocities, reason = asked
-            self._take_up_jumped(measured)
+            if self._jumped:
+                self._take_up_jumped(measured)
             self._late = self.motion.advance(velocities, measured.positions, dt)
             return "; ".join(text for text in (reason, self._late) if text)
         self.motion.brake(dt)
@@ -416,7 +233,7 @@ class Servo:
             return
         answered, patience = self.answered
         if answered is not None and t - answered > patience:
-            self.diagnosis.starved(t, self._period)
+            self._note(RunEvent("starved", time=t, period=self._period))
             self._halt(WAITING, self.source.missing(t - answered))
 
     def _approached(self, t: float, dt: float, measured: JointSample) -> Command:
@@ -450,53 +267,10 @@ class Servo:
 
     # -- shared ----------------------------------------------------------------------------
 
-    def _take_up_jumped(self, measured: JointSample) -> bool:
-        """Command the joints from where they are, if they have jumped; whether they had."""
-        jumped, self._jumped = self._jumped, False
-        if jumped:
-            self.motion.begin(measured.positions)
-        return jumped
-
-    @property
-    def _answers_joints(self) -> bool:
-        return isinstance(self.scheme, JointController)
-
-    def _guarded(self, call: Callable[..., Any], *arguments: object) -> Any:
-        return guarded(self.name, self.settings.scheme_timeout, call, *arguments)
-
-    def _hold_after(self, error: SchemeTimeoutError, what: str) -> None:
-        """Hold until `start`: a scheme that hung would do so at every image."""
-        reason = f"{error}, at the {what}"
-        found = outcome("scheme_fault", reason)
-        self.hold(reason, found.with_remedy(SLOW, *found.remedy.changes))
-
-    def _begin_scheme(self) -> None:
-        if self._answers_joints:
-            self.scheme.reset(self.arm)
-        else:
-            self.scheme.reset()
-
-    def _pause(self) -> None:
-        """Nothing is asked of the arm any more; the next image begins the scheme anew."""
-        self.pursuit.drop()
-        self._paused = True
-        self._fresh, self._answered = False, None
-        self._late = ""
-        self.motion.wait_for_none()
-
-    def _halt(self, phase: str, reason: str) -> None:
-        self.phase, self.reason = phase, reason
-        self._pause()
-        self._arrival.clear()
-
     def _sent(self, t: float, measured: JointSample | None, reason: str) -> Command:
-        return self.motion.sent(
-            t, measured, self.arm.effort, self._with_foreign(reason), self.phase
-        )
-
-    def _with_foreign(self, reason: str) -> str:
-        """A reason, with the other nodes that command joints."""
-        return "; ".join(text for text in (reason, foreign_text(self._foreign)) if text)
+        if self._foreign:
+            reason = self._with_foreign(reason)
+        return self.motion.sent(t, measured, self.arm.effort, reason, self.phase)
 
     def _record(
         self,
@@ -520,17 +294,20 @@ class Servo:
             scheme=self.name, arrived=arrived,
         )  # fmt: skip
         if reason is None:
+            joints = None
             if self._joints is not None:
-                self.diagnosis.joints(
-                    state.stamp, self.motion.late, self.motion.velocity, self._joints.velocities
+                joints = JointRecord(
+                    self.motion.late, self.motion.velocity, self._joints.velocities
                 )
-            age = self._age(state.stamp)
-            found = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty, age)
+            age = max(self.settings.delay, 0.0 if self._now is None else self._now - state.stamp)
+            found = self._note(ImageRecord(
+                state, observation.without_pixels(), age, faulty, joints, self._foreign
+            ))
             state = state.with_outcome(found)
             if decision is not None and self.phase == SERVOING and (
                 self.settings.duration <= observation.stamp - self._began
             ):
-                self.diagnosis.timed_out(self.settings.duration)
+                self.time_out(self.settings.duration)
                 self.stop("the time for it is over")
             self.state = state
         return state

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arm.algebra import finite
+from ..arm.joint_sample import JointSample
+from ..arm.resolver import solve_ik
 from ..arm.task import Task
-from ..errors import ServoError
-from ..schemes.answer_checks import checked_joints, guarded
+from ..records.state import ServoSettings
+from ..schemes.answer_checks import checked_joints
 from ..schemes.base import JointController, Scheme
-from ..seeing.joint_sample import JointSample
+from ..schemes.time_limit import call_user_code
 from .motion import CommandMotion
-from .state import ServoSettings
 
 if TYPE_CHECKING:
     from ..arm.resolution import Resolution
@@ -72,7 +72,8 @@ class Pursuit:
         else:
             self.task, self.kept = task, None
             if resolution is not None and resolution.lasts > 0.0 and now is not None:
-                self.kept = _kept(now, resolution)
+                reasons = "; ".join(resolution.reasons)
+                self.kept = now, resolution.velocities, resolution.lasts, reasons
 
     def take_up(self, t: float) -> None:
         """Have the tasks whose delay is over at t (s) count."""
@@ -93,25 +94,25 @@ class Pursuit:
         """
         if self.controlled:
             return self._of_controller(t - began, dt, measured)
-        return None if self.task is None else self._of_task(t, dt, measured)
-
-    def _of_task(self, t: float, dt: float, measured: JointSample) -> tuple[np.ndarray, str]:
+        if self.task is None:
+            return None
         period = self.settings.resolve_period
         kept = self.kept
         if kept is None or t - kept[0] >= max(kept[2], period) - 1e-9:
-            resolution = self.resolver.resolve(
-                measured.positions, self.task, max(dt, period), self.motion.velocity
+            found = solve_ik(
+                self.task, measured.positions, self.resolver, max(dt, period), self.motion.velocity
             )
-            kept = self.kept = _kept(t, checked_resolution(resolution))
+            kept = self.kept = t, found.velocities, found.lasts, "; ".join(found.reasons)
         return kept[1], kept[3]
 
     def _of_controller(
         self, t: float, dt: float, measured: JointSample
     ) -> tuple[np.ndarray, str]:
         """Velocities (n,) of a controller that answers joints, within the limits."""
-        answer = guarded(
-            self.name, self.settings.scheme_timeout, self.scheme.tick, t, dt, measured
-        )
+        answer = call_user_code(
+            self.scheme.tick, t, dt, measured, limit=self.settings.scheme_timeout,
+            scheme=self.name,
+        )  # fmt: skip
         answer = checked_joints(self.name, answer, len(self.motion.names))
         if self.scheme.output == "position":
             velocities = np.zeros_like(answer)
@@ -122,14 +123,3 @@ class Pursuit:
         else:
             velocities = answer
         return self.motion.limited(velocities, dt)
-
-
-def _kept(t: float, resolution: Resolution) -> tuple[float, np.ndarray, float, str]:
-    return t, resolution.velocities, resolution.lasts, "; ".join(resolution.reasons)
-
-
-def checked_resolution(resolution: Resolution) -> Resolution:
-    """The same, if its joint velocities are finite; ServoError."""
-    if not finite(*(resolution.velocities,) * 3):
-        raise ServoError("the joint velocities are not finite")
-    return resolution

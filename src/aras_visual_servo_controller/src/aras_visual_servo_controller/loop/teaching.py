@@ -13,14 +13,15 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.moments import Moments
 
 from ..arm import Arm
+from ..arm.joint_sample import JointSample
 from ..errors import ConfigurationError, MeasurementError, ServoError
 from ..goals.goal import Goal
+from ..records.state import ServoSettings, Source
 from ..schemes import JointController, Scheme
-from ..seeing.joint_sample import JointSample
-from ..seeing.observation import Observation, Observer
+from ..seeing.observation import Observation
+from ..seeing.observer import Observer
 from ..seeing.rig import Look, Rig
 from .approach import Approach
-from .state import ServoSettings, Source
 
 NO_IMAGES = "no images arrive"
 AROUND = 400  # points of an outline that is worked out, about as many as a picture's has

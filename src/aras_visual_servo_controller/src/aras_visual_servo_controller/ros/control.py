@@ -13,8 +13,8 @@ from actionlib import SimpleActionServer
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from ..driving.driver import Driver
-from ..loop.state import CONVERGED, STOPPED, ServoState
 from ..msg import ServoToTargetAction, ServoToTargetFeedback, ServoToTargetGoal, ServoToTargetResult
+from ..records.state import CONVERGED, STOPPED, ServoState
 from .face import RosFace
 
 FEEDBACK_PERIOD = 0.05  # s of wall time

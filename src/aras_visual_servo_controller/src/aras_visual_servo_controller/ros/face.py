@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import rospy
 from geometry_msgs.msg import TwistStamped
 
-from ..loop.state import APPROACHING, SERVOING, Command
-from ..loop.state import ServoState as State
 from ..msg import ServoReport, ServoState
+from ..records.state import APPROACHING, SERVOING, Command
+from ..records.state import ServoState as State
 from ..settings import Settings
 from .commands import CommandTopics, publish
 from .foreign_commands import ForeignCommandListener

@@ -10,8 +10,11 @@ from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
 from aras_visual_servo_base.stamp_pairing import ByStamp
 
 from ..driving.driver import Driver
-from ..loop.state import Source
-from ..seeing.observation import Need, Observer
+from ..records.state import Source
+from ..seeing.frame import Frame, MeasuredTarget
+from ..seeing.observation import Need
+from ..seeing.observer import Observer, observe
+from ..seeing.rig import Look
 from ..settings import CameraEntry
 from .messages import camera_of, moments_of
 
@@ -49,19 +52,18 @@ class MeasurementInput:
             self._measured(both["moments"], both["kernel"])
 
     def _measured(self, message: ImageMoments, kernel: KernelFeatures | None) -> None:
-        stamp = message.header.stamp.to_sec()
         camera, fault = camera_of(message)
         moments, reason = moments_of(message)
         if kernel is not None:
             reason = reason or kernel.reason
         valid, reason = bool(message.valid and not fault), fault or reason
-
-        def look(joints, commands):
-            return self._observer.of_moments(
-                stamp, moments, valid and not reason, reason, camera, joints, commands,
-                kernel=None if kernel is None else kernel.data,
-                pixel_count=int(message.pixel_count),
-                touches=("border",) if message.touches_border else (),
-            )  # fmt: skip
-
-        self._driver.image(stamp, look, self._observer.name)
+        target = MeasuredTarget(
+            moments, valid and not reason, reason, None if kernel is None else kernel.data,
+            int(message.pixel_count), ("border",) if message.touches_border else (),
+        )  # fmt: skip
+        frame = Frame(message.header.stamp.to_nsec(), name=self._observer.name, camera=camera,
+                      target=target)  # fmt: skip
+        look: Look = lambda joints, commands: observe(  # noqa: E731
+            frame, joints, self._observer, commands=commands
+        )
+        self._driver.image(frame.stamp, look, frame.name)

@@ -10,9 +10,9 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..judging.left_open import LeftOpen
-from ..loop.state import ServoState as State
 from ..msg import ServoReport, ServoState
+from ..records.arrived import LeftOpen
+from ..records.state import ServoState as State
 
 # Of an image that tells no intrinsics; it is not valid, and nothing is computed with it.
 UNKNOWN_CAMERA = CameraModel(1, 1, tuple(np.eye(3).flat))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import replace
 
 import rospy
 from sensor_msgs.msg import CameraInfo, Image
@@ -15,8 +14,10 @@ from aras_visual_servo_camera.label_topics import BUFFER, LabelTopics
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..driving.driver import Driver
-from ..loop.state import Source
-from ..seeing.observation import SEGMENTED, Need, Observer
+from ..records.state import Source
+from ..seeing.frame import Frame
+from ..seeing.observation import SEGMENTED, Need
+from ..seeing.observer import Observer, observe
 from ..seeing.rig import Look
 from ..settings import CameraEntry
 from .depth import depth_of
@@ -87,16 +88,18 @@ class PictureInput:
             together = self._images.add(kind, message.header.stamp, message)
         if together is None:
             return
-        stamp = message.header.stamp.to_sec()
         try:
             image = decode(together["image"])
             depth = depth_of(together["depth"]) if "depth" in together else None
-            if "labels" in together:
-                image = replace(image, labelled=self._labels.mask(together["labels"]))
+            labelled = self._labels.mask(together["labels"]) if "labels" in together else None
         except VisionError as error:
             rospy.logwarn_throttle(5.0, f"image skipped: {error}")
             return
-        look: Look = lambda joints, commands: self._observer.of_image(  # noqa: E731
-            stamp, image, camera, joints, commands, depth
+        frame = Frame(
+            message.header.stamp.to_nsec(), image.pixels, image.encoding, depth,
+            name=self._observer.name, labelled=labelled, camera=camera,
+        )  # fmt: skip
+        look: Look = lambda joints, commands: observe(  # noqa: E731
+            frame, joints, self._observer, commands=commands
         )
-        self._driver.image(stamp, look, self._observer.name)
+        self._driver.image(frame.stamp, look, frame.name)

@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arm.joint_sample import JointSample
 from ..arm.resolution import Resolution
-from ..judging.arrival import NOT_ARRIVED, Arrived
-from ..judging.left_open import LeftOpen
-from ..loop.state import ServoState as State
+from ..records.arrived import NOT_ARRIVED, Arrived, LeftOpen
+from ..records.state import ServoState as State
 from ..schemes.base import Decision
-from ..seeing.joint_sample import JointSample
 
 if TYPE_CHECKING:
     from geometry_msgs.msg import Twist

@@ -3,45 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import numpy as np
 
 from aras_visual_servo_base.names import words
 
-from ..arm.algebra import finite
-from ..arm.task import Task
-from ..errors import ConfigurationError, MeasurementError, SchemeError, SchemeTimeoutError
+from ..errors import ConfigurationError, SchemeError
 from ..features.base import Feature, Measured
-from .base import Decision, JointController, Scheme
-from .time_limit import within
+from .base import JointController, Scheme
+from .time_limit import call_user_code
 
 T = TypeVar("T")
-
-
-def guarded(name: str, limit: float, call: Callable[..., T], *arguments: object) -> T:
-    """The call's answer.
-
-    Args:
-        limit: s that it may take.
-
-    Raises:
-        MeasurementError: as raised by the call: this image cannot be servoed on.
-        SchemeTimeoutError: it took longer.
-        SchemeError: whatever else it raised, SystemExit included.
-    """
-    try:
-        return within(limit, call, *arguments)
-    except SchemeTimeoutError as error:
-        raise SchemeTimeoutError(f"scheme {name}: {error}", error.trace) from None
-    except (MeasurementError, SchemeError, KeyboardInterrupt):
-        raise
-    except BaseException as error:
-        raise SchemeError(
-            f"scheme {name} raised {words(error)}", traceback.format_exc()
-        ) from error
 
 
 def checked_goal(
@@ -53,58 +27,13 @@ def checked_goal(
         ConfigurationError: it did, or it raised, or took longer.
     """
     try:
-        within(limit, scheme.check, goal)
+        call_user_code(scheme.check, goal, limit=limit)
     except ConfigurationError:
         raise
     except (Exception, SystemExit) as error:
         raise ConfigurationError(
             f"scheme '{name}' cannot use {getattr(goal, 'name', 'the goal')}: {words(error)}"
         ) from error
-
-
-def checked_decision(name: str, decision: object, scheme: Scheme | JointController) -> Decision:
-    """The decision with arrays in float64, if it is one.
-
-    Raises:
-        SchemeError: what is wrong with it.
-    """
-
-    def fault(text: str) -> SchemeError:
-        return SchemeError(f"scheme {name} {text}")
-
-    if not isinstance(decision, Decision):
-        raise fault(f"answered {type(decision).__name__} instead of a Decision")
-    count = len(tuple(decision.names))
-    arrays = {}
-    for field in ("features", "desired", "error"):
-        array = _array(getattr(decision, field))
-        if array is None or array.shape != (count,):
-            shape = "no numbers" if array is None else f"shape {array.shape}"
-            raise fault(f"answered {field} of {shape} for {count} names")
-        arrays[field] = array
-    if not finite(*arrays.values()):
-        for field, array in arrays.items():
-            if not np.isfinite(array).all():
-                raise fault(f"answered {field} that are not finite: {array.tolist()}")
-    tolerances = _array(getattr(scheme, "tolerances", None))
-    if tolerances is None or tolerances.shape != (count,) or not all(
-        tolerance > 0.0 for tolerance in tolerances.tolist()
-    ):
-        raise fault(
-            f"has tolerances {getattr(scheme, 'tolerances', None)}: {count} numbers above 0 are "
-            "needed, one for each name"
-        )
-    own = _array(decision.rate)
-    if own is None or own.shape not in ((), (count,)) or not np.isfinite(own).all():
-        raise fault(f"answered the rate {decision.rate}: one finite number for each name")
-    task = decision.task
-    if isinstance(scheme, JointController):
-        return dataclasses.replace(decision, task=None, **arrays)
-    if not isinstance(task, Task):
-        raise fault(f"answered the task {type(task).__name__} instead of a Task")
-    if all(arrays[field] is getattr(decision, field) for field in arrays):
-        return decision  # as most are
-    return dataclasses.replace(decision, **arrays)
 
 
 def checked_measured(feature: Feature, found: object) -> Measured:
@@ -159,7 +88,7 @@ def checked_accuracy(feature: Feature, answer: object, count: int) -> np.ndarray
     """
     if answer is None:
         return None
-    values, where = _array(answer), f"{type(feature).__name__}.accuracy returned"
+    values, where = as_numbers(answer), f"{type(feature).__name__}.accuracy returned"
     if values is None or values.ndim > 2 or values.ndim and len(values) != count:
         raise SchemeError(
             f"{where} {_described(answer)}: None, one number, ({count},) or ({count}, m) is needed"
@@ -187,7 +116,7 @@ def checked_entry(feature: Feature, entry: object) -> Mapping[str, Any]:
 
 def _shaped(where: str, field: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
     """The finite numbers of this shape, also without its lengths of 1; SchemeError."""
-    array, field = _array(value), f"{field} " if field else ""
+    array, field = as_numbers(value), f"{field} " if field else ""
     needed = f"{shape} finite numbers are needed" if shape else "a finite number is needed"
     if array is not None and array.shape != shape and (
         tuple(n for n in array.shape if n != 1) == tuple(n for n in shape if n != 1)
@@ -213,7 +142,7 @@ def checked_joints(name: str, answer: object, count: int) -> np.ndarray:
     Raises:
         SchemeError: wrong shape, or not finite.
     """
-    array = _array(answer)
+    array = as_numbers(answer)
     if array is None or array.shape != (count,):
         shape = "no numbers" if array is None else f"shape {array.shape}"
         raise SchemeError(f"scheme {name} answered joints of {shape}, ({count},) is needed")
@@ -222,7 +151,8 @@ def checked_joints(name: str, answer: object, count: int) -> np.ndarray:
     return array
 
 
-def _array(values: object) -> np.ndarray | None:
+def as_numbers(values: object) -> np.ndarray | None:
+    """The values as an array of float64; None: they are no numbers."""
     if values is None:
         return None
     if type(values) is np.ndarray and values.dtype == float:

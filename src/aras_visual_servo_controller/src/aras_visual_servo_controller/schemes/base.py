@@ -11,13 +11,13 @@ import numpy as np
 
 from aras_visual_servo_base.registry import Registry
 
+from ..arm.joint_sample import JointSample
 from ..arm.task import Task
 from ..errors import ConfigurationError
 from ..features.base import FEATURES, Feature
 from ..goals.goal import Goal
 from ..laws import Law
 from ..laws.proportional import Proportional
-from ..seeing.joint_sample import JointSample
 from ..seeing.observation import Need, Observation
 
 if TYPE_CHECKING:

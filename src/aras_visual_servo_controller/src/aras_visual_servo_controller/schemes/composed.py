@@ -102,10 +102,14 @@ class Composed(OfFeature):
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
         """See Scheme.compute."""
-        measured = self.measured(observation, goal)
-        L = self._interaction(observation, measured, goal)
+        measured = self.checked(self.feature.measure(self.visible(observation), goal))
+        L = measured.L
+        if self.interaction != "current":
+            L = self._interaction(observation, measured, goal)
         modelled = L * self._modelled
-        filtered = self._smoothed(measured.error, observation.stamp)
+        filtered = measured.error
+        if self.smoothing > 0.0:
+            filtered = self._smoothed(filtered, observation.stamp)
         scale = np.repeat((goal.distance, 1.0), 3)
         rotated = scale * _rotated(modelled * scale, filtered, self.feature.weights)
         wanted = self.law.rate(filtered, modelled, rotated, t, observation.dt)
@@ -153,8 +157,6 @@ class Composed(OfFeature):
     def _interaction(
         self, observation: Observation, measured: Measured, goal: Goal
     ) -> np.ndarray:
-        if self.interaction == "current":
-            return measured.L
         if self.interaction == "estimated":
             L = self.estimator(observation, measured)
             return checked_array(self.estimator, "__call__", L, measured.L.shape)
@@ -168,8 +170,6 @@ class Composed(OfFeature):
         Edges of an image have finitely many grey levels: the angle of a near-square jumps by some
         mrad from one image to the next, and a joint with friction turns that into a tremor.
         """
-        if self.smoothing <= 0.0:
-            return error
         if self._filter is not None:
             before, value = self._filter
             dt = stamp - before

@@ -31,7 +31,8 @@ class Laboratory2016(OfFeature):
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
         """See Scheme.compute."""
-        measured, modelled = self.measured(observation, goal), np.array(LEVEL_CAMERA)
+        measured = self.checked(self.feature.measure(self.visible(observation), goal))
+        modelled = np.array(LEVEL_CAMERA)
         inverse = -np.eye(4)
         inverse[:2, 3] = -measured.s[1], measured.s[0]
         L = np.zeros((4, 6))

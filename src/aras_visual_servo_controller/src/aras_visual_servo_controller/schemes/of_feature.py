@@ -17,7 +17,7 @@ from .base import Scheme
 
 
 class OfFeature(Scheme):
-    """Base: give `compute`; s, s* and L come by `measured`.
+    """Base: give `compute`; s, s* and L are `checked(feature.measure(visible(...), goal))`.
 
     Attributes:
         feature: of the class `made_of`, or as given.
@@ -66,21 +66,21 @@ class OfFeature(Scheme):
                       and type(f).teach is not Feature.teach}  # fmt: skip
         return {name: entry for name, entry in taught.items() if entry or name in looked_for}
 
-    def measured(self, observation: Observation, goal: Goal) -> Measured:
-        """The feature in an image; MeasurementError where it cannot be measured."""
+    def visible(self, observation: Observation) -> Observation:
+        """The observation; MeasurementError where a target that the feature needs is not in it."""
         if not observation.others:
             if self.needs & SEGMENTED and not observation.valid:
                 raise MeasurementError(observation.reason or "the target is not visible")
-            return self._checked(self.feature.measure(observation, goal))
+            return observation
         for name, view in observation.cameras.items():
             own = (name,) if view.of_control is not None else ("", name)
             if self.needs_of(*own) & SEGMENTED and not view.valid:
                 reason = view.reason or "the target is not visible"
                 raise MeasurementError(f"camera {name}: {reason}")
-        return self._checked(self.feature.measure(observation, goal))
+        return observation
 
-    def _checked(self, found: object) -> Measured:
-        """What the feature measured; SchemeError."""
+    def checked(self, found: object) -> Measured:
+        """What `feature.measure` returned, with arrays in float64; SchemeError."""
         measured = checked_measured(self.feature, found)
         self._rows = len(measured.error)
         return measured

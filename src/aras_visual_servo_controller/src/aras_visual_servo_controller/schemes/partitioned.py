@@ -34,7 +34,7 @@ class Partitioned(OfFeature):
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
         """See Scheme.compute."""
-        measured = self.measured(observation, goal)
+        measured = self.checked(self.feature.measure(self.visible(observation), goal))
         L, error = measured.L, measured.error
         points, desired = measured.s.reshape(-1, 2), measured.desired.reshape(-1, 2)
         rotated = least_squares(L, error, ROUNDING_PART)

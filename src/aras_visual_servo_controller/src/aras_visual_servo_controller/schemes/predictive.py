@@ -54,7 +54,7 @@ class Predictive(OfFeature):
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
         """See Scheme.compute."""
-        measured = self.measured(observation, goal)
+        measured = self.checked(self.feature.measure(self.visible(observation), goal))
         scale = np.repeat((goal.distance, 1.0), 3)
         self._last, note = self._planned(
             observation, measured.error, measured.s, measured.L * scale

@@ -24,7 +24,9 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TypeVar
 
-from ..errors import SchemeTimeoutError
+from aras_visual_servo_base.names import words
+
+from ..errors import MeasurementError, SchemeError, SchemeTimeoutError
 
 T = TypeVar("T")
 
@@ -57,14 +59,19 @@ _watch: threading.Thread | None = None
 _starting = threading.Lock()
 
 
-def within(limit: float, call: Callable[..., T], *arguments: object) -> T:
-    """The call's answer.
+def call_user_code(
+    call: Callable[..., T], *arguments: object, limit: float, scheme: str = ""
+) -> T:
+    """Call a function of a user's code within a time limit; returns its answer.
 
     Args:
         limit: s of wall time that it may take, at least; up to two PERIODs more.
+        scheme: name under which its errors are reported; '': they pass as they are.
 
     Raises:
         SchemeTimeoutError: it took longer: which function, and where it was.
+        MeasurementError: as raised by the call: this image cannot be servoed on.
+        SchemeError: with a scheme's name, whatever else it raised, SystemExit included.
     """
     here = _Call(limit)
     try:
@@ -77,14 +84,19 @@ def within(limit: float, call: Callable[..., T], *arguments: object) -> T:
             _end(here)
     except BaseException as error:  # code on the way out may raise something else in its place
         _end(here)
-        if not here.interrupted:
+        if here.interrupted:
+            place = _place(error.__traceback__)
+            owner = getattr(call, "__self__", None)
+            name = call.__name__ if owner is None else f"{type(owner).__name__}.{call.__name__}"
+            text = f"{name} did not end within {limit:g} s: it was in {place}"
+            raise SchemeTimeoutError(
+                f"scheme {scheme}: {text}" if scheme else text, traceback.format_exc()
+            ) from None
+        if not scheme or isinstance(error, (MeasurementError, SchemeError, KeyboardInterrupt)):
             raise
-        place = _place(error.__traceback__)
-        owner = getattr(call, "__self__", None)
-        name = call.__name__ if owner is None else f"{type(owner).__name__}.{call.__name__}"
-        raise SchemeTimeoutError(
-            f"{name} did not end within {limit:g} s: it was in {place}", traceback.format_exc()
-        ) from None
+        raise SchemeError(
+            f"scheme {scheme} raised {words(error)}", traceback.format_exc()
+        ) from error
 
 
 def _end(here: _Call) -> None:

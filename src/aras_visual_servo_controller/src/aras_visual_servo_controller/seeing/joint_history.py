@@ -14,7 +14,7 @@ from statistics import median
 
 import numpy as np
 
-from .joint_sample import JointSample
+from ..arm.joint_sample import JointSample
 
 # Further than this from the nearest sample nothing is known of the joints, s.
 FARTHEST = 0.1
@@ -26,17 +26,23 @@ ROUNDING = 1e-6  # s, more than what stamps in s are rounded to, less than any p
 
 
 class JointHistory:
-    """The last few samples, stamps rising."""
+    """The last few samples, stamps rising.
+
+    Attributes:
+        newest: the last sample; None where there is none.
+    """
 
     def __init__(self, length: int = 64) -> None:
         """`length`: samples to keep."""
         self._samples: deque[JointSample] = deque(maxlen=length)
+        self.newest: JointSample | None = None
 
     def add(self, sample: JointSample) -> bool:
         """Note a sample; False for one that is not newer than the last, which is left out."""
         if self._samples and sample.stamp <= self._samples[-1].stamp:
             return False
         self._samples.append(sample)
+        self.newest = sample
         return True
 
     def with_speed(self, sample: JointSample) -> JointSample:
@@ -53,11 +59,7 @@ class JointHistory:
     def clear(self) -> None:
         """Forget all, as after a reset of the clock."""
         self._samples.clear()
-
-    @property
-    def newest(self) -> JointSample | None:
-        """The last sample; None where there is none."""
-        return self._samples[-1] if self._samples else None
+        self.newest = None
 
     def complete_to(self, stamp: float) -> bool:
         """Whether no sample up to `stamp` can still be on its way, going by the samples' period.
@@ -97,7 +99,7 @@ class JointHistory:
             before.names,
             before.positions + part * (after.positions - before.positions),
             before.velocities + part * (after.velocities - before.velocities),
-            self._far(min(stamp - before.stamp, after.stamp - stamp)),
+            self._is_far(min(stamp - before.stamp, after.stamp - stamp)),
         )
 
     def _moved(self, sample: JointSample, stamp: float) -> JointSample:
@@ -105,10 +107,10 @@ class JointHistory:
         away = stamp - sample.stamp
         positions = sample.positions + away * np.asarray(sample.velocities)
         return JointSample.of(
-            stamp, sample.names, positions, sample.velocities, self._far(abs(away))
+            stamp, sample.names, positions, sample.velocities, self._is_far(abs(away))
         )
 
-    def _far(self, away: float) -> bool:
+    def _is_far(self, away: float) -> bool:
         """Whether that is far from a sample, s; of one alone, which tells no period, it is not."""
         return len(self._samples) > 1 and away > NEAR * self._period() + ROUNDING
 

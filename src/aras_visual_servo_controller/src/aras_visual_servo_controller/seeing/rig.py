@@ -18,9 +18,10 @@ import numpy as np
 from aras_visual_servo_base.poses import adjoint, inverse, logarithm, relative
 
 from ..arm import Arm
+from ..arm.joint_sample import JointSample
 from ..errors import ConfigurationError, MeasurementError
-from .joint_sample import JointSample
-from .observation import Observation, Observer
+from .observation import Observation
+from .observer import Observer
 
 KEPT = 8  # pictures of a camera that wait for those of others
 # Part of the shorter of two cameras' periods by which their stamps may differ and still be of one

@@ -13,7 +13,7 @@ from genpy import Time
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
 
-from aras_sim_bridge.camera import Frame
+from aras_sim_bridge.camera import SensorFrame
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.ros.runtime.publisher import Peers, connections
 from aras_visual_servo_ros.parameters import InvalidParameterError, Value, namespace_of
@@ -91,7 +91,7 @@ class CompressedTopic:
         """Number of listeners."""
         return len(connections(self._publisher))
 
-    def publish(self, stamp: Time, frame_id: str, frame: Frame) -> None:
+    def publish(self, stamp: Time, frame_id: str, frame: SensorFrame) -> None:
         """Hand over one camera frame; its arrays must not change afterwards."""
         self._encoder.put((Header(stamp=stamp, frame_id=frame_id), frame))
 
@@ -102,7 +102,7 @@ class CompressedTopic:
         with self._publishing:
             self._publisher.unregister()
 
-    def _send(self, item: tuple[Header, Frame]) -> None:
+    def _send(self, item: tuple[Header, SensorFrame]) -> None:
         header, frame = item
         try:
             text, data = encode(frame.image, frame.encoding, self._settings.values)
@@ -118,16 +118,16 @@ class Encoder:
     """A thread that works off what it is given; of what waits too long the newest stay."""
 
     def __init__(
-        self, work: Callable[[tuple[Header, Frame]], None], backlog: int, name: str
+        self, work: Callable[[tuple[Header, SensorFrame]], None], backlog: int, name: str
     ) -> None:
         """Call `work` with each item in turn, `backlog` of which may wait."""
         self._work = work
-        self._items: collections.deque[tuple[Header, Frame]] = collections.deque(maxlen=backlog)
+        self._items = collections.deque[tuple[Header, SensorFrame]](maxlen=backlog)
         self._something = threading.Event()
         self._stopped = False
         threading.Thread(target=self._run, name=name, daemon=True).start()
 
-    def put(self, item: tuple[Header, Frame]) -> None:
+    def put(self, item: tuple[Header, SensorFrame]) -> None:
         """Hand over an item, without waiting."""
         self._items.append(item)
         self._something.set()

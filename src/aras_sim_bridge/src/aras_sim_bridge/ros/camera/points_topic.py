@@ -8,7 +8,7 @@ import numpy as np
 from genpy import Time
 from sensor_msgs.msg import PointCloud2, PointField
 
-from aras_sim_bridge.camera import Frame
+from aras_sim_bridge.camera import SensorFrame
 from aras_sim_bridge.camera.points import COLOUR, POINT_FLOATS, PointCloud
 from aras_sim_bridge.description import DepthTopics
 from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
@@ -35,7 +35,7 @@ class PointsTopic(QuickPublisher):
         self._rows = settings.rows
         super().__init__(topic, PointCloud2, queue_size=1, changed=changed)
 
-    def send(self, stamp: Time, frame_id: str, frame: Frame) -> None:
+    def send(self, stamp: Time, frame_id: str, frame: SensorFrame) -> None:
         """Send the cloud of a frame with depth."""
         if not self.listeners:
             return

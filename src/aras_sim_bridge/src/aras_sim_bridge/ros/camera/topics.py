@@ -9,7 +9,7 @@ from sensor_msgs.msg import CameraInfo
 from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Empty, String
 
-from aras_sim_bridge.camera import CameraConfig, CameraIntrinsics, Frame
+from aras_sim_bridge.camera import CameraConfig, CameraIntrinsics, SensorFrame
 from aras_sim_bridge.camera.mounting import MountedCamera, together
 from aras_sim_bridge.camera.points import within_reach
 from aras_sim_bridge.errors import CameraError
@@ -178,7 +178,7 @@ class CameraTopics:
         mounted.sensor.depth = self._on_graph and wanted
         mounted.sensor.segmentation = self._on_graph and _heard(self._segmentation)
 
-    def _on_frame(self, frame: Frame) -> None:
+    def _on_frame(self, frame: SensorFrame) -> None:
         """Publish one frame."""
         if self._before_frame is not None:
             self._before_frame()

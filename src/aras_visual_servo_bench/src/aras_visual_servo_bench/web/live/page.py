@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from aras_visual_servo_controller.loop.state import ServoState
+from aras_visual_servo_controller.records.state import ServoState
 
 from ...drawing.shapes import DIGITS, TEXT, Shape
 from ...drawing.story import Story

@@ -10,14 +10,14 @@ import numpy as np
 
 from aras_visual_servo_base.settings import check_bounds, parameter
 
+from ..arm.joint_sample import JointSample
 from ..arm.limits import Limits, check_inside
 from ..arm.resolution import Resolution, rank
 from ..arm.task import Task
 from ..errors import ConfigurationError
-from ..judging.arrival import NOT_ARRIVED, Arrived
-from ..judging.outcomes import Outcome
 from ..schemes.base import Decision
-from ..seeing.joint_sample import JointSample
+from .arrived import NOT_ARRIVED, Arrived
+from .outcomes import Outcome
 
 WAITING, APPROACHING, SERVOING = "waiting", "approaching", "servoing"
 CONVERGED, HOLDING, STOPPED = "converged", "holding", "stopped"

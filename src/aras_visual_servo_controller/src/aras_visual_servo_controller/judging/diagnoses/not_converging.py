@@ -1,0 +1,24 @@
+"""The error does not shrink: a limit, a singularity, a minimum, a swing, or too little time."""
+
+from __future__ import annotations
+
+from ...records.outcomes import Outcome, outcome
+from ...records.run_record import ImageRecord
+from ..base import DIAGNOSES, RunDiagnosis
+from ..evidence import Evidence
+
+
+@DIAGNOSES.register("not_converging")
+class NotConverging(RunDiagnosis):
+    """The last of the order, which always answers; causes and thresholds: see ProgressCheck."""
+
+    help = "the error does not shrink, and what of arm, features or gain keeps it"
+    kinds = ("running", "gain_too_high", "joint_limit", "singular", "local_minimum", "saturation",
+             "out_of_reach")  # fmt: skip
+
+    def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome:
+        """See RunDiagnosis.judge."""
+        stalled = evidence.swings or evidence.progress.stalled(record.state)
+        if evidence.run.beyond and stalled.kind != "running":
+            return outcome("out_of_reach", evidence.run.beyond)
+        return evidence.advised(stalled)

@@ -1,0 +1,38 @@
+"""The camera is not as the controller believes: its lens, or where it is mounted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ...records.outcomes import Outcome
+from ...records.run_record import ImageRecord
+from ...records.state import CONVERGED
+from ..base import DIAGNOSES, RunDiagnosis
+from ..evidence import Evidence
+from ..views import shown
+
+
+@DIAGNOSES.register("wrong_camera_model")
+class WrongCameraModel(RunDiagnosis):
+    """The features move otherwise than L and the arm's motion say; see CameraCheck."""
+
+    help = "calibration or mounting of the camera are not as believed"
+    kinds = ("wrong_camera_model", "joint_limit")
+
+    def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
+        """See RunDiagnosis.judge."""
+        state, observation = record.state, record.observation
+        # Between two images of a fast swing L is not what it is at either.
+        fault = "" if evidence.is_fast else evidence.wrong_camera(observation)
+        is_there = state.phase == CONVERGED
+        if fault and not is_there and (evidence.swings or evidence.gain.hasty):
+            fault = ""  # whatever the camera is: not by a motion that is not yet over when judged
+        evidence.camera_fault = fault
+        # A goal that this camera has shown is where its picture is the same, whatever is believed
+        # of it; a goal that was worked out is not.
+        if not fault or is_there and shown(observation, evidence.run.goal):
+            return None
+        stalled = evidence.progress.stalled(state)
+        if stalled.kind == "joint_limit":  # whatever else: past its limit no joint goes on
+            return replace(stalled, reason=f"{stalled.reason}; besides, {fault}")
+        return evidence.mistaken(fault)

@@ -1,0 +1,87 @@
+"""Asks a scheme what one image demands of the arm, and checks the answer before it counts."""
+
+from __future__ import annotations
+
+import dataclasses
+from math import inf
+
+import numpy as np
+
+from ..arm.algebra import finite
+from ..arm.task import Task
+from ..errors import SchemeError
+from ..goals.goal import Goal
+from ..seeing.observation import Observation
+from .answer_checks import as_numbers
+from .base import Decision, JointController, Scheme
+from .time_limit import call_user_code
+
+
+def compute(
+    scheme: Scheme | JointController,
+    observation: Observation,
+    goal: Goal,
+    t: float = 0.0,
+    name: str = "",
+    limit: float = inf,
+) -> Decision:
+    """Compute s, s*, the error e = s - s*, L and the task L v = e_dot of one image.
+
+    Args:
+        scheme: the user's, or a shipped one. observation, goal: of this image, to reach.
+        t: since servoing began, s. name: of the scheme, for messages.
+        limit: time that the scheme may take, s of wall time.
+
+    Returns:
+        The decision of k features, arrays in float64; its task holds L (k, 6) and the desired rate
+        (k,) of the error, and is None for a controller that answers joints.
+
+    Raises:
+        MeasurementError: this image cannot be servoed on.
+        SchemeError: the scheme raised something else, or what is wrong with its answer.
+        SchemeTimeoutError: it took longer than `limit`.
+    """
+    name = name or type(scheme).__name__
+    is_controller = isinstance(scheme, JointController)
+    answer = scheme.see if is_controller else scheme.compute
+    decision = call_user_code(answer, observation, goal, t, limit=limit, scheme=name)
+    if not isinstance(decision, Decision):
+        raise SchemeError(
+            f"scheme {name} answered {type(decision).__name__} instead of a Decision"
+        )
+    count = len(tuple(decision.names))
+    arrays = {}
+    for field in ("features", "desired", "error"):
+        array = as_numbers(getattr(decision, field))
+        if array is None or array.shape != (count,):
+            shape = "no numbers" if array is None else f"shape {array.shape}"
+            raise SchemeError(f"scheme {name} answered {field} of {shape} for {count} names")
+        arrays[field] = array
+    if not finite(*arrays.values()):
+        for field, array in arrays.items():
+            if not np.isfinite(array).all():
+                raise SchemeError(
+                    f"scheme {name} answered {field} that are not finite: {array.tolist()}"
+                )
+    tolerances = as_numbers(getattr(scheme, "tolerances", None))
+    if tolerances is None or tolerances.shape != (count,) or not all(
+        tolerance > 0.0 for tolerance in tolerances.tolist()
+    ):
+        raise SchemeError(
+            f"scheme {name} has tolerances {getattr(scheme, 'tolerances', None)}: {count} numbers "
+            "above 0 are needed, one for each name"
+        )
+    rate = as_numbers(decision.rate)
+    if rate is None or rate.shape not in ((), (count,)) or not np.isfinite(rate).all():
+        raise SchemeError(
+            f"scheme {name} answered the rate {decision.rate}: one finite number for each name"
+        )
+    if is_controller:
+        return dataclasses.replace(decision, task=None, **arrays)
+    if not isinstance(decision.task, Task):
+        raise SchemeError(
+            f"scheme {name} answered the task {type(decision.task).__name__} instead of a Task"
+        )
+    if all(arrays[field] is getattr(decision, field) for field in arrays):
+        return decision  # as most are
+    return dataclasses.replace(decision, **arrays)

@@ -1,0 +1,75 @@
+"""A run that is diagnosed from its record says what the loop said while it went on."""
+
+from __future__ import annotations
+
+import pytest
+
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.setup.assembly import assemble
+from aras_visual_servo_controller.judging.diagnosis import diagnose
+from aras_visual_servo_controller.records.run_record import ImageRecord
+
+MOVING = {"shape": "square", "size": [0.1, 0.1], "pose": [0, 0, 0.6, 0, 0, 0],
+          "motion": {"velocity": [0.02, 0.0, 0.0, 0.0, 0.0, 0.0]}}  # fmt: skip
+RUNS = {
+    "ideal": {"plant": "ideal", "features": "exact"},
+    "ideal, half a turn": {"plant": "ideal", "features": "exact", "scheme": "points",
+                           "start": {"pose": [0.0, 0.0, -0.8, 0.0, 0.0, 3.1]},
+                           "goal": {"pose": [0.0, 0.0, -0.6, 0.0, 0.0, 0.0]},
+                           "target": {"shape": "square", "size": [0.2, 0.2]}},
+    "free": {"plant": "free", "features": "exact", "duration": 5.0},
+    "free, high gain": {"plant": "free", "features": "exact", "gain": 12.0, "delay": 0.2},
+    "free, noise": {"plant": "free", "features": "exact", "jitter": 3.0, "scheme": "points"},
+    "free, wrong camera": {"plant": "free", "features": "exact", "believed": {"focal": 2.5}},
+    "free, moving target": {"plant": "free", "features": "exact", "scheme": "points",
+                            "target": MOVING},
+    "free, hidden": {"plant": "free", "features": "pictures", "duration": 1.0,
+                     "target": {"shape": "square", "size": [0.1, 0.1], "pose": [0, 0, 0.6, 0, 0, 0],
+                                "occluder": [[-0.06, -0.06], [0.06, 0.06]],
+                                "occluded": [[0.4, 9.0]]}},
+    "free, lost frames": {"plant": "free", "features": "pictures", "duration": 2.0,
+                          "camera": {"effects": {"drop_probability": 0.8}, "update_rate": 10.0}},
+    "chain": {"plant": "chain", "features": "exact", "duration": 3.0},
+    "chain, lag": {"plant": "chain", "features": "exact", "lag": 1.0, "gain": 5.0},
+    "bullet": {"plant": "bullet", "features": "exact", "duration": 2.0},
+    "bullet, another scheme": {"plant": "bullet", "features": "exact", "scheme": "points",
+                               "duration": 2.0},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_record_gives_the_same_outcome_reason_and_remedy(name):
+    experiment = Experiment.from_mapping({"duration": 4.0, **RUNS[name]})
+    loop = Loop(experiment, assemble(experiment))
+    told = []
+    try:
+        while not loop.over:
+            loop.to_image()
+            told.append((len(loop.records), loop.servo.outcome))
+        loop.result()
+        told.append((len(loop.records), loop.servo.outcome))
+    finally:
+        loop.close()
+    records, run = loop.records, loop.servo.diagnosis.run
+    assert sum(isinstance(record, ImageRecord) for record in records) > 3
+    assert all(record.observation.image is None and record.observation.depth is None
+               for record in records if isinstance(record, ImageRecord))  # fmt: skip
+    for count, outcome in (*told[:: max(len(told) // 6, 1)], told[-1]):
+        found = diagnose(run, records[:count])
+        # NaN where nothing is known of the distance: compared as text.
+        assert repr(found) == repr(outcome), count
+
+
+def test_the_runs_come_to_many_outcomes():
+    """The comparison above means something: the runs do not all converge."""
+    kinds = set()
+    for name in ("ideal", "free, high gain", "free, noise", "free, wrong camera",
+                 "free, moving target", "free, hidden"):  # fmt: skip
+        experiment = Experiment.from_mapping({"duration": 4.0, **RUNS[name]})
+        loop = Loop(experiment, assemble(experiment))
+        loop.to_end()
+        loop.result()
+        kinds.add(loop.servo.outcome.kind.partition(" ")[0])
+        loop.close()
+    assert len(kinds) >= 4, kinds

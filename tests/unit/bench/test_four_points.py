@@ -1,0 +1,94 @@
+"""The loop of docs/examples, written out: it agrees with the textbook's equations and the runner's
+steps, and the runner reaches the same functions without detours."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_base.poses import exponential, inverse, pose_difference
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.setup.assembly import assemble
+
+ROOT = Path(__file__).parents[3]
+EXAMPLE = ROOT / "docs" / "examples" / "four_points.py"
+
+
+@pytest.fixture
+def example(monkeypatch):
+    monkeypatch.syspath_prepend(str(EXAMPLE.parent))
+    import four_points
+
+    return four_points
+
+
+def textbook(start, goal, images, period, gain):
+    """world_T_camera after image-based servoing with L at each image and true depths."""
+    corners = np.array([(-0.1, -0.1, 0.0), (0.1, -0.1, 0.0), (0.1, 0.1, 0.0), (-0.1, 0.1, 0.0)])
+
+    def seen(pose):
+        X, Y, Z = (inverse(pose) @ np.vstack([corners.T, np.ones(4)]))[:3]
+        return X / Z, Y / Z, Z
+
+    pose, desired = start, np.column_stack(seen(goal)[:2]).ravel()
+    for _ in range(images):
+        x, y, Z = seen(pose)
+        L = np.zeros((8, 6))
+        L[::2] = np.column_stack([-1 / Z, 0 * Z, x / Z, x * y, -1 - x * x, y])
+        L[1::2] = np.column_stack([0 * Z, -1 / Z, y / Z, 1 + y * y, -x * y, -x])
+        twist = -gain * np.linalg.pinv(L) @ (np.column_stack([x, y]).ravel() - desired)
+        pose = pose @ exponential(period * twist)
+    return pose
+
+
+def test_the_example_is_short_and_arrives(example, capsys):
+    assert len(EXAMPLE.read_text().splitlines()) <= 60
+    assert example.main() < 5e-6
+    errors = [float(line.split()[-1]) for line in capsys.readouterr().out.splitlines()[:-1]]
+    assert len(errors) == 8 and all(b < 0.3 * a for a, b in zip(errors, errors[1:], strict=False))
+
+
+def test_the_example_takes_the_textbooks_path(example):
+    """Joints are the logarithm of the displacement: to first order of a period the same path."""
+    for images in (30, 60):
+        pose = textbook(example.WORLD_T_START, example.WORLD_T_GOAL, images, example.PERIOD, 1.5)
+        distance, _ = pose_difference(pose, example.WORLD_T_GOAL)
+        assert example.main(images) == pytest.approx(distance, rel=0.02)
+
+
+ARITHMETIC = {"measure", "rate", "from_polygon"}
+
+
+def test_the_loop_reaches_its_arithmetic_by_six_functions_at_most():
+    """Frames of the project between Loop.to_image and a feature, a law, or the resolver."""
+    loop = Loop(experiment := Experiment(plant="free", features="exact"), assemble(experiment))
+    for _ in range(3):
+        loop.to_image()
+    between: dict[str, int] = {}
+
+    def trace(frame, event, argument):
+        code = frame.f_code
+        ends = code.co_name in ARITHMETIC or code.co_qualname == "Resolver.resolve"
+        if event != "call" or str(ROOT / "src") not in code.co_filename or not ends:
+            return
+        count, caller = 0, frame.f_back
+        while caller is not None and caller.f_code.co_qualname != "Loop.to_image":
+            count += str(ROOT / "src") in caller.f_code.co_filename
+            caller = caller.f_back
+        if caller is not None:
+            between[code.co_qualname] = max(count, between.get(code.co_qualname, 0))
+
+    sys.setprofile(trace)
+    try:
+        for _ in range(5):
+            loop.to_image()
+    finally:
+        sys.setprofile(None)
+        loop.close()
+    assert {"MomentFeature.measure", "Proportional.rate", "Resolver.resolve",
+            "Moments.from_polygon"} <= set(between)  # fmt: skip
+    assert max(between.values()) <= 6, between

@@ -47,6 +47,10 @@ def exports_for_types(package: str) -> dict[str, str]:
     return found
 
 
+# An example of the parts that the loop is made of: more of them than the public interface has names.
+WRITTEN_OUT = ("four_points.py",)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_a_page_imports_public_names(page: Path) -> None:
     for block in blocks(page):
@@ -56,6 +60,8 @@ def test_a_page_imports_public_names(page: Path) -> None:
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
 def test_a_script_imports_public_names(script: Path) -> None:
+    if script.name in WRITTEN_OUT:
+        pytest.skip("shows the parts of the loop where they live")
     assert not private_imports(script.read_text())
 
 

@@ -37,7 +37,7 @@ from ..plants.kinematic import FreeCamera, KinematicChain
 from ..targets.geometry import PlacedTarget
 from .goal_teaching import check_view, needs_images, teach_goal
 from .read_context import Wrap, check_scheme, read_context
-from .run_context import RunContext
+from .setup_context import SetupContext
 from .sights import make_sight
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ class ShownGoal:
     named: Goal | None = None
 
 
-def read_goal(context: RunContext) -> ShownGoal:
+def read_goal(context: SetupContext) -> ShownGoal:
     """Where the experiment's goal is shown; ExperimentError where it does not say so."""
     given, arm = context.experiment.goal, context.arm
     if isinstance(given, CameraPose):
@@ -178,7 +178,7 @@ def read_goal(context: RunContext) -> ShownGoal:
     return ShownGoal(np.array(here.world_T_camera), here.joints, goal)
 
 
-def _given_goal_joints(context: RunContext) -> np.ndarray:
+def _given_goal_joints(context: SetupContext) -> np.ndarray:
     """The joints (n,) that the goal is taught at, where it names joints."""
     try:
         joints = start_joints(context.experiment.goal, context.arm, context.settings.package)
@@ -188,7 +188,7 @@ def _given_goal_joints(context: RunContext) -> np.ndarray:
     return joints
 
 
-def make_arms(context: RunContext, pose: np.ndarray) -> tuple[Arm | FreeBody, Arm | FreeBody]:
+def make_arms(context: SetupContext, pose: np.ndarray) -> tuple[Arm | FreeBody, Arm | FreeBody]:
     """The true arm and the believed one; of a camera that flies, about the goal's pose (4, 4)."""
     believed = context.control.spec.believed
     if not context.flies:
@@ -202,7 +202,7 @@ def make_arms(context: RunContext, pose: np.ndarray) -> tuple[Arm | FreeBody, Ar
 
 
 def believed_others(
-    context: RunContext, pose: np.ndarray, control: Arm | FreeBody
+    context: SetupContext, pose: np.ndarray, control: Arm | FreeBody
 ) -> dict[str, FreeBody | MovedBy]:
     """What is believed to move the other cameras that the scheme reads, by their names.
 
@@ -221,7 +221,7 @@ def believed_others(
     return others
 
 
-def make_postures(context: RunContext) -> Postures:
+def make_postures(context: SetupContext) -> Postures:
     """Postures of the arm with the control camera before the target."""
     from ..asked.worlds import world_path
     from .postures import Postures
@@ -235,7 +235,7 @@ def make_postures(context: RunContext) -> Postures:
 
 
 def find_goal_joints(
-    context: RunContext, postures: Postures | None, shown: ShownGoal
+    context: SetupContext, postures: Postures | None, shown: ShownGoal
 ) -> np.ndarray | None:
     """Joints (n,) of the arm at the goal; None of a camera that flies, or where the arm cannot be
     there, which is an outcome."""
@@ -255,7 +255,7 @@ def find_joints(postures: Postures | None, pose: np.ndarray) -> np.ndarray | Non
 
 
 def make_goal(
-    context: RunContext, shown: ShownGoal, joints: np.ndarray | None, postures: Postures | None,
+    context: SetupContext, shown: ShownGoal, joints: np.ndarray | None, postures: Postures | None,
     arm: Arm | FreeBody, believed: Arm | FreeBody, others: Mapping[str, MovedBy | FreeBody],
 ) -> tuple[Goal, np.ndarray]:
     """The goal of the loop, computed from a file or taught, and its world_T_camera (4, 4).
@@ -289,7 +289,7 @@ def make_goal(
 
 
 def compute_goal(
-    context: RunContext, named: Goal, arms: Mapping[str, FreeBody | MovedBy]
+    context: SetupContext, named: Goal, arms: Mapping[str, FreeBody | MovedBy]
 ) -> Goal | None:
     """A named goal as the believed cameras see it; None where it lacks what the scheme needs, or
     was shown another target: the demo's plates in place of a solid, or the control camera's in
@@ -306,7 +306,7 @@ def compute_goal(
     return goal
 
 
-def with_believed_depths(context: RunContext, goal: Goal) -> Goal:
+def with_believed_depths(context: SetupContext, goal: Goal) -> Goal:
     """The goal with its depths as they are believed."""
     deeper = {
         name: _with_depth_times(one, context.eyes[name].spec.believed.depth)
@@ -329,7 +329,7 @@ def _with_depth_times(goal: Goal, factor: float) -> Goal:
 
 
 def find_start(
-    context: RunContext, postures: Postures | None, arm: Arm | FreeBody, goal_pose: np.ndarray,
+    context: SetupContext, postures: Postures | None, arm: Arm | FreeBody, goal_pose: np.ndarray,
     goal_joints: np.ndarray | None,
 ) -> np.ndarray:
     """Joints (n,) at the start; `goal_joints`: those at the goal, None: they are not known."""
@@ -353,7 +353,7 @@ def find_start(
     return arm.coordinates(context.arm.pose(joints)) if postures is None else joints
 
 
-def given_start(context: RunContext) -> np.ndarray:
+def given_start(context: SetupContext) -> np.ndarray:
     """Joints (n,) of a start that is given by name or as joints."""
     joints = start_joints(context.experiment.start, context.arm, context.settings.package)
     if joints is None:
@@ -363,7 +363,7 @@ def given_start(context: RunContext) -> np.ndarray:
 
 
 def check_postures(
-    context: RunContext, postures: Postures | None, goal: np.ndarray | None, start: np.ndarray,
+    context: SetupContext, postures: Postures | None, goal: np.ndarray | None, start: np.ndarray,
     given: bool,
 ) -> tuple[str, ...]:
     """What speaks against the joints (n,) at the goal and at the start; it is logged once.
@@ -381,7 +381,7 @@ def check_postures(
     return tuple(notes)
 
 
-def make_servo(context: RunContext, believed: Arm | FreeBody, goal: Goal) -> Servo:
+def make_servo(context: SetupContext, believed: Arm | FreeBody, goal: Goal) -> Servo:
     """The loop."""
     resolver = None
     if context.experiment.plant == "ideal":
@@ -391,7 +391,7 @@ def make_servo(context: RunContext, believed: Arm | FreeBody, goal: Goal) -> Ser
     return context.settings.build(believed, goal, scheme=context.scheme, resolver=resolver)
 
 
-def make_plant(context: RunContext, arm: Arm | FreeBody, start: np.ndarray) -> Plant:
+def make_plant(context: SetupContext, arm: Arm | FreeBody, start: np.ndarray) -> Plant:
     """The plant at joints (n,)."""
     experiment = context.experiment
     if experiment.plant == "bullet":

@@ -13,7 +13,7 @@ from ..asked.worlds import around
 from ..errors import ExperimentError
 from ..plants.bullet_arm import OCCLUDER, TARGET, BulletArm, Followed, ShownTarget
 from ..targets.files import ABOVE, description_file, occluder_file
-from .run_context import RunContext
+from .setup_context import SetupContext
 from .sights import make_sight, rendered_settings
 
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
@@ -36,7 +36,7 @@ def carried_targets(experiment: Experiment) -> dict[str, Carried]:
     }
 
 
-def make_bullet_arm(context: RunContext, start: np.ndarray, exactly: bool = False) -> BulletArm:
+def make_bullet_arm(context: SetupContext, start: np.ndarray, exactly: bool = False) -> BulletArm:
     """The arm at joints (n,), rad or m; `exactly`: as for teaching a goal, without noise."""
     experiment, spec, control = context.experiment, context.experiment.target, context.control
     return BulletArm(
@@ -55,7 +55,7 @@ def make_bullet_arm(context: RunContext, start: np.ndarray, exactly: bool = Fals
     )  # fmt: skip
 
 
-def take_first_images(context: RunContext, joints: np.ndarray) -> dict[str, Frame]:
+def take_first_images(context: SetupContext, joints: np.ndarray) -> dict[str, Frame]:
     """The first image of each camera that the loop reads, by name, of an arm at joints (n,).
 
     Raises:
@@ -78,7 +78,7 @@ def take_first_images(context: RunContext, joints: np.ndarray) -> dict[str, Fram
     raise ExperimentError("the camera delivers no picture within 1 s to teach the goal by")
 
 
-def _spawned_targets(context: RunContext, exactly: bool) -> tuple[ShownTarget, ...]:
+def _spawned_targets(context: SetupContext, exactly: bool) -> tuple[ShownTarget, ...]:
     """What is put into the simulated world: the targets, unless the robot brings them, and what
     comes and goes on the experiment's."""
     experiment, robot = context.experiment, context.robot

@@ -20,7 +20,7 @@ from ..errors import ExperimentError, ViewError
 from ..plants.free_body import FreeBody
 from ..plants.sight import capture
 from ..targets.geometry import PlacedTarget
-from .run_context import RunContext
+from .setup_context import SetupContext
 from .sights import make_sight
 
 # What is taught from a picture as the loop will see it: its own errors are then none of the goal.
@@ -30,7 +30,7 @@ LONG = 1.0  # m, of a solid that is more likely in millimetres
 ELSEWHERE = "give a goal from where the camera sees it, or move the target"
 
 
-def check_view(context: RunContext, pose: np.ndarray) -> None:
+def check_view(context: SetupContext, pose: np.ndarray) -> None:
     """ExperimentError where the target is not in view of a camera that the scheme reads.
 
     pose: world_T_camera (4, 4) of the control camera.
@@ -72,7 +72,7 @@ def check_view(context: RunContext, pose: np.ndarray) -> None:
         )
 
 
-def needs_images(context: RunContext) -> bool:
+def needs_images(context: SetupContext) -> bool:
     """Whether the goal is taught by rendered images."""
     experiment = context.experiment
     if experiment.plant != "bullet" or not experiment.pictures:
@@ -86,7 +86,7 @@ def needs_images(context: RunContext) -> bool:
 
 
 def teach_goal(
-    context: RunContext,
+    context: SetupContext,
     pose: np.ndarray,
     mountings: Mapping[str, np.ndarray],
     others: Mapping[str, MovedBy | FreeBody],
@@ -130,7 +130,7 @@ def teach_goal(
     return replace(Goal.teach(context.scheme, observation, name, depth), joints=dict(joints))
 
 
-def _check_is_target(context: RunContext, seen: Observation, pose: np.ndarray) -> None:
+def _check_is_target(context: SetupContext, seen: Observation, pose: np.ndarray) -> None:
     """ExperimentError where an image's target is not where the true one is.
 
     pose: world_T_camera (4, 4) of the true camera.

@@ -23,7 +23,7 @@ from ..asked.unused_settings import check_camera, check_settings
 from ..errors import ExperimentError
 from ..plants.base import Place
 from ..targets.geometry import RoundTarget
-from .run_context import RunContext
+from .setup_context import SetupContext
 
 OF_PICTURES = {Need.IMAGE, Need.KERNEL}  # exact features have none
 
@@ -32,7 +32,7 @@ Wrap = Callable[[Scheme | JointController], Scheme | JointController]
 
 def read_context(
     experiment: Experiment, wrap: Wrap | None = None, watched: bool = True, depth: bool = False
-) -> RunContext:
+) -> SetupContext:
     """Read the files of an experiment and choose its scheme; arguments as of `assemble`."""
     experiment, robot = read_robot(experiment)
     eyes = read_cameras(experiment, robot)
@@ -55,7 +55,7 @@ def read_context(
         name: eye.spec.target.placed if eye.spec.target else placed for name, eye in eyes.items()
     }
     segmentation = settings.make_segmentation()
-    return RunContext(
+    return SetupContext(
         experiment, robot, settings, scheme, arm, eyes,
         {name: observer.needs for name, observer in rig.observers.items()},
         placed, targets, places, depth,
@@ -148,7 +148,7 @@ def locate_cameras(
     return places
 
 
-def check_scheme(context: RunContext) -> None:
+def check_scheme(context: SetupContext) -> None:
     """ExperimentError for a scheme that can do nothing with what it will be given."""
     experiment, scheme = context.experiment, context.scheme
     for name in context.needs:

@@ -21,14 +21,14 @@ from ..asked.unused_settings import ON_FEATURES
 from ..errors import ExperimentError
 from ..plants.sight import Sight
 from ..targets.target_spec import TargetSpec
-from .run_context import RunContext
+from .setup_context import SetupContext
 
 COLOUR = ("rgb", "bgr")  # encodings of pictures that without a renderer are grey
 # Effects that are drawn by chance, which a goal is taught without.
 CHANCE = {"noise_stddev", "shot_noise", "sensor", "drop_probability"}
 
 
-def make_sight(context: RunContext, eye: Eye, exactly: bool = False) -> Sight:
+def make_sight(context: SetupContext, eye: Eye, exactly: bool = False) -> Sight:
     """How a camera sees without a renderer; `exactly`: as for teaching a goal, without noise."""
     experiment, needs = context.experiment, context.needs.get(eye.name, frozenset())
     pictures = experiment.pictures and not (exactly and experiment.plant == "bullet")
@@ -82,7 +82,7 @@ def make_sight(context: RunContext, eye: Eye, exactly: bool = False) -> Sight:
     )  # fmt: skip
 
 
-def rendered_settings(context: RunContext, eye: Eye, exactly: bool = False) -> dict[str, Any]:
+def rendered_settings(context: SetupContext, eye: Eye, exactly: bool = False) -> dict[str, Any]:
     """Settings of a camera whose images are rendered, to lie over the robot's description."""
     settings = with_noise(eye.overrides, context.experiment, exactly)
     settings.pop("latency", None)  # the loop delays images by it, on every plant

@@ -21,7 +21,7 @@ from ..targets.target_spec import TargetSpec
 
 
 @dataclass(frozen=True, eq=False)
-class RunContext:
+class SetupContext:
     """Robot, cameras, targets, loop settings and scheme of a run.
 
     Attributes:

@@ -47,7 +47,7 @@ def exports_for_types(package: str) -> dict[str, str]:
     return found
 
 
-# An example of the parts that the loop is made of: more of them than the public interface has names.
+# An example of the parts that the loop is made of, of which there are more than public names.
 WRITTEN_OUT = ("four_points.py",)
 
 

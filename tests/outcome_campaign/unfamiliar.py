@@ -280,6 +280,30 @@ def slow_joints_and_a_limit(random: Draw) -> Changes:
     return {**keys, "options": {**keys["options"], "max_velocity": speed}, "duration": 10.0}
 
 
+# -- schemes that a start is too far for -------------------------------------------------------
+
+
+@kind("target_lost", "camera_retreat", "local_minimum", "no_progress", "timed_out", "ambiguous",
+      "gain_too_high", "converged")
+def scheme_leads_astray(random: Draw) -> Changes:
+    """A turn of 80 to 180 degrees, which a scheme of points or moments, or L at the goal, is not
+    made for: the camera goes far aside or away, and neither it nor the target is at fault."""
+    scheme = str(random.choice(["numbered_points", "partitioned", "moments_six", "points_3d"]))
+    kinds = ("current",) if scheme == "partitioned" else ("current", "desired", "mean")
+    interaction = str(random.choice(kinds))
+    plants = [{"plant": "free", "features": "pictures"}, {"plant": "ideal", "features": "exact",
+              "ideal": {"speed": [1.0, 1.5], "unbounded": True}}]  # fmt: skip
+    options = {} if interaction == "current" else {"interaction": interaction}
+    return {
+        **plants[int(random.integers(2))], "scheme": scheme, "options": options,
+        "camera": {"width": 320, "height": 240, "horizontal_fov": 0.761, "update_rate": 25.0},
+        "target": {"shape": [[-0.1, -0.1], [0.1, -0.08], [0.08, 0.1], [-0.06, 0.06]]},
+        "goal": {"pose": [0.0, 0.0, -0.6, 0.0, 0.0, 0.0]}, "gain": 2.0, "duration": 6.0,
+        "start": {"kind": "turned", "angle": float(random.uniform(80.0, 180.0)),
+                  "scatter": [0.01, 2.0]},
+    }  # fmt: skip
+
+
 # -- schemes of users ----------------------------------------------------------------------------
 
 

@@ -12,7 +12,7 @@ import pytest
 from made_run import GOAL, made_run
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_bench.asked.cameras import CameraSpec, Eye
+from aras_visual_servo_bench.asked.cameras import CameraSpec, Eye, config_of
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.drawing.shapes import on_picture, picture_border
 from aras_visual_servo_bench.pictures.palette import LIVE_CURVES, SCENE, rgb
@@ -45,13 +45,13 @@ def pose(number):
 
 def assembly(arm):
     scheme = SimpleNamespace(units=("m", "", "rad"), tolerances=np.array([0.1, 0.2, 0.3]))
-    spec = CameraSpec(delay=0.05)
+    spec, late = CameraSpec(delay=0.05), {"latency": 0.02}
     return SimpleNamespace(
         servo=SimpleNamespace(scheme=scheme, arm=arm), target="target", goal="goal",
         settings=SimpleNamespace(limits=lambda arm: SimpleNamespace(velocity=[0.3, 1.9])),
         plant=SimpleNamespace(camera=LEFT),
         rig=SimpleNamespace(control=SimpleNamespace(name="left")),
-        eyes={name: Eye(name, spec, {}, {"latency": 0.02}, model, model) for name, model in
+        eyes={name: Eye(name, spec, {}, late, config_of(late), model, model) for name, model in
               (("left", LEFT), ("wide", WIDE), ("blind", LEFT))},
     )  # fmt: skip
 

@@ -308,7 +308,7 @@ def of(corners):
 
 def said_of(evidence, seen, wanted, count=3):
     """What is said after each of `count` images."""
-    see = SimpleNamespace(moments=seen)
+    see = SimpleNamespace(moments=seen, plane=None)
     return [evidence.add(see, SimpleNamespace(moments=wanted)) for _ in range(count)]
 
 

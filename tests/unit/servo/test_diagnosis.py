@@ -687,7 +687,7 @@ def test_a_retreat_of_a_camera_that_swings_is_the_gain_s():
     for k in range(28):  # until 0.9 s
         evidence.gain.add(k / 30.0, swing(k / 30.0, 3.0), None, 0.0)
     for stamp, distance in ((0.0, 1.0), (1.0, 9.0), (1.1, 9.0), (1.2, 9.0)):
-        seen = one_camera(valid=True, world_T_camera=None, touches=(), stamp=stamp,
+        seen = one_camera(valid=True, world_T_camera=None, touches=(), stamp=stamp, plane=None,
                           moments=scaled(run.goal.moments, 1.0 / distance))  # fmt: skip
         found = retreat.judge(answered(stamp, np.zeros(1), observation=seen), evidence)
     assert found.kind == "gain_too_high" and "went back" in found.reason

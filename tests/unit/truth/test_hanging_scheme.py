@@ -70,9 +70,12 @@ def test_it_does_so_in_a_thread_and_in_a_worker_process():
 
 def test_a_wait_is_interrupted_where_scripts_run_in_the_background():
     """There the shell has Ctrl-C ignored."""
-    code = ("import queue; from aras_visual_servo_controller.schemes.time_limit import within\n"
-            "try: within(0.2, queue.Queue().get)\n"
-            "except BaseException as error: print(type(error).__name__)")  # fmt: skip
+    code = (
+        "import queue\n"
+        "from aras_visual_servo_controller.schemes.time_limit import call_user_code\n"
+        "try: call_user_code(queue.Queue().get, limit=0.2)\n"
+        "except BaseException as error: print(type(error).__name__)"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=30,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},

@@ -185,6 +185,7 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"law_options": {1: 2.0}}, "takes no '1'"),
         ({"law_options": {"name": "pi"}}, "law 'proportional' takes no 'name'"),
         ({"gain_zero": 4.0}, "unknown parameter ~gain_zero"),
+        ({"pitch_gain": 2.0}, "unknown parameter ~pitch_gain"),
         ({"law_options": {"ramp": 0.1}}, "give it as ~ramp"),
         ({"weights": ["one"]}, "~weights.0. is 'one', must be a finite number"),
         ({"weights": [0.0]}, "one at least has to be above 0"),
@@ -285,7 +286,6 @@ def test_laws_and_schemes_get_their_numbers(arm):
     assert of(hold_gain=2.5, start="none").build(arm).resolver.settings.hold_gain == 2.5
     diagonal = of(law="diagonal", law_options={"values": [1, 2, 3, 4]}).make_law()
     assert diagonal.values == (1.0, 2.0, 3.0, 4.0)
-    assert of(pitch_gain=2.0).hold_gain == 2.0  # the name of former versions
 
 
 def test_of_joints_that_are_not_used_the_robot_s_parameters_say_nothing(arm):

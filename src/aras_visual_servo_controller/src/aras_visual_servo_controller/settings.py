@@ -59,8 +59,6 @@ NONE: Mapping[str, Any] = {}
 MODEL = "model"  # the tracker of a known mesh
 MARKER = "marker"  # the tracker of an ArUco or AprilTag marker, or of a board of them
 OUTLINE = "outline"  # the tracker that takes the corners of what was segmented
-# Names of former versions.
-ALIASES = {"pitch_gain": "hold_gain"}
 # Parameters that are names on a ROS graph.
 NAMES = ("namespace", "camera_namespace", "command_topic", "description")
 LEGAL = re.compile(r"[~/]?[A-Za-z][\w/]*", re.ASCII)
@@ -227,8 +225,6 @@ class Settings:
             ConfigurationError: naming the parameter, what is wrong and what would be right.
         """
         where = f"{file}: parameter ~" if file else "parameter ~"
-        if isinstance(raw, Mapping):
-            raw = {ALIASES.get(key, key): value for key, value in raw.items()}
         values = converted(cls, raw, where, ConfigurationError)
         known = defaults(cls)
         for name, value in values.items():
@@ -274,7 +270,7 @@ class Settings:
             given = [
                 f.name for f in fields(self) if getattr(self, f.name) != getattr(plain, f.name)
             ]
-        given = {ALIASES.get(key, key) for key in given}
+        given = set(given)
         known = {
             f.name: getattr(of_robot, f.name)
             for f in fields(self)

@@ -36,7 +36,8 @@ from aras_visual_servo_camera.images import decode
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments, Pinhole
 from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
-from aras_visual_servo_camera.segmentation import Segmentation, segment
+from aras_visual_servo_camera.segmentation import Segmentation
+from aras_visual_servo_camera.segmented_target import segment
 from aras_visual_servo_camera.undistortion import CameraModel
 
 SIZES = {"320x240": (320, 240), "640x480": (640, 480)}

@@ -8,8 +8,9 @@ import time
 
 import numpy as np
 
+from aras_visual_servo_camera.interaction import point_interaction
 from aras_visual_servo_controller.features import Feature, Measured
-from aras_visual_servo_controller.features.points import Points, point_interaction
+from aras_visual_servo_controller.features.points import Points
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Decision, Scheme
 from aras_visual_servo_controller.seeing.observation import Observation

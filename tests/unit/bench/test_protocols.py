@@ -13,7 +13,7 @@ import yaml
 
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_bench.asked.experiment import CameraPose, Experiment
-from aras_visual_servo_bench.asked.relative_start import RelativeStart
+from aras_visual_servo_bench.asked.starts import RelativeStart
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import run

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.asked.relative_start import RelativeStart
+from aras_visual_servo_bench.asked.starts import RelativeStart
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.setup.assembly import assemble
 

@@ -16,7 +16,7 @@ from matplotlib.colors import to_hex, to_rgb
 from aras_visual_servo_bench.pictures import palette, panels, style, views
 from aras_visual_servo_bench.pictures.over_time import Layout, drawn, symbol
 from aras_visual_servo_bench.pictures.panels import Curve, Panel
-from aras_visual_servo_bench.recording.from_loop import with_pictures
+from aras_visual_servo_bench.recording.film import with_pictures
 from aras_visual_servo_bench.recording.run import Run, Verdict, scaled
 from aras_visual_servo_bench.recording.tracks import milestones, tracks
 from aras_visual_servo_bench.targets.geometry import PolygonTarget

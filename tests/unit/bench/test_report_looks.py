@@ -17,7 +17,7 @@ from matplotlib.colors import to_hex, to_rgb
 from aras_visual_servo_bench.pictures import palette, style, views
 from aras_visual_servo_bench.pictures.over_time import Layout, drawn, looks
 from aras_visual_servo_bench.pictures.panels import Curve, Panel
-from aras_visual_servo_bench.recording.from_loop import with_pictures
+from aras_visual_servo_bench.recording.film import with_pictures
 
 
 @pytest.fixture(scope="module")

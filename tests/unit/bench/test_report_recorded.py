@@ -17,7 +17,8 @@ from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.drawing.shapes import on_picture, picture_border
 from aras_visual_servo_bench.pictures.palette import LIVE_CURVES, SCENE, rgb
 from aras_visual_servo_bench.recording import film as films
-from aras_visual_servo_bench.recording.from_loop import Recorder, picture_of, with_pictures
+from aras_visual_servo_bench.recording.film import picture_of, with_pictures
+from aras_visual_servo_bench.recording.from_loop import Recorder
 from aras_visual_servo_bench.recording.run import CameraRecord, padded
 from aras_visual_servo_bench.web.report.contents import contents
 from aras_visual_servo_camera.undistortion import CameraModel

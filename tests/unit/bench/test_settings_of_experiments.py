@@ -7,8 +7,8 @@ import pytest
 from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec
 from aras_visual_servo_bench.asked.experiment import Experiment, Ideal, Sampler, SunSpec
 from aras_visual_servo_bench.asked.loop_settings import settings_of
-from aras_visual_servo_bench.asked.relative_start import RelativeStart
 from aras_visual_servo_bench.asked.robots import RobotSpec
+from aras_visual_servo_bench.asked.starts import RelativeStart
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.target_spec import BoxSpec, TargetSpec

@@ -10,8 +10,7 @@ import pytest
 from scenes import BRIGHT, looking
 
 from aras_sim_bridge.description import Geometry, Light, parse_urdf, world_file
-from aras_sim_bridge.description.lights import SUN
-from aras_sim_bridge.description.types import Surroundings
+from aras_sim_bridge.description.types import SUN, Surroundings
 from aras_sim_bridge.errors import DescriptionError, WorldError
 from aras_sim_bridge.rendering import Sun, View, create_renderer
 from aras_sim_bridge.simulation import MOST_LIGHTS, Simulation, SimulationConfig

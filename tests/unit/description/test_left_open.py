@@ -20,12 +20,12 @@ from aras_sim_bridge.description import (
     SensorDescription,
     Transmission,
     Visual,
-    lights,
     parse_sdf,
     parse_urdf,
     read_sdf,
     world_file,
 )
+from aras_sim_bridge.description.types import SUN as SUN_OF_GAZEBO
 from aras_sim_bridge.description.types import Surroundings
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.settings import build
@@ -68,7 +68,7 @@ def test_what_a_part_is_without_being_told(made, expected):
 def test_the_light_of_no_world_is_gazebo_s_sun():
     """Its direction is written with fewer digits there, and scaled."""
     (sun,) = world_file.WorldFile().lights
-    assert sun == lights.SUN
+    assert sun == SUN_OF_GAZEBO
     length = math.hypot(*sun.direction)
     assert [value / length for value in sun.direction] == pytest.approx(SUN[5], abs=5e-5)
     assert (sun.name, *astuple(sun)[1:6], *astuple(sun)[7:]) == ("sun", *SUN[:5], *SUN[6:])

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.description import read_sdf, world_file
-from aras_sim_bridge.description.lights import _DIRECTED, _STRENGTHS, SUN, checked_light
+from aras_sim_bridge.description.lights import _DIRECTED, _STRENGTHS, checked_light
+from aras_sim_bridge.description.types import SUN
 from aras_sim_bridge.errors import DescriptionError, SimError, WorldError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_base import safe_xml

@@ -13,7 +13,8 @@ from aras_visual_servo_camera.contour import (
 )
 from aras_visual_servo_camera.errors import SegmentationError
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.segmentation import Segmentation, segment
+from aras_visual_servo_camera.segmentation import Segmentation
+from aras_visual_servo_camera.segmented_target import segment
 from aras_visual_servo_camera.undistortion import CameraModel
 
 CAMERA = CameraModel(320, 240, (200.0, 0, 158.3, 0, 201.0, 121.6, 0, 0, 1))

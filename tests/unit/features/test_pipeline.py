@@ -13,7 +13,8 @@ from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.pipeline import Measurement, Pipeline, PipelineSettings, _unfit
-from aras_visual_servo_camera.segmentation import Segmentation, SegmentedTarget
+from aras_visual_servo_camera.segmentation import Segmentation
+from aras_visual_servo_camera.segmented_target import SegmentedTarget
 from aras_visual_servo_camera.undistortion import CameraModel
 
 CAMERA = CameraModel(320, 240, (188.04, 0, 159.5, 0, 188.04, 119.5, 0, 0, 1), (0.0,) * 5)

@@ -8,11 +8,8 @@ import pytest
 
 from aras_visual_servo_camera.coverage import coverage
 from aras_visual_servo_camera.errors import SegmentationError
-from aras_visual_servo_camera.segmentation import (
-    Segmentation,
-    segment,
-    threshold_image,
-)
+from aras_visual_servo_camera.segmentation import Segmentation
+from aras_visual_servo_camera.segmented_target import segment, threshold_image
 
 
 def scene(*boxes: tuple[int, int, int, int], ground: int = 255, target: int = 5) -> np.ndarray:

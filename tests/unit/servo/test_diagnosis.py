@@ -12,10 +12,9 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature, Measured, Stack
-from aras_visual_servo_controller.judging.base import DIAGNOSES, RunDiagnosis
+from aras_visual_servo_controller.judging.base import DIAGNOSES, ORDER, RunDiagnosis
 from aras_visual_servo_controller.judging.diagnosis import Diagnosis, diagnose
 from aras_visual_servo_controller.judging.evidence import Evidence
-from aras_visual_servo_controller.judging.order import ORDER
 from aras_visual_servo_controller.judging.views import by_camera, shown
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.records.arrived import Arrived, LeftOpen

@@ -11,7 +11,6 @@ from aras_visual_servo_base.poses import transform
 from aras_visual_servo_camera.contour import CORNER_ACCURACY
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.pipeline import PipelineSettings
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm.joint_sample import JointSample
@@ -108,8 +107,8 @@ def test_a_picture_of_another_size_than_the_camera():
 
 
 def test_a_picture_that_cannot_be_segmented_as_asked_says_why():
-    by_colour = PipelineSettings(Segmentation(method="nearest_colour", near_colour=(200, 30, 40)))
-    seen = Observer(None, vision=by_colour).of_image(0.0, picture(outline()), CAMERA)
+    by_colour = Segmentation(method="nearest_colour", near_colour=(200, 30, 40))
+    seen = Observer(None, segmentation=by_colour).of_image(0.0, picture(outline()), CAMERA)
     assert not seen.valid and seen.moments is None
     assert seen.reason == "segmentation 'nearest_colour' needs a colour image, this one is grey"
 

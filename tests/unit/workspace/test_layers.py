@@ -54,7 +54,8 @@ FLOORS = {
     "aras_visual_servo_camera": (
         {"edges", "errors", "formula"},
         {"definitions", "images", "markers", "moments"},
-        {"degeneracy", "interaction", "kernel", "segmentation", "undistortion"},
+        {"segmentation"},
+        {"degeneracy", "interaction", "kernel", "segmented_target", "undistortion"},
         {"coverage", "labels", "model", "orientation", "silhouette"},
         {"contour", "features", "label_topics", "pipeline", "trackers"},
         {"messages", "overlay", "parameters"},

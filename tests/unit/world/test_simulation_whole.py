@@ -8,8 +8,7 @@ import pytest
 
 from aras_sim_bridge import simulation as module
 from aras_sim_bridge.description import Light, parse_urdf
-from aras_sim_bridge.description.lights import SUN
-from aras_sim_bridge.description.types import Surroundings
+from aras_sim_bridge.description.types import SUN, Surroundings
 from aras_sim_bridge.errors import (
     CameraError,
     DescriptionError,

@@ -26,8 +26,8 @@ from aras_sim_bridge.control.manager import ControllerManager
 from aras_sim_bridge.control.stability import outlook
 from aras_sim_bridge.control.switching import STRICT
 from aras_sim_bridge.description import CameraDescription, Light, RobotDescription
-from aras_sim_bridge.description.lights import SUN, checked_light
-from aras_sim_bridge.description.types import Surroundings, within
+from aras_sim_bridge.description.lights import checked_light
+from aras_sim_bridge.description.types import SUN, Surroundings, within
 from aras_sim_bridge.errors import (
     CameraError,
     DescriptionError,

@@ -27,12 +27,11 @@ import numpy as np
 from .errors import DescriptionError, SimError
 from .names import nearest
 from .opencv_files import read_storage
-from .poses import rotation_from_quaternion, rotation_from_rpy
+from .poses import LENGTH_UNITS, rotation_from_quaternion, rotation_from_rpy
 from .safe_xml import parse
 from .settings import as_number, said
 from .yaml_files import parse_yaml, read_text
 
-UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 LONGEST = 2.0  # m from a camera to the link that carries it
 SHORTEST = 1e-3  # m, of one whose unit is given
 ROTATION = 1e-3  # how far R may be from a rotation: files are rounded
@@ -85,9 +84,9 @@ def read_hand_eye(path: str | Path, units: str = "") -> HandEye:
 
 def _in_metres(found: HandEye, units: str, path: Path) -> HandEye:
     matrix = found.link_T_camera.copy()
-    if units and units not in UNITS:
+    if units and units not in LENGTH_UNITS:
         raise HandEyeError(f"{path}: units are {said(units)}, must be m, cm or mm")
-    t = matrix[:3, 3] * UNITS.get(units, 1.0)
+    t = matrix[:3, 3] * LENGTH_UNITS.get(units, 1.0)
     length, written = float(np.linalg.norm(t)), np.round(matrix[:3, 3], 6).tolist()
     if length > LONGEST:
         raise HandEyeError(

@@ -16,6 +16,7 @@ import numpy as np
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}  # m, by name in files and settings
 
 
 class Twist(NamedTuple):

@@ -19,6 +19,7 @@ from aras_visual_servo_base.poses import Pose, Vector3
 from aras_visual_servo_base.safe_xml import direction, number, numbers, shorten, text_of
 
 ZERO: Vector3 = (0.0, 0.0, 0.0)
+Rgba = tuple[float, float, float, float]  # 0 to 1
 MOVING_KINDS = ("revolute", "continuous", "prismatic")
 CAMERA_KINDS = ("camera", "depth", "wideanglecamera", "multicamera")
 JOINT_KINDS = (*MOVING_KINDS, "fixed", "floating", "planar")

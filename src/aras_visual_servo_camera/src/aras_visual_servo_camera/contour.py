@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .coverage import coverage
 from .errors import SegmentationError
 from .moments import Array, next_vertices, signed_area
-from .segmentation import SegmentedTarget
+from .segmented_target import SegmentedTarget
 from .undistortion import CameraModel
 
 # How far a side may bend before it counts as two: a part of the outline's length, and pixels; and

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from aras_visual_servo_base.compiled import compiled
 
 from .errors import SegmentationError
-from .segmentation import Mask, SegmentedTarget
+from .segmented_target import Mask, SegmentedTarget
 
 AROUND = 3  # pixels to each side of one, whose mean is its level of ground, or of an uneven target
 CONTRAST = 8.0  # grey levels between target and ground below which an edge pixel is not divided

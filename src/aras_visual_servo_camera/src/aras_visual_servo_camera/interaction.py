@@ -1,4 +1,4 @@
-"""Interaction matrices of moments: how they change when the camera moves.
+"""Interaction matrices of moments and points: how they change when the camera moves.
 
     d(m_ij)/dt = L (vx, vy, vz, wx, wy, wz),   twist of the camera in its own optical frame.
 
@@ -64,6 +64,29 @@ class Plane(NamedTuple):
     def inverse_depth(self, x: float, y: float) -> float:
         """1/Z of the plane's point that is seen at (x, y), 1/m."""
         return self.A * x + self.B * y + self.C
+
+
+def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+    """Return the interaction matrix of image points, d(x, y)/dt = L v.
+
+    The equation is that of this module; v is the twist of the camera in its own optical frame.
+
+    Args:
+        points: (n, 2) normalised coordinates x = X/Z, y = Y/Z.
+        inverse_depth: (n,) 1/Z of each point along the optical axis, 1/m.
+
+    Returns:
+        (2n, 6) with the rows x_0, y_0, x_1, ...
+    """
+    x, y = np.asarray(points, float).T
+    w = np.asarray(inverse_depth, float)
+    L = np.zeros((len(x), 2, 6))
+    L[:, 0, 0] = L[:, 1, 1] = -w
+    L[:, 0, 2], L[:, 1, 2] = x * w, y * w
+    L[:, 0, 3], L[:, 1, 3] = x * y, 1.0 + y * y
+    L[:, 0, 4], L[:, 1, 4] = -1.0 - x * x, -x * y
+    L[:, 0, 5], L[:, 1, 5] = y, -x
+    return L.reshape(-1, 6)
 
 
 @compiled("f8, f8, f8, f8, f8")

@@ -11,7 +11,8 @@ from std_msgs.msg import String
 
 from .errors import VisionError
 from .labels import TargetLabels, labels_of
-from .segmentation import Mask, Segmentation
+from .segmentation import Segmentation
+from .segmented_target import Mask
 
 BUFFER = 2**24  # bytes, holds several images: always the newest, never a backlog
 Take = Callable[[str, ImageMessage], None]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from aras_visual_servo_base.names import nearest
 
 from .errors import ImageError, SegmentationError
-from .segmentation import Mask
+from .segmented_target import Mask
 
 LINK = "::"  # between the names of model and link
 

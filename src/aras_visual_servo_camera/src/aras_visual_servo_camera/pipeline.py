@@ -17,7 +17,8 @@ from .errors import CalibrationError, SegmentationError, VisionError
 from .images import Image
 from .kernel import kernel_features, moment_layout
 from .moments import MAX_ORDER, Moments
-from .segmentation import BY_COLOUR, Segmentation, SegmentedTarget, segment
+from .segmentation import BY_COLOUR, Segmentation
+from .segmented_target import SegmentedTarget, segment
 from .undistortion import CameraModel
 
 LAYOUTS = ("moments", "kernel")

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from aras_visual_servo_camera.features import (
         compute_moment_features as compute_moment_features,
     )
+    from aras_visual_servo_camera.interaction import point_interaction as point_interaction
     from aras_visual_servo_camera.moments import Moments as Moments
     from aras_visual_servo_camera.trackers.base import Tracker as Tracker
     from aras_visual_servo_camera.undistortion import CameraModel as CameraModel
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from .features.of_camera import OfCamera as OfCamera
     from .features.points import PointFeature as PointFeature
     from .features.points import Points as Points
-    from .features.points import point_interaction as point_interaction
     from .goals.goal import Goal as Goal
     from .laws.base import Law as Law
     from .laws.registry import create_law as create_law
@@ -62,7 +62,7 @@ _FIRST = {
 _FURTHER = {
     "PointFeature": ".features.points",
     "Points": ".features.points",
-    "point_interaction": ".features.points",
+    "point_interaction": "aras_visual_servo_camera.interaction",
     "Stack": ".features.base",
     "OfCamera": ".features.of_camera",
     "FEATURES": ".features.base",

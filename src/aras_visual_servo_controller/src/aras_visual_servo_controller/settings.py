@@ -21,28 +21,16 @@ from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import SegmentationError, VisionError
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.pipeline import PipelineSettings
 from aras_visual_servo_camera.segmentation import Segmentation
 
-from .arm import (
-    Arm,
-    JointLimitAvoidance,
-    Limits,
-    Posture,
-    Resolver,
-    ResolverSettings,
-    SecondaryTask,
-    SingularityAvoidance,
-)
+from .arm import Arm, Limits, Resolver, ResolverSettings
 from .arm.fold import find
 from .errors import ConfigurationError
-from .features.of_camera import check_steering
 from .goals.goal import Goal
 from .goals.starts import start_joints
 from .laws import Law, create_law
 from .laws.base import GREATEST_GAIN
 from .loop.servo import Servo
-from .loop.teaching import by_geometry
 from .records.state import ByJoint, ServoSettings, by_joint
 from .schemes import JointController, Scheme, create_scheme
 from .seeing.observation import CAMERA, Need
@@ -51,6 +39,8 @@ from .seeing.rig import MovedBy, Rig, StandingCamera, beside
 
 if TYPE_CHECKING:
     from aras_visual_servo_camera.trackers import Tracker
+
+    from .arm import SecondaryTask
 
 # Parameters that are said for some of the joints, by name.
 BY_JOINT = ("max_velocity", "max_acceleration", "lower", "upper", "posture", "elbow", "lead",
@@ -355,6 +345,8 @@ class Settings:
             if place is None:
                 others[name] = beside(urdf, arm, self._arm_of(urdf, name), name)
             else:
+                from .features.of_camera import check_steering
+
                 check_steering(getattr(scheme, "features", ()), name)
                 others[name] = StandingCamera(place)
         return others
@@ -439,12 +431,15 @@ class Settings:
         if sides:
             folds = find(arm, sides)
         tasks: list[SecondaryTask] = []
-        if self.posture:
-            tasks.append(Posture(arm, self.posture, self.posture_gain))
-        if self.limit_avoidance:
-            tasks.append(JointLimitAvoidance(limits))
-        if self.singularity_avoidance:
-            tasks.append(SingularityAvoidance(arm))
+        if self.posture or self.limit_avoidance or self.singularity_avoidance:
+            from .arm import JointLimitAvoidance, Posture, SingularityAvoidance
+
+            if self.posture:
+                tasks.append(Posture(arm, self.posture, self.posture_gain))
+            if self.limit_avoidance:
+                tasks.append(JointLimitAvoidance(limits))
+            if self.singularity_avoidance:
+                tasks.append(SingularityAvoidance(arm))
         numbers = ResolverSettings(hold_gain=self.hold_gain)
         if goal is not None and flies(arm):
             numbers = ResolverSettings.without_arm(goal.distance, self.hold_gain)
@@ -482,6 +477,8 @@ class Settings:
         if goal is None:
             goal = self.load_goal().for_cameras({self.read_by(scheme)[0]: arm, **others})
             if self.tracker == OUTLINE:  # other points than its corners are for trackers to teach
+                from .loop.teaching import by_geometry
+
                 goal = by_geometry(goal, scheme)
         if flies(arm):  # what slides is the camera: its lengths are the scene's
             for name in ("lead", "arrived"):
@@ -519,7 +516,7 @@ class Settings:
         return Rig(
             Observer(
                 arm, scheme.needs_of(*(("", name) if name == control else (name,))) | depth,
-                PipelineSettings(self.make_segmentation()),
+                self.make_segmentation(),
                 self.make_tracker(held[name].marker if name in held else ""),
                 held[name].plane_from if name in held else plane, name,
             )

@@ -20,8 +20,8 @@ from aras_sim_bridge.description import CameraDescription
 from aras_sim_bridge.errors import CameraError, RenderingError, SimError
 from aras_sim_bridge.world import Model, Pose
 from aras_visual_servo_base.camera_mounting import check_optical
-from aras_visual_servo_base.hand_eye import UNITS, read_hand_eye
-from aras_visual_servo_base.poses import inverse, optical
+from aras_visual_servo_base.hand_eye import read_hand_eye
+from aras_visual_servo_base.poses import LENGTH_UNITS, inverse, optical
 from aras_visual_servo_base.settings import build, convert, merge, parameter
 
 T = TypeVar("T")
@@ -40,7 +40,7 @@ class CalibratedPlace:
     """A hand-eye calibration's file, and the units of its lengths; '': as the file says."""
 
     file: str
-    units: str = parameter("", choices=("", *UNITS))
+    units: str = parameter("", choices=("", *LENGTH_UNITS))
 
 
 log = logging.getLogger(__name__)

@@ -5,18 +5,15 @@ from __future__ import annotations
 import math
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.types import Light, Rgba, Surroundings
+from aras_sim_bridge.description.types import SHADOWS, Light, Rgba, Surroundings
 from aras_sim_bridge.errors import DescriptionError, WorldError
 from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.safe_xml import direction, number, numbers, shorten, text_of, truth
 
-# Gazebo's models/sun.
-SUN = Light("sun", "directional", direction=(-0.5, 0.1, -0.9))
 _DIRECTED = ("origin_xyz", "origin_rpy", "direction")
 _STRENGTHS = ("diffuse", "specular", "attenuation_constant", "attenuation_linear",
               "attenuation_quadratic", "attenuation_range", "spot_inner", "spot_outer",
               "spot_falloff")  # fmt: skip
-SHADOWS = ("none", "hard", "soft")
 
 
 def checked_light(light: Light) -> Light:

@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import TypeVar
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import grasp_tags, served
+from aras_sim_bridge.description import served
 from aras_sim_bridge.description.types import (
     CameraPlugin,
     ControlPlugin,
@@ -186,6 +186,8 @@ def _joint_states(plugin: Element, where: str) -> SensorDescription:
 
 
 def _grasp(plugin: Element, _where: str) -> GraspDescription:
+    from aras_sim_bridge.description import grasp_tags  # few robots grasp
+
     return grasp_tags.read(plugin)
 
 

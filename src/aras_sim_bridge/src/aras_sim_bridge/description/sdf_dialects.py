@@ -7,7 +7,6 @@ import math
 import re
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.units import degrees_in_angles
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.safe_xml import number, numbers, shorten, truth
@@ -73,6 +72,8 @@ def _unify_pose(pose: Element, where: str, warnings: list[str]) -> None:
             words[3:] = [repr(math.radians(number(word, where))) for word in words[3:]]
             del pose.attrib["degrees"]
         elif len(words) == 6:
+            from aras_sim_bridge.description.units import degrees_in_angles
+
             angles = [number(word, where) for word in words[3:]]
             warnings += degrees_in_angles(angles, f"{where}: roll pitch yaw")
     pose.text = " ".join(words)

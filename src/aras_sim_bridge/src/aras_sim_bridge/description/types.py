@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from aras_visual_servo_base.meshes.mesh import Rgba as Rgba
 from aras_visual_servo_base.poses import Pose, Vector3
 from aras_visual_servo_base.settings import parameter
 from aras_visual_servo_base.urdf import ZERO, Joint, Placed
+from aras_visual_servo_base.urdf import Rgba as Rgba
 
 
 @dataclass(frozen=True)
@@ -302,6 +302,11 @@ class Light(Placed):
     spot_falloff: float = 1.0
     cast_shadows: bool = False
     shines: tuple[tuple[float, float], ...] | None = None
+
+
+# Gazebo's models/sun.
+SUN = Light("sun", "directional", direction=(-0.5, 0.1, -0.9))
+SHADOWS = ("none", "hard", "soft")
 
 
 @dataclass(frozen=True)

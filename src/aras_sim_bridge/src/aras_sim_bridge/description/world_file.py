@@ -10,8 +10,8 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import Light, RobotDescription, packages, read_sdf
-from aras_sim_bridge.description.lights import SUN, read_scene
-from aras_sim_bridge.description.types import Surroundings
+from aras_sim_bridge.description.lights import read_scene
+from aras_sim_bridge.description.types import SUN, Surroundings
 from aras_sim_bridge.errors import DescriptionError, SimError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3

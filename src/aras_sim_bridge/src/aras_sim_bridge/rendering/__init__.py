@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 from aras_visual_servo_base.lazy import lazy_exports
 
-from ..description.lights import SHADOWS
+from ..description.types import SHADOWS
 from ..errors import RenderingError
 
 if TYPE_CHECKING:

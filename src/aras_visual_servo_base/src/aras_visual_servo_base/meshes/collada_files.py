@@ -13,7 +13,8 @@ import numpy as np
 
 from .. import safe_xml
 from ..errors import DescriptionError
-from .mesh import Mesh, Rgba, check_reach, from_indices
+from ..urdf import Rgba
+from .mesh import Mesh, check_reach, from_indices
 
 # Parts of a look that pycollada does not know or that refer to nothing are left out.
 _LEFT_OUT = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]

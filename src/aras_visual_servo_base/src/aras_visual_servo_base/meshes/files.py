@@ -21,7 +21,8 @@ import numpy as np
 
 from ..errors import DescriptionError
 from ..safe_xml import shorten
-from .mesh import Mesh, Rgba, from_corners, from_indices
+from ..urdf import Rgba
+from .mesh import Mesh, from_corners, from_indices
 
 LARGEST_FILE = 256 * 1024 * 1024  # bytes
 # Of one file. It is read in 3 s (STL); simulated time stands still for 3 s while Bullet and the

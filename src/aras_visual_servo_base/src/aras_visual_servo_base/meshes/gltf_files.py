@@ -18,7 +18,8 @@ import numpy as np
 from ..errors import DescriptionError
 from ..picture_files import LARGEST
 from ..safe_xml import shorten
-from .mesh import Mesh, Rgba, from_indices
+from ..urdf import Rgba
+from .mesh import Mesh, from_indices
 
 if TYPE_CHECKING:
     import trimesh

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..errors import DescriptionError
 from ..picture_files import picture_size
-
-Rgba = tuple[float, float, float, float]  # 0 to 1
+from ..urdf import Rgba
 
 # Faces that meet at less than this angle are shaded as one smooth surface.
 CREASE_ANGLE = np.radians(35.0)

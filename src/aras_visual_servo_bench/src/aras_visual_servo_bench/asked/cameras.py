@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,9 +15,8 @@ from aras_sim_bridge.camera.calibration_file import KEY as CALIBRATION
 from aras_sim_bridge.camera.calibration_file import with_calibration
 from aras_sim_bridge.camera.camera_file import read_camera
 from aras_sim_bridge.errors import CameraError
-from aras_visual_servo_base.hand_eye import UNITS, HandEye, read_hand_eye
 from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.poses import inverse, optical, transform
+from aras_visual_servo_base.poses import LENGTH_UNITS, inverse, optical, transform
 from aras_visual_servo_base.settings import check, merge, parameter
 from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.undistortion import CameraModel, subdivide
@@ -26,6 +25,9 @@ from aras_visual_servo_controller.seeing.rig import KEPT
 from ..errors import ExperimentError, require
 from ..targets.target_spec import Six, TargetSpec
 from .packages import PackagePath
+
+if TYPE_CHECKING:
+    from aras_visual_servo_base.hand_eye import HandEye
 
 HALF_TURN = 3.142  # rad; pi as rounded up in files
 LONGEST_DELAY = 10.0  # s
@@ -46,7 +48,7 @@ class HandEyeSpec:
     """
 
     file: str = parameter(shorthand=True)
-    units: str = parameter("", choices=("", *UNITS))
+    units: str = parameter("", choices=("", *LENGTH_UNITS))
     link: str = ""
 
     def __post_init__(self) -> None:
@@ -54,6 +56,8 @@ class HandEyeSpec:
 
     def read(self, packages: PackagePath) -> HandEye:
         """What the file says; HandEyeError, or ExperimentError for a file that is not there."""
+        from aras_visual_servo_base.hand_eye import read_hand_eye
+
         return read_hand_eye(packages.file(self.file), self.units)
 
 

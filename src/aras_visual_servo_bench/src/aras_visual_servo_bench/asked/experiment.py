@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from aras_sim_bridge.description.lights import SUN
+from aras_sim_bridge.description.types import SUN
 from aras_sim_bridge.rendering import EXPOSURES, RENDERERS
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_base.settings import (
@@ -25,10 +25,8 @@ from aras_visual_servo_controller.seeing.observation import CAMERA
 from ..errors import ExperimentError, StudyError, require
 from ..targets.target_spec import LARGEST_TARGET, Pair, TargetSpec, check_times
 from .cameras import HALF_TURN, LONGEST_DELAY, Belief, CameraSpec, HandEyeSpec
-from .overrides import with_overrides
-from .relative_start import RelativeStart
 from .robots import RobotSpec
-from .starts import CameraPose, Sampler
+from .starts import CameraPose, RelativeStart, Sampler
 
 PLANTS = ("bullet", "chain", "free", "ideal")
 FLYING = ("free", "ideal")
@@ -336,6 +334,8 @@ class Experiment(NamedValues):
         Raises:
             ExperimentError: naming the key, what is wrong and how to correct it.
         """
+        from .overrides import with_overrides
+
         merged = {
             key.partition(".")[0] for key, value in changes.items()
             if "." in key or isinstance(value, Mapping)

@@ -11,8 +11,7 @@ from aras_visual_servo_base.yaml_files import parse_yaml
 
 from ..errors import StudyError
 from .cameras import DEFAULT, PRESET
-from .relative_start import RelativeStart
-from .starts import CameraPose, Sampler
+from .starts import CameraPose, RelativeStart, Sampler
 
 CAMERAS = "cameras"
 KINDS = ("start", "goal")  # keys of an experiment whose values are of several kinds

@@ -6,7 +6,6 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from aras_sim_bridge.description import packages as environment
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.names import likely
 from aras_visual_servo_base.settings import said
@@ -36,6 +35,8 @@ class PackagePath:
             for place in (folder / name, folder):
                 if place.name == name and (place / "package.xml").is_file():
                     return str(place)
+        from aras_sim_bridge.description import packages as environment
+
         try:
             return environment.find(name)
         except DescriptionError as error:

@@ -21,7 +21,6 @@ from aras_visual_servo_base.urdf import Joint, parse_tree
 from aras_visual_servo_base.yaml_files import read_text, read_yaml
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.arm import camera_path
-from aras_visual_servo_controller.arm.joint_controllers import joint_controllers
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.seeing.rig import MovedBy, StandingCamera, beside
 
@@ -266,6 +265,8 @@ class Robot:
         Raises:
             ExperimentError: a joint without a controller, or controllers of different kinds.
         """
+        from aras_visual_servo_controller.arm.joint_controllers import joint_controllers
+
         wanted = self.spec.controllers or tuple(self.parameters)
         known = {one.name: one for one in joint_controllers(self.parameters) if not one.group}
         found: dict[str, str] = {}

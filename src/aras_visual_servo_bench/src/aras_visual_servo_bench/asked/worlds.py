@@ -9,9 +9,8 @@ from functools import lru_cache
 import numpy as np
 
 from aras_sim_bridge.description import Light, RobotDescription, parse_urdf, world_file
-from aras_sim_bridge.description.lights import SUN
 from aras_sim_bridge.description.shapes import triangles
-from aras_sim_bridge.description.types import Link, within
+from aras_sim_bridge.description.types import SUN, Link, within
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig

@@ -1,17 +1,24 @@
-"""A film of a run for a page: a few hundred pictures as JPEG, in so many bytes."""
+"""Pictures of a run, and a film of it for a page: a few hundred as JPEG, in so many bytes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
+
+from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
+from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.seeing.observation import CAMERA
+
+from ..asked import cameras
+from .run import Film, Run
 
 FRAMES = 600  # at most; a minute at 10 Hz
 BYTES = 8_000_000  # of all frames; on a page they take a third more
 # Longest side, pixels, and quality: the first with which a film is small enough.
 SIZES = ((640, 85), (480, 75), (400, 65), (320, 50), (240, 40), (160, 30))
-Film = tuple[tuple[float, bytes], ...]  # stamp, s, and JPEG
 
 
 def chosen(stamps: np.ndarray, began: float, most: int = FRAMES) -> np.ndarray:
@@ -40,9 +47,36 @@ def frame(picture: np.ndarray) -> bytes:
     return _jpeg(picture, *SIZES[0])
 
 
+def shot(reading: Frame, model: CameraModel) -> bytes:
+    """JPEG of what a camera saw."""
+    return frame(picture_of(reading, model))
+
+
 def _jpeg(picture: np.ndarray, side: int, quality: int) -> bytes:
     factor = side / max(picture.shape[:2])
     if factor < 1.0:
         picture = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     encoded = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
     return encoded.tobytes()
+
+
+def picture_of(reading: Frame, model: CameraModel) -> np.ndarray:
+    """What a camera saw, (rows, columns, 3) rgb; drawn where it sees exactly."""
+    image = reading.image
+    if image is None:
+        outline = reading.outline
+        if outline is not None:
+            outline = normalise_pixels(outline, model, model)
+        image = cameras.draw(outline, model)
+    if image.ndim == 2 or image.shape[2] == 1:
+        return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
+    return image[..., ::-1].copy() if reading.encoding.startswith("bgr") else image
+
+
+def with_pictures(
+    run: Run, pictures: Sequence[tuple[float, np.ndarray]], film: Film = ()
+) -> Run:
+    """The run with pictures (stamp, rgb) of the control camera, and a film of it."""
+    seen = replace(run.images, pictures=tuple(pictures), film=film)
+    name = next(iter(run.cameras), CAMERA)
+    return replace(run, cameras={**run.cameras, name: seen})

@@ -20,9 +20,9 @@ from aras_visual_servo_controller.seeing.observation import CAMERA
 from ..errors import BenchError
 from ..targets.geometry import BoxesTarget, PlacedTarget
 from .described import Described
-from .film import chosen, film
+from .film import chosen, film, with_pictures
 from .from_graph import Heard
-from .from_loop import joint_units, with_pictures
+from .from_loop import joint_units
 from .run import CameraRecord, Run, Verdict
 from .tracks import milestones, nearest
 

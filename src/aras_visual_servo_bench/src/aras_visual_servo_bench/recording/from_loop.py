@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from typing import Any
 
-import cv2
 import numpy as np
 
-from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
+from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.records.run_record import Record
 from aras_visual_servo_controller.records.state import APPROACHING, ServoState
 from aras_visual_servo_controller.schemes import JointController, Scheme
 from aras_visual_servo_controller.seeing.frame import Frame
-from aras_visual_servo_controller.seeing.observation import CAMERA
 
-from ..asked import cameras
 from ..asked.experiment import Experiment
 from ..plants import Plant
 from ..setup.assembly import Assembly
-from .film import Film, frame
 from .run import CameraRecord, Run
 
 
@@ -41,7 +36,11 @@ class Recorder:
         self._stamps: list[float] = []
         self._joints: list[tuple[np.ndarray, ...]] = []
         self._count, self._asked = joints, np.full(joints, np.nan)
-        self._filmed = filmed
+        self._shot: Callable[[Frame, CameraModel], bytes] | None = None
+        if filmed:
+            from .film import shot
+
+            self._shot = shot
         self._seen: dict[str, list[tuple[float, np.ndarray, bytes]]] = {}
 
     def image(self, state: ServoState, pose: np.ndarray) -> None:
@@ -51,7 +50,7 @@ class Recorder:
 
     def saw(self, reading: Frame, pose: np.ndarray, model: CameraModel) -> None:
         """An image of another camera than the control camera; its true pose then, and model."""
-        shown = frame(picture_of(reading, model)) if self._filmed else b""
+        shown = b"" if self._shot is None else self._shot(reading, model)
         self._seen.setdefault(reading.name, []).append((reading.stamp, pose, shown))
 
     def commanded(self, values: np.ndarray) -> None:
@@ -106,28 +105,6 @@ class Recorder:
             film = tuple((stamp, shown) for stamp, _, shown in seen if shown)
             found[name] = CameraRecord(eye.true, at, at + eye.delay, place, film=film)
         return found
-
-
-def picture_of(reading: Frame, model: CameraModel) -> np.ndarray:
-    """What a camera saw, (rows, columns, 3) rgb; drawn where it sees exactly."""
-    image = reading.image
-    if image is None:
-        outline = reading.outline
-        if outline is not None:
-            outline = normalise_pixels(outline, model, model)
-        image = cameras.draw(outline, model)
-    if image.ndim == 2 or image.shape[2] == 1:
-        return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
-    return image[..., ::-1].copy() if reading.encoding.startswith("bgr") else image
-
-
-def with_pictures(
-    run: Run, pictures: Sequence[tuple[float, np.ndarray]], film: Film = ()
-) -> Run:
-    """The run with pictures (stamp, rgb) of the control camera, and a film of it."""
-    seen = replace(run.images, pictures=tuple(pictures), film=film)
-    name = next(iter(run.cameras), CAMERA)
-    return replace(run, cameras={**run.cameras, name: seen})
 
 
 def settings_of(experiment: Experiment) -> dict[str, str]:

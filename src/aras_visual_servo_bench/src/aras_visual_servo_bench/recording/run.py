@@ -19,7 +19,8 @@ from aras_visual_servo_controller.records.state import CONVERGED, ServoState
 
 from ..asked.experiment import Experiment
 from ..targets.geometry import PlacedTarget
-from .film import Film
+
+Film = tuple[tuple[float, bytes], ...]  # stamp, s, and JPEG
 
 REACHED, MISSED = "goal_reached", "goal_missed"
 SETTLED = 0.02  # part of the way at the start

@@ -16,6 +16,7 @@ from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.records.state import CONVERGED
 from aras_visual_servo_controller.schemes import Decision, JointController, Scheme
+from aras_visual_servo_controller.seeing.image_reader import ImageReader
 from aras_visual_servo_controller.seeing.observation import Observation
 
 from ..asked.experiment import Experiment, Sampler
@@ -165,7 +166,9 @@ class ServoEnv(gymnasium.Env):
     def render(self) -> np.ndarray | None:
         """The latest picture (rows, columns, 3), rgb; None where features are exact."""
         reading = self.loop.reading
-        return reading.picture.rgb if reading is not None and reading.pictured else None
+        if reading is None or not reading.pictured:
+            return None
+        return ImageReader.image_of(reading).rgb
 
     def close(self) -> None:
         """Give back what the plant holds."""
@@ -197,7 +200,7 @@ class ServoEnv(gymnasium.Env):
 
     def _observed(self) -> np.ndarray:
         if self._pictured:
-            return self.loop.reading.picture.grey
+            return ImageReader.image_of(self.loop.reading).grey
         return np.concatenate([self._error, self.loop.plant.joints()[0]])
 
     def _info(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,7 +26,9 @@ from ..plants import JointReading
 from ..recording.from_loop import Recorder
 from ..recording.run import Run, Verdict
 from ..setup.assembly import Assembly, assemble
-from .ending import Ending
+
+if TYPE_CHECKING:
+    from .ending import Ending
 
 NS = 1_000_000_000
 LAST_NS = 50_000_000
@@ -86,7 +88,11 @@ class Loop:
         self._recorder = Recorder(len(self.plant.joint_names), filmed)
         self.servo.keep = self._recorder.records.append
         self._flies = "twist" in self.plant.outputs
-        self._ending = Ending(experiment, parts) if self._flies else None
+        self._ending: Ending | None = None
+        if self._flies:
+            from .ending import Ending
+
+            self._ending = Ending(experiment, parts)
         # Wall time stands still: what is late here is late in simulated time.
         self._driver = Driver(
             parts.servo, parts.rig, parts.settings, self,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from aras_visual_servo_base.poses import inverse, relative, transform
+from aras_visual_servo_base.poses import transform
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
@@ -35,7 +35,6 @@ from ..plants.base import Place
 from ..plants.free_body import FreeBody
 from ..plants.kinematic import FreeCamera, KinematicChain
 from ..targets.geometry import PlacedTarget
-from .goal_teaching import check_view, needs_images, teach_goal
 from .read_context import Wrap, check_scheme, read_context
 from .setup_context import SetupContext
 from .sights import make_sight
@@ -138,6 +137,8 @@ def check(experiment: Experiment) -> None:
             given_start(context)
         shown = read_goal(context)
         if shown.named is None:
+            from .goal_teaching import check_view
+
             check_view(context, shown.pose)
     except (ServoError, ViewError) as error:
         raise ExperimentError(str(error)) from error
@@ -269,23 +270,15 @@ def make_goal(
     if goal is not None:
         pose = goal.world_T_camera
         if others:
+            from .goal_teaching import check_view
+
             check_view(context, pose)
         return with_believed_depths(context, goal), pose
-    pose, images = shown.pose, {}
-    check_view(context, pose)
-    if needs_images(context):
-        from .bullet_setup import take_first_images
+    from .goal_teaching import show_goal
 
-        images = take_first_images(context, postures.at(pose) if joints is None else joints)
-    there = {} if joints is None else dict(zip(arm.names, joints.tolist(), strict=True))
-    rest, mountings = np.zeros(len(arm.names)), {control: np.eye(4)}
-    if believed is not arm:
-        mountings[control] = inverse(arm.pose(rest)) @ believed.pose(rest)
-    for name, other in others.items():
-        mountings[name] = relative(context.pose_of(name, arm.pose(rest)), other.pose(rest))
     name = "goal" if named is None else named.name
-    goal = teach_goal(context, pose, mountings, others, images, name, there)
-    return with_believed_depths(context, goal), pose
+    goal = show_goal(context, shown.pose, name, joints, postures, arm, believed, others)
+    return with_believed_depths(context, goal), shown.pose
 
 
 def compute_goal(

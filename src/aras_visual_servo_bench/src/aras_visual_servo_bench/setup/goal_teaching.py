@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from aras_visual_servo_base.poses import inverse, relative
 from aras_visual_servo_camera.moments import signed_area
 from aras_visual_servo_camera.undistortion import normalise_pixels
 from aras_visual_servo_controller.goals.goal import Goal
@@ -22,6 +24,11 @@ from ..plants.sight import capture
 from ..targets.geometry import PlacedTarget
 from .setup_context import SetupContext
 from .sights import make_sight
+
+if TYPE_CHECKING:
+    from aras_visual_servo_controller.arm import Arm
+
+    from .postures import Postures
 
 # What is taught from a picture as the loop will see it: its own errors are then none of the goal.
 PICTURED = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
@@ -83,6 +90,34 @@ def needs_images(context: SetupContext) -> bool:
     described = any(context.target_spec(name).described for name in context.needs)
     drawn = PICTURED | SEGMENTED if solid or context.label or described else PICTURED
     return bool(needs & drawn)
+
+
+def show_goal(
+    context: SetupContext, pose: np.ndarray, name: str, joints: np.ndarray | None,
+    postures: Postures | None, arm: Arm | FreeBody, believed: Arm | FreeBody,
+    others: Mapping[str, MovedBy | FreeBody],
+) -> Goal:
+    """Teach a goal where it is shown; ExperimentError where the cameras do not see the target.
+
+    Args:
+        pose: world_T_camera (4, 4) of the true control camera.
+        name: of the goal.
+        joints: (n,) of the arm there; None: not known. postures: of the arm, if there is one.
+        arm, believed: true and believed. others: what is believed to move the other cameras.
+    """
+    check_view(context, pose)
+    control, images = context.control.name, {}
+    if needs_images(context):
+        from .bullet_setup import take_first_images
+
+        images = take_first_images(context, postures.at(pose) if joints is None else joints)
+    there = {} if joints is None else dict(zip(arm.names, joints.tolist(), strict=True))
+    rest, mountings = np.zeros(len(arm.names)), {control: np.eye(4)}
+    if believed is not arm:
+        mountings[control] = inverse(arm.pose(rest)) @ believed.pose(rest)
+    for camera, other in others.items():
+        mountings[camera] = relative(context.pose_of(camera, arm.pose(rest)), other.pose(rest))
+    return teach_goal(context, pose, mountings, others, images, name, there)
 
 
 def teach_goal(

@@ -9,7 +9,6 @@ import numpy as np
 from aras_visual_servo_base.poses import inverse, relative
 from aras_visual_servo_camera.segmentation import BY_COLOUR
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.features.of_camera import check_steering
 from aras_visual_servo_controller.schemes import JointController, Scheme
 from aras_visual_servo_controller.seeing.observation import Need
 from aras_visual_servo_controller.seeing.rig import OppositeCamera
@@ -154,6 +153,8 @@ def check_scheme(context: SetupContext) -> None:
     for name in context.needs:
         place = context.places.get(name)
         if place is not None and place.stands:
+            from aras_visual_servo_controller.features.of_camera import check_steering
+
             check_steering(getattr(scheme, "features", ()), name)
     check_meeting([context.eyes[name] for name in context.needs], experiment.duration)
     needs = frozenset().union(*context.needs.values())

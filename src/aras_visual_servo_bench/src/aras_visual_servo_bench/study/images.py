@@ -19,6 +19,7 @@ import pyarrow as pa
 
 from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.seeing.image_reader import ImageReader
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..errors import StudyError
@@ -201,7 +202,7 @@ def _cameras(study: Study) -> tuple[str, ...]:
 def _picture(reading: Frame) -> bytes | None:
     if reading.image is None:
         return None
-    picture = reading.picture
+    picture = ImageReader.image_of(reading)
     return _png(picture.rgb[..., ::-1] if picture.has_colour else picture.grey)
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from aras_visual_servo_camera.interaction import point_interaction
 from aras_visual_servo_controller.features import Feature
 from aras_visual_servo_controller.features.base import Measured
-from aras_visual_servo_controller.features.points import point_interaction
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Decision, Scheme
 from aras_visual_servo_controller.seeing.observation import Observation

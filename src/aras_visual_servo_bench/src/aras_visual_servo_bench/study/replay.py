@@ -11,7 +11,7 @@ import numpy as np
 
 from ..asked.experiment import Experiment
 from ..errors import ExperimentError, StudyError
-from ..recording.from_loop import picture_of, with_pictures
+from ..recording.film import picture_of, with_pictures
 from ..recording.run import Run
 from ..running.loop import Loop
 from ..setup.assembly import assemble

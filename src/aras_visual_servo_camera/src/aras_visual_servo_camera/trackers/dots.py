@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from aras_visual_servo_base.settings import parameter
 
 from ..errors import VisionError
-from ..segmentation import borders
+from ..segmented_target import borders
 from .base import TRACKERS, Tracker, in_ring_order
 
 SMALLEST_DOT = 4  # pixels: of less, no centre can be had

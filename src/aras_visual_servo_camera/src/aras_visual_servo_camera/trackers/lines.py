@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import VisionError
-from ..segmentation import borders
+from ..segmented_target import borders
 from ..undistortion import CameraModel
 from .base import TRACKERS, in_ring_order
 from .straight_edges import EdgeTracker

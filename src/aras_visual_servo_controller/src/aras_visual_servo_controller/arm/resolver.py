@@ -43,10 +43,10 @@ from .inversion import LASTING, resolved
 from .kinematics import NO_JOINTS
 from .limits import Limits
 from .resolution import Resolution
-from .secondary import Pull, SecondaryTask
 from .task import DIRECTIONS, UNITS
 
 if TYPE_CHECKING:
+    from .secondary import SecondaryTask
     from .task import Task
 
 
@@ -121,7 +121,11 @@ class Resolver:
         self.limit_rows = np.array([*astuple(self.limits)[1:], units], float)
         self.accelerates = bool(np.isfinite(self.limits.acceleration).any())
         self.fold_rows = np.array([astuple(fold) for fold in self.folds], float).reshape(-1, 7)
-        pulls = [task for task in self.tasks if type(task).velocity is Pull.velocity]
+        pulls: list[Pull] = []
+        if self.tasks:
+            from .secondary import Pull
+
+            pulls = [task for task in self.tasks if type(task).velocity is Pull.velocity]
         self.pulls = np.array([task.rows for task in pulls]).reshape(-1, 3, len(arm.names))
         self.others = [task for task in self.tasks if task not in pulls]
         self.reset()

@@ -17,12 +17,13 @@ from typing import ClassVar
 import numpy as np
 
 from aras_visual_servo_base.poses import skew
+from aras_visual_servo_camera.interaction import point_interaction
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
 from .base import FEATURES, DepthPart, Measured, plane_in, wrap, wrap_together
-from .points import TOLERANCE, PointFeature, at_plane, places, point_interaction
+from .points import TOLERANCE, PointFeature, at_plane, places
 
 TURN = 2.0 * np.pi
 # Of the place of a point, aside and along the optical axis.

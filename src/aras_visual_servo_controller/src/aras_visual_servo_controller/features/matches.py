@@ -8,7 +8,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.interaction import Plane, point_interaction
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
@@ -16,7 +16,6 @@ from ..seeing.observation import Observation
 from .base import FEATURES, Measured, plane_in
 from .luminance import Luminance, grey_of
 from .points import places as places_of
-from .points import point_interaction
 from .pose import PoseInGoalFrame, in_goal_frame, pose_of_plane
 
 RATIO = 0.8  # of the distances of the best and the second best match (Lowe 2004)

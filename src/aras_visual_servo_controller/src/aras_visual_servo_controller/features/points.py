@@ -20,7 +20,7 @@ import numpy as np
 
 from aras_visual_servo_camera.contour import corners_like
 from aras_visual_servo_camera.errors import VisionError
-from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.interaction import Plane, point_interaction
 from aras_visual_servo_camera.moments import signed_area
 
 from ..errors import BEHIND, ConfigurationError, MeasurementError
@@ -38,29 +38,6 @@ NEARLY, CHANGING = 0.0012, 0.085
 # 0.3 px off.
 ROOT, NEAREST = 1.5, 0.004
 TOLERANCE = 0.001  # 0.1 pixel of a camera with f = 100, 0.2 mm at 0.2 m
-
-
-def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-    """Return the interaction matrix of image points, d(x, y)/dt = L v.
-
-    The equation is that of this module; v is the twist of the camera in its own optical frame.
-
-    Args:
-        points: (n, 2) normalised coordinates x = X/Z, y = Y/Z.
-        inverse_depth: (n,) 1/Z of each point along the optical axis, 1/m.
-
-    Returns:
-        (2n, 6) with the rows x_0, y_0, x_1, ...
-    """
-    x, y = np.asarray(points, float).T
-    w = np.asarray(inverse_depth, float)
-    L = np.zeros((len(x), 2, 6))
-    L[:, 0, 0] = L[:, 1, 1] = -w
-    L[:, 0, 2], L[:, 1, 2] = x * w, y * w
-    L[:, 0, 3], L[:, 1, 3] = x * y, 1.0 + y * y
-    L[:, 0, 4], L[:, 1, 4] = -1.0 - x * x, -x * y
-    L[:, 0, 5], L[:, 1, 5] = y, -x
-    return L.reshape(-1, 6)
 
 
 class PointFeature(Feature):

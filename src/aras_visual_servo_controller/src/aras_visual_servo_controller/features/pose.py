@@ -17,13 +17,14 @@ from typing import ClassVar
 import numpy as np
 
 from aras_visual_servo_base.poses import exponential, rotation_vector, rotation_vector_rate, skew
+from aras_visual_servo_camera.interaction import point_interaction
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Observation
 from .base import FEATURES, DepthPart, Measured
 from .corners import NumberedPoints
-from .points import TOLERANCE, point_interaction
+from .points import TOLERANCE
 from .points import places as places_of
 
 REFINEMENTS, REFINED = 10, 1e-13

@@ -36,7 +36,6 @@ from aras_visual_servo_base.poses import pose_difference, to_xyz_rpy
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.kernel import kernel_of_outline
 from aras_visual_servo_camera.moments import MAX_ORDER, Moments, Pinhole
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -299,6 +298,8 @@ class Goal:
             depth = self.target.depth(world_T_camera)
             kernel = self.kernel
             if kernel is not None:
+                from aras_visual_servo_camera.kernel import kernel_of_outline
+
                 lens, size = Pinhole.from_K(kernel.K), (kernel.width, kernel.height)
                 kernel = replace(kernel, features=kernel_of_outline(view, lens, *size).values)
         except (ServoError, VisionError) as error:

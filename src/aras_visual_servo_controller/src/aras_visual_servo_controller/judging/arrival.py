@@ -21,7 +21,6 @@ from ..goals.goal import DEPTH
 from ..records.arrived import Arrived, LeftOpen
 from ..seeing.ring_buffer import RecentErrors
 from .left_open import BLIND, Margin, Offsets, directions, symmetric
-from .other_poses import OtherPoses
 from .view_check import VIEWS, ViewCheck
 
 if TYPE_CHECKING:
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from ..goals.goal import Goal
     from ..schemes.base import Decision, JointController, Scheme
     from ..seeing.observation import Observation
+    from .other_poses import OtherPoses
 
 # Offset from the goal within which the camera counts as there, parts of the target's depth and rad:
 # so much less than PLAIN that it is not exceeded by what L may err (KNOWN). In a direction that
@@ -145,6 +145,8 @@ class Arrival:
                 latest.std(axis=0) / np.sqrt(len(latest)), offsets.scatter,
             )  # fmt: skip
             if self._poses is None or self._poses.goal is not goal:
+                from .other_poses import OtherPoses
+
                 self._poses = OtherPoses(goal)
             self._pose, self._alike = self._poses.at(observation)
             if decision.residual is None:  # what is judged are the features that L is of

@@ -1,4 +1,4 @@
-"""What every diagnosis is, and their registry."""
+"""What every diagnosis is, their registry, and the order in which they are asked."""
 
 from __future__ import annotations
 
@@ -35,4 +35,18 @@ class RunDiagnosis(ABC):
 
 DIAGNOSES = Registry(
     "diagnosis", f"{__package__}.diagnoses", (RunDiagnosis,), ConfigurationError
+)
+# An image is diagnosed in this order; the first outcome counts.
+ORDER = (
+    "scheme_failed",
+    "stopped",
+    "camera_retreat",
+    "joints_do_not_follow",
+    "target_lost",
+    "wrong_object",
+    "features_contradict",
+    "target_moves",
+    "wrong_camera_model",
+    "converged",
+    "not_converging",
 )

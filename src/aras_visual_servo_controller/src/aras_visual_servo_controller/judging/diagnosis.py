@@ -1,6 +1,6 @@
 """What a run came to, why, and its remedy: while it goes on, or afterwards from its record.
 
-The diagnoses of `order` are asked one after the other about each image, and the first answer
+The diagnoses of `ORDER` are asked one after the other about each image, and the first answer
 counts. The loop knows no truth but its own: `outcome` is its word, a `verdict` only physics can
 give.
 """
@@ -15,9 +15,8 @@ import numpy as np
 from ..records.outcomes import Outcome, outcome
 from ..records.run_record import ImageRecord, Record, RunContext, RunEvent
 from .advice import patience
-from .base import DIAGNOSES
+from .base import DIAGNOSES, ORDER
 from .evidence import Evidence
-from .order import ORDER
 
 # s for which an outcome is reported at least once it has been for as long, and those to which that
 # applies: of one situation, an arm that servoes.

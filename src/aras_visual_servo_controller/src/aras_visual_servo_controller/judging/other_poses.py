@@ -16,10 +16,10 @@ import cv2
 import numpy as np
 
 from aras_visual_servo_base.poses import inverse, pose_difference
-from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.interaction import Plane, point_interaction
 
 from ..errors import MeasurementError
-from ..features.points import places, point_interaction
+from ..features.points import places
 from ..features.pose import on_one_line, refine_pose
 from ..goals.goal import Goal
 from ..seeing.observation import Observation

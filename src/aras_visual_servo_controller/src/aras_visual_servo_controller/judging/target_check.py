@@ -11,8 +11,8 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.poses import skew
+from aras_visual_servo_camera.interaction import point_interaction
 
-from ..features.points import point_interaction
 from ..goals.goal import Goal
 from ..schemes.base import Decision
 from ..seeing.observation import Observation

@@ -36,13 +36,13 @@ from ..records.state import (
 from ..schemes.answer_checks import checked_goal
 from ..schemes.base import JointController, Scheme
 from ..schemes.time_limit import call_user_code
-from .approach import Approach
 from .motion import CommandMotion
 from .task_follower import Pursuit
 
 if TYPE_CHECKING:
     from ..arm import Arm
     from ..arm.resolver import Resolver
+    from .approach import Approach
 
 SLOW = (
     "correct the scheme, or raise scheme_timeout if it needs that long; its traceback is logged; "
@@ -180,6 +180,8 @@ class ServoControl:
 
     def _approach_to(self, joints: Sequence[float], where: str) -> Approach:
         """The path to joints (n,)."""
+        from .approach import Approach  # many runs servo from where they are
+
         limits, settings = self.resolver.limits, replace(self.settings, start=tuple(joints))
         return Approach(self.arm.names, limits.velocity, settings, limits.acceleration, where)
 

@@ -34,7 +34,7 @@ class PictureInput:
         self._early: dict[str, Image] = {}  # the newest of each kind that came before camera_info
         self._lock = threading.Lock()
         depth = Need.DEPTH in observer.needs
-        segmentation, self._labels = observer.pipeline.settings.segmentation, None
+        segmentation, self._labels = observer.segmentation, None
         looked_at = bool(observer.needs & SEGMENTED)
         kinds = segmentation.kinds if looked_at else ("image",)
         self._images = ByStamp((*kinds, "depth") if depth else kinds)

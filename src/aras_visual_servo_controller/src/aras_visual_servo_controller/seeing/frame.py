@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -77,8 +76,3 @@ class Frame:
     def pictured(self) -> bool:
         """Whether it has an image."""
         return self.image is not None
-
-    @property
-    def picture(self) -> Image:
-        """The image with its encoding, as the camera package reads it."""
-        return Image(self.image, self.encoding, self.labelled)

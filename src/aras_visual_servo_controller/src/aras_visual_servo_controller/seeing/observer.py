@@ -3,29 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import hypot
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from aras_visual_servo_base.poses import relative
-from aras_visual_servo_camera.contour import CORNER_ACCURACY, fit_corners, outline_of
 from aras_visual_servo_camera.errors import VisionError
-from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
+from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
 
 from ..arm.joint_sample import JointSample
-from .observation import CAMERA, SEGMENTED, Need, Observation
+from .observation import CAMERA, Need, Observation
 
 if TYPE_CHECKING:
+    from aras_visual_servo_camera.images import Image
     from aras_visual_servo_camera.trackers import Tracker
 
     from ..arm import Arm
     from .frame import Frame
+    from .image_reader import ImageReader
 
 # Normalised coordinates beyond this are no pixel of any lens: 88 degrees off the axis is 29.
 FARTHEST = 30.0
@@ -56,8 +56,8 @@ def observe(
     """
     camera = frame.camera if camera is None else camera
     if frame.image is not None:
-        return observer.of_image(frame.stamp, frame.picture, camera, joints, commands, frame.depth,
-                                 plane, world_T_camera)  # fmt: skip
+        return observer.of_image(frame.stamp, observer.images.image_of(frame), camera, joints,
+                                 commands, frame.depth, plane, world_T_camera)  # fmt: skip
     if (target := frame.target) is not None:
         return observer.of_moments(
             frame.stamp, target.moments, target.valid, target.reason, camera, joints, commands,
@@ -82,7 +82,8 @@ class Observer:
         needs: what the scheme needs; nothing else is measured.
         plane_from: function from world_T_camera (4, 4) to the target's plane there or None, such as
             `Goal.plane_from`; None: no planes, unless they are given.
-        pipeline: segmentation and moments, for `of_image`.
+        images: reads images, for `of_image`; made when the first one comes.
+        segmentation: how the target's pixels are told.
         name: of the camera.
     """
 
@@ -90,7 +91,7 @@ class Observer:
         self,
         arm: Arm | None,
         needs: frozenset[Need] = frozenset((Need.MOMENTS,)),
-        vision: PipelineSettings | None = None,
+        segmentation: Segmentation | None = None,
         tracker: Tracker | None = None,
         plane_from: Callable[[np.ndarray], Plane | None] | None = None,
         name: str = CAMERA,
@@ -98,17 +99,24 @@ class Observer:
         """`tracker`: of the points that count as corners; None: those of the outline."""
         self.arm, self.plane_from, self.name = arm, plane_from, name
         self.tracker = tracker
+        self.segmentation = Segmentation() if segmentation is None else segmentation
         self.needs = frozenset(needs)
-        self.pipeline = Pipeline(vision if vision is not None else PipelineSettings())
         self.reset()
 
     def reset(self) -> None:
         """Forget the last observation, as after the clock went back."""
         self._stamp: float | None = None
         self._pose: np.ndarray | None = None
-        self.pipeline.reset()
+        self.__dict__.pop("images", None)
         if self.tracker is not None:
             self.tracker.reset()
+
+    @cached_property
+    def images(self) -> ImageReader:
+        """What reads images; exact features do without."""
+        from .image_reader import ImageReader
+
+        return ImageReader(self.needs, self.segmentation, self.tracker)
 
     def of_image(
         self,
@@ -133,36 +141,9 @@ class Observer:
             plane: of the target, where it is known better than by goal and kinematics.
             world_T_camera: (4, 4) where it is known better than by the joints.
         """
-        if not isinstance(image, Image):
-            image = Image(np.asarray(image), "mono8" if np.ndim(image) == 2 else "rgb8")
-        seen: dict[str, object] = {}
-        valid, reason = True, ""
-        tracked = self.tracker is not None and Need.CORNERS in self.needs
-        needs = self.needs - {Need.CORNERS} if tracked else self.needs
-        if needs & SEGMENTED:
-            valid, reason, seen = self._segmented(image, camera, needs)
-        if valid and tracked:
-            try:
-                found = self.tracker.look(
-                    image.grey, camera, self._pose_at(joints, world_T_camera), depth
-                )
-                seen["corners"] = _frozen(found.points)
-                seen["corner_accuracy"] = found.accuracy
-                seen["corner_unshared"] = found.unshared
-                seen["numbered"] = self.tracker.numbered
-                seen["marker"] = found.marker
-                plane = found.plane if plane is None else plane
-            except VisionError as error:
-                valid, reason = False, str(error)
-        if Need.IMAGE in self.needs:
-            pixels = image.rgb if image.has_colour else image.grey
-            seen["image"] = _read_only(pixels)
-        if Need.DEPTH in self.needs and depth is not None:
-            seen["depth"] = _read_only(np.asarray(depth, np.float32))
-            if plane is None and valid:
-                from .depth_image import plane_of
-
-                plane = plane_of(seen["depth"], camera, seen.get("corners", seen.get("contour")))
+        valid, reason, plane, seen = self.images.read(
+            image, camera, self._pose_at(joints, world_T_camera), depth, plane
+        )
         return self._made(stamp, valid, reason, camera, joints, world_T_camera, commands,
                           plane=plane, **seen)  # fmt: skip
 
@@ -239,38 +220,6 @@ class Observer:
             return self.arm.pose(joints.positions)
         return world_T_camera
 
-    def _segmented(
-        self, image: Image, camera: CameraModel, needs: frozenset[Need]
-    ) -> tuple[bool, str, dict[str, object]]:
-        """What the pipeline finds of the target, by field of Observation."""
-        self.pipeline.set_camera(camera)
-        try:
-            measured = self.pipeline.measure(image)
-        except VisionError as error:
-            return False, str(error), {}
-        target = measured.target
-        seen = {"pixel_count": target.pixel_count, "touches": target.borders}
-        if not measured.valid:
-            return False, measured.reason, seen
-        seen["moments"] = measured.moments
-        try:
-            if needs & {Need.CONTOUR, Need.CORNERS, Need.DEPTH}:
-                contour = outline_of(image.grey, target, camera)
-                seen["contour"] = _frozen(contour)
-                if Need.CORNERS in needs:
-                    corners, deviation = fit_corners(contour)
-                    seen["corners"], seen["corner_deviation"] = _frozen(corners), deviation
-                    seen["corner_accuracy"] = hypot(CORNER_ACCURACY / camera.K[0], deviation)
-                    seen["numbered"] = False
-            if Need.KERNEL in needs:
-                from aras_visual_servo_camera.kernel import kernel_features
-
-                mask = self.pipeline.original_mask(image)
-                seen["kernel"] = _frozen(kernel_features(mask).layout())
-        except VisionError as error:
-            return False, str(error), seen
-        return True, "", seen
-
     def _made(
         self,
         stamp: float,
@@ -327,10 +276,3 @@ def _frozen(values: ArrayLike) -> np.ndarray:
     array = np.array(values, float)
     array.setflags(write=False)
     return array
-
-
-def _read_only(array: np.ndarray) -> np.ndarray:
-    """A read-only view: pictures are not copied."""
-    view = array.view()
-    view.setflags(write=False)
-    return view

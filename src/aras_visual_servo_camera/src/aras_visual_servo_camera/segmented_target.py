@@ -1,0 +1,265 @@
+"""From an image to the pixels of the target: by grey, by colour, or by a label. Holes stay holes.
+
+Columns and rows count from the first pixel's centre (0, 0); boxes are (column, row, width, height).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import SegmentationError, VisionError
+from .markers import MarkerChoice
+from .segmentation import BY_COLOUR, Segmentation
+
+Mask = NDArray[np.uint8]
+Box = tuple[int, int, int, int]
+
+UNEVEN = (*BY_COLOUR, "label")  # methods whose target need not have one grey level
+LIGHTNESS = 0.25  # weight of a difference of lightness: shade changes that, and little of the hue
+TAKEN = {
+    "largest": "the largest is taken",
+    "nearest": "the one nearest to where the target was is taken",
+    "mask": "the one that fills most of the mask image is taken",
+    "marker": "what lies in the marker is taken",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentedTarget:
+    """The target's pixels in one image.
+
+    Attributes:
+        mask: (rows, columns) of the whole image, 255 on the target, 0 elsewhere.
+        box: smallest box around it; (0, 0, 0, 0) if there is none.
+        pixel_count: pixels on the target.
+        threshold: grey level that was used; NaN-free: -1 where the method has no single one.
+        borders: sides of the image that it touches: 'left', 'right', 'top', 'bottom'.
+        reason: why there is no usable target; empty if there is one (a border may touch it).
+        pieces: connected ones of target colour in the image, of which this is one, or all.
+        component: by which it was taken; see Segmentation.
+        uneven: its grey level, and the ground's, may differ from place to place.
+    """
+
+    mask: Mask
+    box: Box
+    pixel_count: int
+    threshold: float
+    borders: tuple[str, ...] = ()
+    reason: str = ""
+    pieces: int = 1
+    component: str = "all"
+    uneven: bool = False
+
+    def taken(self) -> str:
+        """Which object of the image it is and why that one, in words."""
+        column, row, width, height = self.box
+        place = (
+            f"{self.pixel_count} pixels around column {column + width // 2}, "
+            f"row {row + height // 2}"
+        )
+        if self.component == "all":
+            return f"all of target colour is taken together, {place}"
+        if self.pieces == 1:
+            return f"the only object of target colour, {place}"
+        return f"of {self.pieces} objects of target colour {TAKEN[self.component]}, {place}"
+
+
+def threshold_image(
+    grey: Mask, settings: Segmentation, colour: NDArray[np.uint8] | None = None,
+    labelled: Mask | None = None,
+) -> tuple[Mask, float, str]:
+    """Every pixel of target colour: (mask, level, reason why there can be none).
+
+    Args:
+        grey: (rows, columns) uint8.
+        settings: method and its numbers.
+        colour: (rows, columns, 3) RGB, for the methods BY_COLOUR only.
+        labelled: 255 on the target, 0 elsewhere, for the method 'label' only.
+    """
+    if settings.method == "label":
+        if labelled is None:
+            raise SegmentationError(
+                "segmentation 'label' needs the simulator's label image, and none comes with this "
+                "picture"
+            )
+        return labelled, -1.0, "" if labelled.any() else f"no pixel of label '{settings.label}'"
+    kind = cv2.THRESH_BINARY_INV if settings.dark_target else cv2.THRESH_BINARY
+    if settings.method == "fixed":
+        return cv2.threshold(grey, settings.threshold, 255, kind)[1], settings.threshold, ""
+    if settings.method == "otsu":
+        level, mask = cv2.threshold(grey, 0, 255, kind | cv2.THRESH_OTSU)
+        contrast = _contrast(grey, mask, settings.dark_target)
+        if contrast < settings.min_contrast:
+            return (
+                np.zeros_like(mask),
+                level,
+                f"no target: Otsu's classes are {contrast:.0f} grey levels apart, less than "
+                f"{settings.min_contrast:.0f}",
+            )
+        return mask, level, ""
+    if settings.method == "adaptive":
+        offset = settings.adaptive_offset if settings.dark_target else -settings.adaptive_offset
+        mask = cv2.adaptiveThreshold(
+            grey, 255, cv2.ADAPTIVE_THRESH_MEAN_C, kind, settings.adaptive_block, offset
+        )
+        return mask, -1.0, ""
+    if colour is None:
+        raise SegmentationError(
+            f"segmentation '{settings.method}' needs a colour image, this one is grey"
+        )
+    if settings.method == "nearest_colour":
+        return _near(colour, settings), -1.0, ""
+    hsv = cv2.cvtColor(colour, cv2.COLOR_RGB2HSV)
+    low, high = settings.colour_low, settings.colour_high
+    if low[0] <= high[0]:
+        return cv2.inRange(hsv, low, high), -1.0, ""
+    upper = cv2.inRange(hsv, low, (179, *high[1:]))
+    return upper | cv2.inRange(hsv, (0, *low[1:]), high), -1.0, ""
+
+
+def _near(colour: NDArray[np.uint8], settings: Segmentation) -> Mask:
+    """255 where a pixel (rows, columns, 3) RGB is within `colour_distance` of `near_colour`."""
+    wanted = np.array(settings.near_colour, np.uint8).reshape(1, 1, 3)
+    away = cv2.cvtColor(colour, cv2.COLOR_RGB2LAB).astype(np.float32)
+    away -= cv2.cvtColor(wanted, cv2.COLOR_RGB2LAB).astype(np.float32)
+    # OpenCV's lightness goes to 255 in place of 100.
+    away[..., 0] *= LIGHTNESS * 100.0 / 255.0
+    return ((away**2).sum(axis=2) <= settings.colour_distance**2).view(np.uint8) * 255
+
+
+def _contrast(grey: Mask, mask: Mask, dark_target: bool) -> float:
+    count = cv2.countNonZero(mask)
+    if count in (0, mask.size):
+        return 0.0
+    target = cv2.mean(grey, mask)[0]
+    rest = (float(cv2.sumElems(grey)[0]) - target * count) / (mask.size - count)
+    return rest - target if dark_target else target - rest
+
+
+def segment(
+    grey: Mask,
+    settings: Segmentation,
+    colour: NDArray[np.uint8] | None = None,
+    previous: tuple[float, float] | None = None,
+    region: Mask | None = None,
+    labelled: Mask | None = None,
+) -> SegmentedTarget:
+    """Threshold and choose the target component; of a label all pieces are the target.
+
+    Args:
+        grey: (rows, columns) uint8.
+        settings: method, component and their numbers.
+        colour: RGB image, for 'colour' and 'nearest_colour'.
+        previous: (column, row) of the target in the frame before, for 'nearest'.
+        region: mask in which most of the target lies, for 'mask'.
+        labelled: 255 on the target, for 'label'.
+    """
+    mask, level, reason = threshold_image(grey, settings, colour, labelled)
+    box = cv2.boundingRect(mask)
+    if box[2] == 0:
+        return SegmentedTarget(mask, (0, 0, 0, 0), 0, level, (), reason or "no target in view")
+    pieces, component = 1, settings.component
+    if settings.method == "label":
+        component = "all"
+    elif settings.marker:
+        component = "marker"
+        try:
+            region = MarkerChoice.read(settings.marker).region(grey)
+        except VisionError as error:
+            return SegmentedTarget(np.zeros_like(mask), (0, 0, 0, 0), 0, level, (), str(error))
+        mask, box, pieces = _pieces_in(mask, region)
+        if box[2] == 0:
+            return SegmentedTarget(mask, box, 0, level, (), "no pixel of the marker is target")
+    if component not in ("all", "marker"):
+        mask, box, pieces = _choose(mask, box, settings, previous, region)
+        if box[2] == 0:
+            return SegmentedTarget(mask, box, 0, level, (), "no target inside the mask image")
+    count = cv2.countNonZero(mask[_slices(box)])
+    unusable = _unusable(count, box, mask, settings)
+    return SegmentedTarget(
+        mask, box, count, level, borders(box, mask.shape), unusable, pieces, component,
+        settings.method in UNEVEN,
+    )  # fmt: skip
+
+
+def _pieces_in(mask: Mask, region: Mask) -> tuple[Mask, Box, int]:
+    """The connected pieces that lie mostly in a region, their box, and the number of all pieces."""
+    count, labels = cv2.connectedComponents(mask, connectivity=8)
+    inside = np.bincount(labels[region > 0], minlength=count)
+    taken = 2 * inside > np.bincount(labels.ravel(), minlength=count)
+    taken[0] = False
+    found = taken[labels].view(np.uint8) * 255
+    return found, cv2.boundingRect(found), count - 1
+
+
+def _unusable(count: int, box: Box, mask: Mask, settings: Segmentation) -> str:
+    if count == mask.size:
+        return "the target fills the whole image"
+    if count < settings.min_pixels:
+        return f"the target has {count} pixel(s), fewer than {settings.min_pixels}"
+    if min(box[2], box[3]) == 1:
+        return "the target is a line one pixel wide"
+    return ""
+
+
+def _slices(box: Box) -> tuple[slice, slice]:
+    column, row, width, height = box
+    return slice(row, row + height), slice(column, column + width)
+
+
+def borders(box: Box, shape: tuple[int, ...]) -> tuple[str, ...]:
+    """Sides of a picture of this shape (rows, columns) that a box touches."""
+    column, row, width, height = box
+    touching = {
+        "left": column == 0,
+        "right": column + width == shape[1],
+        "top": row == 0,
+        "bottom": row + height == shape[0],
+    }
+    return tuple(side for side, touches in touching.items() if touches)
+
+
+def _choose(
+    mask: Mask,
+    box: Box,
+    settings: Segmentation,
+    previous: tuple[float, float] | None,
+    region: Mask | None,
+) -> tuple[Mask, Box, int]:
+    """The one connected piece (8 neighbours) that the settings ask for, and how many there are."""
+    crop = mask[_slices(box)]
+    count, labels, stats, centres = cv2.connectedComponentsWithStats(crop, connectivity=8)
+    if settings.component == "mask":
+        if region is None or region.shape != mask.shape:
+            raise SegmentationError(
+                "component 'mask' needs a mask image of the camera's size "
+                f"{mask.shape[1]} x {mask.shape[0]}"
+            )
+        inside = np.bincount(labels[region[_slices(box)] > 0], minlength=count)
+        inside[0] = 0
+        chosen = int(inside.argmax())
+        if inside[chosen] == 0:
+            return np.zeros_like(mask), (0, 0, 0, 0), count - 1
+    elif settings.component == "nearest" and previous is not None:
+        gap = centres - (previous[0] - box[0], previous[1] - box[1])
+        distance = np.hypot(gap[:, 0], gap[:, 1])
+        distance[0] = np.inf
+        big = stats[:, cv2.CC_STAT_AREA] >= settings.min_pixels
+        big[0] = False
+        if big.any():  # specks of noise must not steal the target
+            distance[~big] = np.inf
+        chosen = int(distance.argmin())
+    else:
+        chosen = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
+    if count == 2:
+        return mask, box, 1
+    left, top, width, height = (int(k) for k in stats[chosen, :4])
+    new_box = (box[0] + left, box[1] + top, width, height)
+    alone = np.zeros_like(mask)
+    piece = labels[top : top + height, left : left + width] == chosen
+    alone[_slices(new_box)] = piece.view(np.uint8) * 255
+    return alone, new_box, count - 1

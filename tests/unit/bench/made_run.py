@@ -12,7 +12,7 @@ from aras_visual_servo_bench.recording.run import CameraRecord, Run, Verdict
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm.resolution import Resolution
-from aras_visual_servo_controller.records.arrived import Arrived, LeftOpen
+from aras_visual_servo_controller.records.outcomes import Arrived, LeftOpen
 from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes.base import Decision
 

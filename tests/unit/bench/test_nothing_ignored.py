@@ -16,7 +16,7 @@ import pytest
 from aras_sim_bridge.camera.config import CameraConfig
 from aras_sim_bridge.camera.effects import EFFECTS, AutoExposure, Effects, SensorModel
 from aras_sim_bridge.camera.shaking import Shake
-from aras_visual_servo_base.settings import merge
+from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec
 from aras_visual_servo_bench.asked.experiment import PLANTS, Experiment, Ideal, SunSpec
 from aras_visual_servo_bench.asked.overrides import with_override

@@ -20,7 +20,7 @@ from aras_visual_servo_bench.plants.sight import Sight, capture
 from aras_visual_servo_bench.running.loop import Loop, run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
-from aras_visual_servo_camera.moments import find_crossing
+from aras_visual_servo_camera.polygons import find_crossing
 from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.seeing.frame import Frame

@@ -8,9 +8,10 @@ import pytest
 from aras_sim_bridge.description import parse_cameras, parse_urdf
 from aras_visual_servo_base.poses import optical, relative, transform
 from aras_visual_servo_bench.asked import packages
+from aras_visual_servo_bench.asked.added_links import Carried
 from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec, HandEyeSpec
 from aras_visual_servo_bench.asked.packages import PackagePath
-from aras_visual_servo_bench.asked.robots import Carried, Robot, RobotSpec, camera_name
+from aras_visual_servo_bench.asked.robots import Robot, RobotSpec, camera_name
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.seeing.rig import StandingCamera

@@ -284,11 +284,11 @@ def test_partial_derivatives_follow_from_the_formula(name: str) -> None:
     random = np.random.default_rng(5)
     at = random.uniform(0.5, 2.0, len(formula.names))
     program = Program([name], {name: formula}.get, formula.names, {})
-    _, (partials,) = program.values_and_rows(at)
+    _, (partials,) = program.evaluate(*at)
     for k, partial in enumerate(partials):
         step = np.zeros(len(at))
         step[k] = 1e-5
-        (ahead,), (behind,) = (program.values_and_rows(at + way)[0] for way in (step, -step))
+        (ahead,), (behind,) = (program.evaluate(*(at + way))[0] for way in (step, -step))
         numeric = (ahead - behind) / 2e-5
         assert partial == pytest.approx(numeric, rel=1e-6, abs=1e-7 * max(1, abs(ahead)))
 

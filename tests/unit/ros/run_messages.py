@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.arm.resolution import Resolution
 from aras_visual_servo_controller.arm.task import Task
-from aras_visual_servo_controller.records.arrived import Arrived, LeftOpen
+from aras_visual_servo_controller.records.outcomes import Arrived, LeftOpen
 from aras_visual_servo_controller.records.state import ServoState
 from aras_visual_servo_controller.schemes.base import Decision
 from aras_visual_servo_controller.settings import Settings

@@ -19,6 +19,7 @@ from aras_visual_servo_camera.errors import ImageError, VisionError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.parameters import VisionParameters
 from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.parameters import CameraEntry
 from aras_visual_servo_controller.records.state import Source
 from aras_visual_servo_controller.ros import control, description, given, goal_topics, inputs, node
 from aras_visual_servo_controller.ros import pictures as picture_input
@@ -26,7 +27,7 @@ from aras_visual_servo_controller.ros.commands import stop_controller
 from aras_visual_servo_controller.ros.depth import depth_of
 from aras_visual_servo_controller.ros.measurements import MeasurementInput
 from aras_visual_servo_controller.seeing.observation import Need
-from aras_visual_servo_controller.settings import CameraEntry, Settings
+from aras_visual_servo_controller.settings import Settings
 
 STAMP = rospy.Time(3, 250_000_000)
 INFO = CameraInfo(width=64, height=48, K=K, D=[0.0] * 5, distortion_model="plumb_bob")

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo
 
 from aras_visual_servo_bench.ros.listener import Listener
-from aras_visual_servo_controller.records.arrived import Arrived
+from aras_visual_servo_controller.records.outcomes import Arrived
 from aras_visual_servo_controller.records.state import Command, ServoState
 from aras_visual_servo_controller.settings import Settings
 

@@ -7,13 +7,13 @@ import pytest
 from loop_rig import scaled
 
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.judging.diagnoses.wrong_object import ShapeCheck
 from aras_visual_servo_controller.judging.oscillation import (
     Oscillation,
     _loudest,
     _peaks,
     _standing_out,
 )
-from aras_visual_servo_controller.judging.shape_check import ShapeCheck
 
 # -- does it ring? -------------------------------------------------------------------------------
 

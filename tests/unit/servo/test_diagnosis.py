@@ -13,12 +13,18 @@ from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature, Measured, Stack
 from aras_visual_servo_controller.judging.base import DIAGNOSES, ORDER, RunDiagnosis
+from aras_visual_servo_controller.judging.diagnoses.target_moves import by_camera
+from aras_visual_servo_controller.judging.diagnoses.wrong_camera_model import shown
 from aras_visual_servo_controller.judging.diagnosis import Diagnosis, diagnose
 from aras_visual_servo_controller.judging.evidence import Evidence
-from aras_visual_servo_controller.judging.views import by_camera, shown
 from aras_visual_servo_controller.laws import Proportional
-from aras_visual_servo_controller.records.arrived import Arrived, LeftOpen
-from aras_visual_servo_controller.records.outcomes import KINDS, REMEDIES, outcome
+from aras_visual_servo_controller.records.outcomes import (
+    KINDS,
+    REMEDIES,
+    Arrived,
+    LeftOpen,
+    outcome,
+)
 from aras_visual_servo_controller.records.remedy import Change
 from aras_visual_servo_controller.records.run_record import ImageRecord, RunContext, RunEvent
 from aras_visual_servo_controller.records.state import CONVERGED, ServoSettings

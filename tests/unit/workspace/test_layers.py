@@ -52,7 +52,7 @@ FLOORS = {
         {"ros"},
     ),
     "aras_visual_servo_camera": (
-        {"edges", "errors", "formula"},
+        {"edges", "errors", "formula", "polygons"},
         {"definitions", "images", "markers", "moments"},
         {"segmentation"},
         {"degeneracy", "interaction", "kernel", "segmented_target", "undistortion"},
@@ -73,6 +73,7 @@ FLOORS = {
         {"records"},
         {"judging"},
         {"loop"},
+        {"parameters"},
         {"settings"},
         {"driving"},
         {"ros"},

@@ -29,7 +29,7 @@ from .names import nearest
 from .opencv_files import read_storage
 from .poses import LENGTH_UNITS, rotation_from_quaternion, rotation_from_rpy
 from .safe_xml import parse
-from .settings import as_number, said
+from .setting_values import as_number, said
 from .yaml_files import parse_yaml, read_text
 
 LONGEST = 2.0  # m from a camera to the link that carries it

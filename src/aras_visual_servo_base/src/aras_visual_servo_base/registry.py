@@ -18,7 +18,8 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple, TypeVar
 
 from .names import USER_FAULTS, Fault, imported, nearest, subclass, unknown, words
-from .settings import annotations, default_of, hint_words
+from .setting_values import hint_words
+from .settings import annotations, default_of
 
 C = TypeVar("C", bound=type)
 

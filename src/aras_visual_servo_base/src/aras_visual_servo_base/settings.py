@@ -22,11 +22,7 @@ import contextlib
 import copyreg
 import dataclasses
 import functools
-import math
 import numbers
-import operator
-import os
-import re
 import types
 import typing
 from collections.abc import Iterable, Mapping
@@ -34,18 +30,20 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from .names import likely, nearest
+from .setting_values import (
+    Fault,
+    as_in_a_file,
+    as_number,
+    check_value,
+    hint_words,
+    key_place,
+    said,
+    spelt,
+)
 
 T = TypeVar("T")
-Fault = type[Exception]
 NO_RULES: Mapping[str, Any] = types.MappingProxyType({})
 _MISSING = object()
-_WORDS = {
-    float: "a finite number", int: "a whole number", bool: "true or false", str: "a text",
-    Path: "a path",
-}  # fmt: skip
-# A number by YAML 1.2 that YAML 1.1 takes for a text, unless quoted.
-_TEXT_NUMBER = re.compile(r"[-+]?(\.\d+([eE][-+]?\d+)?|\d+(\.\d*)?[eE][-+]?\d+)", re.ASCII)
-LONGEST_VALUE = 200  # characters of a value that a message repeats
 
 
 def _view(values: dict[str, Any]) -> types.MappingProxyType:
@@ -132,7 +130,7 @@ def build(cls: type[T], values: Any, where: str, fault: Fault) -> T:
     found = converted(cls, values, where, fault)
     for name, field in _known(cls).items():
         if name not in found and _needed(field):
-            raise fault(f"{_place(where, name)} is missing, must be {_wanted(cls, field)}")
+            raise fault(f"{key_place(where, name)} is missing, must be {_wanted(cls, field)}")
     return cls(**found)
 
 
@@ -145,22 +143,8 @@ def converted(cls: type, values: Any, where: str, fault: Fault) -> dict[str, Any
     for key, value in values.items():
         if key not in known:
             raise fault(unknown_key(where, key, known))
-        found[key] = convert(value, hints[key], _place(where, key), fault, known[key].metadata)
+        found[key] = convert(value, hints[key], key_place(where, key), fault, known[key].metadata)
     return found
-
-
-def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Lay `changes` over `base`, key by key at every depth: what they do not name stays.
-
-    A mapping over something that has no keys, or the reverse, replaces it. Neither argument is
-    changed.
-    """
-    merged = dict(base)
-    for key, value in changes.items():
-        below = merged.get(key)
-        both = isinstance(below, Mapping) and isinstance(value, Mapping)
-        merged[key] = merge(below, value) if both else value
-    return merged
 
 
 def read(
@@ -189,19 +173,9 @@ def read(
     return default
 
 
-def look_up(values: Mapping[str, Any], path: str) -> Any:
-    """The value at 'a/b/c'; None where a step is missing or is no mapping."""
-    node: Any = values
-    for key in path.strip("/").split("/"):
-        if not isinstance(node, Mapping) or key not in node:
-            return None
-        node = node[key]
-    return node
-
-
 def unknown_key(where: str, key: Any, known: Iterable[str]) -> str:
     """What to say of a key that there is not."""
-    head, colon, path = _place(where, key).rpartition(": ")
+    head, colon, path = key_place(where, key).rpartition(": ")
     kind = path if path.startswith("parameter ") else f"key '{path}'"
     return f"{head}{colon}unknown {kind}: {nearest(key, known)}"
 
@@ -240,7 +214,7 @@ def convert(
     Raises:
         fault: it cannot be.
     """
-    value = _as_in_a_file(value)
+    value = as_in_a_file(value)
     if rules.get("name") and type(value) is int:
         value = str(value)
     if rules.get("importable") and isinstance(value, type):
@@ -252,24 +226,8 @@ def convert(
         value = value.split()
     found = _convert(value, hint, where, fault, rules)
     if not dataclasses.is_dataclass(found):
-        _check_bounds(found, where, fault, rules)
+        check_value(found, where, fault, rules)
     return found
-
-
-def _as_in_a_file(value: Any) -> Any:
-    """The lists, numbers and texts that a file would hold for a value given in Python."""
-    if isinstance(value, Mapping):
-        return {key: _as_in_a_file(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        items = list(map(_as_in_a_file, value))
-        return items if any(map(operator.is_not, items, value)) else value
-    if isinstance(value, range):
-        return list(value)
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    if not isinstance(value, type) and hasattr(value, "tolist"):  # NumPy's arrays and numbers
-        return value.tolist()
-    return value
 
 
 def _convert(
@@ -301,19 +259,6 @@ def _convert(
             words = "one of " + ", ".join(rules["choices"])
         raise fault(f"{where} is {said(value)}, must be {rules.get('wanted') or words}")
     return found
-
-
-def as_number(value: Any, infinite: bool = False) -> float | None:
-    """The finite number (or infinity, where that is allowed) that a value is; None for none."""
-    if isinstance(value, str) and _TEXT_NUMBER.fullmatch(value):
-        value = float(value)
-    if isinstance(value, bool) or not isinstance(value, numbers.Real):
-        return None
-    try:
-        number = float(value)
-    except OverflowError:
-        return None
-    return number if math.isfinite(number) or infinite and math.isinf(number) else None
 
 
 def _union(value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any]) -> Any:
@@ -348,7 +293,7 @@ def _tuple(value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, 
     parts = typing.get_args(hint) or (Any, ...)
     items = value
     if isinstance(value, str) and parts[0] is float:
-        items = [_spelt(word) for word in value.split()]
+        items = [spelt(word) for word in value.split()]
     if parts[-1] is Ellipsis and isinstance(items, list | tuple):
         parts = (parts[0],) * len(items)
     if not isinstance(items, list | tuple) or len(items) != len(parts):
@@ -357,12 +302,6 @@ def _tuple(value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, 
         _convert(item, part, f"{where}[{i}]", fault)
         for i, (item, part) in enumerate(zip(items, parts, strict=True))
     )
-
-
-def _spelt(word: str) -> float | str:
-    with contextlib.suppress(ValueError):
-        return float(word)
-    return word
 
 
 def _mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping[str, Any]:
@@ -376,7 +315,7 @@ def _mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping[str, An
         name = str(key) if type(key) is int else key
         if not isinstance(name, str):
             raise fault(f"{where} has the key {said(key)}, must be a text")
-        found[name] = item if kind is Any else _convert(item, kind, _place(where, name), fault)
+        found[name] = item if kind is Any else _convert(item, kind, key_place(where, name), fault)
     return _view(found)
 
 
@@ -391,7 +330,7 @@ def check(settings: Any, fault: Fault, where: str = "") -> None:
         value = getattr(settings, name)
         if value is field.default:
             continue
-        found = convert(value, hints[name], _place(where, name), fault, field.metadata)
+        found = convert(value, hints[name], key_place(where, name), fault, field.metadata)
         if found is not value:
             object.__setattr__(settings, name, found)  # it may be frozen
 
@@ -444,68 +383,8 @@ def check_bounds(settings: Any, fault: Fault) -> None:
         fault: naming the field, its value and the bound.
     """
     for name, field in _known(type(settings)).items():
-        _check_bounds(getattr(settings, name), name, fault, field.metadata)
-
-
-def _check_bounds(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) -> None:
-    if not rules:
-        return
-    if isinstance(value, tuple):
-        for i, item in enumerate(value):
-            _check_bounds(item, f"{where}[{i}]", fault, rules)
-    elif isinstance(value, Mapping):
-        for key, item in value.items():
-            _check_bounds(item, _place(where, key), fault, rules)
-    elif isinstance(value, str):
-        if (known := rules.get("choices")) and value not in known:
-            raise fault(f"{where} is {said(value)}: {nearest(value, known)}")
-    elif isinstance(value, int | float) and not isinstance(value, bool):
-        for name, sign, holds in _BOUNDS:
-            if (bound := rules.get(name)) is not None and not holds(value, bound):
-                unit = rules.get("unit") or ""
-                text = unit if unit[:1] in ("", ",") else f" {unit}"
-                if sign == "<=" and unit in _MISTAKEN:
-                    other, size = _MISTAKEN[unit]
-                    text += f" ({value:g} {other} are {value * size:.4g} {unit})"
-                raise fault(f"{where} is {value}, must be {sign} {bound:g}{text}")
-
-
-# What a number that is too large may be given in: its unit's name and size, by the right unit.
-_MISTAKEN = {"rad": ("degrees", math.pi / 180.0), "s": ("ms", 1e-3)}
-_BOUNDS = (
-    ("least", ">=", lambda value, bound: value >= bound),
-    ("above", ">", lambda value, bound: value > bound),
-    ("most", "<=", lambda value, bound: value <= bound),
-    ("below", "<", lambda value, bound: value < bound),
-)
-
-
-def said(value: Any) -> str:
-    """A value for a message: shortened, and of any size."""
-    try:
-        text = repr(value)
-    except ValueError:  # Python refuses to write thousands of digits
-        return "a number of thousands of digits"
-    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
-
-
-def _place(where: str, key: Any) -> str:
-    return f"{where}.{key}" if where and where[-1] not in " ~/" else f"{where}{key}"
+        check_value(getattr(settings, name), name, fault, field.metadata)
 
 
 def _wanted(cls: type, field: dataclasses.Field) -> str:
     return field.metadata.get("wanted") or hint_words(annotations(cls)[field.name])
-
-
-def hint_words(hint: Any) -> str:
-    """Return what an annotation takes, in words: 'a finite number'."""
-    if hint in _WORDS:
-        return _WORDS[hint]
-    origin, parts = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (typing.Union, types.UnionType):
-        kinds = dict.fromkeys(hint_words(part) for part in parts if part is not type(None))
-        return " or ".join(kinds)
-    if origin is tuple:
-        of = {float: "finite numbers", int: "whole numbers", str: "texts"}.get(parts[0], "values")
-        return f"a list of {of}" if Ellipsis in parts else f"a list of {len(parts)} {of}"
-    return "keys with values"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .coverage import coverage
 from .errors import SegmentationError
-from .moments import Array, next_vertices, signed_area
+from .polygons import Array, next_vertices, signed_area
 from .segmented_target import SegmentedTarget
 from .undistortion import CameraModel
 

@@ -31,8 +31,9 @@ from .degeneracy import CHECKS, DEFAULT_TOLERANCE
 from .errors import DegenerateFeatureError, FeatureError
 from .formula import Formula, Program
 from .interaction import Plane, centred_rows, raw_rows
-from .moments import DENSE, Array, Moments, exponents
+from .moments import DENSE, Moments, exponents
 from .orientation import Orientation, full_alpha
+from .polygons import Array
 
 PAPER = ("xn", "yn", "an", "alpha")
 
@@ -344,7 +345,7 @@ class _View:
         """
         program = _program(names, leaves)
         used = program.used
-        return program.values_and_rows([self._leaf(n) if n in used else 0.0 for n in leaves])
+        return program.evaluate(*(self._leaf(n) if n in used else 0.0 for n in leaves))
 
     def _value(self, name: str) -> float:
         return self.evaluate((name,), tuple(sorted(_node(name).leaves)))[0][0]

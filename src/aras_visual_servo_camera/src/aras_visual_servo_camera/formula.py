@@ -66,17 +66,7 @@ class Program:
         values = _tuple(value for value, _ in found)
         rows = _tuple(_tuple(slopes.get(n, "0.0") for n in self.leaves) for _, slopes in found)
         body = "\n    ".join([*self._lines, f"return {values}, {rows}"])
-        self._evaluate = _made(f"def program({', '.join(self.leaves)}):\n    {body}", "program")
-
-    def values_and_rows(
-        self, leaves: Sequence[float]
-    ) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
-        """The values, and each one's derivatives by the leaves; the leaves' values in order.
-
-        Raises:
-            ZeroDivisionError: one of the formulas divides by zero there.
-        """
-        return self._evaluate(*leaves)
+        self.evaluate = _made(f"def program({', '.join(self.leaves)}):\n    {body}", "program")
 
     def _locals_of(self, name: str) -> tuple[str, dict[str, str]]:
         """The variables of a value and its derivatives, after writing the lines that set them."""

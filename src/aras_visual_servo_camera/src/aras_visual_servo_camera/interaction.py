@@ -31,7 +31,8 @@ from numpy.typing import ArrayLike
 from aras_visual_servo_base.compiled import compiled
 
 from .errors import FeatureError
-from .moments import DENSE, Array, Moments
+from .moments import DENSE, Moments
+from .polygons import Array
 
 # The monomials 1, a, b, a^2, ab, b^2 as exponents of (a, b).
 _MONOMIALS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import DegenerateFeatureError
-from .moments import Array, Pinhole
+from .moments import Pinhole
+from .polygons import Array
 
 DELTA_X, DELTA_Y = 0.017, 0.0185  # metres a pixel along rows and columns, of the original
 POWER = -2  # p = q: the kernels are x^p and y^q

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.settings import as_number, said
+from aras_visual_servo_base.setting_values import as_number, said
 from aras_visual_servo_base.yaml_files import parse_yaml
 
 from .errors import VisionError

@@ -27,8 +27,7 @@ from aras_visual_servo_base.compiled import compiled
 
 from .edges import sides
 from .errors import MomentsError
-
-Array = NDArray[np.float64]
+from .polygons import Array, cross, find_crossing, next_vertices
 
 MAX_ORDER = 6
 DENSE = "dense"
@@ -379,10 +378,6 @@ def _vertices(points: ArrayLike, label: str) -> Array:
     return points
 
 
-def _cross(a: Array, b: Array) -> Array:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-
 def _polygon_table(p: Array, order: int, label: str) -> Array:
     """Moments (order+1, order+1) about the origin of the polygon p, counted positive."""
     crossing = find_crossing(p)
@@ -392,42 +387,13 @@ def _polygon_table(p: Array, order: int, label: str) -> Array:
             "that the outline is simple"
         )
     q = next_vertices(p)
-    cross = _cross(p, q)
+    doubled = cross(p, q)
     nodes = p[:, None, :] + _NODES[None, :, None] * (q - p)[:, None, :]
     k = np.arange(order + 1)
     px, py = (np.reshape(nodes[..., axis, None] ** k, (-1, order + 1)) for axis in (0, 1))
-    table = (np.outer(cross, _WEIGHTS).reshape(-1, 1) * px).T @ py
+    table = (np.outer(doubled, _WEIGHTS).reshape(-1, 1) * px).T @ py
     table /= k[:, None] + k[None, :] + 2.0
     extent = float(np.abs(p).max())
     if abs(table[0, 0]) <= 1e-14 * extent**2:
         raise MomentsError(f"the {label} has no area: its vertices lie on one line")
     return _triangle(table if table[0, 0] > 0.0 else -table, order)
-
-
-def next_vertices(vertices: Array) -> Array:
-    """The vertex after each of a closed polygon's (n, ...): np.roll by -1, in a fifth of its time.
-    """
-    return np.concatenate((vertices[1:], vertices[:1]))
-
-
-def signed_area(polygon: Array) -> float:
-    """Of a closed polygon (n, 2) without crossing edges, in the square of its unit; positive where
-    it turns from x to y (the shoelace formula)."""
-    x, y = polygon.T
-    return 0.5 * float(np.dot(x, next_vertices(y)) - np.dot(y, next_vertices(x)))
-
-
-def find_crossing(vertices: Array) -> tuple[int, int] | None:
-    """First pair of edges of a closed polygon (n, 2) that cross in their interiors, or None."""
-    p = np.asarray(vertices, dtype=float)
-    q = next_vertices(p)
-    edge = q - p
-    # side[k, l]: on which side of edge k the start and the end of edge l lie
-    start = _cross(edge[:, None, :], p[None, :, :] - p[:, None, :])
-    end = _cross(edge[:, None, :], q[None, :, :] - p[:, None, :])
-    separated = start * end < 0.0
-    both = separated & separated.T
-    if not both.any():
-        return None
-    crossing = np.argwhere(np.triu(both, 2))
-    return None if len(crossing) == 0 else (int(crossing[0, 0]), int(crossing[0, 1]))

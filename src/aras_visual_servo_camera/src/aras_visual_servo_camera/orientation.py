@@ -21,7 +21,8 @@ import numpy as np
 from aras_visual_servo_base.compiled import compiled
 
 from .interaction import Plane
-from .moments import DENSE, Array, Moments, translate
+from .moments import DENSE, Moments, translate
+from .polygons import Array
 
 # |mu3| / (m00 rg^3) below which a shape counts as symmetric. Pixels and the truncated expansion
 # leave up to 2e-3 of a rectangle; shapes that have a direction to the eye have 1e-2 and more.

@@ -24,7 +24,8 @@ from aras_visual_servo_base.lenses import (
 )
 
 from .errors import CalibrationError
-from .moments import Array, Pinhole
+from .moments import Pinhole
+from .polygons import Array
 
 PINHOLE_MODELS = ("", "plumb_bob", "rational_polynomial")
 FISHEYE_MODELS = ("equidistant", "fisheye")

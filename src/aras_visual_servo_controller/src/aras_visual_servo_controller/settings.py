@@ -1,4 +1,4 @@
-"""Parameters of the controller: each one listed once, with unit and default, and checked.
+"""The loop that the parameters of the controller describe.
 
 The node, the runner and the tests build their loop from the same `Settings`, so it is one loop.
 """
@@ -16,7 +16,7 @@ import numpy as np
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_base.settings import build, converted, default_of, defaults, parameter
+from aras_visual_servo_base.settings import build, converted, defaults
 from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import SegmentationError, VisionError
@@ -24,14 +24,15 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.segmentation import Segmentation
 
 from .arm import Arm, Limits, Resolver, ResolverSettings
+from .arm.arm import flies
 from .arm.fold import find
 from .errors import ConfigurationError
 from .goals.goal import Goal
 from .goals.starts import start_joints
 from .laws import Law, create_law
-from .laws.base import GREATEST_GAIN
 from .loop.servo import Servo
-from .records.state import ByJoint, ServoSettings, by_joint
+from .parameters import BY_JOINT, LEGAL, MODEL, NAMES, OUTLINE, Parameters, per_joint
+from .records.state import ServoSettings
 from .schemes import JointController, Scheme, create_scheme
 from .seeing.observation import CAMERA, Need
 from .seeing.observer import Observer
@@ -42,163 +43,14 @@ if TYPE_CHECKING:
 
     from .arm import SecondaryTask
 
-# Parameters that are said for some of the joints, by name.
-BY_JOINT = ("max_velocity", "max_acceleration", "lower", "upper", "posture", "elbow", "lead",
-            "stiffness", "damping", "controllers")  # fmt: skip
 NONE: Mapping[str, Any] = {}
-MODEL = "model"  # the tracker of a known mesh
-MARKER = "marker"  # the tracker of an ArUco or AprilTag marker, or of a board of them
-OUTLINE = "outline"  # the tracker that takes the corners of what was segmented
-# Parameters that are names on a ROS graph.
-NAMES = ("namespace", "camera_namespace", "command_topic", "description")
-LEGAL = re.compile(r"[~/]?[A-Za-z][\w/]*", re.ASCII)
-
-
-def of_loop(name: str) -> Any:
-    """The parameter that is a setting of the loop itself, as that has it."""
-    field = ServoSettings.__dataclass_fields__[name]
-    return parameter(field.default, **field.metadata)
 
 
 @dataclass(frozen=True)
-class CameraEntry:
-    """One of several cameras of a node.
+class Settings(Parameters):
+    """Parameters, checked, and the loop that they describe; see Parameters."""
 
-    frame: of it, in the description; empty: NAME_optical_frame.
-    namespace: of its image_raw, camera_info and depth/image_raw; empty: /NAME.
-    features: namespace of what a camera node measures in its images, moments and kernel; empty:
-        camera/NAME in that of the arm.
-    target_frame: link that carries what it looks at, where the arm moves that; empty: as for all.
-    """
-
-    frame: str = ""
-    namespace: str = ""
-    features: str = ""
-    target_frame: str = ""
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Parameters of the loop and its node; lengths in m, angles in rad.
-
-    What may be given for each joint is one number for all, a list in the arm's order, or numbers
-    by joint name. Those of the loop itself are ServoSettings'.
-
-    scheme: feature, scheme, several joined by '+', or 'package.module:Class'.
-    interaction: L at the view: current, desired, mean, estimated.
-    tracker: of the target's points: outline, another tracker's name, or 'package.module:Class'.
-    marker: that is the target: 5, DICT_5X5_100:5, or a board; that of the goal.
-    model: mesh of the target (STL, OBJ, DAE), m, whose pose is followed: the tracker is 'model'.
-    model_scale: factor on the lengths of the model's file, 0.001 where they are in mm.
-    model_start: where the model is at first: {pose: x y z roll pitch yaw in the base}, {marker:
-        {size, pose}} or {clicks: rows x y z u v}.
-    segmentation: how the target's pixels are told, {method, threshold, near_colour, label, ...},
-        as the camera node has them.
-    depth_image: the target's plane is taken from the camera's depth image, in place of goal and
-        kinematics.
-    weights: of stacked features, one each; empty: all alike.
-    smoothing: s, time constant of a low-pass on the errors; 0: none.
-    law: name of a control law, or 'package.module:Class'.
-    gain: 1/s, of the law; its own default.
-    law_options: other parameters of the law, by name.
-    continuous_start: 1/s, rate at which the first speed is let in; 0: at once.
-    ramp: s, time constant with which the gain rises; 0: none.
-    start: initial pose: a name, none, joints, or {xyz, rpy} of the camera, looked for from the
-        posture at the goal.
-    desired: goal: auto (that of the start), a name, or a YAML file.
-    duration: s, of servoing before it has timed out; 0: no end.
-    max_velocity: m/s, rad/s, of each joint; the description's, and needed where that says none.
-    max_acceleration: m/s^2, rad/s^2, of each joint; no limit.
-    lower: m, rad, least position of each joint; the description's.
-    upper: m, rad, greatest position of each joint; the description's.
-    hold_gain: 1/s, at which what the scheme does not model is kept as at the goal.
-    posture: m, rad, positions that joints are drawn to, where free.
-    posture_gain: 1/s, at which.
-    limit_avoidance: keep joints away from their limits, where free.
-    singularity_avoidance: climb manipulability, where free.
-    elbow: side to which stretched elbows bend: -1 or 1, or by joint.
-    wall_watchdog: s, of wall time without one, likewise.
-    scheme_timeout: s, of wall time that the scheme's code may take, once called, before the loop
-        holds as after a fault of the scheme.
-    camera_frame: of the camera, in the description.
-    cameras: several by name, in place of camera_frame and camera_namespace: see CameraEntry.
-    base_frame: link that the arm stands on; empty: the root.
-    target_frame: link that carries the target, where the arm moves it.
-    joints: names of the joints to use; empty: all that move the camera.
-    namespace: of joint states, features and commands.
-    camera_namespace: of image_raw, camera_info and depth/image_raw, for schemes that want them.
-    controllers: name of each joint's controller, in the namespace.
-    command_topic: one topic of a group of joints, instead of one each.
-    description: parameter that holds the URDF.
-    listeners: subscribers of controller/state to wait for, 5 s at most.
-    image_timeout: s, of silence before it says so.
-    joint_timeout: s, of silence before it says so.
-    lockstep: one answer for each image; from the simulator's speed_mode unless given.
-    autostart: servo at once; false: wait for start or the action.
-    dry: send no commands: try a scheme on a recorded bag.
-    package: directory of this package.
-    """
-
-    documented_by = (ServoSettings,)  # of the settings that are the loop's
-
-    scheme: str = parameter("moments", name=True)
-    interaction: str = parameter("current")
-    tracker: str = parameter(OUTLINE)
-    marker: str | Mapping[str, Any] = parameter("", name=True)
-    model: str = parameter("")
-    model_scale: float = parameter(1.0, above=0.0)
-    model_start: Mapping[str, Any] = parameter({})
-    segmentation: Mapping[str, Any] = parameter({})
-    depth_image: bool = parameter(False)
-    weights: tuple[float, ...] = parameter(())
-    smoothing: float = parameter(0.0, "s", least=0.0, most=10.0)
-    law: str = parameter("proportional")
-    gain: float | None = parameter(None, "1/s", above=0.0)
-    law_options: Mapping[str, int | float | Any] = parameter({})
-    continuous_start: float = parameter(0.0, "1/s", least=0.0)
-    ramp: float = parameter(0.0, "s", least=0.0)
-    start: Any = parameter("none", name=True)
-    desired: str = parameter("auto", name=True)
-    hold: float = of_loop("hold")
-    duration: float = parameter(0.0, "s", least=0.0)
-    max_velocity: ByJoint | None = by_joint(None, "m/s, rad/s")
-    max_acceleration: ByJoint | None = by_joint(None, "m/s^2, rad/s^2")
-    lower: ByJoint | None = by_joint(None, "m, rad")
-    upper: ByJoint | None = by_joint(None, "m, rad")
-    hold_gain: float = parameter(3.0, "1/s", least=0.0, most=GREATEST_GAIN)
-    posture: Mapping[str, float] = parameter({}, "m, rad")
-    posture_gain: float = parameter(1.0, "1/s", least=0.0, most=GREATEST_GAIN)
-    limit_avoidance: bool = parameter(True)
-    singularity_avoidance: bool = parameter(False)
-    elbow: ByJoint | None = by_joint(None)
-    lead: ByJoint = of_loop("lead")
-    lag: float = of_loop("lag")
-    approach_speed: float = of_loop("approach_speed")
-    delay: float = of_loop("delay")
-    watchdog: float = of_loop("watchdog")
-    wall_watchdog: float = parameter(5.0, "s", above=0.0)
-    scheme_timeout: float = of_loop("scheme_timeout")
-    stop_time: float = of_loop("stop_time")
-    output: str = of_loop("output")
-    stiffness: ByJoint = of_loop("stiffness")
-    damping: ByJoint = of_loop("damping")
-    camera_frame: str = parameter("camera_optical_frame")
-    cameras: Mapping[str, CameraEntry] = parameter({})
-    base_frame: str = parameter("")
-    target_frame: str = parameter("")
-    joints: tuple[str, ...] = parameter(())
-    namespace: str = parameter("/aras_visual_servo")
-    camera_namespace: str = parameter("/labrob/camera")
-    controllers: Mapping[str, Any] = parameter({})
-    command_topic: str = parameter("")
-    description: str = parameter("robot_description")
-    listeners: float = parameter(0.0, least=0.0)
-    image_timeout: float = parameter(1.0, "s", least=0.1)
-    joint_timeout: float = parameter(1.0, "s", least=0.1)
-    lockstep: bool = parameter(False)
-    autostart: bool = parameter(True)
-    dry: bool = parameter(False)
-    package: Path = parameter(Path("."), internal=True)
+    documented_by = (Parameters, ServoSettings)
 
     @classmethod
     def from_mapping(
@@ -227,20 +79,8 @@ class Settings:
                 )
         settings = cls(**values, package=package)
         settings.make_segmentation(where)
-        settings._check_cameras(where)
+        settings.check_cameras(where)
         return settings
-
-    def _check_cameras(self, where: str) -> None:
-        """ConfigurationError for two cameras of one topic: they would be one."""
-        for key, topic in (("namespace", "image_raw"), ("features", "moments")):
-            heard: dict[str, str] = {}
-            for name in self.cameras:
-                space = getattr(self.camera_of(name), key)
-                if (other := heard.setdefault(space, name)) != name:
-                    raise ConfigurationError(
-                        f"{where}cameras: {other} and {name} both listen to {space}/{topic}: give "
-                        f"each a {key} of its own"
-                    )
 
     def for_robot(self, name: str, given: Mapping[str, Any] | None = None) -> Settings:
         """These settings, with config/robots/NAME.yaml for what was not given.
@@ -298,20 +138,6 @@ class Settings:
         return Arm.from_urdf(
             urdf, entry.frame, self.base_frame, self.joints or None, entry.target_frame
         )
-
-    def camera_of(self, name: str) -> CameraEntry:
-        """Frame and topics of the camera of a name."""
-        features = f"{self.namespace.rstrip('/')}/camera"
-        if not self.cameras:
-            return CameraEntry(
-                self.camera_frame, self.camera_namespace.rstrip("/"), features, self.target_frame
-            )
-        entry = self.cameras[name]
-        return CameraEntry(
-            entry.frame or f"{name}_optical_frame", (entry.namespace or f"/{name}").rstrip("/"),
-            (entry.features or f"{features}/{name}").rstrip("/"),
-            entry.target_frame or self.target_frame,
-        )  # fmt: skip
 
     def read_by(self, scheme: Scheme | JointController) -> tuple[str, ...]:
         """Names of the cameras that a scheme reads, in their own order: the first is the control
@@ -571,21 +397,3 @@ class Settings:
             return TRACKERS.create(name, **{key: given[key] for key in known if key in given})
         except (VisionError, DescriptionError) as error:
             raise ConfigurationError(str(error)) from None
-
-
-def flies(arm: Arm) -> bool:
-    """Whether it is a camera that flies, without joints of an arm."""
-    return getattr(arm, "free", False)
-
-
-def per_joint(name: str, value: Any, arm: Arm) -> Any:
-    """One number, or numbers in the arm's order, from what may be given by joint name."""
-    if not isinstance(value, Mapping):
-        return value
-    for joint in value:
-        if joint not in arm.names:
-            raise ConfigurationError(
-                f"parameter ~{name} names the joint {joint}: {nearest(joint, arm.names)}"
-            )
-    other = default_of(Settings.__dataclass_fields__[name])
-    return tuple(float(value.get(joint, other)) for joint in arm.names)

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from aras_visual_servo_base.settings import said
+from aras_visual_servo_base.setting_values import said
 from aras_visual_servo_base.yaml_files import read_text
 
 from ..errors import CameraError

@@ -17,7 +17,7 @@ import numpy as np
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.opencv_files import read_storage
-from aras_visual_servo_base.settings import said
+from aras_visual_servo_base.setting_values import said
 from aras_visual_servo_base.yaml_files import parse_yaml
 
 from ..errors import CameraError, DescriptionError

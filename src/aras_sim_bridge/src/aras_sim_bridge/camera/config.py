@@ -12,7 +12,8 @@ import numpy as np
 
 from aras_visual_servo_base.lenses import kannala_brandt_fold
 from aras_visual_servo_base.names import resolve_name
-from aras_visual_servo_base.settings import build, converted, merge, parameter
+from aras_visual_servo_base.setting_values import merge
+from aras_visual_servo_base.settings import build, converted, parameter
 from aras_visual_servo_base.settings import check as hold_to_bounds
 
 from ..description import CameraDescription, DepthTopics

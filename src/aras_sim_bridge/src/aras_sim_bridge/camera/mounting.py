@@ -22,7 +22,8 @@ from aras_sim_bridge.world import Model, Pose
 from aras_visual_servo_base.camera_mounting import check_optical
 from aras_visual_servo_base.hand_eye import read_hand_eye
 from aras_visual_servo_base.poses import LENGTH_UNITS, inverse, optical
-from aras_visual_servo_base.settings import build, convert, merge, parameter
+from aras_visual_servo_base.setting_values import merge
+from aras_visual_servo_base.settings import build, convert, parameter
 
 T = TypeVar("T")
 

@@ -68,10 +68,7 @@ class ImagePipeline:
         self.light = ExposureMean(self.parts, shape[0])
         self._auto_exposure, self._factor = effects.auto_exposure, 1.0
         self._chain = EffectChain(effects, shape, seed)
-
-    def is_lost(self, stamp_ns: int) -> bool:
-        """Whether the image with this stamp, ns of simulated time, is never delivered."""
-        return self._chain.lost(stamp_ns)
+        self.is_lost = self._chain.is_lost
 
     def read_out(self, light: np.ndarray, stamp_ns: int) -> np.ndarray:
         """The image that the sensor makes of `light`, a uint8 array of the pipeline's shape."""

@@ -29,7 +29,8 @@ from aras_sim_bridge.control.joints import (
 from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.description.types import RobotDescription, Transmission
 from aras_sim_bridge.errors import ControllerError, HardwareError
-from aras_visual_servo_base.settings import look_up, read
+from aras_visual_servo_base.setting_values import look_up
+from aras_visual_servo_base.settings import read
 
 _PREFIX = "hardware_interface/"
 _GAINS = "gazebo_ros_control/pid_gains"

@@ -23,7 +23,7 @@ from aras_sim_bridge.control.switching import (
 )
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.names import USER_FAULTS
-from aras_visual_servo_base.settings import look_up
+from aras_visual_servo_base.setting_values import look_up
 
 CLASSES = "controller_classes"
 _ENTERED_BY = {RUNNING: "starting", STOPPED: "stopping"}

@@ -17,7 +17,8 @@ from aras_sim_bridge.camera.camera_file import read_camera
 from aras_sim_bridge.errors import CameraError
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import LENGTH_UNITS, inverse, optical, transform
-from aras_visual_servo_base.settings import check, merge, parameter
+from aras_visual_servo_base.setting_values import merge
+from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.undistortion import CameraModel, subdivide
 from aras_visual_servo_controller.seeing.rig import KEPT

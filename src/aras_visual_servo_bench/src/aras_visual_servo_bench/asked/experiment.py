@@ -11,14 +11,8 @@ from typing import Any
 from aras_sim_bridge.description.types import SUN
 from aras_sim_bridge.rendering import EXPOSURES, RENDERERS
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_base.settings import (
-    NamedValues,
-    build,
-    check,
-    parameter,
-    said,
-    to_mapping,
-)
+from aras_visual_servo_base.setting_values import said
+from aras_visual_servo_base.settings import NamedValues, build, check, parameter, to_mapping
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.seeing.observation import CAMERA
 

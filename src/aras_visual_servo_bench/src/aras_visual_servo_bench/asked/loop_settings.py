@@ -10,7 +10,8 @@ from typing import Any
 from aras_visual_servo_base.urdf import robot_name
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.settings import MARKER, Settings
+from aras_visual_servo_controller.parameters import MARKER
+from aras_visual_servo_controller.settings import Settings
 
 from ..errors import ExperimentError, require
 from ..targets.outlines import is_solid, tracker_of

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from aras_visual_servo_base.settings import merge
+from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_base.yaml_files import parse_yaml
 
 from ..errors import StudyError

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.names import likely
-from aras_visual_servo_base.settings import said
+from aras_visual_servo_base.setting_values import said
 
 from ..errors import ExperimentError
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import functools
 import runpy
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,6 +29,8 @@ from .packages import PackagePath
 if TYPE_CHECKING:
     from aras_sim_bridge.description import CameraDescription, RobotDescription
 
+    from .added_links import Carried
+
 ROBOT = "robot"  # its model in the simulated world
 FRAME = "camera_frame_of_"  # of a camera that the robot's own description has not, by its name
 MOVED, BELIEVED = "moved_", "believed_"  # frames of one that is not where that has it
@@ -42,20 +42,6 @@ IMAGING = frozenset((
     "width", "height", "horizontal_fov", "update_rate", "format", "near", "far", "lens",
     "camera_matrix", "cutoff_angle", "distortion_model", "distortion_coefficients", "effects",
 ))  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class Carried:
-    """A target on a link of a robot.
-
-    link: that carries it. pose: link_T_target (4, 4). urdf: what is seen of it.
-    """
-
-    link: str
-    pose: np.ndarray
-    urdf: Path
-
-
 NOTHING: Mapping[str, Carried] = {}
 
 
@@ -135,8 +121,10 @@ class Robot:
             self._plain = self._calibrated(hand_eye)
         self._frame = spec.camera_frame
         self.urdf = self._framed(self._mounted(transform(xyz, rpy)))
+        if carried:
+            from .added_links import with_target
         for name, one in carried.items():
-            self.urdf = self._with_target(self.urdf, name, one)
+            self.urdf = with_target(self.urdf, name, one, spec.urdf)
         tree = read_yaml(self.packages.file(spec.config), ExperimentError)
         if not isinstance(tree, Mapping):
             raise ExperimentError(f"{spec.config} holds no controllers")
@@ -249,12 +237,14 @@ class Robot:
 
     def _framed(self, urdf: str) -> str:
         """The description with the frames of all cameras that the experiment puts somewhere."""
+        if self._cameras:
+            from .added_links import with_link
         for name, camera in self._cameras.items():
             if camera.pose is not None:
                 child, root = f"{FRAME}{name}", parse_tree(urdf).root
-                urdf = _with_link(urdf, child, root, camera.place())
+                urdf = with_link(urdf, child, root, camera.place())
             elif camera.hand_eye is not None:
-                urdf = _with_link(urdf, f"{FRAME}{name}", *self._calibrated_place(urdf, name))
+                urdf = with_link(urdf, f"{FRAME}{name}", *self._calibrated_place(urdf, name))
             elif not camera.own:
                 urdf = self._with_frame(urdf, f"{FRAME}{name}", self._frame, camera.place())
         return urdf
@@ -308,7 +298,9 @@ class Robot:
         last = _path(urdf, frame, self.spec.urdf)[-1]
         if last.child not in parse_tree(urdf).links:
             frame, frame_T_child = last.parent, last.pose.matrix() @ frame_T_child
-        return _with_link(urdf, name, frame, frame_T_child)
+        from .added_links import with_link
+
+        return with_link(urdf, name, frame, frame_T_child)
 
     def _calibrated_place(self, urdf: str, name: str) -> tuple[str, np.ndarray]:
         """The link of a camera whose place is a hand-eye calibration's, and link_T_optical."""
@@ -322,21 +314,6 @@ class Robot:
         except SimError as error:
             raise ExperimentError(f"cameras.{name}.hand_eye: {error}") from None
         return link, found.link_T_camera
-
-    def _with_target(self, urdf: str, name: str, target: Carried) -> str:
-        """The description with what is seen of a target, fixed to a link."""
-        robot, drawn = ElementTree.fromstring(urdf), ElementTree.parse(target.urdf).getroot()
-        links = {link.get("name") for link in robot.iter("link")}
-        if target.link not in links:
-            raise ExperimentError(f"{self.spec.urdf} has no link '{target.link}' that could carry "
-                                  f"a target: {nearest(target.link, sorted(links))}")  # fmt: skip
-        link = ElementTree.SubElement(robot, "link", name=name)
-        link.extend(drawn.iter("visual"))
-        for one in drawn.findall("gazebo[@reference]"):
-            one.set("reference", name)
-            robot.append(one)
-        _fix(robot, target.link, name, target.pose)
-        return ElementTree.tostring(robot, encoding="unicode")
 
     def _calibrated(self, spec: HandEyeSpec) -> str:
         """The description with its camera where a hand-eye calibration found it."""
@@ -378,23 +355,6 @@ def _path(urdf: str, camera_frame: str, name: str) -> list[Joint]:
         return camera_path(parse_tree(urdf), "", camera_frame)
     except DescriptionError as error:
         raise ExperimentError(f"{name}: robot description: {error}") from None
-
-
-def _with_link(urdf: str, name: str, parent: str, parent_T_link: np.ndarray) -> str:
-    """The description with one more link, fixed to another."""
-    robot = ElementTree.fromstring(urdf)
-    ElementTree.SubElement(robot, "link", name=name)
-    _fix(robot, parent, name, parent_T_link)
-    return ElementTree.tostring(robot, encoding="unicode")
-
-
-def _fix(robot: ElementTree.Element, parent: str, child: str, place: np.ndarray) -> None:
-    """Fix a link to another, parent_T_child (4, 4)."""
-    joint = ElementTree.SubElement(robot, "joint", name=f"{child}_joint", type="fixed")
-    ElementTree.SubElement(joint, "parent", link=parent)
-    ElementTree.SubElement(joint, "child", link=child)
-    xyz, rpy = (" ".join(map(repr, map(float, part))) for part in to_xyz_rpy(place))
-    ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
 
 
 _functions = functools.cache(runpy.run_path)

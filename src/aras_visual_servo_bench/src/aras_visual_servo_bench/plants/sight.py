@@ -15,7 +15,7 @@ from aras_sim_bridge.camera.pipeline import ExposureMean, ImagePipeline
 from aras_sim_bridge.camera.shaking import Vibration
 from aras_sim_bridge.camera.shutter import RowBand
 from aras_sim_bridge.description.types import within
-from aras_visual_servo_camera.moments import find_crossing
+from aras_visual_servo_camera.polygons import find_crossing
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.seeing.frame import Frame
 

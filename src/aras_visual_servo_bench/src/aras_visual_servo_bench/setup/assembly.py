@@ -30,8 +30,7 @@ from ..asked.cameras import Eye
 from ..asked.experiment import CameraPose, Experiment, Sampler
 from ..asked.loop_settings import named_goal
 from ..errors import ExperimentError, ViewError, log_once
-from ..plants import Plant
-from ..plants.base import Place
+from ..plants.base import Place, Plant
 from ..plants.free_body import FreeBody
 from ..plants.kinematic import FreeCamera, KinematicChain
 from ..targets.geometry import PlacedTarget
@@ -268,16 +267,15 @@ def make_goal(
     control, named = context.control.name, shown.named
     goal = None if named is None else compute_goal(context, named, {control: believed, **others})
     if goal is not None:
-        pose = goal.world_T_camera
         if others:
             from .goal_teaching import check_view
 
-            check_view(context, pose)
-        return with_believed_depths(context, goal), pose
+            check_view(context, goal.world_T_camera)
+        return with_believed_depths(context, goal), goal.world_T_camera
     from .goal_teaching import show_goal
 
-    name = "goal" if named is None else named.name
-    goal = show_goal(context, shown.pose, name, joints, postures, arm, believed, others)
+    goal = show_goal(context, shown.pose, named.name if named is not None else "goal", joints,
+                     postures, arm, believed, others)  # fmt: skip
     return with_believed_depths(context, goal), shown.pose
 
 

@@ -7,8 +7,9 @@ import numpy as np
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_controller.seeing.frame import Frame
 
+from ..asked.added_links import Carried
 from ..asked.experiment import Experiment
-from ..asked.robots import OF, Carried
+from ..asked.robots import OF
 from ..asked.worlds import around
 from ..errors import ExperimentError
 from ..plants.bullet_arm import OCCLUDER, TARGET, BulletArm, Followed, ShownTarget

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from aras_visual_servo_base.poses import inverse, relative
-from aras_visual_servo_camera.moments import signed_area
+from aras_visual_servo_camera.polygons import signed_area
 from aras_visual_servo_camera.undistortion import normalise_pixels
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.seeing.frame import Frame

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,12 +18,15 @@ from ..asked.cameras import Eye, check_meeting
 from ..asked.experiment import FLYING, Experiment
 from ..asked.loop_settings import settings_of
 from ..asked.packages import PackagePath
-from ..asked.robots import Carried, Robot
+from ..asked.robots import Robot
 from ..asked.unused_settings import check_camera, check_settings
 from ..errors import ExperimentError
 from ..plants.base import Place
 from ..targets.geometry import RoundTarget
 from .setup_context import SetupContext
+
+if TYPE_CHECKING:
+    from ..asked.added_links import Carried
 
 OF_PICTURES = {Need.IMAGE, Need.KERNEL}  # exact features have none
 

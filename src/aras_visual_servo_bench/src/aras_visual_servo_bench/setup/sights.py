@@ -12,7 +12,7 @@ from aras_sim_bridge.camera.config import seed_of
 from aras_sim_bridge.camera.effects import EFFECTS, Effects
 from aras_sim_bridge.camera.shaking import Vibration
 from aras_sim_bridge.camera.shutter import parts
-from aras_visual_servo_base.settings import merge
+from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need
 
 from ..asked.cameras import Eye, config_of

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from aras_visual_servo_camera.moments import signed_area
+from aras_visual_servo_camera.polygons import signed_area
 
 from ..errors import ExperimentError, require, writing
 from .geometry import Target

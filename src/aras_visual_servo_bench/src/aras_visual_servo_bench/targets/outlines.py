@@ -17,7 +17,7 @@ import numpy as np
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.names import USER_FAULTS, nearest, words
-from aras_visual_servo_controller.settings import MODEL, OUTLINE
+from aras_visual_servo_controller.parameters import MODEL, OUTLINE
 
 from ..errors import ExperimentError, require
 from .geometry import FLIPPED, PolygonTarget, Target

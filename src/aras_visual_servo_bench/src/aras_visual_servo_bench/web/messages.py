@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.settings import said
+from aras_visual_servo_base.setting_values import said
 
 from ..errors import RefusedError
 

@@ -358,3 +358,8 @@ def _chosen(
 def _read_only(array: np.ndarray) -> np.ndarray:
     array.setflags(write=False)
     return array
+
+
+def flies(arm: Arm) -> bool:
+    """Whether it is a camera that flies, without joints of an arm."""
+    return getattr(arm, "free", False)

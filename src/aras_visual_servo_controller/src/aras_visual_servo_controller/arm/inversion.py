@@ -10,6 +10,7 @@ from aras_visual_servo_base.compiled import compiled
 from .algebra import ROUNDING_PART, all_above, applied, svd, times
 from .held import held_at
 from .kinematics import CHAIN, viewed
+from .limits import speed_ranges
 
 # From this part of L's greatest singular value on all twists are seen alike.
 WELL_SEEN = 0.05
@@ -147,34 +148,6 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below, u
     return primary, secondary
 
 
-@compiled("f8, f8, f8")
-def _stoppable(room, acceleration, dt):
-    """Greatest speed for dt (s) after which a joint still stops within its room.
-
-    v dt + v^2 / 2a = room; so much later steps can always keep, however long they are.
-    """
-    if dt <= 0.0 or room == np.inf:
-        return np.inf
-    if acceleration == np.inf:
-        return room / dt
-    # room / (dt / 2 + sqrt(...) / 2), which does not cancel where the room is small
-    return 2.0 * room / (dt + np.sqrt(dt * dt + 2.0 * room / acceleration))
-
-
-@compiled("f8[:], f8[:,:], f8")
-def _ranges(q, limits, dt):
-    """Lowest and highest velocities (n,) that the ranges of the joints allow for dt (s).
-
-    A joint outside its range may come back, and not go further.
-    """
-    lower, upper, acceleration = limits[0], limits[1], limits[3]
-    low, high = np.empty(len(q)), np.empty(len(q))
-    for i in range(len(q)):
-        low[i] = -_stoppable(max(q[i] - lower[i], 0.0), acceleration[i], dt)
-        high[i] = _stoppable(max(upper[i] - q[i], 0.0), acceleration[i], dt)
-    return low, high
-
-
 @compiled("f8[:], f8[:]")
 def _part(wanted, room):
     """Greatest part, up to 1, of wanted (n,) that the rooms (n,) >= 0 allow; and who limits it."""
@@ -192,7 +165,7 @@ def _within(wanted, secondary, low, high, limits, dt, limited, previous, total, 
 
     Args:
         wanted, secondary: (n,) for the task; those that it does not see.
-        low, high: of `_ranges`.
+        low, high: of `speed_ranges`.
         limited: by acceleration, from the previous velocities (n,) on, of which `task` (n,) served
             the task if they are the total (n,).
 
@@ -378,7 +351,7 @@ def resolved(order, parents, slides, signs, places, axes, ends, tips, q, view, j
     basis, wanted, weights = _demanded(
         seen, rate, held, errors, free, scaled, length * settings[4], length * settings[5]
     )  # fmt: skip
-    low, high = _ranges(q, limits, dt)
+    low, high = speed_ranges(q, limits, dt)
     solution, spare, moving, stopped, straight = _joint_by_joint(
         scaled, _scaled(bent, length), basis, wanted, weights, wish, low, high, folds, limits,
         q, dt, reach, settings[1:3],
@@ -400,7 +373,7 @@ def resolved(order, parents, slides, signs, places, axes, ends, tips, q, view, j
         margins[i] = min(q[i] - limits[0, i], limits[1, i] - q[i])
     lasts = len(stopped) == 0 and not straight and slowest < 0 and fast * LASTING <= STILL
     if lasts:
-        low, high = _ranges(q, limits, LASTING)
+        low, high = speed_ranges(q, limits, LASTING)
         for i in range(len(q)):
             lasts &= low[i] <= velocities[i] <= high[i]
         for fold in folds:

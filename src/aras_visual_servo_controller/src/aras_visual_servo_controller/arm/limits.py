@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.names import nearest
 
 from ..errors import ConfigurationError
@@ -132,3 +133,31 @@ def check_inside(q: np.ndarray, of: Limits | Arm, what: str) -> None:
             f"{what} puts {of.names[i]} at {q[i]:.4f}, outside its limits "
             f"{of.lower[i]:.4f} to {of.upper[i]:.4f}"
         )
+
+
+@compiled("f8, f8, f8")
+def stoppable_speed(room, acceleration, dt):
+    """Greatest speed for dt (s) after which a joint still stops within its room.
+
+    v dt + v^2 / 2a = room; so much later steps can always keep, however long they are.
+    """
+    if dt <= 0.0 or room == np.inf:
+        return np.inf
+    if acceleration == np.inf:
+        return room / dt
+    # room / (dt / 2 + sqrt(...) / 2), which does not cancel where the room is small
+    return 2.0 * room / (dt + np.sqrt(dt * dt + 2.0 * room / acceleration))
+
+
+@compiled("f8[:], f8[:,:], f8")
+def speed_ranges(q, limits, dt):
+    """Lowest and highest velocities (n,) that the ranges of the joints allow for dt (s).
+
+    A joint outside its range may come back, and not go further.
+    """
+    lower, upper, acceleration = limits[0], limits[1], limits[3]
+    low, high = np.empty(len(q)), np.empty(len(q))
+    for i in range(len(q)):
+        low[i] = -stoppable_speed(max(q[i] - lower[i], 0.0), acceleration[i], dt)
+        high[i] = stoppable_speed(max(upper[i] - q[i], 0.0), acceleration[i], dt)
+    return low, high

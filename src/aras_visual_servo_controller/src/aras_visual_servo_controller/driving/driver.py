@@ -342,9 +342,8 @@ class Driver:
     def _is_due_again(self, command: Command) -> bool:
         """Whether a position command is sent again: a controller may not have received it, as one
         that was loaded after it was sent."""
-        if self._e_stopped or not self._foreign.allows(command):
-            return False
-        return command.stamp - self._sent_at >= REPEAT_PERIOD - 1e-9
+        allowed = not self._e_stopped and self._foreign.allows(command)
+        return allowed and command.stamp - self._sent_at >= REPEAT_PERIOD - 1e-9
 
     def ticked(
         self, samples: Sequence[JointSample], commands: np.ndarray, sent: np.ndarray, at: float

@@ -21,7 +21,7 @@ import numpy as np
 from aras_visual_servo_camera.contour import corners_like
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane, point_interaction
-from aras_visual_servo_camera.moments import signed_area
+from aras_visual_servo_camera.polygons import signed_area
 
 from ..errors import BEHIND, ConfigurationError, MeasurementError
 from ..goals.goal import Goal

@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import yaml
 
-from aras_visual_servo_base.poses import pose_difference, to_xyz_rpy
+from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
@@ -43,8 +43,8 @@ from ..arm.limits import check_inside
 from ..errors import ConfigurationError, ServoError, UnreachableError
 from ..seeing.observation import CAMERA, Observation
 from ..seeing.rig import MovedBy, OppositeCamera
-from ..seeing.target_geometry import TargetGeometry
-from .goal_file import EDGE_ON, GoalKernel, goal_fields
+from ..seeing.target_geometry import TargetGeometry, ellipse_of
+from .goal_file import EDGE_ON, GoalKernel, goal_fields, goal_text, pose_entry
 
 if TYPE_CHECKING:
     from ..arm import Arm
@@ -53,7 +53,6 @@ DEPTH = 0.2  # m: a target's depth where the goal does not say it; the laborator
 REACHABLE = 2e-3  # m, and 0.1 m x rad, from which on a pose counts as beyond the arm's reach
 # Beyond these the camera is mounted elsewhere than when the goal was taught, m and rad.
 SAME_PLACE, SAME_ANGLE = 1e-4, 1e-3
-ELLIPSE_CORNERS = 32
 
 
 class Teaching(Protocol):
@@ -322,13 +321,7 @@ class Goal:
                 return self.target.outline(self.world_T_camera)
         if self.moments is None:
             return np.zeros((0, 2))
-        m, mu = self.moments, self.moments.mu
-        spread = np.array([[mu(2, 0), mu(1, 1)], [mu(1, 1), mu(0, 2)]]) / m.m00
-        squares, axes = np.linalg.eigh(spread)
-        around = np.linspace(0.0, 2.0 * np.pi, ELLIPSE_CORNERS, endpoint=False)
-        # Half an axis of a filled ellipse is twice the standard deviation along it.
-        reach = axes * (2.0 * np.sqrt(np.maximum(squares, 0.0)))
-        return np.array([m.xg, m.yg]) + np.stack([np.cos(around), np.sin(around)], 1) @ reach.T
+        return ellipse_of(self.moments)
 
     def joint_values(self, names: Sequence[str]) -> np.ndarray | None:
         """The joints (n,) in this order; None where the goal has none.
@@ -391,9 +384,9 @@ class Goal:
     def to_yaml(self, heading: str = "") -> str:
         """The file's text; heading becomes a comment at its top."""
         moments, camera = self.moments, self.camera
-        data = plain({
+        return goal_text({
             "joints": self.joints,
-            "camera_pose": _pose_entry(self.world_T_camera),
+            "camera_pose": pose_entry(self.world_T_camera),
             "depth": self.depth,
             "plane": self.plane,
             "moments": None if moments is None else {
@@ -407,24 +400,8 @@ class Goal:
             },
             "features": self.features,
             "target": None if self.target is None else self.target.to_mapping(),
-            "mounting": _pose_entry(self.mounting),
+            "mounting": pose_entry(self.mounting),
             "marker": self.marker or None,
             "seen_by": self.seen_by if self.others else None,
             "cameras": {name: yaml.safe_load(goal.to_yaml()) for name, goal in self.others.items()},
-        })  # fmt: skip
-        data = {name: value for name, value in data.items() if value not in (None, {})}
-        comment = "".join(f"# {line}\n" for line in heading.splitlines())
-        return comment + yaml.safe_dump(data, sort_keys=False)
-
-
-def plain(value: Any) -> Any:
-    """Numbers, lists and mappings for YAML, of whatever holds them."""
-    if isinstance(value, Mapping):
-        return {name: plain(inner) for name, inner in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    return [plain(inner) for inner in value] if isinstance(value, list | tuple) else value
-
-
-def _pose_entry(a_T_b: np.ndarray | None) -> dict[str, list[float]] | None:
-    return None if a_T_b is None else dict(zip(("xyz", "rpy"), to_xyz_rpy(a_T_b), strict=True))
+        }, heading)  # fmt: skip

@@ -1,4 +1,4 @@
-"""Reading of goal files: every key checked, one line for what is wrong."""
+"""Goal files: every key is checked when one is read, one line for what is wrong."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import yaml
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import to_xyz_rpy, transform
 from aras_visual_servo_base.settings import build, parameter
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.markers import MarkerChoice
 from aras_visual_servo_camera.moments import MAX_ORDER, Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -103,6 +103,10 @@ def goal_fields(data: Any, name: str) -> dict[str, Any]:
 
 
 def _marker(given: str, name: str) -> str:
+    if not given:
+        return given
+    from aras_visual_servo_camera.markers import MarkerChoice
+
     try:
         MarkerChoice.read(given, f"{name}: marker")
     except VisionError as error:
@@ -153,3 +157,24 @@ def _kernel(given: KernelEntry | None) -> GoalKernel | None:
     for array in (K, features):
         array.setflags(write=False)
     return GoalKernel(given.width, given.height, K, features)
+
+
+def goal_text(entries: Mapping[str, Any], heading: str) -> str:
+    """The text of a file; entries that hold nothing are left out, heading becomes a comment."""
+    data = {name: value for name, value in _plain(entries).items() if value not in (None, {})}
+    comment = "".join(f"# {line}\n" for line in heading.splitlines())
+    return comment + yaml.safe_dump(data, sort_keys=False)
+
+
+def _plain(value: Any) -> Any:
+    """Numbers, lists and mappings for YAML, of whatever holds them."""
+    if isinstance(value, Mapping):
+        return {name: _plain(inner) for name, inner in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return [_plain(inner) for inner in value] if isinstance(value, list | tuple) else value
+
+
+def pose_entry(a_T_b: np.ndarray | None) -> dict[str, list[float]] | None:
+    """A pose (4, 4) as a file has it."""
+    return None if a_T_b is None else dict(zip(("xyz", "rpy"), to_xyz_rpy(a_T_b), strict=True))

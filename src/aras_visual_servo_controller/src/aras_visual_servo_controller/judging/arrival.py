@@ -18,7 +18,7 @@ from aras_visual_servo_base.compiled import compiled
 
 from ..arm.algebra import least_squares, svd, task_finite
 from ..goals.goal import DEPTH
-from ..records.arrived import Arrived, LeftOpen
+from ..records.outcomes import Arrived, LeftOpen
 from ..seeing.ring_buffer import RecentErrors
 from .left_open import BLIND, Margin, Offsets, directions, symmetric
 from .view_check import VIEWS, ViewCheck

@@ -22,7 +22,7 @@ from aras_visual_servo_camera.interaction import Plane
 
 from ..arm.held import held_at
 from ..goals.goal import DEPTH
-from ..records.arrived import NOTHING, LeftOpen
+from ..records.outcomes import NOTHING, LeftOpen
 from ..records.remedy import Remedy
 from .advice import more_exact
 

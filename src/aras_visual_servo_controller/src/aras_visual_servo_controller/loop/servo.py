@@ -27,7 +27,7 @@ from ..errors import (
     SchemeTimeoutError,
     ServoError,
 )
-from ..records.arrived import NOT_ARRIVED, Arrived
+from ..records.outcomes import NOT_ARRIVED, Arrived
 from ..records.run_record import ImageRecord, JointRecord, RunEvent
 from ..records.state import (
     APPROACHING,
@@ -285,9 +285,10 @@ class Servo(ServoControl):
         arrived: Arrived = NOT_ARRIVED,
     ) -> ServoState:
         """The state of this image, with what the diagnosis makes of it."""
+        own = self.reason if reason is None else reason
         state = ServoState(
             float(observation.stamp), self.phase,
-            reason=self._with_foreign(self.reason if reason is None else reason),
+            reason=self._with_foreign(own) if self._foreign else own,
             decision=decision, resolution=resolution,
             joints=joints or observation.joints or self._joints, command=self.command,
             computing=seconds, fault=fault, answers_image=reason is None,

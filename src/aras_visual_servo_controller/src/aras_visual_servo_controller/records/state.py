@@ -16,8 +16,7 @@ from ..arm.resolution import Resolution, rank
 from ..arm.task import Task
 from ..errors import ConfigurationError
 from ..schemes.base import Decision
-from .arrived import NOT_ARRIVED, Arrived
-from .outcomes import Outcome
+from .outcomes import NOT_ARRIVED, Arrived, Outcome
 
 WAITING, APPROACHING, SERVOING = "waiting", "approaching", "servoing"
 CONVERGED, HOLDING, STOPPED = "converged", "holding", "stopped"

@@ -10,12 +10,12 @@ from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
 from aras_visual_servo_base.stamp_pairing import ByStamp
 
 from ..driving.driver import Driver
+from ..parameters import CameraEntry
 from ..records.state import Source
 from ..seeing.frame import Frame, MeasuredTarget
 from ..seeing.observation import Need
 from ..seeing.observer import Observer, observe
 from ..seeing.rig import Look
-from ..settings import CameraEntry
 from .messages import camera_of, moments_of
 
 

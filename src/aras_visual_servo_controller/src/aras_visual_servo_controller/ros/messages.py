@@ -11,7 +11,7 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..msg import ServoReport, ServoState
-from ..records.arrived import LeftOpen
+from ..records.outcomes import LeftOpen
 from ..records.state import ServoState as State
 
 # Of an image that tells no intrinsics; it is not valid, and nothing is computed with it.

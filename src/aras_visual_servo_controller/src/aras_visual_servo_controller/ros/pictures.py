@@ -14,12 +14,12 @@ from aras_visual_servo_camera.label_topics import BUFFER, LabelTopics
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..driving.driver import Driver
+from ..parameters import CameraEntry
 from ..records.state import Source
 from ..seeing.frame import Frame
 from ..seeing.observation import SEGMENTED, Need
 from ..seeing.observer import Observer, observe
 from ..seeing.rig import Look
-from ..settings import CameraEntry
 from .depth import depth_of
 
 PICTURED = {Need.IMAGE, Need.CONTOUR, Need.CORNERS, Need.DEPTH}

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arm.joint_sample import JointSample
 from ..arm.resolution import Resolution
-from ..records.arrived import NOT_ARRIVED, Arrived, LeftOpen
+from ..records.outcomes import NOT_ARRIVED, Arrived, LeftOpen
 from ..records.state import ServoState as State
 from ..schemes.base import Decision
 

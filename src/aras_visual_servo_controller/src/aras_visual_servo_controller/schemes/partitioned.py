@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_camera.moments import signed_area
+from aras_visual_servo_camera.polygons import signed_area
 
 from ..arm.algebra import ROUNDING_PART, least_squares
 from ..arm.task import Task

@@ -15,11 +15,13 @@ import numpy as np
 
 from aras_visual_servo_base.settings import build, parameter
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.moments import next_vertices
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_camera.polygons import next_vertices
 
 from ..errors import ConfigurationError, ServoError
 
 Corner = tuple[float, float, float]
+ELLIPSE_CORNERS = 32
 
 
 @dataclass(frozen=True)
@@ -173,3 +175,14 @@ def star_union(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     points = np.vstack([one[~in_other], other[~in_one], crossings])
     angles = np.arctan2(points[:, 1] - middle[1], points[:, 0] - middle[0])
     return points[np.argsort(angles)]
+
+
+def ellipse_of(moments: Moments) -> np.ndarray:
+    """Outline (n, 2) of the ellipse that has these moments: as large, as long and turned alike."""
+    m, mu = moments, moments.mu
+    spread = np.array([[mu(2, 0), mu(1, 1)], [mu(1, 1), mu(0, 2)]]) / m.m00
+    squares, axes = np.linalg.eigh(spread)
+    around = np.linspace(0.0, 2.0 * np.pi, ELLIPSE_CORNERS, endpoint=False)
+    # Half an axis of a filled ellipse is twice the standard deviation along it.
+    reach = axes * (2.0 * np.sqrt(np.maximum(squares, 0.0)))
+    return np.array([m.xg, m.yg]) + np.stack([np.cos(around), np.sin(around)], 1) @ reach.T

@@ -158,7 +158,7 @@ class EffectChain:
         self._curve = self._curve_of(1.0)
         self._further = e.make_further()
 
-    def lost(self, stamp_ns: int) -> bool:
+    def is_lost(self, stamp_ns: int) -> bool:
         """Whether the frame with this stamp, ns of simulated time, never comes."""
         p = self.effects.drop_probability
         return bool(p) and self._random(stamp_ns, _DROP).random() < p

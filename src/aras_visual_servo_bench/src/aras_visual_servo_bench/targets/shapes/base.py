@@ -11,7 +11,7 @@ import numpy as np
 from aras_sim_bridge.description.types import Geometry
 from aras_visual_servo_base.registry import Registry
 from aras_visual_servo_base.settings import check, parameter
-from aras_visual_servo_controller.settings import MODEL, OUTLINE
+from aras_visual_servo_controller.parameters import MODEL, OUTLINE
 
 from ...errors import ExperimentError
 from ..geometry import PolygonTarget, Target

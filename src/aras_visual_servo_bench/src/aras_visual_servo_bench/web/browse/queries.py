@@ -16,7 +16,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.settings import parameter, said
+from aras_visual_servo_base.setting_values import said
+from aras_visual_servo_base.settings import parameter
 
 from ...errors import StudyError
 from ...numbers.metrics import success

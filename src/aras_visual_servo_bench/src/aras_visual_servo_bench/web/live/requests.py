@@ -9,7 +9,8 @@ from dataclasses import dataclass, make_dataclass
 from typing import Any
 
 from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.settings import build, parameter, said
+from aras_visual_servo_base.setting_values import said
+from aras_visual_servo_base.settings import build, parameter
 
 from ...errors import RefusedError
 

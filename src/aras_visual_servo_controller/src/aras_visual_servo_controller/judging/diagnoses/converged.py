@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...records.arrived import Arrived
-from ...records.outcomes import CALIBRATE, Outcome, outcome
+from ...records.outcomes import CALIBRATE, Arrived, Outcome, outcome
 from ...records.remedy import Remedy, set_to
 from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from ...goals.goal import Goal
 from ...records.outcomes import Outcome
 from ...records.run_record import ImageRecord
 from ...records.state import CONVERGED
+from ...seeing.observation import Observation
 from ..base import DIAGNOSES, RunDiagnosis
 from ..evidence import Evidence
-from ..views import shown
 
 
 @DIAGNOSES.register("wrong_camera_model")
@@ -36,3 +37,10 @@ class WrongCameraModel(RunDiagnosis):
         if stalled.kind == "joint_limit":  # whatever else: past its limit no joint goes on
             return replace(stalled, reason=f"{stalled.reason}; besides, {fault}")
         return evidence.mistaken(fault)
+
+
+def shown(observation: Observation, goal: Goal) -> bool:
+    """Whether each camera is the one that has shown its goal."""
+    goals = goal.cameras
+    return all(name in goals and goals[name].camera == view.camera
+               for name, view in observation.cameras.items())  # fmt: skip

@@ -1,0 +1,152 @@
+"""Values of settings before they are read: numbers, bounds, words of messages, and mappings."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import numbers
+import operator
+import os
+import re
+import types
+import typing
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from .names import nearest
+
+Fault = type[Exception]
+_WORDS = {
+    float: "a finite number", int: "a whole number", bool: "true or false", str: "a text",
+    Path: "a path",
+}  # fmt: skip
+# A number by YAML 1.2 that YAML 1.1 takes for a text, unless quoted.
+_TEXT_NUMBER = re.compile(r"[-+]?(\.\d+([eE][-+]?\d+)?|\d+(\.\d*)?[eE][-+]?\d+)", re.ASCII)
+LONGEST_VALUE = 200  # characters of a value that a message repeats
+
+
+def as_number(value: Any, infinite: bool = False) -> float | None:
+    """The finite number (or infinity, where that is allowed) that a value is; None for none."""
+    if isinstance(value, str) and _TEXT_NUMBER.fullmatch(value):
+        value = float(value)
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) or infinite and math.isinf(number) else None
+
+
+def as_in_a_file(value: Any) -> Any:
+    """The lists, numbers and texts that a file would hold for a value given in Python."""
+    if isinstance(value, Mapping):
+        return {key: as_in_a_file(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        items = list(map(as_in_a_file, value))
+        return items if any(map(operator.is_not, items, value)) else value
+    if isinstance(value, range):
+        return list(value)
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if not isinstance(value, type) and hasattr(value, "tolist"):  # NumPy's arrays and numbers
+        return value.tolist()
+    return value
+
+
+def spelt(word: str) -> float | str:
+    """The number that a word of a text is, else the word."""
+    with contextlib.suppress(ValueError):
+        return float(word)
+    return word
+
+
+def check_value(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) -> None:
+    """Check a value, or each in a list or mapping, against the bounds of `parameter`.
+
+    Raises:
+        fault: naming the value and the bound.
+    """
+    if not rules:
+        return
+    if isinstance(value, tuple):
+        for i, item in enumerate(value):
+            check_value(item, f"{where}[{i}]", fault, rules)
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            check_value(item, key_place(where, key), fault, rules)
+    elif isinstance(value, str):
+        if (known := rules.get("choices")) and value not in known:
+            raise fault(f"{where} is {said(value)}: {nearest(value, known)}")
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        for name, sign, holds in _BOUNDS:
+            if (bound := rules.get(name)) is not None and not holds(value, bound):
+                unit = rules.get("unit") or ""
+                text = unit if unit[:1] in ("", ",") else f" {unit}"
+                if sign == "<=" and unit in _MISTAKEN:
+                    other, size = _MISTAKEN[unit]
+                    text += f" ({value:g} {other} are {value * size:.4g} {unit})"
+                raise fault(f"{where} is {value}, must be {sign} {bound:g}{text}")
+
+
+# What a number that is too large may be given in: its unit's name and size, by the right unit.
+_MISTAKEN = {"rad": ("degrees", math.pi / 180.0), "s": ("ms", 1e-3)}
+_BOUNDS = (
+    ("least", ">=", lambda value, bound: value >= bound),
+    ("above", ">", lambda value, bound: value > bound),
+    ("most", "<=", lambda value, bound: value <= bound),
+    ("below", "<", lambda value, bound: value < bound),
+)
+
+
+def said(value: Any) -> str:
+    """A value for a message: shortened, and of any size."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python refuses to write thousands of digits
+        return "a number of thousands of digits"
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
+
+
+def key_place(where: str, key: Any) -> str:
+    """The full path of a key below `where`."""
+    return f"{where}.{key}" if where and where[-1] not in " ~/" else f"{where}{key}"
+
+
+def hint_words(hint: Any) -> str:
+    """Return what an annotation takes, in words: 'a finite number'."""
+    if hint in _WORDS:
+        return _WORDS[hint]
+    origin, parts = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        kinds = dict.fromkeys(hint_words(part) for part in parts if part is not type(None))
+        return " or ".join(kinds)
+    if origin is tuple:
+        of = {float: "finite numbers", int: "whole numbers", str: "texts"}.get(parts[0], "values")
+        return f"a list of {of}" if Ellipsis in parts else f"a list of {len(parts)} {of}"
+    return "keys with values"
+
+
+def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Lay `changes` over `base`, key by key at every depth: what they do not name stays.
+
+    A mapping over something that has no keys, or the reverse, replaces it. Neither argument is
+    changed.
+    """
+    merged = dict(base)
+    for key, value in changes.items():
+        below = merged.get(key)
+        both = isinstance(below, Mapping) and isinstance(value, Mapping)
+        merged[key] = merge(below, value) if both else value
+    return merged
+
+
+def look_up(values: Mapping[str, Any], path: str) -> Any:
+    """The value at 'a/b/c'; None where a step is missing or is no mapping."""
+    node: Any = values
+    for key in path.strip("/").split("/"):
+        if not isinstance(node, Mapping) or key not in node:
+            return None
+        node = node[key]
+    return node

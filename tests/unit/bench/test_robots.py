@@ -261,7 +261,7 @@ def test_packages_are_looked_for_where_it_is_said_then_here_then_as_ros_does(tmp
     assert PackagePath([tmp_path / "c"]).find("aras_visual_servo_bench") == str(ours)
     monkeypatch.setattr(packages, "_SHARE", tmp_path / "a")
     assert PackagePath().find("mine") == str(own)
-    monkeypatch.setattr(packages.environment, "find", lambda name: f"ros/{name}")
+    monkeypatch.setattr("aras_sim_bridge.description.packages.find", lambda name: f"ros/{name}")
     assert PackagePath().find("none") == "ros/none"
     monkeypatch.undo()
     monkeypatch.setenv("ROS_PACKAGE_PATH", "")

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from .features.points import Points as Points
     from .goals.goal import Goal as Goal
     from .laws.base import Law as Law
-    from .laws.base import create_law as create_law
+    from .laws.registry import create_law as create_law
     from .loop.servo import Servo as Servo
     from .schemes.base import Decision as Decision
     from .schemes.base import JointController as JointController
@@ -66,7 +66,7 @@ _FURTHER = {
     "Stack": ".features.base",
     "OfCamera": ".features.of_camera",
     "FEATURES": ".features.base",
-    "create_law": ".laws.base",
+    "create_law": ".laws.registry",
     "create_scheme": ".schemes.registry",
     "Arm": ".arm.arm",
     "Resolver": ".arm.resolver",

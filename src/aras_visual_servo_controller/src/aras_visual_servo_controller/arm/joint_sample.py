@@ -44,8 +44,8 @@ class JointSample:
             MeasurementError: as many positions and velocities as names are needed.
         """
         names = tuple(names)
-        positions = _frozen(positions)
-        velocities = _frozen(np.zeros(len(names)) if velocities is None else velocities)
+        positions = frozen(positions)
+        velocities = frozen(np.zeros(len(names)) if velocities is None else velocities)
         if positions.shape != (len(names),) or velocities.shape != (len(names),):
             raise MeasurementError(
                 f"{len(names)} joint names, but positions of shape {positions.shape} and "
@@ -54,7 +54,8 @@ class JointSample:
         return cls(float(stamp), names, positions, velocities, guessed)
 
 
-def _frozen(values: ArrayLike) -> np.ndarray:
+def frozen(values: ArrayLike) -> np.ndarray:
+    """A read-only copy in float64."""
     values = np.array(values, float)
     values.setflags(write=False)
     return values

@@ -6,13 +6,13 @@ from math import hypot
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from aras_visual_servo_camera.contour import CORNER_ACCURACY, fit_corners, outline_of
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
 
+from ..arm.joint_sample import frozen
 from .observation import SEGMENTED, Need
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class ImageReader:
         if valid and tracked:
             try:
                 found = self.tracker.look(image.grey, camera, pose, depth)
-                seen["corners"] = _frozen(found.points)
+                seen["corners"] = frozen(found.points)
                 seen["corner_accuracy"] = found.accuracy
                 seen["corner_unshared"] = found.unshared
                 seen["numbered"] = self.tracker.numbered
@@ -109,27 +109,20 @@ class ImageReader:
         try:
             if needs & {Need.CONTOUR, Need.CORNERS, Need.DEPTH}:
                 contour = outline_of(image.grey, target, camera)
-                seen["contour"] = _frozen(contour)
+                seen["contour"] = frozen(contour)
                 if Need.CORNERS in needs:
                     corners, deviation = fit_corners(contour)
-                    seen["corners"], seen["corner_deviation"] = _frozen(corners), deviation
+                    seen["corners"], seen["corner_deviation"] = frozen(corners), deviation
                     seen["corner_accuracy"] = hypot(CORNER_ACCURACY / camera.K[0], deviation)
                     seen["numbered"] = False
             if Need.KERNEL in needs:
                 from aras_visual_servo_camera.kernel import kernel_features
 
                 mask = self.pipeline.original_mask(image)
-                seen["kernel"] = _frozen(kernel_features(mask).layout())
+                seen["kernel"] = frozen(kernel_features(mask).layout())
         except VisionError as error:
             return False, str(error), seen
         return True, "", seen
-
-
-def _frozen(values: ArrayLike) -> np.ndarray:
-    """A read-only copy in float64."""
-    array = np.array(values, float)
-    array.setflags(write=False)
-    return array
 
 
 def _read_only(array: np.ndarray) -> np.ndarray:

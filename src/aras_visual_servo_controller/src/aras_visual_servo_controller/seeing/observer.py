@@ -16,7 +16,7 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
 
-from ..arm.joint_sample import JointSample
+from ..arm.joint_sample import JointSample, frozen
 from .observation import CAMERA, Need, Observation
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ class Observer:
         return self._made(
             stamp, bool(valid), reason, camera, joints, None, commands,
             moments=moments,
-            kernel=None if kernel is None else _frozen(kernel),
+            kernel=None if kernel is None else frozen(kernel),
             pixel_count=int(pixel_count),
             touches=tuple(touches),
         )  # fmt: skip
@@ -196,13 +196,13 @@ class Observer:
         """
         valid, reason, moments, corners = True, "", None, None
         if contour is not None:
-            contour = corners = _frozen(contour)
+            contour = corners = frozen(contour)
             try:
                 moments = Moments.from_polygon(contour)
             except VisionError as error:
                 valid, reason = False, str(error)
         if points is not None:
-            corners = _frozen(points)
+            corners = frozen(points)
         if contour is None and points is None:
             valid, reason = False, "the target is not in view"
         elif not all(np.isfinite(a).all() for a in (contour, corners) if a is not None):
@@ -236,7 +236,7 @@ class Observer:
         stamp = float(stamp)
         pose = self._pose_at(joints, world_T_camera)
         if pose is not None:
-            pose = _frozen(pose)
+            pose = frozen(pose)
         measured = plane is not None
         if plane is None and depth is None and pose is not None and self.plane_from is not None:
             plane = self.plane_from(pose)
@@ -269,10 +269,3 @@ def implausible(moments: Moments) -> str:
             f"{moments.m00:.3g}"
         )
     return ""
-
-
-def _frozen(values: ArrayLike) -> np.ndarray:
-    """A read-only copy in float64."""
-    array = np.array(values, float)
-    array.setflags(write=False)
-    return array

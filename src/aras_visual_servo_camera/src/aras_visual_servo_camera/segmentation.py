@@ -61,7 +61,7 @@ class Segmentation:
         if self.marker and self.method == "label":
             raise SegmentationError("marker and method 'label' both say which pixels are the "
                                     "target: leave one out")  # fmt: skip
-        if self.marker:
+        if self.marker != "":  # {} is a board without its keys
             from .markers import MarkerChoice
 
             try:

@@ -11,7 +11,6 @@ from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_camera.errors import VisionError
-from aras_visual_servo_camera.markers import MarkerChoice
 
 from ..errors import ExperimentError, require
 from .geometry import Course, Motion, PlacedTarget
@@ -136,21 +135,8 @@ class TargetSpec:
                 "picture, an SVG or a mesh, 'package.module:Class', or a name: "
                 f"{nearest(self.shape, SHAPES)}"
             )
-        try:
-            choice = MarkerChoice.read(self.marker, "target.marker")
-        except VisionError as error:
-            raise ExperimentError(str(error)) from None
-        require(
-            not draws_marker or choice.board is None,
-            f"target.marker of the shape '{self.shape}' is one that is drawn: a board is for an "
-            "image of it, as a PNG",
-        )
-        require(
-            not self.marker or not is_solid(self.shape) and not self.is_link
-            and (draws_marker or not named) and isinstance(self.shape, str),
-            f"target.marker is for a target that shows markers, as an image, and {self.shape} has "
-            "none: leave it out",
-        )
+        if self.marker != "":
+            self._check_marker(draws_marker, named)
         require(self.occluded is None or self.occluder is not None,
                 "target.occluded says when an occluder lies there: give target.occluder")
         check_times(self.occluded, "target.occluded")
@@ -171,4 +157,24 @@ class TargetSpec:
             self.box is None or not given and self.motion == Motion(),
             "target.box is for a target of its own that does not move by itself: give it another "
             "shape, a pose, and no motion",
+        )
+
+    def _check_marker(self, draws_marker: bool, named: bool) -> None:
+        """ExperimentError for a marker that there is not, or of a target that shows none."""
+        from aras_visual_servo_camera.markers import MarkerChoice
+
+        try:
+            choice = MarkerChoice.read(self.marker, "target.marker")
+        except VisionError as error:
+            raise ExperimentError(str(error)) from None
+        require(
+            not draws_marker or choice.board is None,
+            f"target.marker of the shape '{self.shape}' is one that is drawn: a board is for an "
+            "image of it, as a PNG",
+        )
+        require(
+            not self.marker or not is_solid(self.shape) and not self.is_link
+            and (draws_marker or not named) and isinstance(self.shape, str),
+            f"target.marker is for a target that shows markers, as an image, and {self.shape} has "
+            "none: leave it out",
         )

@@ -9,6 +9,7 @@ from aras_visual_servo_bench.asked.experiment import Experiment, SunSpec, Target
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
+from aras_visual_servo_controller.seeing.image_reader import ImageReader
 
 TIMES = ((0.1, 0.2), (0.3, 0.4))  # at each an image is exposed, which is before a coming
 OCCLUDER = ((0.01, -0.01), (0.06, 0.05))
@@ -28,7 +29,7 @@ def dark(asked):
     """Stamps and dark pixels of the images of an experiment."""
     seen = []
     loop = Loop(asked, assemble(asked), watch=lambda of, one: seen.append(
-        (one.stamp, int((one.picture.grey < 100).sum()))))  # fmt: skip
+        (one.stamp, int((ImageReader.image_of(one).grey < 100).sum()))))  # fmt: skip
     loop.to_end()
     goal = loop.parts.goal
     loop.close()
@@ -55,7 +56,7 @@ def test_the_sun_shines_at_its_times_and_no_other():
     asked = replace(asked, scheme="luminance", start=asked.goal, sun=SunSpec(shines=TIMES))
     seen = []
     loop = Loop(asked, assemble(asked), watch=lambda of, one: seen.append(
-        (one.stamp, float(one.picture.grey.mean()))))  # fmt: skip
+        (one.stamp, float(ImageReader.image_of(one).grey.mean()))))  # fmt: skip
     state = loop.to_image()
     assert np.abs(state.decision.error).max() < 2.0  # grey levels, at the goal's own pose
     loop.to_end()

@@ -32,6 +32,7 @@ from aras_visual_servo_bench.targets.target_spec import BoxSpec
 from aras_visual_servo_camera.trackers.dots import DotTracker
 from aras_visual_servo_camera.trackers.marker import MarkerTracker
 from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.seeing.image_reader import ImageReader
 
 GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
 GOAL = (0.05, 0.0, -0.09, 0.045, 0.045, 0.0)
@@ -59,8 +60,7 @@ def seen(experiment, wanted=1):
                 if isinstance(reading, Frame):
                     wanted -= 1
                     if wanted == 0:
-                        grey = getattr(reading.picture, "grey", reading.picture)
-                        grey = grey if grey.ndim == 2 else cv2.cvtColor(grey, cv2.COLOR_RGB2GRAY)
+                        grey = ImageReader.image_of(reading).grey
                         return grey, reading.stamp_ns * 1e-9, parts, plant.pose()
     finally:
         plant.close()

@@ -31,6 +31,7 @@ from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
 from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.seeing.image_reader import ImageReader
 from aras_visual_servo_controller.seeing.observer import Observer
 
 CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
@@ -686,7 +687,7 @@ def test_the_arm_s_camera_draws_a_marker_where_it_is():
             camera, seen_from = parts.plant.camera, parts.target.seen_from(parts.plant.pose())
         finally:
             parts.plant.close()
-        found = MarkerTracker().places(reading.picture.grey, camera)
+        found = MarkerTracker().places(ImageReader.image_of(reading).grey, camera)
         exact = parts.target.shape.points(seen_from)
         round_ = exact - exact.mean(axis=0)
         off = found - exact

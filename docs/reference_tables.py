@@ -8,6 +8,7 @@ What stands between a pair of comments is replaced, everything else stays:
     <!-- settings module:Class -->    settings with default, unit and meaning
     <!-- registry module:NAME -->     entries with their parameters and the first line of their docs
     <!-- schemes module:NAME -->      the same of features and schemes, with what they need and move
+    <!-- diagnoses module:NAME -->    diagnoses in their order: when, outcomes, what they read
     <!-- metrics module:NAME -->      metrics with unit, meaning and formula
     <!-- exports package:NAMES -->    public names with the first line of their docs
     <!-- end -->
@@ -29,6 +30,7 @@ from typing import Any
 
 from aras_visual_servo_base.registry import Parameter, Registry
 from aras_visual_servo_base.settings import default_of
+from aras_visual_servo_controller.judging.base import DIAGNOSES
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = re.compile(r"(<!-- (\w+) ([\w.]+):(\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -115,6 +117,16 @@ def schemes_table(registry: Registry) -> list[str]:
     return rows
 
 
+def diagnoses_table(order: Iterable[str]) -> list[str]:
+    """Return the table of the diagnoses, in the order in which they are asked."""
+    rows = ["| name | when | outcomes | what it reads |", "|---|---|---|---|"]
+    for name in order:
+        found = DIAGNOSES[name]
+        kinds = ", ".join(f"`{kind}`" for kind in found.kinds)
+        rows.append(f"| `{name}` | {cell(found.help)} | {kinds} | {cell(found.reads)} |")
+    return rows
+
+
 def metrics_table(metrics: Mapping[str, Any]) -> list[str]:
     """Return the table of metrics."""
     rows = ["| name | unit | better | what it is | default |", "|---|---|---|---|---|"]
@@ -136,7 +148,8 @@ def exports_table(exported: Mapping[str, Any]) -> list[str]:
 
 KINDS: Mapping[str, Callable[[Any], list[str]]] = {
     "fields": fields_table, "settings": settings_table, "registry": registry_table,
-    "schemes": schemes_table, "metrics": metrics_table, "exports": exports_table,
+    "schemes": schemes_table, "diagnoses": diagnoses_table, "metrics": metrics_table,
+    "exports": exports_table,
 }  # fmt: skip
 
 

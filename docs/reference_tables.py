@@ -1,6 +1,6 @@
 """Fill the tables of READMEs and of docs/ from the classes and registries that they show.
 
-    PYTHONPATH=$(ls -d src/*/src | paste -sd:) .venv/bin/python docs/reference_tables.py
+    .venv/bin/python docs/reference_tables.py
 
 What stands between a pair of comments is replaced, everything else stays:
 
@@ -24,15 +24,18 @@ import dataclasses
 import importlib
 import inspect
 import re
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from aras_visual_servo_base.registry import Parameter, Registry
-from aras_visual_servo_base.settings import default_of
-from aras_visual_servo_controller.judging.base import DIAGNOSES
-
 ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(folder) for folder in sorted(ROOT.glob("src/*/src"))]
+
+from aras_visual_servo_base.registry import Parameter, Registry  # noqa: E402
+from aras_visual_servo_base.settings import default_of  # noqa: E402
+from aras_visual_servo_controller.judging.base import DIAGNOSES  # noqa: E402
+
 TABLE = re.compile(r"(<!-- (\w+) ([\w.]+):(\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 NAMES = re.compile(
     r'(<!-- names ([\w.]+):(\w+) -->\s*<arg [^>]*?doc="[^":]*: )[^"]*?(, or )', re.DOTALL

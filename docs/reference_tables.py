@@ -13,8 +13,9 @@ What stands between a pair of comments is replaced, everything else stays:
     <!-- exports package:NAMES -->    public names with the first line of their docs
     <!-- end -->
 
-In a launch file `<!-- names module:NAME -->` stands before an argument, whose help lists a
-registry's names: "Control law: pi, ..., or package.module:Class".
+Within a line `<!-- names module:NAME -->` and `<!-- end -->` enclose the names of a registry. In a
+launch file the first of them stands before an argument, whose help lists them: "Control law: pi,
+..., or package.module:Class".
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ TABLE = re.compile(r"(<!-- (\w+) ([\w.]+):(\w+) -->\n).*?(<!-- end -->)", re.DOT
 NAMES = re.compile(
     r'(<!-- names ([\w.]+):(\w+) -->\s*<arg [^>]*?doc="[^":]*: )[^"]*?(, or )', re.DOTALL
 )
+INLINE = re.compile(r"(<!-- names ([\w.]+):(\w+) -->)[^\n]*?(<!-- end -->)")
 HEADING = re.compile(r"^Attributes\b.*:$")
 ENTRY = re.compile(r"^ {0,4}(\w+(?:, \w+)*): (.*)$")
 AXES = ("vx", "vy", "vz", "ωx", "ωy", "ωz")
@@ -97,11 +99,15 @@ def settings_table(documented: type) -> list[str]:
 
 
 def registry_table(registry: Registry) -> list[str]:
-    """Return the table of a registry's entries."""
-    rows = ["| name | what it is | parameters |", "|---|---|---|"]
-    for name in registry:
-        parameters = "; ".join(map(parameter_text, registry.parameters(name)))
-        rows.append(f"| `{name}` | {cell(first_line(registry[name]))} | {cell(parameters)} |")
+    """Return the table of a registry's entries; with their parameters, where they have any."""
+    declared = {name: registry.parameters(name) for name in registry}
+    more = any(declared.values())
+    rows = ["| name | what it is | parameters |" if more else "| name | what it is |"]
+    rows.append("|---|---|---|" if more else "|---|---|")
+    for name, parameters in declared.items():
+        row = f"| `{name}` | {cell(first_line(registry[name]))} |"
+        text = cell("; ".join(map(parameter_text, parameters)))
+        rows.append(f"{row} {text} |" if more else row)
     return rows
 
 
@@ -183,17 +189,20 @@ def filled(page: str) -> str:
             shown = {name: getattr(module, name) for name in shown}
         return "\n".join([match[1], *KINDS[match[2]](shown), "", match[5]])
 
-    def names(match: re.Match[str]) -> str:
-        return match[1] + ", ".join(getattr(importlib.import_module(match[2]), match[3])) + match[4]
+    def names(match: re.Match[str], quote: str = "") -> str:
+        registry = getattr(importlib.import_module(match[2]), match[3])
+        return match[1] + ", ".join(f"{quote}{name}{quote}" for name in registry) + match[4]
 
-    return NAMES.sub(names, TABLE.sub(table, page))
+    page = INLINE.sub(lambda match: names(match, "`"), TABLE.sub(table, page))
+    return NAMES.sub(names, page)
 
 
 def pages() -> list[Path]:
     """Return the pages that have such tables."""
     kinds = ("*.md", "docs/*.md", "src/*/*.md", "src/*/launch/*.launch")
     every = {path: path.read_text(encoding="utf-8") for kind in kinds for path in ROOT.glob(kind)}
-    return sorted(path for path, text in every.items() if TABLE.search(text) or NAMES.search(text))
+    blocks = (TABLE, INLINE, NAMES)
+    return sorted(p for p, text in every.items() if any(block.search(text) for block in blocks))
 
 
 def main() -> None:

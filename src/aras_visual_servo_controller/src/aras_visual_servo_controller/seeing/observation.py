@@ -1,6 +1,6 @@
 """What is known of one image: one immutable record, made by `observe`.
 
-A feature reads it and keeps nothing of its own. Frames: the camera's optical frame has z forward,
+A feature reads it and stores nothing itself. Frames: the camera's optical frame has z forward,
 x right, y down; `a_T_b` (4, 4) maps b to a.
 """
 
@@ -41,6 +41,9 @@ SEGMENTED = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS, Need.KERNEL))
 @dataclass(frozen=True, eq=False)
 class Observation:
     """Everything that is known of one image; what no scheme needs is None, arrays are read-only.
+
+    Made by `observe` from a frame. It has what the scheme declares in `needs`; features and schemes
+    read nothing else.
 
     Lengths are in m, angles in rad, times in s; image coordinates are normalised, x = X/Z to the
     right and y = Y/Z downwards. `a_T_b` (4, 4) maps b to a.

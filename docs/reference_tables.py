@@ -11,6 +11,7 @@ What stands between a pair of comments is replaced, everything else stays:
     <!-- diagnoses module:NAME -->    diagnoses in their order: when, outcomes, what they read
     <!-- metrics module:NAME -->      metrics with unit, meaning and formula
     <!-- exports package:NAMES -->    public names with the first line of their docs
+    <!-- loop file:function -->       the first loop of a function, as its file has it
     <!-- end -->
 
 Within a line `<!-- names module:NAME -->` and `<!-- end -->` enclose the names of a registry. In a
@@ -21,11 +22,13 @@ launch file the first of them stands before an argument, whose help lists them: 
 from __future__ import annotations
 
 import argparse
+import ast
 import dataclasses
 import importlib
 import inspect
 import re
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -42,6 +45,7 @@ NAMES = re.compile(
     r'(<!-- names ([\w.]+):(\w+) -->\s*<arg [^>]*?doc="[^":]*: )[^"]*?(, or )', re.DOTALL
 )
 INLINE = re.compile(r"(<!-- names ([\w.]+):(\w+) -->)[^\n]*?(<!-- end -->)")
+LOOP = re.compile(r"(<!-- loop ([\w./]+):(\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 HEADING = re.compile(r"^Attributes\b.*:$")
 ENTRY = re.compile(r"^ {0,4}(\w+(?:, \w+)*): (.*)$")
 AXES = ("vx", "vy", "vz", "ωx", "ωy", "ωz")
@@ -162,6 +166,17 @@ KINDS: Mapping[str, Callable[[Any], list[str]]] = {
 }  # fmt: skip
 
 
+def loop_text(path: Path, function: str) -> str:
+    """Return the first loop of a function, as a code block that tests carry out."""
+    text = path.read_text(encoding="utf-8")
+    (found,) = (node for node in ast.parse(text).body
+                if isinstance(node, ast.FunctionDef) and node.name == function)  # fmt: skip
+    loop = next(node for node in found.body if isinstance(node, ast.For))
+    lines = text.splitlines()[loop.lineno - 1 : loop.end_lineno]
+    code = textwrap.dedent("\n".join(lines))
+    return f"<!-- test: given {path.stem} -->\n```python\n{code}\n```\n"
+
+
 def parameter_text(parameter: Parameter) -> str:
     """Return `name` = default unit: help, of a parameter."""
     default = parameter.default
@@ -193,6 +208,10 @@ def filled(page: str) -> str:
         registry = getattr(importlib.import_module(match[2]), match[3])
         return match[1] + ", ".join(f"{quote}{name}{quote}" for name in registry) + match[4]
 
+    def loop(match: re.Match[str]) -> str:
+        return match[1] + loop_text(ROOT / match[2], match[3]) + match[4]
+
+    page = LOOP.sub(loop, page)
     page = INLINE.sub(lambda match: names(match, "`"), TABLE.sub(table, page))
     return NAMES.sub(names, page)
 
@@ -201,7 +220,7 @@ def pages() -> list[Path]:
     """Return the pages that have such tables."""
     kinds = ("*.md", "docs/*.md", "src/*/*.md", "src/*/launch/*.launch")
     every = {path: path.read_text(encoding="utf-8") for kind in kinds for path in ROOT.glob(kind)}
-    blocks = (TABLE, INLINE, NAMES)
+    blocks = (TABLE, LOOP, INLINE, NAMES)
     return sorted(p for p, text in every.items() if any(block.search(text) for block in blocks))
 
 

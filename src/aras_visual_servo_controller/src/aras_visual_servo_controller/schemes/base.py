@@ -40,7 +40,7 @@ class Decision:
         residual: (m,) what L, then (m, 6), belongs to where `error` is a summary of it, as of a
             whole image; None: the error itself.
         rate: (k,) of the error that is not the camera's doing, as a target that moves; 1/s.
-        filtered_error: (k,) where a filter stands before the law.
+        filtered_error: (k,) error that the law gets, if it is filtered; None: as measured.
         up_to: camera motion that the error cannot show, as text ('180°'); empty if there is none.
         notes: texts for the state of the loop.
     """

@@ -1,6 +1,6 @@
 """Fill the tables of READMEs and of docs/ from the classes and registries that they show.
 
-    PYTHONPATH=$(ls -d src/*/src | paste -sd:) .venv/bin/python docs/reference_tables.py
+    .venv/bin/python docs/reference_tables.py
 
 What stands between a pair of comments is replaced, everything else stays:
 
@@ -8,33 +8,44 @@ What stands between a pair of comments is replaced, everything else stays:
     <!-- settings module:Class -->    settings with default, unit and meaning
     <!-- registry module:NAME -->     entries with their parameters and the first line of their docs
     <!-- schemes module:NAME -->      the same of features and schemes, with what they need and move
+    <!-- diagnoses module:NAME -->    diagnoses in their order: when, outcomes, what they read
     <!-- metrics module:NAME -->      metrics with unit, meaning and formula
     <!-- exports package:NAMES -->    public names with the first line of their docs
+    <!-- loop file:function -->       the first loop of a function, as its file has it
     <!-- end -->
 
-In a launch file `<!-- names module:NAME -->` stands before an argument, whose help lists a
-registry's names: "Control law: pi, ..., or package.module:Class".
+Within a line `<!-- names module:NAME -->` and `<!-- end -->` enclose the names of a registry. In a
+launch file the first of them stands before an argument, whose help lists them: "Control law: pi,
+..., or package.module:Class".
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
 import dataclasses
 import importlib
 import inspect
 import re
+import sys
+import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from aras_visual_servo_base.registry import Parameter, Registry
-from aras_visual_servo_base.settings import default_of
-
 ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(folder) for folder in sorted(ROOT.glob("src/*/src"))]
+
+from aras_visual_servo_base.registry import Parameter, Registry  # noqa: E402
+from aras_visual_servo_base.settings import default_of  # noqa: E402
+from aras_visual_servo_controller.judging.base import DIAGNOSES  # noqa: E402
+
 TABLE = re.compile(r"(<!-- (\w+) ([\w.]+):(\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 NAMES = re.compile(
     r'(<!-- names ([\w.]+):(\w+) -->\s*<arg [^>]*?doc="[^":]*: )[^"]*?(, or )', re.DOTALL
 )
+INLINE = re.compile(r"(<!-- names ([\w.]+):(\w+) -->)[^\n]*?(<!-- end -->)")
+LOOP = re.compile(r"(<!-- loop ([\w./]+):(\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 HEADING = re.compile(r"^Attributes\b.*:$")
 ENTRY = re.compile(r"^ {0,4}(\w+(?:, \w+)*): (.*)$")
 AXES = ("vx", "vy", "vz", "ωx", "ωy", "ωz")
@@ -92,11 +103,15 @@ def settings_table(documented: type) -> list[str]:
 
 
 def registry_table(registry: Registry) -> list[str]:
-    """Return the table of a registry's entries."""
-    rows = ["| name | what it is | parameters |", "|---|---|---|"]
-    for name in registry:
-        parameters = "; ".join(map(parameter_text, registry.parameters(name)))
-        rows.append(f"| `{name}` | {cell(first_line(registry[name]))} | {cell(parameters)} |")
+    """Return the table of a registry's entries; with their parameters, where they have any."""
+    declared = {name: registry.parameters(name) for name in registry}
+    more = any(declared.values())
+    rows = ["| name | what it is | parameters |" if more else "| name | what it is |"]
+    rows.append("|---|---|---|" if more else "|---|---|")
+    for name, parameters in declared.items():
+        row = f"| `{name}` | {cell(first_line(registry[name]))} |"
+        text = cell("; ".join(map(parameter_text, parameters)))
+        rows.append(f"{row} {text} |" if more else row)
     return rows
 
 
@@ -112,6 +127,16 @@ def schemes_table(registry: Registry) -> list[str]:
         )
         moves = "all six" if directions is not None and all(directions) else moves
         rows.append(f"| `{name}` | {cell(first_line(registry[name]))} | {needs} | {moves} |")
+    return rows
+
+
+def diagnoses_table(order: Iterable[str]) -> list[str]:
+    """Return the table of the diagnoses, in the order in which they are asked."""
+    rows = ["| name | when | outcomes | what it reads |", "|---|---|---|---|"]
+    for name in order:
+        found = DIAGNOSES[name]
+        kinds = ", ".join(f"`{kind}`" for kind in found.kinds)
+        rows.append(f"| `{name}` | {cell(found.help)} | {kinds} | {cell(found.reads)} |")
     return rows
 
 
@@ -136,8 +161,20 @@ def exports_table(exported: Mapping[str, Any]) -> list[str]:
 
 KINDS: Mapping[str, Callable[[Any], list[str]]] = {
     "fields": fields_table, "settings": settings_table, "registry": registry_table,
-    "schemes": schemes_table, "metrics": metrics_table, "exports": exports_table,
+    "schemes": schemes_table, "diagnoses": diagnoses_table, "metrics": metrics_table,
+    "exports": exports_table,
 }  # fmt: skip
+
+
+def loop_text(path: Path, function: str) -> str:
+    """Return the first loop of a function, as a code block that tests carry out."""
+    text = path.read_text(encoding="utf-8")
+    (found,) = (node for node in ast.parse(text).body
+                if isinstance(node, ast.FunctionDef) and node.name == function)  # fmt: skip
+    loop = next(node for node in found.body if isinstance(node, ast.For))
+    lines = text.splitlines()[loop.lineno - 1 : loop.end_lineno]
+    code = textwrap.dedent("\n".join(lines))
+    return f"<!-- test: given {path.stem} -->\n```python\n{code}\n```\n"
 
 
 def parameter_text(parameter: Parameter) -> str:
@@ -167,17 +204,24 @@ def filled(page: str) -> str:
             shown = {name: getattr(module, name) for name in shown}
         return "\n".join([match[1], *KINDS[match[2]](shown), "", match[5]])
 
-    def names(match: re.Match[str]) -> str:
-        return match[1] + ", ".join(getattr(importlib.import_module(match[2]), match[3])) + match[4]
+    def names(match: re.Match[str], quote: str = "") -> str:
+        registry = getattr(importlib.import_module(match[2]), match[3])
+        return match[1] + ", ".join(f"{quote}{name}{quote}" for name in registry) + match[4]
 
-    return NAMES.sub(names, TABLE.sub(table, page))
+    def loop(match: re.Match[str]) -> str:
+        return match[1] + loop_text(ROOT / match[2], match[3]) + match[4]
+
+    page = LOOP.sub(loop, page)
+    page = INLINE.sub(lambda match: names(match, "`"), TABLE.sub(table, page))
+    return NAMES.sub(names, page)
 
 
 def pages() -> list[Path]:
     """Return the pages that have such tables."""
     kinds = ("*.md", "docs/*.md", "src/*/*.md", "src/*/launch/*.launch")
     every = {path: path.read_text(encoding="utf-8") for kind in kinds for path in ROOT.glob(kind)}
-    return sorted(path for path, text in every.items() if TABLE.search(text) or NAMES.search(text))
+    blocks = (TABLE, LOOP, INLINE, NAMES)
+    return sorted(p for p, text in every.items() if any(block.search(text) for block in blocks))
 
 
 def main() -> None:

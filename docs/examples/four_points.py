@@ -1,5 +1,6 @@
 """Image-based servoing on four points by a free camera: the loop, written out.
 
+It imports the parts of the loop from their modules; a project needs the public `run` alone.
     python docs/examples/four_points.py        # prints the error and the final distance
 """
 

@@ -27,7 +27,6 @@ from aras_visual_servo_bench.targets.files import (
 )
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.outlines import shape_of
-from aras_visual_servo_bench.targets.shapes import SHAPES
 from aras_visual_servo_bench.targets.target_spec import BoxSpec
 from aras_visual_servo_camera.trackers.dots import DotTracker
 from aras_visual_servo_camera.trackers.marker import MarkerTracker
@@ -167,7 +166,7 @@ def test_a_target_without_a_picture_cannot_be_perturbed():
 
 
 @pytest.mark.parametrize("name", sorted(
-    name for name, kind in SHAPES.items() if name != "aras" and not kind.is_solid))
+    path.stem for path in (GAZEBO / "targets").glob("*.urdf") if path.stem != "aras"))
 def test_what_ships_is_what_is_made(name, tmp_path):
     size = (0.4, 0.3) if name == "poster" else (0.1, 0.1)
     write(shape_of(name, size), tmp_path, name, "package://aras_visual_servo_gazebo/targets")

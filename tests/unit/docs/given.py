@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import runpy
 import sys
 import types
 from collections.abc import Callable
@@ -50,6 +52,18 @@ def my_package() -> dict[str, Any]:
     return {}
 
 
+def four_points() -> dict[str, Any]:
+    """Everything before the loop of docs/examples/four_points.py, for 60 images."""
+    path = ROOT / "docs" / "examples" / "four_points.py"
+    names = runpy.run_path(str(path)) | {"images": 60}
+    (main,) = (node for node in ast.parse(path.read_text()).body
+               if isinstance(node, ast.FunctionDef) and node.name == "main")  # fmt: skip
+    count = next(i for i, node in enumerate(main.body) if isinstance(node, ast.For))
+    before = ast.Module(main.body[:count], type_ignores=[])
+    exec(compile(before, str(path), "exec"), names)
+    return names
+
+
 def portal() -> dict[str, Any]:
     """Copies of the examples of several cameras."""
     for name in ("portal.yaml", "portal.urdf", "portal_controllers.yaml", "stereo_ibvs.py",
@@ -60,4 +74,5 @@ def portal() -> dict[str, Any]:
 
 GIVEN: dict[str, Callable[[], dict[str, Any]]] = {
     "loop": loop, "moments": moments, "my_package": my_package, "portal": portal,
+    "four_points": four_points,
 }  # fmt: skip

@@ -703,7 +703,7 @@ def test_the_order_has_every_diagnosis_once_and_each_says_what_it_finds():
     assert sorted(ORDER) == sorted(shipped)
     for name in ORDER:
         found = DIAGNOSES[name]
-        assert found.help and found.kinds and set(found.kinds) <= set(KINDS), name
+        assert found.help and found.reads and found.kinds and set(found.kinds) <= set(KINDS), name
         assert found.__module__.endswith(f".{name}")
     assert {kind for name in ORDER for kind in DIAGNOSES[name].kinds} | {
         "held", "no_joint_states", "too_few_images", "too_noisy", "no_progress", "timed_out"

@@ -131,12 +131,15 @@ class Answers(Protocol):
 class Simulation:
     """A simulated world with its models, robots and cameras, stepped by its caller.
 
-    Time is simulated time alone. Programs without ROS use just this much of it, and
-    tests/unit/world/test_simulation_use.py holds it: spawn (at `joint_positions`),
-    `robots[name].start` and `.command`, `robots[name].manager.get(...).on_state` for the joint
-    states that ROS would get, `camera(name)` with its `enabled`, `on_frame`, `parent_T_optical` and
-    `sensor.info`, `step`, `time_ns`, `step_ns`, the model's `joint_names`, `read_joints` and
-    `link_pose`, `close`.
+    One `step` follows Gazebo's order: time, controllers, physics, then the cameras and sensors that
+    are due. Time is simulated time alone; no clock is read. Lengths
+    are in m, angles in rad.
+
+    Programs without ROS use `spawn`, `robots[name].start` and `.command`,
+    `robots[name].manager.get(...).on_state` for joint states, `camera(name)` with its `enabled`,
+    `on_frame`, `parent_T_optical` and `sensor.info`, `step`, `time_ns`, `step_ns`, the model's
+    `joint_names`, `read_joints` and `link_pose`, and `close`. These stay as they are;
+    tests/unit/world/test_simulation_use.py tests them.
 
     Attributes:
         world: physics. robots: by model name. cameras, sensors, grasps: in spawn order. lights: by
@@ -147,7 +150,11 @@ class Simulation:
     """
 
     def __init__(self, config: SimulationConfig | None = None) -> None:
-        """A world with nothing but the ground; SimError where the config is impossible."""
+        """Make a world with nothing but the ground.
+
+        Raises:
+            SimError: the config is impossible.
+        """
         self.config = config or SimulationConfig()
         self.world = World(self.config.time_step, self.config.gravity, self.config.gui)
         self.time_ns = 0
@@ -279,11 +286,13 @@ class Simulation:
         return replace(around, lights=lights or (NO_LIGHT,))
 
     def step(self, until_ns: int = 0, answers: Answers | None = None) -> None:
-        """One tick in Gazebo's order: time, controllers, physics, sensors.
+        """Simulate one time step in Gazebo's order: time, controllers, physics, sensors.
 
-        With `until_ns`, as many in one compiled call as end up to then and before somebody looks: a
-        camera, a listener, a controller in Python. They are the same as one by one. With `answers`
-        what looks at the joints looks in that call, and commands them.
+        Args:
+            until_ns: simulated time, ns. As many steps as end up to then are made in one compiled
+                call, but none beyond the next one that a camera, a listener or a controller in
+                Python takes part in. The result is the same as of single steps.
+            answers: what reads the joints in that call, and commands them.
         """
         began_ns, time_ns = self.time_ns, self.time_ns + self.step_ns
         cameras = [camera for camera in self.cameras if camera.enabled]

@@ -58,55 +58,59 @@ class Parameters:
     by joint name. Those of the loop itself are ServoSettings'.
 
     scheme: feature, scheme, several joined by '+', or 'package.module:Class'.
-    interaction: L at the view: current, desired, mean, estimated.
-    tracker: of the target's points: outline, another tracker's name, or 'package.module:Class'.
-    marker: that is the target: 5, DICT_5X5_100:5, or a board; that of the goal.
+    interaction: interaction matrix that the scheme uses: current, desired, mean, estimated.
+    tracker: what finds the target's points: outline, another tracker's name, or
+        'package.module:Class'.
+    marker: marker that is the target: 5, DICT_5X5_100:5, or a board; empty: that of the goal.
     model: mesh of the target (STL, OBJ, DAE), m, whose pose is followed: the tracker is 'model'.
     model_scale: factor on the lengths of the model's file, 0.001 where they are in mm.
     model_start: where the model is at first: {pose: x y z roll pitch yaw in the base}, {marker:
         {size, pose}} or {clicks: rows x y z u v}.
-    segmentation: how the target's pixels are told, {method, threshold, near_colour, label, ...},
-        as the camera node has them.
-    depth_image: the target's plane is taken from the camera's depth image, in place of goal and
+    segmentation: how the target's pixels are found, {method, threshold, near_colour, label, ...},
+        as the camera node has it.
+    depth_image: the target's plane comes from the camera's depth image instead of goal and
         kinematics.
-    weights: of stacked features, one each; empty: all alike.
-    smoothing: s, time constant of a low-pass on the errors; 0: none.
+    weights: one weight for each of several features; empty: all equal.
+    smoothing: s, time constant of a low-pass filter on the errors; 0: none.
     law: name of a control law, or 'package.module:Class'.
-    gain: 1/s, of the law; its own default.
+    gain: 1/s, gain of the law; none: its own default.
     law_options: other parameters of the law, by name.
-    continuous_start: 1/s, rate at which the first speed is let in; 0: at once.
-    ramp: s, time constant with which the gain rises; 0: none.
-    start: initial pose: a name, none, joints, or {xyz, rpy} of the camera, looked for from the
+    continuous_start: 1/s, rate at which the initial velocity step is blended in; 0: at once.
+    ramp: s, time constant with which the gain rises at the start; 0: none.
+    start: initial pose: a name, none, joints, or {xyz, rpy} of the camera, searched from the
         posture at the goal.
     desired: goal: auto (that of the start), a name, or a YAML file.
-    duration: s, of servoing before it has timed out; 0: no end.
-    max_velocity: m/s, rad/s, of each joint; the description's, and needed where that says none.
-    max_acceleration: m/s^2, rad/s^2, of each joint; no limit.
-    lower: m, rad, least position of each joint; the description's.
-    upper: m, rad, greatest position of each joint; the description's.
-    hold_gain: 1/s, at which what the scheme does not model is kept as at the goal.
-    posture: m, rad, positions that joints are drawn to, where free.
-    posture_gain: 1/s, at which.
-    limit_avoidance: keep joints away from their limits, where free.
-    singularity_avoidance: climb manipulability, where free.
+    duration: s, servoing time after which the run has timed out; 0: no end.
+    max_velocity: m/s, rad/s, greatest speed of each joint; none: that of the description, and
+        needed where that has none.
+    max_acceleration: m/s^2, rad/s^2, greatest acceleration of each joint; none: no limit.
+    lower: m, rad, least position of each joint; none: that of the description.
+    upper: m, rad, greatest position of each joint; none: that of the description.
+    hold_gain: 1/s, gain of the directions that the scheme does not model, which are kept as at the
+        goal.
+    posture: m, rad, preferred joint positions by name; a secondary task.
+    posture_gain: 1/s, gain of that secondary task.
+    limit_avoidance: keep joints away from their limits; a secondary task.
+    singularity_avoidance: increase manipulability; a secondary task.
     elbow: side to which stretched elbows bend: -1 or 1, or by joint.
-    wall_watchdog: s, of wall time without one, likewise.
-    scheme_timeout: s, of wall time that the scheme's code may take, once called, before the loop
-        holds as after a fault of the scheme.
-    camera_frame: of the camera, in the description.
-    cameras: several by name, in place of camera_frame and camera_namespace: see CameraEntry.
-    base_frame: link that the arm stands on; empty: the root.
+    wall_watchdog: s, wall time without a fresh answer before the arm is stopped.
+    scheme_timeout: s, wall time that a call of the scheme's code may take before the loop holds as
+        after a fault of the scheme.
+    camera_frame: frame of the camera in the description.
+    cameras: several cameras by name, instead of camera_frame and camera_namespace: see CameraEntry.
+    base_frame: link that is the arm's base; empty: the root.
     target_frame: link that carries the target, where the arm moves it.
     joints: names of the joints to use; empty: all that move the camera.
-    namespace: of joint states, features and commands.
-    camera_namespace: of image_raw, camera_info and depth/image_raw, for schemes that want them.
+    namespace: namespace of joint states, features and commands.
+    camera_namespace: namespace of image_raw, camera_info and depth/image_raw, for schemes that need
+        them.
     controllers: name of each joint's controller, in the namespace.
     command_topic: one topic of a group of joints, instead of one each.
     description: parameter that holds the URDF.
-    listeners: subscribers of controller/state to wait for, 5 s at most.
-    image_timeout: s, of silence before it says so.
-    joint_timeout: s, of silence before it says so.
-    lockstep: one answer for each image; from the simulator's speed_mode unless given.
+    listeners: subscribers of controller/state to wait for, at most 5 s.
+    image_timeout: s, time without images before the node reports it.
+    joint_timeout: s, time without joint states before the node reports it.
+    lockstep: one answer for each image; unless given, as the simulator's speed_mode says.
     autostart: servo at once; false: wait for start or the action.
     dry: send no commands: try a scheme on a recorded bag.
     package: directory of this package.

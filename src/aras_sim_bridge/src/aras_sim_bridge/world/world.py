@@ -48,7 +48,9 @@ SOLVER_RESIDUAL = 1e-12
 class World:
     """The physics world: Bullet without its hidden damping, motors and velocity bounds.
 
-    `Simulation.world` is one.
+    It has models with links and joints, gravity, contacts and joint friction; `Simulation.world` is
+    one. `spawn` and `delete` change its models, `step` moves them by one time step. Poses are in
+    the world's frame, z up; lengths in m, angles in rad, forces in N and N m.
 
     Args:
         time_step: s.
@@ -60,9 +62,10 @@ class World:
         client: Bullet client id, for renderers.
         models: by name, in spawn order; a part that no joint holds to its model comes after it as
             <model>::<its root link>.
-        revision: counts spawns, deletions and resets, for those who keep copies of the scene.
+        revision: counts spawns, deletions and resets; a copy of the scene is out of date when it
+            has changed.
         islands: decides which bolted models make steps of their own.
-        bases: holds the bases of free models that stand still.
+        bases: holds the bases of free models that are at rest.
         attachments: fixed joints between models.
         friction: gives each contact the smaller of its two coefficients.
 

@@ -1,4 +1,4 @@
-"""An experiment is data: what is servoed, what it sees, what it is told, and for how long."""
+"""An experiment is data: plant, target, cameras, start, goal, scheme, and for how long."""
 
 from __future__ import annotations
 
@@ -78,8 +78,11 @@ class Ideal:
 class Experiment(NamedValues):
     """Everything that decides how a run goes; the same experiment gives the same run.
 
-    Values may be those of a YAML file or of Python: paths, NumPy arrays and numbers, classes. A
-    value that is no mapping stands for `target.shape`, `robot.urdf` and a camera's `model`.
+    Immutable: `with_(gain=2.0)` returns a copy with other values, `from_yaml(path)` reads a file,
+    and `run(experiment)` carries it out. Values may be those of a YAML file or of Python: paths,
+    NumPy arrays and numbers, classes. A value that is no mapping is that of `target.shape`,
+    `robot.urdf` or a camera's `model`. A wrong key or value raises an ExperimentError with the
+    nearest right one. Lengths are in m, angles in rad, times in s.
 
     plant: 'bullet' (simulated arm), 'chain' (arm without dynamics), 'free' (flying camera with
         the servo loop's ticks, limits and delay) or 'ideal' (the scheme's own twist, one exact

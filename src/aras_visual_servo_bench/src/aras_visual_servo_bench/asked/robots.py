@@ -274,8 +274,10 @@ class Robot:
         missing = [joint for joint in joints if joint not in found]
         if missing:
             raise ExperimentError(
-                f"{self.spec.config} has no single-joint controller for {', '.join(missing)}: "
-                "set robot.config to the YAML file of this robot's controllers, or use plant chain"
+                f"{self.spec.config} has no single-joint controller for {', '.join(missing)}, of a "
+                "type that ends in /JointPositionController, /JointVelocityController or "
+                "/JointEffortController: set robot.config to the YAML file of this robot's "
+                "controllers, or use plant chain"
             )
         if len(kinds) > 1:
             raise ExperimentError(

@@ -86,8 +86,9 @@ class CameraRecord:
 class Run:
     """One run: what the loop measured and commanded, where the camera truly was, and the result.
 
-    The loop answered n images, and m joint states came. What is not known is None, NaN or empty.
-    Poses are world_T_camera (4, 4); lengths are in m, angles in rad, times in s.
+    Made by `run`, by `load_run` from a bag, or by `Loop.result`. The loop answered n images with k
+    features, and m joint states of j joints came. What is not known is None, NaN or empty. Poses
+    are world_T_camera (4, 4); lengths are in m, angles in rad, times in s.
 
     Attributes:
         states: n records of the loop, one an image.
@@ -100,12 +101,12 @@ class Run:
             A camera that shakes does so about them; `pose` has it.
         arm_places: (m, l, 3) of the arm's joints in the world at each joint stamp; l = 0 where
             there is no such arm, or nobody asked.
-        goal_pose: (4, 4) where the camera ought to be at the end.
+        goal_pose: (4, 4) where the camera should be at the end.
         outcome, reason, remedy: of the whole run, as the loop gives them.
         verdict: what the physics knows, of its own pose at the end, at rest; of a bag, of the last
             of `true_pose`.
         peak_speed: (j,) greatest speed at any step, or None where it was not traced.
-        name: of the run, in legends. source: where it is from, in words.
+        name: of the run, in legends. source: where it is from, as text.
         units, tolerances: (k,) of the features.
         limits: least and greatest joints (j,), rad or m. speed: (j,) greatest speeds.
         joint_units: (j,) 'rad' or 'm'.
@@ -113,9 +114,9 @@ class Run:
         target: in the world. goal: as the loop had it.
         centres: (n, 2) measured centre of gravity of the target, normalised.
         pace: (p, 2) stamp, s, and real-time factor then.
-        settings: what was asked for, in words, by name. versions: of what the numbers depend on.
+        settings: of the run, as text, by name. versions: of what the numbers depend on.
         notes: what a reader must know before believing the rest.
-        experiment: that was asked for. yaml: text that repeats the run; empty: it is not known.
+        experiment: that was run. yaml: text that repeats the run; empty: it is not known.
     """
 
     states: tuple[ServoState, ...]

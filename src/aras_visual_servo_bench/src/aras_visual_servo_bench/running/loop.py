@@ -46,11 +46,18 @@ log = logging.getLogger(__name__)
 def run(experiment: Experiment | Mapping[str, Any] | str | Path | None = None) -> Run:
     """Run an experiment from its start to its end.
 
+    The time is simulated: the same experiment and seed give bit-identical results on every run.
+
     Args:
-        experiment: itself, its keys with values, or the path of its YAML file.
+        experiment: an Experiment, a mapping of its keys, or the path of its YAML file; None: the
+            default experiment.
+
+    Returns:
+        The run: curves, `outcome` of the loop, and `verdict` of the physics.
 
     Raises:
-        ExperimentError: it cannot be run. What goes wrong while it runs is an outcome.
+        ExperimentError: it cannot be run, with the key that is wrong and what would be right. What
+            goes wrong while it runs is an outcome, not an error.
     """
     result = _carry_out(Experiment.of(experiment))
     release_freed_memory()
@@ -70,8 +77,11 @@ def _carry_out(experiment: Experiment) -> Run:
 class Loop:
     """A run under way, to be driven image by image; the node's own Driver drives the loop.
 
+    `to_image` continues to the next image and its answer, `to_end` to the end; `result` is the run
+    so far. `run(experiment)` does the same at once. Call `close` at the end.
+
     Attributes:
-        experiment, parts: as given. servo: the loop.
+        experiment, parts: as given. servo: the servo loop.
         reading, state: the last image and the answer to it, or None.
     """
 
@@ -170,12 +180,12 @@ class Loop:
         return min(last_ns, np.nextafter(self._converged_ns + linger * NS, 0.0))
 
     def to_end(self) -> None:
-        """Go on until the end has come."""
+        """Continue to the end of the run."""
         while not self.over:
             self.to_image()
 
     def to_image(self) -> ServoState | None:
-        """Go on until an image is answered, and give that answer; None where time ran out."""
+        """Continue until an image is answered; returns the answer, None where time ran out."""
         driver, observe = self._driver, self.parts.observe
         self._answered = False
         while not (self.over or self._answered):
@@ -237,7 +247,7 @@ class Loop:
         return Verdict.of(self.goal_pose(), self.plant.at_rest(), depth, self.experiment.reached)
 
     def result(self) -> Run:
-        """What the run has come to, up to now."""
+        """Return the run up to now."""
         if self.over and self.servo.outcome.kind == "running":
             # It holds, for less time than a lost target is worth a word: the loop's own end of
             # time asks for a measurement.

@@ -44,10 +44,11 @@ if TYPE_CHECKING:
 
 @dataclass
 class Assembly:
-    """What a run needs.
+    """The parts of a run, made by `assemble`.
 
     Attributes:
-        plant: at its start. settings: of the loop. servo: the loop. rig: of its images.
+        plant: arm or camera that moves, at its start. settings: of the servo loop. servo: the loop.
+        rig: makes the observations of its cameras.
         eyes: the cameras by name, the control camera first. goal: of the loop.
         goal_pose: world_T_camera (4, 4) where the true camera was when the goal was shown; of one
             that is computed, where it says. target: in the world.
@@ -93,15 +94,20 @@ class Assembly:
 def assemble(
     experiment: Experiment, wrap: Wrap | None = None, watched: bool = True, depth: bool = False
 ) -> Assembly:
-    """The parts of an experiment, at its start.
+    """Make the parts of an experiment, at its start: plant, servo loop, cameras, goal.
 
     Args:
-        wrap: makes the loop's scheme of the one that the experiment names; None: it is that.
-        watched: whether cameras that the scheme does not read are there.
-        depth: whether every camera gives depth images, needed or not.
+        experiment: what is run.
+        wrap: function that replaces the scheme that the experiment names by another one, for
+            instance one that records it; None: the scheme itself.
+        watched: whether cameras that the scheme does not read exist.
+        depth: whether every camera has depth images, needed or not.
+
+    Returns:
+        The parts, for a `Loop`.
 
     Raises:
-        ExperimentError: what of it cannot be, and what would be right.
+        ExperimentError: it cannot be run, with the key that is wrong and what would be right.
     """
     context = read_context(experiment, wrap, watched, depth)
     try:

@@ -1,6 +1,6 @@
 """A study is data too: a base experiment, what is varied of it, how often, and the seed.
 
-Its runs are numbered from 0; each is worked out from its number alone, wherever it is run.
+Its runs are numbered from 0; each depends on its number alone, on whatever machine it is run.
 """
 
 from __future__ import annotations
@@ -66,6 +66,10 @@ class Combination:
 @dataclass(frozen=True)
 class Study(NamedValues):
     """Many runs as data: a base experiment, what varies, how often, and the seed.
+
+    `run_study(study, folder)` carries out its runs, on all cores, and returns their `Results`.
+    Interrupted or not, on one machine or several, the results are bit-identical. A wrong key or
+    value raises a StudyError before the first run.
 
     experiment: keys of the base experiment, the Experiment itself, or the path of its YAML file.
     vary: by dotted key, what it takes in turn or is drawn from; see variations.py.

@@ -29,12 +29,16 @@ UNLIMITED_SPAN, IMPLAUSIBLE_SPEED = 1e4, 100.0
 class Arm:
     """Pose and Jacobian of a camera as functions of the joints that move it.
 
-    The base is the robot's root link, or the link named; where the arm hangs in a world is the
-    world's affair, and what is called `world_T_camera` in this package is `base_T_camera`.
+    For joints q (n,), in rad or m, `pose(q)` is base_T_camera (4, 4) and `jacobian(q)` is J (6, n)
+    with v = J q_dot, the twist of the camera in its own optical frame, m/s and rad/s.
+    `from_urdf` makes an arm from a robot's description.
 
-    With a `target_frame` the camera need not be on the arm: pose and Jacobian are those of the
-    camera's motion relative to that link (eye-to-hand: the camera stands still and the arm moves
-    the target), and `world` is that link.
+    The base is the robot's root link, or the link named. Where the base is in the world is not
+    known to the controller: `world_T_camera` in this package is `base_T_camera`.
+
+    With a `target_frame` the camera need not be on the arm (eye-to-hand: the camera is fixed and
+    the arm moves the target). Pose and Jacobian are then those of the camera's motion relative to
+    that link, and `world` is that link.
 
     Attributes:
         names: (n,) of the joints, from the base to the camera, then those to the target.
@@ -140,8 +144,11 @@ class Arm:
         return len(self.names)
 
     def pose(self, q: np.ndarray) -> np.ndarray:
-        """`world_T_camera` (4, 4) for joints q (n,), in the frame in which the target stands still:
-        the base's, or the target's own where the arm moves it; read-only."""
+        """Compute `world_T_camera` (4, 4) for joints q (n,), read-only.
+
+        The world is the frame in which the target is at rest: the base, or the target's own frame
+        where the arm moves it.
+        """
         return self.view(q)[0]
 
     def poses(self, positions: np.ndarray) -> np.ndarray:
@@ -157,8 +164,7 @@ class Arm:
         return self.view(q)[1]
 
     def view(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`target_T_camera` (4, 4) and `jacobian` (6, n) of one posture, computed together; both
-        read-only."""
+        """Compute pose (4, 4) and Jacobian (6, n) of one posture together; both read-only."""
         q = np.asarray(q, float)
         if q.shape != self.lower.shape:
             raise ValueError(f"an arm of {len(self.names)} joints was given joints {q.shape}")

@@ -93,6 +93,10 @@ class ResolverSettings:
 class Resolver:
     """Inverts what a task asks of an arm, with respect for singularities, limits, other tasks.
 
+    Solves L J q_dot = e_dot in the least-squares sense for the joint velocities q_dot (n,), in
+    rad/s or m/s; directions that the task does not model are held as at the goal. Weak motions of
+    a nearly singular arm are damped. Equations and sources are at the head of this file.
+
     Attributes:
         goal: `reference_T_camera` (4, 4) whose attitude and place the directions that a task does
             not model are held at; None: where the camera is when first asked after a reset.
@@ -108,7 +112,15 @@ class Resolver:
         settings: ResolverSettings | None = None,
         folds: Sequence[Fold] | None = None,
     ) -> None:
-        """`folds`: elbows that may stretch; None: those found in the arm."""
+        """Prepare the inversion for one arm.
+
+        Args:
+            arm: pose and Jacobian of the camera.
+            limits: of position, speed and acceleration; None: those of the arm's description.
+            tasks: secondary tasks, which get the freedom that the camera's task leaves.
+            settings: damping, and gain of what is held; None: those of an arm of the usual size.
+            folds: elbows that may stretch; None: those found in the arm.
+        """
         self.arm = arm
         self.limits = limits if limits is not None else Limits.of(arm)
         self.tasks = tuple(tasks)
@@ -139,7 +151,7 @@ class Resolver:
     def resolve(
         self, q: np.ndarray, task: Task, dt: float, previous: np.ndarray | None = None
     ) -> Resolution:
-        """Joint velocities for a task at a posture.
+        """Compute the joint velocities for a task at a posture.
 
         Args:
             q: (n,) joints, rad or m.

@@ -1,4 +1,4 @@
-"""What a scheme asks of the arm: a rate of its error, or a twist of the camera."""
+"""The task of the camera: a desired rate of the error, or a desired twist."""
 
 from __future__ import annotations
 
@@ -23,12 +23,15 @@ UNCERTAIN = 0.3
 class Task:
     """L v = rate, v = (vx, vy, vz, wx, wy, wz) of the camera in its own optical frame.
 
+    A scheme returns a task for each image. `Resolver` finds the joint velocities q_dot that solve
+    L J q_dot = rate in the least-squares sense, with the arm's Jacobian J. v is in m/s and rad/s.
+
     Attributes:
         L: (k, 6) interaction matrix, all six columns as they are, k <= 6; of more rows six are
             made with the same solution.
-        rate: (k,) wanted, e_dot.
-        modelled: (6,) bool; the camera's directions that the task speaks of. The others are held
-            by the resolver, as constraints.
+        rate: (k,) desired rate of the error, e_dot, in 1/s times the unit of e.
+        modelled: (6,) bool; directions of the camera in which the task moves it. In the others the
+            resolver keeps the camera as it is at the goal.
         depth: of the target, m: a translation by it counts as much as a rotation by 1 rad.
         accuracy: how exactly the rows of L are measured: (k, m), the effects of m independent
             errors, one standard deviation each; or one standard deviation of all rows; 0: exactly.

@@ -1,4 +1,4 @@
-"""What a feature is: s, s*, their difference, and how it moves with the camera."""
+"""Base class of visual features: s, s*, their difference, and the interaction matrix."""
 
 from __future__ import annotations
 
@@ -40,7 +40,10 @@ class Measured:
     """The value of a feature in one image: s, s*, their difference, and the interaction matrix.
 
     With the twist v = (vx, vy, vz, wx, wy, wz) of the camera in its own optical frame (m/s, rad/s),
-    ds/dt = L v for a target at rest.
+    ds/dt = L v for a target at rest, and d(s - s*)/dt = L v + rate otherwise.
+
+    Source: F. Chaumette and S. Hutchinson, Visual servo control, part I, IEEE Robotics and
+    Automation Magazine 13(4), 2006.
 
     Attributes:
         s, desired: (k,) measured and desired values, s and s*.
@@ -67,8 +70,13 @@ class Measured:
 class Feature(ABC):
     """A visual feature s: what is compared with its value s* at the goal. Base class of all.
 
-    A subclass gives `measure`; it is constructed without arguments, and named as a scheme by
-    'package.module:Class'.
+    A feature has k components, such as the normalised coordinates of four points, k = 8. It knows
+    s, s* and its interaction matrix L (k, 6) with ds/dt = L v; control law, joint limits and
+    singularities are not its concern. `check_interaction_matrix` compares L with finite
+    differences.
+
+    A subclass implements `measure`. It is constructed without arguments, and its name as a scheme
+    is 'package.module:Class'.
 
     Attributes (of the class or of the instance):
         name: key under which goal files hold what the feature taught.

@@ -1,4 +1,4 @@
-"""What the loop drives the camera to: what is seen there, and from where, in a YAML file.
+"""The goal of the loop: what the camera sees there, and from where, in a YAML file.
 
     joints: {J1: 0.0, J2: 0.0}                   # by name, rad or m
     camera_pose: {xyz: [...], rpy: [...]}        # base_T_camera, the optical frame
@@ -15,9 +15,8 @@
     cameras: {right: {camera_pose: ..., plane: ..., moments: ..., camera: ...}}   # the others
 
 Moments do not depend on the lens; kernel features hold for one camera. All depend on where the
-camera hangs: a goal whose pose is not the one that the arm gives at its joints was taught with
-another mounting and is refused, or, where the target's geometry stands in the file, worked out
-anew.
+camera is mounted: a goal whose pose is not the one that the arm has at its joints was taught with
+another mounting. It is refused or, where the file has the target's geometry, computed again.
 """
 
 from __future__ import annotations
@@ -66,7 +65,9 @@ class Teaching(Protocol):
 class Goal:
     """What the camera sees at its goal, and from where; what is not known is None or empty.
 
-    Made by `load` from a file, by `teach` from an observation, or by an experiment.
+    A feature takes its desired value s* from it. A goal is made by `load` from a file, by `teach`
+    from an observation, or by an experiment. `a_T_b` (4, 4) maps b to a; the optical frame has z
+    forward, x right, y down.
 
     Attributes:
         name: of the file, for messages.

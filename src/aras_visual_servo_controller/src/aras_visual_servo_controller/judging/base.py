@@ -17,12 +17,14 @@ class RunDiagnosis(ABC):
     """One thing that may be wrong with a run, or right.
 
     Attributes:
-        name: under which it is registered. help: what it finds, and how.
+        name: under which it is registered. help: what it finds.
+        reads: from what, and in which file, for the table in the README.
         kinds: of the outcomes that it finds by itself.
     """
 
     name: ClassVar[str] = ""
     help: ClassVar[str] = ""
+    reads: ClassVar[str] = ""
     kinds: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""What a law is: how fast each error should shrink."""
+"""Base class of control laws: how fast each error should shrink."""
 
 from __future__ import annotations
 
@@ -26,10 +26,16 @@ def gain(default: float, help: str = "decay rate of the error") -> Any:
 class Law(ABC):
     """A control law: it maps the error to the error's desired rate. Base class of all laws.
 
-    A subclass gives `rate`. Its parameters are annotated attributes, `gain: float = 5.0`, or are
-    declared with unit and bounds by `settings.parameter`: every law is a dataclass. Numbers may be
-    changed while the law runs, also by dynamic_reconfigure. State that the law keeps between images
-    is cleared by `reset`.
+    With the error e = s - s*, the law is a function e_dot = f(e, L, t), such as e_dot = -gain e.
+    The arm then realises the twist v of the camera with L v = e_dot in the least-squares sense.
+
+    A subclass implements `rate`. Its parameters are annotated attributes, `gain: float = 5.0`, or
+    are declared with unit and bounds by `parameter`: every law is a dataclass. Numbers may be
+    changed while the law runs, also by dynamic_reconfigure. `reset` clears the state that a law
+    keeps between images; it is called once after construction, too.
+
+    Source: F. Chaumette and S. Hutchinson, Visual servo control, part I, IEEE Robotics and
+    Automation Magazine 13(4), 2006.
 
     Attributes:
         name: short name, for messages.
@@ -56,18 +62,19 @@ class Law(ABC):
         t: float,
         dt: float,
     ) -> np.ndarray:
-        """Return the desired rate of the error (k,), 1/s times its unit.
+        """Compute the desired rate of the error, e_dot (k,), in 1/s times the unit of e.
 
         Args:
-            error: (k,) s - s*.
-            L: (k, 6) interaction matrix of the modelled directions, zero in the others.
-            rotated_error: (6,) L^+ error, m and rad of the camera.
-            t: s since servoing began, or began again after the target was lost.
-            dt: s since the previous image; 0.0 for the first.
+            error: (k,) e = s - s*.
+            L: (k, 6) interaction matrix in the directions that the scheme models, 0 in the others.
+            rotated_error: (6,) L^+ e, the error as a displacement of the camera in its own frame,
+                m and rad.
+            t: time since servoing started, or restarted after the target was lost, s.
+            dt: time since the previous image, s; 0.0 for the first.
         """
 
     def reset(self) -> None:  # noqa: B027 - a law without state has nothing to forget
-        """Forget integrals and the time of the start."""
+        """Clear integrals and whatever else the law keeps between images."""
 
     def check(self) -> None:
         """Refuse parameters that are out of bounds, or do not go together.

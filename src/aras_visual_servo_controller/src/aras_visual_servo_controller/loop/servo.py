@@ -1,16 +1,16 @@
 """The servo loop without ROS: images in, joint commands out, at two rates.
 
-    see(observation): compute -> solve_ik, once an image, checked wholly before it counts
+    see(observation): compute -> solve_ik, once an image; nothing changes unless all of it succeeds
     tick(t, joints):  solve_ik -> commands, between the images as well
 
-Phases: `waiting` (for joint states or images), `approaching` (the start pose, with the camera's
-eyes shut), `servoing`, `converged` (the mean of the measured error over `hold` seconds within the
+Phases: `waiting` (for joint states or images), `approaching` (the start pose, without images),
+`servoing`, `converged` (the mean of the measured error over `hold` seconds is within the
 tolerances; the loop stays closed), `holding` (no safe answer: the arm comes smoothly to rest, and
-goes on with the next good image), `stopped` (until `start`).
+continues with the next good image), `stopped` (until `start`).
 
 The commands are integrated from the last command, not from the measured positions: a joint held
 back by friction is pushed until it moves; how far they may run ahead is bounded. Time is what
-the stamps and `tick` say, simulated or not; nothing here reads a clock of its own.
+the stamps and `tick` say, simulated or not; the loop reads no clock of its own.
 """
 
 from __future__ import annotations
@@ -54,21 +54,26 @@ FUTURE = 1.0
 class Servo(ServoControl):
     """The loop. Construct, `tick` with each joint state, `see` each image.
 
+    Closes v = L^+ e_dot around one scheme and one arm: `see` computes the joint velocities of an
+    image, `tick` integrates them into commands (n,) of positions, velocities or efforts. Node and
+    runner both use this class. If an image cannot be used or the scheme fails, the arm holds still
+    and `reason` says why.
+
     Attributes:
         scheme, arm, resolver, settings: as given.
         goal: as this arm sees it.
-        beyond: why the arm cannot be where the goal was taught, in words; empty where it can.
+        beyond: why the arm cannot be where the goal was taught, as text; empty where it can.
         phase, reason: of the loop now.
         source: of the images, for messages.
-        motion, pursuit: where the commands stand, and what they go after.
+        motion, pursuit: integrates the commands; computes the velocities between images.
         state: the latest ServoState, None before the first.
-        keep: is given each record that the diagnosis reads; None: nobody keeps them.
+        keep: function that gets each record that the diagnosis reads; None: they are not stored.
     """
 
     # -- images ----------------------------------------------------------------------------
 
     def see(self, observation: Observation) -> ServoState:
-        """Answer one image; whatever is wrong with it or with the scheme, the arm holds still.
+        """Answer one image. If it cannot be used or the scheme fails, the arm holds still.
 
         An image that is not newer than the last one changes nothing.
         """

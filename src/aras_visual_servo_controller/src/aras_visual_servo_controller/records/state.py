@@ -34,32 +34,34 @@ def by_joint(default: float | None, unit: str = "", **bounds: float) -> Any:
 
 @dataclass(frozen=True)
 class ServoSettings:
-    """Numbers of the loop; where a value may be one number or (n,), one counts for all joints.
+    """Settings of the servo loop; what may be one number or (n,) is for all joints, or for each.
 
     The parameters of the node and the experiments have units, defaults and bounds of these. With
-    `lead` and `lag` all joints wait for one that friction holds: its command does not walk away.
+    `lead` and `lag` all joints wait for one that friction holds back, so that its command stays
+    near it.
 
-    start: (n,) joints to go to before the eyes are opened; None: servo from anywhere.
-    duration: s of servoing after which the run has timed out; inf: never.
-    hold: s, over which the mean error has to be small.
+    start: (n,) joints to go to before servoing; None: servo from anywhere.
+    duration: s, servoing time after which the run has timed out; inf: never.
+    hold: s, time over which the mean error has to be within the tolerances.
     approach_speed: part of max_velocity on the path to the start.
     arrived: m, rad, distance from the start that counts as there.
-    push: 1/s, with which the command runs after a joint that stays short of the start.
-    settle: s, to stand still at the start before servoing.
-    longest_step: s, as long as which a longer gap between ticks is integrated.
-    lead: m, rad, by which a command may be ahead of its joint.
-    lag: s, of joint speed by which it may be ahead besides.
-    delay: s, from exposure to its answer, in simulated time; in lockstep, where commands go out
-        with images alone, an answer acts from the first image on that its delay is over.
-    watchdog: s, without a fresh answer (or three image periods) before the arm is stopped.
+    push: 1/s, rate at which the command moves on for a joint that stays short of the start.
+    settle: s, time at rest at the start before servoing.
+    longest_step: s, longest gap between ticks that is integrated in full.
+    lead: m, rad, distance by which a command may be ahead of its joint.
+    lag: s, further lead, times the speed of the joint.
+    delay: s, time from exposure to its answer, in simulated time. In lockstep, where commands go
+        out with images alone, an answer acts from the first image on that its delay is over.
+    watchdog: s, time without a fresh answer (or three image periods) before the arm is stopped.
     watchdog_images: image periods that count likewise.
-    stop_time: s, in which a stop comes to rest.
-    scheme_timeout: s, of wall time that the scheme's code may take, once called, before the loop
-        holds as after a fault of the scheme.
-    resolve_period: s, for which joint velocities are kept before they are worked out anew.
+    stop_time: s, time in which a stop comes to rest.
+    scheme_timeout: s, wall time that a call of the scheme's code may take before the loop holds as
+        after a fault of the scheme.
+    resolve_period: s, time for which joint velocities are kept before they are computed again.
     output: what is commanded: position, velocity or effort.
-    stiffness: N/m, N m/rad, of the effort output.
-    damping: N s/m, N m s/rad, of the effort output.
+    stiffness: N/m, N m/rad, joint stiffness of the effort output.
+    damping: N s/m, N m s/rad, joint damping of the effort output; that near singularities is
+        `damping` of ResolverSettings.
     """
 
     start: Sequence[float] | None = None

@@ -1,4 +1,4 @@
-"""What a scheme is given and what it answers."""
+"""Base classes of schemes and joint controllers, and their answer to an image."""
 
 from __future__ import annotations
 
@@ -28,18 +28,21 @@ if TYPE_CHECKING:
 class Decision:
     """Answer to one image; k is the number of features.
 
+    A `Scheme` answers with a task, L v = e_dot, from which the joint velocities are computed; a
+    `JointController` answers without one. The rest is published and diagnosed.
+
     Attributes:
         names: of the features.
         features, desired: (k,) s and s*.
         error: (k,) s - s* as measured, angles wrapped: what is published and judged.
-        task: what is asked of the arm; None for a controller that answers joints itself.
+        task: what the camera shall do; None for a controller that answers joints itself.
         L: (k, 6) as used by the law, for the record; None where there is none.
         residual: (m,) what L, then (m, 6), belongs to where `error` is a summary of it, as of a
             whole image; None: the error itself.
         rate: (k,) of the error that is not the camera's doing, as a target that moves; 1/s.
-        filtered_error: (k,) where a filter stands before the law.
-        up_to: a motion that the error cannot see, in words ('180°').
-        notes: what is worth a word in the state.
+        filtered_error: (k,) error that the law gets, if it is filtered; None: as measured.
+        up_to: camera motion that the error cannot show, as text ('180°'); empty if there is none.
+        notes: texts for the state of the loop.
     """
 
     names: tuple[str, ...]
@@ -93,7 +96,12 @@ class SchemeBase(ABC):
 class Scheme(SchemeBase):
     """Base of all schemes, also of a user's own: constructed as `YourScheme(law)`.
 
-    Most schemes are a `Feature` and need none of this: name the feature's class as the scheme.
+    A scheme maps an observation to a task of the camera, L v = e_dot, with v in the camera's
+    optical frame (m/s, rad/s). Most schemes are one `Feature` with a law and need no class of their
+    own: the name of the feature's class is enough. Derive from `Scheme` where the twist does not
+    follow from e and L alone, as in partitioned or predictive control.
+
+    A subclass implements `compute`.
 
     Attributes (of the class or of the instance), besides those of SchemeBase:
         law: as given; `gains` of it may be changed while it runs.
@@ -107,12 +115,16 @@ class Scheme(SchemeBase):
 
     @abstractmethod
     def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
-        """The features in this image and what they ask of the arm.
+        """Compute the features of an image and the task that follows from them.
 
         Args:
-            observation: of this image; not `valid` where the segmentation found no target.
-            goal: to reach.
-            t: s since servoing began, or began again after the target was lost.
+            observation: what is known of the image; not `valid` where the segmentation found no
+                target.
+            goal: what the camera sees at its goal.
+            t: time since servoing started, or restarted after the target was lost, s.
+
+        Returns:
+            The decision, with a task.
 
         Raises:
             MeasurementError: this image cannot be servoed on; the arm holds still.
@@ -126,7 +138,11 @@ class Scheme(SchemeBase):
 class JointController(SchemeBase):
     """A controller that answers the joints itself: MPC, second order. Constructed as `Yours()`.
 
-    It is called between images too, under the same limits and the same watchdog as any scheme.
+    `see` takes in an image, and `tick` returns positions, velocities or accelerations of the n
+    joints, in the order of `arm.names`, at every joint state between images. Limits of position,
+    speed and acceleration and the watchdog apply as to any scheme.
+
+    A subclass implements `see` and `tick`. `self.arm` is set by `reset` before the first image.
 
     Attributes (of the class or of the instance), besides those of SchemeBase:
         output: what `tick` answers: 'position' (rad, m), 'velocity' or 'acceleration'.
@@ -136,7 +152,15 @@ class JointController(SchemeBase):
 
     @abstractmethod
     def see(self, observation: Observation, goal: Goal, t: float) -> Decision:
-        """Take in one image; the decision has no task.
+        """Take in one image.
+
+        Args:
+            observation: what is known of the image.
+            goal: what the camera sees at its goal.
+            t: time since servoing started, or restarted after the target was lost, s.
+
+        Returns:
+            The decision, without a task; it is published and diagnosed.
 
         Raises:
             MeasurementError: this image cannot be servoed on; the arm holds still.
@@ -144,16 +168,19 @@ class JointController(SchemeBase):
 
     @abstractmethod
     def tick(self, t: float, dt: float, joints: JointSample) -> np.ndarray:
-        """The joints' positions, velocities or accelerations (n,) from now on.
+        """Compute the positions, velocities or accelerations (n,) of the joints from now on.
 
         Args:
-            t: s since servoing began.
-            dt: s since the previous tick.
-            joints: measured.
+            t: time since servoing started, s.
+            dt: time since the previous tick, s.
+            joints: as measured, rad or m.
+
+        Returns:
+            What `output` says: rad or m, per s, or per s².
         """
 
     def reset(self, arm: Arm) -> None:
-        """Begin anew with this arm."""
+        """Start again with this arm, without any image."""
         self.arm = arm
 
 

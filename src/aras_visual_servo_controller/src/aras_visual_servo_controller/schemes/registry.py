@@ -22,15 +22,21 @@ def create_scheme(
     weights: Sequence[float] | None = None,
     **options: object,
 ) -> Scheme | JointController:
-    """The scheme of a short name, of 'package.module:Class', or of several features' names.
+    """Make a scheme by its short name, 'package.module:Class', or the names of several features.
+
+    A feature becomes a scheme with the law: L v = f(e). Several features are stacked: s, e and L
+    one below the other.
 
     Args:
-        name: a scheme, a feature, or several features (a list, or joined by '+'); each with the
-            cameras that it reads, where that is not the first alone: 'points@right',
-            'stereo_points@left,right'.
-        law: its law; controllers that answer joints have their own.
-        weights: of the features, where there are several.
-        options: interaction, smoothing: see Composed.
+        name: a scheme, a feature, or several features (a list, or joined by '+'). Cameras that it
+            reads other than the first follow an '@': 'points@right', 'stereo_points@left,right'.
+        law: control law; None: proportional. Controllers that answer joints have their own.
+        weights: one for each of several features, multiplied with its rows of e and L.
+        options: of features: interaction ('current', 'desired', 'mean' or 'estimated') and
+            smoothing (time constant of a low-pass on the error, s).
+
+    Returns:
+        The scheme, or the joint controller.
 
     Raises:
         ConfigurationError: unknown name; what its constructor raised; an option it does not take.

@@ -43,6 +43,9 @@ class MeasuredTarget:
 class Frame:
     """One exposure of a camera; with neither an image nor features the target is not in view.
 
+    Comes from a renderer, a bag or a topic; `observe` makes an `Observation` of it. Pixels are
+    (row, column) in arrays and (u, v), right and down, in outlines and points.
+
     Attributes:
         stamp_ns: of the exposure, ns of simulated time.
         image: (rows, columns[, channels]) uint8, in the encoding `encoding`; None: no image.

@@ -1,6 +1,6 @@
 """What is known of one image: one immutable record, made by `observe`.
 
-A feature reads it and keeps nothing of its own. Frames: the camera's optical frame has z forward,
+A feature reads it and stores nothing itself. Frames: the camera's optical frame has z forward,
 x right, y down; `a_T_b` (4, 4) maps b to a.
 """
 
@@ -42,50 +42,54 @@ SEGMENTED = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS, Need.KERNEL))
 class Observation:
     """Everything that is known of one image; what no scheme needs is None, arrays are read-only.
 
+    Made by `observe` from a frame. It has what the scheme declares in `needs`; features and schemes
+    read nothing else.
+
     Lengths are in m, angles in rad, times in s; image coordinates are normalised, x = X/Z to the
     right and y = Y/Z downwards. `a_T_b` (4, 4) maps b to a.
 
     Attributes:
-        stamp: exposure, s of simulated time.
-        dt: s since the previous observation; 0.0 for the first.
+        stamp: time of the exposure, s of simulated time.
+        dt: time since the previous observation, s; 0.0 for the first.
         valid, reason: whether the segmentation found the target, and why not. A scheme with its
             own image processing decides for itself.
-        camera: K, D and lens; `normalise` and `project` between pixels and rays.
+        camera: K, D and lens; `normalise` and `project` convert between pixels and rays.
         joints: at the exposure, interpolated by stamp.
         world_T_camera: (4, 4) at the exposure, by kinematics ("world" is the arm's base).
-        moments: of the segmented target, normalised coordinates.
-        contour: (n, 2) outline of the target, normalised, below a pixel exact.
-        corners: (n, 2) of that outline, in its order, normalised.
-        corner_accuracy: normalised length to which they are found, noise apart, rms; 0: exactly.
-        corner_deviation: the part of it that the scatter of the outline about its sides makes,
+        moments: image moments of the segmented target, in normalised coordinates.
+        contour: (n, 2) outline of the target, normalised, to a part of a pixel.
+        corners: (n, 2) corners of that outline, in its order, normalised.
+        corner_accuracy: error of the corners without noise, rms, normalised; 0: exact.
+        corner_deviation: the part of it that comes from the scatter of the outline about its sides,
             which shrinks with the distance from a goal shown by the same camera; 0: not known.
         corner_unshared: the part of it that a goal shown by the same camera does not share.
         corner_noise: standard deviation of noise in corners and contour, normalised, where their
             source declares it.
-        numbered: whether each corner is known by itself, as a marker's is; None: they are exact,
-            and a scheme takes them as it needs.
-        marker: `DICTIONARY:number` of the marker whose corners they are; '' where there is none.
-        pixel_count: pixels of the target, 0 where not known.
+        numbered: whether each corner is identified by itself, as a marker's is; None: the corners
+            are exact, and a scheme uses them as it needs.
+        marker: `DICTIONARY:number` of the marker whose corners they are; empty if there is none.
+        pixel_count: number of pixels of the target; 0 where not known.
         touches: borders of the image that the target touches: left, right, top, bottom.
         image: (rows, columns) or (rows, columns, 3) RGB, uint8.
         depth: (rows, columns) float32, m along the optical axis.
-        plane: of the target: by the depth image where that is asked for, else where goal and
-            kinematics have it; None where neither tells it.
-        plane_measured: whether it does not come from goal and kinematics, which are wrong where the
-            camera is not as believed, or the target elsewhere.
-        kernel: (20,) the original's camera/data of this very image.
-        previous_T_camera: (4, 4) motion executed since the previous observation, from the joints;
-            None at the first, and where the joints at one of the two are guessed.
-        commands: what was commanded since the exposure.
+        plane: of the target, from the depth image if it is needed, otherwise from goal and
+            kinematics; None where neither is known.
+        plane_measured: whether the plane comes from the depth image. That from goal and kinematics
+            is wrong if the camera is not as assumed, or the target is elsewhere.
+        kernel: (20,) numbers of the original's camera/data of this image.
+        previous_T_camera: (4, 4) motion since the previous observation, from the joints; None at
+            the first, and where the joints at one of the two are guessed.
+        commands: joint commands sent since the exposure.
         name: of the camera.
-        others: of the other cameras of a scheme of several, by name.
-        of_control: (6, 6) of another camera than the first one of a scheme, the control camera: its
-            twist, relative to what it looks at, is of_control @ that of the control camera, each in
-            its own frame. Zero where the arm moves neither; None: it is the control camera.
-        moved: (6,) its motion from its own exposure to the control camera's, in its own frame, as
-            the twist that makes it in one second; None where that is not known, or it is that one.
-        apart: whether what it looks at is carried where the control camera's target stands, or the
-            reverse: world_T_camera and plane are then those of another target.
+        others: observations of the other cameras of a scheme of several, by name.
+        of_control: (6, 6) of a camera other than the control camera, which is the first of the
+            scheme: its twist, relative to its target, is of_control @ that of the control camera,
+            each in its own frame. Zero where the arm moves neither; None: it is the control camera.
+        moved: (6,) motion of such a camera from its own exposure to that of the control camera, in
+            its own frame, as the twist that makes it in one second; None where that is not known,
+            or for the control camera.
+        apart: whether the arm carries the target of such a camera but not that of the control
+            camera, or the reverse: world_T_camera and plane are then those of another target.
     """
 
     stamp: float

@@ -148,7 +148,7 @@ class CommandedController(Controller):
 @register("position_controllers/JointPositionController", interface=POSITION)
 @register("velocity_controllers/JointVelocityController", interface=VELOCITY)
 class ForwardController(CommandedController):
-    """Hands efforts (N m, N), positions (rad, m) or velocities (rad/s, m/s) on.
+    """Pass the command to one joint: effort (N m, N), position (rad, m) or velocity (rad/s, m/s).
 
     Limits are the handles' affair.
     """
@@ -158,6 +158,6 @@ class ForwardController(CommandedController):
 @register("position_controllers/JointGroupPositionController", interface=POSITION)
 @register("velocity_controllers/JointGroupVelocityController", interface=VELOCITY)
 class ForwardGroupController(ForwardController):
-    """The same for several joints."""
+    """Pass a list of commands to several joints, in the order of the parameter `joints`."""
 
     command_kind = "float64_array"

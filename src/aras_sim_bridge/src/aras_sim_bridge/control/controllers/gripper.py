@@ -164,7 +164,7 @@ class GripperActionController(Controller):
 
 @register("position_controllers/GripperActionController", interface=POSITION)
 class PositionGripperController(GripperActionController):
-    """Commands the goal's position; tells the goal's effort as its own, as upstream does."""
+    """Command the position of the goal, and report the effort of the goal, as upstream does."""
 
     def _start_output(self) -> None:
         self._handle.position_command = self._handle.position
@@ -176,8 +176,10 @@ class PositionGripperController(GripperActionController):
 
 @register("effort_controllers/GripperActionController", interface=EFFORT)
 class EffortGripperController(GripperActionController):
-    """effort = PID(position error, -velocity), within the goal's effort; gains in
-    `gains/<joint>`."""
+    """effort = PID(position error, -velocity), at most the effort of the goal.
+
+    The gains are in `gains/<joint>`.
+    """
 
     def _init_output(self, parameters: Mapping) -> None:
         joint, where = self._handle.name, self.context.where

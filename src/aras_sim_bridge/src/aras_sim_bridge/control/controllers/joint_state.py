@@ -21,7 +21,7 @@ _NS_PER_S = 1_000_000_000
 
 @register("joint_state_controller/JointStateController")
 class JointStateController(Controller):
-    """Samples positions, velocities and efforts at `publish_rate` of simulated time.
+    """Publish positions, velocities and efforts at `publish_rate` of simulated time.
 
     Order: `joints` if given, else by name in byte order, then `extra_joints`. The first sample
     is in the first cycle; the average rate is exact. A rate of 0 or less never samples.

@@ -53,7 +53,7 @@ class PidPositionController(PidController):
 
 @register("effort_controllers/JointGroupPositionController", interface=EFFORT)
 class PidGroupPositionController(PidPositionController):
-    """The same for several joints, without a state topic."""
+    """Position controllers of several joints, as of one; without a state topic."""
 
     command_kind = "float64_array"
     state_kind = None

@@ -13,7 +13,7 @@ from aras_visual_servo_base.settings import read
 
 @register("position_controllers/JointTrajectoryController", interface=POSITION)
 class PositionTrajectoryController(JointTrajectoryController):
-    """Commands the desired positions."""
+    """Trajectories of several joints: command the desired positions."""
 
     def _start_output(self) -> None:
         for handle in self._handles:

@@ -21,6 +21,7 @@ class CameraRetreat(RunDiagnosis):
     """Compares the distance, by the size of the target in the image, with start and goal."""
 
     help = "the target appears far smaller than at the start and at the goal"
+    reads = "area of the target in the image, its distance by the joints"
     kinds = ("camera_retreat", "gain_too_high")
 
     # Times as far as start and goal both from which on the camera has retreated, and images in a

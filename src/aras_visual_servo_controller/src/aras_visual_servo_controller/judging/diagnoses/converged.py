@@ -24,7 +24,8 @@ MISREAD = Remedy(
 class Converged(RunDiagnosis):
     """Every feature is at its goal; the arrival says how far the camera may be from it."""
 
-    help = "the mean error is within the tolerances, and whether the camera is at the goal"
+    help = "the mean error is within the tolerances; decides whether the camera is at its goal"
+    reads = "mean error, its noise, L, view and pose at the goal (`arrival.py`)"
     kinds = ("converged", "ambiguous")
 
     MISTAKEN = 2.0  # times as far as L says that a camera may be whose motion L does not explain

@@ -15,7 +15,8 @@ from ..evidence import Evidence
 class FeaturesContradict(RunDiagnosis):
     """Takes the error and its motion into the evidence; thresholds: see MotionCheck, StepCheck."""
 
-    help = "the features stand still, jump, or move against their L, and the target does not"
+    help = "the features stay the same, jump or move against their L, and the target does not"
+    reads = "steps of the features and of the target's centre, L (`motion_check.py`)"
     kinds = ("scheme_fault",)
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:

@@ -19,6 +19,7 @@ class JointsDoNotFollow(RunDiagnosis):
     """Names the joints, and the nodes that command them instead; thresholds: see JointCheck."""
 
     help = "joints do not do what is commanded, or another node commands them"
+    reads = "commanded and measured joints (`joint_check.py`), commands of other nodes"
     kinds = (DO_NOT_FOLLOW,)
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:

@@ -12,7 +12,8 @@ from ..evidence import Evidence
 class NotConverging(RunDiagnosis):
     """The last of the order, which always answers; causes and thresholds: see ProgressCheck."""
 
-    help = "the error does not shrink, and what of arm, features or gain keeps it"
+    help = "the error does not shrink; decides whether arm, features or gain are the cause"
+    reads = "error, joint limits and ranks of 1.5 s (`progress_check.py`), swings (`gain_check.py`)"
     kinds = ("running", "gain_too_high", "joint_limit", "singular", "local_minimum", "saturation",
              "out_of_reach")  # fmt: skip
 

@@ -13,6 +13,7 @@ class SchemeFailed(RunDiagnosis):
     """The scheme failed at this image."""
 
     help = "the scheme raised an error or answered something impossible"
+    reads = "what the scheme answered to the image"
     kinds = ("scheme_fault",)
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:

@@ -14,6 +14,7 @@ class Stopped(RunDiagnosis):
     """The loop waits for start."""
 
     help = "the loop was stopped and waits for start"
+    reads = "phase of the loop"
     kinds = ("stopped",)
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:

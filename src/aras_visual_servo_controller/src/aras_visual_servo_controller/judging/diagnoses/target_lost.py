@@ -19,6 +19,7 @@ class TargetLost(RunDiagnosis):
     """Why there is no answer: by a fault of which the loss follows, or of its own."""
 
     help = "the target is not found in the image, or its features cannot be measured"
+    reads = "why an image has no answer, image borders that the target touches, its last steps"
     kinds = ("target_lost", "wrong_camera_model", "out_of_reach", "scheme_fault", "gain_too_high")
 
     def __init__(self) -> None:

@@ -22,6 +22,7 @@ class TargetMoves(RunDiagnosis):
     """The features move as the camera's motion and one of the target's say; see TargetCheck."""
 
     help = "the target moves while it is servoed on"
+    reads = "motion of the features, L, motion of the camera (`target_check.py`)"
     kinds = ("target_moves", "wrong_camera_model")
 
     # Part of the features' last motion from which on it is the target's, and s for which the camera

@@ -17,7 +17,8 @@ from ..evidence import Evidence
 class WrongCameraModel(RunDiagnosis):
     """The features move otherwise than L and the arm's motion say; see CameraCheck."""
 
-    help = "calibration or mounting of the camera are not as believed"
+    help = "the camera is calibrated or mounted otherwise than the controller assumes"
+    reads = "motion of the features, L, motion of the joints (`camera_check.py`)"
     kinds = ("wrong_camera_model", "joint_limit")
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:

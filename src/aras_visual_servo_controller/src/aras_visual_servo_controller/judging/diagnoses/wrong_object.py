@@ -21,6 +21,7 @@ class WrongObject(RunDiagnosis):
     """Compares what rotation, scale and tilt leave alone of the shape; see ShapeCheck."""
 
     help = "what the camera takes for the target is something else"
+    reads = "moments (`shape_check.py`) and visible area of the target (`step_check.py`)"
     kinds = ("wrong_object", "wrong_camera_model", "scheme_fault")
 
     def __init__(self) -> None:

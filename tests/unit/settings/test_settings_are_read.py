@@ -1,0 +1,48 @@
+"""A parameter that is declared, documented and then forgotten would be ignored without a word."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+SOURCES = Path(__file__).parents[3] / "src"
+DECLARATIONS = ("parameter", "gain", "by_joint", "of_loop")
+
+
+def declared(tree: ast.AST) -> Iterator[str]:
+    """Names of the parameters that the classes of a module declare."""
+    for cls in ast.walk(tree):
+        for line in cls.body if isinstance(cls, ast.ClassDef) else ():
+            call = line.value if isinstance(line, ast.AnnAssign) else None
+            if isinstance(call, ast.Call) and ast.unparse(call.func) in DECLARATIONS:
+                yield ast.unparse(line.target)
+
+
+def read(tree: ast.AST) -> Iterator[str]:
+    """Names of the attributes that a module reads."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load):
+            yield node.attr
+
+
+def unread(trees: list[ast.AST]) -> set[str]:
+    """Parameters that no module reads."""
+    return {name for tree in trees for name in declared(tree)} - {
+        name for tree in trees for name in read(tree)
+    }
+
+
+def test_every_declared_parameter_is_read() -> None:
+    trees = [ast.parse(path.read_text()) for path in SOURCES.glob("*/src/**/*.py")]
+    assert sum(1 for tree in trees for _ in declared(tree)) > 200
+    assert not unread(trees), "declared, and read by no code"
+
+
+def test_a_forgotten_parameter_is_found() -> None:
+    law = ast.parse("class Filtered(Law):\n"
+                    "    gain: float = gain(2.0)\n"
+                    "    time: float = parameter(0.1, 's')\n"
+                    "    def rate(self, error):\n"
+                    "        return -self.gain * error\n")  # fmt: skip
+    assert unread([law]) == {"time"}

@@ -14,6 +14,7 @@ from aras_visual_servo_camera.contour import CORNER_ACCURACY, fit_corners, outli
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.line_fits import deviation_of
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
 from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
@@ -149,6 +150,7 @@ class Observer:
                 seen["corners"] = _frozen(found.points)
                 seen["corner_accuracy"] = found.accuracy
                 seen["corner_unshared"] = found.unshared
+                seen["corner_spread"] = None if found.spread is None else _frozen(found.spread)
                 seen["numbered"] = self.tracker.numbered
                 seen["marker"] = found.marker
                 plane = found.plane if plane is None else plane
@@ -258,9 +260,11 @@ class Observer:
                 contour = outline_of(image.grey, target, camera)
                 seen["contour"] = _frozen(contour)
                 if Need.CORNERS in needs:
-                    corners, deviation = fit_corners(contour)
-                    seen["corners"], seen["corner_deviation"] = _frozen(corners), deviation
-                    seen["corner_accuracy"] = hypot(CORNER_ACCURACY / camera.K[0], deviation)
+                    corners, spread = fit_corners(contour)
+                    seen["corners"], seen["corner_spread"] = _frozen(corners), _frozen(spread)
+                    seen["corner_accuracy"] = hypot(
+                        CORNER_ACCURACY / camera.K[0], deviation_of(spread)
+                    )
                     seen["numbered"] = False
             if Need.KERNEL in needs:
                 from aras_visual_servo_camera.kernel import kernel_features

@@ -603,7 +603,7 @@ def test_what_is_left_open_is_what_the_inverse_of_L_makes_of_it(seed, rows, mode
         even = L / lengths[:, None]
         left_over = error / lengths - even @ np.linalg.pinv(even) @ (error / lengths)
         size = np.linalg.norm(left_over) / np.sqrt(rows - 6)
-        spread = 2.0 * 1.25**2 * size**2 * inverse @ np.diag(lengths**2) @ inverse.T
+        spread = 2.0 * 1.1**2 * size**2 * inverse @ np.diag(lengths**2) @ inverse.T
     if accuracy is not None:
         unseen = np.eye(rows) - L @ np.linalg.pinv(L)
         times = 1.0
@@ -611,7 +611,7 @@ def test_what_is_left_open_is_what_the_inverse_of_L_makes_of_it(seed, rows, mode
             times = max(np.linalg.norm(unseen @ error) / np.linalg.norm(unseen @ accuracy)
                         / np.sqrt(2.0), 1.0)  # fmt: skip
         part += 0.25**2
-        spread = 2.0 * (1.25 * times) ** 2 * inverse @ accuracy @ accuracy.T @ inverse.T
+        spread = 2.0 * (1.1 * times) ** 2 * inverse @ accuracy @ accuracy.T @ inverse.T
     noise = part * np.diag(offsets.scatter).reshape(2, 3).sum(axis=1)
     surely = np.maximum(1.0 - noise / (offsets.mean.reshape(2, 3) ** 2).sum(axis=1), 0.0)
     factors = np.repeat(1.0 + np.array([0.7, 0.4]) * surely, 3)

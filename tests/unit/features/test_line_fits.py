@@ -6,7 +6,7 @@ import pytest
 from aras_visual_servo_camera.contour import corners_of, fit_corners
 from aras_visual_servo_camera.line_fits import FittedLine, deviation_of, spread_of_crossings
 
-# px: an acute corner, and a short side; the corner before it errs most, and along the short side.
+# px: an acute corner, which errs most, and a short side.
 UNEVEN = np.array([[0.0, 0.0], [60.0, 4.0], [14.0, 22.0], [2.0, 16.0]])
 SIGMA = 0.05
 

@@ -112,12 +112,13 @@ def judged(seed, jacobian=None):
     size = random.choice([1e-3, 1e-2, 3e-2])
     drift = random.choice([0.0, 40.0], p=[0.7, 0.3]) * tolerances * random.normal(size=4)
     error, before, joints = random.normal(size=4), None, None
+    L = random.normal(size=(4, 6))
     for k in range(int(random.integers(2, 30))):
         past = 0.04 + 0.02 * np.sin(k)
         # One number for all features, or one for each.
         rate = 0.2 * np.cos(k + np.arange(1 if seed % 2 else 4))
         # It changes a little from image to image, or too much to say anything of that step.
-        L = (0.98 * L if k else 0.0) + (0.15 if k else 1.0) * random.normal(size=(4, 6))
+        L = 0.98 * L + 0.15 * random.normal(size=(4, 6))
         twist = size * random.normal(size=6) * (random.random(6) < 0.8)
         twist[:3] *= 1e-3 if seed % 6 == 5 else 1.0  # so little tells no depth
         if before is not None:

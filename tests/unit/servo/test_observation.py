@@ -9,8 +9,8 @@ from loop_rig import CAMERA, STARTS, lost, the_arm, the_goal
 
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_camera.contour import CORNER_ACCURACY
-from aras_visual_servo_camera.line_fits import deviation_of
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.line_fits import deviation_of
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.pipeline import PipelineSettings
 from aras_visual_servo_camera.segmentation import Segmentation

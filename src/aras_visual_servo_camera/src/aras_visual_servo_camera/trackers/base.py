@@ -26,8 +26,8 @@ class TrackedPoints(NamedTuple):
     points: (n, 2) normalised. plane: of the target, where it tells that. accuracy: normalised
     length to which the points are found. unshared: the part of it in which another picture from the
     same place, as the goal's, may differ. marker: `DICTIONARY:number` of the marker that they are.
-    spread: (2n, m) effects on x_0, y_0, x_1, ... of independent errors, one standard deviation each,
-    by how edges scatter about their lines; None: not known.
+    spread: (2n, m) effects on x_0, y_0, x_1, ... of independent errors, one standard deviation
+    each, by how edges scatter about their lines; None: not known.
     """
 
     points: np.ndarray

@@ -33,8 +33,8 @@ class CameraCheck:
     picture is no wrong camera: what is not explained has to go on from row to row. Of a wrong
     mounting it does by 0.8 (of 1), of noise by -0.5, of a target that was pushed once by 0.
 
-    L of the mean view tells a step only as far as L hardly changes in it. Of one in which it does (a
-    scheme that leads the camera astray turns it by 20 degrees from image to image) nothing is said.
+    The mean L tells a step only as far as L hardly changes in it. Of one in which it does (a scheme
+    that leads the camera astray turns it by 20 degrees from image to image) nothing is said.
 
     How the arm moved is known as well as its joints are at the exposures. Where those are guessed,
     as when joint states come late, nothing is compared. Where the joints' speeds at both ends do

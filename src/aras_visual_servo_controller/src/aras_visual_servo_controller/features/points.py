@@ -34,9 +34,10 @@ from .base import FEATURES, Feature, Measured, plane_in
 # Measured on corners of targets 8 to 40 px wide, 0.001 to 0.3 px off: 0.0025 px and 0.15 of the
 # distance; of 120 arrivals, six tenths of that bounds their errors.
 NEARLY, CHANGING = 0.0012, 0.085
-# Times the corners' deviation by their sides, at a distance of one pixel; it grows with the
-# distance's root, from NEAREST px on. Measured on 840 quadrilaterals of 12 to 180 px, 0.003 to
-# 0.3 px off.
+# Times the corners' spread by their sides, at a distance of one pixel; it grows with the distance's
+# root, from NEAREST px on. Measured on 1 092 rendered pairs of goal and image, 0.001 to 0.3 px off:
+# of markers and of outlines of 10 to 110 px, the camera's offset by them is 0.7 to 1.7 times what
+# this expects, rms, and 2.0 times by outlines of 26 px that are 0.1 to 0.3 px off.
 ROOT, NEAREST = 1.5, 0.006
 TOLERANCE = 0.001  # 0.1 pixel of a camera with f = 100, 0.2 mm at 0.2 m
 

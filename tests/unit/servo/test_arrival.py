@@ -720,9 +720,9 @@ def test_accuracy_counts_for_the_goal_too_and_in_pictures_noise_does_not_vanish(
     left = left_by([np.zeros(6)] * 6, STRONG, accuracy=0.5 * np.eye(6)[:, [1, 4]])
     assert left.distance - MOVES == pytest.approx(1.1 * np.sqrt(2.0) * 0.5e-3 * 2.985, rel=0.01)
     assert left.angle - TURNS == pytest.approx(1.1 * np.sqrt(2.0) * 0.5 / 573.0 * 2.985, rel=0.01)
-    assert left.up_to == "2.7 mm" and "2.65 mm and 0.27 degrees" in left.reason
+    assert left.up_to == "2.4 mm" and "2.33 mm and 0.24 degrees" in left.reason
     turned = left_by([np.zeros(6)] * 6, STRONG, accuracy=3.0 * np.eye(6)[:, [4]])
-    assert turned.up_to == "1.6 degrees"
+    assert turned.up_to == "1.4 degrees"
     noise = 0.1 * np.eye(6)[:, [1]] * np.tile([1.0, -1.0], 60)
     clean, seen = (
         left_by(noise.T, STRONG, accuracy=accuracy).distance

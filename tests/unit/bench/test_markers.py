@@ -98,6 +98,23 @@ def test_a_board_has_the_same_corners_whichever_of_its_markers_are_in_view():
         tracker.look(drawn((f"{names}:1", 80, 480, 350)), CAMERA)
 
 
+def test_corners_of_a_marker_err_as_its_rim_s_edges_scatter():
+    """In noise of 8 grey levels, blurred as a lens does."""
+    random, given = np.random.default_rng(3), "DICT_5X5_100:7"
+    tracker = MarkerTracker(MarkerChoice.read(given))
+    image = cv2.GaussianBlur(drawn((given, 90, 250, 200)), (0, 0), 0.8).astype(float)
+    points, spreads = [], []
+    for _ in range(25):
+        noisy = np.clip(0.8 * image + 20.0 + 8.0 * random.normal(size=image.shape), 0, 255)
+        found = tracker.look(noisy.astype(np.uint8), CAMERA)
+        points.append(found.points.ravel())
+        spreads.append(found.spread)
+    told = np.sqrt(np.mean([np.diag(spread @ spread.T) for spread in spreads], axis=0))
+    assert spreads[0].shape == (8, 8)
+    scatter = np.std(points, axis=0)
+    assert (scatter < 2.5 * told).all() and (told < 3.0 * scatter).all(), told / scatter
+
+
 def test_moments_are_of_the_chosen_marker():
     """As the camera node measures them by its parameters."""
     one, other = (f"{APRIL}:5", 120, 100, 150), (f"{APRIL}:0", 160, 400, 150)

@@ -12,6 +12,7 @@ from aras_visual_servo_camera.contour import (
     outline_of,
 )
 from aras_visual_servo_camera.errors import SegmentationError
+from aras_visual_servo_camera.line_fits import deviation_of
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.segmented_target import segment
@@ -158,12 +159,12 @@ def test_corners_are_as_exact_as_the_outline_s_scatter_says(noise):
             grey = grey_image(shape + random.uniform(0.0, 0.005, 2), CAMERA.pinhole)
             grey = np.clip(grey + noise * random.normal(size=grey.shape), 0, 255).astype(np.uint8)
             outline = outline_of(grey, segment(grey, Segmentation()), CAMERA)
-            corners, deviation = fit_corners(outline)
+            corners, spread = fit_corners(outline)
             np.testing.assert_array_equal(corners, corners_of(outline))
             moved = corners - shape[np.linalg.norm(
                 corners[:, None] - shape[None] - 0.0025, axis=2).argmin(axis=1)]
             errors.append(moved - moved.mean(axis=0))
-            expected.append(deviation)
+            expected.append(deviation_of(spread))
         deviations.append(200.0 * np.sqrt(np.mean(np.square(expected))))
         found = 200.0 * np.sqrt(np.mean(np.square(errors)))
         assert 0.2 * deviations[-1] < found < 2.5 * np.hypot(deviations[-1], CORNER_ACCURACY)

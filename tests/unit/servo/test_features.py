@@ -402,14 +402,20 @@ def test_a_goal_that_this_camera_has_shown_has_the_errors_of_the_same_view():
         seen = replace(view, corners=moved, corner_accuracy=0.05 * pixel)
         shown = feature.accuracy(seen, goal)
         np.testing.assert_allclose(shown, common * pixel * np.eye(8), rtol=1e-6)
-    # of an outline by how it scatters about its sides, and by the root of the distance in pixels
-    for off, deviation, common in ((0.0, 0.1, 0.15 * 0.004**0.5), (1e3, 0.1, 1.0),
+    # of edges by how they scatter about their lines, and by the root of the distance in pixels
+    pattern = np.random.default_rng(3).normal(size=(8, 6))
+    pattern /= np.sqrt((pattern**2).sum() / 8.0)
+    for off, deviation, common in ((0.0, 0.1, 0.15 * 0.006**0.5), (1e3, 0.1, 1.0),
                                    (0.09, 0.01, 0.015 * (0.09**2 - 0.01**2) ** 0.25)):  # fmt: skip
         moved = view.corners + off * pixel * np.array([[0.6, 0.8]]) * np.sqrt(2.0)
-        seen = replace(view, corners=moved, corner_accuracy=pixel,
-                       corner_deviation=deviation * pixel)  # fmt: skip
-        shown = feature.accuracy(seen, goal)
-        np.testing.assert_allclose(shown, common * pixel * np.eye(8), rtol=1e-6)
+        for first in (0, 3):  # the outline begins anywhere
+            seen = replace(
+                view, corners=np.roll(moved, first, axis=0), corner_accuracy=pixel,
+                corner_spread=np.roll(deviation * pixel * pattern, 2 * first, axis=0),
+                numbered=False,
+            )  # fmt: skip
+            shown = feature.accuracy(seen, goal)
+            np.testing.assert_allclose(shown, common * pixel * pattern, rtol=1e-6)
     own = replace(view, corner_accuracy=pixel, corner_unshared=0.3 * pixel)
     np.testing.assert_allclose(feature.accuracy(own, goal), 0.3 * pixel * np.eye(8), rtol=1e-6)
 

@@ -10,6 +10,7 @@ from loop_rig import CAMERA, STARTS, lost, the_arm, the_goal
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_camera.contour import CORNER_ACCURACY
 from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.line_fits import deviation_of
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -51,10 +52,12 @@ def test_a_picture_and_exact_geometry_say_the_same():
     assert seen.moments.order == exact.moments.order == 6
     assert seen.cameras == {"camera": seen} and not seen.apart
     pixel = 1.0 / CAMERA.K[0]
-    assert 0.001 * pixel < seen.corner_deviation < 0.05 * pixel
-    accuracy = np.hypot(CORNER_ACCURACY * pixel, seen.corner_deviation)
+    deviation = deviation_of(seen.corner_spread)
+    assert 0.001 * pixel < deviation < 0.05 * pixel and not seen.corner_spread.flags.writeable
+    accuracy = np.hypot(CORNER_ACCURACY * pixel, deviation)
     assert (seen.corner_accuracy, seen.corner_unshared, seen.numbered) == (accuracy, 0.0, False)
     assert (exact.corner_accuracy, exact.corner_unshared, exact.numbered) == (0.0, 0.0, None)
+    assert exact.corner_spread is None
     assert (exact.pixel_count, exact.touches, exact.plane_measured) == (0, (), False)
     assert len(seen.contour) > 50
     assert seen.kernel.shape == (20,)
@@ -262,7 +265,7 @@ def test_points_are_a_tracker_s_as_it_answers_them(told):
         heard.append((grey.shape, camera, pose, depth))
         return SimpleNamespace(
             points=[[0.1, 0.2], [0.3, -0.4]], accuracy=0.01, unshared=0.002, plane=found,
-            marker="DICT_5X5_100:7")
+            marker="DICT_5X5_100:7", spread=np.eye(4))
 
     forgot = []
     tracker = SimpleNamespace(look=look, numbered=True, reset=lambda: forgot.append(True))
@@ -276,6 +279,7 @@ def test_points_are_a_tracker_s_as_it_answers_them(told):
     assert seen.corners.tolist() == [[0.1, 0.2], [0.3, -0.4]] and not seen.corners.flags.writeable
     assert (seen.corner_accuracy, seen.corner_unshared, seen.numbered) == (0.01, 0.002, True)
     assert seen.marker == "DICT_5X5_100:7"
+    np.testing.assert_array_equal(seen.corner_spread, np.eye(4))
     assert seen.plane == (told or found) and seen.depth is None
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from .coverage import coverage
 from .errors import SegmentationError
+from .line_fits import PARALLEL, FittedLine, spread_of_crossings
 from .polygons import Array, next_vertices, signed_area
 from .segmented_target import SegmentedTarget
 from .undistortion import CameraModel
@@ -92,9 +93,9 @@ def corners_of(outline: Array, bend: float = BEND) -> Array:
     return fit_corners(outline, bend)[0]
 
 
-def fit_corners(outline: Array, bend: float = BEND) -> tuple[Array, float]:
-    """Corners (n, 2) of a polygon's outline (m, 2), in its order, with positive turn, and the
-    standard deviation of their coordinates, rms, by how the outline scatters about its sides.
+def fit_corners(outline: Array, bend: float = BEND) -> tuple[Array, Array]:
+    """Corners (n, 2) of a polygon's outline (m, 2), in its order, with positive turn, and their
+    spread (2n, 2n) by how the outline scatters about its sides: see spread_of_crossings.
 
     Sides are found by Douglas and Peucker's rule, fitted by total least squares without the
     points next to their ends, and met; then again between the corners so found.
@@ -119,8 +120,8 @@ def fit_corners(outline: Array, bend: float = BEND) -> tuple[Array, float]:
         last = (first + 1) % len(corners)
         corners[first] = 0.5 * (corners[first] + corners[last])
         corners = np.delete(corners, last, axis=0)
-    corners, deviation = _fitted(points, corners)
-    return corners + middle, deviation
+    corners, spread = _fitted(points, corners)
+    return corners + middle, spread
 
 
 def corners_like(outline: Array, model: Array) -> Array:
@@ -183,9 +184,9 @@ def _spaced(polygon: Array) -> Array:
     return np.interp(at, way, closed[:, 0]) + 1j * np.interp(at, way, closed[:, 1])
 
 
-def _fitted(points: Array, corners: Array) -> tuple[Array, float]:
+def _fitted(points: Array, corners: Array) -> tuple[Array, Array]:
     """Corners (n, 2) where lines through the outline's sides meet, from rough ones (k, 2), and
-    their deviation.
+    their spread (2n, 2n).
 
     Raises:
         SegmentationError: as corners_of().
@@ -194,8 +195,8 @@ def _fitted(points: Array, corners: Array) -> tuple[Array, float]:
         breaks = _places(points, corners)
         if not 3 <= len(breaks) <= MAX_CORNERS:
             raise SegmentationError(f"the target's outline has {len(breaks)} sides: no polygon")
-        corners, deviation = _met(points, breaks)
-    return corners, deviation
+        corners, lines = _met(points, breaks)
+    return corners, spread_of_crossings(lines)
 
 
 def _places(points: Array, corners: Array) -> NDArray[np.intp]:
@@ -207,32 +208,29 @@ def _places(points: Array, corners: Array) -> NDArray[np.intp]:
     return places[np.concatenate([[True], np.diff(places) != 0])]
 
 
-def _met(points: Array, breaks: NDArray[np.intp]) -> tuple[Array, float]:
-    """Corners (n, 2) where the lines of the sides between the breaks of the outline meet, and the
-    standard deviation of their coordinates, rms."""
+def _met(points: Array, breaks: NDArray[np.intp]) -> tuple[Array, list[FittedLine]]:
+    """Corners (n, 2) where the lines of the sides between the breaks of the outline meet, and these
+    lines, each of which begins at its corner."""
     ends = np.roll(breaks, -1)
     lines = [_line(points, a, b) for a, b in zip(breaks, ends, strict=True)]
-    corners, variance = [], 0.0
+    corners = []
     for before, line, place in zip(lines[-1:] + lines[:-1], lines, breaks, strict=True):
-        (n0, d0, v0), (n1, d1, v1) = before, line
+        n0, n1 = before.normal, line.normal
+        d0, d1 = float(n0 @ before.middle), float(n1 @ line.middle)
         cross = n0[0] * n1[1] - n0[1] * n1[0]
-        if abs(cross) < 0.05:  # nearly parallel: no corner to meet at
+        if abs(cross) < PARALLEL:  # no corner to meet at
             corners.append(points[place])
             continue
         corners.append([(d0 * n1[1] - d1 * n0[1]) / cross, (n0[0] * d1 - n1[0] * d0) / cross])
-        variance += 0.5 * (v0 + v1) / cross**2
-    return np.array(corners), float(np.sqrt(variance / len(breaks)))
+    return np.array(corners), lines
 
 
-def _line(points: Array, first: int, last: int) -> tuple[Array, float, float]:
-    """Normal (2,) and offset of the line through the outline from one corner to the next, and its
-    variance at the corners."""
+def _line(points: Array, first: int, last: int) -> FittedLine:
+    """The line through the outline from one corner to the next."""
     count = (last - first) % len(points) or len(points)
     # Near a corner the grey levels mix both sides: two pixels, or a third of a short side.
     cut = min(3, count // 3)
     side = points[(first + np.arange(cut, count - cut + 1)) % len(points)]
     centre = side.mean(axis=0)
     _, sizes, axes = np.linalg.svd(side - centre, full_matrices=False)
-    # A line's offset at an end of its points has four times the variance of that in their middle.
-    variance = 4.0 * sizes[-1] ** 2 / (len(side) * max(len(side) - 2, 1))
-    return axes[-1], float(axes[-1] @ centre), variance
+    return FittedLine(centre, axes[-1], len(side), sizes[0], sizes[-1] ** 2)

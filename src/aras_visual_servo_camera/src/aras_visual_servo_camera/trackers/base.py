@@ -26,6 +26,8 @@ class TrackedPoints(NamedTuple):
     points: (n, 2) normalised. plane: of the target, where it tells that. accuracy: normalised
     length to which the points are found. unshared: the part of it in which another picture from the
     same place, as the goal's, may differ. marker: `DICTIONARY:number` of the marker that they are.
+    spread: (2n, m) effects on x_0, y_0, x_1, ... of independent errors, one standard deviation
+    each, by how edges scatter about their lines; None: not known.
     """
 
     points: np.ndarray
@@ -33,6 +35,7 @@ class TrackedPoints(NamedTuple):
     accuracy: float
     unshared: float = 0.0
     marker: str = ""
+    spread: np.ndarray | None = None
 
 
 class Tracker(ABC):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from aras_visual_servo_base.settings import parameter
 
 from ..errors import VisionError
+from ..line_fits import FittedLine, spread_of_crossings
 from ..markers import MarkerChoice
 from ..undistortion import CameraModel
 from .base import TRACKERS, TrackedPoints
@@ -23,6 +24,7 @@ LEAST_CONTRAST = 20.0  # grey levels between a marker's rim and what is around i
 # between two, px and cells that they reach to either side (beyond half a cell, so that black and
 # white are seen, and not to the next cell), px between their samples.
 RIM_FITS, RIM_STATIONS, RIM_SPACED = 2, (24, 64), 0.5
+RIM_PART = 0.8  # of a side that profiles cross
 RIM_REACH, RIM_FURTHEST, RIM_STEP = (1.5, 0.6), 8.0, 0.4
 
 
@@ -58,14 +60,18 @@ class MarkerTracker(EdgeTracker):
     ) -> TrackedPoints:  # fmt: skip
         """See Tracker.look."""
         found, scale = self.choice.find(grey), camera.pinhole.fx
-        corners = []
+        corners, spreads = [], []
         for one in found:
             x, y, _ = camera.normalise(*one.corners.T.astype(float))
             rough = scale * np.column_stack([x, y])
-            corners.append(self._fitted(grey, camera, scale, rough, one.cells) / scale)
+            fitted, sides = self._fitted(grey, camera, scale, rough, one.cells)
+            corners.append(fitted / scale)
+            spreads.append(spread_of_crossings(sides) / scale)
         accuracy = self.accuracy / camera.K[0]
         if self.choice.board is None:
-            return TrackedPoints(corners[0], None, accuracy, marker=found[0].name)
+            return TrackedPoints(
+                corners[0], None, accuracy, marker=found[0].name, spread=spreads[0]
+            )
         places = np.concatenate([self.choice.corners_on_board(one.name) for one in found])
         rectangle = self.choice.board_corners()
         H, _ = cv2.findHomography(places, np.concatenate(corners))
@@ -78,10 +84,11 @@ class MarkerTracker(EdgeTracker):
 
     def _fitted(
         self, grey: np.ndarray, camera: CameraModel, scale: float, corners: np.ndarray, cells: int
-    ) -> np.ndarray:
-        """Corners (4, 2) of the black rim, from rough ones; px of the picture without the lens."""
+    ) -> tuple[np.ndarray, list[FittedLine]]:
+        """Corners (4, 2) of the black rim, from rough ones, px of the picture without the lens; and
+        its sides, each of which begins at its corner."""
         for _ in range(RIM_FITS):
-            lines = []
+            lines, sides = [], []
             for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
                 length = float(np.linalg.norm(end - start))
                 way = (end - start) / length
@@ -90,7 +97,7 @@ class MarkerTracker(EdgeTracker):
                     out = -out
                 reach = min(max(RIM_REACH[0], RIM_REACH[1] * length / cells), RIM_FURTHEST)
                 across = np.linspace(-reach, reach, 2 * round(reach / RIM_STEP) + 1)
-                count = int(np.clip(0.8 * length / RIM_SPACED, *RIM_STATIONS))
+                count = int(np.clip(RIM_PART * length / RIM_SPACED, *RIM_STATIONS))
                 stations = start + np.linspace(0.1, 0.9, count)[:, None] * (end - start)
                 values = self._profiles(grey, camera, scale, stations, out, across)
                 ends = max(len(across) // 8, 1)
@@ -100,6 +107,12 @@ class MarkerTracker(EdgeTracker):
                 # What is black of a profile ends at the edge, however soft that is.
                 dark = (white - values) / (white - black)
                 covered = np.trapezoid(dark, across, axis=1) - reach
-                lines.append(self._line(stations + covered[:, None] * out))
+                edge = stations + covered[:, None] * out
+                place, (dx, dy) = self._line(edge)
+                lines.append((place, np.array([dx, dy])))
+                near = edge[self._near(edge, *place, dx, dy)]
+                # Profiles less than a pixel apart err alike.
+                count = min(float(len(near)), RIM_PART * length)
+                sides.append(FittedLine.of(near, np.array([-dy, dx]), count))
             corners = self._crossings(lines)
-        return corners
+        return corners, sides

@@ -32,12 +32,17 @@ class EdgeTracker(Tracker):
         return _between(grey, u, v).reshape(places.shape[:2])
 
     @staticmethod
+    def _near(points: np.ndarray, x: float, y: float, dx: float, dy: float) -> np.ndarray:
+        """Which of points (n, 2), px, lie at the line through (x, y) along (dx, dy)."""
+        return np.abs((points - (x, y)) @ (-dy, dx)) < OUTLYING
+
+    @staticmethod
     def _line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A point (2,) and the direction (2,) of the line through points (n, 2), px, but for those
         that lie off it."""
         middle = points.mean(axis=0)
         dx, dy, x, y = _fit_line(points - middle, cv2.DIST_HUBER)
-        near = np.abs((points - middle - (x, y)) @ (-dy, dx)) < OUTLYING
+        near = EdgeTracker._near(points - middle, x, y, dx, dy)
         if near.sum() > 1:  # Huber's fit ends some hundredths of a pixel early
             dx, dy, x, y = _fit_line((points - middle)[near], cv2.DIST_L2)
         return middle + (x, y), np.array([dx, dy])

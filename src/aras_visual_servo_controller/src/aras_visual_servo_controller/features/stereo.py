@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+import scipy.linalg
 
 from aras_visual_servo_base.poses import relative, skew
 
@@ -61,18 +62,18 @@ class StereoPoints(Feature):
         desired, between = self._desired(goal), self._between(goal.cameras)
         points = np.stack(self._taught(goal))
         seen = self._points(observation, goal)[0]
-        accuracy = [
-            accuracy_beside(view, goal.cameras[view.name], off)
-            for view, off in zip(views, seen - points, strict=True)
-        ]
+        accuracy = scipy.linalg.block_diag(*(
+            accuracy_beside(view, goal.cameras[view.name], *pair)
+            for view, *pair in zip(views, seen, points, strict=True)
+        ))
         at_goal = self.of_places(triangulated(*points, between), desired)[0]
         effects = []
         for i in np.ndindex(points.shape):
             moved = points.copy()
             moved[i] += STEP
             s = self.of_places(triangulated(*moved, between), desired)[0]
-            effects.append((s - at_goal) * accuracy[i[0]] / STEP)
-        return np.transpose(effects)
+            effects.append((s - at_goal) / STEP)
+        return np.transpose(effects) @ accuracy
 
     def check(self, goal: Goal) -> None:
         """See Feature.check."""

@@ -245,11 +245,25 @@ def mean_offset(
         near, unknown, strict=True
     )]  # fmt: skip
     if off[0] <= limits[0] and off[1] <= limits[1]:
-        return offsets, ""
+        return _best_known(offsets, rows, seen, settled, noise), ""
     return offsets, (
         f"the features are within their tolerances, but by L the camera is {1e3 * off[0]:.2f} "
         f"mm and {np.degrees(off[1]):.2f} degrees off"
     )
+
+
+def _best_known(
+    offsets: Offsets, rows: np.ndarray, seen: np.ndarray, settled: int, noise: np.ndarray
+) -> Offsets:
+    """The offset of a camera that has arrived by all images for which the features have settled,
+    where that is known better than by the latest ones: on the way there it scatters more."""
+    mean, scatter, count, _ = _averaged(rows, seen, settled, np.full(2, np.inf))
+    told, by_all = np.diag(offsets.scatter) / offsets.count, np.diag(scatter) / count
+    if count <= offsets.count or (np.abs(rows[-1, :6] - mean) > ELSEWISE * noise).any() or not all(
+        by_all[part].sum() < told[part].sum() for part in (slice(0, 3), slice(3, 6))
+    ):  # fmt: skip
+        return offsets
+    return offsets._replace(mean=mean, scatter=scatter, count=count)
 
 
 def speed(stamps: np.ndarray, rows: np.ndarray) -> tuple[float, float]:

@@ -33,6 +33,9 @@ class CameraCheck:
     picture is no wrong camera: what is not explained has to go on from row to row. Of a wrong
     mounting it does by 0.8 (of 1), of noise by -0.5, of a target that was pushed once by 0.
 
+    The mean L tells a step only as far as L hardly changes in it. Of one in which it does (a scheme
+    that leads the camera astray turns it by 20 degrees from image to image) nothing is said.
+
     How the arm moved is known as well as its joints are at the exposures. Where those are guessed,
     as when joint states come late, nothing is compared. Where the joints' speeds at both ends do
     not explain their way (a loaded machine's late commands shake the arm between two joint states),
@@ -54,6 +57,10 @@ class CameraCheck:
     QUIET = 0.05  # tolerances of noise that there are at least
     TYPICAL = 0.3  # part of the most that shaken features are off, in a recorded run, in rms
     LATE = 0.25  # part of an image period for which joints went on at a speed that had changed
+    # Part of the predicted way by which L changes it from one image to the next, and in tolerances,
+    # up to which the mean of both tells it: of half turns by six moments, where it changes by 0.5
+    # to 2, a third of that way is not explained.
+    BENT = 0.3
 
     def __init__(self, jacobian: Callable[[np.ndarray], np.ndarray] | None = None) -> None:
         """`jacobian`: (6, n) of the arm at joints (n,); None: its motion is taken as it is."""
@@ -93,11 +100,11 @@ class CameraCheck:
         if before is None or observation.motion is None or len(before[0]) != len(error):
             self._begin(error)
             return
-        predicted, wrapped = _advanced(
+        predicted, wrapped, bent = _advanced(
             *before, *self._before, observation.motion, observation.dt, tolerances, self._parts,
             self._own, angles,
         )  # fmt: skip
-        if wrapped:
+        if wrapped or bent > max(self.BENT * predicted, self.LEAST):
             self._begin(error)
             return
         self._images += 1
@@ -273,23 +280,26 @@ def _advanced(error_before, L_before, rate_before, error, L, rate, motion, dt, t
         angles: (k,) whether it may wrap.
 
     Returns:
-        The greatest of the sums of `parts`; whether an error moved so far that an angle wrapped.
+        The greatest of the sums of `parts`; whether an error moved so far that an angle wrapped;
+        the most that both L differ in what they say of this step, in tolerances.
     """
-    widest, greatest, wrapped = 0.0, 0.0, False
+    widest, greatest, wrapped, bent = 0.0, 0.0, False, 0.0
     for i in range(len(error)):
         if angles[i]:
             widest = max(widest, tolerances[i])
     for i in range(len(error)):
-        predicted = 0.0
+        predicted = changed = 0.0
         for j in range(6):
             parts[i, j] += 0.5 * (L_before[i, j] + L[i, j]) * motion[j] / tolerances[i]
             predicted += parts[i, j]
+            changed += (L[i, j] - L_before[i, j]) * motion[j] / tolerances[i]
+        bent = max(bent, abs(changed))
         greatest = max(greatest, abs(predicted))
         if angles[i]:
             wrapped |= abs(error[i] - error_before[i]) / tolerances[i] > 1.0 / widest
         both = rate_before[min(i, len(rate_before) - 1)] + rate[min(i, len(rate) - 1)]
         own[i] += 0.5 * both * dt
-    return greatest, wrapped
+    return greatest, wrapped, bent
 
 
 @compiled("f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:,:], f8[:,:], f8[:]", allocates=False)

@@ -58,7 +58,10 @@ class MotionCheck:
 
     @property
     def targets_own(self) -> float:
-        """Part of the latest motion in the image that is the target's own: see StepCheck.own."""
+        """Part of the latest motion in the image that is the target's own: see StepCheck.own. None
+        is known where L, as that at the goal, is not that of this view."""
+        if not self.is_viewed:
+            return 0.0
         return (self.steps if self._centre is None else self._centre).own
 
     def scheme_fault(self, stamp: float, converged: bool) -> str:

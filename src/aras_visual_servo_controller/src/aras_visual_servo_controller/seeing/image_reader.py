@@ -10,6 +10,7 @@ import numpy as np
 from aras_visual_servo_camera.contour import CORNER_ACCURACY, fit_corners, outline_of
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import Image
+from aras_visual_servo_camera.line_fits import deviation_of
 from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
 
 from ..arm.joint_sample import frozen
@@ -76,6 +77,7 @@ class ImageReader:
                 seen["corners"] = frozen(found.points)
                 seen["corner_accuracy"] = found.accuracy
                 seen["corner_unshared"] = found.unshared
+                seen["corner_spread"] = None if found.spread is None else frozen(found.spread)
                 seen["numbered"] = self.tracker.numbered
                 seen["marker"] = found.marker
                 plane = found.plane if plane is None else plane
@@ -111,9 +113,11 @@ class ImageReader:
                 contour = outline_of(image.grey, target, camera)
                 seen["contour"] = frozen(contour)
                 if Need.CORNERS in needs:
-                    corners, deviation = fit_corners(contour)
-                    seen["corners"], seen["corner_deviation"] = frozen(corners), deviation
-                    seen["corner_accuracy"] = hypot(CORNER_ACCURACY / camera.K[0], deviation)
+                    corners, spread = fit_corners(contour)
+                    seen["corners"], seen["corner_spread"] = frozen(corners), frozen(spread)
+                    seen["corner_accuracy"] = hypot(
+                        CORNER_ACCURACY / camera.K[0], deviation_of(spread)
+                    )
                     seen["numbered"] = False
             if Need.KERNEL in needs:
                 from aras_visual_servo_camera.kernel import kernel_features

@@ -60,8 +60,9 @@ class Observation:
         contour: (n, 2) outline of the target, normalised, to a part of a pixel.
         corners: (n, 2) corners of that outline, in its order, normalised.
         corner_accuracy: error of the corners without noise, rms, normalised; 0: exact.
-        corner_deviation: the part of it that comes from the scatter of the outline about its sides,
-            which shrinks with the distance from a goal shown by the same camera; 0: not known.
+        corner_spread: (2n, m) effects on x_0, y_0, x_1, ... of independent errors, one standard
+            deviation each, by how edges scatter about the lines that meet in the corners. They
+            shrink with the distance from a goal shown by the same camera. None: not known.
         corner_unshared: the part of it that a goal shown by the same camera does not share.
         corner_noise: standard deviation of noise in corners and contour, normalised, where their
             source declares it.
@@ -103,7 +104,7 @@ class Observation:
     contour: np.ndarray | None = None
     corners: np.ndarray | None = None
     corner_accuracy: float = 0.0
-    corner_deviation: float = 0.0
+    corner_spread: np.ndarray | None = None
     corner_unshared: float = 0.0
     corner_noise: float = 0.0
     numbered: bool | None = None

@@ -18,6 +18,7 @@ from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, Polyg
 from aras_visual_servo_bench.targets.outlines import shape_of
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.seeing.image_reader import ImageReader
 
 CAMERA = CameraModel(60, 40, (50.0, 0, 31.0, 0, 40.0, 18.0, 0, 0, 1))
 SHAPE = PolygonTarget(((-0.2, -0.15), (0.25, -0.1), (0.2, 0.2), (-0.1, 0.1)))
@@ -345,8 +346,9 @@ def test_readings_are_in_seconds_and_in_any_order_of_joints():
     assert (reading.stamp, q.tolist(), v.tolist()) == (1.5, [3.0, 1.0], [6.0, 4.0])
     image = np.zeros((2, 3), np.uint8)
     seen = Frame(1_500_000_000, image, "mono8", labelled=image)
-    assert seen.stamp == 1.5 and seen.pictured and seen.picture.encoding == "mono8"
-    assert seen.picture.labelled is image and not Frame(3).pictured
+    assert seen.stamp == 1.5 and seen.pictured and not Frame(3).pictured
+    read = ImageReader.image_of(seen)
+    assert read.encoding == "mono8" and read.labelled is image
 
 
 def test_another_camera_is_beside_the_control_camera_or_stands():

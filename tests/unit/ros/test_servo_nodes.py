@@ -26,6 +26,7 @@ from aras_visual_servo_controller.ros import pictures as picture_input
 from aras_visual_servo_controller.ros.commands import stop_controller
 from aras_visual_servo_controller.ros.depth import depth_of
 from aras_visual_servo_controller.ros.measurements import MeasurementInput
+from aras_visual_servo_controller.seeing.image_reader import ImageReader
 from aras_visual_servo_controller.seeing.observation import Need
 from aras_visual_servo_controller.settings import Settings
 
@@ -60,8 +61,7 @@ def observer(*needs, labels=False):
     segmentation = SimpleNamespace(kinds=kinds, label="box")
     return SimpleNamespace(
         name="left", needs=set(needs), of_moments=lambda *given: given,
-        of_image=lambda *given: given[:6],
-        pipeline=SimpleNamespace(settings=SimpleNamespace(segmentation=segmentation)))
+        of_image=lambda *given: given[:6], images=ImageReader, segmentation=segmentation)
 
 
 def moments(valid=True, stamp=STAMP, **more):

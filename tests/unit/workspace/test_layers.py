@@ -53,7 +53,7 @@ FLOORS = {
     ),
     "aras_visual_servo_camera": (
         {"edges", "errors", "formula", "polygons"},
-        {"definitions", "images", "markers", "moments"},
+        {"definitions", "images", "line_fits", "markers", "moments"},
         {"segmentation"},
         {"degeneracy", "interaction", "kernel", "segmented_target", "undistortion"},
         {"coverage", "labels", "model", "orientation", "silhouette"},

@@ -382,7 +382,7 @@ compile_loops() {
     mapfile -t packages < <(printf '%s\n' "${packages[@]%%/*}" | sort -u)
     touch .venv/loops.begun &&
         PYTHONPATH=$(IFS=:; echo "${libraries[*]}") \
-            .venv/bin/python -m aras_visual_servo_base.loops "${packages[@]}" &&
+            .venv/bin/python -m aras_visual_servo_base.compile_packages "${packages[@]}" &&
         mv .venv/loops.begun .venv/loops.stamp
 }
 

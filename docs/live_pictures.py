@@ -24,7 +24,7 @@ import numpy as np
 import rospy
 from aras_visual_servo_controller.msg import ServoState
 
-from aras_visual_servo_bench.ros.processes import Launch, free_port
+from aras_visual_servo_bench.ros.ros_launch import RosLaunch, find_free_port
 
 IMAGES = Path(__file__).parent / "images"
 SIZE = (1500, 900)
@@ -60,7 +60,7 @@ class Run:
     """A simulator and its nodes on a master of their own, as long as the block lasts."""
 
     def __init__(self, directory: Path, **arguments: str) -> None:
-        port = free_port()
+        port = find_free_port()
         os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{port}", ROS_IP="127.0.0.1",
                           ROS_LOG_DIR=str(directory))  # fmt: skip
         self._launches = []
@@ -72,7 +72,7 @@ class Run:
         self._directory = directory
 
     def _launch(self, log: Path, *words: str) -> None:
-        self._launches.append(Launch(list(words), log, dict(os.environ)))
+        self._launches.append(RosLaunch(list(words), log, dict(os.environ)))
 
     def servo(self, seconds: float, **arguments: str) -> None:
         """Start the nodes; returns when they have servoed for so long."""

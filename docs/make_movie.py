@@ -19,10 +19,10 @@ import pybullet
 from PIL import Image, ImageDraw, ImageFont
 from pybullet_utils.bullet_client import BulletClient
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
 from aras_visual_servo_bench.recording.run import Run
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_camera import overlay
 from aras_visual_servo_camera.images import Image as Picture
@@ -46,10 +46,10 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=HERE / "images" / "run.gif")
     options = parser.parse_args(argv)
     # Slowly, so that there is something to be seen.
-    experiment = Experiment(start=options.start, gain=2.0, linger=0.2)
+    experiment = Experiment(start=options.start, gain=2.0, time_after_convergence=0.2)
     run, pictures, outline = servoed(experiment)
     scene = Scene(Robot(RobotSpec()))
-    end = np.searchsorted(run.stamp, run.stamp[0] + run.settled() + AFTER)
+    end = np.searchsorted(run.stamp, run.stamp[0] + run.compute_settling_time() + AFTER)
     wanted = range(0, min(int(end), len(pictures)), EVERY)
     frames = [frame(run, i, pictures[i], outline, scene) for i in wanted]
     period = 1000.0 * EVERY * float(np.median(np.diff(run.stamp)))
@@ -69,15 +69,15 @@ def servoed(experiment: Experiment) -> tuple[Run, list[np.ndarray], np.ndarray]:
     """The run, its camera's pictures with the overlay, and the wanted outline, normalised."""
     parts = assemble(experiment)
     loop, pipeline, pictures = Loop(experiment, parts), Pipeline(Settings()), []
-    outline = parts.target.shape.outline(parts.target.seen_from(parts.goal_pose))
-    pipeline.set_camera(parts.camera)
+    outline = parts.target.shape.outline(parts.target.target_T_camera(parts.goal_pose))
+    pipeline.set_camera(parts.calibrated_camera)
     try:
-        while not loop.over:
-            if loop.to_image() is not None:
+        while not loop.is_over:
+            if loop.run_to_image() is not None:
                 rgb = np.ascontiguousarray(loop.reading.image)
                 measured = pipeline.measure(Picture(rgb, "rgb8"))
                 pictures.append(overlay.draw(rgb, measured, outline))
-        return loop.result(), pictures, outline
+        return loop.make_run(), pictures, outline
     finally:
         loop.close()
 
@@ -136,7 +136,7 @@ def curves(draw: ImageDraw.ImageDraw, run: Run, i: int, box: tuple[int, int, int
     left, top, right, bottom = box[0] + 26, box[1] + 22, box[2] - 8, box[3] - 20
     font = ImageFont.load_default(12)
     t = run.stamp - run.stamp[0]
-    until = run.settled() + AFTER
+    until = run.compute_settling_time() + AFTER
     middle = 0.5 * (top + bottom)
     draw.line((left, middle, right, middle), fill=(200, 200, 200))
     draw.line((left, top, left, bottom), fill=INK)

@@ -24,7 +24,7 @@ from aras_visual_servo_camera.features import compute_moment_features
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.orientation import Orientation, product, rotate_third
+from aras_visual_servo_camera.orientation import Orientation, compute_third_product, rotate_third
 from aras_visual_servo_camera.pipeline import Pipeline, Settings
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -82,17 +82,19 @@ def draw_branch(axes: plt.Axes) -> None:
     """Agreement of the third-order moments with the reference, raw and seen square on."""
     shape = (L_SHAPE - L_SHAPE.mean(axis=0)) * [1.0, 0.8]
     desired = Moments.from_polygon(shape / 0.5)
-    reference = Orientation.of(desired, Plane(0, 0, 2))
+    reference = Orientation.from_moments(desired, Plane(0, 0, 2))
     tilts = np.arange(-60, 61, 2.0)
     scores = {"moments as they are": [], "moments seen square on": []}
     for tilt in tilts:
         view = View(shape, rotation([0, np.deg2rad(tilt), 0]), np.array([0, 0, 0.5]))
         moments = Moments.from_polygon(view.image)
         for plane, found in zip((Plane(0, 0, 2), view.plane), scores.values(), strict=True):
-            now = Orientation.of(moments, plane)
+            now = Orientation.from_moments(moments, plane)
             turned = rotate_third(reference.third, now.upright_alpha - reference.upright_alpha)
-            size = np.sqrt(product(turned, turned) * product(now.third, now.third))
-            found.append(product(turned, now.third) / size)
+            size = np.sqrt(
+                compute_third_product(turned, turned) * compute_third_product(now.third, now.third)
+            )
+            found.append(compute_third_product(turned, now.third) / size)
     for (name, found), colour in zip(scores.items(), ("0.5", "tab:blue"), strict=True):
         axes.plot(tilts, found, color=colour, label=name)
     axes.axhline(0, color="tab:red", lw=1)

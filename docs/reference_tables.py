@@ -37,8 +37,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(folder) for folder in sorted(ROOT.glob("src/*/src"))]
 
 from aras_visual_servo_base.registry import Parameter, Registry  # noqa: E402
-from aras_visual_servo_base.settings import default_of  # noqa: E402
-from aras_visual_servo_controller.judging.base import DIAGNOSES  # noqa: E402
+from aras_visual_servo_base.settings import get_default  # noqa: E402
+from aras_visual_servo_controller.diagnosis.base import DIAGNOSES  # noqa: E402
 
 TABLE = re.compile(r"(<!-- (\w+) ([\w.]+):(\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 NAMES = re.compile(
@@ -96,7 +96,7 @@ def settings_table(documented: type) -> list[str]:
         if not field.metadata.get("internal"):
             unit = field.metadata.get("unit", "")
             text = meanings[field.name].removeprefix(unit).lstrip(", ").rstrip(".")
-            default = default_of(field)
+            default = get_default(field)
             shown = "" if default == "" else f"`{default}`"
             rows.append(f"| `{field.name}` | {shown} | {unit} | {cell(text)} |")
     return rows
@@ -104,7 +104,7 @@ def settings_table(documented: type) -> list[str]:
 
 def registry_table(registry: Registry) -> list[str]:
     """Return the table of a registry's entries; with their parameters, where they have any."""
-    declared = {name: registry.parameters(name) for name in registry}
+    declared = {name: registry.list_parameters(name) for name in registry}
     more = any(declared.values())
     rows = ["| name | what it is | parameters |" if more else "| name | what it is |"]
     rows.append("|---|---|---|" if more else "|---|---|")

@@ -14,8 +14,8 @@ from urllib.parse import quote
 from PIL import Image
 
 from aras_visual_servo_bench import run_with_images
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.commands import main as bench
+from aras_visual_servo_bench.cli import main as bench
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.web.browse.server import serve
 from aras_visual_servo_bench.web.report.write import write_report
 

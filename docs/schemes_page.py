@@ -23,10 +23,10 @@ import numpy as np
 import schemes_pictures as pictures
 from schemes_result import with_result
 
-from aras_visual_servo_bench.commands.running import study_file
+from aras_visual_servo_bench.cli.run import find_study_file
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.numbers.statistics import compare_rates, holm, proportion
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.metrics.statistics import compare_rates, holm, proportion
+from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_controller.features.base import Feature
 from aras_visual_servo_controller.schemes import SCHEMES
 
@@ -179,7 +179,7 @@ def descriptions() -> str:
 
 
 def _study(name: str) -> Study:
-    return Study.from_yaml(study_file(Path(name)))
+    return Study.from_yaml(find_study_file(Path(name)))
 
 
 def _chosen(study: Study) -> str:

@@ -14,11 +14,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from aras_visual_servo_base.poses import inverse
-from aras_visual_servo_bench.pictures.palette import BLUE, INK, VERMILION
-from aras_visual_servo_bench.pictures.style import look, panels
-from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_bench.study.study import Study
-from aras_visual_servo_bench.targets.outlines import shape_of
+from aras_visual_servo_bench.plots.palette import BLUE, INK, VERMILION
+from aras_visual_servo_bench.plots.style import apply_style, make_axes
+from aras_visual_servo_bench.runner.loop import run
+from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.targets.target_factory import make_target
 
 COLUMNS, WIDTH, HEIGHT = 4, 3.0, 2.8  # panels in a row, and inches of each
 LETTERS = 38  # across a panel
@@ -27,8 +27,8 @@ LETTERS = 38  # across a panel
 @contextmanager
 def _page(count: int, path: Path) -> Iterator[list[Axes]]:
     """So many axes, whose picture is written when they are drawn."""
-    with look():
-        figure, axes = panels(count, HEIGHT, min(count, COLUMNS), width=WIDTH)
+    with apply_style():
+        figure, axes = make_axes(count, HEIGHT, min(count, COLUMNS), width=WIDTH)
         yield axes
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=100)
@@ -44,22 +44,22 @@ def ways(study: Study, start: str, path: Path) -> None:
     """How the target's corners went through the image, a panel for each scheme, from one start."""
     condition = next(iter(study.case_axes.get("condition", ())), None)
     points = [
-        point for point in range(study.points)
-        if (names := study.combination(point).names)["start"] == start
+        point for point in range(study.point_count)
+        if (names := study.find_combination(point).names)["start"] == start
         and (condition is None or names["condition"] == condition.name)
     ]  # fmt: skip
     with _page(len(points), path) as axes:
         for axis, point in zip(axes, points, strict=True):
-            experiment = study.experiment_of(point * study.repeats)
+            experiment = study.make_experiment(point * study.repeats)
             result = run(experiment)
-            corners = shape_of(experiment.target.shape, experiment.target.size).vertices()
+            corners = make_target(experiment.target.shape, experiment.target.size).vertices()
             seen = np.array([_projected(corners, pose) for pose in result.pose])
             goal = _projected(corners, result.goal_pose)
             axis.plot(seen[:, :, 0], seen[:, :, 1], linewidth=1.0)
             axis.plot(seen[0, :, 0], seen[0, :, 1], "o", color="white", mec=INK, ms=3.5)
             axis.plot(goal[:, 0], goal[:, 1], "x", color=INK, ms=5.0)
             axis.plot(seen[-1, :, 0], seen[-1, :, 1], "o", color=INK, ms=3.0)
-            _title(axis, study.combination(point).names["scheme"], result.outcome)
+            _title(axis, study.find_combination(point).names["scheme"], result.outcome)
             axis.set_xlim(-0.4, 0.4)
             axis.set_ylim(0.3, -0.3)
             axis.set_aspect("equal")

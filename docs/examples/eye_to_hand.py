@@ -5,7 +5,7 @@
 
 import numpy as np
 
-from aras_visual_servo_controller import Decision, JointController, Need, Points
+from aras_visual_servo_controller import JointController, Need, Points, SchemeOutput
 
 GAIN = 3.0  # 1/s
 
@@ -37,11 +37,11 @@ class EyeToHand(JointController):
         super().reset(arm)
         self.velocities = np.zeros(len(arm.names))
 
-    def see(self, observation, goal, t):
+    def process_image(self, observation, goal, t):
         found = self.corners.measure(observation, goal)
         J = self.arm.jacobian(observation.joints.positions)
         self.velocities = -GAIN * np.linalg.pinv(found.L @ J) @ found.error
-        return Decision(self.names, found.s, found.desired, found.error, L=found.L)
+        return SchemeOutput(self.names, found.s, found.desired, found.error, L=found.L)
 
-    def tick(self, t, dt, joints):
+    def update(self, t, dt, joints):
         return self.velocities

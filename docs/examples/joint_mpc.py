@@ -7,7 +7,7 @@ it, minimises sum |e(k)|^2 + r |q_dot|^2 within the limits of speed and position
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from aras_visual_servo_controller import FEATURES, Decision, JointController, MeasurementError
+from aras_visual_servo_controller import FEATURES, JointController, MeasurementError, SchemeOutput
 
 HORIZON, PERIOD, SPEED, EFFORT = 12, 1.0 / 30.0, 1.0, 1e-4
 
@@ -30,7 +30,7 @@ class JointMPC(JointController):
         super().reset(arm)
         self.velocities = np.zeros(len(arm.names))
 
-    def see(self, observation, goal, t):
+    def process_image(self, observation, goal, t):
         if not observation.valid:
             raise MeasurementError(observation.reason)
         measured = self.feature.measure(observation, goal)
@@ -45,8 +45,8 @@ class JointMPC(JointController):
         low = np.maximum(np.minimum((self.arm.lower - q) / room, 0.0), -SPEED) - 1e-9
         high = np.minimum(np.maximum((self.arm.upper - q) / room, 0.0), SPEED) + 1e-9
         self.velocities = lsq_linear(A, b, (low, high)).x
-        return Decision(self.names, measured.s, measured.desired, measured.error,
-                        L=measured.L, up_to=measured.up_to)  # fmt: skip
+        return SchemeOutput(self.names, measured.s, measured.desired, measured.error,
+                        L=measured.L, ambiguity=measured.up_to)  # fmt: skip
 
-    def tick(self, t, dt, joints):
+    def update(self, t, dt, joints):
         return self.velocities

@@ -15,7 +15,7 @@ class OwnCorners(PointFeature):
     name = "own_corners"
     needs = frozenset((Need.IMAGE,))  # the picture alone
     directions = (True, True, True, False, False, True)  # the camera is kept level
-    ordered = False  # a shape has no first corner: matched to the goal's by turning round
+    is_ordered = False  # a shape has no first corner: matched to the goal's by turning round
 
     def points(self, observation):
         image = observation.image

@@ -10,7 +10,7 @@ import numpy as np
 from aras_visual_servo_controller import (
     ConfigurationError,
     Feature,
-    Measured,
+    FeatureMeasurement,
     MeasurementError,
     Need,
     point_interaction,
@@ -49,7 +49,7 @@ class Photometric(Feature):
         L = -(gx[:, None] * points[0::2] + gy[:, None] * points[1::2])
         s, desired = now[v, u], self.desired[v, u]
         rms = np.sqrt(np.mean((s - desired) ** 2))
-        return Measured(s, desired, s - desired, L, judged=np.array([rms]))
+        return FeatureMeasurement(s, desired, s - desired, L, error_summary=np.array([rms]))
 
     @staticmethod
     def _grey(image):

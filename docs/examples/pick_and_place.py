@@ -114,14 +114,14 @@ class Hand:
         self.robot.start(["gripper"])
         self.gripper = self.robot.manager.get("gripper")
         self.arm = loop.servo.arm
-        self.joints = loop.plant.joints()[0]
+        self.joints = loop.plant.read_joints()[0]
         self.camera = self.arm.pose(self.joints)
 
     def go(self, camera: np.ndarray, speed: float = 0.15) -> None:
         """Take the camera straight to a pose (4, 4) in the world, at m/s."""
         way = camera[:3, 3] - self.camera[:3, 3]
         count = max(int(1000.0 * np.linalg.norm(way) / speed), 1000)
-        begin, end = self.joints, self.arm.inverse(camera, self.joints)
+        begin, end = self.joints, self.arm.inverse_kinematics(camera, self.joints)
         for k in range(1, count + 1):
             part = 0.5 - 0.5 * math.cos(math.pi * k / count)
             for joint, value in zip(self.arm.names, begin + part * (end - begin), strict=True):
@@ -137,7 +137,7 @@ class Hand:
             box = Pose.from_rpy((x, y, z + BOX[2]), (0.0, 0.0, turn))
             camera = box.matrix() @ box_T_camera
             try:
-                self.arm.inverse(camera, self.joints)
+                self.arm.inverse_kinematics(camera, self.joints)
             except ServoError:
                 continue
             return camera
@@ -165,9 +165,9 @@ def pick_and_place(robot: dict[str, str], seed: int) -> tuple[float, float] | st
     asked = experiment(robot, seed)
     loop = Loop(asked, assemble(asked))
     try:
-        loop.to_end()
-        if not loop.result().converged:
-            return f"the servo ended with {loop.result().outcome}"
+        loop.run_to_end()
+        if not loop.make_run().converged:
+            return f"the servo ended with {loop.make_run().outcome}"
         hand, box = Hand(loop, robot), loop.plant.simulation.world.models["target"]
         # The camera's frame in the box's, as the goal was shown.
         box_T_camera = Pose.from_rpy((0.0, 0.0, ABOVE), (math.pi, 0.0, -math.pi / 2)).matrix()

@@ -5,7 +5,7 @@
 
 import numpy as np
 
-from aras_visual_servo_controller import FEATURES, Decision, JointController, MeasurementError
+from aras_visual_servo_controller import FEATURES, JointController, MeasurementError, SchemeOutput
 
 FREQUENCY, DAMPING = 6.0, 1.0  # rad/s, critical
 
@@ -28,15 +28,15 @@ class SecondOrder(JointController):
         super().reset(arm)
         self.error = None
 
-    def see(self, observation, goal, t):
+    def process_image(self, observation, goal, t):
         if not observation.valid:
             raise MeasurementError(observation.reason)
         measured = self.feature.measure(observation, goal)
         self.error, self.L = measured.error.copy(), measured.L
-        return Decision(self.names, measured.s, measured.desired, measured.error,
-                        L=measured.L, up_to=measured.up_to)  # fmt: skip
+        return SchemeOutput(self.names, measured.s, measured.desired, measured.error,
+                        L=measured.L, ambiguity=measured.up_to)  # fmt: skip
 
-    def tick(self, t, dt, joints):
+    def update(self, t, dt, joints):
         q, q_dot = joints.positions, joints.velocities
         twist = self.arm.jacobian(q) @ q_dot
         self.error = self.error + self.L @ twist * dt  # between images it is predicted

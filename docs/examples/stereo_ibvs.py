@@ -8,14 +8,16 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from aras_visual_servo_controller import OfCamera, Points, Stack, point_interaction
+from aras_visual_servo_controller import Points, RemoteCameraFeature, Stack, point_interaction
 
 
 class StereoIBVS(Stack):
     """s = (x_l, y_l, ..., x_r, y_r, ...); neither plane nor model of the target is used in L."""
 
     def __init__(self):
-        super().__init__([OfCamera(Points(), "left"), OfCamera(Points(), "right")])
+        super().__init__(
+            [RemoteCameraFeature(Points(), "left"), RemoteCameraFeature(Points(), "right")]
+        )
 
     def measure(self, observation, goal):
         found = super().measure(observation, goal)  # numbered as in the goal

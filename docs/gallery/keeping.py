@@ -26,7 +26,7 @@ def keep_runs(experiments: dict[str, Experiment], figure: str) -> list[Run]:
     save_figure(runs, figure, out / "picture.png")
     for run in runs:
         off = f"{1e3 * run.verdict.distance:.2f} mm from its goal"
-        print(f"{run.name}: {run.outcome}, {run.verdict.word}, {off}")
+        print(f"{run.name}: {run.outcome}, {run.verdict.name}, {off}")
         if run.reason:
             print(f"  {run.reason}\n  {run.remedy}".rstrip())
     print(page)

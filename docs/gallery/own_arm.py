@@ -14,4 +14,4 @@ mine = Experiment(
     scheme="points", gain=2.0,
 )  # fmt: skip
 run, = keep_runs({"my arm": mine}, "camera_path")
-assert run.succeeded
+assert run.is_success

@@ -8,7 +8,10 @@ lens = {"lens": "equidistant", "horizontal_fov": 3.1, "width": 640, "height": 48
         "update_rate": 30.0}  # fmt: skip
 seen = Experiment(camera=lens, start="2016", duration=4.0)
 right, wrong = keep_runs(
-    {"right": seen, "focal length 10 % short": seen.with_(believed={"focal": 0.9})},
+    {
+        "right": seen,
+        "focal length 10 % short": seen.with_changes(calibration_offset={"focal": 0.9}),
+    },
     "image_trajectory",
 )
-assert right.succeeded and not wrong.verdict.reached
+assert right.is_success and not wrong.verdict.reached

@@ -11,4 +11,4 @@ poster = Experiment(
     start={"pose": [0.02, -0.01, 0.42, 3.12, 0.02, 0.05]},
 )  # fmt: skip
 run, = keep_runs({"grey levels": poster}, "image_trajectory")
-assert run.succeeded
+assert run.is_success

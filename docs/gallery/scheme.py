@@ -5,4 +5,4 @@ from keeping import keep_runs
 from aras_visual_servo_bench import Experiment
 
 run, = keep_runs({"moments": Experiment(scheme="moments", start="2016")}, "feature_errors")
-assert run.succeeded
+assert run.is_success

@@ -11,5 +11,7 @@ sys.argv[1:] = [str(folder().resolve())]  # portal.yaml names its files as from 
 os.chdir(EXAMPLES)
 sys.path.append(str(EXAMPLES))
 portal = Experiment.from_yaml("portal.yaml")
-run, = keep_runs({"stereo": portal.with_(scheme="stereo_ibvs:StereoIBVS")}, "image_trajectory")
-assert run.succeeded
+(run,) = keep_runs(
+    {"stereo": portal.with_changes(scheme="stereo_ibvs:StereoIBVS")}, "image_trajectory"
+)
+assert run.is_success

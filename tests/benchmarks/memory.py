@@ -16,8 +16,8 @@ from pathlib import Path
 
 from checkout import ROOT
 
-from aras_visual_servo_bench.asked.experiment import PLANTS, Experiment
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import PLANTS, Experiment
+from aras_visual_servo_bench.runner.loop import run
 
 MOST = 20.0  # MB over all runs of a plant
 WARM = 24  # runs before: libraries are loaded, and caches have what fits into them

@@ -32,7 +32,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
-from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.kinematics import Arm
 
 pytest_plugins = ["played_robot"]
 

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.recording.run import Run
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.study.remedies import apply_remedy
+from aras_visual_servo_bench.studies.remedies import apply_remedy
+from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.records.outcomes import Outcome
 from aras_visual_servo_controller.records.remedy import Remedy
-from aras_visual_servo_controller.seeing.frame import Frame
 
 from .kinds import Event, Trial
 
@@ -94,13 +94,13 @@ def carried_out(keys: Mapping[str, Any], event: Event | None = None) -> tuple[Ru
         parts.plant = Disturbed(parts.plant, event)
     loop = Loop(experiment, parts)
     try:
-        while not loop.over:
-            loop.to_image()
+        while not loop.is_over:
+            loop.run_to_image()
             if event is not None and not parts.plant.happened and loop.servo_time >= event.at:
                 parts.plant.happened = True
                 if event.what in ONCE:
                     getattr(loop.servo, event.what)(f"{event.what} was called")
-        return loop.result(), loop.servo.outcome
+        return loop.make_run(), loop.servo.outcome
     finally:
         loop.close()
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.setup.assembly import assemble
 
 from .kinds import kind

@@ -9,19 +9,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_base.poses import adjoint, relative
+from aras_visual_servo_base.poses import adjoint, relative_pose
 from aras_visual_servo_bench.targets.geometry import PolygonTarget, Target
-from aras_visual_servo_bench.targets.outlines import shape_of
-from aras_visual_servo_bench.targets.pictures import seen
+from aras_visual_servo_bench.targets.rendering import render_target
+from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.features import FEATURES, Feature, Measured
+from aras_visual_servo_controller.features import FEATURES, Feature, FeatureMeasurement
 from aras_visual_servo_controller.features.luminance import Luminance, LuminanceMap
 from aras_visual_servo_controller.features.matches import Matches
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.observation import Need, Observation
-from aras_visual_servo_controller.seeing.observer import Observer
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
+from aras_visual_servo_controller.observation.observation import Need, Observation
+from aras_visual_servo_controller.schemes import FeatureScheme
 
 from .check import Row, check
 from .robots import SOURCES
@@ -84,7 +84,7 @@ def _kinds() -> list[_Kind]:
     cornered = frozenset(
         n for n, f in FEATURES.items() if Need.CORNERS in f.needs and n not in stereo | matched)
     moments = frozenset(FEATURES) - photometric - matched - stereo - cornered - kernel
-    poster = shape_of("poster", (0.5, 0.4))
+    poster = make_target("poster", (0.5, 0.4))
     return [
         _Kind(moments, _WITHOUT_SYMMETRY, frozenset((Need.MOMENTS,)), 0.005),
         _Kind(cornered, _PARALLELOGRAM, frozenset((Need.CORNERS,)), 0.02),
@@ -113,7 +113,9 @@ class _Look:
 
     def __init__(self, kind: _Kind, camera: CameraModel) -> None:
         self._kind, self._camera = kind, camera
-        self._observers = [Observer(None, kind.needs, name=name) for name in ("first", "second")]
+        self._observers = [
+            FeatureObserver(None, kind.needs, name=name) for name in ("first", "second")
+        ]
         self._stereo = any(FEATURES[name].reads > 1 for name in kind.names)
 
     def at(self, pose: np.ndarray) -> Observation:
@@ -122,14 +124,15 @@ class _Look:
         if not self._stereo:
             return first
         second = self._one(self._observers[1], pose @ _SECOND)
-        across = adjoint(relative(second.world_T_camera, first.world_T_camera))
-        return replace(first, others={"second": replace(second, of_control=across)})
+        across = adjoint(relative_pose(second.world_T_camera, first.world_T_camera))
+        return replace(first, other_cameras={"second": replace(second, twist_from_control=across)})
 
-    def _one(self, observer: Observer, pose: np.ndarray) -> Observation:
+    def _one(self, observer: FeatureObserver, pose: np.ndarray) -> Observation:
         target = self._kind.target
         observer.reset()
-        observation = observer.of_image(
-            0.0, seen(target, self._camera, pose), self._camera, plane=_plane(target, pose),
+        observation = observer.observe_image(
+            0.0, render_target(target, self._camera, pose), self._camera,
+            plane=_plane(target, pose),
             world_T_camera=pose)  # fmt: skip
         if not observation.valid:
             raise RuntimeError(f"{', '.join(self._kind.names)}: {observation.reason}")
@@ -168,7 +171,7 @@ def _slopes(values: Callable[[np.ndarray], np.ndarray], kind: _Kind, pose: np.nd
     return np.stack(columns, axis=1)
 
 
-def _told(feature: Feature, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
+def _told(feature: Feature, measured: FeatureMeasurement) -> tuple[np.ndarray, np.ndarray]:
     """Numbers (k,) of a picture, and by L the rate (k, 6) at which they change.
 
     The error; of whole pictures the gradient g = L_I^T e of their normal equations, whose rate is
@@ -181,7 +184,9 @@ def _told(feature: Feature, measured: Measured) -> tuple[np.ndarray, np.ndarray]
     return L.T @ measured.error, H - damped * np.diag(H.diagonal())
 
 
-def _in_order(feature: Feature, measured: Measured, first: Measured) -> np.ndarray:
+def _in_order(
+    feature: Feature, measured: FeatureMeasurement, first: FeatureMeasurement
+) -> np.ndarray:
     """Numbers (k,) in the order of the first picture's; angles next to its, modulo half a turn."""
     now, then = (_told(feature, one)[0] for one in (measured, first))
     if np.array_equal(measured.desired, first.desired):
@@ -202,7 +207,7 @@ def _errors(kind: _Kind, lens: str) -> dict[str, float]:
     features, goals = {name: _feature(name) for name in sorted(kind.names)}, {}
     taught_at = pose if kind.at_goal else _GOAL
     for name, feature in features.items():
-        goals[name] = Goal.teach(Composed(feature), look.at(taught_at))
+        goals[name] = Goal.teach(FeatureScheme(feature), look.at(taught_at))
         feature.check(goals[name])
     here = look.at(pose)
     first = {name: f.measure(here, goals[name]) for name, f in features.items()}

@@ -87,7 +87,7 @@ def _shipped(damping: Mapping[str, float]) -> RobotDescription:
     joints = {
         name: replace(joint, damping=damping.get(name, joint.damping),
                       limits=replace(joint.limits, lower=-1e3, upper=1e3, velocity=1e9))
-        if joint.moves else joint for name, joint in description.joints.items()
+        if joint.is_movable else joint for name, joint in description.joints.items()
     }
     return replace(description, joints=MappingProxyType(joints))
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from aras_sim_bridge.description import Light
-from aras_sim_bridge.rendering import Sun, View, create_renderer
+from aras_sim_bridge.rendering import Lighting, View, create_renderer
 
 from .check import Row, check
 from .robots import SOURCES
@@ -86,7 +86,7 @@ def _boxed(p: np.ndarray, to: np.ndarray) -> np.ndarray:
 def _expected(light: Light, soft: bool, places: int) -> tuple[np.ndarray, np.ndarray]:
     """(120, 160, 3) grey levels of the floor, NaN where a box is seen; and where shadows begin or
     end."""
-    sun = Sun(lights=(light,))
+    sun = Lighting(lights=(light,))
     T, total, sharp = _VIEW.world_T_optical, 0.0, 0.0
     v, u = np.mgrid[:120, :160].astype(float)
     hidden = np.zeros(120 * 160, bool)
@@ -98,7 +98,7 @@ def _expected(light: Light, soft: bool, places: int) -> tuple[np.ndarray, np.nda
         hidden |= _boxed(np.tile(T[:3, 3], (len(p), 1)), p - T[:3, 3])
         given, to = _shone(light, p, soft, np.array(place))
         free = ~_boxed(p + [0.0, 0.0, 1e-9], to)
-        total = total + sun.around / sun.scale + given * free[:, None]
+        total = total + sun.ambient_levels / sun.scale + given * free[:, None]
         sharp = sharp + free
     edge = (sharp > 0) & (sharp < places)
     expected = 255.0 * sun.scale * total / places
@@ -122,7 +122,7 @@ def compared(places: int) -> Iterator[tuple[str, float, float]]:
             light = replace(light, cast_shadows=True)
             for shadows in ("hard", "soft"):
                 expected, edge = _expected(light, shadows == "soft", places)
-                lit = Sun(lights=(light,), shadows=shadows)
+                lit = Lighting(lights=(light,), shadows=shadows)
                 off = create_renderer("exact", bench.world, lit).render(_VIEW) - expected
                 known = np.isfinite(off).all(axis=2)
                 if (known & edge).sum() < 100:

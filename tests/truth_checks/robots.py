@@ -154,7 +154,7 @@ def without_losses(description: RobotDescription) -> RobotDescription:
                       kind="continuous" if joint.kind == "revolute" else joint.kind,
                       limits=None if joint.limits is None else
                       replace(joint.limits, lower=-1e3, upper=1e3, velocity=1e9))
-        if joint.moves else joint
+        if joint.is_movable else joint
         for name, joint in description.joints.items()
     }
     return replace(description, joints=MappingProxyType(joints))

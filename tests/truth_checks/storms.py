@@ -78,7 +78,7 @@ def _description(robot: str, interface: str, strong: bool) -> tuple[RobotDescrip
     strong: effort limits of 1e9, the largest that the bridge takes.
     """
     bare = parse_urdf(bare_urdf(robot))
-    joints = [j.name for j in bare.joints.values() if j.moves and j.mimic is None]
+    joints = [j.name for j in bare.joints.values() if j.is_movable and j.mimic is None]
     bolt = f'<gazebo reference="{bare.root}"><kinematic>true</kinematic></gazebo>'
     extra = bolt + "".join(_TRANSMISSION.format(name, interface) for name in joints) + _PLUGIN
     described = parse_urdf(bare_urdf(robot).replace("</robot>", extra + "</robot>"))
@@ -117,7 +117,7 @@ class Rig:
         self.travel = {
             name: (joint.limits.lower or 0.0, joint.limits.upper or 0.0)
             for name, joint in described.joints.items()
-            if joint.moves and joint.kind != "continuous"
+            if joint.is_movable and joint.kind != "continuous"
         }
         self.simulation = Simulation(SimulationConfig(ground_plane=False))
         self.model = self.simulation.spawn(

@@ -13,7 +13,7 @@ import yaml
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.rendering import Sun, View, create_renderer
+from aras_sim_bridge.rendering import Lighting, View, create_renderer
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import Pose, Twist
 
@@ -194,7 +194,7 @@ def thin_things() -> Iterator[Row]:
         try:
             bench.box([1.5, 1.5, 0.05], [0, 0, -0.06])
             bench.box([long / focal / 2, wide / focal / 2, 1e-6], [0, 0, -1e-6], "Gazebo/Black")
-            renderer = create_renderer("exact", bench.world, Sun(ambient=1.0, diffuse=0.0))
+            renderer = create_renderer("exact", bench.world, Lighting(ambient=1.0, diffuse=0.0))
             worst = 0.0
             for n in range(12):
                 turn = n * (np.pi / 12 + 0.011)
@@ -219,7 +219,7 @@ def textures_aslant() -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as folder:
         try:
             wall(bench, Path(folder), pixels)
-            renderer = create_renderer("exact", bench.world, Sun(ambient=1.0, diffuse=0.0))
+            renderer = create_renderer("exact", bench.world, Lighting(ambient=1.0, diffuse=0.0))
             for name, angle in views.items():
                 worst = bias = 0.0
                 # Both signs of both axes, and along a diagonal.
@@ -250,7 +250,7 @@ def edges_in_the_sun() -> Iterator[Row]:
         try:
             wall(bench, Path(folder), pixels)
             sunny = create_renderer("exact", bench.world)
-            even = create_renderer("exact", bench.world, Sun(ambient=1.0, diffuse=0.0))
+            even = create_renderer("exact", bench.world, Lighting(ambient=1.0, diffuse=0.0))
             for name, angle in views.items():
                 worst = 0.0
                 for turn in (0.0, 0.4, 1.9, -2.3):

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.recording.run import Run
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.runner.loop import run
 
 from .check import Row, check
 from .robots import bare_urdf
@@ -161,10 +161,11 @@ def _repeated(keys: dict[str, Any]) -> tuple[Run, np.ndarray, float]:
         move = _moved_freely(start)
     else:
         arm = MujocoArm(found.joint_names)
-        move = _moved_by(arm, found.measured[0])
-        start = arm.pose(found.measured[0])
+        move = _moved_by(arm, found.measured_positions[0])
+        start = arm.pose(found.measured_positions[0])
         away = max(float(np.abs(arm.pose(q) - T).max())
-                   for q, T in zip(found.measured, found.true_pose, strict=True))  # fmt: skip
+                   for q, T in zip(found.measured_positions, found.true_pose,
+                       strict=True))  # fmt: skip
     return found, _servoed(corners, goal, start, move), away
 
 
@@ -174,7 +175,7 @@ def _rows(numbers: range) -> Iterator[Row]:
         keys = _keys(number)
         found, pose, off = _repeated(keys)
         away = max(away, off)
-        left = found.states[-1].arrived.open
+        left = found.states[-1].arrival_status.pose_uncertainty
         bounds = (np.nan, np.nan) if left is None else (left.distance, left.angle)
         end = found.true_pose[-1]
         turn = Rotation.from_matrix(pose[:3, :3].T @ end[:3, :3]).magnitude()

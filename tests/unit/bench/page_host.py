@@ -7,26 +7,26 @@ import threading
 import cv2
 import numpy as np
 
-from aras_visual_servo_bench.drawing.story import Story
+from aras_visual_servo_bench.drawing.run_trace import RunTrace
 from aras_visual_servo_bench.errors import RefusedError
 from aras_visual_servo_bench.web.live.page import Page
-from aras_visual_servo_bench.web.live.robot_model import robot_model
-from aras_visual_servo_controller.arm.resolution import Resolution
+from aras_visual_servo_bench.web.live.robot_model import make_robot_model
+from aras_visual_servo_controller.kinematics.ik_solution import IKSolution
 from aras_visual_servo_controller.records.state import ServoState
-from aras_visual_servo_controller.schemes import Decision
+from aras_visual_servo_controller.schemes import SchemeOutput
 
 
 def told(stamp=1.0, phase="servoing", names=("xn", "yn"), error=(0.01, -0.02), asked=(0.0,) * 6,
          achieved=(0.0,) * 6, scheme="moments", **words):  # fmt: skip
     """A state of the controller, as its messages tell it."""
     error = np.array(error, float)
-    decision = Decision(tuple(names), error, 0.0 * error, error)
+    decision = SchemeOutput(tuple(names), error, 0.0 * error, error)
     none = np.zeros(0)
-    resolution = Resolution.read_back(
+    resolution = IKSolution.from_record(
         np.zeros(6), np.array(asked), np.array(achieved), (none, none)
     )
-    return ServoState(stamp, phase, **{"outcome": "running", **words}, decision=decision,
-                      resolution=resolution, scheme=scheme)  # fmt: skip
+    return ServoState(stamp, phase, **{"outcome": "running", **words}, scheme_output=decision,
+                      ik_solution=resolution, scheme=scheme)  # fmt: skip
 
 
 class StandIn:
@@ -35,7 +35,7 @@ class StandIn:
     def __init__(self, robot, camera) -> None:
         self.arm = robot.arm()
         self._robot = robot
-        self.page, self.story = Page(), Story(self.arm)
+        self.page, self.story = Page(), RunTrace(self.arm)
         self.story.camera = camera
         self.q = np.array([-0.1, 0.0, 0.349, -0.262, -0.087, 0.1745])
         self.goal = np.array([0.05, 0.0, -0.09, 0.045, 0.045, 0.0])
@@ -46,7 +46,7 @@ class StandIn:
         self.lock = threading.Lock()
         self.waited = threading.Event()
         arm = self.arm
-        self.page.robot(arm.names, arm.lower, arm.upper, arm.velocity, arm.prismatic)
+        self.page.set_robot(arm.names, arm.lower, arm.upper, arm.velocity, arm.is_prismatic)
         self.page.choices = {
             "schemes": ["moments", "points"], "laws": ["proportional"], "starts": ["2015", "2016"],
             "goals": ["auto", "2016"], "cameras": ["original", "wide"], "targets": [],
@@ -66,17 +66,17 @@ class StandIn:
             error = tuple((self.goal - self.q)[:4])
             said = told(self.time, phase, ("xn", "yn", "an", "alpha"), error, twist,
                         tuple(0.97 * v for v in twist))  # fmt: skip
-            self.story.joints(self.q)
-            self.story.say(said, self.q)
-            self.story.see("centre", 0.5 * error[0], 0.4 * error[2])
-            self.page.sample(said, self.q)
+            self.story.set_joints(self.q)
+            self.story.add_state(said, self.q)
+            self.story.add_image_point("centre", 0.5 * error[0], 0.4 * error[2])
+            self.page.add_sample(said, self.q)
 
     def news(self):
         with self.lock:
-            return self.page.news(self.story, self.q, np.zeros(len(self.q)), self.time)
+            return self.page.make_update(self.story, self.q, np.zeros(len(self.q)), self.time)
 
     def robot(self):
-        return robot_model(self._robot.urdf, self._robot.packages.find)
+        return make_robot_model(self._robot.urdf, self._robot.packages.find)
 
     def picture(self):
         image = np.full((240, 320, 3), 245, np.uint8)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment, TargetSpec
+from aras_visual_servo_bench.experiment.experiment import Experiment, TargetSpec
 from aras_visual_servo_bench.plants.base import Plant
-from aras_visual_servo_bench.plants.bullet_arm import BulletArm
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.plants.dynamic_arm import DynamicArm
+from aras_visual_servo_bench.runner.loop import run
 
 ODD = {
     "as shipped": {},
@@ -27,9 +27,9 @@ def test_a_run_is_the_same_whoever_answers_the_joint_states(options, monkeypatch
     """To the bit: what is measured, sent, and seen."""
     experiment = Experiment(**{"duration": 0.8, "linger": None, **options})
     joined, heard = run(experiment), []
-    listen = BulletArm._on_joints
-    monkeypatch.setattr(BulletArm, "join", Plant.join)
-    monkeypatch.setattr(BulletArm, "_on_joints",
+    listen = DynamicArm._on_joints
+    monkeypatch.setattr(DynamicArm, "attach_loop", Plant.attach_loop)
+    monkeypatch.setattr(DynamicArm, "_on_joints",
                         lambda arm, state: (heard.append(state), listen(arm, state)))
     single = run(experiment)
     assert len(heard) == len(joined.joint_stamp) > 60
@@ -44,8 +44,8 @@ def test_a_run_is_the_same_whoever_answers_the_joint_states(options, monkeypatch
 
 
 def test_most_joint_states_are_answered_between_two_images(monkeypatch):
-    heard, listen = [], BulletArm._on_joints
-    monkeypatch.setattr(BulletArm, "_on_joints",
+    heard, listen = [], DynamicArm._on_joints
+    monkeypatch.setattr(DynamicArm, "_on_joints",
                         lambda arm, state: (heard.append(state), listen(arm, state)))
-    done = run(Experiment(duration=0.8, linger=None))
+    done = run(Experiment(duration=0.8, time_after_convergence=None))
     assert len(heard) < 0.2 * len(done.joint_stamp)

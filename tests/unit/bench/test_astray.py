@@ -2,8 +2,8 @@
 
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
 
 TASK = {
     "camera": {"width": 320, "height": 240, "horizontal_fov": 0.761, "update_rate": 25.0},

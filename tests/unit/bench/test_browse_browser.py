@@ -10,11 +10,11 @@ import pytest
 import yaml
 from made_study import made_study, write_chunk
 
-from aras_visual_servo_bench.study.engine import carry_out
-from aras_visual_servo_bench.study.folder import Folder
-from aras_visual_servo_bench.study.pools import ThisProcess
-from aras_visual_servo_bench.study.progress import Progress
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.studies.engine import carry_out
+from aras_visual_servo_bench.studies.pools import InProcessPool
+from aras_visual_servo_bench.studies.progress import Progress
+from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_folder import StudyFolder
 from aras_visual_servo_bench.web.browse.server import serve
 
 SIZES = (1440, 390)
@@ -32,8 +32,8 @@ def folder(tmp_path_factory):
     study = Study.from_mapping({
         "experiment": {"plant": "free", "duration": 0.4, "lag": 0.0}, "vary": {"gain": [2.0, 4.0]},
     })  # fmt: skip
-    run = Folder.create(path / "run", study, yaml.safe_dump(study.to_mapping()))
-    carry_out(run, ThisProcess(), Progress(2))
+    run = StudyFolder.create(path / "run", study, yaml.safe_dump(study.to_mapping()))
+    carry_out(run, InProcessPool(), Progress(2))
     made_study(path / "made", experiment={"plant": "free"}, repeats=10, **GRID)
     named = {"scheme": [{"name": HOSTILE}, {"name": "points"}]}
     made_study(path / HOSTILE.replace("/", ""), experiment={"plant": "free"}, cases=named)

@@ -14,7 +14,7 @@ from aras_visual_servo_base.settings import build
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.web.browse import queries
 from aras_visual_servo_bench.web.browse.queries import Filter
-from aras_visual_servo_bench.web.browse.studies import FoundStudy, Snapshot
+from aras_visual_servo_bench.web.browse.studies import Snapshot, StudyEntry
 
 COUNT = 390
 
@@ -45,7 +45,7 @@ def made_columns():
 
 @pytest.fixture(scope="module")
 def look():
-    studies = tuple(FoundStudy(name, None) for name in ("a", "c", "b"))
+    studies = tuple(StudyEntry(name, None) for name in ("a", "c", "b"))
     return Snapshot(1, studies, pa.table(made_columns()), {"gain": "1/s"}, {"gain": "setting"})
 
 
@@ -56,8 +56,8 @@ def table():
 
 def chosen(look, *filters, studies=()):
     """Rows as asked."""
-    asked = queries.Chosen(studies, tuple(Filter(*one) for one in filters))
-    return queries.chosen_rows(look, asked).tolist()
+    asked = queries.RunSelection(studies, tuple(Filter(*one) for one in filters))
+    return queries.select_rows(look, asked).tolist()
 
 
 def where(mask):
@@ -108,11 +108,13 @@ def test_what_is_known_and_what_words_contain(look, table):
     assert chosen(look, ("word", "=", 3)) == []
     with pytest.raises(StudyError, match="no study 'd'"):
         chosen(look, studies=("a", "d"))
-    assert queries.chosen_rows(Snapshot(0, (), pa.table({})), queries.Chosen(("a",))).size == 0
+    assert (
+        queries.select_rows(Snapshot(0, (), pa.table({})), queries.RunSelection(("a",))).size == 0
+    )
 
 
 def test_columns_are_told_with_the_values_of_those_that_take_few(look):
-    told = {one["name"]: one for one in queries.columns(look)}
+    told = {one["name"]: one for one in queries.describe_columns(look)}
     assert list(told) == look.table.column_names
     assert told["gain"] == {"name": "gain", "unit": "1/s", "role": "setting", "kind": "number",
                             "count": 4, "known": COUNT - 9, "values": [0.25, 1.5, 4.0]}  # fmt: skip
@@ -124,21 +126,25 @@ def test_columns_are_told_with_the_values_of_those_that_take_few(look):
     assert [told["distance"][key] for key in ("unit", "role", "known")] == ["", "", COUNT - 2]
     for count in (60, 61):
         few = Snapshot(1, (), pa.table({"x": np.arange(count)}))
-        (one,) = queries.columns(few)
+        (one,) = queries.describe_columns(few)
         assert one["values"] == (list(range(60)) if count == 60 else [])
-    assert queries.plain(-np.inf) == "-inf" and queries.plain(np.nan) is None
-    assert queries.plain(-(2**53) - 1) == str(-(2**53) - 1) and queries.plain(-(2**53)) == -(2**53)
+    assert queries.to_json_value(-np.inf) == "-inf" and queries.to_json_value(np.nan) is None
+    assert queries.to_json_value(-(2**53) - 1) == str(-(2**53) - 1) and queries.to_json_value(
+        -(2**53)
+    ) == -(2**53)
 
 
 def rows(look, **asked):
-    return queries.some_rows(look, queries.RowsAsked(**asked))
+    return queries.list_rows(look, queries.RowQuery(**asked))
 
 
 def test_rows_are_a_part_of_those_in_order(look, table):
     filters = (Filter("step", "<", 380),)
     mine = table[table.step < 380]
     at = look.table.column_names.index("step")
-    for column, descending in itertools.product(("distance", "word", "step"), (False, True)):
+    for column, descending in itertools.compute_third_product(
+        ("distance", "word", "step"), (False, True)
+    ):
         told = rows(look, filters=filters, sort=column, descending=descending, first=4, count=9)
         order = mine.sort_values(column, ascending=not descending, kind="stable")[column]
         found = [row[look.table.column_names.index(column)] for row in told["rows"]]
@@ -151,13 +157,13 @@ def test_rows_are_a_part_of_those_in_order(look, table):
     assert none == {"total": 0, "succeeded": 0, "rows": []}
     for wrong in ({"count": 0}, {"count": 201}, {"first": -1}):
         with pytest.raises(StudyError):
-            build(queries.RowsAsked, wrong, "", StudyError)
-    asked = build(queries.RowsAsked, {"count": 200, "first": 0}, "", StudyError)
-    assert (asked.count, asked.first) == (200, 0) and queries.RowsAsked().count == 50
+            build(queries.RowQuery, wrong, "", StudyError)
+    asked = build(queries.RowQuery, {"count": 200, "first": 0}, "", StudyError)
+    assert (asked.count, asked.first) == (200, 0) and queries.RowQuery().count == 50
 
 
 def cut(values, **limits):
-    return queries.cells(pa.chunked_array([pa.array(values)]), **limits)
+    return queries.divide_into_cells(pa.chunked_array([pa.array(values)]), **limits)
 
 
 def test_few_values_have_a_cell_each_and_many_numbers_a_range(look, table):
@@ -194,9 +200,9 @@ def test_of_many_words_the_commonest_have_cells(table):
 
 
 def test_groups_are_those_of_pandas(look, table):
-    asked = queries.GroupsAsked(("a",), (Filter("step", "<", 350),), by=("word", "gain"),
+    asked = queries.GroupQuery(("a",), (Filter("step", "<", 350),), by=("word", "gain"),
                                 values=("angle", "distance"))  # fmt: skip
-    told = queries.groups(look, asked)
+    told = queries.compute_groups(look, asked)
     mine = table[(table.study == "a") & (table.step < 350)]
     groups = dict(list(mine.groupby(["word", "gain"])))
     assert told["count"] == len(told["groups"]) == len(groups) > 20
@@ -211,37 +217,42 @@ def test_groups_are_those_of_pandas(look, table):
         assert one["failure"] in ([f"{n} × {end}" for end, n in ends.items() if n == ends.max()]
                                   or [""])  # fmt: skip
     assert groups == {}
-    (whole,) = queries.groups(look, queries.GroupsAsked())["groups"]
+    (whole,) = queries.compute_groups(look, queries.GroupQuery())["groups"]
     ends = table[table.success != 1].end.fillna("unknown").value_counts()
     assert whole["failure"] == f"{ends.iloc[0]} × {ends.index[0]}"
-    many = queries.groups(look, queries.GroupsAsked(by=("name", "word")))
+    many = queries.compute_groups(look, queries.GroupQuery(by=("name", "word")))
     assert (many["count"], len(many["groups"])) == (
         table.dropna(subset=["word"]).groupby(["name", "word"]).ngroups, 200)  # fmt: skip
     assert many["count"] > 200
-    each = queries.groups(look, queries.GroupsAsked(by=("step",)))  # of 390 values: 12 ranges
+    # of 390 values: 12 ranges
+    each = queries.compute_groups(look, queries.GroupQuery(by=("step",)))
     assert sum(one["runs"] for one in each["groups"]) == COUNT and each["count"] == 12
-    several = queries.groups(look, queries.GroupsAsked((), (Filter("step", "<", 200),), ("step",)))
+    several = queries.compute_groups(
+        look, queries.GroupQuery((), (Filter("step", "<", 200),), ("step",))
+    )
     assert several["count"] == 200
-    nothing = queries.GroupsAsked((), (Filter("step", "<", -1),), ("gain", "word"), ("angle",))
-    assert queries.groups(look, nothing) == {"count": 0, "groups": []}
+    nothing = queries.GroupQuery((), (Filter("step", "<", -1),), ("gain", "word"), ("angle",))
+    assert queries.compute_groups(look, nothing) == {"count": 0, "groups": []}
 
 
 def test_a_map_s_cells_are_those_of_pandas(look, table):
     for value in ("success", "distance"):
-        told = queries.success_map(look, queries.MapAsked((), (), x="word", y="gain", value=value))
+        told = queries.compute_success_map(
+            look, queries.MapQuery((), (), x="word", y="gain", value=value)
+        )
         assert told["x"]["labels"] == sorted(set(table.word) - {None})
         assert told["y"]["labels"] == [0.25, 1.5, 4.0]
         assert told["left"] == (table.word.isna() | table.gain.isna()).sum()
         places = (enumerate(told[axis]["labels"]) for axis in "yx")
-        for (i, gain), (j, word) in itertools.product(*places):
+        for (i, gain), (j, word) in itertools.compute_third_product(*places):
             own = table[(table.gain == gain) & (table.word == word)][value]
             assert told["runs"][i][j] == len(own)
             wanted = own.fillna(0).mean() if value == "success" else \
                 own.replace(np.inf, np.nan).median()  # fmt: skip
             assert told["values"][i][j] == (pytest.approx(wanted) if len(own) else None)
-    assert queries.MapAsked().value == "success"
+    assert queries.MapQuery().value == "success"
     with pytest.raises(StudyError, match="word holds words, not numbers"):
-        queries.success_map(look, queries.MapAsked(x="gain", y="gain", value="word"))
+        queries.compute_success_map(look, queries.MapQuery(x="gain", y="gain", value="word"))
 
 
 def read(text, kind):
@@ -249,7 +260,9 @@ def read(text, kind):
 
 
 def test_points_are_coloured_in_seven_classes(look, table):
-    told = queries.points(look, queries.PointsAsked((), (), x="distance", y="word", shade="step"))
+    told = queries.find_points(
+        look, queries.PointQuery((), (), x="distance", y="word", shade="step")
+    )
     words = sorted(set(table.word) - {None})
     mine = table[np.isfinite(table.distance) & table.word.notna()]
     assert (told["count"], told["left"]) == (len(mine), COUNT - len(mine))
@@ -262,11 +275,11 @@ def test_points_are_coloured_in_seven_classes(look, table):
     assert classes.shape == (7, 2) and classes[0, 0] == mine.step.min()
     for step, shade in zip(mine.step, read(told["shades"], "u1"), strict=True):
         assert classes[shade, 0] <= step <= classes[shade, 1]
-    named = queries.points(look, queries.PointsAsked(x="angle", y="step", shade="name"))
+    named = queries.find_points(look, queries.PointQuery(x="angle", y="step", shade="name"))
     common = set(table.name.value_counts().index[:7])
     assert len(named["classes"]) == 7 and len(common - set(named["classes"])) <= 1
     assert [(named["classes"] + ["-"])[k] if name in named["classes"] else k
             for name, k in zip(table.name, read(named["shades"], "u1"), strict=True)] == [
         name if name in named["classes"] else 7 for name in table.name]  # fmt: skip
-    unshaded = queries.points(look, queries.PointsAsked(x="angle", y="step"))
+    unshaded = queries.find_points(look, queries.PointQuery(x="angle", y="step"))
     assert unshaded["classes"] == [] and not read(unshaded["shades"], "u1").any()

@@ -9,18 +9,18 @@ import pytest
 from test_plants import SQUARE, START, bullet, until
 
 from aras_sim_bridge.camera.effects import Effects
-from aras_sim_bridge.camera.shutter import parts
+from aras_sim_bridge.camera.shutter import make_row_bands
 from aras_visual_servo_base.poses import exponential
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plants.free_body import FreeBody
+from aras_visual_servo_bench.plants.imaging import ImagingSettings, capture
 from aras_visual_servo_bench.plants.kinematic import FreeCamera
-from aras_visual_servo_bench.plants.sight import Sight, capture
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import PlacedTarget
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.observation.frame import Frame
 
 ROW, PERIOD = 1.1e-4, 1.0 / 30.0
 K = (240.0, 0.0, 165.3, 0.0, 251.0, 112.8, 0.0, 0.0, 1.0)
@@ -31,8 +31,8 @@ STAMP = round(PERIOD * 1e9)
 
 
 def sight(**further):
-    rows = parts(Effects(row_time=ROW, rows_together=8), CAMERA.height)
-    return Sight(CAMERA, PlacedTarget(SQUARE, np.eye(4)), parts=rows, **further)
+    rows = make_row_bands(Effects(row_time=ROW, rows_together=8), CAMERA.height)
+    return ImagingSettings(CAMERA, PlacedTarget(SQUARE, np.eye(4)), row_bands=rows, **further)
 
 
 def flying(seen):
@@ -87,10 +87,12 @@ def test_what_leaves_the_picture_while_it_is_read_is_not_seen():
 def test_an_arms_exact_points_are_of_their_own_rows_too(robot, preset, pinhole):
     table = np.eye(4)
     table[2, 3] = 0.59
-    rows = parts(Effects(row_time=5e-5), pinhole.height)
+    rows = make_row_bands(Effects(row_time=5e-5), pinhole.height)
     found = {}
     for name, own in (("global", ()), ("rolling", rows)):
-        seen = Sight(pinhole, PlacedTarget(SQUARE, table), parts=own, unbounded=True)
+        seen = ImagingSettings(
+            pinhole, PlacedTarget(SQUARE, table), row_bands=own, is_unbounded=True
+        )
         plant = bullet(robot, preset, sights=(seen,))
         try:
             plant.command("position", START + [0.0, 0.0, 0.0, 0.0, 0.0, 0.8])

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.errors import DescriptionError
-from aras_visual_servo_bench.ros import demo_words
-from aras_visual_servo_bench.ros.demo_words import LAUNCH, STARTED, parse
+from aras_visual_servo_bench.ros import demo_arguments
+from aras_visual_servo_bench.ros.demo_arguments import LAUNCH_FILES, LAUNCH_FOLDER, parse
 
-WORLD, LOOP = STARTED
+WORLD, LOOP = LAUNCH_FILES
 
 
 def refused(words, capsys):
@@ -29,7 +29,7 @@ def test_a_target_s_place_is_the_launch_file_s():
     told = re.search(r'name="target_place" default="([^"]*)"', launch.read_text())[1]
     words = told.split()
     given = dict(zip(words[::2], map(float, words[1::2]), strict=True))
-    assert tuple(given.get(f"-{way}", 0.0) for way in "xyzRPY") == demo_words.PLACE
+    assert tuple(given.get(f"-{way}", 0.0) for way in "xyzRPY") == demo_arguments.TARGET_POSE
 
 
 def test_every_option_of_the_demo_is_explained(capsys, monkeypatch):
@@ -105,16 +105,16 @@ def test_entities_of_a_launch_file_are_refused(tmp_path, monkeypatch):
     (tmp_path / "a.launch").write_text(
         "<!DOCTYPE a [<!ENTITY b 'ha'>]><launch><arg name='&b;'/></launch>"
     )
-    monkeypatch.setattr(demo_words, "LAUNCH", f"{tmp_path}/")
+    monkeypatch.setattr(demo_arguments, "LAUNCH_FOLDER", f"{tmp_path}/")
     with pytest.raises(DescriptionError, match="a.launch: line 1: document type and entity"):
-        demo_words._declared("a.launch")
+        demo_arguments._read_argument_names("a.launch")
 
 
 def test_every_option_that_is_a_launch_argument_is_declared_there():
-    from aras_visual_servo_bench.ros.demo_words import _declared
+    from aras_visual_servo_bench.ros.demo_arguments import _read_argument_names
 
-    for file, options in STARTED.items():
-        assert options <= _declared(file), f"{LAUNCH}{file}"
+    for file, options in LAUNCH_FILES.items():
+        assert options <= _read_argument_names(file), f"{LAUNCH_FOLDER}{file}"
 
 
 def test_before_another_target_the_goal_is_taught_where_the_shipped_one_has_the_camera():

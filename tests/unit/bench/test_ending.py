@@ -5,22 +5,22 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.ending import Ending
-from aras_visual_servo_bench.running.loop import Loop, run
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import Loop, run
+from aras_visual_servo_bench.runner.run_termination import RunTermination
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
-from aras_visual_servo_controller.driving.driver import Driver
 from aras_visual_servo_controller.records.outcomes import Outcome
 from aras_visual_servo_controller.records.state import CONVERGED, SERVOING
+from aras_visual_servo_controller.runner.loop_runner import LoopRunner
 
 SQUARE = PolygonTarget(((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1)))
 RISING = Motion(velocity=(0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
 
 
 def looks_down(z, x=0.0, turn=0.0):
-    return transform((x, 0.0, z), (np.pi, 0.0, turn))
+    return matrix_from_xyz_rpy((x, 0.0, z), (np.pi, 0.0, turn))
 
 
 def ending(ideal=None, first=None, goal=None, motion=None, **keys):
@@ -32,7 +32,7 @@ def ending(ideal=None, first=None, goal=None, motion=None, **keys):
         target=PlacedTarget(SQUARE, np.eye(4), motion or Motion()),
     )  # fmt: skip
     keys = {"duration": 0.5, "linger": None, **keys}
-    return Ending(Experiment(plant="ideal", ideal=ideal or {}, **keys), parts)
+    return RunTermination(Experiment(plant="ideal", ideal=ideal or {}, **keys), parts)
 
 
 def state(error=(1.0, 1.0), phase=SERVOING, outcome="running", stamp=0.0):
@@ -113,21 +113,21 @@ def test_a_camera_that_went_far_back_has_retreated(first, goal, depths, word):
     found = ending(first=looks_down(first, turn=0.4), goal=looks_down(goal, x=0.3), duration=9.0)
     for depth in depths:
         found.image(state(), looks_down(depth, x=0.2))
-    said = found.last_word(Outcome("timed_out", "late"))
+    said = found.decide_outcome(Outcome("timed_out", "late"))
     assert said.kind == word
     if word == "camera_retreat":
         assert said.reason == f"the camera went back to {max(depths):.2f} m from its target"
-    assert found.last_word(Outcome("converged up to 180°")).kind == "converged up to 180°"
+    assert found.decide_outcome(Outcome("converged up to 180°")).kind == "converged up to 180°"
 
 
 def test_a_retreat_is_from_a_target_that_moves():
     """It rises towards the camera, 1 m/s; at 3 s the camera is 3.5 m above it."""
     found = ending(motion=RISING, duration=9.0)
     found.image(state(stamp=3.0), looks_down(6.5))
-    assert found.last_word(Outcome("timed_out", "late")).kind == "timed_out"
+    assert found.decide_outcome(Outcome("timed_out", "late")).kind == "timed_out"
     found = ending({"stop": 9.0}, duration=9.0)
     found.image(state(), looks_down(9.0))
-    assert found.last_word(Outcome("timed_out", "late")).kind == "converged"  # its own word
+    assert found.decide_outcome(Outcome("timed_out", "late")).kind == "converged"  # its own word
 
 
 # -- every loop ----------------------------------------------------------------------------------
@@ -154,17 +154,17 @@ def eyes(left, right):
     (0.0, 0.12, (0.0, 0.12), ["left", "right"]), (0.12, 0.04, (0.12, 0.04), ["right", "left"])])
 def test_late_images_come_when_their_delay_is_over_in_the_order_they_were_made(
         monkeypatch, left, right, delays, order):
-    came, image = [], Driver.image
+    came, image = [], LoopRunner.add_image
 
     def told(driver, stamp, look, camera=""):
         came.append((camera, stamp, loop.plant.time_ns * 1e-9))
         image(driver, stamp, look, camera)
 
-    monkeypatch.setattr(Driver, "image", told)
+    monkeypatch.setattr(LoopRunner, "add_image", told)
     loop = looped(cameras=eyes({"delay": left}, {"delay": right}), duration=0.4, camera="original",
                   scheme="points@left+points@right")
     while loop.plant.time_ns < 330_000_000:
-        loop.to_image()
+        loop.run_to_image()
     for name, delay in zip(("left", "right"), delays, strict=True):
         times = np.array([(stamp, at) for camera, stamp, at in came if camera == name])
         np.testing.assert_allclose(times[:4, 0], [0.05, 0.1, 0.15, 0.2], atol=1e-9)
@@ -187,7 +187,7 @@ def test_a_loop_is_over_when_its_time_is(keys, ends):
     assert loop.servo_time == 0.0 and not loop.over
     converged = None
     while not loop.over:
-        state = loop.to_image()
+        state = loop.run_to_image()
         if state is not None and converged is None and state.phase == CONVERGED:
             converged = loop.plant.time_ns * 1e-9
     end = loop.plant.time_ns * 1e-9
@@ -207,11 +207,11 @@ def test_a_loop_is_over_when_its_time_is(keys, ends):
 def test_an_image_is_answered_once_and_given_back():
     loop = looped(duration=0.2)
     assert loop.reading is None and loop.state is None
-    states = [loop.to_image() for _ in range(3)]
+    states = [loop.run_to_image() for _ in range(3)]
     assert [round(s.stamp * 30) for s in states] == [1, 2, 3]
     assert loop.state is states[-1] and loop.reading.stamp == states[-1].stamp
-    loop.to_end()
-    assert loop.to_image() is None
+    loop.run_to_end()
+    assert loop.run_to_image() is None
 
 
 def test_who_watches_is_told_of_every_image_as_it_is_made():
@@ -220,12 +220,12 @@ def test_who_watches_is_told_of_every_image_as_it_is_made():
         **BASE, "camera": "original", "scheme": "points@left", "duration": 0.3,
         "cameras": eyes({"delay": 0.1}, {})})
     loop = Loop(experiment, assemble(experiment),
-                watch=lambda of, one: seen.append((one.name, of.plant.time_ns - one.stamp_ns)))
-    loop.to_end()
+                on_frame=lambda of, one: seen.append((one.name, of.plant.time_ns - one.stamp_ns)))
+    loop.run_to_end()
     assert {name for name, _ in seen} == {"left", "right"} and all(late == 0 for _, late in seen)
-    record = loop.result().cameras["right"]
+    record = loop.make_run().cameras["right"]
     np.testing.assert_allclose(record.stamp[:4], [0.05, 0.1, 0.15, 0.2], atol=1e-9)
-    place = loop.parts.places["right"].pose
+    place = loop.parts.placements["right"].pose
     np.testing.assert_allclose(place[:3, 3], [0.02, 0.0, 0.0], atol=1e-9)
 
 
@@ -242,10 +242,10 @@ def test_a_goal_goes_along_with_a_target_that_turns():
     """Before the target it is always at one place; the verdict is of that."""
     moves = {**BASE["target"], "motion": {"velocity": [0.05, 0.02, 0.01, 0.1, 0.05, 0.4]}}
     loop = looped(target=moves, duration=0.4)
-    loop.to_end()
+    loop.run_to_end()
     then = loop.parts.target.world_T_target(loop.plant.time_ns * 1e-9)
-    first = transform((0, 0, 0.59), (0, 0, 0))
-    goal = transform(POSE["pose"][:3], POSE["pose"][3:])
+    first = matrix_from_xyz_rpy((0, 0, 0.59), (0, 0, 0))
+    goal = matrix_from_xyz_rpy(POSE["pose"][:3], POSE["pose"][3:])
     np.testing.assert_allclose(np.linalg.inv(then) @ loop.goal_pose(), np.linalg.inv(first) @ goal,
                                atol=1e-12)
     found, verdict = loop.result(), loop.verdict()
@@ -264,7 +264,7 @@ def test_a_run_gives_back_what_its_plant_holds(monkeypatch):
     def fail(self):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Loop, "to_end", fail)
+    monkeypatch.setattr(Loop, "run_to_end", fail)
     with pytest.raises(KeyboardInterrupt):
         run(asked)
     assert closed == [1, 1]

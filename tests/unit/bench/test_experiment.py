@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from aras_visual_servo_bench.asked.experiment import CameraPose, Experiment, Sampler
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment.experiment import CameraPose, Experiment, Sampler
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 
@@ -17,7 +17,7 @@ from aras_visual_servo_bench.targets.target_spec import TargetSpec
 def test_defaults_are_the_shipped_demo():
     experiment = Experiment()
     assert (experiment.plant, experiment.camera, experiment.start) == ("bullet", "original", "2016")
-    assert experiment.pictures
+    assert experiment.has_images
 
 
 def test_an_experiment_is_read_from_yaml(tmp_path):
@@ -36,9 +36,9 @@ def test_an_experiment_is_read_from_yaml(tmp_path):
     assert experiment.start == Sampler(height=(0.2, 0.3), tilt=0.1)
     assert experiment.goal == CameraPose((0.0, 0.0, 0.8, 3.14, 0.0, 0.0))
     assert experiment.gain == 2.0 and isinstance(experiment.gain, float)
-    assert experiment.believed.centre == (3.0, -2.0)
-    assert not experiment.pictures
-    assert experiment.linger is None
+    assert experiment.calibration_offset.centre == (3.0, -2.0)
+    assert not experiment.has_images
+    assert experiment.time_after_convergence is None
 
 
 def test_keys_with_values_are_taken_by_the_constructor_as_from_a_file():
@@ -46,7 +46,7 @@ def test_keys_with_values_are_taken_by_the_constructor_as_from_a_file():
               "target": {"shape": [[0, 0], [1, 0], [1, 1]]}}  # fmt: skip
     assert Experiment(**values) == Experiment.from_mapping(values)
     with pytest.raises(ExperimentError, match="unknown key 'believed.fokal': did you mean 'focal'"):
-        Experiment(believed={"fokal": 0.9})
+        Experiment(calibration_offset={"fokal": 0.9})
 
 
 SQUARE = [[-0.05, -0.04], [0.05, -0.05], [0.04, 0.05], [-0.03, 0.03]]
@@ -80,7 +80,7 @@ def test_values_of_python_stand_for_those_of_a_file(given, meant):
     values = {"plant": "free", **given}
     experiment = Experiment(**values)
     assert experiment == Experiment.from_mapping({"plant": "free", **meant})
-    assert Experiment.of(values) == Experiment.of(experiment) == experiment
+    assert Experiment.load(values) == Experiment.load(experiment) == experiment
     assert Experiment.from_mapping(yaml.safe_load(yaml.safe_dump(experiment.to_mapping()))) == (
         experiment
     )
@@ -95,7 +95,7 @@ def test_the_constructor_names_a_key_whose_value_is_of_no_use(key):
 def test_what_is_no_experiment_is_named():
     for given in (None, [Experiment()], Experiment, 3):
         with pytest.raises(ExperimentError, match=r"is no experiment: give Experiment\(...\)"):
-            Experiment.of(given)
+            Experiment.load(given)
     with pytest.raises(ExperimentError, match="give values by name"):
         Experiment("free")
     with pytest.raises(ExperimentError, match="cannot be imported: define the class at the top"):
@@ -103,27 +103,27 @@ def test_what_is_no_experiment_is_named():
 
 
 def test_a_changed_experiment_is_checked_again():
-    assert Experiment().with_(gain=2, seed=4).seed == 4
+    assert Experiment().with_changes(gain=2, seed=4).seed == 4
     with pytest.raises(ExperimentError, match="gain is -2"):
-        Experiment().with_(gain=-2)
+        Experiment().with_changes(gain=-2)
 
 
 def test_with_changes_the_keys_that_it_names_and_nothing_else():
     base = Experiment(
         plant="free", features="pictures", camera="noisy", scheme="points", seed=3,
         target={"shape": "l_shape", "motion": {"velocity": [0.1, 0, 0, 0, 0, 0]}},
-        options={"max_velocity": 0.5},
+        controller_parameters={"max_velocity": 0.5},
     )  # fmt: skip
-    changed = base.with_(
+    changed = base.with_changes(
         camera={"effects": {"drop_probability": 0.3}}, target={"size": [0.1, 0.1]},
-        options={"hold": 0.1}, **{"target.motion.begin": 1.0},
+        controller_parameters={"hold": 0.1}, **{"target.motion.begin": 1.0},
     )  # fmt: skip
     assert changed.camera == {"preset": "noisy", "effects": {"drop_probability": 0.3}}
     assert changed.target.shape == "l_shape" and changed.target.size == (0.1, 0.1)
     assert changed.target.motion == Motion(velocity=(0.1, 0, 0, 0, 0, 0), begin=1.0)
-    assert changed.options == {"max_velocity": 0.5, "hold": 0.1} and changed.seed == 3
-    assert base.with_(target=TargetSpec(shape="square")).target == TargetSpec(shape="square")
-    assert base.with_(start={"side": 0.2}).start == Sampler(side=0.2)
+    assert changed.controller_parameters == {"max_velocity": 0.5, "hold": 0.1} and changed.seed == 3
+    assert base.with_changes(target=TargetSpec(shape="square")).target == TargetSpec(shape="square")
+    assert base.with_changes(start={"side": 0.2}).start == Sampler(side=0.2)
 
 
 @pytest.mark.parametrize("changes, text", [
@@ -132,7 +132,7 @@ def test_with_changes_the_keys_that_it_names_and_nothing_else():
 ])  # fmt: skip
 def test_with_names_a_key_that_there_is_not(changes, text):
     with pytest.raises(ExperimentError, match=text):
-        Experiment(gain=2.0, scheme="points").with_(**changes)
+        Experiment(gain=2.0, scheme="points").with_changes(**changes)
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import exponential, inverse, pose_difference
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
 
 ROOT = Path(__file__).parents[3]
@@ -67,7 +67,7 @@ def test_the_loop_reaches_its_arithmetic_by_six_functions_at_most():
     """Frames of the project between Loop.to_image and a feature, a law, or the resolver."""
     loop = Loop(experiment := Experiment(plant="free", features="exact"), assemble(experiment))
     for _ in range(3):
-        loop.to_image()
+        loop.run_to_image()
     between: dict[str, int] = {}
 
     def trace(frame, event, argument):
@@ -85,7 +85,7 @@ def test_the_loop_reaches_its_arithmetic_by_six_functions_at_most():
     sys.setprofile(trace)
     try:
         for _ in range(5):
-            loop.to_image()
+            loop.run_to_image()
     finally:
         sys.setprofile(None)
         loop.close()

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_controller.features.base import wrap_together
+from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import SCHEMES, create_scheme
-from aras_visual_servo_controller.seeing.observation import Need
 
 CORNERS = [[-0.1, -0.1], [-0.1, 0.09], [0.1, 0.1], [0.07, -0.1]]
 PICTURED = {Need.IMAGE, Need.KERNEL}

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
@@ -37,7 +37,7 @@ def asked(tmp_path):
 
 def corners(size=SIZE):
     """Of what a crate of a size covers of the ground."""
-    place = transform((*PLACE[:2], 0.0), (0.0, 0.0, TURN))
+    place = matrix_from_xyz_rpy((*PLACE[:2], 0.0), (0.0, 0.0, TURN))
     return [
         (place @ [0.5 * a * size[0], 0.5 * b * size[1], 0, 1])[:2].tolist()
         for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))
@@ -48,13 +48,13 @@ def test_it_is_a_solid_that_is_servoed_to(asked):
     experiment = asked({"link": "crate"})
     result = run(experiment)
     assert result.outcome == "converged up to 180°"  # a box looks alike from either side
-    assert result.verdict.reached and not result.notes
+    assert result.verdict.is_reached and not result.notes
 
 
 def test_it_is_where_its_description_has_it(asked):
     parts = assemble(asked({"link": "crate"}, scheme="points", plant="chain", features="exact"))
     np.testing.assert_allclose(
-        parts.target.world_T_target(0.0), transform(PLACE, (0.0, 0.0, TURN)), atol=1e-12
+        parts.target.world_T_target(0.0), matrix_from_xyz_rpy(PLACE, (0.0, 0.0, TURN)), atol=1e-12
     )
     span = np.ptp(parts.target.shape.solid.vertices, axis=0)
     np.testing.assert_allclose(span, SIZE, atol=1e-6)

@@ -15,13 +15,13 @@ import pytest
 
 from aras_sim_bridge.camera.config import CameraConfig
 from aras_sim_bridge.camera.effects import EFFECTS, AutoExposure, Effects, SensorModel
-from aras_sim_bridge.camera.shaking import Shake
+from aras_sim_bridge.camera.vibration import Shake
 from aras_visual_servo_base.setting_values import merge
-from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec
-from aras_visual_servo_bench.asked.experiment import PLANTS, Experiment, Ideal, SunSpec
-from aras_visual_servo_bench.asked.overrides import with_override
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.experiment.cameras import CalibrationOffset, CameraSpec
+from aras_visual_servo_bench.experiment.experiment import PLANTS, Experiment, IdealSpec, SunSpec
+from aras_visual_servo_bench.experiment.overrides import with_override
+from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.target_spec import BoxSpec, TargetSpec
@@ -93,7 +93,7 @@ KEYS = {
     "camera.effects.further": Key({"defocus": {"stddev": 2.0}}, **LIGHT),
     **{f"camera.effects.further.{name}.{one.name}": Key(
         3.0, effects(further={name: {one.name: 1.5}}), PLANTS, IMAGES)
-       for name in EFFECTS for one in EFFECTS.parameters(name)},
+       for name in EFFECTS for one in EFFECTS.list_parameters(name)},
     "camera.effects.row_time": Key(3e-4, plants=NOT_IDEAL),
     "camera.effects.rows_together": Key(24, effects(row_time=3e-4), NOT_IDEAL),
     **{f"camera.effects.sensor.{name}": Key(value, effects(
@@ -154,7 +154,7 @@ KEYS = {
     # -- the laws' parameters ------------------------------------------------------------------
     **{f"options.law_options.{one.name}": Key({"zero": 3.0, "bound": 1e-3}.get(one.name, 0.7),
                                               {"law": law, "gain": None})
-       for law in LAWS for one in LAWS.parameters(law) if one.name not in ("gain", "values")},
+       for law in LAWS for one in LAWS.list_parameters(law) if one.name not in ("gain", "values")},
 }
 # Keys that no run can be changed by, or that other tests change, and why.
 EXEMPT = {
@@ -176,13 +176,14 @@ EXEMPT = {
         "world", "hand_eye",  # test_robots, test_worlds
         "linger", "renderer",  # an end after convergence; all names mean one
     },
-    "Ideal": {f.name for f in fields(Ideal)},  # test_ending
+    "Ideal": {f.name for f in fields(IdealSpec)},  # test_ending
 }
 PREFIXES = {
     CameraConfig: "camera.", Effects: "camera.effects.", SensorModel: "camera.effects.sensor.",
-    AutoExposure: "camera.effects.auto_exposure.", Shake: "camera.shake.", Belief: "believed.",
+    AutoExposure: "camera.effects.auto_exposure.", Shake: "camera.shake.",
+    CalibrationOffset: "believed.",
     CameraSpec: "cameras.a.", TargetSpec: "target.", Motion: "target.motion.",
-    BoxSpec: "target.box.", SunSpec: "sun.", Ideal: "ideal.", Experiment: "",
+    BoxSpec: "target.box.", SunSpec: "sun.", IdealSpec: "ideal.", Experiment: "",
 }  # fmt: skip
 
 
@@ -204,13 +205,20 @@ def _fingerprint(text):
         for part in (reading.image, reading.outline, reading.points):
             found.update(b"-" if part is None else np.ascontiguousarray(part).tobytes())
 
-    loop = Loop(experiment, assemble(experiment), watch=watch)
+    loop = Loop(experiment, assemble(experiment), on_frame=watch)
     try:
-        loop.to_end()
-        run = loop.result()
+        loop.run_to_end()
+        run = loop.make_run()
     finally:
         loop.close()
-    for part in (run.stamp, run.error, run.asked, run.pose, run.measured, run.commanded):
+    for part in (
+        run.stamp,
+        run.error,
+        run.desired_twist,
+        run.pose,
+        run.measured_positions,
+        run.joint_commands,
+    ):
         found.update(np.nan_to_num(np.asarray(part, float)).tobytes())
     found.update(f"{run.verdict} {run.outcome} {run.peak_speed}".encode())
     return found.hexdigest()

@@ -77,9 +77,9 @@ def test_words_and_joints_are_shown(page, host):
     page.wait(f"[...document.querySelectorAll('.joint output')].at(-1).textContent === '{last}'")
     arm, shown = host.arm, page.js("[...document.querySelectorAll('.joint')].map((r) => "
                                    "[r.querySelector('output').textContent, r.title])")  # fmt: skip
-    assert {*arm.prismatic} == {True, False}
+    assert {*arm.is_prismatic} == {True, False}
     for q, low, high, slides, (value, title) in zip(
-        host.q, arm.lower, arm.upper, arm.prismatic, shown, strict=True
+        host.q, arm.lower, arm.upper, arm.is_prismatic, shown, strict=True
     ):
         assert value == (f"{q:.3f} m" if slides else f"{q * 180 / np.pi:.1f}°")
         found = re.match(r"(\S+) (m|rad), 0.000/s, limits (\S+) to (\S+)$", title).groups()
@@ -198,7 +198,7 @@ def test_it_can_act_again_as_soon_as_what_hindered_it_is_over(page, state):
 
 
 def test_what_the_server_took_none_of_may_be_asked_again(page, monkeypatch):
-    monkeypatch.setattr(server_module, "ASKED", 0)
+    monkeypatch.setattr(server_module, "MAX_REQUESTS", 0)
     page.js(f"{button('reset')}.click()")
     page.wait("document.getElementById('answer').textContent.includes('wait for them')")
     assert page.js(f"{button('reset')}.getAttribute('aria-disabled')") == "false"
@@ -399,7 +399,7 @@ def test_a_page_that_is_there_before_the_robot_waits_for_it_without_a_word(brows
 
 
 def test_a_page_too_many_says_why_and_comes_in_when_one_is_closed(browser, server, monkeypatch):
-    monkeypatch.setattr(server_module, "VIEWERS", 0)
+    monkeypatch.setattr(server_module, "MAX_VIEWERS", 0)
     tab = browser.open(server.access.address)
     tab.wait("window.arasPage && document.getElementById('trouble').textContent.includes("
              "'no more pages')")

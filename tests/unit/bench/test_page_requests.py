@@ -11,12 +11,12 @@ import pytest
 from aras_visual_servo_bench.errors import RefusedError
 from aras_visual_servo_bench.web.live import page
 from aras_visual_servo_bench.web.live.requests import (
-    CHOSEN,
+    CHOICE_FIELDS,
     REQUESTS,
     read_request,
 )
-from aras_visual_servo_bench.web.messages import LARGEST, read_message
-from aras_visual_servo_controller.hands.teleop import CAMERA_KEYS
+from aras_visual_servo_bench.web.messages import MAX_BYTES, read_message
+from aras_visual_servo_controller.teleop.keyboard import CAMERA_KEYS
 
 AXES = ("vx", "vy", "vz", "wx", "wy", "wz")
 CHOICES = {"schemes": ["moments"], "laws": ["pi"], "starts": ["2016"], "goals": ["auto"],
@@ -108,13 +108,13 @@ def test_a_request_of_4096_characters_is_read():
 
 
 def test_a_long_request_is_not_read_at_all():
-    with pytest.raises(RefusedError, match=f"at most {LARGEST} characters"):
-        read_message(json.dumps({"do": "start"}) + " " * LARGEST, REQUESTS)
+    with pytest.raises(RefusedError, match=f"at most {MAX_BYTES} characters"):
+        read_message(json.dumps({"do": "start"}) + " " * MAX_BYTES, REQUESTS)
 
 
 @pytest.mark.parametrize("text", [
     "", "start", "[]", '"start"', "{}", '{"do": 1}', "[" * 4000, b"\x00", b'{"do": "start"}',
-    '{"do": "start", "x": "' + "a" * LARGEST + '"}',
+    '{"do": "start", "x": "' + "a" * MAX_BYTES + '"}',
 ])  # fmt: skip
 def test_what_is_no_request_is_refused(text):
     with pytest.raises(RefusedError):
@@ -122,7 +122,7 @@ def test_what_is_no_request_is_refused(text):
 
 
 def test_every_choice_is_a_field_of_a_request():
-    for do, chosen in CHOSEN.items():
+    for do, chosen in CHOICE_FIELDS.items():
         assert set(chosen) <= {field.name for field in fields(REQUESTS[do])}
 
 

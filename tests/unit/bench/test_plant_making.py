@@ -7,46 +7,46 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aras_sim_bridge.camera.config import seed_of
+from aras_sim_bridge.camera.config import derive_seed
 from aras_sim_bridge.camera.effects import Effects
-from aras_sim_bridge.camera.shaking import Vibration
-from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked import cameras
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_sim_bridge.camera.vibration import Vibration
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment import cameras
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plants import JointReading, ideal
 from aras_visual_servo_bench.plants.free_body import FreeBody
-from aras_visual_servo_bench.plants.sight import capture
-from aras_visual_servo_bench.setup import assembly, bullet_setup
+from aras_visual_servo_bench.plants.imaging import capture
+from aras_visual_servo_bench.setup import assembly, dynamic_arm_setup
 from aras_visual_servo_bench.setup.assembly import make_plant
-from aras_visual_servo_bench.setup.bullet_setup import (
-    carried_targets,
-    make_bullet_arm,
+from aras_visual_servo_bench.setup.dynamic_arm_setup import (
+    find_mounted_targets,
+    make_dynamic_arm,
     take_first_images,
 )
 from aras_visual_servo_bench.setup.goal_teaching import needs_images, teach_goal
+from aras_visual_servo_bench.setup.imaging_setup import make_imaging_settings
 from aras_visual_servo_bench.setup.read_context import read_context
-from aras_visual_servo_bench.setup.sights import make_sight
 from aras_visual_servo_bench.targets.textures import TexturedTarget
-from aras_visual_servo_controller.seeing.frame import Frame
-from aras_visual_servo_controller.seeing.observation import Need
+from aras_visual_servo_controller.observation.frame import Frame
+from aras_visual_servo_controller.observation.observation import Need
 
 EYE = {"width": 320, "height": 240, "update_rate": 20.0,
        "camera_matrix": {"fx": 300.0, "fy": 280.0, "cx": 166.0, "cy": 115.0}}  # fmt: skip
 FLAT = {"shape": "l_shape", "size": [0.08, 0.06], "pose": [0.0, 0.0, 0.591, 0.0, 0.0, 0.3]}
-ABOVE = transform((0.01, 0.02, 0.85), (np.pi - 0.1, 0.05, 0.2))
+ABOVE = matrix_from_xyz_rpy((0.01, 0.02, 0.85), (np.pi - 0.1, 0.05, 0.2))
 MOMENTS, NONE = frozenset({Need.MOMENTS}), frozenset()
 
 
 def context_of(needs=None, depth=False, label="", **keys):
     """What is read of an experiment; `needs` by the names of its cameras."""
     read = read_context(Experiment.from_mapping({"camera": EYE, "target": FLAT, **keys}))
-    needs = needs or {read.control.name: MOMENTS}
-    return dataclasses.replace(read, needs=needs, depth=depth, label=label)
+    needs = needs or {read.control_camera.name: MOMENTS}
+    return dataclasses.replace(read, needs=needs, has_depth=depth, labelled_link=label)
 
 
 def seen(context, exactly=False):
-    return make_sight(context, context.control, exactly)
+    return make_imaging_settings(context, context.control, exactly)
 
 
 FREE = {"plant": "free"}
@@ -78,7 +78,7 @@ def test_a_goal_is_taught_without_noise():
     made = context_of(**{**pictured, "camera": eye})
     run, taught = seen(made), seen(made, exactly=True)
     assert run.effects == dataclasses.replace(
-        cameras.config_of(eye).effects, noise_stddev=2.0) and run.pictures
+        cameras.make_camera_config(eye).effects, noise_stddev=2.0) and run.pictures
     assert taught.effects == Effects(rows_together=40) and taught.pictures
     assert run.vibration is not None and taught.vibration is None and len(taught.parts) == 1
     quiet = seen(context_of(**DRAWN, camera=eye), exactly=True)  # also without noise of its own
@@ -108,10 +108,10 @@ def test_noise_is_each_camera_s_and_each_seed_s():
     for seed, own in ((1, {}), (2, {}), (1, {"seed": 77})):
         vibration = seen(context_of(**FREE, seed=seed, camera={**eye, **own})).vibration
         found[seed, bool(own)] = vibration.at(10**9)
-    other = Vibration(cameras.config_of(eye).shake, seed_of(1, "camera"))
-    np.testing.assert_array_equal(found[1, False], other.at(10**9))
-    other = Vibration(cameras.config_of(eye).shake, 77)
-    np.testing.assert_array_equal(found[1, True], other.at(10**9))
+    other = Vibration(cameras.make_camera_config(eye).shake, derive_seed(1, "camera"))
+    np.testing.assert_array_equal(found[1, False], other.compute_pose(10**9))
+    other = Vibration(cameras.make_camera_config(eye).shake, 77)
+    np.testing.assert_array_equal(found[1, True], other.compute_pose(10**9))
     assert not np.array_equal(found[1, False], found[2, False])
 
 
@@ -141,16 +141,16 @@ def test_a_camera_may_look_at_a_target_of_its_own():
     made = context_of({"left": MOMENTS}, **DRAWN, camera="original", cameras=TWO,
                  target={**FLAT, **cover})
     assert [name for name in made.eyes if made.has_own_target(name)] == ["right"]
-    assert made.target_spec("right").shape == "square"
-    assert made.target_spec("left").shape == "l_shape"
+    assert made.find_target_spec("right").shape == "square"
+    assert made.find_target_spec("left").shape == "l_shape"
     np.testing.assert_allclose(
-        made.targets["right"].pose, transform(OWN["pose"][:3], OWN["pose"][3:]))
+        made.targets["right"].pose, matrix_from_xyz_rpy(OWN["pose"][:3], OWN["pose"][3:]))
     assert made.targets["left"] is made.target
-    left, right = (make_sight(made, eye) for eye in made.eyes.values())
+    left, right = (make_imaging_settings(made, eye) for eye in made.eyes.values())
     assert (left.name, right.name) == ("left", "right")
     assert left.occluder is not None and right.occluder is None
     assert right.target.shape is made.targets["right"].shape
-    np.testing.assert_allclose(right.place.pose[:3, 3], [0.1, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(right.placement.pose[:3, 3], [0.1, 0.0, 0.0], atol=1e-12)
 
 
 # -- what it is made of --------------------------------------------------------------------------
@@ -160,8 +160,8 @@ def test_a_camera_may_look_at_a_target_of_its_own():
 def built(monkeypatch):
     """What plants would have been made of, by their kinds."""
     found = {}
-    for place, kind in ((bullet_setup, "BulletArm"), (assembly, "FreeCamera"),
-                        (assembly, "KinematicChain"), (ideal, "IdealCamera")):
+    for place, kind in ((dynamic_arm_setup, "DynamicArm"), (assembly, "FreeCamera"),
+                        (assembly, "KinematicArm"), (ideal, "IdealCamera")):
         monkeypatch.setattr(place, kind, lambda *a, kind=kind, **k: found.update(
             {kind: (a, k)}) or kind)
     return found
@@ -176,9 +176,9 @@ def test_the_bullet_arm_is_given_all_that_was_asked(built):
                  sun={"exposure": "gazebo", "diffuse": 0.5},
                  target={**FLAT, "occluder": ((0, 0), (0.01, 0.02)), "occluded": [[0.1, 0.2]]})
     arm = made.robot.arm("left")
-    assert make_plant(made, arm, START) == "BulletArm"
+    assert make_plant(made, arm, START) == "DynamicArm"
     (robot, settings, joints, seed, renderer, traced, shown, sights, world, name, others, exposure,
-     label, followed), _ = built["BulletArm"]
+     label, followed), _ = built["DynamicArm"]
     assert robot is made.robot and joints == dict(zip(arm.names, START.tolist(), strict=True))
     assert (seed, renderer, traced, name, exposure, label) == (
         4, "exact", True, "left", "gazebo", "target")
@@ -188,10 +188,10 @@ def test_the_bullet_arm_is_given_all_that_was_asked(built):
     assert sights == () and followed is None and world.lights[0].diffuse[0] == 0.5
     assert [(one.name, one.times) for one in shown] == [
         ("target_of_right", None), ("target", None), ("occluder", ((0.1, 0.2),))]
-    assert shown[2].lies_at == (0.0, 0.0, 5e-4) and shown[1].placed is made.target
+    assert shown[2].offset == (0.0, 0.0, 5e-4) and shown[1].placed is made.target
     np.testing.assert_allclose(shown[0].placed.pose, made.targets["right"].pose)
-    make_bullet_arm(made, START, exactly=True)
-    (_, settings, *_, shown, _, _, _, others, _, _, _), _ = built["BulletArm"]
+    make_dynamic_arm(made, START, is_teaching=True)
+    (_, settings, *_, shown, _, _, _, others, _, _, _), _ = built["DynamicArm"]
     assert settings == {**EYE, "effects": {}, "depth": True, "segmentation": True}
     assert [one.name for one in shown] == ["target_of_right", "target"]
 
@@ -201,12 +201,12 @@ def test_one_camera_is_the_robot_s_own_and_exact_features_are_seen(built):
         **EYE, "effects": {"drop_probability": 0.1, "row_time": 1e-5},
         "shake": {"xyz": [1e-3, 0, 0], "frequency": 9.0}})
     make_plant(made, made.arm, START)
-    (_, settings, *_, sights, _, name, others, _, label, _), _ = built["BulletArm"]
+    (_, settings, *_, sights, _, name, others, _, label, _), _ = built["DynamicArm"]
     assert (name, others, label) == ("", {}, "") and [one.name for one in sights] == ["camera"]
     assert settings["depth"] is True and "segmentation" not in settings
     assert settings["effects"]["drop_probability"] == 0.1 and "shake" in settings
-    make_bullet_arm(made, START, exactly=True)
-    _, settings, *_ = built["BulletArm"][0]
+    make_dynamic_arm(made, START, is_teaching=True)
+    _, settings, *_ = built["DynamicArm"][0]
     assert settings["effects"] == {"row_time": 1e-5} and "shake" not in settings
 
 
@@ -218,14 +218,14 @@ def test_one_camera_is_the_robot_s_own_and_exact_features_are_seen(built):
 def test_what_the_robot_or_the_world_brings_is_not_put_there(built, target, more, shown):
     made = context_of(target=target, **more)
     make_plant(made, made.arm, START)
-    found = built["BulletArm"][0][6]
-    assert [(one.name, one.lies_at) for one in found] == shown
+    found = built["DynamicArm"][0][6]
+    assert [(one.name, one.offset) for one in found] == shown
     if target["shape"] == "aras":
         assert found[0].urdf.name == "aras.urdf"
 
 
 def test_other_plants_have_their_lag_seed_and_cameras(built):
-    for plant, kind in (("free", "FreeCamera"), ("chain", "KinematicChain")):
+    for plant, kind in (("free", "FreeCamera"), ("chain", "KinematicArm")):
         made = context_of({"left": MOMENTS}, plant=plant, cameras=TWO, camera="original", lag=0.07,
                      seed=6)
         assert make_plant(made, "arm", "start") == kind
@@ -237,24 +237,28 @@ def test_other_plants_have_their_lag_seed_and_cameras(built):
     made = context_of(plant="ideal", believed=believed, seed=8)
     make_plant(made, FreeBody(ABOVE), np.zeros(6))
     (arm, body, start, sight, seed), _ = built["IdealCamera"]
-    np.testing.assert_allclose(body.pose(np.zeros(6)), ABOVE @ transform(*believed.values()))
+    np.testing.assert_allclose(
+        body.pose(np.zeros(6)), ABOVE @ matrix_from_xyz_rpy(*believed.values())
+    )
     assert (sight.name, seed) == ("camera", 8) and arm.origin is not ABOVE
 
 
 def test_targets_that_the_arm_carries_are_put_onto_its_links():
     frame = {"target_frame": "hand"}
     given = {"plant": "bullet", "target": FLAT, "robot": frame}
-    found = carried_targets(Experiment.from_mapping(given))
+    found = find_mounted_targets(Experiment.from_mapping(given))
     assert list(found) == ["target"] and found["target"].link == "hand"
-    np.testing.assert_allclose(found["target"].pose, transform(FLAT["pose"][:3], FLAT["pose"][3:]))
+    np.testing.assert_allclose(
+        found["target"].pose, matrix_from_xyz_rpy(FLAT["pose"][:3], FLAT["pose"][3:])
+    )
     assert found["target"].urdf.suffix == ".urdf"
     eyes = {"a": {}, "b": {"target": OWN, "target_frame": "wrist"}, "c": {"target": OWN}}
-    found = carried_targets(Experiment.from_mapping({**given, "cameras": eyes}))
+    found = find_mounted_targets(Experiment.from_mapping({**given, "cameras": eyes}))
     assert {name: one.link for name, one in found.items()} == {
         "target": "hand", "target_of_b": "wrist", "target_of_c": "hand"}
     for changed in ({"plant": "chain"}, {"robot": {}}, {"target": {"shape": "aras"}},
                     {"target": {"shape": ((0, 0), (1, 0), (0, 1))}}):
-        assert carried_targets(Experiment.from_mapping({**given, **changed})) == {}
+        assert find_mounted_targets(Experiment.from_mapping({**given, **changed})) == {}
 
 
 class Filmed:
@@ -280,7 +284,7 @@ def test_a_goal_is_shown_by_the_first_picture_of_each_camera_that_is_read(monkey
     made = context_of({"left": MOMENTS, "right": MOMENTS}, cameras={**TWO, "other": {"model": EYE}},
                  camera="original")
     plants = []
-    monkeypatch.setattr(bullet_setup, "BulletArm",
+    monkeypatch.setattr(dynamic_arm_setup, "DynamicArm",
                         lambda *a, **k: plants.append(Filmed(*a, **k)) or plants[-1])
     Filmed.times = (("left", 0), ("other", 0), ("right", 750_000_000))
     joints = dict(zip(made.robot.arm("left").names, START.tolist(), strict=True))
@@ -312,14 +316,14 @@ def taught(context, mounting=None, shift=(0.0, 0.0), size=1.0, image=True):
         outline = target.shape.outline(target.seen_from(ABOVE))
         middle = outline.mean(axis=0)
         off = np.array(shift) / [300.0, 280.0]
-        drawn = cameras.draw(middle + size * (outline - middle) + off, eye.true)
-        images = {"camera": Frame(0, drawn, "mono8", labelled=255 - drawn)}
+        drawn = cameras.draw_outline(middle + size * (outline - middle) + off, eye.true_camera)
+        images = {"camera": Frame(0, drawn, "mono8", target_mask=255 - drawn)}
     mounting = np.eye(4) if mounting is None else mounting
     return teach_goal(context, ABOVE, {"camera": mounting}, {}, images, "home", JOINTS)
 
 
 def test_a_goal_holds_what_is_seen_there_as_it_is_believed():
-    off = transform((0.01, -0.02, 0.0), (0.0, 0.05, 0.1))
+    off = matrix_from_xyz_rpy((0.01, -0.02, 0.0), (0.0, 0.05, 0.1))
     found = views(MOMENTS, plant="chain", features="exact")
     goal = taught(found, off, image=False)
     assert (goal.name, goal.joints) == ("home", JOINTS)

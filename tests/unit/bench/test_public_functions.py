@@ -35,7 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a study that was carried out."""
     path = tmp_path_factory.mktemp("study") / "mine"
     results = run_study(STUDY, path)
-    assert results.column("gain") == [1.0, 1.0, 2.0, 2.0] and results.name == "mine"
+    assert results.read_column("gain") == [1.0, 1.0, 2.0, 2.0] and results.name == "mine"
     return path
 
 
@@ -57,7 +57,9 @@ def test_what_is_missing_of_a_study_is_run(folder: Path, tmp_path: Path) -> None
     part.unlink()
     results = run_study(STUDY, tmp_path / "again")
     assert part.read_bytes() == kept
-    assert np.array_equal(results.numbers("final_distance"), whole.numbers("final_distance"))
+    assert np.array_equal(
+        results.read_numbers("final_distance"), whole.read_numbers("final_distance")
+    )
 
 
 def test_a_run_of_a_study_is_loaded_with_its_images(folder: Path) -> None:
@@ -65,7 +67,7 @@ def test_a_run_of_a_study_is_loaded_with_its_images(folder: Path) -> None:
     assert found.experiment.gain == 2.0 and found.name == "mine:2"
     alone = run(found.experiment)
     assert np.array_equal(found.error, alone.error, equal_nan=True)
-    assert len(found.images.pictures) == len(found.stamp) and not alone.images.pictures
+    assert len(found.control_record.images) == len(found.stamp) and not alone.control_record.images
     with pytest.raises(BenchError, match="there is no run 4: .* has runs 0 to 3"):
         load_run(f"{folder}:4")
 

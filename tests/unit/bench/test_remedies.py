@@ -5,11 +5,11 @@ import pickle
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_bench.study.remedies import apply_remedy
-from aras_visual_servo_controller.records.remedy import Change, Remedy, multiply, remove, set_to
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
+from aras_visual_servo_bench.studies.remedies import apply_remedy
+from aras_visual_servo_controller.records.remedy import Change, Remedy, multiply, remove, set_value
 
 CORNERS = [[-0.05, -0.04], [0.05, -0.05], [0.04, 0.05], [-0.03, 0.03]]
 BASE = {
@@ -28,7 +28,7 @@ def changed(*changes, **keys):
 
 
 def test_a_remedy_is_its_sentence_and_keeps_its_changes():
-    made = Remedy("lower the gain", multiply("gain", 0.1234), set_to("interaction", "mean"))
+    made = Remedy("lower the gain", multiply("gain", 0.1234), set_value("interaction", "mean"))
     assert made == "lower the gain: multiply gain by 0.12 and set interaction to mean"
     assert made.changes == (Change("gain", "multiply", 0.12), Change("interaction", "set", "mean"))
     again = pickle.loads(pickle.dumps(made))
@@ -41,7 +41,7 @@ def test_a_remedy_is_its_sentence_and_keeps_its_changes():
 
 def test_changes_set_multiply_and_remove_keys_of_the_experiment_and_of_the_controller():
     keys = changed(multiply("gain", 0.5), multiply("duration", 2.0), remove("target.motion"),
-                   remove("believed"), set_to("interaction", "mean"))  # fmt: skip
+                   remove("believed"), set_value("interaction", "mean"))  # fmt: skip
     assert (keys["gain"], keys["duration"]) == (1.0, 16.0)
     assert "motion" not in keys["target"] and "believed" not in keys
     assert keys["options"] == {"interaction": "mean"}
@@ -64,7 +64,7 @@ def test_a_target_grows_and_a_start_comes_nearer():
 @pytest.mark.parametrize(("change", "why"), [
     ((), "changes no setting"),
     ((remove("target.occluder"),), "target.occluder is not set"),
-    ((set_to("warp", 1),), "no key 'warp'"),
+    ((set_value("warp", 1),), "no key 'warp'"),
     ((multiply("scheme", 2.0),), "scheme is 'points': it cannot be multiplied"),
     ((multiply("goal", 0.5),), "reaches every pose"),
 ])  # fmt: skip

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.study.replay import run_with_images
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.studies.replay import run_with_images
 from aras_visual_servo_bench.web.report.write import write_report
 
 SIZES = (1440, 390)
@@ -18,8 +18,11 @@ READY = "!!window.arasReport"
 @pytest.fixture(scope="module")
 def runs():
     """Two of unlike gains and lengths."""
-    asked = Experiment(plant="chain", start="2016", duration=2.0, linger=None)
-    quick, slow = run_with_images(asked, "quick"), run_with_images(asked.with_(gain=2.0), "slow")
+    asked = Experiment(plant="chain", start="2016", duration=2.0, time_after_convergence=None)
+    quick, slow = (
+        run_with_images(asked, "quick"),
+        run_with_images(asked.with_changes(gain=2.0), "slow"),
+    )
     return [quick, replace(slow, name=f"slow {HOSTILE}")]
 
 

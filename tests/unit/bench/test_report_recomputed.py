@@ -24,8 +24,8 @@ from made_run import (
 )
 from scipy import integrate
 
-from aras_visual_servo_bench.commands.analyzing import report
-from aras_visual_servo_bench.numbers import metrics, summary
+from aras_visual_servo_bench.cli.analyze import write_reports
+from aras_visual_servo_bench.metrics import metrics, summary
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +37,8 @@ def runs():
 def written(runs, tmp_path_factory):
     """Folders of the first run's report, and of both."""
     path = tmp_path_factory.mktemp("recomputed")
-    report(runs[:1], path / "one", ())
-    report(runs, path / "both", ())
+    write_reports(runs[:1], path / "one", ())
+    write_reports(runs, path / "both", ())
     return path
 
 
@@ -57,7 +57,9 @@ def ways(run):
 
 def errors(run):
     """A row an image that was measured, by time since the first."""
-    table = {s.stamp - run.states[0].stamp: s.decision.error for s in run.states if s.decision}
+    table = {
+        s.stamp - run.states[0].stamp: s.scheme_output.error for s in run.states if s.scheme_output
+    }
     return pd.DataFrame.from_dict(table, orient="index", columns=list(NAMES))
 
 
@@ -94,7 +96,7 @@ def recomputed(run):
     of_first /= of_first.iloc[0]
     begin, end = (of_first[of_first < part].index[0] for part in (0.8, 0.15))
     line = of_first[begin:end].iloc[:-1]
-    speed = run.measured_speed[after]
+    speed = run.measured_velocities[after]
     q, lasting = run.measured[after], np.append(np.diff(run.joint_stamp[after]), 0.0)
     margin = 1e-3 * (UPPER - LOWER)
     at_limit = ((q <= LOWER + margin) | (q >= UPPER - margin)).any(axis=1)
@@ -103,7 +105,7 @@ def recomputed(run):
     record = run.cameras["camera"]
     gaps = pd.Series(record.stamp).diff().dropna()
     waited = record.arrival - record.stamp
-    pace = pd.DataFrame(run.pace, columns=["stamp", "factor"])
+    pace = pd.DataFrame(run.real_time_factors, columns=["stamp", "factor"])
     pace = pace[pace.stamp >= run.states[0].stamp]
     stamp = np.array([s.stamp for s in run.states])
     return {
@@ -148,7 +150,7 @@ def shows(text, value, digits):
 
 def test_the_run_tells_apart(runs):
     one, two = map(recomputed, runs)
-    assert set(metrics.TABLE) <= set(one)
+    assert set(metrics.METRICS) <= set(one)
     differ = [v for name, v in one.items() if name not in ("success", "reached", "reduced")]
     assert len(set(np.round(differ, 9))) == len(differ)
     fixed = {"success", "reached", "contradicts", "reduced", "iterations", "final_distance",
@@ -215,8 +217,8 @@ def test_a_comparison_s_cells_and_stars_are_recomputed(runs, written):
         (star, text), (other_star, other) = rows[name]
         values = [one[name] for one in both]
         assert shows(text, values[0], 4) and shows(other, values[1], 4), (name, text, other)
-        if text != other and name in metrics.TABLE and metrics.TABLE[name].better:
-            first = (values[0] < values[1]) == (metrics.TABLE[name].better == "smaller")
+        if text != other and name in metrics.METRICS and metrics.METRICS[name].better:
+            first = (values[0] < values[1]) == (metrics.METRICS[name].better == "smaller")
             assert (bool(star), bool(other_star)) == (first, not first), name
         else:
             assert not star and not other_star
@@ -225,7 +227,7 @@ def test_a_comparison_s_cells_and_stars_are_recomputed(runs, written):
 def test_the_words_on_the_screen_are_recomputed(runs):
     wanted = recomputed(runs[0])
     lines = [line.strip().split("  ", 1) for line in
-             summary.told(runs[0], summary.summarise(runs[0])).splitlines()]  # fmt: skip
+             summary.describe_run(runs[0], summary.summarise(runs[0])).splitlines()]  # fmt: skip
     told = {name: value.strip() for name, value in lines}
     degrees = math.degrees
     assert told == {
@@ -256,7 +258,9 @@ def test_every_column_of_the_tables_is_of_the_records(runs, written):
         for field, word in (("features", ""), ("desired", " desired"), ("error", " error"),
                             ("filtered_error", " filtered error")):  # fmt: skip
             wanted[f"{name}{word}{unit}"] = [
-                getattr(s.decision, field)[i] if s.decision else math.nan for s in run.states]
+                getattr(s.scheme_output, field)[i] if s.scheme_output else math.nan
+                for s in run.states
+            ]
     for i, axis in enumerate(axes):
         unit = "m/s" if i < 3 else "rad/s"
         wanted[f"{axis} asked [{unit}]"] = [s.resolution.asked[i] for s in run.states]
@@ -273,7 +277,7 @@ def test_every_column_of_the_tables_is_of_the_records(runs, written):
     wanted = {"time [s]": run.joint_stamp - began, "stamp [s]": run.joint_stamp}
     for i, (name, unit) in enumerate(zip(JOINTS, JOINT_UNITS, strict=True)):
         wanted |= {f"{name} [{unit}]": run.measured[:, i],
-                   f"{name} speed [{unit}/s]": run.measured_speed[:, i],
+                   f"{name} speed [{unit}/s]": run.measured_velocities[:, i],
                    f"{name} command [{unit}]": run.commanded[:, i]}  # fmt: skip
     wanted |= {f"camera {axis} [m]": run.true_pose[:, i, 3] for i, axis in enumerate("xyz")}
     same(joints, wanted, set())
@@ -336,7 +340,7 @@ def test_every_curve_of_the_page_is_of_the_records(runs, written):
     for i, (name, unit) in enumerate(zip(JOINTS, JOINT_UNITS, strict=True)):
         check(f"{name} ({unit})", "measured", at, run.measured[shown, i])
         check(f"{name} ({unit})", "command", at, run.commanded[shown, i])
-        check(f"{name}, speed ({unit}/s)", "measured", at, run.measured_speed[shown, i])
+        check(f"{name}, speed ({unit}/s)", "measured", at, run.measured_velocities[shown, i])
         assert panels[f"{name} ({unit})"]["limits"] == [[LOWER[i], "least"], [UPPER[i], "greatest"]]
         top = (0.3, 1.9, 2.7)[i]
         assert panels[f"{name}, speed ({unit}/s)"]["limits"] == [[-top, "limit"], [top, "limit"]]
@@ -354,6 +358,8 @@ def test_every_curve_of_the_page_is_of_the_records(runs, written):
     waited = 1e3 * (record.arrival - record.stamp)
     check("delay (ms)", "exposure to recorder", at, waited[after])
     check("delay (ms)", "scheme computing", time, [1e3 * s.computing for s in run.states])
-    pace = run.pace[(run.pace[:, 0] >= began) & np.isfinite(run.pace[:, 1])]
+    pace = run.real_time_factors[
+        (run.real_time_factors[:, 0] >= began) & np.isfinite(run.real_time_factors[:, 1])
+    ]
     check("real-time factor", "real-time factor", pace[:, 0] - began, pace[:, 1])
     assert seen == set(curves)

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
-from aras_visual_servo_bench.commands import analyzing, main, running
+from aras_visual_servo_bench.cli import analyze, main, run
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.pictures import figures
-from aras_visual_servo_bench.study import replay
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.plots import study_figures
+from aras_visual_servo_bench.studies import replay
+from aras_visual_servo_bench.studies.study import Study
 
 STUDY = "experiment: {plant: free}\nrepeats: 3\nvary: {gain: [1.0, 2.0]}\n"
 
@@ -47,42 +47,42 @@ def options(**changed):
 
 
 def test_workers_are_where_the_options_say(calls):
-    calls(running, "DaskPool", "dask")
-    assert running.pool(options(workers=3, scheduler="tcp", renew=7)) == "dask"
-    assert running.pool(options(cluster="c.yaml")) == "dask"
+    calls(run, "DaskPool", "dask")
+    assert run.make_pool(options(workers=3, scheduler="tcp", renew=7)) == "dask"
+    assert run.make_pool(options(cluster="c.yaml")) == "dask"
     assert calls.found == [("DaskPool", 3, "tcp", "", 7), ("DaskPool", 0, "", "c.yaml", 5)]
-    assert isinstance(running.pool(options(in_process=True, workers=0, renew=1)),
-                      running.ThisProcess)
+    assert isinstance(run.make_pool(options(in_process=True, workers=0, renew=1)),
+                      run.InProcessPool)
     for wrong, why in (({"workers": -1}, "--workers must be 0 or more, and --renew 1 or more"),
                        ({"renew": 0}, "--renew 1 or more"),
                        ({"in_process": True, "scheduler": "s"}, "say one of --in-process, --sched"),
                        ({"scheduler": "s", "cluster": "c"}, "say one of"),
                        ({"in_process": True, "cluster": "c"}, "say one of")):
         with pytest.raises(StudyError, match=why):
-            running.pool(options(**wrong))
+            run.make_pool(options(**wrong))
 
 
 @pytest.mark.parametrize(("more", "cores", "workers"), [
     ([], 6, 6), ([], None, 1), (["--workers", "3"], 6, 3), (["--in-process"], 6, 1)])
 def test_a_dry_run_says_what_would_be_done(calls, study, capsys, monkeypatch, more, cores, workers):
-    calls(running.engine, "dry_run", ["6 runs", "an hour"])
-    calls(running.images, "check_room", "takes 3 MB")
-    calls(running, "kept_runs", 2)
-    monkeypatch.setattr(running.os, "cpu_count", lambda: cores)
+    calls(run.engine, "dry_run", ["6 runs", "an hour"])
+    calls(run.images, "check_room", "takes 3 MB")
+    calls(run, "kept_runs", 2)
+    monkeypatch.setattr(run.os, "cpu_count", lambda: cores)
     assert main(["run", str(study), "--dry-run", "--out", "there", *more]) == 0
     kept, room, (_, asked, count) = calls.found
     assert str(kept[1]) == str(room[2]) == "there" and room[3] == 2 and room[1] is asked
     assert (asked.runs, count) == (6, workers)
     assert capsys.readouterr().out == "takes 3 MB\n6 runs\nan hour\n"
-    calls(running.images, "check_room", "")
+    calls(run.images, "check_room", "")
     assert main(["run", str(study), "--dry-run"]) == 0
     assert capsys.readouterr().out == "6 runs\nan hour\n" and str(calls.found[3][1]) == "."
 
 
 def test_a_study_is_made_of_its_file_or_of_what_the_words_change(calls, study, tmp_path, capsys,
                                                                   monkeypatch):
-    monkeypatch.setattr(running.Folder, "create", lambda *given: given)
-    calls(running, "carry_out", 7)
+    monkeypatch.setattr(run.StudyFolder, "create", lambda *given: given)
+    calls(run, "carry_out", 7)
     assert main(["run", str(study), "--out", str(tmp_path / "o")]) == 7
     ((_, (folder, made, text), given),) = calls.found
     assert (folder, text, made.repeats) == (tmp_path / "o", STUDY, 3) and not given.mix
@@ -148,12 +148,12 @@ def carried(monkeypatch, calls):
     def carry_out(folder, answer, **changed):
         told.clear()
         calls.found.clear()
-        calls(running.engine, "carry_out", answer)
-        monkeypatch.setattr(running, "pool", lambda given: Closed(told))
-        monkeypatch.setattr(running, "Progress", lambda *given: Closed(told, *given))
-        monkeypatch.setattr(running, "duration", lambda seconds: f"<{seconds}>")
-        calls(running, "_report")
-        return running.carry_out(folder, options(**changed)), told
+        calls(run.engine, "carry_out", answer)
+        monkeypatch.setattr(run, "make_pool", lambda given: Closed(told))
+        monkeypatch.setattr(run, "Progress", lambda *given: Closed(told, *given))
+        monkeypatch.setattr(run, "format_duration", lambda seconds: f"<{seconds}>")
+        calls(run, "_report")
+        return run.carry_out(folder, options(**changed)), told
     return carry_out
 
 
@@ -187,8 +187,8 @@ def test_a_run_without_success_stops_it(carried, calls, capsys):
 
 def test_a_study_that_is_whole_is_finished(carried, calls, capsys, monkeypatch):
     folder = Folder(kept=6, keeps_images=True)
-    calls(running.card, "write", "README.md")
-    monkeypatch.setattr(running.card, "write", lambda given: f"card of {given.path}")
+    calls(run.card, "write", "README.md")
+    monkeypatch.setattr(run.card, "write_card", lambda given: f"card of {given.path}")
     status, told = carried(folder, None)
     assert status == 0 and folder.told == ["code", "lock", "finish", "free"] and not told
     assert capsys.readouterr().out == (
@@ -208,8 +208,8 @@ def test_what_ends_it_early_says_how_to_go_on(carried, fault, said):
 
 def test_resuming_checks_the_study_s_file(calls, monkeypatch):
     folder = Folder()
-    monkeypatch.setattr(running.Folder, "open", lambda path: folder)
-    calls(running, "carry_out", 9)
+    monkeypatch.setattr(run.StudyFolder, "open", lambda path: folder)
+    calls(run, "carry_out", 9)
     assert main(["resume", "x", "--mix", "--fail-fast", "--no-report", "--renew", "3"]) == 9
     given = calls.found[0][2]
     assert folder.told == ["file"] and calls.found[0][1] is folder
@@ -221,11 +221,11 @@ def test_resuming_checks_the_study_s_file(calls, monkeypatch):
     (3, ("other",), False)])
 def test_a_report_is_a_table_and_pictures(calls, tmp_path, capsys, monkeypatch, rows, names, shown):
     results = SimpleNamespace(study=SimpleNamespace(metric_names=names))
-    monkeypatch.setattr(running.Results, "read", lambda path: results)
-    calls(running.tables, "tabulated", SimpleNamespace(rows=[0] * rows))
-    calls(running.tables, "written", "| a |\n")
-    calls(figures, "write_all", ["a.png", "b.png"])
-    running._report(tmp_path)
+    monkeypatch.setattr(run.Results, "read", lambda path: results)
+    calls(run.tables, "tabulated", SimpleNamespace(rows=[0] * rows))
+    calls(run.tables, "written", "| a |\n")
+    calls(study_figures, "write_all", ["a.png", "b.png"])
+    run._write_report(tmp_path)
     assert (tmp_path / "table.md").read_text() == "| a |\n"
     told = [name for name in names if name != "other"]
     assert [call for call in calls.found if call[0] == "tabulated"] == [
@@ -244,11 +244,11 @@ def test_an_experiment_is_run_once(calls, tmp_path, monkeypatch, words, name, so
     path.write_text("plant: free\nduration: 1.0\n")
     words = [str(path) if word == "FILE" else word for word in words]
     done, ran = SimpleNamespace(name=""), []
-    monkeypatch.setattr(running.loop, "run", lambda asked: ran.append(asked) or done)
+    monkeypatch.setattr(run.loop, "run", lambda asked: ran.append(asked) or done)
     calls(replay, "run_with_images", done)
-    calls(analyzing, "report")
+    calls(analyze, "report")
     assert main(["run", *words, "gain=2.5"]) == 0
-    assert calls.found[-1] == ("report", [done], None if out is None else running.Path(out))
+    assert calls.found[-1] == ("report", [done], None if out is None else run.Path(out))
     asked = ran[0] if out is None else calls.found[0][1]
     assert asked.gain == 2.5 and (asked.plant == "free") is bool(source)
     if out is None:

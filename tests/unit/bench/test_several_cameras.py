@@ -6,15 +6,20 @@ import cv2
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import exponential, pose_difference, to_xyz_rpy, transform
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_base.poses import (
+    exponential,
+    matrix_from_xyz_rpy,
+    pose_difference,
+    xyz_rpy_from_matrix,
+)
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.environment import ServoEnv
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.environment import ServoEnv
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble, check
-from aras_visual_servo_bench.study.replay import with_all_pictures
-from aras_visual_servo_bench.web.report.contents import contents
-from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_bench.studies.replay import run_with_all_images
+from aras_visual_servo_bench.web.report.contents import make_contents
+from aras_visual_servo_controller.kinematics import Arm
 
 SHAPE = [[-0.025, -0.03], [0.03, -0.025], [0.025, 0.02], [-0.015, 0.025]]
 # fx and fy differ, and the principal points are off the middle.
@@ -24,14 +29,14 @@ RIGHT = {"width": 336, "height": 256, "update_rate": 30.0,
          "camera_matrix": {"fx": 260.0, "fy": 290.0, "cx": 150.0, "cy": 125.0}}  # fmt: skip
 SEATS = {"left": {"xyz": [0.01, 0.02, 0.0]},
          "right": {"xyz": [0.02, -0.03, 0.0], "rpy": [0.1, -0.03, 0.12]}}  # fmt: skip
-GOAL = transform((0.01, -0.02, -0.2), (0.05, -0.08, 0.3))
+GOAL = matrix_from_xyz_rpy((0.01, -0.02, -0.2), (0.05, -0.08, 0.3))
 FAR = GOAL @ exponential((0.04, 0.03, -0.1, 0.1, 0.1, 0.4))
 JOINTS, START = [0.05, 0.0, -0.09, 0.045, 0.045, 0.0], [0.03, 0.0, -0.05, 0.03, 0.03, 0.15]
 BOTH = "points@left+points@right"
 
 
 def posed(pose):
-    xyz, rpy = to_xyz_rpy(pose)
+    xyz, rpy = xyz_rpy_from_matrix(pose)
     return {"pose": [*xyz, *rpy]}
 
 
@@ -62,15 +67,15 @@ def armed(**changes):
 @pytest.mark.parametrize("scheme", [BOTH, "points+points@right", "moments@left+area@right"])
 def test_two_cameras_of_a_flying_rig_reach_their_goal(scheme):
     result = run(flying(scheme=scheme, features="pictures"))
-    assert result.converged and result.verdict.reached, (result.outcome, result.reason)
+    assert result.converged and result.verdict.is_reached, (result.outcome, result.reason)
     assert set(result.outcomes) <= {"running", result.outcome}
-    assert result.settled() < 2.0
+    assert result.compute_settling_time() < 2.0
 
 
 @pytest.mark.parametrize(("plant", "features"), [("chain", "pictures"), ("bullet", "exact")])
 def test_two_cameras_of_an_arm_reach_their_goal(plant, features):
     result = run(armed(plant=plant, features=features))
-    assert result.outcome == "converged" and result.verdict.reached, result.reason
+    assert result.outcome == "converged" and result.verdict.is_reached, result.reason
     right = result.cameras["right"]
     assert len(right.stamp) >= len(result.stamp) > 90
     distance, angle = pose_difference(result.pose[0], right.pose[0])
@@ -80,8 +85,8 @@ def test_two_cameras_of_an_arm_reach_their_goal(plant, features):
 def test_a_named_goal_of_known_geometry_is_worked_out_for_every_camera():
     parts = assemble(armed(goal="2016", start="2016", scheme="moments@left+area@right"))
     assert list(parts.servo.goal.cameras) == ["left", "right"]
-    assert parts.servo.goal.others["right"].moments is not None
-    assert run(armed(goal="2016", scheme="moments@left+area@right")).verdict.reached
+    assert parts.servo.goal.other_cameras["right"].moments is not None
+    assert run(armed(goal="2016", scheme="moments@left+area@right")).verdict.is_reached
 
 
 def test_both_cameras_tell_more_of_the_pose_than_one():
@@ -89,7 +94,7 @@ def test_both_cameras_tell_more_of_the_pose_than_one():
 
     def scatter(scheme):
         result = run(flying(scheme=scheme, jitter=0.3, duration=4.0, linger=None))
-        return np.sqrt(np.mean(result.way()[0][-200:] ** 2))
+        return np.sqrt(np.mean(result.pose_error_history()[0][-200:] ** 2))
 
     assert scatter(BOTH) < 0.6 * scatter("points@left")
 
@@ -101,7 +106,7 @@ def test_both_cameras_tell_more_of_the_pose_than_one():
 def test_other_rates_and_delays_are_made_up_for(right):
     experiment = flying(cameras=two(right=right), gain=4.0)
     result = run(experiment)
-    assert result.outcome == "converged" and result.verdict.reached, result.reason
+    assert result.outcome == "converged" and result.verdict.is_reached, result.reason
     assert "wrong_camera_model" not in result.outcomes
     rate = right.get("rate", 30.0)
     period = np.median(np.diff(result.cameras["right"].stamp))
@@ -112,10 +117,10 @@ def test_other_rates_and_delays_are_made_up_for(right):
 
 def test_a_control_camera_that_is_late_answers_later():
     prompt, late = (run(flying(cameras=two(left={"delay": d}))) for d in (0.0, 0.1))
-    assert late.verdict.reached
+    assert late.verdict.is_reached
 
     def moved(result):
-        speeds = np.abs(result.measured_speed).max(axis=1)
+        speeds = np.abs(result.measured_velocities).max(axis=1)
         return result.joint_stamp[np.flatnonzero(speeds > 1e-3)[0]]
 
     assert moved(late) - moved(prompt) == pytest.approx(0.1 - 0.015, abs=0.011)
@@ -134,8 +139,10 @@ def test_runs_repeat_bit_by_bit():
     late = two(right={"rate": 20.0, "delay": 0.03})
     experiment = flying(jitter=0.3, cameras=late, seed=5, duration=1.0)
     one, other = run(experiment), run(experiment)
-    np.testing.assert_array_equal(one.measured, other.measured)
-    assert not np.array_equal(one.measured, run(experiment.with_(seed=6)).measured)
+    np.testing.assert_array_equal(one.measured_positions, other.measured_positions)
+    assert not np.array_equal(
+        one.measured_positions, run(experiment.with_changes(seed=6)).measured_positions
+    )
 
 
 # -- where the cameras are ---------------------------------------------------------------------
@@ -145,11 +152,11 @@ def test_runs_repeat_bit_by_bit():
 def test_a_camera_s_seat_is_the_same_on_every_plant(plant):
     """In camera_link: x forward, y left, z up; so 5 cm to the right of the left camera."""
     parts = assemble(flying() if plant == "free" else armed(plant=plant))
-    place = parts.places["right"].pose
+    place = parts.placements["right"].pose
     parts.plant.close()
     np.testing.assert_allclose(place[:3, 3], [0.05, 0.0, 0.01], atol=1e-6)
     link_R_optical = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
-    turned = transform((0, 0, 0), SEATS["right"]["rpy"])[:3, :3]
+    turned = matrix_from_xyz_rpy((0, 0, 0), SEATS["right"]["rpy"])[:3, :3]
     np.testing.assert_allclose(place[:3, :3], link_R_optical.T @ turned @ link_R_optical, atol=1e-9)
 
 
@@ -157,16 +164,16 @@ def test_the_control_camera_is_the_first_that_the_scheme_reads():
     left, right = (assemble(flying(scheme=f"points@{name}")) for name in ("left", "right"))
     assert left.plant.camera.K[0] == 300.0 and right.plant.camera.K[0] == 260.0
     for parts, name in ((left, "left"), (right, "right")):
-        assert list(parts.rig.observers) == [name] and parts.goal.seen_by == name
+        assert list(parts.rig.observers) == [name] and parts.goal.camera_name == name
         np.testing.assert_allclose(parts.goal_pose, GOAL, atol=1e-12)
-    assert run(flying(scheme="partitioned@right")).verdict.reached
+    assert run(flying(scheme="partitioned@right")).verdict.is_reached
 
 
 def test_drawn_starts_are_in_view_of_both():
     experiment = armed(start={"height": [0.15, 0.25], "side": 0.05, "turn": 1.0}, plant="free")
-    experiment = experiment.with_(features="exact")
+    experiment = experiment.with_changes(features="exact")
     for seed in range(5):
-        parts = assemble(experiment.with_(seed=seed))
+        parts = assemble(experiment.with_changes(seed=seed))
         seen = {reading.name for _ in range(8) for reading in parts.plant.advance(10**9)
                 if getattr(reading, "outline", None) is not None}  # fmt: skip
         assert seen == {"left", "right"}
@@ -206,9 +213,9 @@ def portal(tmp_path):
     ("points@above+points@beside", "pictures"),
 ])
 def test_cameras_that_stand_servo_the_arm_that_moves_their_target(portal, scheme, features):
-    result = run(portal.with_(scheme=scheme, features=features))
-    assert result.outcome == "converged" and result.verdict.reached, result.reason
-    np.testing.assert_allclose(result.measured[-1], [0.02, -0.03, 0.1, 0.3], atol=3e-4)
+    result = run(portal.with_changes(scheme=scheme, features=features))
+    assert result.outcome == "converged" and result.verdict.is_reached, result.reason
+    np.testing.assert_allclose(result.measured_positions[-1], [0.02, -0.03, 0.1, 0.3], atol=3e-4)
     assert set(result.outcomes) == {"running", "converged"}
 
 
@@ -216,8 +223,8 @@ def test_a_camera_that_stands_is_where_it_says_in_the_world(portal):
     parts = assemble(portal)
     q = np.array([0.1, -0.2, 0.05, 0.4])
     hand = Arm.from_urdf(PORTAL, "hand").pose(q)
-    true = transform(BESIDE["pose"][:3], BESIDE["pose"][3:])
-    found = parts.places["beside"].at(parts.servo.arm.pose(q))
+    true = matrix_from_xyz_rpy(BESIDE["pose"][:3], BESIDE["pose"][3:])
+    found = parts.placements["beside"].compute_pose(parts.servo.arm.pose(q))
     np.testing.assert_allclose(hand @ found, true, atol=1e-9)
 
 
@@ -232,11 +239,11 @@ def test_a_camera_that_watches_changes_nothing_and_is_recorded(plant):
     options = {"plant": plant, "features": "exact", "jitter": 0.2, "duration": 1.5}
     alone = run(make(**options))
     watched = run(make(**options, cameras=two(overview=OVERVIEW)))
-    np.testing.assert_array_equal(alone.measured, watched.measured)
+    np.testing.assert_array_equal(alone.measured_positions, watched.measured_positions)
     np.testing.assert_array_equal(alone.error, watched.error)
     seen = watched.cameras["overview"]
     assert len(seen.stamp) == pytest.approx(10.0 * watched.stamp[-1], abs=1)
-    true = transform(OVERVIEW["pose"][:3], OVERVIEW["pose"][3:])
+    true = matrix_from_xyz_rpy(OVERVIEW["pose"][:3], OVERVIEW["pose"][3:])
     np.testing.assert_allclose(seen.pose, np.broadcast_to(true, seen.pose.shape), atol=1e-9)
     assert "overview" not in alone.cameras
 
@@ -252,7 +259,7 @@ def test_the_camera_that_is_not_as_believed_is_named(name, wrong):
     cameras = two(**{name: {"believed": wrong}})
     result = run(flying(start=posed(FAR), cameras=cameras, linger=0.5))
     assert "wrong_camera_model" in result.outcomes
-    assert result.verdict.reached  # a goal that was shown is
+    assert result.verdict.is_reached  # a goal that was shown is
     assert "yet camera " in result.reason
     if "focal" in wrong or name == "right":
         assert f"yet camera {name}: " in result.reason
@@ -307,12 +314,12 @@ def test_what_cannot_be_is_refused_before_the_first_run(changes, words):
 @pytest.mark.parametrize("features", ["exact", "pictures"])
 def test_a_report_has_the_film_of_every_camera(features):
     experiment = armed(duration=0.6, features=features, cameras=two(overview=OVERVIEW))
-    result = with_all_pictures(experiment)
-    told = contents([result], [])["runs"][0]
+    result = run_with_all_images(experiment)
+    told = make_contents([result], [])["runs"][0]
     assert [film["camera"] for film in told["others"]] == ["right", "overview"]
     overview = told["others"][1]
     assert (overview["width"], overview["height"]) == (336, 256)
-    shown = [stamp for stamp in result.cameras["overview"].stamp if stamp >= result.began]
+    shown = [stamp for stamp in result.cameras["overview"].stamp if stamp >= result.start_stamp]
     assert len(overview["frames"]) == len(shown) > 3
     jpeg = np.frombuffer(base64.b64decode(overview["frames"][-1]), np.uint8)
     picture = cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE)
@@ -323,7 +330,7 @@ def test_a_run_keeps_what_its_watching_camera_saw_and_a_study_does_without():
     experiment = armed(plant="bullet", duration=0.3, cameras=two(overview=OVERVIEW))
     seen = run(experiment).cameras["overview"]
     assert [stamp for stamp, _ in seen.film] == seen.stamp.tolist() and len(seen.film) > 2
-    assert list(assemble(experiment, watched=False).eyes) == ["left", "right"]
+    assert list(assemble(experiment, has_unread_cameras=False).cameras) == ["left", "right"]
 
 
 # -- stereo ------------------------------------------------------------------------------------
@@ -337,14 +344,14 @@ def test_a_run_keeps_what_its_watching_camera_saw_and_a_study_does_without():
 ])
 def test_two_cameras_tell_the_depth(scheme, changes):
     result = run(flying(scheme=scheme, **changes))
-    assert result.outcome.startswith("converged") and result.verdict.reached, result.reason
+    assert result.outcome.startswith("converged") and result.verdict.is_reached, result.reason
     assert "wrong_camera_model" not in result.outcomes
-    assert result.settled() < 2.0
+    assert result.compute_settling_time() < 2.0
 
 
 def test_stereo_servoes_an_arm():
     result = run(armed(scheme="stereo_pose@left,right"))
-    assert result.converged and result.verdict.reached, result.reason
+    assert result.converged and result.verdict.is_reached, result.reason
 
 
 def test_stereo_follows_a_target_that_was_carried_away():

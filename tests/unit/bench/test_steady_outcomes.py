@@ -4,8 +4,8 @@ from itertools import groupby
 
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
 
 
@@ -16,8 +16,8 @@ def reported(**keys):
         "linger": None, **keys,
     })  # fmt: skip
     loop, states = Loop(experiment, assemble(experiment)), []
-    while not loop.over:
-        if (state := loop.to_image()) is not None:
+    while not loop.is_over:
+        if (state := loop.run_to_image()) is not None:
             states.append(state)
     loop.close()
     return states

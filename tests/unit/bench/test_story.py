@@ -9,20 +9,27 @@ import pytest
 from page_host import told
 
 from aras_visual_servo_base.meshes.mesh import Mesh
-from aras_visual_servo_bench.drawing import outlines, units
-from aras_visual_servo_bench.drawing.outlines import drawing_of
+from aras_visual_servo_bench.drawing import feature_units, model_drawing
+from aras_visual_servo_bench.drawing.feature_units import find_feature_units
+from aras_visual_servo_bench.drawing.model_drawing import draw_model
+from aras_visual_servo_bench.drawing.run_trace import (
+    ARROW_SECONDS,
+    FRUSTUM_SIZE,
+    LETTER_HEIGHT,
+    LINE_HEIGHT,
+    MAX_ARROW,
+    RunTrace,
+)
 from aras_visual_servo_bench.drawing.shapes import (
     ARROW,
     FACES,
     LINES,
+    MAX_VIEW_ANGLE,
     STRIP,
-    WIDEST,
-    on_picture,
-    picture_border,
+    compute_image_border,
+    place_on_image_plane,
 )
-from aras_visual_servo_bench.drawing.story import FRUSTUM, LETTERS, LINE, LONGEST, SECONDS, Story
-from aras_visual_servo_bench.drawing.track import MOST, Track
-from aras_visual_servo_bench.drawing.units import feature_units
+from aras_visual_servo_bench.drawing.track import MAX_POINTS, Track
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ServoError
 
@@ -34,7 +41,7 @@ SERVOING = told()
 
 @pytest.fixture
 def story(arm, pinhole):
-    told = Story(arm)
+    told = RunTrace(arm)
     told.camera = pinhole
     told.goal = np.array(arm.pose(BENT))
     return told
@@ -90,7 +97,7 @@ def test_arrows_point_where_the_camera_is_to_go(story, arm):
     tail, tip = shape(story, "asked velocity").points
     pose = arm.pose(STRAIGHT)
     np.testing.assert_allclose(tail, pose[:3, 3])
-    np.testing.assert_allclose(tip - tail, pose[:3, :3] @ twist[:3] * SECONDS)
+    np.testing.assert_allclose(tip - tail, pose[:3, :3] @ twist[:3] * ARROW_SECONDS)
     turn = shape(story, "asked turn").points
     assert np.cross(turn[1] - turn[0], pose[:3, 2]) == pytest.approx(np.zeros(3), abs=1e-12)
     assert (turn[1] - turn[0]) @ pose[:3, 2] > 0.0
@@ -103,7 +110,7 @@ def test_a_wild_twist_stays_in_the_room(story):
     story.say(told(asked=(50.0, 0.0, 0.0, 0.0, np.nan, 0.0)), STRAIGHT)
     arrow = shape(story, "asked velocity")
     assert arrow.kind == ARROW
-    assert np.linalg.norm(arrow.points[1] - arrow.points[0]) == pytest.approx(LONGEST)
+    assert np.linalg.norm(arrow.points[1] - arrow.points[0]) == pytest.approx(MAX_ARROW)
     assert len(shape(story, "asked turn").points) == 0
 
 
@@ -116,9 +123,11 @@ def test_the_desired_outline_lies_on_the_picture_where_it_is_to_be_seen(story, a
     np.testing.assert_allclose(camera[:3, :2] / camera[:3, 2:], story.outline, atol=1e-12)
     np.testing.assert_allclose(camera[3], camera[0])
     assert np.ptp(camera[:, 2]) < 1e-12
-    border = np.c_[picture_border(story.camera), np.ones(len(picture_border(story.camera)))]
+    border = np.c_[
+        compute_image_border(story.camera), np.ones(len(compute_image_border(story.camera)))
+    ]
     farthest = np.linalg.norm(camera[0, 2] * border, axis=1).max()
-    assert farthest == pytest.approx(FRUSTUM)
+    assert farthest == pytest.approx(FRUSTUM_SIZE)
 
 
 def test_frames_stand_where_the_camera_is_and_where_it_is_to_be(story, arm):
@@ -139,9 +148,9 @@ def test_points_in_the_picture_leave_trajectories(story):
     story.joints(STRAIGHT)
     drawn = [s.name for s in story.shapes() if s.name.startswith("trajectory")]
     assert drawn == ["trajectory point 0", "trajectory point 1"]
-    border = picture_border(story.camera)
+    border = compute_image_border(story.camera)
     points = shape(story, "trajectory point 1").points
-    expected = on_picture(border, np.array([[0.5, 0.0], [0.5, 0.1]]), FRUSTUM)
+    expected = place_on_image_plane(border, np.array([[0.5, 0.0], [0.5, 0.1]]), FRUSTUM_SIZE)
     np.testing.assert_allclose(
         (points - story.pose[:3, 3]) @ story.pose[:3, :3], expected, atol=1e-12)
 
@@ -149,9 +158,9 @@ def test_points_in_the_picture_leave_trajectories(story):
 def test_border_of_a_fisheye_stays_in_front():
     fisheye = CameraModel(320, 240, (106.6, 0, 159.5, 0, 106.6, 119.5, 0, 0, 1.0), (0.0,) * 4,
                           "equidistant")  # fmt: skip
-    border = picture_border(fisheye)
+    border = compute_image_border(fisheye)
     assert np.isfinite(border).all()
-    assert np.hypot(*border.T).max() == pytest.approx(np.tan(WIDEST))
+    assert np.hypot(*border.T).max() == pytest.approx(np.tan(MAX_VIEW_ANGLE))
     corner = border[0]
     assert corner[0] < 0.0 and corner[1] < 0.0
 
@@ -167,26 +176,31 @@ def test_words_say_scheme_phase_reason_error_and_pace(story):
 
 def test_a_track_keeps_its_ends_and_its_size():
     track = Track(2, 1e-6)
-    for i in range(5 * MOST):
+    for i in range(5 * MAX_POINTS):
         track.add(np.array([i, 0.0]))
     track.add(np.array([np.nan, 0.0]))
     points = track.points
-    assert MOST / 4 < len(points) <= MOST
+    assert MAX_POINTS / 4 < len(points) <= MAX_POINTS
     assert points[0, 0] == 0.0
-    assert points[-1, 0] > 4.9 * MOST
+    assert points[-1, 0] > 4.9 * MAX_POINTS
     assert np.ptp(np.diff(points[:, 0])) <= np.diff(points[:, 0]).max() / 2
 
 
 def test_words_and_page_have_the_units_of_what_ships_and_load_nobodys_class(monkeypatch):
-    assert feature_units("moments", 4) == ("m", "m", "m", "rad")
-    assert feature_units("points", 8) == ("",) * 8
-    assert feature_units("luminance", 3) == ("grey level",) * 3
-    assert feature_units("moments", 2) == feature_units("none", 1) == feature_units("", 0) == ()
+    assert find_feature_units("moments", 4) == ("m", "m", "m", "rad")
+    assert find_feature_units("points", 8) == ("",) * 8
+    assert find_feature_units("luminance", 3) == ("grey level",) * 3
+    assert (
+        find_feature_units("moments", 2)
+        == find_feature_units("none", 1)
+        == find_feature_units("", 0)
+        == ()
+    )
     for number, error in enumerate((ServoError, ValueError, TypeError, KeyError)):
-        monkeypatch.setattr(units.Settings, "make_scheme", Mock(side_effect=error))
+        monkeypatch.setattr(feature_units.Settings, "make_scheme", Mock(side_effect=error))
         if error is not KeyError:
-            assert feature_units("moments", 90 + number) == ()
-    assert feature_units("os:system", 1) == ()  # it is not called
+            assert find_feature_units("moments", 90 + number) == ()
+    assert find_feature_units("os:system", 1) == ()  # it is not called
 
 
 def test_words_have_their_units(story):
@@ -232,13 +246,13 @@ def test_what_is_drawn_has_a_legend_in_its_colours(story):
     ):  # fmt: skip
         assert legend[text].colour[:3] == drawn[name].colour[:3], text
     heights = sorted(s.points[0, 2] for s in legend.values())
-    top_of_words = drawn["words"].points[0, 2] + 0.5 * LINE * drawn["words"].text.count("\n")
-    assert heights[0] > top_of_words and np.diff(heights).min() >= LETTERS
+    top_of_words = drawn["words"].points[0, 2] + 0.5 * LINE_HEIGHT * drawn["words"].text.count("\n")
+    assert heights[0] > top_of_words and np.diff(heights).min() >= LETTER_HEIGHT
 
 
 def drawn(name):
     urdf = (GAZEBO / "targets" / f"{name}.urdf").read_text()
-    return drawing_of(urdf, lambda package: str(GAZEBO))
+    return draw_model(urdf, lambda package: str(GAZEBO))
 
 
 def test_corners_that_are_as_good_as_one_are_one():
@@ -246,7 +260,7 @@ def test_corners_that_are_as_good_as_one_are_one():
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0.05], [0, 1, 0]], float)
     mesh = Mesh(corners + np.linspace(0, 3e-7, 6)[:, None], np.zeros((6, 3)),
                 np.array([[0, 1, 2], [3, 4, 5]]))
-    assert outlines.mesh_edges(mesh).shape == (2 * 4, 3)
+    assert model_drawing.find_mesh_edges(mesh).shape == (2 * 4, 3)
 
 
 def test_a_target_is_drawn_by_its_edges_and_faces(monkeypatch):
@@ -260,7 +274,7 @@ def test_a_target_is_drawn_by_its_edges_and_faces(monkeypatch):
     ((colour, corners),) = plates.faces.items()
     assert colour == (0.0, 0.0, 0.0, 1.0) and corners.shape == (3 * 2 * 12, 3)
     assert len(drawn("l_shape").edges) == 2 * 6
-    monkeypatch.setattr(outlines, "MOST", 5)
+    monkeypatch.setattr(model_drawing, "MAX_ELEMENTS", 5)
     few = drawn("aras")
     np.testing.assert_array_equal(few.edges, edges[:10])
     np.testing.assert_array_equal(next(iter(few.faces.values())), corners[:15])

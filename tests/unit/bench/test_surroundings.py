@@ -9,27 +9,27 @@ import pytest
 
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError
-from aras_visual_servo_base.poses import inverse, to_xyz_rpy, transform
-from aras_visual_servo_bench.asked.experiment import Experiment, SunSpec
-from aras_visual_servo_bench.asked.packages import PackagePath
-from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
-from aras_visual_servo_bench.asked.worlds import (
-    around,
-    link_of_world,
-    read_world,
-    with_link,
-    world_path,
-)
+from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy, xyz_rpy_from_matrix
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants.posed_arm import PosedArm
+from aras_visual_servo_bench.experiment.experiment import Experiment, SunSpec
+from aras_visual_servo_bench.experiment.packages import PackagePath
+from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
+from aras_visual_servo_bench.experiment.worlds import (
+    find_world_link,
+    find_world_path,
+    read_surroundings,
+    read_world,
+    with_target_link,
+)
+from aras_visual_servo_bench.plants.static_arm import StaticArm
 from aras_visual_servo_bench.setup import postures
 from aras_visual_servo_bench.setup.assembly import assemble, check
 from aras_visual_servo_bench.setup.postures import Postures
-from aras_visual_servo_bench.targets.solids import solid_target
+from aras_visual_servo_bench.targets.solids import read_solid
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 from aras_visual_servo_controller.errors import UnreachableError
+from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.schemes import JointController
-from aras_visual_servo_controller.seeing.frame import Frame
 
 PACKAGES = PackagePath()
 BOX = "<geometry><box><size>{}</size></box></geometry>"
@@ -56,24 +56,27 @@ def world(tmp_path):
 
 def test_without_a_world_the_sun_is_as_it_is_asked_for():
     sun = SunSpec(direction=(0.1, 0.2, -1.0), diffuse=0.3, shines=((0.0005, 0.4), (1.0, 2.0)))
-    found = around(Experiment(sun=sun), PACKAGES)
+    found = read_surroundings(Experiment(sun=sun), PACKAGES)
     assert found.ground_plane and not found.models
     (light,) = found.lights
-    assert (light.direction, light.diffuse, light.shines) == (
+    assert (light.direction, light.diffuse, light.lit_intervals) == (
         (0.1, 0.2, -1.0), (0.3, 0.3, 0.3, 1.0), sun.shines)
     for shines, kept in ((None, None), (((0.0, 0.4),), None), (((0.0005, 0.4),), None), (((0.0005,
             0.001),), None), (((0.001, 0.4),), ()), (((0.0, 0.0009),), ())):  # at 1 ms
         asked = Experiment(sun=replace(sun, shines=shines))
-        assert around(asked, PACKAGES, exactly=True).lights[0].shines == kept
+        assert read_surroundings(asked, PACKAGES, is_teaching=True).lights[0].lit_intervals == kept
 
 
 def test_a_world_is_read_by_its_name_or_path(world, monkeypatch, tmp_path):
     shipped = PACKAGES.find("aras_visual_servo_gazebo")
-    assert world_path(Experiment(world="workbench"), PACKAGES) == f"{shipped}/world/workbench.world"
-    assert world_path(Experiment(), PACKAGES) == "" and read_world("", PACKAGES) == WorldFile()
+    assert (
+        find_world_path(Experiment(world="workbench"), PACKAGES)
+        == f"{shipped}/world/workbench.world"
+    )
+    assert find_world_path(Experiment(), PACKAGES) == "" and read_world("", PACKAGES) == WorldFile()
     monkeypatch.chdir(tmp_path)
     for given in ("a.world", "./a.world", world):
-        found = around(Experiment(world=given), PACKAGES)
+        found = read_surroundings(Experiment(world=given), PACKAGES)
         assert [model.name for model in found.models] == ["crate", "pair", "bare"]
         assert found.lights[0].name == "lamp"
     (tmp_path / "b").write_text("<no")
@@ -82,10 +85,10 @@ def test_a_world_is_read_by_its_name_or_path(world, monkeypatch, tmp_path):
 
 
 def test_a_link_of_a_world_is_a_solid_at_its_place(world):
-    path, pose, link = link_of_world(world, PACKAGES, "crate", "")
+    path, pose, link = find_world_link(world, PACKAGES, "crate", "")
     assert link == "body"
     np.testing.assert_allclose(pose, [0.02, 0.01, 0.6, 0.0, 0.0, 0.4], atol=1e-9)
-    corners = solid_target(Path(path)).solid.vertices
+    corners = read_solid(Path(path)).solid.vertices
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)],
                                [(-0.04, -0.025, 0.02), (0.04, 0.025, 0.08)], atol=1e-9)
     for name, wanted, why in (
@@ -94,8 +97,8 @@ def test_a_link_of_a_world_is_a_solid_at_its_place(world):
             ("pair", "", "model 'pair' has 2 links that are seen: name one of a, b"),
             ("bare", "", "model 'bare' has 0 links that are seen: name one of none")):
         with pytest.raises(ExperimentError, match=why):
-            link_of_world(world, PACKAGES, name, wanted)
-    made = with_link(Experiment(world=world, target={"model": "crate"}), PACKAGES).target
+            find_world_link(world, PACKAGES, name, wanted)
+    made = with_target_link(Experiment(world=world, target={"model": "crate"}), PACKAGES).target
     assert (made.link, made.model, made.shape) == ("body", "crate", path)
     np.testing.assert_allclose(made.pose, pose)
 
@@ -114,11 +117,11 @@ def test_a_link_of_the_robot_s_that_stands_is_one_too(tmp_path):
 
     def asked(link):
         robot = {"urdf": str(tmp_path / "r.urdf")}
-        return with_link(Experiment(robot=robot, target={"link": link}), PACKAGES).target
+        return with_target_link(Experiment(robot=robot, target={"link": link}), PACKAGES).target
 
     found = asked("post")
     np.testing.assert_allclose(found.pose, [1, 2, 3, 0, 0, 0.5], atol=1e-9)
-    corners = solid_target(Path(found.shape)).solid.vertices
+    corners = read_solid(Path(found.shape)).solid.vertices
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)],
                                [(-0.05, -0.1, -0.05), (0.05, 0.1, 0.25)], atol=1e-9)
     for link, why in (("tool", "^target.link: a joint of the robot moves 'tool': where the arm "),
@@ -138,10 +141,10 @@ class Told(Postures):
 
     part, what = 0.37, "its link 'a' is in 'b'"
 
-    def hidden(self, joints, time=0.0):
+    def compute_occlusion(self, joints, time=0.0):
         return self.part
 
-    def touched(self, joints):
+    def find_collision(self, joints):
         return self.what
 
 
@@ -167,12 +170,12 @@ def test_what_speaks_against_a_posture_is_said_and_weighed():
 
 def test_what_is_asked_of_a_posed_arm(monkeypatch):
     arm = SimpleNamespace(names=("a", "b"), pose=lambda q: np.eye(4) * q[0])
-    monkeypatch.setattr(postures, "arm_from", lambda *given: arm if given == (
+    monkeypatch.setattr(postures, "read_arm", lambda *given: arm if given == (
         "urdf", "eye", "") else None)
     asked = []
     posed = SimpleNamespace(hidden=lambda *given: asked.append(given) or posed.part,
                             touched=lambda joints: asked.append(joints) or "it")
-    monkeypatch.setattr(postures, "_posed", lambda given: posed)
+    monkeypatch.setattr(postures, "_make_static_arm", lambda given: posed)
     found = of(solid=True)
     for part, counts in ((0.0099, 0.0), (0.01, 0.01), (0.8, 0.8)):
         posed.part = part
@@ -180,10 +183,10 @@ def test_what_is_asked_of_a_posed_arm(monkeypatch):
     joints, pose, shape, place, near = asked[-1]
     assert joints == {"a": 0.8, "b": 0.2} and near == 0.02 and shape is found.target.placed.shape
     np.testing.assert_array_equal(pose, 0.8 * np.eye(4))
-    np.testing.assert_allclose(place, transform((0, 0, 0.6), (0, 0, 0)))
+    np.testing.assert_allclose(place, matrix_from_xyz_rpy((0, 0, 0.6), (0, 0, 0)))
     assert found.touched((0.3, 0.4)) == "it" and asked[-1] == {"a": 0.3, "b": 0.4}
     assert of(solid=False).touched((0.3, 0.4)) == ""
-    monkeypatch.setattr(postures, "_posed", lambda given: None)
+    monkeypatch.setattr(postures, "_make_static_arm", lambda given: None)
     assert found.hidden((0.7, 0.7)) == 0.0 and found.touched((0.7, 0.7)) == ""
 
 
@@ -195,20 +198,20 @@ def test_what_is_asked_of_a_posed_arm(monkeypatch):
 def test_what_a_posed_arm_is_put_among(monkeypatch, solid, carrier, target, placed, bared):
     made = []
 
-    class Posed(PosedArm):
+    class Posed(StaticArm):
         def __init__(self, *given):
             made.append(given)
 
         def close(self):
             pass
 
-    monkeypatch.setattr(postures, "described", lambda *given: ("robot", given))
+    monkeypatch.setattr(postures, "parse_robot_description", lambda *given: ("robot", given))
     monkeypatch.setattr(postures, "without_visuals", lambda robot, *links: (*robot, *links))
     monkeypatch.setattr(postures, "read_world", lambda path, _: f"world {path}")
-    monkeypatch.setattr(postures, "PosedArm", Posed)
+    monkeypatch.setattr(postures, "StaticArm", Posed)
     found = Postures(f"urdf {solid}{carrier}{target}", ("search",), "eye", carrier,
                      TargetSpec(**target), None, True, solid, "w")
-    assert isinstance(postures._posed(found), Posed)
+    assert isinstance(postures._make_static_arm(found), Posed)
     ((robot, held, world, shape),) = made
     assert robot == ("robot", (found.urdf, ("search",)), *bared) and held == carrier
     assert world == ("world w" if solid else None) and (shape is not None) is placed
@@ -216,8 +219,8 @@ def test_what_a_posed_arm_is_put_among(monkeypatch, solid, carrier, target, plac
     def fail(*_):
         raise SimError("no")
 
-    monkeypatch.setattr(postures, "PosedArm", fail)
-    assert postures._posed(replace(found, urdf=f"other {solid}{carrier}{target}")) is None
+    monkeypatch.setattr(postures, "StaticArm", fail)
+    assert postures._make_static_arm(replace(found, urdf=f"other {solid}{carrier}{target}")) is None
 
 
 def test_a_posture_is_looked_for_from_zero_and_a_start_from_the_goal_s(monkeypatch):
@@ -230,8 +233,8 @@ def test_a_posture_is_looked_for_from_zero_and_a_start_from_the_goal_s(monkeypat
         return np.array([0.5, 0.6])
 
     arm = SimpleNamespace(names=("a", "b"), inverse=solve)
-    monkeypatch.setattr(postures, "arm_from", lambda *given: arm)
-    pose = transform((0.1, 0.2, 0.3), (0.1, 0.2, 0.3))
+    monkeypatch.setattr(postures, "read_arm", lambda *given: arm)
+    pose = matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0.1, 0.2, 0.3))
     for drawn, solid, weighs in ((True, False, True), (False, True, True), (False, False, False)):
         found = of(drawn=drawn, solid=solid, world=f"{drawn}{solid}")
         for _ in range(2):
@@ -246,17 +249,17 @@ def test_a_posture_is_looked_for_from_zero_and_a_start_from_the_goal_s(monkeypat
     np.testing.assert_array_equal(found.start(pose, None), [0.5, 0.6])
     for _ in range(2):
         with pytest.raises(UnreachableError, match="too far") as told:
-            found.at(transform((2.0, 0.0, 0.0), (0, 0, 0)))
-        assert told.value.excess == 0.25
+            found.at(matrix_from_xyz_rpy((2.0, 0.0, 0.0), (0, 0, 0)))
+        assert told.value.distance == 0.25
 
 
 def test_postures_are_of_the_robot_and_its_camera():
     robot = Robot(RobotSpec())
     eye = SimpleNamespace(name="camera", settings={"near": 0.05})
-    found = Postures.of(robot, eye, "target", True, False, "w")
+    found = Postures.for_robot(robot, eye, "target", True, False, "w")
     assert found == Postures(robot.urdf, (), "camera_optical_frame", "", "target", 0.05, True,
                              False, "w")
-    assert found.arm.names == robot.arm().names
+    assert found.arm.names == robot.make_arm().names
 
 
 # -- an experiment's parts -----------------------------------------------------------------------
@@ -266,7 +269,7 @@ BASE = {"plant": "free", "features": "exact", "scheme": "points", "camera": EYE,
         "target": {"shape": "l_shape", "size": [0.06, 0.05], "pose": [0, 0, 0.59, 0, 0, 0.2]},
         "goal": {"pose": [0.01, 0.0, 0.85, np.pi, 0.05, 0.0]},
         "start": {"pose": [0.03, 0.0, 0.9, np.pi, 0.0, 0.2]}}  # fmt: skip
-ABOVE = transform((0.01, 0.0, 0.85), (np.pi, 0.05, 0.0))
+ABOVE = matrix_from_xyz_rpy((0.01, 0.0, 0.85), (np.pi, 0.05, 0.0))
 
 
 def parts(**keys):
@@ -300,7 +303,7 @@ def test_each_camera_s_depth_is_as_it_is_believed():
     deep, true = found.goal.others["right"], plain.goal.others["right"]
     np.testing.assert_allclose(deep.plane, np.array(true.plane) / 2.0)
     believed = parts(believed={"depth": 1.5, "xyz": [0.01, 0, 0]})
-    off = ABOVE @ transform((0.01, 0, 0), (0, 0, 0))
+    off = ABOVE @ matrix_from_xyz_rpy((0.01, 0, 0), (0, 0, 0))
     np.testing.assert_allclose(believed.goal.world_T_camera, off, atol=1e-12)
     shape, at = believed.target.shape, believed.target.seen_from(off)
     assert believed.goal.depth == pytest.approx(1.5 * shape.depth(at))
@@ -311,10 +314,11 @@ def test_each_camera_s_depth_is_as_it_is_believed():
 
 def test_a_flying_camera_begins_at_its_start_about_the_goal():
     found = parts()
-    np.testing.assert_allclose(found.plant.at_rest(), transform((0.03, 0, 0.9), (np.pi, 0, 0.2)),
-                               atol=1e-9)
+    np.testing.assert_allclose(
+        found.plant.at_rest(), matrix_from_xyz_rpy((0.03, 0, 0.9), (np.pi, 0, 0.2)), atol=1e-9
+    )
     np.testing.assert_allclose(found.servo.arm.pose(np.zeros(6)), ABOVE, atol=1e-12)
-    robot = Robot(RobotSpec()).arm()
+    robot = Robot(RobotSpec()).make_arm()
     q = np.array([0.05, 0.0, -0.09, 0.045, 0.045, 0.1])
     np.testing.assert_allclose(parts(start=q.tolist()).plant.at_rest(), robot.pose(q), atol=1e-9)
     shown = parts(goal=q.tolist(), target={}, start=q.tolist())
@@ -332,18 +336,20 @@ def test_an_arm_is_shown_its_goal_where_it_can_be(monkeypatch):
     q = [0.05, 0.0, -0.09, 0.045, 0.045, 0.1]
     chain = {"plant": "chain", "target": {}, "start": q}
     found = parts(**chain, goal=q)
-    arm = Robot(RobotSpec()).arm()
-    assert found.goal.joint_values(arm.names) == pytest.approx(q)
+    arm = Robot(RobotSpec()).make_arm()
+    assert found.goal.get_joints(arm.names) == pytest.approx(q)
     np.testing.assert_allclose(found.goal_pose, arm.pose(np.array(q)), atol=1e-12)
     assert found.postures is not None and found.notes == ()
     asked = []
-    monkeypatch.setattr(Postures, "at", lambda self, pose: asked.append(pose) or np.array(q) + 0.01)
-    monkeypatch.setattr(Postures, "start", lambda self, pose, goal: asked.append(
+    monkeypatch.setattr(
+        Postures, "find_joints", lambda self, pose: asked.append(pose) or np.array(q) + 0.01
+    )
+    monkeypatch.setattr(Postures, "find_start_joints", lambda self, pose, goal: asked.append(
         (pose, goal)) or np.array(q))
-    monkeypatch.setattr(Postures, "faults", lambda self, joints, where, given: [
+    monkeypatch.setattr(Postures, "list_faults", lambda self, joints, where, given: [
         f"{where} {given} {joints[0]:.2f}"])
     there = arm.pose(np.array(q) + 0.01)
-    posed = {"pose": [*np.concatenate(to_xyz_rpy(there)).tolist()]}
+    posed = {"pose": [*np.concatenate(xyz_rpy_from_matrix(there)).tolist()]}
     found = parts(**{**chain, "start": posed, "goal": posed})
     np.testing.assert_allclose(asked[0], there, atol=1e-12)
     np.testing.assert_allclose(asked[1][1], np.array(q) + 0.01)
@@ -355,7 +361,7 @@ def test_an_arm_is_shown_its_goal_where_it_can_be(monkeypatch):
     def fail(self, pose):
         raise UnreachableError("too far", 1.0)
 
-    monkeypatch.setattr(Postures, "at", fail)  # which is an outcome
+    monkeypatch.setattr(Postures, "find_joints", fail)  # which is an outcome
     found = parts(**chain, goal=posed)
     assert found.notes == () and found.goal.joints == {}
 
@@ -367,9 +373,11 @@ def test_another_camera_of_an_arm_is_where_it_is_believed():
     asked = {**TWO, "plant": "chain", "target": {}, "goal": q, "start": q, "cameras": eyes}
     found = parts(**asked)
     robot = Robot(RobotSpec(), cameras=Experiment.from_mapping({**BASE, **asked}).cameras)
-    wrong = robot.arm_of("right", robot.arm("left"), believed=True).pose(np.array(q))
+    wrong = robot.make_camera_kinematics("right", robot.make_arm("left"), is_calibrated=True).pose(
+        np.array(q)
+    )
     np.testing.assert_allclose(found.goal.others["right"].world_T_camera, wrong, atol=1e-9)
-    assert np.abs(wrong - robot.arm("right").pose(np.array(q))).max() > 1e-3
+    assert np.abs(wrong - robot.make_arm("right").pose(np.array(q))).max() > 1e-3
 
 
 def test_a_goal_that_is_worked_out_is_in_view_of_all_that_read_it():
@@ -387,8 +395,8 @@ class Joints(JointController):
 
     names, tolerances = ("x",), (1.0,)
 
-    def see(self, observation, goal, t): ...
-    def tick(self, t, dt, joints): ...
+    def process_image(self, observation, goal, t): ...
+    def update(self, t, dt, joints): ...
 
 
 LABEL = {"segmentation": {"method": "label", "label": "target"}}

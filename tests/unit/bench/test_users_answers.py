@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_controller.features.base import Feature, Measured
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
+from aras_visual_servo_controller.features.base import Feature, FeatureMeasurement
 from aras_visual_servo_controller.features.corners import NumberedPoints
 from aras_visual_servo_controller.laws import Proportional
 
@@ -36,7 +36,8 @@ def answering(name, answer, every=1):
 
 
 def changed(**fields):
-    return lambda m: Measured(**{**{n: getattr(m, n) for n in ("s", "desired", "error", "L")},
+    return lambda m: FeatureMeasurement(**{**{n: getattr(m, n)
+        for n in ("s", "desired", "error", "L")},
                                  **{n: f(m) for n, f in fields.items()}})  # fmt: skip
 
 
@@ -90,7 +91,9 @@ def test_what_is_not_is_one_line_that_names_class_method_and_what_is_needed(name
 def test_numbers_that_are_none_now_and_then_are_counted(duration, kind):
     name = answering("Sometimes", changed(s=lambda m: m.s * np.nan), every=5)
     result = servoed(name, duration=duration)
-    faults = sum(state.decision is None and state.phase == "holding" for state in result.states)
+    faults = sum(
+        state.scheme_output is None and state.phase == "holding" for state in result.states
+    )
     assert faults > 0 and f"{faults} image" in result.reason and "at 0." in result.reason or (
         f"{faults} images of " in result.reason and "from 0." in result.reason
     )
@@ -109,7 +112,9 @@ class Aside(Feature):
 
     def measure(self, observation, goal):
         x, wanted = observation.moments.xg, goal.features[self.name]["x"]
-        return Measured(x, wanted, x - wanted, [-1.0 / goal.depth, 0, 0, 0, -1.0 - x * x, 0])
+        return FeatureMeasurement(
+            x, wanted, x - wanted, [-1.0 / goal.depth, 0, 0, 0, -1.0 - x * x, 0]
+        )
 
 
 def test_a_feature_that_teaches_needs_no_check_and_one_number_no_tuple():
@@ -129,7 +134,7 @@ class Centred(Aside):
 
     def measure(self, observation, goal):
         x = observation.moments.xg
-        return Measured(x, 0.0, x, [-1.0 / goal.depth, 0, 0, 0, -1.0 - x * x, 0])
+        return FeatureMeasurement(x, 0.0, x, [-1.0 / goal.depth, 0, 0, 0, -1.0 - x * x, 0])
 
 
 def test_what_a_feature_keeps_may_be_empty():
@@ -138,12 +143,12 @@ def test_what_a_feature_keeps_may_be_empty():
 
 
 class Halves(Proportional):
-    def rate(self, error, L, rotated_error, t, dt):
+    def desired_error_rate(self, error, L, pseudo_inverse_error, t, dt):
         return (-2.0 * error).tolist()
 
 
 class Lost(Proportional):
-    def rate(self, error, L, rotated_error, t, dt):
+    def desired_error_rate(self, error, L, pseudo_inverse_error, t, dt):
         return None
 
 

@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_controller.features import Feature, Measured
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
+from aras_visual_servo_controller.features import Feature, FeatureMeasurement
 
 UNEVEN = [[-0.05, -0.04], [0.05, -0.05], [0.04, 0.05], [-0.03, 0.03]]
 # As the camera's image is the goal's from two poses, it goes to the one that is not the goal.
@@ -32,7 +32,7 @@ LONG_LENS = {
 def ran(**keys):
     values = {"plant": "free", "features": "exact", "duration": 16.0, "linger": 0.0, **keys}
     result = run(Experiment.from_mapping(values))
-    left = result.states[-1].arrived.open
+    left = result.states[-1].arrival_status.pose_uncertainty
     bound = (np.nan, np.nan) if left is None else (left.distance, left.angle)
     return result, bound
 
@@ -71,7 +71,7 @@ class CentreAndSize(Feature):
         x, y, _ = s
         L = [[-1 / Z, 0, x / Z, x * y, -1 - x * x, y], [0, -1 / Z, y / Z, 1 + y * y, -x * y, -x],
              [0, 0, 1 / Z, 1.5 * y, -1.5 * x, 0]]  # fmt: skip
-        return Measured(s, wanted, self.error(s, wanted), np.array(L))
+        return FeatureMeasurement(s, wanted, self.error(s, wanted), np.array(L))
 
     def error(self, s, wanted):
         return s - wanted
@@ -106,7 +106,7 @@ class MiddleAlone(CentreAndSize):
 
     def measure(self, observation, goal):
         whole = super().measure(observation, goal)
-        return Measured(whole.s[:2], whole.desired[:2], whole.error[:2], whole.L[:2])
+        return FeatureMeasurement(whole.s[:2], whole.desired[:2], whole.error[:2], whole.L[:2])
 
 
 @pytest.mark.parametrize(("scheme", "is_right"), [

@@ -8,22 +8,22 @@ import pytest
 import yaml
 
 from aras_visual_servo_bench import load_run
-from aras_visual_servo_bench.commands import (
-    analyzing,
-    browsing,
+from aras_visual_servo_bench.cli import (
+    analyze,
+    browse,
     dataset,
-    looking,
     main,
     protocol,
-    reading,
-    running,
+    results,
+    run,
+    show_tune,
 )
 from aras_visual_servo_bench.errors import BenchError, StudyError
-from aras_visual_servo_bench.numbers import summary
-from aras_visual_servo_bench.pictures import figures
-from aras_visual_servo_bench.study import folder as folders
-from aras_visual_servo_bench.study import replay, tuner
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.metrics import summary
+from aras_visual_servo_bench.plots import study_figures
+from aras_visual_servo_bench.studies import replay, tuner
+from aras_visual_servo_bench.studies import study_folder as folders
+from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.web.report import video
 from aras_visual_servo_bench.web.report import write as reports
 
@@ -50,14 +50,14 @@ def asked(monkeypatch):
         monkeypatch.setattr(place, name, called)
 
     stub.found = found
-    for place in (reading, protocol):
+    for place in (results, protocol):
         monkeypatch.setattr(place.Results, "read", lambda folder: f"<{folder}>")
     return stub
 
 
 def test_a_table_is_of_the_rows_and_columns_that_were_asked_for(asked, tmp_path, capsys):
-    asked(reading.tables, "tabulated", "rows")
-    asked(reading.tables, "written", "a b\n")
+    asked(results.tables, "tabulated", "rows")
+    asked(results.tables, "written", "a b\n")
     words = ["table", "x", "y", "--by", "p, q,", "--metrics", "m"]
     assert main([*words, "--format", "tex"]) == 0
     assert asked.found == [("tabulated", ["<x>", "<y>"], ["p", "q"], ["m"]),
@@ -71,7 +71,7 @@ def test_a_table_is_of_the_rows_and_columns_that_were_asked_for(asked, tmp_path,
 
 
 def test_plots_are_put_where_they_are_wanted(asked, tmp_path, capsys):
-    asked(figures, "write_all", ["one.png", "two.svg"])
+    asked(study_figures, "write_all", ["one.png", "two.svg"])
     assert main(["plot", "x", "y", "--metrics", "m,n"]) == 0
     assert capsys.readouterr().out == "one.png\ntwo.svg\n"
     assert main(["plot", "x", "--format", "svg, pdf", "--out", "there"]) == 0
@@ -82,8 +82,8 @@ def test_plots_are_put_where_they_are_wanted(asked, tmp_path, capsys):
 
 
 def test_differences_are_of_the_first_folder_and_the_second(asked, capsys):
-    asked(reading.compare, "differences", "found")
-    asked(reading.compare, "told", "so and so")
+    asked(results.compare, "differences", "found")
+    asked(results.compare, "told", "so and so")
     assert main(["diff", "x", "y", "--by", "p", "--metrics", "m,n"]) == 0
     assert main(["diff", "x", "y", "--all"]) == 0
     assert asked.found == [
@@ -99,7 +99,7 @@ def study(tmp_path, asked, monkeypatch):
     path.write_text(STUDY)
     for place in (protocol, dataset):
         monkeypatch.setattr(place.Folder, "create", lambda *given: given)
-    asked(running, "carry_out", 7)
+    asked(run, "carry_out", 7)
     return path
 
 
@@ -149,7 +149,7 @@ def test_a_data_set_is_of_all_images_or_of_views_with_depth_or_without(asked, st
 
 
 def test_a_run_is_shown_again_with_what_has_changed(asked, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(looking.Folder, "open", lambda path: f"<{path.name}>")
+    monkeypatch.setattr(show_tune.StudyFolder, "open", lambda path: f"<{path.name}>")
     asked(replay, "replay", ("run", {"decay": (1, 2)}))
     asked(video, "write_with_video", ["a.html", "b.mp4"])
     assert main(["show", str(tmp_path / "s"), "12"]) == 0
@@ -196,7 +196,7 @@ def test_settings_are_searched_for_as_the_words_say(asked, study, tmp_path, caps
             made.append("closed")
 
     monkeypatch.setattr(tuner, "Tuner", Tuner)
-    monkeypatch.setattr(running, "pool", lambda options: Pool())
+    monkeypatch.setattr(run, "make_pool", lambda options: Pool())
     words = ["tune", str(study), "repeats=2", "--over", "gain=0.5:4", "--over", "lag=0:1",
              "--out", str(tmp_path / "o")]
     assert main([*words, "--metric", "decay_rate", "--evaluations", "5", "--success", "0.5"]) == 0
@@ -216,15 +216,15 @@ def test_settings_are_searched_for_as_the_words_say(asked, study, tmp_path, caps
 def test_runs_that_are_analyzed_have_the_names_that_they_are_given(asked, tmp_path, capsys,
                                                                     monkeypatch):
     shown = []
-    monkeypatch.setattr(analyzing, "Bar", lambda _stream: SimpleNamespace(
+    monkeypatch.setattr(analyze, "ProgressBar", lambda _stream: SimpleNamespace(
         show=lambda part, what: shown.append((part, what)), close=lambda: shown.append("closed")))
 
     def read(given, progress):
         progress(0.5)
         return SimpleNamespace(name=f"of {given}")
 
-    monkeypatch.setattr(analyzing, "load_run", read)
-    asked(analyzing, "report")
+    monkeypatch.setattr(analyze, "load_run", read)
+    asked(analyze, "report")
     words = ["analyze", "a", "b", "--out", str(tmp_path)]
     assert main([*words, "--names", "one, two", "--formats", "svg,png", "--paper"]) == 0
     assert main([*words, "--names", "one,one"]) == 0
@@ -251,7 +251,7 @@ def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, dis
                              access=SimpleNamespace(address="http://x"),
                              close=lambda: closed.append(1))
     asked(pages, "serve", served)
-    monkeypatch.setattr(browsing.webbrowser, "open", lambda page: opened.append(page) or opens)
+    monkeypatch.setattr(browse.webbrowser, "open", lambda page: opened.append(page) or opens)
 
     waited = []
 
@@ -259,7 +259,7 @@ def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, dis
         waited.append(len(closed))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(browsing.threading.Event, "wait", wait)
+    monkeypatch.setattr(browse.threading.Event, "wait", wait)
     assert main(["browse", "d", "e", "--port", "99", "--address", "0.0.0.0"]) == 0
     _, folders, address, port, say = asked.found[0]
     assert (list(map(str, folders)), address, port, closed) == (["d", "e"], "0.0.0.0", 99, [1])
@@ -289,7 +289,7 @@ def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, dis
 def bar(monkeypatch):
     """What the bar of progress shows."""
     shown = []
-    monkeypatch.setattr(analyzing, "Bar", lambda _stream: SimpleNamespace(
+    monkeypatch.setattr(analyze, "ProgressBar", lambda _stream: SimpleNamespace(
         show=lambda part, what: shown.append((part, what)), close=lambda: shown.append("closed")))
     return shown
 
@@ -326,7 +326,7 @@ def test_a_word_names_a_bag_however_it_was_left(bags, tmp_path):
 def test_a_word_names_a_study_s_run_or_an_experiment(asked, bags, tmp_path, monkeypatch):
     folder = SimpleNamespace(path=tmp_path / "mine")
     opened = []
-    monkeypatch.setattr(folders.Folder, "open", lambda path: opened.append(path) or folder)
+    monkeypatch.setattr(folders.StudyFolder, "open", lambda path: opened.append(path) or folder)
     asked(replay, "replay", ("run", {}))
     assert load_run("a/b:12", print) == "run" and str(opened[0]) == "a/b"
     assert asked.found == [("replay", folder, 12, "mine:12")]
@@ -356,19 +356,19 @@ def test_a_report_tells_what_came_of_each_run(bar, capsys, monkeypatch, tmp_path
         return ["page.html", "a.png"]
 
     monkeypatch.setattr(summary, "summarise", lambda run: f"of {run.name}")
-    monkeypatch.setattr(summary, "told", lambda run, found: f"{run.name} {found}")
+    monkeypatch.setattr(summary, "describe_run", lambda run, found: f"{run.name} {found}")
     monkeypatch.setattr(reports, "write_report", write)
-    analyzing.report(runs, tmp_path, ("svg",), True)
+    analyze.write_reports(runs, tmp_path, ("svg",), True)
     said = "\na:\na of a\n  Note: late\n  Note: dark\n\nb:\nb of b\n"
     assert capsys.readouterr().out == said + "\n2 files, the page is page.html\n"
     assert written == [(runs, tmp_path, ("svg",), True)] and bar == [(0.75, "figures"), "closed"]
-    analyzing.report(runs, None)
+    analyze.write_reports(runs, None)
     assert capsys.readouterr().out == said and len(written) == 1
-    analyzing.report(runs, tmp_path)
+    analyze.write_reports(runs, tmp_path)
     assert written[1][2:] == (("png",), False)
     bar.clear()
     with pytest.raises(BenchError):
-        analyzing.report(runs, tmp_path / "bad")
+        analyze.write_reports(runs, tmp_path / "bad")
     assert bar[-1] == "closed"
 
 
@@ -418,18 +418,18 @@ def test_a_bag_s_experiment_is_shown_and_kept(capsys, monkeypatch, tmp_path):
 
 def test_a_browser_that_fails_is_no_fault(monkeypatch):
     def fail(_page):
-        raise browsing.webbrowser.Error
+        raise browse.webbrowser.Error
 
-    monkeypatch.setattr(browsing.webbrowser, "open", fail)
+    monkeypatch.setattr(browse.webbrowser, "open", fail)
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.setenv("DISPLAY", "")
         monkeypatch.setenv("WAYLAND_DISPLAY", "")
-        assert browsing._opened("x") is False
+        assert browse._open_browser("x") is False
         monkeypatch.setenv(name, ":0")
-        assert browsing._opened("x") is False
+        assert browse._open_browser("x") is False
         with monkeypatch.context() as opens:
-            opens.setattr(browsing.webbrowser, "open", lambda page: page == "x")
-            assert browsing._opened("x") is True
+            opens.setattr(browse.webbrowser, "open", lambda page: page == "x")
+            assert browse._open_browser("x") is True
 
 
 def test_a_candidate_s_study_is_carried_out_in_its_own_folder(asked, study, tmp_path, monkeypatch):
@@ -465,11 +465,13 @@ def test_a_candidate_s_study_is_carried_out_in_its_own_folder(asked, study, tmp_
         __enter__ = __exit__ = lambda self, *_: None
 
     monkeypatch.setattr(tuner, "Tuner", Tuner)
-    monkeypatch.setattr(running, "pool", lambda options: Pool())
-    monkeypatch.setattr(looking.Folder, "create", lambda *made: given.append(made) or Folder())
-    monkeypatch.setattr(looking, "Progress", lambda *made: SimpleNamespace(
+    monkeypatch.setattr(run, "make_pool", lambda options: Pool())
+    monkeypatch.setattr(
+        show_tune.StudyFolder, "create", lambda *made: given.append(made) or Folder()
+    )
+    monkeypatch.setattr(show_tune, "Progress", lambda *made: SimpleNamespace(
         close=lambda: told.append(made)))
-    asked(looking.engine, "carry_out")
+    asked(show_tune.engine, "carry_out")
     assert main(["tune", str(study), "--out", str(tmp_path / "o")]) == 0
     ((path, made, text),) = given
     assert path == tmp_path / "1" and Study.from_mapping(yaml.safe_load(text)).digest == made.digest

@@ -7,13 +7,13 @@ import pytest
 from scenes import looking
 from test_recomputed import AT, EYE, things
 
-from aras_sim_bridge.rendering import Sun, View, create_renderer
-from aras_sim_bridge.rendering.binning import Binning
+from aras_sim_bridge.rendering import Lighting, View, create_renderer
+from aras_sim_bridge.rendering.binning import TileBinning
 from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.rendering.tiles import TILE
 from aras_sim_bridge.rendering.triangles import Triangles
 
-LIGHT = Sun(direction=(-0.5, 0.4, -0.8), ambient=0.3, diffuse=0.9)
+LIGHT = Lighting(direction=(-0.5, 0.4, -0.8), ambient=0.3, diffuse=0.9)
 # Over 16 tiles wide or high: three levels of tiles joined 4 x 4, the last ones in part.
 VIEWS = {"wide": ((195, 61), (150.0, 140.0, 88.2, 33.1)),
          "high": ((75, 170), (170.0, 160.0, 31.2, 90.4))}
@@ -33,7 +33,7 @@ def seen_of(bench, tmp_path, plainly):
         (width, height), (fx, fy, cx, cy) = VIEWS[name]
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
         view = View(width, height, looking(EYE, AT, (0.2, 0.1, 1.0)), K, near, far)
-        return renderer, view, renderer.sample(view, 1.0, 0.0).seen
+        return renderer, view, renderer.sample(view, 1.0, 0.0).visible
 
     return seen
 
@@ -134,8 +134,8 @@ def test_a_pane_before_all_of_a_picture_is_listed_in_each_of_its_tiles(bench, pl
     scene.refresh()
     view = View(128, 128, looking([0.0, 0.0, 0.0], [1.0, 0.0, 0.0]),
                 np.array([[150.0, 0.0, 70.2], [0.0, 140.0, 60.4], [0.0, 0.0, 1.0]]))
-    seen = Binning(Triangles.of(scene.parts)).seen(
-        view.tiles(), view.optical_T_world @ scene.poses(), np.array([[0.0, 0.0, 1.0]]),
+    seen = TileBinning(Triangles.from_visuals(scene.visuals)).find_visible(
+        view.get_tiles(), view.optical_T_world @ scene.read_poses(), np.array([[0.0, 0.0, 1.0]]),
         np.array([0.4, 0.8]), 0.02, 50.0)
     assert (np.diff(seen.start) >= 1).all() and len(seen.start) == 257
     assert not seen.opaque.any() and (seen.cover < 0).all()

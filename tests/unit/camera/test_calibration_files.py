@@ -10,7 +10,7 @@ import yaml
 from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.camera.camera_file import read_camera
 from aras_sim_bridge.errors import CameraError
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.undistortion import CameraModel
 
 SIZE = (640, 480)
@@ -120,10 +120,10 @@ def test_a_projected_grid_is_opencvs(tmp_path, name, D, model):
     grid = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)])
     project = cv2.projectPoints if model != "equidistant" else cv2.fisheye.projectPoints
     expected = project(grid[:, None], np.zeros(3), np.zeros(3), K, np.array(D or (0.0,) * 4))[0]
-    pixels = camera.model.project(grid)
+    pixels = camera.projection.project(grid)
     assert np.abs(pixels - expected.reshape(-1, 2)).max() < 1e-6
     assert (camera.width, camera.height) == SIZE
-    info = camera.intrinsics()  # what the camera node and the loop get
+    info = camera.make_intrinsics()  # what the camera node and the loop get
     read = CameraModel(*SIZE, tuple(info.K.ravel()), info.D, info.model)
     assert np.abs(np.column_stack(read.project(*grid[:, :2].T)) - pixels).max() < 1e-6
 
@@ -223,12 +223,14 @@ def test_a_polynomial_that_folds_outside_of_the_image(model, D):
     keys = {"width": 640, "height": 480, "distortion_model": model, "distortion_coefficients": D}
     camera = CameraConfig.from_mapping({**keys, "camera_matrix": (fx, fy, cx, cy)})
     u, v = (side.ravel() for side in np.meshgrid(np.arange(0, 640, 7.0), np.arange(0, 480, 7.0)))
-    rays = camera.model.unproject(np.column_stack([u, v]))
-    info = camera.intrinsics()
+    rays = camera.projection.unproject(np.column_stack([u, v]))
+    info = camera.make_intrinsics()
     read = CameraModel(*SIZE, tuple(info.K.ravel()), info.D, model)
     x, y, valid = read.normalise(u, v)
     assert valid.all() and np.abs(rays[:, :2] / rays[:, 2:] - np.column_stack([x, y])).max() < 1e-9
-    far = transform((0, 0, 0), (0, 0, 0.1))[:2, :2] @ np.array([[1.2, 2.0, 5.0], [0.9, -2.0, 1.0]])
+    far = matrix_from_xyz_rpy((0, 0, 0), (0, 0, 0.1))[:2, :2] @ np.array(
+        [[1.2, 2.0, 5.0], [0.9, -2.0, 1.0]]
+    )
     u, v = read.project(*far)
     assert ((u < 0) | (u > 639) | (v < 0) | (v > 479)).all()
     with pytest.raises(CameraError, match="fold the picture over .*inside"):

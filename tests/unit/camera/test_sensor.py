@@ -9,7 +9,7 @@ from scenes import BRIGHT, link_pose, looking, table_and_target
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.camera.effects import EffectChain, Effects, SensorModel
 from aras_sim_bridge.camera.effects import sensor as sensor_effects
-from aras_sim_bridge.camera.formats import read_out, shape_of, widened
+from aras_sim_bridge.camera.formats import find_shape, read_out, widen
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.rendering import create_renderer
 from aras_sim_bridge.world import Pose
@@ -43,9 +43,9 @@ def frames(sensor, ticks, step=MS, start=0):
     out = []
     for k in range(1, ticks + 1):
         after = start + k * step
-        if sensor.needs_before(after):
+        if sensor.needs_previous_pose(after):
             sensor.before_step(np.eye(4), after - step)
-        if sensor.due(after):
+        if sensor.is_due(after):
             frame = sensor.capture(np.eye(4), after)
             if frame is not None:
                 out.append((after, frame))
@@ -80,11 +80,11 @@ def test_moving_body_is_drawn_where_it_was_at_the_stamp(bench):
     pose = link_pose(looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0)))
     centre = None
     for k in range(1, 35):
-        if sensor.needs_before(k * MS):
+        if sensor.needs_previous_pose(k * MS):
             sensor.before_step(pose, (k - 1) * MS)
         # 1 m/s along x: 0.63 px a tick, so that a tick's delay would be seen
         body.set_pose(Pose((k * 1e-3, 0.0, 0.0)))
-        if sensor.due(k * MS):
+        if sensor.is_due(k * MS):
             frame = sensor.capture(pose, k * MS)
             dark = 255.0 - frame.image[..., 0]
             centre = (dark * np.arange(320)).sum() / dark.sum()
@@ -342,7 +342,7 @@ def test_noise_is_added_to_each_value_within_what_a_byte_holds(monkeypatch):
     """As plain Python does it as well, of which a few are enough."""
     levels, out, plain = np.tile(np.uint8([0, 100, 255]), 40), *np.empty((2, 120), np.uint8)
     sensor_effects._add_noise(levels, 3.0, 6.0, np.uint64(77), out)
-    monkeypatch.setattr(sensor_effects, "_deviate", sensor_effects._deviate.py_func)
+    monkeypatch.setattr(sensor_effects, "_draw_normal", sensor_effects._draw_normal.py_func)
     with np.errstate(over="ignore"):
         sensor_effects._add_noise.py_func(levels, 3.0, 6.0, np.uint64(77), plain)
     assert np.abs(out.astype(int) - plain).max() <= 1
@@ -501,13 +501,13 @@ def test_formats():
     rgb = np.zeros((4, 6, 3), np.uint8)
     rgb[:] = (10, 20, 30)
     assert read_out(rgb, "bgr8")[0, 0].tolist() == [30, 20, 10]
-    assert read_out(rgb, "mono8").shape == shape_of("mono8", 4, 6) == (4, 6)
+    assert read_out(rgb, "mono8").shape == find_shape("mono8", 4, 6) == (4, 6)
     # 0.299 r + 0.587 g + 0.114 b, as luminance is reckoned
     assert read_out(np.uint8([[(200, 100, 40)]]), "mono8").item() == round(59.8 + 58.7 + 4.56)
-    assert read_out(rgb, "rgb16").shape == shape_of("rgb16", 4, 6) == (4, 6, 3)
-    assert widened(rgb, "rgb8") is rgb
-    assert widened(rgb, "mono16").dtype == np.uint16
-    assert widened(np.full_like(rgb, 255), "rgb16").max() == 65535
+    assert read_out(rgb, "rgb16").shape == find_shape("rgb16", 4, 6) == (4, 6, 3)
+    assert widen(rgb, "rgb8") is rgb
+    assert widen(rgb, "mono16").dtype == np.uint16
+    assert widen(np.full_like(rgb, 255), "rgb16").max() == 65535
     assert read_out(rgb, "bayer_rggb8")[:2, :2].tolist() == [[10, 20], [20, 30]]
     assert read_out(rgb, "bayer_grbg8")[:2, :2].tolist() == [[20, 10], [30, 20]]
     assert read_out(rgb, "bayer_gbrg8")[:2, :2].tolist() == [[20, 30], [10, 20]]

@@ -179,6 +179,7 @@ def test_what_is_hidden_or_of_the_same_colour_costs_no_edge(bench):
     view = view_at((0.0, 0.0), 0.3)
     assert (renderer.render(view) == 255).all()
     one = renderer.sample(view, 1.0, -0.5)
-    edges = renderer.resolve(one, view, one.canvas.shader.plain(renderer.triangles,
-                                                                 one.seen))[0]
+    edges = renderer.resolve(
+        one, view, one.canvas.shader.compute_uniform_colours(renderer.triangles, one.visible)
+    )[0]
     assert not edges.any()

@@ -39,7 +39,7 @@ class Thread:
 @pytest.fixture
 def ros(monkeypatch):
     """rospy's subscriptions, which the test counts, and lines of the log."""
-    it = SimpleNamespace(open=[], lines=[])
+    it = SimpleNamespace(pose_uncertainty=[], lines=[])
 
     class Subscriber:
         def __init__(self, topic, kind, hear, **options) -> None:
@@ -51,7 +51,7 @@ def ros(monkeypatch):
             it.open.pop()
 
     monkeypatch.setattr(command_topic.rospy, "Subscriber", Subscriber)
-    monkeypatch.setattr(command_topic, "_feeds", {})
+    monkeypatch.setattr(command_topic, "_subscriptions", {})
     monkeypatch.setattr(
         command_topic.rospy, "logerr", lambda text, *args: it.lines.append(text % args)
     )

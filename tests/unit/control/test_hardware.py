@@ -4,7 +4,7 @@ from math import inf, nan, pi
 
 import pytest
 
-from aras_sim_bridge.control.joints import EFFORT, POSITION, VELOCITY, Occurrence
+from aras_sim_bridge.control.joints import EFFORT, POSITION, VELOCITY, RateLimitedEvent
 from aras_sim_bridge.control.limits import NO_RULE
 from aras_sim_bridge.errors import HardwareError
 
@@ -66,12 +66,12 @@ class TestWriting:
         rig.step(3)
         assert only(rig) != [still]
         rig.model.q[0] = -1.5
-        rig.hardware.stay(["K"])
+        rig.hardware.hold_positions(["K"])
         rig.step()
         assert rig.hardware.handles["J"].position_command == pytest.approx(
             0.995)  # the limit has stored it
         rig.model.q[0], rig.model.v[0] = -1.5, 0.0
-        rig.hardware.stay(["J"])
+        rig.hardware.hold_positions(["J"])
         rig.step(3)
         assert only(rig) == [("effort", 0.0) if values else ("position", -1.5)]
 
@@ -187,11 +187,11 @@ def test_a_pid_drive_drives_no_joint_on_that_is_too_fast(make_rig, make_joint, i
 
 class TestReporting:
     def test_after_a_second_without_it_or_a_reset_a_trouble_is_news_again(self):
-        trouble = Occurrence()
-        assert trouble.note(5) and not trouble.note(6)
-        assert not trouble.note(1_000_000_006) and trouble.note(2_000_000_007)
+        trouble = RateLimitedEvent()
+        assert trouble.record(5) and not trouble.record(6)
+        assert not trouble.record(1_000_000_006) and trouble.record(2_000_000_007)
         trouble.reset()
-        assert trouble.note(2_000_000_008) and not trouble.note(2_000_000_009)
+        assert trouble.record(2_000_000_008) and not trouble.record(2_000_000_009)
 
     def test_a_position_beyond_the_range_is_told_once_an_occurrence(self, make_rig, make_joint):
         rig = make_rig([make_joint("J", interface=POSITION)])

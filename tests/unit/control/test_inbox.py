@@ -8,7 +8,12 @@ import threading
 
 import pytest
 
-from aras_sim_bridge.ros.runtime.inbox import BUFFER_SIZE, LARGEST, Inbox, Stream
+from aras_sim_bridge.ros.runtime.message_receiver import (
+    BUFFER_SIZE,
+    LARGEST_MESSAGE,
+    MessageReceiver,
+    MessageStream,
+)
 
 STEP_NS = 1_000_000
 
@@ -16,12 +21,12 @@ STEP_NS = 1_000_000
 class Publisher:
     """The other end of a stream; `acted` lists what acted, `ended` says that it is over."""
 
-    def __init__(self, inbox: Inbox, bodies: list[bytes] = (), rest: bytes = b"") -> None:
+    def __init__(self, inbox: MessageReceiver, bodies: list[bytes] = (), rest: bytes = b"") -> None:
         self.end, ours = socket.socketpair()
         self.ours = ours
         self.acted: list[int] = []
         self.ended = threading.Event()
-        self.stream = Stream(
+        self.stream = MessageStream(
             ours, lambda body: self.acted.append(int(body)), self.ended.set, bodies, rest
         )
         inbox.add(self.stream)
@@ -37,7 +42,7 @@ def framed(number: int) -> bytes:
 
 @pytest.fixture
 def inbox():
-    box = Inbox()
+    box = MessageReceiver()
     yield box
     box.close()
 
@@ -68,30 +73,30 @@ def test_what_is_passed_over_is_counted_by_stream_until_it_is_asked_for(inbox):
     first.send(*range(6))
     second.send(*range(9))
     inbox.take(0, 1)
-    assert second.stream.passed_over == 7 and inbox.most_passed_over() == 7
-    assert inbox.most_passed_over() == 0
+    assert second.stream.skipped_count == 7 and inbox.take_skipped_count() == 7
+    assert inbox.take_skipped_count() == 0
     inbox.take(STEP_NS, 1)
-    assert inbox.most_passed_over() == 0
+    assert inbox.take_skipped_count() == 0
     first.send(*range(4))
     inbox.take(2 * STEP_NS, 0)
-    assert inbox.most_passed_over() == 3
+    assert inbox.take_skipped_count() == 3
 
 
 def test_the_longest_message_that_may_be_is_read(inbox):
-    assert (LARGEST, BUFFER_SIZE) == (16 * 1024 * 1024, 1024 * 1024)
+    assert (LARGEST_MESSAGE, BUFFER_SIZE) == (16 * 1024 * 1024, 1024 * 1024)
     publisher = Publisher(inbox)
-    publisher.end.sendall(struct.pack("<I", LARGEST))
+    publisher.end.sendall(struct.pack("<I", LARGEST_MESSAGE))
     inbox.take(0, 1)
     assert not publisher.ended.is_set()
 
 
 def test_all_streams_end_with_the_box():
-    box = Inbox()
+    box = MessageReceiver()
     publishers = [Publisher(box) for _ in range(2)]
     box.close()
     assert all(publisher.ended.is_set() for publisher in publishers)
     publishers[0].send(1)
-    assert not box.take(0, 0) and not publishers[0].acted
+    assert not box.deliver(0, 0) and not publishers[0].acted
 
 
 def test_a_stream_without_news_is_no_end(inbox):
@@ -169,7 +174,7 @@ def test_the_last_word_of_who_leaves_acts_and_then_it_is_over(inbox):
 
 def test_nonsense_ends_its_stream_alone(inbox):
     mad, sane = Publisher(inbox), Publisher(inbox)
-    mad.end.sendall(struct.pack("<I", LARGEST + 1))
+    mad.end.sendall(struct.pack("<I", LARGEST_MESSAGE + 1))
     sane.send(1)
     inbox.take(0, 1)
     assert mad.ended.is_set()
@@ -195,7 +200,7 @@ def test_a_socket_closed_under_it_is_no_fault(inbox):
 def test_a_stream_that_is_closed_before_it_is_read_has_ended(inbox):
     acted, ended, (ours, _) = [], threading.Event(), socket.socketpair()
     ours.close()
-    inbox.add(Stream(ours, acted.append, ended.set, [b"1"]))
+    inbox.add(MessageStream(ours, acted.append, ended.set, [b"1"]))
     assert ended.is_set() and not inbox.take(0, 0) and not acted
 
 

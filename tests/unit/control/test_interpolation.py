@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from aras_sim_bridge.control.controllers.interpolation import Interpolation
+from aras_sim_bridge.control.controllers.interpolation import CommandInterpolator
 from aras_sim_bridge.control.joints import JointHandle
 
 MS = 1_000_000
@@ -13,7 +13,7 @@ MS = 1_000_000
 
 def interpolation(kind="revolute", velocity=5.0):
     limits = SimpleNamespace(lower=-9.0, upper=9.0, velocity=velocity, effort=1.0)
-    return Interpolation(JointHandle("a", kind, limits))
+    return CommandInterpolator(JointHandle("a", kind, limits))
 
 
 def follow(it, commands, ms, period=0.001):
@@ -62,7 +62,7 @@ def test_a_far_command_is_approached_at_the_joint_s_velocity_limit(sign):
 
 
 def test_without_a_velocity_limit_a_far_command_takes_the_usual_interval():
-    for it in (Interpolation(JointHandle("a", "prismatic")),
+    for it in (CommandInterpolator(JointHandle("a", "prismatic")),
                interpolation("prismatic", velocity=0.0)):
         assert follow(it, {1: 50.0}, 80)[-1] == pytest.approx(50.0, abs=1e-3)
 
@@ -75,7 +75,7 @@ def test_without_a_velocity_limit_a_far_command_takes_the_usual_interval():
 ])
 def test_a_command_beyond_half_a_turn_goes_the_way_that_steps_go(kind, lower, upper, end):
     limits = SimpleNamespace(lower=lower, upper=upper, velocity=50.0, effort=1.0)
-    it = Interpolation(JointHandle("a", kind, limits))
+    it = CommandInterpolator(JointHandle("a", kind, limits))
     values = follow(it, {1: 4.0}, 400)
     assert values[-1] == pytest.approx(end, abs=1e-12)
     assert all(min(end, 0.0) <= value <= max(end, 0.0) for value in values)

@@ -77,13 +77,15 @@ def test_the_cycles_to_come_are_those_in_which_it_will_sample(make, rate):
     states = []
     controller.on_state = states.append
     rig.step(7)
-    due = controller.due_in(rig.time_ns + rig.step_ns, rig.time_ns + 60 * rig.step_ns, rig.step_ns)
+    due = controller.list_due_cycles(
+        rig.time_ns + rig.step_ns, rig.time_ns + 60 * rig.step_ns, rig.step_ns
+    )
     states.clear()
     rig.step(60)
     assert [s.stamp_ns for s in states] == due and len(due) >= 4
-    before = controller.due_in(rig.time_ns, rig.time_ns + 100_000_000, rig.step_ns)
+    before = controller.list_due_cycles(rig.time_ns, rig.time_ns + 100_000_000, rig.step_ns)
     controller.sampled(3)
-    after = controller.due_in(rig.time_ns, rig.time_ns + 100_000_000, rig.step_ns)
+    after = controller.list_due_cycles(rig.time_ns, rig.time_ns + 100_000_000, rig.step_ns)
     assert after == before[3:]
 
 

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from aras_sim_bridge.ros.camera.compressed import Encoder
+from aras_sim_bridge.ros.camera.compressed import BackgroundWorker
 from aras_sim_bridge.ros.control import state_topic
 from aras_sim_bridge.ros.control.state_topic import StateTopic
 
 
 class Publisher:
-    """As QuickPublisher, with listeners that the test sends and takes away."""
+    """As NonBlockingPublisher, with listeners that the test sends and takes away."""
 
     def __init__(self, topic, message, queue_size, changed) -> None:
         self.listeners = 0
@@ -45,7 +45,7 @@ class Thread:
 @pytest.fixture
 def topic(monkeypatch):
     """A state topic of `port`, with its thread and its publisher."""
-    monkeypatch.setattr(state_topic, "QuickPublisher", Publisher)
+    monkeypatch.setattr(state_topic, "NonBlockingPublisher", Publisher)
     port, thread = SimpleNamespace(on_state=None), Thread()
     made = StateTopic(
         "/state", lambda: SimpleNamespace(data=None), 1, port,
@@ -94,7 +94,7 @@ def test_a_listener_that_was_quicker_than_the_constructor_is_heard(monkeypatch):
             super().__init__(*args, **options)
             self.listeners = 1  # rospy told nobody
 
-    monkeypatch.setattr(state_topic, "QuickPublisher", Awaited)
+    monkeypatch.setattr(state_topic, "NonBlockingPublisher", Awaited)
     port, thread = SimpleNamespace(on_state=None), Thread()
     StateTopic("/state", SimpleNamespace, 1, port, lambda message, state: None, thread)
     thread.turn()
@@ -120,7 +120,7 @@ def test_nobody_waits_for_the_encoder_and_the_newest_frames_stay():
         if item == 99:
             done.set()
 
-    encoder = Encoder(work, 4, "encoder")
+    encoder = BackgroundWorker(work, 4, "encoder")
     encoder.put(0)
     assert begun.wait(10.0)
     for n in range(1, 100):
@@ -140,7 +140,7 @@ def test_an_encoder_that_is_stopped_lets_the_rest_be():
         encoder.stop()
         stopped.set()
 
-    encoder = Encoder(work, 4, "to be stopped")
+    encoder = BackgroundWorker(work, 4, "to be stopped")
     encoder.put(1)
     encoder.put(2)
     assert stopped.wait(10.0)

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import pytest
 
 from aras_sim_bridge.ros.runtime import simulation_thread
-from aras_sim_bridge.ros.runtime.inbox import Inbox
+from aras_sim_bridge.ros.runtime.message_receiver import MessageReceiver
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationBusyError, SimulationThread
 
@@ -60,7 +60,7 @@ def started():
 
     def start(factor: float, gate: Gate | None = None, **options) -> SimulationThread:
         thread = SimulationThread(Counter, Pacer(factor), **options)
-        thread.gate = gate
+        thread.lockstep = gate
         threads.append(thread)
         thread.start()
         return thread
@@ -102,18 +102,18 @@ def test_unpausing_clears_the_gate_that_steps_closed(started):
     until(lambda: thread.now_ns() == 6_000_000)
 
 
-class Commands(Inbox):
+class Commands(MessageReceiver):
     """Before a step there is one where `comes` says so; `flood` are passed over in a group."""
 
     def __init__(self, comes: Callable[[int], bool], flood: int = 0) -> None:
         super().__init__()
         self.comes, self.flood, self.backlogs, self.waits = comes, flood, [], []
 
-    def take(self, time_ns: int, backlog: int) -> bool:
+    def deliver(self, time_ns: int, backlog: int) -> bool:
         self.backlogs.append(backlog)
         return self.comes(time_ns)
 
-    def most_passed_over(self) -> int:
+    def take_skipped_count(self) -> int:
         return self.flood
 
     def wait(self, seconds: float | None, commands: bool = True) -> bool:
@@ -128,20 +128,20 @@ class Plan(Pacer):
         super().__init__(factor)
         self.steps, self.groups, self.over = iter(steps), [], threading.Event()
 
-    def due_until(self, time_ns: int, event_ns: int | None, group_ns: int) -> int:
+    def find_due_time(self, time_ns: int, event_ns: int | None, group_ns: int) -> int:
         self.groups.append(group_ns // MS)
         count = next(self.steps, None)
         if count is None:
             self.over.set()
         return time_ns + round(MS * (count or 0))
 
-    def wait(self, time_ns: int, event_ns: int | None, group_ns: int) -> float:
+    def compute_wait(self, time_ns: int, event_ns: int | None, group_ns: int) -> float:
         return 60.0 if self.over.is_set() else 0.0
 
 
-def run(plan: Plan, inbox: Inbox, gate: Gate | None = None, build=Counter) -> None:
-    thread = SimulationThread(build, plan, inbox=inbox)
-    thread.gate = gate
+def run(plan: Plan, inbox: MessageReceiver, gate: Gate | None = None, build=Counter) -> None:
+    thread = SimulationThread(build, plan, receiver=inbox)
+    thread.lockstep = gate
     thread.start()
     assert plan.over.wait(20.0)
     thread.stop()
@@ -170,10 +170,10 @@ def test_what_came_before_time_was_set_back_is_forgotten():
     made.time_ns = 100 * MS
 
     class Reset(Plan):
-        def due_until(self, time_ns: int, event_ns: int | None, group_ns: int) -> int:
+        def find_due_time(self, time_ns: int, event_ns: int | None, group_ns: int) -> int:
             if len(self.groups) == 1:
                 made.time_ns = time_ns = 0
-            return super().due_until(time_ns, event_ns, group_ns)
+            return super().find_due_time(time_ns, event_ns, group_ns)
 
     plan = Reset(1, 1, 1)
     run(plan, Commands(lambda time_ns: time_ns > 50 * MS), build=lambda: made)
@@ -206,7 +206,7 @@ def test_a_pause_is_not_made_good():
 def test_a_bell_that_was_heard_does_not_wake_again(started):
     """While time stands still the thread waits, and does not spin."""
 
-    class Counting(Inbox):
+    class Counting(MessageReceiver):
         waits = 0
 
         def wait(self, seconds: float | None, commands: bool = True) -> bool:
@@ -410,7 +410,7 @@ def test_what_a_job_of_more_than_a_twentieth_second_took_is_not_made_good(
 
 def test_paused_commands_are_looked_at_every_four_milliseconds_while_they_come():
     inbox = Commands(lambda _: len(inbox.waits) == 1)
-    thread = SimulationThread(Counter, Plan(), paused=True, inbox=inbox)
+    thread = SimulationThread(Counter, Plan(), paused=True, receiver=inbox)
     thread.start()
     until(lambda: inbox.waits)
     thread.wake()
@@ -421,7 +421,7 @@ def test_paused_commands_are_looked_at_every_four_milliseconds_while_they_come()
 
 def test_a_job_does_not_wait_for_the_rest_of_the_steps_that_are_due():
     plan, seen = Plan(4), []
-    thread = SimulationThread(Counter, plan, inbox=Commands(lambda _: False))
+    thread = SimulationThread(Counter, plan, receiver=Commands(lambda _: False))
 
     def after_step(time_ns: int) -> None:
         if time_ns == MS:

@@ -12,9 +12,9 @@ from trimesh.visual.material import PBRMaterial
 
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.meshes.files import read
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 
-PLACED = transform((0.1, -0.2, 0.3), (0.4, 0.1, -0.6))
+PLACED = matrix_from_xyz_rpy((0.1, -0.2, 0.3), (0.4, 0.1, -0.6))
 PIXELS = np.random.default_rng(3).integers(0, 255, (6, 9, 3), np.uint8)
 
 

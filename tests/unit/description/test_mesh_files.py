@@ -219,7 +219,7 @@ def test_a_mesh_that_is_damaged_after_the_spawn(tmp_path):
         with pytest.raises(DescriptionError, match="not <COLLADA>"):
             world.reset_simulation()
         with pytest.raises(DescriptionError, match="not <COLLADA>"):
-            world.change("robot", model.description)
+            world.change_model("robot", model.description)
         world.step()
         path.write_bytes(dae())
         world.reset_simulation()

@@ -146,8 +146,8 @@ def test_the_eyes_of_a_multicamera(read):
     assert [eye.topic_root for eye in made] == ["/head/camera/left", "/head/camera/right"]
     assert [eye.update_rate for eye in made] == [7.0, 7.0]
     assert [eye.shutter for eye in made] == ["stereo", "stereo"]
-    assert [eye.intrinsics().P[0, 3] for eye in made] == [
-        0.0, pytest.approx(-0.07 * made[1].intrinsics().K[0, 0])]
+    assert [eye.make_intrinsics().P[0, 3] for eye in made] == [
+        0.0, pytest.approx(-0.07 * made[1].make_intrinsics().K[0, 0])]
 
 
 CONTACT = "<contact><collision>c</collision></contact>"
@@ -250,7 +250,7 @@ def test_in_which_frame_and_of_whom_a_wrench_is(frame, direction):
             "</measure_direction></force_torque>"
     made = measured("ft_sensor", "<topicName>t</topicName>", "force_torque", asked)
     assert made.warnings == ()
-    assert made.sensors[0].measured_in == (frame or "child")
+    assert made.sensors[0].wrench_frame == (frame or "child")
     assert made.sensors[0].on_child is (direction == "parent_to_child")
 
 

@@ -12,10 +12,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from aras_sim_bridge.description import parse_sdf, world_file
-from aras_sim_bridge.description.model_folders import folder_of
+from aras_sim_bridge.description.model_folders import find_folder
 from aras_sim_bridge.description.packages import find_model
-from aras_sim_bridge.description.population import members
-from aras_sim_bridge.description.shapes import triangles
+from aras_sim_bridge.description.population import place_copies
+from aras_sim_bridge.description.shapes import make_meshes
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -94,7 +94,7 @@ def test_models_and_their_meshes_come_from_the_model_folders(folders, read, uri)
     assert (second.name, second.static, second.initial_pose[0]) == ("second", True, (1, 2, 3))
     for model in found.models:
         (visual,) = model.links["body"].visuals
-        assert np.ptp(triangles(visual.geometry)[0].positions, axis=0) == pytest.approx(
+        assert np.ptp(make_meshes(visual.geometry)[0].positions, axis=0) == pytest.approx(
             (0.1, 0.2, 0.3))
 
 
@@ -116,7 +116,7 @@ def test_a_relative_folder_is_beside_its_file(tmp_path):
     egg.mkdir()
     for uri, base in (("egg", tmp_path), ("file://egg", tmp_path), (f"file://{egg}", "/nowhere"),
                       (str(egg), None)):  # fmt: skip
-        assert folder_of(uri, base) == str(egg)
+        assert find_folder(uri, base) == str(egg)
 
 
 @pytest.mark.parametrize(("uri", "reason"), [
@@ -382,7 +382,7 @@ def test_a_texture_is_whole_and_upright_on_each_side_of_a_box(materials, read):
         world.spawn(found.models[0], "crate")
         scene = Scene(world)
         scene.refresh()
-        (part,) = scene.parts
+        (part,) = scene.visuals
     mesh = part.mesh
     assert mesh.texture == str(materials)
     right = {(1, 0, 0): (0, 1, 0), (-1, 0, 0): (0, -1, 0), (0, 1, 0): (-1, 0, 0),
@@ -550,7 +550,7 @@ def test_a_region_is_turned_by_its_pose_and_its_corner_is_not(read, kind):
 def test_there_are_up_to_a_thousand_copies(inside, count):
     warnings = []
     given = ElementTree.fromstring(population(inside))
-    assert len(members(given, warnings)) == count
+    assert len(place_copies(given, warnings)) == count
     assert len(warnings) == (count == 0)
 
 
@@ -798,7 +798,7 @@ def test_packages_export_folders_of_models(folders, read, tmp_path, monkeypatch)
     assert find_model("arm") == str(arm)
     for uri in ("model://sets/../../arm", "model://sets/none"):
         with pytest.raises(DescriptionError, match="no folder of that name"):
-            folder_of(uri, None)
+            find_folder(uri, None)
 
 
 def test_a_population_may_include_its_model(folders, read):

@@ -3,7 +3,7 @@
 import pytest
 
 from aras_sim_bridge.description import parse_urdf, read_sdf
-from aras_sim_bridge.description.served import BLOCKS, SERVED
+from aras_sim_bridge.description.supported_elements import BLOCKS, SUPPORTED
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.world import World
 
@@ -198,7 +198,7 @@ def test_a_spring_that_cannot_be_is_named(stiffness):
 
 
 def test_the_table_names_blocks_of_every_kind():
-    assert all(entry == SERVED or isinstance(entry, (tuple, dict)) for block in BLOCKS.values()
+    assert all(entry == SUPPORTED or isinstance(entry, (tuple, dict)) for block in BLOCKS.values()
                for entry in block.values())
 
 

@@ -82,7 +82,7 @@ def test_a_mimic_follows_a_joint_that_moves():
     assert robot(text.format("j", "")).joints["k"].mimic == Mimic("j", 1.0, 0.0)
     full = robot(text.format("j", " multiplier='-2' offset='.5'"))
     assert full.joints["k"].mimic == Mimic("j", -2.0, 0.5)
-    assert full.moving_joints() == ("j", "k")
+    assert full.list_moving_joints() == ("j", "k")
     fixed = "<link name='d'/>" + JOINT.replace("'b'", "'d'").replace("'j'", "'x'")
     for more in ("", fixed):
         with pytest.raises(DescriptionError, match="mimics 'x', which is not a moving joint"):
@@ -142,7 +142,7 @@ def test_a_shape_that_cannot_be_served_is_left_out_and_named(tmp_path, shape, re
     box = f"<{kind}><geometry><box size='1 1 1'/></geometry></{kind}>"
     found = parse_urdf(
         f"<robot name='r'><link name='a'>{box}<{kind}><geometry>{shape}</geometry></{kind}></link>"
-        "</robot>", lambda name: str(package) if name == "p" else packages.find(name))
+        "</robot>", lambda name: str(package) if name == "p" else packages.find_package(name))
     assert len(found.links["a"].visuals + found.links["a"].collisions) == 1
     (warning,) = found.warnings
     assert re.search(reason, warning) and f"link 'a', {kind} 2" in warning

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.description import read_sdf, world_file
-from aras_sim_bridge.description.lights import _DIRECTED, _STRENGTHS, checked_light
+from aras_sim_bridge.description.lights import _DIRECTION_FIELDS, _STRENGTH_FIELDS, check_light
 from aras_sim_bridge.description.types import SUN
 from aras_sim_bridge.errors import DescriptionError, SimError, WorldError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -105,9 +105,9 @@ def test_a_light_s_numbers(tmp_path):
     ({"origin_xyz": (0.0, float("inf"), 0.0)}, "origin_xyz .* is not finite"),
 ])
 def test_lights_that_cannot_be(changes, reason):
-    assert checked_light(SUN) is SUN
+    assert check_light(SUN) is SUN
     with pytest.raises(WorldError, match=reason):
-        checked_light(replace(SUN, **changes))
+        check_light(replace(SUN, **changes))
 
 
 def test_a_mesh_that_is_missing_is_left_out_and_named(tmp_path, monkeypatch):
@@ -133,7 +133,7 @@ def test_a_mesh_that_is_missing_is_left_out_and_named(tmp_path, monkeypatch):
     assert "climbs out" in world_file.load_world(str(path)).warnings[0]
 
 
-NUMBERS = [*_DIRECTED, *_STRENGTHS]
+NUMBERS = [*_DIRECTION_FIELDS, *_STRENGTH_FIELDS]
 
 
 @pytest.mark.parametrize("what", NUMBERS)
@@ -144,15 +144,15 @@ def test_each_number_of_a_light_is_finite_and_each_strength_not_negative(what):
         for bad in (math.nan, math.inf, -math.inf, -1e-9):
             given = tuple(bad if k == place else 1.0 for k in range(count)) if count else bad
             light = replace(SUN, **{what: given})
-            if bad == -1e-9 and what in _DIRECTED:
-                assert checked_light(light) is light
+            if bad == -1e-9 and what in _DIRECTION_FIELDS:
+                assert check_light(light) is light
             else:
                 kind = "must not be negative" if bad == -1e-9 else "is not finite"
                 with pytest.raises(WorldError, match=f"light 'sun': {what} .* {kind}"):
-                    checked_light(light)
+                    check_light(light)
     dark = replace(SUN, **{what: (0.0,) * count if count else 0.0})
     if what != "direction":
-        assert checked_light(dark) is dark
+        assert check_light(dark) is dark
 
 
 @pytest.mark.parametrize(("shines", "right"), [
@@ -160,12 +160,12 @@ def test_each_number_of_a_light_is_finite_and_each_strength_not_negative(what):
     (((0.0, 1.0), (2.0, 1.5)), False), (((-0.1, 1.0),), False),
 ])
 def test_when_a_light_shines_rises_from_0_on(shines, right):
-    light = replace(SUN, shines=shines)
+    light = replace(SUN, lit_intervals=shines)
     if right:
-        assert checked_light(light) is light
+        assert check_light(light) is light
     else:
         with pytest.raises(WorldError, match="'sun': shines from .* s, must rise from 0 on"):
-            checked_light(light)
+            check_light(light)
 
 
 @pytest.mark.parametrize(("inside", "expected"), [

@@ -4,8 +4,8 @@ import math
 
 from blocks import ROOT
 
-from aras_visual_servo_controller.judging.arrival import ARRIVED
-from aras_visual_servo_controller.judging.left_open import PLAIN
+from aras_visual_servo_controller.diagnosis.arrival_check import GOAL_TOLERANCE
+from aras_visual_servo_controller.diagnosis.pose_uncertainty import NEGLIGIBLE_UNCERTAINTY
 
 
 def said(part_and_radians, degrees="°"):
@@ -19,8 +19,8 @@ def test_pages_tell_alike_when_a_loop_has_arrived_and_what_it_leaves_open():
     pages = {name: (ROOT / name).read_text(encoding="utf-8") for name in (
         "docs/theory.md", "src/aras_visual_servo_controller/README.md", "docs/reading_results.md")}
     theory, controller, reading = pages.values()
-    assert said(ARRIVED) in theory and said(ARRIVED) in controller
-    assert said(PLAIN, " degrees") in reading
+    assert said(GOAL_TOLERANCE) in theory and said(GOAL_TOLERANCE) in controller
+    assert said(NEGLIGIBLE_UNCERTAINTY, " degrees") in reading
 
 
 def test_the_keys_of_a_camera_are_listed_in_one_place():

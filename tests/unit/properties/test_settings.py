@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError, StudyError
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.studies.study import Study
 
 WHOLE = {
     "plant": "chain", "lag": 0.05, "duration": 2.5, "gain": 3.0, "law": "pi", "scheme": "points",
@@ -62,7 +62,7 @@ def test_an_experiment_is_made_or_the_key_is_named(place, junk):
     except ExperimentError as error:
         is_one_line_that_names(error, place)
         return
-    assert made.with_() == made
+    assert made.with_changes() == made
     given = replaced(WHOLE, place, junk)
     given.pop("seed", None)  # a study has its own
     study = Study.from_mapping({"experiment": given, "vary": {"gain": [1.0, 2.0]}})
@@ -94,10 +94,10 @@ def test_a_study_is_made_or_the_key_is_named(place, junk):
     except StudyError as error:
         is_one_line_that_names(error, place)
         return
-    assert made.runs >= 1
+    assert made.run_count >= 1
     assert Study.from_mapping(made.to_mapping()).digest == made.digest
 
 
 def test_what_is_replaced_in_is_itself_right():
     Experiment.from_mapping(WHOLE)
-    assert Study.from_mapping(STUDY).runs == 12
+    assert Study.from_mapping(STUDY).run_count == 12

@@ -31,17 +31,17 @@ from std_msgs.msg import Header, String
 
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.ros import (
+    controller_watch,
     decompress,
     demo,
     describe,
     mcap,
     move_target,
-    processes,
+    ros_launch,
     target_link,
-    target_place,
-    watch,
+    target_pose_reader,
 )
-from aras_visual_servo_bench.study import versions
+from aras_visual_servo_bench.studies import versions
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_ros import connections, shutdown
 
@@ -52,7 +52,7 @@ SOURCES = Path(__file__).parents[3] / "src"
 STARTED = {  # program: module whose main it runs
     **{f"aras_visual_servo_bench/nodes/{name}": f"aras_visual_servo_bench.ros.{name}" for name in (
         "dashboard", "decompress", "demo", "describe", "markers", "move_target", "target_link")},
-    **{f"aras_visual_servo_bench/nodes/{name}": "aras_visual_servo_bench.commands"
+    **{f"aras_visual_servo_bench/nodes/{name}": "aras_visual_servo_bench.cli"
        for name in ("analyze", "bench", "protocol")},
     "aras_visual_servo_bench/nodes/target_files": "aras_visual_servo_bench.targets.files",
     "aras_visual_servo_camera/nodes/aras_visual_servo_camera_node": "aras_visual_servo_camera.node",
@@ -208,8 +208,8 @@ def test_rviz_takes_the_program_s_place_where_there_is_a_display(monkeypatch, ca
 
 def test_a_node_runs_and_its_fault_is_one_line(graph, monkeypatch):
     done = []
-    monkeypatch.setattr(shutdown, "begin_node", lambda *given, **more: done.append((given, more)))
-    monkeypatch.setattr(shutdown, "open_wide", lambda: done.append("open"))
+    monkeypatch.setattr(shutdown, "init_node", lambda *given, **more: done.append((given, more)))
+    monkeypatch.setattr(shutdown, "accept_in_threads", lambda: done.append("open"))
     run = lambda: done.append("run")  # noqa: E731
     assert shutdown.node_main("n", "about", run, ValueError, anonymous=True) == 0
     assert done == [(("n", "about"), {"anonymous": True}), "open", "run"]
@@ -225,7 +225,7 @@ def test_a_node_runs_and_its_fault_is_one_line(graph, monkeypatch):
 
 def test_beats_go_on_until_the_node_or_the_master_ends(graph, life, monkeypatch, capsys):
     life.steps = [lambda: None] * 3
-    assert len(list(shutdown.beats(0.25))) == 4 and set(life.slept) == {0.25}
+    assert len(list(shutdown.iterate_at_period(0.25))) == 4 and set(life.slept) == {0.25}
     life.down, ended = False, []
     life.steps = [lambda: None] * 99
     monkeypatch.setattr(rospy, "signal_shutdown", lambda why: ended.append(why) or (
@@ -235,7 +235,7 @@ def test_beats_go_on_until_the_node_or_the_master_ends(graph, life, monkeypatch,
         raise OSError
 
     monkeypatch.setattr(graph, "getPid", gone)
-    assert 1 < len(list(shutdown.beats(0.25))) < 9
+    assert 1 < len(list(shutdown.iterate_at_period(0.25))) < 9
     assert ended == ["the ROS master does not answer any more"]
     assert capsys.readouterr().err == f"{rospy.get_name()[1:]}: {ended[0]}: ending\n"
 
@@ -253,21 +253,21 @@ def test_a_node_begins_with_our_signals_or_tells_what_it_is(monkeypatch, capsys)
     monkeypatch.setattr(shutdown, "end_on_signals", lambda: begun.append("signals"))
     monkeypatch.setattr(shutdown, "find_publishers", lambda: begun.append("find"))
     monkeypatch.setattr(rospy, "init_node", lambda name, **more: begun.append(
-        (name, more, shutdown._began.is_set())))
+        (name, more, shutdown._started.is_set())))
     monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: False)
     monkeypatch.setattr(rospy.core, "add_shutdown_hook", begun.append)
     monkeypatch.setattr(sys, "argv", ["n", "x"])
-    shutdown.begin_node("n", "about", anonymous=True)
+    shutdown.init_node("n", "about", anonymous=True)
     options = {"disable_signals": True, "anonymous": True}
-    assert begun == ["signals", "find", ("n", options, False), shutdown._forget]
-    assert shutdown._began.is_set()
+    assert begun == ["signals", "find", ("n", options, False), shutdown._unregister]
+    assert shutdown._started.is_set()
     monkeypatch.setattr(sys, "argv", ["n", "x", "--help"])
-    shutdown.begin_node("n")
+    shutdown.init_node("n")
     assert len(begun) == 8
     for word in ("-h", "--help"):
         monkeypatch.setattr(sys, "argv", ["n", word])
         with pytest.raises(SystemExit) as ended:
-            shutdown.begin_node("n", "\nabout\n")
+            shutdown.init_node("n", "\nabout\n")
         assert ended.value.code == 0 and len(begun) == 8
         assert capsys.readouterr().out == (
             "about\n\nTakes no options: its parameters are ROS's (_name:=value).\n")
@@ -277,12 +277,12 @@ def test_a_node_begins_with_our_signals_or_tells_what_it_is(monkeypatch, capsys)
 
     monkeypatch.setattr(rospy, "init_node", fail)
     with pytest.raises(rospy.ROSInitException):
-        shutdown.begin_node("n")
+        shutdown.init_node("n")
     monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: True)
     with pytest.raises(SystemExit) as ended:
-        shutdown.begin_node("n")
+        shutdown.init_node("n")
     assert ended.value.code == 130
-    shutdown._began.set()
+    shutdown._started.set()
 
 
 @pytest.mark.parametrize("fault", [None, ConnectionRefusedError, rosgraph.MasterError])
@@ -298,7 +298,7 @@ def test_a_node_that_ends_hears_no_parameter_any_more(monkeypatch, fault):
     monkeypatch.setattr(rospy, "get_node_uri", lambda: "http://here:1/")
     monkeypatch.setattr(rosgraph, "Master", lambda name: SimpleNamespace(
         unsubscribeParam=lambda *given: unsubscribe(name, *given)))
-    shutdown._forget("why")
+    shutdown._unregister("why")
     assert told == [("/n", "http://here:1/", "/rosout_disable_topics_generation")]
 
 
@@ -309,7 +309,7 @@ def test_a_target_is_moved_from_where_it_lies(graph, life, monkeypatch, capsys):
     from aras_visual_servo_ros import shutdown as module
 
     asked, faults = [], []
-    monkeypatch.setattr(module, "begin_node", life.begin)
+    monkeypatch.setattr(module, "init_node", life.begin)
     monkeypatch.setattr(rospy, "Rate", lambda rate: SimpleNamespace(
         sleep=lambda: life.sleep(1 / rate)))
     words = ["velocity=[0.01, 0, 0, 0, 0, 0.1]", "__name:=x"]
@@ -384,7 +384,7 @@ def test_a_tool_s_help_has_an_example(module, usage, words, example, monkeypatch
 
 
 def test_compressed_pictures_are_passed_on_raw(graph, life, monkeypatch):
-    monkeypatch.setattr(decompress, "begin_node", life.begin)
+    monkeypatch.setattr(decompress, "init_node", life.begin)
     spun = []
     monkeypatch.setattr(rospy, "spin", lambda: spun.append(1))
     rospy.set_param("~camera", "/eye/camera/")
@@ -427,19 +427,19 @@ def test_a_run_is_described_when_something_of_it_is_new(graph, life, monkeypatch
     near, far = (Pose(Point(x, 0.0, 0.0), Quaternion()) for x in (1e-6, 0.1))
     places = iter([Pose(), near, *[far] * 10])
     robots = []
-    monkeypatch.setattr(target_place.TargetPlace, "of", lambda self, robot: (
+    monkeypatch.setattr(target_pose_reader.TargetPoseReader, "read_pose", lambda self, robot: (
         robots.append(robot), PoseStamped(pose=next(places)))[1])
-    fetch, looks = parameters.fetched, []
+    fetch, looks = parameters.get_parameter, []
 
     def fetched(name):
         looks.append(len(life.slept))
         return dict(sorted(fetch(name).items(), reverse=bool(len(looks) % 2)))
 
-    monkeypatch.setattr(parameters, "fetched", fetched)
-    monkeypatch.setattr(module, "begin_node", life.begin)
-    monkeypatch.setattr(versions, "versions", lambda: {"numpy": "1"})
-    monkeypatch.setattr(versions, "code", lambda: "abc")
-    monkeypatch.setattr(describe, "launches", lambda: [["pkg", "a.launch"]])
+    monkeypatch.setattr(parameters, "get_parameter", fetched)
+    monkeypatch.setattr(module, "init_node", life.begin)
+    monkeypatch.setattr(versions, "read_versions", lambda: {"numpy": "1"})
+    monkeypatch.setattr(versions, "read_commit", lambda: "abc")
+    monkeypatch.setattr(describe, "find_launch_commands", lambda: [["pkg", "a.launch"]])
     graph.parameters |= {"/robot_description": ARM, "/servo/desired": "2015",
                          "/bytes": xmlrpc.client.Binary(b"any")}
     rospy.set_param("~controller", "/servo")
@@ -476,7 +476,7 @@ def test_launches_of_the_same_master_are_found(tmp_path, monkeypatch):
         (entry / "environ").write_bytes(f"A=b=c\0ROS_MASTER_URI={master}\0".encode())
     (tmp_path / "13").mkdir()
     (tmp_path / "self").symlink_to("9")
-    assert describe.launches(tmp_path) == [["p", "a.launch", "x:=1"], ["p", "b.launch"]]
+    assert describe.find_launch_commands(tmp_path) == [["p", "a.launch", "x:=1"], ["p", "b.launch"]]
 
 
 # -- the demo's watch ------------------------------------------------------------------------------
@@ -486,7 +486,7 @@ def test_a_demo_follows_the_controller(graph, monkeypatch):
     begun = []
     monkeypatch.setattr(connections, "find_publishers", lambda: begun.append("find"))
     monkeypatch.setattr(rospy, "init_node", lambda name, **more: begun.append((name, more)))
-    progress = watch.Watch().progress
+    progress = controller_watch.ControllerWatch().progress
     assert begun == ["find", ("aras_visual_servo_demo", dict.fromkeys(
         ("anonymous", "disable_signals", "disable_rostime"), True))]
     assert vars(progress) == {"phase": "", "reason": "", "began": None, "converged": None,
@@ -494,7 +494,7 @@ def test_a_demo_follows_the_controller(graph, monkeypatch):
     waiting = {topic.rpartition("/")[2]: more for topic, (_, more) in graph.heard.items()}
     assert waiting == {"joint_states": {"queue_size": 1}, "state": {"queue_size": 10}}
     graph.subscribers["/aras_visual_servo/joint_states"](joint_states(1.0))
-    assert progress.joints and "/aras_visual_servo/joint_states" not in graph.subscribers
+    assert progress.has_joint_states and "/aras_visual_servo/joint_states" not in graph.subscribers
     hear = graph.subscribers["/aras_visual_servo/controller/state"]
     for stamp, phase, began, converged in (
         (1.5, "approaching", None, None), (2.5, "servoing", 2.5, None),
@@ -504,7 +504,11 @@ def test_a_demo_follows_the_controller(graph, monkeypatch):
         hear(SimpleNamespace(header=Header(stamp=rospy.Time.from_sec(stamp)), phase=phase,
                              reason=f"for {phase}"))
         assert (progress.phase, progress.reason) == (phase, f"for {phase}")
-        assert (progress.stamp, progress.began, progress.converged) == (stamp, began, converged)
+        assert (progress.stamp, progress.start_stamp, progress.convergence_stamp) == (
+            stamp,
+            began,
+            converged,
+        )
 
 
 def test_a_master_is_waited_for_while_its_launch_runs(life, monkeypatch):
@@ -519,32 +523,35 @@ def test_a_master_is_waited_for_while_its_launch_runs(life, monkeypatch):
 
     monkeypatch.setattr(rosgraph, "is_master_online", online)
     life.steps = [lambda: None] * 99
-    assert watch.wait_for_master("http://x", lambda: True, 5.0) is True
+    assert controller_watch.wait_for_master("http://x", lambda: True, 5.0) is True
     assert life.slept == [0.1, 0.1]
-    assert watch.wait_for_master("http://x", lambda: False, 5.0) is False and len(life.slept) == 2
-    assert watch.wait_for_master("http://x", lambda: True, 1.0) is False
+    assert (
+        controller_watch.wait_for_master("http://x", lambda: False, 5.0) is False
+        and len(life.slept) == 2
+    )
+    assert controller_watch.wait_for_master("http://x", lambda: True, 1.0) is False
     assert 11 <= len(life.slept) <= 13
 
 
 def test_a_recorder_is_ended_and_its_bag_waited_for(life, monkeypatch, tmp_path):
     bag = tmp_path / "run.bag"
-    assert watch.stop_recorder("http://x", bag) is False
+    assert controller_watch.stop_recorder("http://x", bag) is False
     bag.touch()
-    assert watch.stop_recorder("http://x", bag) is True and not life.slept
+    assert controller_watch.stop_recorder("http://x", bag) is True and not life.slept
     bag.unlink()
     active, asked = tmp_path / "run.bag.active", []
     active.touch()
     monkeypatch.setattr(rosgraph, "Master", lambda *given: asked.append(given) or SimpleNamespace(
         lookupNode=lambda node: f"http://{node}"))
-    monkeypatch.setattr(watch.xmlrpc.client, "ServerProxy", lambda uri: SimpleNamespace(
+    monkeypatch.setattr(controller_watch.xmlrpc.client, "ServerProxy", lambda uri: SimpleNamespace(
         shutdown=lambda *given: asked.append((uri, *given))))
     life.steps = [bag.touch, active.unlink]
-    assert watch.stop_recorder("http://x", bag) is True and life.slept == [0.1, 0.1]
+    assert controller_watch.stop_recorder("http://x", bag) is True and life.slept == [0.1, 0.1]
     assert asked == [("/aras_visual_servo_demo", "http://x"),
                      ("http:///record", "/aras_visual_servo_demo", "the run has ended")]
     active.touch()
     began, life.steps = life.now, [lambda: None] * 400
-    assert watch.stop_recorder("http://x", bag) is False
+    assert controller_watch.stop_recorder("http://x", bag) is False
     assert life.now - began == pytest.approx(15.0, abs=0.2)
 
 
@@ -616,7 +623,7 @@ def launch(tmp_path, monkeypatch):
         tool.write_text(f"#!/bin/bash\n{script}")
         tool.chmod(0o755)
         monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
-        begun.append(processes.Launch(["a", "b:=1"], tmp_path / "the.log",
+        begun.append(ros_launch.RosLaunch(["a", "b:=1"], tmp_path / "the.log",
                                       {**os.environ, "MINE": "yes"}))
         return begun[-1]
 
@@ -649,7 +656,7 @@ def test_a_launch_says_what_died_and_its_last_words(launch):
 
 def test_nothing_of_a_launch_is_left_behind(launch, monkeypatch):
     slept, sent, kill = [], set(), os.kill
-    monkeypatch.setattr(processes, "time", SimpleNamespace(
+    monkeypatch.setattr(ros_launch, "time", SimpleNamespace(
         monotonic=lambda: 20.0 * time.monotonic(),  # less patient
         sleep=lambda seconds: (slept.append(seconds), time.sleep(seconds))))
     # A name that is no text: any bytes will do.
@@ -677,7 +684,7 @@ def test_a_free_port_is_free():
 
     with socket.socket() as probe, socket.socket() as other:
         for one in (probe, other):
-            one.bind(("127.0.0.1", processes.free_port()))
+            one.bind(("127.0.0.1", ros_launch.find_free_port()))
 
 
 # -- the demo --------------------------------------------------------------------------------------
@@ -702,7 +709,7 @@ class Launched:
 
 @pytest.fixture
 def shown(graph, life, monkeypatch, tmp_path, capsys):
-    further = {name: {} for name in demo.STARTED}
+    further = {name: {} for name in demo.LAUNCH_FILES}
     further["aras_visual_servo.launch"]["gains"] = "g.yaml"
     further["aras_visual_servo_nodes.launch"]["depth"] = "0.2"
     arguments = argparse.Namespace(
@@ -710,14 +717,16 @@ def shown(graph, life, monkeypatch, tmp_path, capsys):
         law="pi", gain=None, tracker="", timeout=2.0, camera="wide", target="poster",
         target_size="", urdf=None, camera_xyz="0 0 0.1", camera_rpy=None, further=further)
     run = demo.Demo(arguments)
-    progress = watch.WatchedRun()
+    progress = controller_watch.RunProgress()
     it = SimpleNamespace(run=run, progress=progress, arguments=arguments, life=life, stopped=[],
                          out=tmp_path / "out", said=lambda: capsys.readouterr().out.splitlines())
-    monkeypatch.setattr(demo, "Launch", Launched)
-    monkeypatch.setattr(watch, "Watch", lambda: SimpleNamespace(progress=progress))
-    monkeypatch.setattr(watch, "wait_for_master", lambda uri, alive, timeout: (
+    monkeypatch.setattr(demo, "RosLaunch", Launched)
+    monkeypatch.setattr(
+        controller_watch, "ControllerWatch", lambda: SimpleNamespace(progress=progress)
+    )
+    monkeypatch.setattr(controller_watch, "wait_for_master", lambda uri, alive, timeout: (
         uri == run.uri and alive() and timeout == 300.0))
-    monkeypatch.setattr(watch, "stop_recorder", lambda *given: it.stopped.append(given))
+    monkeypatch.setattr(controller_watch, "stop_recorder", lambda *given: it.stopped.append(given))
     monkeypatch.setattr(signal, "signal", lambda *given: it.stopped.append(given))
     it.report = run._report
     monkeypatch.setattr(run, "_report", lambda: 5)
@@ -727,7 +736,7 @@ def shown(graph, life, monkeypatch, tmp_path, capsys):
 
     def recorded():
         (tmp_path / "out" / "run.bag.active").touch()
-        progress.joints = True
+        progress.has_joint_states = True
 
     def on(phase, seconds=0.0, **more):
         def step():
@@ -737,12 +746,12 @@ def shown(graph, life, monkeypatch, tmp_path, capsys):
                 setattr(progress, key, value)
         return step
 
-    it.recorded, it.on = recorded, on
+    it.recorded, it.compute_irradiance = recorded, on
     return it
 
 
 def test_a_demo_starts_servoes_and_stops(shown, graph):
-    on, out = shown.on, shown.out
+    on, out = shown.compute_irradiance, shown.out
     shown.life.steps = [
         shown.recorded, on("approaching"), on("servoing", began=3.0, stamp=3.0),
         on("converged", converged=3.5, stamp=4.0), on("converged", stamp=4.01),
@@ -779,7 +788,7 @@ def test_a_demo_starts_servoes_and_stops(shown, graph):
     ({"stamp": 5.1}, "not converged within 2 s of simulated time"),
     ({"seconds": 12.1, "stamp": 4.0}, "gave up after 12 s")])
 def test_a_demo_has_its_time(shown, last, said):
-    on = shown.on
+    on = shown.compute_irradiance
     shown.life.steps = [shown.recorded, on("servoing", began=3.0, stamp=3.0, reason="slow"),
                         on("servoing", **last), *[on("servoing")] * 9]
     assert shown.run.run() == 5
@@ -813,13 +822,13 @@ def test_a_demo_says_what_it_waits_for_and_what_died(shown, monkeypatch):
     shown.life.now += 0.125
     with pytest.raises(ServoError, match="^node x died"):
         shown.run._check_running()
-    monkeypatch.setattr(watch, "wait_for_master", lambda *_: False)
+    monkeypatch.setattr(controller_watch, "wait_for_master", lambda *_: False)
     with pytest.raises(ServoError, match=r"^the simulator did not start:\n    its last line$"):
         shown.run.run()
 
 
 def test_a_controller_that_holds_before_it_has_begun_ends_the_demo(shown):
-    hold = shown.on("holding", seconds=0.55, reason="no images")
+    hold = shown.compute_irradiance("holding", seconds=0.55, reason="no images")
     shown.life.steps = [shown.recorded, *[hold] * 40]
     with pytest.raises(ServoError, match=r"^the controller holds still: no images\nThe whole log: "
                                          r".*nodes\.txt$"):
@@ -829,7 +838,7 @@ def test_a_controller_that_holds_before_it_has_begun_ends_the_demo(shown):
 
 @pytest.mark.parametrize("converged", [True, False])
 def test_a_demo_reports_what_happened(shown, monkeypatch, converged):
-    from aras_visual_servo_bench.numbers import summary
+    from aras_visual_servo_bench.metrics import summary
     from aras_visual_servo_bench.ros import bag
     from aras_visual_servo_bench.web.report import write
 
@@ -838,7 +847,7 @@ def test_a_demo_reports_what_happened(shown, monkeypatch, converged):
     monkeypatch.setattr(bag, "read_bag", lambda path, name: asked.append((path, name)) or record)
     monkeypatch.setattr(write, "write_report", lambda *given: asked.append(given) or ["a page"])
     monkeypatch.setattr(summary, "summarise", lambda run: ("numbers", run is record))
-    monkeypatch.setattr(summary, "told", lambda run, numbers: f"{numbers} {run is record}")
+    monkeypatch.setattr(summary, "describe_run", lambda run, numbers: f"{numbers} {run is record}")
     shown.run.launches.append(SimpleNamespace(log="the log"))
     assert shown.report() == (0 if converged else 1)
     assert asked == [(shown.out / "run.bag", "out"), ([record], shown.out, ("png",))]

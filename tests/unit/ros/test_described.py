@@ -11,7 +11,7 @@ import yaml
 from run_messages import ARM, JOINTS
 
 from aras_visual_servo_bench.errors import BenchError
-from aras_visual_servo_bench.recording.described import Described, preset_of
+from aras_visual_servo_bench.recording.recorded_experiment import RecordedExperiment, find_preset
 
 CONFIG = Path(__file__).parents[3] / "src/aras_visual_servo_controller/config"
 GOAL = (CONFIG / "goal_2015.yaml").read_text()
@@ -21,7 +21,7 @@ def of(loop=None, simulator=None, **more):
     given = {"controller": "/servo", "parameters": {
         "servo": {"scheme": "points", "gains": {"gain": 2.0}, **(loop or {})},
         "gazebo": simulator or {}, "robot_description": ARM}, **more}
-    return Described.of(json.dumps(given))
+    return RecordedExperiment.from_text(json.dumps(given))
 
 
 @pytest.mark.parametrize(("text", "why"), [
@@ -32,12 +32,16 @@ def of(loop=None, simulator=None, **more):
     ('{"parameters": {}, "launch": {}}', "its launch are none"),
 ])
 def test_a_description_that_is_none_is_a_note(text, why):
-    found = Described.of(text)
+    found = RecordedExperiment.from_text(text)
     assert len(found.notes) == 1 and why in found.notes[0]
-    assert found.settings is found.arm is found.goal is None and found.text() == ""
-    assert [len(one) for one in found.limits()] == [0, 0, 0] and found.words() == {}
+    assert found.settings is found.arm is found.goal is None and found.make_yaml() == ""
+    assert [len(one) for one in found.read_limits()] == [
+        0,
+        0,
+        0,
+    ] and found.describe_settings() == {}
     with pytest.raises(BenchError, match=why):
-        found.experiment()
+        found.make_experiment()
     assert len(found.notes) == 1
 
 
@@ -117,7 +121,7 @@ def test_a_run_s_experiment_says_what_differs():
     wide = yaml.safe_load((CONFIG.parents[1] / "aras_visual_servo_gazebo/config/cameras/wide.yaml")
                           .read_text())
     assert of({}, {"cameras": {"labrob": {"camera": wide}}}).mapping()["camera"] == "wide"
-    assert preset_of({**wide, "width": 5}) == {**wide, "width": 5}
+    assert find_preset({**wide, "width": 5}) == {**wide, "width": 5}
     bad = of({"gain": "high", "start": "2015"})
     with pytest.raises(BenchError, match="the bag's run is no experiment of the bench: "):
         bad.mapping()

@@ -415,10 +415,10 @@ def test_joints_of_every_type_and_of_models_that_stand(call):
 
 @pytest.mark.parametrize("value", [1e9, -1e9])
 def test_numbers_up_to_a_thousand_million_are_taken(value):
-    assert conversions.bounded((0.0, value), "it") == (0.0, value)
+    assert conversions.check_bounds((0.0, value), "it") == (0.0, value)
     for wrong in (1.001 * value, math.nan):
         with pytest.raises(WorldError, match="it: .* is not finite or beyond ±1e.09"):
-            conversions.bounded((0.0, wrong), "it")
+            conversions.check_bounds((0.0, wrong), "it")
 
 
 def test_times_are_whole_nanoseconds():

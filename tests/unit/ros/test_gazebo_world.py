@@ -12,7 +12,7 @@ from gazebo_msgs.msg import ModelState, ODEJointProperties, ODEPhysics
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 from std_msgs.msg import ColorRGBA
 
-from aras_sim_bridge.ros.gazebo_api.descriptions import robot_namespace
+from aras_sim_bridge.ros.gazebo_api.descriptions import find_namespace
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
@@ -144,7 +144,7 @@ def test_controllers_are_in_the_namespace_of_the_plugin_or_of_the_request(
 ):
     description = SimpleNamespace(
         control_plugins=[SimpleNamespace(robot_namespace=name) for name in own])
-    assert robot_namespace(description, requested) == namespace
+    assert find_namespace(description, requested) == namespace
 
 
 @pytest.mark.parametrize(("text", "words"), [
@@ -329,7 +329,7 @@ def test_metrics_tell_how_often_cameras_that_are_looked_at_draw(api, monkeypatch
     camera = api.thread.call(lambda: simulation.add_camera("c", settings))
     for wanted, fps in ((False, 0.0), (True, 10.0)):
         camera.enabled = wanted
-        message = api.api.states._performance(simulation)
+        message = api.api.states._make_performance_metrics(simulation)
         assert (message.header.stamp.to_nsec(), message.real_time_factor) == (2_000_000, 0.5)
         (told,) = message.sensors
         assert (told.name, told.sim_update_rate, told.real_update_rate) == ("c", 20.0, 10.0)

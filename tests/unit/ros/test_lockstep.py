@@ -37,8 +37,8 @@ def ros(monkeypatch):
         lockstep.rospy, "logwarn", lambda text, *args: it.lines.append(text % args)
     )
     monkeypatch.setattr(lockstep.threading, "Thread", Inline)
-    it.who = lockstep.publishers
-    monkeypatch.setattr(lockstep, "publishers", lambda topics: it.publishers)
+    it.sender = lockstep.find_publishers
+    monkeypatch.setattr(lockstep, "find_publishers", lambda topics: it.publishers)
     return it
 
 
@@ -54,8 +54,10 @@ def made(ros):
 
     make.wall = 100.0
     make.woken = []
-    make.slow = []
-    make.drain = SimpleNamespace(behind=lambda: [lane for lane in make.slow if not lane.given_up])
+    make.is_slow = []
+    make.drain = SimpleNamespace(
+        behind=lambda: [lane for lane in make.is_slow if not lane.is_abandoned]
+    )
     return make
 
 
@@ -132,18 +134,18 @@ def test_time_waits_for_a_listener_that_is_behind(made, ros):
     gate.before_frame()
     gate.heard("/a")
     made.wall += 60.0  # paused; that wait was another
-    made.slow = [SimpleNamespace(name="/bag, which does not take /image", given_up=False)]
+    made.is_slow = [SimpleNamespace(name="/bag, which does not take /image", given_up=False)]
     assert gate.closed
     assert gate.remaining() == 5.0
     made.wall += 3.0
     assert gate.remaining() == pytest.approx(2.0)
-    made.slow.clear()
-    made.drain.on_taken()
+    made.is_slow.clear()
+    made.drain.on_progress()
     assert made.woken == [1, 1]
     assert not gate.closed
     assert gate.remaining() is None
     made.wall += 60.0  # and the next wait is another
-    made.slow = [SimpleNamespace(name="/bag", given_up=False)]
+    made.is_slow = [SimpleNamespace(name="/bag", given_up=False)]
     assert gate.remaining() == 5.0
     assert ros.lines == []
 
@@ -151,15 +153,15 @@ def test_time_waits_for_a_listener_that_is_behind(made, ros):
 def test_a_listener_that_takes_nothing_is_named_once_and_given_up(made, ros):
     gate = made("a")
     bag = SimpleNamespace(name="/bag, which does not take /image", given_up=False)
-    made.slow = [bag]
+    made.is_slow = [bag]
     assert gate.remaining() == 5.0
     made.wall += 5.0
     assert gate.remaining() is None
-    assert bag.given_up
+    assert bag.is_abandoned
     assert not gate.closed
     assert len(ros.lines) == 1
     assert "5 s of wall time in vain for /bag, which does not take /image;" in ros.lines[0]
-    made.slow = [SimpleNamespace(name="/other", given_up=False)]  # which has time of its own
+    made.is_slow = [SimpleNamespace(name="/other", given_up=False)]  # which has time of its own
     assert gate.remaining() == 5.0
     gate.begin()
     made.wall += 60.0
@@ -237,7 +239,7 @@ def test_who_publishes_is_asked_of_the_master(ros, monkeypatch):
     monkeypatch.setattr(lockstep.rospy, "get_name", lambda: "/gazebo")
     monkeypatch.setattr(
         lockstep.rosgraph, "Master", lambda _name: SimpleNamespace(getSystemState=answer))
-    assert ros.who(["/a", "/c"]) == {"/a": ["/x", "/z"]}
+    assert ros.sender(["/a", "/c"]) == {"/a": ["/x", "/z"]}
     for error in (OSError("gone"), lockstep.rosgraph.MasterException("no")):
         fault[:] = [error]
-        assert ros.who(["/a"]) == {}
+        assert ros.sender(["/a"]) == {}

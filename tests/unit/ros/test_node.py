@@ -17,14 +17,14 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
 from aras_sim_bridge.control.switching import ControllerInfo
-from aras_sim_bridge.description.types import Surroundings
+from aras_sim_bridge.description.types import SceneSettings
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime import node
 from aras_sim_bridge.ros.runtime.clock import ClockPublisher
 from aras_sim_bridge.ros.runtime.node import GazeboNode, make_pacer
 from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
-from aras_sim_bridge.ros.runtime.record import Record
+from aras_sim_bridge.ros.runtime.spawn_record import SpawnRecord
 from aras_sim_bridge.simulation import SimulationConfig
 from aras_visual_servo_ros.parameters import InvalidParameterError
 
@@ -156,7 +156,7 @@ def test_the_clock_and_the_states_come_with_the_steps(make):
     make.graph.call("/gazebo/reset_simulation")
     make.graph.call("/gazebo/step_world", 1)
     assert ticks(listener) == [MS]
-    assert it.thread.simulation.before_pictures == it.clock.publish
+    assert it.thread.simulation.before_images == it.clock.publish
 
 
 def test_topics_and_services_are_gazebo_ros_s(make):
@@ -208,9 +208,9 @@ def test_the_simulation_is_what_parameters_and_world_file_say(graph, monkeypatch
     configs: list[SimulationConfig] = []
     monkeypatch.setattr(node, "Simulation", lambda config: configs.append(config) or made)
     monkeypatch.setattr(node.world_file, "populate", lambda *given: put.append(given))
-    monkeypatch.setattr(node.settings, "read", lambda: {"eye": {"width": 3}})
+    monkeypatch.setattr(node.settings, "read_cameras", lambda: {"eye": {"width": 3}})
     world = WorldFile(time_step=0.002, gravity=(1.0, 2.0, 3.0), lights=(), ground_plane=False,
-                      scene=Surroundings(shadows="soft"), warnings=("look",), time_ns=77)
+                      scene=SceneSettings(shadows="soft"), warnings=("look",), time_ns=77)
     given = {"gui": True, "renderer": "tiny", "exposure": "gazebo", "seed": 5,
              "legacy_camera_info": True}
     for shadows, wanted in (("world", "soft"), ("none", "none")):
@@ -218,7 +218,7 @@ def test_the_simulation_is_what_parameters_and_world_file_say(graph, monkeypatch
         assert built is made and made.time_ns == 77
         assert configs.pop() == SimulationConfig(
             time_step=0.002, gravity=(1.0, 2.0, 3.0), gui=window, renderer="tiny",
-            exposure="gazebo", scene=Surroundings(shadows=wanted), seed=5,
+            exposure="gazebo", scene=SceneSettings(shadows=wanted), seed=5,
             legacy_camera_info=True, ground_plane=False, lights=())
         spawn, what, warn = put.pop()
         warn("model 'm' is left out")
@@ -242,22 +242,22 @@ def test_a_record_that_is_forgotten_is_written_no_more(graph):
     request = SpawnModelRequest("m", "<a/>", "/ns", Pose(Point(1, 2, 3), Quaternion(4, 5, 6, 7)),
                                 "world")
     graph.parameters[place] = {"models": []}
-    Record(False).forget()
-    Record(False).spawned("spawn_urdf_model", request)
+    SpawnRecord(False).clear()
+    SpawnRecord(False).add_model("spawn_urdf_model", request)
     assert graph.parameters[place] == {"models": []}
-    record = Record(True)
-    record.spawned("spawn_urdf_model", request)
-    record.controllers("/ns", [ControllerInfo("c", "running", "t", ()),
+    record = SpawnRecord(True)
+    record.add_model("spawn_urdf_model", request)
+    record.set_controllers("/ns", [ControllerInfo("c", "running", "t", ()),
                                ControllerInfo("d", "stopped", "t", ())])
-    record.controllers("/other", [])
+    record.set_controllers("/other", [])
     assert graph.parameters[place] == {
         "models": [{"service": "spawn_urdf_model", "name": "m", "xml": "<a/>", "namespace": "/ns",
                     "position": [1, 2, 3], "orientation": [4, 5, 6, 7], "frame": "world"}],
         "controllers": [["/ns", [("c", True), ("d", False)]]]}
-    record.forget()
-    record.forget()
-    record.controllers("/ns", [])
-    record.deleted("m")
+    record.clear()
+    record.clear()
+    record.set_controllers("/ns", [])
+    record.remove_model("m")
     assert place not in graph.parameters
 
 
@@ -389,11 +389,11 @@ def test_the_library_s_lines_go_where_rospy_s_go(level, shown, monkeypatch):
 def process(graph, monkeypatch):
     """rospy's process: `end` ends it, as a signal does; `told` are the reasons of an end."""
     it = SimpleNamespace(graph=graph, told=[], hooks=[], watched=[], begun=[])
-    monkeypatch.setattr(node, "begin_node", lambda *given, **more: it.begun.append((given, more)))
+    monkeypatch.setattr(node, "init_node", lambda *given, **more: it.begun.append((given, more)))
     monkeypatch.setattr(node, "compile_all", lambda: it.begun.append("compiled"))
     monkeypatch.setattr(rospy, "on_shutdown", it.hooks.append)
     monkeypatch.setattr(rospy.rostime, "wallsleep", lambda _seconds: None)
-    monkeypatch.setattr(node, "open_wide", lambda: it.begun.append("open wide"))
+    monkeypatch.setattr(node, "accept_in_threads", lambda: it.begun.append("open wide"))
     monkeypatch.setattr(node, "_set_up_log", lambda _level: None)
     monkeypatch.setattr(node.sys, "setswitchinterval", it.begun.append)
 

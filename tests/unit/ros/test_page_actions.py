@@ -18,10 +18,10 @@ from gazebo_msgs.srv import DeleteModel, GetModelState, SpawnModel
 from geometry_msgs.msg import Point, Pose, Quaternion
 from std_srvs.srv import Empty, Trigger
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import RefusedError
-from aras_visual_servo_bench.ros import actions as page
-from aras_visual_servo_bench.ros.listener import listener_settings
+from aras_visual_servo_bench.ros import page_commands as page
+from aras_visual_servo_bench.ros.graph_listener import make_listener_settings
 from aras_visual_servo_controller.goals.goal import Goal
 
 NODE, CAMERA = "/aras_visual_servo_controller", "/gazebo/cameras/labrob/camera"
@@ -52,10 +52,10 @@ class Nodes:
 @pytest.fixture
 def asked(graph, life, monkeypatch, tmp_path):
     """Actions of the robot `robo`, and the services that they find; `calls` is what was asked."""
-    settings = listener_settings({"namespace": "/two/"})
+    settings = make_listener_settings({"namespace": "/two/"})
     it = SimpleNamespace(graph=graph, life=life, calls=[], running={NODE, "/other"}, killed=[])
     it.listener = SimpleNamespace(story=None)
-    it.actions = page.Actions(it.listener, settings, tmp_path / "kept", "robo")
+    it.actions = page.PageCommands(it.listener, settings, tmp_path / "kept", "robo")
     it.settings = settings
 
     def serve(name, kind, **answer):
@@ -70,7 +70,7 @@ def asked(graph, life, monkeypatch, tmp_path):
         life.steps = [lambda: None, lambda: it.running.difference_update(names)]
 
     it.serve, Nodes.made, Nodes.dies = serve, [], ""
-    monkeypatch.setattr(page, "Launch", Nodes)
+    monkeypatch.setattr(page, "RosLaunch", Nodes)
     monkeypatch.setattr(rosnode, "get_node_names", lambda: sorted(it.running))
     monkeypatch.setattr(rosnode, "kill_nodes", kill)
     monkeypatch.setattr(rosservice, "get_service_node",
@@ -117,7 +117,7 @@ def test_what_runs_now(asked, monkeypatch):
     told[NODE] = "no namespace"
     assert actions.given() == {**begin, "camera": "", "target": "poster"}
     looked = []
-    monkeypatch.setattr(page, "preset_of", lambda settings: looked.append(settings) or "wide")
+    monkeypatch.setattr(page, "find_preset", lambda settings: looked.append(settings) or "wide")
     told[f"{CAMERA}/width"] = 322
     assert [actions.given()["camera"] for _ in range(3)] == ["wide"] * 3
     assert looked == [{"width": 322}]  # files are read once for each
@@ -207,14 +207,14 @@ def test_whether_a_controller_is_there(asked, monkeypatch):
     for found in ("rosrpc://one:1", None):
         monkeypatch.setattr(rosservice, "get_service_uri", lambda name, found=found: (
             found if name == "/two/controller/start" else "other"))
-        assert asked.actions.controller_is_there() is (found is not None)
+        assert asked.actions.has_controller() is (found is not None)
     for fault in (OSError, rosservice.ROSServiceException):
         def gone(_name, fault=fault):
             raise fault
 
         monkeypatch.setattr(rosservice, "get_service_uri", gone)
         monkeypatch.setattr(rosservice, "get_service_node", gone)
-        assert asked.actions.controller_is_there() is True
+        assert asked.actions.has_controller() is True
         asked.running.clear()
         with pytest.raises(RefusedError, match="they do not answer"):
             asked.actions.servo("points", "pi", "2015", "auto")
@@ -236,14 +236,14 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked
     assert Nodes.made[-1].arguments[2:] == ["scheme:=points", "law:=pi", "start:=none",
                                             f"goal:={path}"]
     assert path.read_text().startswith("# Moved on the live page.")
-    wanted = first.world_T_camera @ transform(moved, np.zeros(3))
+    wanted = first.world_T_camera @ matrix_from_xyz_rpy(moved, np.zeros(3))
     made = Goal.load(path)
     np.testing.assert_allclose(made.world_T_camera, wanted, atol=1e-4)
-    np.testing.assert_allclose(arm.pose(made.joint_values(arm.names)), wanted, atol=1e-4)
+    np.testing.assert_allclose(arm.pose(made.get_joints(arm.names)), wanted, atol=1e-4)
     # The nodes have the moved goal now, and the next way begins where the first one did.
     asked.graph.parameters |= {f"{NODE}/desired": str(path), f"{NODE}/start": "none"}
     asked.actions.goal(0.0, 0.0, -0.01, 0.1)
-    wanted = first.world_T_camera @ transform((0.0, 0.0, -0.01), (0.0, 0.0, 0.1))
+    wanted = first.world_T_camera @ matrix_from_xyz_rpy((0.0, 0.0, -0.01), (0.0, 0.0, 0.1))
     np.testing.assert_allclose(Goal.load(path).world_T_camera, wanted, atol=1e-4)
     asked.actions.servo("points", "pi", "none", "2016")
     asked.graph.parameters[f"{NODE}/desired"] = "2016"
@@ -253,14 +253,14 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked
     # A turn that this arm has but for 0.004 degrees: the goal is what is seen where it can be.
     said = asked.actions.goal(0.0, 0.0, 0.0, 0.1)
     made = Goal.load(path)
-    wanted = other.world_T_camera @ transform(np.zeros(3), (0.0, 0.0, 0.1))
+    wanted = other.world_T_camera @ matrix_from_xyz_rpy(np.zeros(3), (0.0, 0.0, 0.1))
     np.testing.assert_allclose(made.world_T_camera, wanted, atol=2e-4)
     left = wanted[:3, :3].T @ made.world_T_camera[:3, :3]
     angle = np.degrees(np.linalg.norm(left - left.T) / np.sqrt(8.0))
     assert 0.003 < angle < 0.006
     assert said.endswith("to moved; the arm comes within 0.000 mm and "
                          f"{angle:.3f} degrees of what was asked for")  # fmt: skip
-    reached = arm.pose(made.joint_values(arm.names))
+    reached = arm.pose(made.get_joints(arm.names))
     np.testing.assert_allclose(made.world_T_camera, reached, rtol=0.0, atol=1e-9)
     with pytest.raises(RefusedError, match="^that goal cannot be: "):
         asked.actions.goal(9.0, 0.0, 0.0, 0.0)

@@ -111,7 +111,7 @@ class Program:
             assert options["anonymous"] is True  # as upstream's: several may run
             self.begun.append((name, options))
 
-        self.patch.setattr(module, "begin_node", begin, raising=False)
+        self.patch.setattr(module, "init_node", begin, raising=False)
         self.patch.setattr(sys, "argv", [module.__name__, *argv, "x:=y"])
         return module.main()
 
@@ -376,7 +376,7 @@ def test_spawner_reads_controllers_from_files(program, tmp_path, monkeypatch, na
     file, sent = tmp_path / "some.yaml", []
     file.write_text("b: {type: t, joint: j}\na: {type: u}\n---\nd: {type: v}\n_ns: inner\n")
     monkeypatch.setattr(rosparam, "upload_params", lambda *given: sent.append(given))
-    assert spawner.controller_names(["c", str(file)], namespace) == ["c", "b", "a", "d"]
+    assert spawner.read_controller_names(["c", str(file)], namespace) == ["c", "b", "a", "d"]
     assert sent == [(place, {"b": {"type": "t", "joint": "j"}, "a": {"type": "u"}}),
                     (f"{place}inner", {"d": {"type": "v"}})]
 

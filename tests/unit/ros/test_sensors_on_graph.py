@@ -50,9 +50,14 @@ def diagonal(size: int, value: float) -> list[float]:
     return (value * np.eye(size)).ravel().tolist()
 
 
-def touch(k: float) -> sensors.Touch:
-    return sensors.Touch((k, k + 1, k + 2), (k + 3, k + 4, k + 5), k + 6, (k + 7, k + 8, k + 9),
-                         (k + 10, 2 * k, 3 * k))
+def touch(k: float) -> sensors.ContactPoint:
+    return sensors.ContactPoint(
+        (k, k + 1, k + 2),
+        (k + 3, k + 4, k + 5),
+        k + 6,
+        (k + 7, k + 8, k + 9),
+        (k + 10, 2 * k, 3 * k),
+    )
 
 
 def wrench(*numbers: float) -> Wrench:

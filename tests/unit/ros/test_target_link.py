@@ -17,7 +17,7 @@ from geometry_msgs.msg import Point, Pose, Quaternion
 
 from aras_visual_servo_bench.ros import target_link
 from aras_visual_servo_bench.ros.target_link import main
-from aras_visual_servo_camera.model import read_solid
+from aras_visual_servo_camera.model_tracker import read_solid
 
 BOX = "<geometry><box><size>{}</size></box></geometry>"
 WORLD = f"""<sdf version="1.6"><world name="a"><model name="crate">

@@ -6,8 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller.arm.joint_sample import JointSample
-from aras_visual_servo_controller.judging.camera_check import DIRECTIONS, CameraCheck, _advanced
+from aras_visual_servo_controller.diagnosis.camera_check import (
+    DIRECTIONS,
+    CameraCheck,
+    _predict_motion,
+)
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
 
 class Rows:
@@ -128,7 +132,7 @@ def judged(seed, jacobian=None):
             if random.random() < 0.1:
                 error = error + 2.0  # an angle that wrapped round
         last, shaken = joints, 0.0
-        joints = JointSample.of(k / 30.0, "xyz", 1e-3 * random.normal(size=3),
+        joints = JointSample.from_values(k / 30.0, "xyz", 1e-3 * random.normal(size=3),
                                 0.03 * random.normal(size=3))  # fmt: skip
         if before is not None and jacobian is not None:
             dt, change = joints.stamp - last.stamp, joints.velocities - last.velocities
@@ -144,7 +148,7 @@ def judged(seed, jacobian=None):
         if before is not None:
             rows.add(before, (error, L, rate), twist, tolerances, shaken, past)
         before = error, L, rate
-    return evidence.fault(), rows.fault()
+    return evidence.find_fault(), rows.fault()
 
 
 @pytest.mark.parametrize("first", range(0, 80, 20))
@@ -175,7 +179,7 @@ def test_what_each_direction_should_have_done_is_added_up_image_by_image(seed):
     motions, spans = random.normal(size=(images, 6)), random.uniform(0.02, 0.06, images)
     parts, own, wanted, past = np.zeros((count, 6)), np.zeros(count), 0.0, 0.0
     for k in range(1, images):
-        greatest, wrapped, bent = _advanced(
+        greatest, wrapped, bent = _predict_motion(
             errors[k - 1], Ls[k - 1], rates[k - 1], errors[k], Ls[k], rates[k], motions[k],
             spans[k], tolerances, parts, own, np.ones(count, bool),
         )  # fmt: skip
@@ -203,7 +207,7 @@ def test_only_an_image_that_follows_another_counts():
                 change(decision, seen)
             evidence.add(SimpleNamespace(**decision), SimpleNamespace(**seen),
                          np.full(len(decision["error"]), 1e-3))
-        return evidence.fault()
+        return evidence.find_fault()
 
     assert said(lambda decision, seen: None)
     assert not said(lambda decision, seen: decision.update(L=None))
@@ -213,7 +217,7 @@ def test_only_an_image_that_follows_another_counts():
     for error in wrong:
         evidence.add(SimpleNamespace(rate=0.0, L=L, error=error),
                      SimpleNamespace(motion=None, dt=1 / 30, joints=None), tolerances)
-    assert not evidence.fault()
+    assert not evidence.find_fault()
 
 
 def shown(evidence, error, L, motion, tolerances, rate=0.0, joints=None):
@@ -241,7 +245,7 @@ ONE = np.ones(6)
 
 
 def test_no_evidence_is_no_fault():
-    assert CameraCheck().fault() == ""
+    assert CameraCheck().find_fault() == ""
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5])
@@ -274,8 +278,8 @@ def test_two_translations_are_compared_however_little_one_of_them_is(factor):
     evidence, way = CameraCheck(), 1e-3 * np.array([8.0, 5.0, 1.0, 0.0, 0.0, 0.0])
     for k in range(30):
         shown(evidence, k * way[:3] * [1.0, 1.0, factor], np.eye(6)[:3], way, np.full(3, 1e-3))
-    assert evidence.fault().startswith(f"along vz the features move {factor:.2f} times")
-    assert evidence.fault().endswith("along vx 1.00 times")
+    assert evidence.find_fault().startswith(f"along vz the features move {factor:.2f} times")
+    assert evidence.find_fault().endswith("along vx 1.00 times")
 
 
 @pytest.mark.parametrize(("off", "told"), [(0.048, True), (0.036, False)])
@@ -286,7 +290,7 @@ def test_translations_that_take_each_other_back_tell_no_depth_and_are_compared(o
     scale = np.array([1.0, 1.0 - off, 1.0, 1.0, 1.0, 1.0])
     for k in range(30):
         shown(evidence, k * (L * scale) @ way, L, way, np.full(2, 1e-3))
-    assert bool(evidence.fault()) is told
+    assert bool(evidence.find_fault()) is told
 
 
 def slowly(step, images, factor=0.8):
@@ -296,7 +300,7 @@ def slowly(step, images, factor=0.8):
         position = position + way[:3]
         shown(evidence, position * [1.0, 1.0, factor], np.eye(6)[:3], way, np.full(3, 1e-3))
         way = 1e-3 * step * np.eye(6)[2 * (k // 8 % 2)]
-    return evidence.fault()
+    return evidence.find_fault()
 
 
 def test_slow_motion_is_added_up_over_four_images_and_no_more():
@@ -327,7 +331,7 @@ def test_what_is_not_explained_has_to_go_on_from_one_row_to_the_next(off, goes_o
     for tolerances in (0.0, *off):
         shown(evidence, error := error + 6e-3 + 1e-3 * tolerances, np.eye(6)[:1], way,
               np.full(1, 1e-3))  # fmt: skip
-    assert bool(evidence.fault()) is goes_on
+    assert bool(evidence.find_fault()) is goes_on
 
 
 def test_noise_hides_what_it_hides_and_is_no_fault():
@@ -348,7 +352,7 @@ def test_steps_in_which_L_changes_much_accuse_no_camera(step, scale, accused):
         shown(evidence, 0.3 * np.sin(x), L, motion / scale, np.full(6, 1e-3))
         motion = step * random.choice([-1.0, 1.0], 6) * random.uniform(0.8, 1.0, 6)
         x = x + motion
-    assert bool(evidence.fault()) == accused, evidence.fault()
+    assert bool(evidence.find_fault()) == accused, evidence.find_fault()
 
 
 def test_little_motion_and_broken_sequences_are_no_evidence():
@@ -360,7 +364,7 @@ def test_little_motion_and_broken_sequences_are_no_evidence():
     for k in range(40):
         evidence.interrupt()
         shown(evidence, np.full(2, 0.01 * k), np.ones((2, 6)), 0.01 * ONE, np.full(2, 1e-3))
-    assert not evidence.fault()
+    assert not evidence.find_fault()
 
 
 def believed_by_shaken_joints(shake, scale, jacobian, images=40, seed=0):
@@ -375,7 +379,7 @@ def believed_by_shaken_joints(shake, scale, jacobian, images=40, seed=0):
         true, steady = true + 0.5 * (steady + wanted) / 30.0, wanted
         off = shake * random.normal(size=6)
         believed = true + off * gap
-        joints = JointSample.of(k / 30.0, names, believed, steady + off)
+        joints = JointSample.from_values(k / 30.0, names, believed, steady + off)
         moved = np.zeros(6) if before is None else believed - before
         shown(evidence, (L * scale) @ true, L, moved, tolerances, joints=joints)
         before = believed

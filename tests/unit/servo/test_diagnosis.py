@@ -7,29 +7,29 @@ import numpy as np
 import pytest
 from loop_rig import CAMERA, STARTS, Rig, lost, scaled, the_arm, the_goal, the_limits, the_servo
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.arm.joint_sample import JointSample
+from aras_visual_servo_controller.diagnosis.base import DIAGNOSES, ORDER, RunDiagnosis
+from aras_visual_servo_controller.diagnosis.diagnoses.target_moves import split_by_camera
+from aras_visual_servo_controller.diagnosis.diagnoses.wrong_camera_model import is_goal_camera
+from aras_visual_servo_controller.diagnosis.diagnosis import Diagnosis, diagnose
+from aras_visual_servo_controller.diagnosis.evidence import Evidence
 from aras_visual_servo_controller.errors import MeasurementError
-from aras_visual_servo_controller.features import Feature, Measured, Stack
-from aras_visual_servo_controller.judging.base import DIAGNOSES, ORDER, RunDiagnosis
-from aras_visual_servo_controller.judging.diagnoses.target_moves import by_camera
-from aras_visual_servo_controller.judging.diagnoses.wrong_camera_model import shown
-from aras_visual_servo_controller.judging.diagnosis import Diagnosis, diagnose
-from aras_visual_servo_controller.judging.evidence import Evidence
+from aras_visual_servo_controller.features import Feature, FeatureMeasurement, Stack
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.laws import Proportional
+from aras_visual_servo_controller.observation.target_geometry import TargetGeometry
 from aras_visual_servo_controller.records.outcomes import (
     KINDS,
     REMEDIES,
-    Arrived,
-    LeftOpen,
-    outcome,
+    ArrivalStatus,
+    PoseUncertainty,
+    make_outcome,
 )
 from aras_visual_servo_controller.records.remedy import Change
 from aras_visual_servo_controller.records.run_record import ImageRecord, RunContext, RunEvent
 from aras_visual_servo_controller.records.state import CONVERGED, ServoSettings
-from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
+from aras_visual_servo_controller.schemes import FeatureScheme
 
 SEEDS = (0, 2)
 
@@ -42,7 +42,7 @@ def healthy(outcome):
 def near(seed, size=0.3):
     """A start some way off the goal, other for each seed, with the target in view."""
     random = np.random.default_rng(seed)
-    goal = np.array(the_goal("2016").joint_values(the_arm().names))
+    goal = np.array(the_goal("2016").get_joints(the_arm().names))
     while True:
         off = np.array([0.1, 0.1, 0.25, -0.3, 0.05, 1.0]) * random.uniform(0.3, 1.0, 6)
         signs = np.array([*random.choice([-1, 1], 2), 1, 1, 1, random.choice([-1, 1])])
@@ -140,7 +140,7 @@ def test_an_image_that_cannot_be_measured_for_long_is_a_target_lost():
                 raise MeasurementError("9 points are seen, the goal has 8")
             return super().measure(observation, goal)
 
-    rig = Rig(the_servo(scheme=Composed(Counting(), Proportional(3.0))), near(1))
+    rig = Rig(the_servo(scheme=FeatureScheme(Counting(), Proportional(3.0))), near(1))
     states = rig.run(1.5)
     assert states[-1].phase == "holding" and states[-1].outcome == "running"
     states = rig.run(1.0)
@@ -182,7 +182,7 @@ def test_a_focal_length_somewhat_wrong_is_told_by_a_camera_that_also_comes_down(
     goal, arm = the_goal("2016"), the_arm()
     pose = goal.world_T_camera.copy()
     pose[:3, 3] += (*side, 0.1)
-    start = arm.inverse(pose, np.array(goal.joint_values(arm.names)), tolerance=1e-4)
+    start = arm.inverse(pose, np.array(goal.get_joints(arm.names)), tolerance=1e-4)
     rig = Rig(the_servo("2016"), start, lag=0.1)
 
     def look(observer, t, joints):
@@ -207,12 +207,14 @@ def test_a_wrong_depth_does_no_harm_and_is_no_wrong_camera(depth, seed):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_camera_mounted_otherwise_than_believed(seed):
     turn = np.random.default_rng(seed).choice([-1, 1]) * np.radians(35.0)
-    believed_T_true = transform((0.0, 0.0, 0.0), (0.0, 0.0, turn))
+    believed_T_true = matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.0, 0.0, turn))
     rig = Rig(the_servo("2016"), near(seed))
 
     def look(observer, t, joints):
         pose = rig.servo.arm.pose(rig.q) @ believed_T_true
-        return observer.of_exact(t, CAMERA, joints, contour=rig.servo.goal.target.outline(pose))
+        return observer.observe_exact_features(
+            t, CAMERA, joints, contour=rig.servo.goal.target.outline(pose)
+        )
 
     rig.look = look
     rig.run(5.0)
@@ -228,8 +230,8 @@ def test_another_object(seed):
         {"boxes": [[[x - long, y - wide, 0.59], [x + long, y + wide, 0.5905]]]}
     )
     rig = Rig(the_servo("2016"), near(seed))
-    rig.look = lambda observer, t, joints: observer.of_exact(
-        t, CAMERA, joints, contour=other.outline(rig.servo.arm.pose(rig.q))
+    rig.look = lambda observer, t, joints: observer.observe_exact_features(
+        t, CAMERA, joints, contour=other.compute_outline(rig.servo.arm.pose(rig.q))
     )
     rig.run(3.0)
     assert rig.servo.outcome.kind == "wrong_object"
@@ -301,7 +303,7 @@ def test_a_target_lost_on_the_way_to_a_goal_out_of_reach_is_the_goal_s_fault():
     # one that the arm nearly has, and one by joints, are not; it cannot roll
     rolled = [lifted(0.001), lifted(0.001)]
     for goal, roll in zip(rolled, (5e-3, 5e-2), strict=True):
-        goal.world_T_camera[:] = goal.world_T_camera @ transform((0, 0, 0), (0, roll, 0))
+        goal.world_T_camera[:] = goal.world_T_camera @ matrix_from_xyz_rpy((0, 0, 0), (0, roll, 0))
     assert "degrees away" in the_servo("2016", goal=rolled[1]).beyond
     for goal in (rolled[0], the_goal("2016")):
         near_by = the_servo("2016", goal=goal)
@@ -344,14 +346,14 @@ class Twice(Feature):
         s = np.array([m.xg, m.xg - 0.3])
         L = np.zeros((2, 6))
         L[:, 0] = -5.0
-        return Measured(s, np.zeros(2), s, L)
+        return FeatureMeasurement(s, np.zeros(2), s, L)
 
 
 class Torn(Feature):
     """Two numbers that want opposite motions: their sum is at its least, not at zero."""
 
     names, tolerances = ("right", "left"), (1e-3, 1e-3)
-    geometric = False  # its L is no view's
+    is_geometric = False  # its L is no view's
     directions = (True, False, False, False, False, False)
 
     def measure(self, observation, goal):
@@ -359,11 +361,11 @@ class Torn(Feature):
         s = np.array([x - 0.1, x + 0.1])
         L = np.zeros((2, 6))
         L[:, 0] = -5.0
-        return Measured(s, np.zeros(2), s, L)
+        return FeatureMeasurement(s, np.zeros(2), s, L)
 
 
 def test_features_without_rank():
-    rig = Rig(the_servo(scheme=Composed(Twice(), Proportional(3.0))), near(1))
+    rig = Rig(the_servo(scheme=FeatureScheme(Twice(), Proportional(3.0))), near(1))
     rig.run(5.0)
     assert rig.servo.outcome.kind == "singular"
     assert "rank 1 of 2" in rig.servo.outcome.reason
@@ -372,7 +374,7 @@ def test_features_without_rank():
 
 
 def test_a_local_minimum():
-    rig = Rig(the_servo(scheme=Composed(Torn(), Proportional(3.0))), near(1))
+    rig = Rig(the_servo(scheme=FeatureScheme(Torn(), Proportional(3.0))), near(1))
     rig.run(5.0)
     assert rig.servo.outcome.kind == "local_minimum"
 
@@ -391,7 +393,7 @@ def test_the_image_that_comes_when_the_time_is_over_is_the_last():
     rig = Rig(the_servo("2016", law=Proportional(0.2), duration=1.0), STARTS["2016"])
     for stamp in np.arange(2.0, 3.01, 0.125):
         assert rig.servo.phase in ("waiting", "servoing")
-        joints = JointSample.of(stamp, rig.servo.arm.names, rig.q)
+        joints = JointSample.from_values(stamp, rig.servo.arm.names, rig.q)
         rig.servo.tick(stamp, joints)
         rig.servo.see(rig.exact(rig.observer, stamp, joints))
     assert (rig.servo.phase, rig.servo.reason) == ("stopped", "the time for it is over")
@@ -410,7 +412,7 @@ def moving(rig, displacement):
     def look(observer, stamp, joints):
         pose = rig.servo.arm.pose(rig.q).copy()
         pose[:3, 3] -= displacement(stamp)
-        return observer.of_exact(
+        return observer.observe_exact_features(
             stamp, CAMERA, joints, contour=rig.servo.goal.target.outline(pose)
         )
 
@@ -527,19 +529,21 @@ def test_features_are_judged_by_the_camera_whose_name_they_have():
     seen = SimpleNamespace(others={"right": 1}, cameras={"left": 0, "right": 1})
     L = np.arange(24.0).reshape(4, 6)
     whole = Features(names, 1.0 + np.arange(4.0), L, np.array([0.5]))
-    parts = {camera: (part.error.tolist(), part.L.tolist(), tolerances.tolist())
-             for camera, part, tolerances, _ in by_camera(whole, seen, np.arange(9.0, 5.0, -1.0))}
+    parts = {
+        camera: (part.error.tolist(), part.L.tolist(), tolerances.tolist())
+        for camera, part, tolerances, _ in split_by_camera(whole, seen, np.arange(9.0, 5.0, -1.0))
+    }
     assert parts == {"left": ([1, 3], L[[0, 2]].tolist(), [9, 7]),
                      "right": ([2], L[[1]].tolist(), [8]), "": ([4], L[[3]].tolist(), [6])}
-    assert not list(by_camera(replace(whole, L=None), seen, np.ones(4)))
+    assert not list(split_by_camera(replace(whole, L=None), seen, np.ones(4)))
 
 
 def test_a_goal_that_one_of_the_cameras_has_not_shown_is_not_shown():
     view, goal = SimpleNamespace(camera="a"), SimpleNamespace(camera="b")
     for right, whole in ((view, True), (goal, False)):
         seen = SimpleNamespace(cameras={"left": view, "right": right})
-        assert shown(seen, SimpleNamespace(cameras={"left": view, "right": view})) is whole
-        assert not shown(seen, SimpleNamespace(cameras={"left": view}))
+        assert is_goal_camera(seen, SimpleNamespace(cameras={"left": view, "right": view})) is whole
+        assert not is_goal_camera(seen, SimpleNamespace(cameras={"left": view}))
 
 
 def test_without_the_outline_of_goal_or_view_no_retreat_is_told():
@@ -611,7 +615,7 @@ def test_two_images_a_second_are_no_matter_of_a_higher_gain():
 def test_each_outcome_has_one_piece_of_advice():
     quiet = {kind for kind, advice in REMEDIES.items() if not advice}
     assert quiet == {"running", "converged"}
-    assert outcome("joints_do_not_follow", "", "J1 and J3").remedy.startswith(
+    assert make_outcome("joints_do_not_follow", "", "J1 and J3").remedy.startswith(
         "check the controllers of J1 and J3:"
     )
     assert "higher gain" not in "".join(a for kind, a in REMEDIES.items() if kind != "timed_out")
@@ -622,18 +626,18 @@ def test_each_outcome_has_one_piece_of_advice():
 
 def test_what_a_network_tells_says_nothing_of_the_camera():
     class Told(Twice):
-        geometric = False
+        is_geometric = False
 
-    assert Composed(Twice(), Proportional(3.0)).judges_camera
-    assert not Composed(Told(), Proportional(3.0)).judges_camera
-    assert not Composed(Stack([Twice(), Told()]), Proportional(3.0)).judges_camera
-    assert not Composed(Twice(), Proportional(3.0), interaction="mean").judges_camera
+    assert FeatureScheme(Twice(), Proportional(3.0)).can_check_camera
+    assert not FeatureScheme(Told(), Proportional(3.0)).can_check_camera
+    assert not FeatureScheme(Stack([Twice(), Told()]), Proportional(3.0)).can_check_camera
+    assert not FeatureScheme(Twice(), Proportional(3.0), interaction="mean").can_check_camera
 
 
 def test_a_joint_that_was_late_is_not_waited_for_once_the_loop_holds():
     rig = Rig(the_servo("2016"), near(1))
     rig.friction = np.array([0.0, 0.0, 9.0, 0.0, 0.0, 0.0])  # J2 is blocked
-    while not rig.servo.waits_for_joints:
+    while not rig.servo.is_waiting_for_joints:
         rig.run(0.1)
     rig.look = lambda observer, t, joints: lost(rig.exact(observer, t, joints), "covered")
     rig.run(3.0)
@@ -673,7 +677,7 @@ def answered(stamp, error, phase="servoing", arrived=None, observation=None):
 ])  # fmt: skip
 def test_a_run_whose_time_is_over_says_what_it_was_about(kind, before, told):
     diagnosis = Diagnosis(RunContext(ServoSettings()))
-    diagnosis.evidence.present = replace(diagnosis.outcome, kind=kind, reason=before)
+    diagnosis.evidence.current_outcome = replace(diagnosis.outcome, kind=kind, reason=before)
     diagnosis.add(RunEvent("timed_out", time=2.5))
     assert diagnosis.outcome.kind == (kind if kind != "running" else "timed_out")
     assert diagnosis.outcome.reason == told
@@ -690,7 +694,7 @@ def test_a_retreat_of_a_camera_that_swings_is_the_gain_s():
     run = RunContext(ServoSettings(), the_goal("2016"))
     evidence, retreat = Evidence(run), DIAGNOSES["camera_retreat"]()
     for k in range(28):  # until 0.9 s
-        evidence.gain.add(k / 30.0, swing(k / 30.0, 3.0), None, 0.0)
+        evidence.gain_check.add(k / 30.0, swing(k / 30.0, 3.0), None, 0.0)
     for stamp, distance in ((0.0, 1.0), (1.0, 9.0), (1.1, 9.0), (1.2, 9.0)):
         seen = one_camera(valid=True, world_T_camera=None, touches=(), stamp=stamp, plane=None,
                           moments=scaled(run.goal.moments, 1.0 / distance))  # fmt: skip
@@ -718,7 +722,7 @@ def test_a_diagnosis_of_ones_own_is_asked_at_its_place():
 
         def judge(self, record, evidence):
             asked.append(record.state.stamp)
-            return outcome("target_moves", "bored") if record.state.stamp > 0.1 else None
+            return make_outcome("target_moves", "bored") if record.state.stamp > 0.1 else None
 
     DIAGNOSES.register("bored")(Bored)
     scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
@@ -737,17 +741,17 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
         scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
         diagnosis = Diagnosis(RunContext(ServoSettings(), goal, scheme))
         evidence = diagnosis.evidence
-        evidence.cameras["camera"] = doubtful(fault)
+        evidence.camera_checks["camera"] = doubtful(fault)
         seen = one_camera(valid=True, touches=(), moments=None, camera=CAMERA,
                           motion=None, world_T_camera=None, dt=0.03, joints=None)  # fmt: skip
         for name in others:
             seen.others[name] = seen.cameras[name] = one_camera(moments=None, touches=())
-        left = Arrived(True, open=LeftOpen(1e-4, 2e-3))
+        left = ArrivalStatus(True, pose_uncertainty=PoseUncertainty(1e-4, 2e-3))
         record = answered(1.0, np.zeros(1), phase, left, seen)
         if moves:
-            evidence.target._moves = moves
+            evidence.target_check._motion_text = moves
             assert diagnosis.add(record).kind == "target_moves"
-            evidence.target._moves = ""
+            evidence.target_check._motion_text = ""
         return diagnosis.add(record)
 
     plain, other = arrived(""), arrived("the features move otherwise")

@@ -6,30 +6,30 @@ import numpy as np
 import pytest
 from loop_rig import IMAGE_PERIOD, STARTS, TICK, Rig, the_goal, the_servo
 
-from aras_visual_servo_controller.arm.joint_sample import JointSample
-from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import (
     ConfigurationError,
     MeasurementError,
     SchemeError,
     TaskError,
 )
-from aras_visual_servo_controller.features import Feature, Measured
+from aras_visual_servo_controller.features import Feature, FeatureMeasurement
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
+from aras_visual_servo_controller.kinematics.task import Task
 from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.records.outcomes import REMEDIES
 from aras_visual_servo_controller.records.state import HOLDING, SERVOING
 from aras_visual_servo_controller.schemes import (
-    Composed,
-    Decision,
+    FeatureScheme,
     JointController,
     Scheme,
+    SchemeOutput,
     create_scheme,
 )
-from aras_visual_servo_controller.schemes.answer_checks import (
-    checked_goal,
-    checked_joints,
-)
 from aras_visual_servo_controller.schemes.compute import compute
+from aras_visual_servo_controller.schemes.output_checks import (
+    check_goal,
+    check_joint_output,
+)
 from aras_visual_servo_controller.schemes.time_limit import call_user_code
 
 GOOD_FROM, GOOD_TO = 0.1, 0.4  # s between which the scheme goes wrong
@@ -82,7 +82,7 @@ def without_tolerances(scheme, decision):
 def nan_in_L(scheme, decision):
     L = np.array(decision.task.L)
     L[1, 2] = np.nan
-    return answering(task=Task.of(L, decision.task.rate))(scheme, decision)
+    return answering(task=Task.from_interaction(L, decision.task.rate))(scheme, decision)
 
 
 FAULTS = {
@@ -95,8 +95,8 @@ FAULTS = {
     "a number": (lambda scheme, decision: 3.0, "float instead of a Decision"),
     "no task": (answering(task=None), "the task NoneType"),
     "a twist for a task": (answering(task=np.zeros(6)), "the task ndarray"),
-    "short twist": (lambda s, d: answering(task=Task.of_twist(np.zeros(3)))(s, d), "shape (6,)"),
-    "tall twist": (lambda s, d: answering(task=Task.of_twist(np.zeros((6, 1))))(s, d), "(6, 1)"),
+    "short twist": (lambda s, d: answering(task=Task.from_twist(np.zeros(3)))(s, d), "shape (6,)"),
+    "tall twist": (lambda s, d: answering(task=Task.from_twist(np.zeros((6, 1))))(s, d), "(6, 1)"),
     "NaN in L": (nan_in_L, "not finite"),
     "NaN in L of its own Task": (with_task(L=np.full((4, 6), np.nan)), "rate is not finite"),
     "inf in the rate": (with_task(rate=np.full(4, np.inf)), "rate is not finite"),
@@ -157,8 +157,8 @@ def test_whole_numbers_and_lists_are_numbers_too_and_a_record_may_have_any_shape
 ])  # fmt: skip
 def test_joints_are_a_finite_number_each(answer, words):
     with pytest.raises(SchemeError, match=words):
-        checked_joints("mine", answer, 3)
-    np.testing.assert_array_equal(checked_joints("mine", [0, 1, 2], 3), [0.0, 1.0, 2.0])
+        check_joint_output("mine", answer, 3)
+    np.testing.assert_array_equal(check_joint_output("mine", [0, 1, 2], 3), [0.0, 1.0, 2.0])
 
 
 class Wanting(Scheme):
@@ -173,8 +173,8 @@ GIVEN = {"features": [1, 2], "desired": [3, 4], "error": [-2, -2]}
 
 def test_a_decision_is_made_of_arrays_whatever_was_answered():
     numbers = {name: np.array(value, float) for name, value in GIVEN.items()}
-    task = Task.of_twist(np.ones(6))
-    made = Decision(("a", "b"), **numbers, task=task)
+    task = Task.from_twist(np.ones(6))
+    made = SchemeOutput(("a", "b"), **numbers, task=task)
     assert compute(Wanting(), made, None) is made
     for name in GIVEN:
         found = compute(Wanting(), replace(made, **{name: GIVEN[name]}), None)
@@ -202,12 +202,12 @@ def test_a_decision_is_made_of_arrays_whatever_was_answered():
 def test_what_is_wrong_with_a_decision_is_told(scheme, decision, words):
     asked = Wanting()
     vars(asked).update(scheme)
-    given = {**GIVEN, "task": Task.of_twist(np.ones(6)), **decision}
+    given = {**GIVEN, "task": Task.from_twist(np.ones(6)), **decision}
     with pytest.raises(SchemeError, match=f"^scheme mine {words}"):
-        compute(asked, Decision(("a", "b"), **given), None, name="mine")
+        compute(asked, SchemeOutput(("a", "b"), **given), None, name="mine")
     for rate in (0.5, [0.5, -0.5]):
-        fine = Decision(("a", "b"), **GIVEN, task=Task.of_twist(np.ones(6)), rate=rate)
-        assert compute(Wanting(), fine, None).rate is rate
+        fine = SchemeOutput(("a", "b"), **GIVEN, task=Task.from_twist(np.ones(6)), error_drift=rate)
+        assert compute(Wanting(), fine, None).error_drift is rate
 
 
 def test_a_goal_that_a_users_code_cannot_take_is_one_line():
@@ -223,7 +223,7 @@ def test_a_goal_that_a_users_code_cannot_take_is_one_line():
         (SystemExit(3), "^scheme 'theirs' cannot use the goal: SystemExit: 3"),
     ):
         with pytest.raises(ConfigurationError, match=words):
-            checked_goal("theirs", Own(), error, 1.0)
+            check_goal("theirs", Own(), error, 1.0)
     for error, expected in (
         (MeasurementError("dark"), MeasurementError), (SchemeError("own", ""), SchemeError),
         (KeyboardInterrupt(), KeyboardInterrupt), (SystemExit(2), SchemeError),
@@ -240,11 +240,11 @@ def test_joints_of_another_arm_hold_it():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.3)
     names = rig.servo.arm.names
-    seen = rig.exact(rig.observer, rig.now, JointSample.of(rig.now, names, rig.q))
-    short = JointSample.of(rig.now, names[:5], rig.q[:5])
+    seen = rig.exact(rig.observer, rig.now, JointSample.from_values(rig.now, names, rig.q))
+    short = JointSample.from_values(rig.now, names[:5], rig.q[:5])
     state = rig.servo.see(replace(seen, joints=short))
     assert state.phase == HOLDING and "an arm of 6 joints" in state.reason
-    fast = JointSample.of(rig.now, names, rig.q, 1e9 * np.eye(6)[2])
+    fast = JointSample.from_values(rig.now, names, rig.q, 1e9 * np.eye(6)[2])
     state = rig.servo.see(replace(seen, stamp=rig.now + 0.01, joints=fast))
     assert state.phase == HOLDING and state.reason.startswith("J2 ")
 
@@ -253,7 +253,7 @@ def test_a_fault_is_told_once_more_after_the_clock_went_back():
     rig = Rig(the_servo("2016", Spoiled(FAULTS["value error"][0])), STARTS["2016"])
     told = []
     for _ in range(2):
-        joints = JointSample.of(GOOD_FROM, rig.servo.arm.names, rig.q)
+        joints = JointSample.from_values(GOOD_FROM, rig.servo.arm.names, rig.q)
         rig.servo.tick(GOOD_FROM, joints)
         told.append(rig.servo.see(rig.exact(rig.observer, GOOD_FROM, joints)))
         rig.servo.reset()
@@ -304,7 +304,7 @@ def test_keyboard_interrupts_are_not_swallowed():
 class Tired(Law):
     """A user's law that answers a wrong shape."""
 
-    def rate(self, error, L, rotated_error, t, dt):
+    def desired_error_rate(self, error, L, pseudo_inverse_error, t, dt):
         self.tired = t > GOOD_FROM or getattr(self, "tired", False)
         return np.zeros(2) if self.tired else -error
 
@@ -359,11 +359,11 @@ class OwnJoints(JointController):
     names, tolerances = ("x",), (0.1,)
     answer = staticmethod(lambda controller, t, dt, joints: np.zeros(6))
 
-    def see(self, observation, goal, t):
+    def process_image(self, observation, goal, t):
         zero = np.zeros(1)
-        return Decision(("x",), zero + 1.0, zero, zero + 1.0)
+        return SchemeOutput(("x",), zero + 1.0, zero, zero + 1.0)
 
-    def tick(self, t, dt, joints):
+    def update(self, t, dt, joints):
         return self.answer(self, t, dt, joints)
 
 
@@ -382,7 +382,7 @@ def test_a_controllers_time_begins_with_servoing():
 
     rig = controlled(answer, "velocity")
     for t in (2.0, 2.125):
-        joints = JointSample.of(t, rig.servo.arm.names, rig.q)
+        joints = JointSample.from_values(t, rig.servo.arm.names, rig.q)
         rig.servo.tick(t, joints)
         rig.servo.see(rig.exact(rig.observer, t, joints))
     rig.servo.tick(2.1875, joints)
@@ -425,7 +425,7 @@ def test_controllers_of_joints_are_under_the_same_limits_and_watchdog(output):
 
     limits = the_limits(velocity=0.5, acceleration=3.0, upper={"J1": 0.1})
     rig = controlled(answer, output, limits=limits, lead=10.0)
-    rig.look = lambda observer, t, joints: observer.of_moments(
+    rig.look = lambda observer, t, joints: observer.observe_moments(
         t, None, True, "", rig_camera(), joints
     )
     rig.observer.needs = frozenset()
@@ -468,7 +468,7 @@ class Picky(Feature):
     names, tolerances = ("x",), (1.0,)
 
     def measure(self, observation, goal):
-        return Measured(np.zeros(1), np.zeros(1), np.zeros(1), np.ones((1, 6)))
+        return FeatureMeasurement(np.zeros(1), np.zeros(1), np.zeros(1), np.ones((1, 6)))
 
     def check(self, goal):
         raise KeyError("desired")
@@ -476,7 +476,7 @@ class Picky(Feature):
 
 def test_a_scheme_that_fails_on_its_goal_is_one_line():
     with pytest.raises(ConfigurationError, match=r"cannot use goal_2016.yaml: KeyError: 'desired'"):
-        the_servo("2016", Composed(Picky()))
+        the_servo("2016", FeatureScheme(Picky()))
 
 
 class Exits(Feature):
@@ -559,16 +559,16 @@ def test_tasks_are_checked():
         (np.full((1, 6), np.inf), [1.0], "not finite"),
     ):
         with pytest.raises(TaskError, match=words.replace("(", r"\(").replace(")", r"\)")):
-            Task.of(L, rate)
+            Task.from_interaction(L, rate)
     with pytest.raises(TaskError, match=r"a twist has shape \(6,\), got \(5,\)"):
-        Task.of_twist(np.zeros(5))
+        Task.from_twist(np.zeros(5))
     with pytest.raises(TaskError, match=r"directions: six are needed, got \(5,\)"):
-        Task.of_twist(np.zeros(6), np.ones(5, bool))
-    task = Task.of_twist(np.ones(6))
-    for array in (task.L, task.rate, task.modelled):
+        Task.from_twist(np.zeros(6), np.ones(5, bool))
+    task = Task.from_twist(np.ones(6))
+    for array in (task.L, task.desired_rate, task.modelled):
         assert not array.flags.writeable
     with pytest.raises(TaskError, match="weights"):
-        Task.of(np.ones((2, 6)), np.ones(2), weights=[1.0, -1.0])
+        Task.from_interaction(np.ones((2, 6)), np.ones(2), weights=[1.0, -1.0])
 
 
 @pytest.mark.parametrize("rows", [7, 60, 3000])
@@ -577,13 +577,13 @@ def test_tall_tasks_are_reduced_to_the_same_solution(rows, rank):
     random = np.random.default_rng(rows + rank)
     L = random.normal(size=(rows, rank)) @ random.normal(size=(rank, 6))
     rate, weights = random.normal(size=rows), random.uniform(0.1, 2.0, rows)
-    task = Task.of(L, rate, weights=weights)
+    task = Task.from_interaction(L, rate, weights=weights)
     assert task.L.shape == (6, 6)
     W = np.diag(weights) if rows < 100 else None
     scaled = weights[:, None] * L if W is None else W @ L
     wanted = np.linalg.lstsq(scaled, weights * rate, rcond=1e-9)[0]
     np.testing.assert_allclose(
-        np.linalg.lstsq(task.L, task.rate, rcond=1e-5)[0], wanted, rtol=1e-6, atol=1e-8
+        np.linalg.lstsq(task.L, task.desired_rate, rcond=1e-5)[0], wanted, rtol=1e-6, atol=1e-8
     )
     np.testing.assert_allclose(
         task.singular_values[:rank], np.linalg.svd(scaled, compute_uv=False)[:rank], rtol=1e-6

@@ -12,8 +12,8 @@ from aras_visual_servo_controller import (
     FEATURES,
     ConfigurationError,
     Feature,
+    FeatureObserver,
     Need,
-    Observer,
     ServoError,
     check_interaction_matrix,
 )
@@ -95,7 +95,7 @@ def test_a_function_of_the_users_observes() -> None:
         poses.append(pose)
         points = (np.column_stack([corners, np.zeros(4)]) - pose[:3, 3]) @ pose[:3, :3]
         plane = Plane(*(-pose[2, :3] / pose[2, 3]).tolist())
-        return Observer(None, frozenset((Need.CORNERS,))).of_exact(
+        return FeatureObserver(None, frozenset((Need.CORNERS,))).observe_exact_features(
             0.0, None, world_T_camera=pose, contour=points[:, :2] / points[:, 2:],
             plane=plane,
         )  # fmt: skip

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller.judging.joint_check import JointCheck
+from aras_visual_servo_controller.diagnosis.joint_check import JointCheck
 
 
 def watched(images, commanded, measured, late=lambda k: (False, False), begin=7.0):

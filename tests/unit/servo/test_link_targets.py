@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.targets.geometry import Course
+from aras_visual_servo_bench.targets.geometry import PoseHistory
 
 PLANE = "<geometry><plane><normal>0 0 1</normal></plane></geometry>"
 BOX = "<geometry><box><size>{}</size></box></geometry>"
@@ -72,14 +72,14 @@ def test_its_pose_can_be_tracked(world):
 
 
 def test_a_course_tells_the_last_pose_before_a_time():
-    course, one, other = Course(), np.eye(4), 2.0 * np.eye(4)
-    assert course.at(1.0) is None
+    course, one, other = PoseHistory(), np.eye(4), 2.0 * np.eye(4)
+    assert course.find_pose(1.0) is None
     course.add(0.5, one)
     course.add(0.6, one.copy())
     course.add(0.7, other)
-    assert course.at(0.4) is None
-    assert course.at(0.5) is one and course.at(0.699) is one
-    assert course.at(0.7) is other and course.at(9.0) is other
+    assert course.find_pose(0.4) is None
+    assert course.find_pose(0.5) is one and course.find_pose(0.699) is one
+    assert course.find_pose(0.7) is other and course.find_pose(9.0) is other
 
 
 @pytest.mark.parametrize(("target", "more", "why"), [
@@ -100,4 +100,4 @@ def test_a_link_that_is_not_there_is_named(world, target, more, why):
 ])  # fmt: skip
 def test_what_a_link_cannot_be_is_said(world, changes, why):
     with pytest.raises(ExperimentError, match=why):
-        before(world()).with_(**changes)
+        before(world()).with_changes(**changes)

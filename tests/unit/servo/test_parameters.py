@@ -11,12 +11,16 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_camera.trackers import TRACKERS
-from aras_visual_servo_controller.arm import JointLimitAvoidance, Posture, SingularityAvoidance
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features.moments import ImageMoments
-from aras_visual_servo_controller.goals.starts import start_joints
+from aras_visual_servo_controller.goals.starts import find_start_joints
+from aras_visual_servo_controller.kinematics import (
+    JointLimitAvoidance,
+    PostureTask,
+    SingularityAvoidance,
+)
+from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.records.state import ServoSettings
-from aras_visual_servo_controller.seeing.observation import Need
 from aras_visual_servo_controller.settings import Settings
 
 SOURCES = Path(__file__).parents[3] / "src"
@@ -30,7 +34,7 @@ def of(**given):
 
 @pytest.fixture(scope="module")
 def arm():
-    return Settings(package=PACKAGE).arm(URDF)
+    return Settings(package=PACKAGE).make_arm(URDF)
 
 
 def test_the_laboratory_s_robot_brings_its_own_parameters(arm):
@@ -41,7 +45,7 @@ def test_the_laboratory_s_robot_brings_its_own_parameters(arm):
     loop = settings.build(arm)
     start = [-0.1, 0.0, *np.radians([20.0, -15.0, -5.0, 10.0])]
     assert loop.settings.start == pytest.approx(start)
-    assert loop.resolver.folds[0].side == -1.0
+    assert loop.resolver.elbows[0].side == -1.0
     assert len(loop.resolver.tasks) == 2
     assert loop.resolver.limits.velocity.tolist() == [1.5] * 6
     assert loop.goal.depth == pytest.approx(0.19289, abs=1e-4)
@@ -77,11 +81,11 @@ def test_what_an_outline_does_not_tell_is_still_to_be_taught(arm, given, why):
 
 
 def test_the_goal_follows_the_start():
-    assert of(start="2015").goal_path().name == "goal_2015.yaml"
-    assert of(start=2016).goal_path().name == "goal_2016.yaml"
-    assert of(start=[0.0] * 6).goal_path().name == "goal_2016.yaml"
-    assert of(start="2015", desired="2016").goal_path().name == "goal_2016.yaml"
-    assert of(desired="~/mine.yaml").goal_path() == Path("~/mine.yaml").expanduser()
+    assert of(start="2015").find_goal_file().name == "goal_2015.yaml"
+    assert of(start=2016).find_goal_file().name == "goal_2016.yaml"
+    assert of(start=[0.0] * 6).find_goal_file().name == "goal_2016.yaml"
+    assert of(start="2015", desired="2016").find_goal_file().name == "goal_2016.yaml"
+    assert of(desired="~/mine.yaml").find_goal_file() == Path("~/mine.yaml").expanduser()
 
 
 @pytest.mark.parametrize(
@@ -228,9 +232,9 @@ def test_starts_in_every_way_they_can_be_given(arm):
     names = dict(zip(arm.names, joints, strict=True))
     for start in (joints, "0.1 0 0.17 -0.09 -0.09 2.09", "[0.1, 0, 0.17, -0.09, -0.09, 2.09]",
                   names):  # fmt: skip
-        assert start_joints(start, arm, PACKAGE) == pytest.approx(joints)
-    assert start_joints("none", arm, PACKAGE) is None
-    found = start_joints({"xyz": [0.1, 0.02, 0.8], "rpy": [np.pi, 0.0, 0.5]}, arm, PACKAGE)
+        assert find_start_joints(start, arm, PACKAGE) == pytest.approx(joints)
+    assert find_start_joints("none", arm, PACKAGE) is None
+    found = find_start_joints({"xyz": [0.1, 0.02, 0.8], "rpy": [np.pi, 0.0, 0.5]}, arm, PACKAGE)
     pose = arm.pose(found)
     assert pose[:3, 3] == pytest.approx([0.1, 0.02, 0.8], abs=1e-6)
 
@@ -260,21 +264,21 @@ class Two:
 ])  # fmt: skip
 def test_a_start_that_is_none_of_this_arm_is_told(start, words):
     with pytest.raises(ConfigurationError, match=f"parameter ~start.*{words}"):
-        start_joints(start, Two(), PACKAGE)
+        find_start_joints(start, Two(), PACKAGE)
 
 
 def test_a_start_of_two_joints_is_taken_as_words_or_by_name_or_by_the_camera_s_pose():
     arm = Two()
     for start in ("0.5 -0.4", "0.5, -0.4", "[0.5,-0.4]", (0.5, -0.4), {"k": -0.4, "j": 0.5}):
-        found = start_joints(start, arm, PACKAGE)
+        found = find_start_joints(start, arm, PACKAGE)
         assert isinstance(found, np.ndarray) and found.tolist() == [0.5, -0.4]
     pose = {"xyz": [0.1, 0.2, 0.3], "rpy": [0.0, 0.0, 0.5]}
-    assert start_joints(pose, arm, PACKAGE).tolist() == [0.5, -0.5]
+    assert find_start_joints(pose, arm, PACKAGE).tolist() == [0.5, -0.5]
     np.testing.assert_array_equal(arm.asked[1], [0.2, -0.3])  # what is nearest to zero
     np.testing.assert_allclose(arm.asked[0][:3], [
         [np.cos(0.5), -np.sin(0.5), 0.0, 0.1], [np.sin(0.5), np.cos(0.5), 0.0, 0.2],
         [0.0, 0.0, 1.0, 0.3]])  # fmt: skip
-    start_joints(pose, arm, PACKAGE, near := np.array([0.7, -0.6]))
+    find_start_joints(pose, arm, PACKAGE, near := np.array([0.7, -0.6]))
     assert arm.asked[1] is near
 
 
@@ -295,11 +299,11 @@ def test_of_joints_that_are_not_used_the_robot_s_parameters_say_nothing(arm):
     assert settings.posture == {"J1": 0.0} and set(settings.controllers) == set(some)
     part = settings.arm(URDF)
     assert settings.limits(part).velocity.tolist() == [1.0, 2.0, 2.0, 2.0]
-    assert settings.resolver(part, settings.limits(part)).folds == ()
+    assert settings.resolver(part, settings.limits(part)).elbows == ()
     with pytest.raises(ConfigurationError, match="joint J9 is no elbow"):
         replace(settings, elbow={"J9": 1}).resolver(part, settings.limits(part))
     whole = of(joints=list(arm.names), start="none").for_robot("aras_visual_servo", ("joints",))
-    assert whole.resolver(arm, whole.limits(arm)).folds[0].side == -1.0
+    assert whole.resolver(arm, whole.limits(arm)).elbows[0].side == -1.0
     one = of(joints=["J2"]).for_robot("aras_visual_servo", ("joints",))
     assert (one.posture, one.elbow) == ({}, None)
 
@@ -369,12 +373,12 @@ def test_options_of_the_scheme_and_of_the_law_are_handed_on(arm):
 def test_secondary_tasks_are_those_that_are_asked_for(arm):
     for given, kinds in (
         ({}, [JointLimitAvoidance]), ({"limit_avoidance": False}, []),
-        ({"posture": {"J1": 0.1}, "posture_gain": 2.0}, [Posture, JointLimitAvoidance]),
+        ({"posture": {"J1": 0.1}, "posture_gain": 2.0}, [PostureTask, JointLimitAvoidance]),
         ({"singularity_avoidance": True}, [JointLimitAvoidance, SingularityAvoidance]),
     ):  # fmt: skip
         settings = of(**given)
         assert [type(t) for t in settings.resolver(arm, settings.limits(arm)).tasks] == kinds
-    assert of(elbow=1).resolver(arm, of().limits(arm)).folds[0].side == 1.0
+    assert of(elbow=1).resolver(arm, of().limits(arm)).elbows[0].side == 1.0
 
 
 def test_controllers_of_joints_that_are_not_used_may_be_named():
@@ -386,11 +390,11 @@ def test_controllers_of_joints_that_are_not_used_may_be_named():
 
 def test_a_start_by_a_pose_is_looked_for_from_the_posture_at_the_goal(arm, monkeypatch):
     near = []
-    monkeypatch.setattr("aras_visual_servo_controller.settings.start_joints",
+    monkeypatch.setattr("aras_visual_servo_controller.settings.find_start_joints",
                         lambda start, *given: near.append(given[-1]))  # fmt: skip
     pose = {"xyz": [0.1, 0.02, 0.8], "rpy": [np.pi, 0.0, 0.5]}
     goals = [of(start=start, desired="2016").build(arm).goal for start in (pose, "2016")]
-    np.testing.assert_array_equal(near[0], goals[0].joint_values(arm.names))
+    np.testing.assert_array_equal(near[0], goals[0].get_joints(arm.names))
     assert near[1] is None
 
 
@@ -405,12 +409,12 @@ def test_each_camera_s_observer_knows_what_it_needs_and_its_goal_s_plane(arm):
     made = settings.rig({"left": arm, "right": None}, scheme)
     assert [o.needs for o in made.observers.values()] == [{Need.CORNERS}, {Need.MOMENTS}]
     assert made.control.arm is arm and made.observers["right"].arm is None
-    assert made.control.plane_from is None
+    assert made.control.compute_plane is None
     goal = of(desired="2016").load_goal().for_cameras({"left": arm})
     made = replace(settings, depth_image=True).rig({"left": arm, "right": None}, scheme, goal)
     assert made.control.needs == {Need.CORNERS, Need.DEPTH}
-    assert made.control.plane_from(pose) == goal.plane_from(pose) is not None
-    assert made.observers["right"].plane_from is None
+    assert made.control.compute_plane(pose) == goal.compute_plane(pose) is not None
+    assert made.observers["right"].compute_plane is None
     assert made.observers["right"].needs == {Need.MOMENTS, Need.DEPTH}
 
 

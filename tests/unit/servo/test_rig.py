@@ -12,24 +12,25 @@ from feature_scenes import CAMERA
 from loop_rig import the_arm, the_goal
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_base.poses import exponential, inverse, logarithm, transform
+from aras_visual_servo_base.poses import exponential, inverse, logarithm, matrix_from_xyz_rpy
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
-from aras_visual_servo_controller.features import Feature, Measured, Stack
-from aras_visual_servo_controller.features.of_camera import OfCamera
+from aras_visual_servo_controller.features import Feature, FeatureMeasurement, Stack
 from aras_visual_servo_controller.features.points import Points
-from aras_visual_servo_controller.features.stereo import rigid_motion, triangulated
+from aras_visual_servo_controller.features.remote_camera_feature import RemoteCameraFeature
+from aras_visual_servo_controller.features.stereo import estimate_rigid_motion, triangulate
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.loop import teaching
-from aras_visual_servo_controller.schemes import Composed, create_scheme
-from aras_visual_servo_controller.seeing.observation import Need
-from aras_visual_servo_controller.seeing.observer import Observer
-from aras_visual_servo_controller.seeing.rig import Rig, StandingCamera
+from aras_visual_servo_controller.observation.camera_rig import CameraRig, FixedCameraKinematics
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
+from aras_visual_servo_controller.observation.observation import Need
+from aras_visual_servo_controller.schemes import FeatureScheme, create_scheme
 from aras_visual_servo_controller.settings import Settings
 
 SOURCES = Path(__file__).parents[3] / "src"
-SEAT = transform((0.05, -0.01, 0.02), (0.1, -0.2, 0.3))  # of the right camera in the left one
+# of the right camera in the left one
+SEAT = matrix_from_xyz_rpy((0.05, -0.01, 0.02), (0.1, -0.2, 0.3))
 SHAPE = np.array([[-0.05, -0.03, 0], [0.05, -0.02, 0], [0.03, 0.04, 0], [-0.04, 0.03, 0.0]])
 NAMES = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -39,7 +40,9 @@ class Flying:
 
     def __init__(self, seat, origin=None):
         self.seat = seat
-        self.origin = transform((0.02, -0.03, 0.4), (np.pi, 0.1, 0.2)) if origin is None else origin
+        self.origin = (
+            matrix_from_xyz_rpy((0.02, -0.03, 0.4), (np.pi, 0.1, 0.2)) if origin is None else origin
+        )
 
     def pose(self, q):
         return self.origin @ exponential(q) @ self.seat
@@ -51,9 +54,10 @@ Q0 = np.zeros(6)
 
 def rig(needs=(Need.CORNERS,), right=RIGHT, goal=None):
     needs = frozenset(needs)
-    plane = {} if goal is None else {n: g.plane_from for n, g in goal.cameras.items()}
-    return Rig([Observer(LEFT, needs, plane_from=plane.get("left"), name="left"),
-                Observer(right, needs, plane_from=plane.get("right"), name="right")])  # fmt: skip
+    plane = {} if goal is None else {n: g.compute_plane for n, g in goal.cameras.items()}
+    return CameraRig([FeatureObserver(LEFT, needs, compute_plane=plane.get("left"), name="left"),
+                FeatureObserver(right, needs, compute_plane=plane.get("right"),
+                    name="right")])  # fmt: skip
 
 
 def corners(pose):
@@ -62,8 +66,8 @@ def corners(pose):
 
 
 def view(observer, stamp, q, plane=None):
-    joints = JointSample.of(stamp, NAMES, q)
-    return observer.of_exact(
+    joints = JointSample.from_values(stamp, NAMES, q)
+    return observer.observe_exact_features(
         stamp, CAMERA, joints, contour=corners(observer.arm.pose(np.asarray(q))), plane=plane
     )
 
@@ -88,14 +92,14 @@ def fed(made, *pictures):
 
         found = made.add(name, stamp, look)
         if found is not None:
-            seen = found[1](JointSample.of(found[0], NAMES, np.zeros(6)), ())
+            seen = found[1](JointSample.from_values(found[0], NAMES, np.zeros(6)), ())
             answered.append((round(seen.stamp, 3), round(seen.cameras["right"].stamp, 3)))
     return answered
 
 
 def test_one_camera_waits_for_nobody():
-    alone = Rig([Observer(LEFT, frozenset((Need.CORNERS,)))])
-    assert alone.add("camera", 0.3, len) == (0.3, len)
+    alone = CameraRig([FeatureObserver(LEFT, frozenset((Need.CORNERS,)))])
+    assert alone.add_image("camera", 0.3, len) == (0.3, len)
 
 
 @pytest.mark.parametrize("first", ["left", "right"])
@@ -127,7 +131,7 @@ def test_a_slower_camera_s_newest_picture_counts():
 
 def test_an_older_picture_gets_the_joints_of_its_own_exposure():
     made, heard = rig(), []
-    made.joints_at = lambda stamp: JointSample.of(stamp, NAMES, np.zeros(6))
+    made.find_joints = lambda stamp: JointSample.from_values(stamp, NAMES, np.zeros(6))
 
     def look(joints, commands, name, stamp):
         heard.append((name, round(stamp, 3), round(joints.stamp, 3)))
@@ -138,7 +142,7 @@ def test_an_older_picture_gets_the_joints_of_its_own_exposure():
         found = made.add(name, stamp, partial(look, name=name, stamp=stamp))
         if found is not None:
             # of the control camera's they are said to be a little later here
-            found[1](JointSample.of(found[0] + 0.01, NAMES, np.zeros(6)), ())
+            found[1](JointSample.from_values(found[0] + 0.01, NAMES, np.zeros(6)), ())
     of_right = [one[1:] for one in heard if one[0] == "right"]
     assert of_right == [(0.5, 0.51), (0.75, 0.75)]
 
@@ -161,9 +165,9 @@ def test_eight_pictures_wait_for_another_camera_s(count, answered):
 
 def test_it_says_which_camera_is_missing():
     made = rig()
-    assert fed(made, ("left", 0.1), ("left", 0.2)) == [] and made.waits_for == "right"
+    assert fed(made, ("left", 0.1), ("left", 0.2)) == [] and made.missing_camera == "right"
     made.reset()
-    assert made.waits_for == ""
+    assert made.missing_camera == ""
 
 
 # -- what they see -----------------------------------------------------------------------------
@@ -176,7 +180,7 @@ def test_an_observation_of_two_cameras_holds_each_with_its_own_view():
     right = seen.cameras["right"]
     np.testing.assert_allclose(right.world_T_camera, RIGHT.pose(q))
     np.testing.assert_allclose(right.corners, corners(RIGHT.pose(q)))
-    assert seen.of_control is None and right.moved is None
+    assert seen.twist_from_control is None and right.moved is None
 
 
 def test_the_twist_of_another_camera_follows_from_that_of_the_control_camera():
@@ -185,7 +189,7 @@ def test_the_twist_of_another_camera_follows_from_that_of_the_control_camera():
     seen = together(made, q)
     ahead = LEFT.pose(q) @ exponential(step * twist) @ SEAT
     moved = logarithm(inverse(RIGHT.pose(q)) @ ahead) / step
-    np.testing.assert_allclose(seen.cameras["right"].of_control @ twist, moved, atol=1e-5)
+    np.testing.assert_allclose(seen.cameras["right"].twist_from_control @ twist, moved, atol=1e-5)
 
 
 def test_an_older_picture_is_brought_up_to_now():
@@ -203,29 +207,30 @@ def test_an_older_picture_is_brought_up_to_now():
 
 
 def test_a_standing_camera_sees_nothing_of_the_arm_s_motion():
-    standing = StandingCamera(RIGHT.pose(np.zeros(6)))
+    standing = FixedCameraKinematics(RIGHT.pose(np.zeros(6)))
     seen = together(rig(right=standing), np.zeros(6))
-    of_control = seen.cameras["right"].of_control
+    of_control = seen.cameras["right"].twist_from_control
     assert of_control.shape == (6, 6) and not of_control.any()
 
 
 def test_cameras_without_kinematics_are_no_rig():
-    made = Rig([Observer(None, frozenset(), name=n) for n in ("left", "right")])
-    views = [o.of_exact(1.0, CAMERA, contour=corners(LEFT.pose(np.zeros(6))))
+    made = CameraRig([FeatureObserver(None, frozenset(), name=n) for n in ("left", "right")])
+    views = [o.observe_exact_features(1.0, CAMERA, contour=corners(LEFT.pose(np.zeros(6))))
              for o in made.observers.values()]  # fmt: skip
     with pytest.raises(MeasurementError, match="nothing tells where camera right is beside left"):
-        made.together(views[0], {"right": views[1]})
+        made.merge_observations(views[0], {"right": views[1]})
 
 
 @pytest.mark.parametrize("known", ["left", "right"])
 def test_where_one_camera_is_tells_nothing_of_another(known):
-    made = Rig([Observer({"left": LEFT, "right": RIGHT}[n] if n == known else None, frozenset(),
+    made = CameraRig([FeatureObserver({"left": LEFT, "right": RIGHT}[n] if n == known else None,
+        frozenset(),
                          name=n) for n in ("left", "right")])  # fmt: skip
-    joints = JointSample.of(1.0, NAMES, np.zeros(6))
-    views = [o.of_exact(1.0, CAMERA, joints, contour=corners(LEFT.pose(np.zeros(6))))
+    joints = JointSample.from_values(1.0, NAMES, np.zeros(6))
+    views = [o.observe_exact_features(1.0, CAMERA, joints, contour=corners(LEFT.pose(np.zeros(6))))
              for o in made.observers.values()]  # fmt: skip
     with pytest.raises(MeasurementError, match="nothing tells where camera right is beside left"):
-        made.together(views[0], {"right": views[1]})
+        made.merge_observations(views[0], {"right": views[1]})
 
 
 # -- features of cameras -----------------------------------------------------------------------
@@ -272,8 +277,10 @@ def test_L_of_another_camera_is_that_of_the_control_camera_s_twist(name, rtol):
     q, step = np.array([0.01, -0.02, 0.03, 0.05, -0.04, 0.2]), 1e-6
 
     def measured(pose_change):
-        moved = Rig([Observer(Flying(arm.seat, arm.origin @ exponential(q) @ pose_change),
-                              made.control.needs, plane_from=goal.cameras[n].plane_from, name=n)
+        moved = CameraRig([FeatureObserver(Flying(arm.seat,
+            arm.origin @ exponential(q) @ pose_change),
+                              made.control.needs, compute_plane=goal.cameras[n].compute_plane,
+                              name=n)
                      for n, arm in (("left", LEFT), ("right", RIGHT))])  # fmt: skip
         return feature.measure(together(moved, np.zeros(6)), goal)
 
@@ -308,9 +315,9 @@ def test_an_older_view_s_features_are_brought_to_the_control_camera_s_exposure()
 
 
 def test_directions_of_another_camera_are_the_control_camera_s_that_move_it_so():
-    level = OfCamera(create_scheme("moments").feature, "right")
+    level = RemoteCameraFeature(create_scheme("moments").feature, "right")
     goal = goal_of(create_scheme("points@left+points@right"))
-    aside = transform((0.05, 0.0, 0.0), (0.0, 0.0, 0.0))
+    aside = matrix_from_xyz_rpy((0.05, 0.0, 0.0), (0.0, 0.0, 0.0))
     right = goal.others["right"]
     parallel = replace(goal, others={
         "right": replace(right, world_T_camera=goal.world_T_camera @ aside)
@@ -326,7 +333,9 @@ def test_a_camera_where_the_target_is_lost_is_named():
     goal = goal_of(scheme)
     scheme.check(goal)
     made = rig(goal=goal)
-    lost = made.observers["right"].of_exact(1.0, CAMERA, JointSample.of(1.0, NAMES, np.zeros(6)))
+    lost = made.observers["right"].observe_exact_features(
+        1.0, CAMERA, JointSample.from_values(1.0, NAMES, np.zeros(6))
+    )
     seen = made.together(view(made.control, 1.0, np.zeros(6)), {"right": lost})
     with pytest.raises(MeasurementError, match="camera right: the target is not in view"):
         scheme.compute(seen, goal, 0.0)
@@ -337,9 +346,11 @@ def test_a_camera_where_the_target_is_lost_is_named():
         names, tolerances, needs = ("x",), (1.0,), frozenset((Need.IMAGE,))
 
         def measure(self, observation, goal):
-            return Measured(np.ones(1), np.zeros(1), np.ones(1), np.ones((1, 6)))
+            return FeatureMeasurement(np.ones(1), np.zeros(1), np.ones(1), np.ones((1, 6)))
 
-    scheme = Composed([OfCamera(Points(), "left"), OfCamera(Wanting(), "right")])
+    scheme = FeatureScheme(
+        [RemoteCameraFeature(Points(), "left"), RemoteCameraFeature(Wanting(), "right")]
+    )
     assert len(scheme.compute(seen, goal, 0.0).error) == 9
 
 
@@ -352,8 +363,8 @@ def test_a_scheme_says_which_cameras_it_reads():
         ("points", ("left",)), ("points@right", ("right",)), ("partitioned@right", ("right",)),
         ("points+area@right", ("left", "right")), ("points@right+area@left", ("left", "right")),
     ):  # fmt: skip
-        assert two.read_by(create_scheme(name)) == read
-    assert Settings().read_by(create_scheme("points")) == ("camera",)
+        assert two.list_cameras(create_scheme(name)) == read
+    assert Settings().list_cameras(create_scheme("points")) == ("camera",)
 
 
 @pytest.mark.parametrize(
@@ -372,7 +383,7 @@ def test_a_scheme_says_which_cameras_it_reads():
 def test_wrong_names_are_refused(name, words):
     with pytest.raises(ConfigurationError, match=words) as told:
         settings = Settings(scheme=name, cameras={"left": {}, "right": {}})
-        settings.read_by(create_scheme(name))
+        settings.list_cameras(create_scheme(name))
     assert "\n" not in str(told.value)
 
 
@@ -385,9 +396,11 @@ def test_a_goal_of_one_camera_has_no_view_of_another():
 
 def test_a_stack_needs_of_each_camera_what_its_features_do():
     grey = create_scheme("matches_pose").feature
-    stack = Stack([OfCamera(Points(), "left"), OfCamera(grey, "right")])
+    stack = Stack([RemoteCameraFeature(Points(), "left"), RemoteCameraFeature(grey, "right")])
     assert stack.cameras == ("left", "right")
-    assert stack.needs_of("", "left") == {Need.CORNERS} and stack.needs_of("right") == {Need.IMAGE}
+    assert stack.get_needs("", "left") == {Need.CORNERS} and stack.get_needs("right") == {
+        Need.IMAGE
+    }
 
 
 # -- stereo ------------------------------------------------------------------------------------
@@ -403,7 +416,7 @@ def test_L_of_stereo_by_differences(name):
 
     def measured(change):
         seats = (("left", LEFT), ("right", RIGHT))
-        moved = Rig([Observer(Flying(arm.seat, arm.origin @ exponential(q) @ change),
+        moved = CameraRig([FeatureObserver(Flying(arm.seat, arm.origin @ exponential(q) @ change),
                               frozenset((Need.CORNERS,)), name=n) for n, arm in seats])  # fmt: skip
         return scheme.feature.measure(together(moved, np.zeros(6)), goal)
 
@@ -484,16 +497,16 @@ def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
             scheme.check(wrong)
     right, depth = goal.others["right"], 1.0 / goal.plane.C
     for apart, refused in ((1.9e-3 * depth, True), (2.1e-3 * depth, False)):
-        there = goal.world_T_camera @ transform((0.0, apart, 0.0), (0.0, 0.0, 0.0))
+        there = goal.world_T_camera @ matrix_from_xyz_rpy((0.0, apart, 0.0), (0.0, 0.0, 0.0))
         close = replace(goal, others={"right": replace(right, world_T_camera=there)})
         told = (f"cameras left and right are {1e3 * apart:.1f} mm apart and tell no depth"
                 if refused else "behind")
         with pytest.raises(ConfigurationError, match=told):
             scheme.check(close)
     with pytest.raises(MeasurementError, match="on one line: they give no pose"):
-        rigid_motion(line, line + [0.1, 0.0, 0.0])
+        estimate_rigid_motion(line, line + [0.1, 0.0, 0.0])
     with pytest.raises(MeasurementError, match="on one line: they give no pose"):
-        rigid_motion(line, np.zeros_like(line))  # nor in one place
+        estimate_rigid_motion(line, np.zeros_like(line))  # nor in one place
 
 
 def test_places_of_a_camera_that_exposed_earlier_are_brought_to_the_control_camera_s_exposure():
@@ -520,7 +533,7 @@ def test_a_rigid_motion_is_that_of_least_squares(seed):
     turn = Rotation.from_rotvec(random.normal(0.0, 1.0, 3))
     after = turn.apply(before * (1.0, 1.0, -1.0 if seed % 3 == 2 else 1.0))
     after += random.normal(0.0, 5e-3, after.shape) + random.normal(0.0, 0.5, 3)
-    found = rigid_motion(before, after)
+    found = estimate_rigid_motion(before, after)
     middles = before.mean(axis=0), after.mean(axis=0)
     expected = Rotation.align_vectors(after - middles[1], before - middles[0])[0]
     np.testing.assert_allclose(found[:3, :3], expected.as_matrix(), atol=1e-6)
@@ -532,11 +545,11 @@ def test_a_point_behind_either_of_two_cameras_is_refused(apart):
     """The other stands before it, or behind."""
     place = np.array([0.1, -0.05, -0.5 * apart])
     other = place + [0.02, 0.0, apart]
-    beside = transform((0.02, 0.0, apart), (0.0, 0.0, 0.0))
+    beside = matrix_from_xyz_rpy((0.02, 0.0, apart), (0.0, 0.0, 0.0))
     good = np.array([0.2, 0.1, 3.0])  # before both of them
     good_there = good + beside[:3, 3]
     with pytest.raises(MeasurementError, match="lies behind one"):
-        triangulated(*(np.array([before[:2] / before[2], one[:2] / one[2]])
+        triangulate(*(np.array([before[:2] / before[2], one[:2] / one[2]])
                        for before, one in ((good, place), (good_there, other))), beside)
 
 
@@ -575,11 +588,11 @@ def test_the_mean_of_views_of_two_cameras_is_that_of_each():
     scheme, made = create_scheme("points@left+points@right"), rig()
     several = 0.02 * np.random.default_rng(4).normal(size=(3, 6))
     views = [together(made, q) for q in several]
-    found = teaching.goal_of(views, scheme, Known(np.eye(4)), "mine", depth=0.4)
+    found = teaching.make_mean_goal(views, scheme, Known(np.eye(4)), "mine", depth=0.4)
     middle = several.mean(axis=0)
     assert found.joints == pytest.approx(dict(zip(NAMES, middle, strict=True)))
     np.testing.assert_allclose(found.world_T_camera, LEFT.pose(middle), atol=1e-12)
-    assert (found.name, found.depth, found.seen_by, list(found.others)) == (
+    assert (found.name, found.depth, found.camera_name, list(found.other_cameras)) == (
         "mine", 0.4, "left", ["right"])  # fmt: skip
     for name, goal in found.cameras.items():
         seen = [one.cameras[name] for one in views]
@@ -606,7 +619,9 @@ def test_a_goal_of_two_cameras_is_either_s_as_the_control_camera():
             np.testing.assert_allclose(own.world_T_camera, arms[name].pose(np.zeros(6)))
             assert own.moments is held.moments and own.camera is held.camera
         assert found.others[second].others == {}
-    standing = goal.for_cameras({"left": arms["left"], "right": StandingCamera(RIGHT.pose(Q0))})
+    standing = goal.for_cameras(
+        {"left": arms["left"], "right": FixedCameraKinematics(RIGHT.pose(Q0))}
+    )
     assert standing.others["right"].joints == {}  # it is moved by none
     one = goal.for_cameras({"right": arms["right"]})
     assert list(one.cameras) == ["right"] and one.others == {}
@@ -629,11 +644,14 @@ def test_a_feature_of_another_camera_is_that_of_the_goal_that_it_is_asked_for():
 
 
 def test_a_goal_of_one_camera_tells_the_others_views_by_the_target_s_geometry():
-    arm, wall = the_arm(), StandingCamera(transform((0.3, 0.1, 0.9), (3.0, 0.2, -0.1)))
+    arm, wall = (
+        the_arm(),
+        FixedCameraKinematics(matrix_from_xyz_rpy((0.3, 0.1, 0.9), (3.0, 0.2, -0.1))),
+    )
     alone = the_goal("2016")
     goal = alone.for_cameras({"left": arm, "wall": wall})
     assert list(goal.cameras) == ["left", "wall"] and goal.others["wall"].seen_by == "wall"
-    q = alone.joint_values(arm.names)
+    q = alone.get_joints(arm.names)
     np.testing.assert_allclose(goal.world_T_camera, arm.pose(q), atol=1e-12)
     there = goal.others["wall"]
     np.testing.assert_allclose(there.world_T_camera, wall.pose(q), atol=1e-12)
@@ -646,7 +664,7 @@ def test_a_goal_of_one_camera_tells_the_others_views_by_the_target_s_geometry():
 def test_an_arm_of_one_camera_is_known_without_its_scheme():
     """As where somebody else's bag is read."""
     urdf = SOURCES / "aras_visual_servo_gazebo/robots/aras_visual_servo.urdf"
-    arm = Settings(scheme="not_here:Theirs").arm(urdf.read_text())
+    arm = Settings(scheme="not_here:Theirs").make_arm(urdf.read_text())
     assert arm.camera_frame == "camera_optical_frame"
 
 
@@ -667,10 +685,10 @@ def test_cameras_of_a_node_are_checked(right, words):
 
 def test_cameras_of_a_node_have_topics_of_their_names():
     two = Settings.from_mapping({"cameras": {"left": {"namespace": "/a/b/"}, "right": {}}})
-    left, right = two.camera_of("left"), two.camera_of("right")
+    left, right = two.get_camera("left"), two.get_camera("right")
     assert (left.frame, left.namespace) == ("left_optical_frame", "/a/b")
     assert right.namespace == "/right" and right.features == "/aras_visual_servo/camera/right"
-    one = Settings(camera_frame="eye", namespace="/arm").camera_of("camera")
+    one = Settings(camera_frame="eye", namespace="/arm").get_camera("camera")
     assert (one.frame, one.features) == ("eye", "/arm/camera")
 
 

@@ -10,9 +10,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "camera"))
 
 from tracking_scenes import corners_of, write_obj
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 
 ROUND = "gravity_centre_normalised+area_normalised"  # of what has no main axis
@@ -75,12 +75,12 @@ def test_a_flying_camera_with_a_lens_tells_by_label():
 
 
 def test_where_no_plane_fits_it_is_said_before_the_run():
-    tall = on_the_table("box", LABEL, plant="free", features="pictures").with_(
+    tall = on_the_table("box", LABEL, plant="free", features="pictures").with_changes(
         target={"shape": "box", "size": [0.08, 0.05, 0.24], "pose": [0.0] * 6},
         goal={"pose": [0.03, 0.03, 0.34, np.pi - 0.3, 0.1, 0.0]})
     with pytest.raises(ExperimentError, match=r"no plane fits the outline of box.*22 %.*'model'"):
         assemble(tall)
-    assemble(tall.with_(scheme="pose")).plant.close()
+    assemble(tall.with_changes(scheme="pose")).plant.close()
 
 
 def told(**segmentation):
@@ -102,4 +102,4 @@ def told(**segmentation):
 ])  # fmt: skip
 def test_what_cannot_be_is_said_in_one_line(changes, why):
     with pytest.raises(ExperimentError, match=why):
-        assemble(on_the_table("box", LABEL, scheme="moments").with_(**changes))
+        assemble(on_the_table("box", LABEL, scheme="moments").with_changes(**changes))

@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.diagnosis.target_check import TargetCheck, _fit_columns
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.judging.target_check import TargetCheck, _left
 
 DT, ROW = 1 / 30, 4 / 30  # s: four images are more than the 0.12 s of a row
-POSE = transform((0.3, -0.2, 0.5), (2.9, 0.2, -0.4))
+POSE = matrix_from_xyz_rpy((0.3, -0.2, 0.5), (2.9, 0.2, -0.4))
 
 
 def twist(*six):
@@ -39,7 +39,7 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
     error, said = np.zeros(count), []
     for k in range(images):
         t = begin + k * dt
-        pose = POSE @ transform((0.0, 0.0, 0.0), (0.0, 0.0, turns * t))
+        pose = POSE @ matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.0, 0.0, turns * t))
         camera_R_world = pose[:3, :3].T
         own = -np.hstack([L[:, :3] @ camera_R_world, L[:, 3:] @ camera_R_world]) @ moves(t)
         motion = camera(t) + [0.0, 0.0, 0.0, 0.0, 0.0, turns * dt]
@@ -132,9 +132,11 @@ def test_one_direction_alone_has_no_place_of_a_target():
 def test_columns_that_are_all_but_alike_explain_nothing(scale):
     """To a millionth: by factors as large as that would take. To a thousandth is no matter."""
     for apart, left in ((1e-6, 1.0), (1e-3, 0.0)):
-        found, factors = _left(scale * np.array([[1.0, 1.0], [0.0, apart]]), np.array([0.0, 1.0]))
+        found, factors = _fit_columns(
+            scale * np.array([[1.0, 1.0], [0.0, apart]]), np.array([0.0, 1.0])
+        )
         assert left - 1e-3 < found < left + 1e-3 and found < 1.0 and factors[0] < 0.0 < factors[1]
-    assert _left(np.zeros((2, 2)), np.array([0.6, 0.8]))[0] == pytest.approx(1.0)
+    assert _fit_columns(np.zeros((2, 2)), np.array([0.6, 0.8]))[0] == pytest.approx(1.0)
 
 
 def test_other_features_and_images_without_any_begin_anew():
@@ -159,7 +161,7 @@ def test_what_has_no_centre_or_no_depth_is_not_judged_by_it():
             image = SimpleNamespace(stamp=k * DT, dt=DT, motion=swaying(k * DT),
                                     world_T_camera=POSE, moments=now)  # fmt: skip
             assert not check.add(error, image, goal, np.ones(4), False)
-        assert check._before[0].shape == (0,)
+        assert check._last_measurement[0].shape == (0,)
 
 
 @pytest.mark.parametrize("unknown", ["motion", "world_T_camera"])
@@ -178,7 +180,7 @@ def test_what_is_long_ago_is_forgotten():
 @pytest.mark.parametrize("scale", [0.7, 1.0, 2.0])
 def test_a_camera_that_sits_turned_is_no_target_that_moves(scale):
     """Though one that moves would look the same while the camera goes straight on."""
-    sits = scale * transform((0.0, 0.0, 0.0), (0.2, -0.3, 0.7))[:3, :3]
+    sits = scale * matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.2, -0.3, 0.7))[:3, :3]
     ahead = STEADY(0.0) * DT
     assert not any(watched(120, STILL, lambda t: ahead, sits=sits, noise=0.1))
 
@@ -283,7 +285,9 @@ def test_the_target_is_judged_as_least_squares_over_all_rows_say(kind, count, se
     size = {"it moves": 1.0, "it swings": 3.0}.get(kind, 0.0)
     velocity = 0.02 * size * draw.normal(size=3)
     turning = 0.2 * (kind == "it turns") * draw.normal(size=3)
-    sits = transform((0, 0, 0), (0.2, 0.6, -0.9) if kind == "another camera" else (0, 0, 0))
+    sits = matrix_from_xyz_rpy(
+        (0, 0, 0), (0.2, 0.6, -0.9) if kind == "another camera" else (0, 0, 0)
+    )
     base, error = draw.normal(size=(count, 6)), 0.02 * draw.normal(size=count)
     pose, before, said = POSE, None, set()
     for k in range(170):
@@ -292,7 +296,7 @@ def test_the_target_is_judged_as_least_squares_over_all_rows_say(kind, count, se
         L = base + 0.3 * np.sin(0.1 * k + np.arange(6))
         tolerances = 1e-3 * (1.0 + np.arange(count)) * (1.0 + 2e-4 * np.sin(0.9 * k))
         motion = 3e-3 * np.sin(np.array([3.1, 2.3, 4.4, 5.0, 1.9, 2.8]) * stamp)
-        pose = pose @ transform(motion[:3], motion[3:])
+        pose = pose @ matrix_from_xyz_rpy(motion[:3], motion[3:])
         world = np.kron(np.eye(2), pose[:3, :3].T)
         wave = np.cos(2.0 * np.pi * 0.55 * stamp) if kind == "it swings" else 1.0
         own = -L @ world @ np.concatenate([velocity * wave, turning])

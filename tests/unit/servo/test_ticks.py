@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 from test_driver import Bench
 
-from aras_visual_servo_controller.driving.ticks import ODD, SENT_ON, Ticks, ticked
 from aras_visual_servo_controller.records.state import Command
+from aras_visual_servo_controller.runner.compiled_updates import (
+    NEEDS_PYTHON,
+    NEW_COMMAND,
+    CompiledUpdates,
+    process_joint_state,
+)
 
 
 class Joined(Bench):
@@ -13,21 +18,21 @@ class Joined(Bench):
 
     def __init__(self, **given):
         super().__init__(**given)
-        self.ticks, self.one_by_one = Ticks(self.driver), self.driver.joints
+        self.ticks, self.one_by_one = CompiledUpdates(self.driver), self.driver.joints
         self.driver.joints, self.answered = self.answer, 0
 
     def answer(self, names, positions, velocities, stamp):
-        state = self.ticks.begin()
+        state = self.ticks.make_arguments()
         q, v = np.array(positions), np.array(velocities)
-        if state is None or (became := ticked(q, v, stamp, *state)) == ODD:
+        if state is None or (became := process_joint_state(q, v, stamp, *state)) == NEEDS_PYTHON:
             if state is not None:
-                self.ticks.end([], np.empty((0, 2, 6)), np.empty((0, 6)))
+                self.ticks.apply_results([], np.empty((0, 2, 6)), np.empty((0, 6)))
             self.one_by_one(names, positions, velocities, stamp)
             return
         command = self.ticks.command.copy()
-        self.ticks.end([stamp], np.array([[q, v]]), command[None])
+        self.ticks.apply_results([stamp], np.array([[q, v]]), command[None])
         self.answered += 1
-        if became == SENT_ON:
+        if became == NEW_COMMAND:
             self.send(Command(stamp, names, command))
 
 

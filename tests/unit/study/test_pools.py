@@ -11,9 +11,9 @@ from types import SimpleNamespace
 import pytest
 
 from aras_visual_servo_bench.errors import BenchError, StudyError
-from aras_visual_servo_bench.study import pools, rows, versions
-from aras_visual_servo_bench.study.pools import DEATHS, DaskPool
-from aras_visual_servo_bench.study.work import StudyTask
+from aras_visual_servo_bench.studies import pools, rows, versions
+from aras_visual_servo_bench.studies.pools import MAX_DEATHS, DaskPool
+from aras_visual_servo_bench.studies.work import StudyTask
 
 DONE, CANCELLED = rows.Rows([{"run": 1}]), "cancelled"
 
@@ -49,7 +49,7 @@ class Dask:
         assert count == 1
 
     def run(self, function):
-        return {f"tcp://{n}": versions.versions() for n in range(self.workers)}
+        return {f"tcp://{n}": versions.read_versions() for n in range(self.workers)}
 
     def nthreads(self):
         self.looks += 1
@@ -57,7 +57,7 @@ class Dask:
 
     def submit(self, function, task, key):
         end = self.ends.popleft() if self.ends else DONE
-        self.sent.append((key, task.guarded))
+        self.sent.append((key, task.is_isolated))
         status = "finished" if end is DONE else CANCELLED if end is CANCELLED else "error"
         told = {60: end}  # by the timeout, s
         return SimpleNamespace(key=key, status=status, result=lambda timeout: told[timeout],
@@ -106,8 +106,8 @@ def pool_of(monkeypatch):
 
     def make(workers=1, **keys):
         dask = Dask(workers)
-        monkeypatch.setattr(pools, "_configured", lambda: dask)
-        monkeypatch.setattr(pools, "_answering", answering)
+        monkeypatch.setattr(pools, "_configure_dask", lambda: dask)
+        monkeypatch.setattr(pools, "_check_scheduler", answering)
         made.append(DaskPool(workers, **keys))
         return dask, made[-1]
 
@@ -139,19 +139,23 @@ def test_every_worker_has_one_chunk_waiting_and_is_made_anew_after_so_many(pool_
 def test_a_chunk_whose_worker_died_is_sent_again_with_its_runs_guarded(pool_of):
     dask, pool = pool_of()
     task = StudyTask("", 7)
-    for tries in range(2 * DEATHS):
+    for tries in range(2 * MAX_DEATHS):
         # Once it was done its deaths are forgotten.
-        dask.ends.append(DONE if tries == DEATHS else KilledError())
+        dask.ends.append(DONE if tries == MAX_DEATHS else KilledError())
         pool.submit(task)
-        assert pool.next() == (task, DONE if tries == DEATHS else None)
+        assert pool.next() == (task, DONE if tries == MAX_DEATHS else None)
     dask.ends += [KilledError(), KilledError()]
     pool.submit(task)
     pool.next()
     pool.submit(task)
-    told = f"^{DEATHS + 1} workers died over chunk 7, even with its runs in processes of their own"
+    told = (
+        f"^{MAX_DEATHS + 1} workers died over chunk 7, even with its runs in processes of their own"
+    )
     with pytest.raises(StudyError, match=told):
         pool.next()
-    assert dask.sent == [(f"chunk-7-{n}", n > 0) for n in (*range(DEATHS + 1), *range(DEATHS + 1))]
+    assert dask.sent == [
+        (f"chunk-7-{n}", n > 0) for n in (*range(MAX_DEATHS + 1), *range(MAX_DEATHS + 1))
+    ]
 
 
 @pytest.mark.parametrize(("end", "told"), [
@@ -208,7 +212,7 @@ def test_workers_that_cannot_load_the_package_and_dask_that_is_not_there_are_tol
     def alien(dask, function):
         raise ModuleNotFoundError("No module named 'mine'")
 
-    real = pools._configured
+    real = pools._configure_dask
     monkeypatch.setattr(Dask, "run", alien)
     told = "^the workers cannot load this package .No module named 'mine'.: install it there, or"
     with pytest.raises(StudyError, match=told):
@@ -259,7 +263,7 @@ def test_a_scheduler_that_is_gone_is_told_wherever_it_is_missed(pool_of, monkeyp
     def gone(*args, **keys):
         raise OSError("closed\nby its owner")
 
-    monkeypatch.setattr(pools, "LOOK", 0.0)
+    monkeypatch.setattr(pools, "COUNT_PERIOD", 0.0)
     if call != "submit":
         pool.submit(StudyTask("", 0))
     if call == "scheduler_info":

@@ -13,13 +13,13 @@ import pytest
 import yaml
 from scipy import stats
 
-from aras_visual_servo_bench.asked import overrides
 from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.experiment import overrides
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.study import rows
-from aras_visual_servo_bench.study.engine import check_study
-from aras_visual_servo_bench.study.folder import Folder
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.studies import rows
+from aras_visual_servo_bench.studies.engine import check_study
+from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_folder import StudyFolder
 
 FREE = {"plant": "free"}
 
@@ -28,7 +28,7 @@ def drawn(n=4096, sampling="random", **vary):
     study = Study.from_mapping(
         {"experiment": FREE, "vary": vary, "samples": n, "sampling": sampling}
     )
-    rows = [study.settings(point) for point in range(study.points)]
+    rows = [study.make_settings(point) for point in range(study.point_count)]
     return {key: [row[key] for row in rows] for key in vary}
 
 
@@ -37,11 +37,11 @@ def test_a_grid_has_every_combination_once_and_the_last_key_changes_first():
         "experiment": FREE, "vary": {"law": ["proportional", "adaptive"], "gain": [1, 2, 3]},
         "repeats": 2,
     })  # fmt: skip
-    assert (study.points, study.runs) == (6, 12)
-    assert [tuple(study.settings(p).values()) for p in range(6)] == [
+    assert (study.point_count, study.run_count) == (6, 12)
+    assert [tuple(study.make_settings(p).values()) for p in range(6)] == [
         (law, gain) for law in ("proportional", "adaptive") for gain in (1, 2, 3)
     ]
-    made = [study.experiment_of(run) for run in range(12)]
+    made = [study.make_experiment(run) for run in range(12)]
     assert [e.gain for e in made] == [1, 1, 2, 2, 3, 3] * 2
     assert [e.law for e in made] == ["proportional"] * 6 + ["adaptive"] * 6
 
@@ -52,10 +52,10 @@ def test_cases_go_with_each_point_of_the_grid():
         "cases": [{"scheme": "moments"}, {"scheme": "points", "delay": 0.1}],
     })  # fmt: skip
     assert study.keys == ("scheme", "delay", "gain")
-    found = [study.settings(p) for p in range(study.points)]
+    found = [study.make_settings(p) for p in range(study.point_count)]
     assert found[3] == {"scheme": "points", "delay": 0.1, "gain": 2.0}
     assert found[0] == {"scheme": "moments", "gain": 1.0}
-    assert study.points == 4
+    assert study.point_count == 4
 
 
 @pytest.mark.parametrize("sampling", ["random", "sobol"])
@@ -92,7 +92,7 @@ def test_values_are_drawn_as_numpy_says_so_that_anyone_can_work_them_out():
 def test_seeds_are_of_the_runs_number_and_the_studys_seed():
     def of(**changes):
         study = Study.from_mapping({"experiment": FREE, "repeats": 1000, **changes})
-        return [study.seed_of(run) for run in range(1000)]
+        return [study.compute_seed(run) for run in range(1000)]
 
     one = of()
     assert len(set(one)) == 1000 and min(one) >= 0 and max(one) < 2**63
@@ -105,15 +105,15 @@ def test_seeds_are_of_the_runs_number_and_the_studys_seed():
 def test_repeats_can_have_the_same_seeds_at_every_point():
     study = Study.from_mapping({
         "experiment": FREE, "vary": {"gain": [1.0, 2.0]}, "repeats": 3, "seeds": "repeats"})
-    seeds = [study.seed_of(run) for run in range(6)]
+    seeds = [study.compute_seed(run) for run in range(6)]
     assert seeds[:3] == seeds[3:] and len(set(seeds)) == 3
-    assert [study.experiment_of(run).seed for run in range(6)] == seeds
+    assert [study.make_experiment(run).seed for run in range(6)] == seeds
 
 
 def test_chunks_cover_all_runs_once(tiny):
     for repeats, chunk in ((7, 4), (1, 100), (20, 60)):
         study = tiny(repeats=repeats, chunk=chunk)
-        covered = [run for c in range(study.chunks) for run in study.chunk_runs(c)]
+        covered = [run for c in range(study.chunk_count) for run in study.list_chunk_runs(c)]
         assert covered == list(range(study.runs))
     assert [tiny(repeats=n, chunk=None).chunk_size for n in (1, 410, 100_000)] == [1, 31, 100]
     pictured = {"experiment": {**FREE, "features": "pictures"}, "repeats": 400, "chunk": None}
@@ -129,7 +129,7 @@ def test_chunks_cover_all_runs_once(tiny):
 ])  # fmt: skip
 def test_a_column_has_the_type_of_what_varies(tiny, values, kind):
     study = tiny(vary={"options.mine": values})
-    assert rows.schema(study, {}).field("options.mine").type == kind
+    assert rows.make_schema(study, {}).field("options.mine").type == kind
 
 
 def test_a_mapping_makes_the_same_study_again(tiny):
@@ -144,12 +144,14 @@ def test_overrides_replace_what_varies_and_the_studys_own_keys(tmp_path):
     file.write_text(yaml.safe_dump({
         "experiment": {**FREE, "start": {"side": 0.02}}, "repeats": 3,
         "vary": {"gain": [1, 2], "delay": [0.0, 0.1]}}))  # fmt: skip
-    study = Study.from_yaml(file, overrides.parsed(["gain=5", "repeats=4", "start.turn=0.3"]))
-    assert study.runs == 8 and study.keys == ("delay",)
-    made = study.experiment_of(0)
+    study = Study.from_yaml(
+        file, overrides.parse_overrides(["gain=5", "repeats=4", "start.turn=0.3"])
+    )
+    assert study.run_count == 8 and study.keys == ("delay",)
+    made = study.make_experiment(0)
     assert (made.gain, made.start.side, made.start.turn) == (5, 0.02, 0.3)
-    study = Study.from_yaml(file, overrides.parsed(["vary.gain=[3, 4, 5]"]))
-    assert study.runs == 18
+    study = Study.from_yaml(file, overrides.parse_overrides(["vary.gain=[3, 4, 5]"]))
+    assert study.run_count == 18
 
 
 def test_an_experiment_in_a_file_beside_the_study(tmp_path):
@@ -157,7 +159,7 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     (tmp_path / "study.yaml").write_text("experiment: base.yaml\nrepeats: 2\n")
     for study in (Study.from_yaml(tmp_path / "study.yaml"),
                   Study(experiment=str(tmp_path / "base.yaml"), repeats=2)):
-        assert study.experiment_of(1).gain == 3.0
+        assert study.make_experiment(1).gain == 3.0
     (tmp_path / "base.yaml").write_text("- 3.0\n")
     with pytest.raises(StudyError, match="base.yaml holds no keys with values: it is no study"):
         Study.from_yaml(tmp_path / "base.yaml")
@@ -219,7 +221,7 @@ def test_what_yaml_has_and_no_study_is_refused_before_it_is_begun(tiny, tmp_path
     study = tiny(vary={}, cases={"a": [{"name": "b", "published": {"outcome": day}}]})
     told = r"^datetime.date\(2026, 2, 1\) cannot stand in a study: give numbers, texts"
     with pytest.raises(StudyError, match=told):
-        Folder.create(tmp_path / "out", study, "")
+        StudyFolder.create(tmp_path / "out", study, "")
 
 
 @pytest.mark.parametrize(("changes", "complaint"), [
@@ -250,14 +252,14 @@ def test_every_value_is_tried_before_the_first_run(tiny, changes, complaint):
 ])  # fmt: skip
 def test_overrides_that_are_none(words, complaint):
     with pytest.raises(StudyError, match=complaint):
-        overrides.parsed(words)
+        overrides.parse_overrides(words)
 
 
 def test_a_key_below_a_name_cannot_be_set():
     study = Study.from_mapping({"experiment": {**FREE, "start": "2016"},
                                 "vary": {"start.side": [0.1]}})  # fmt: skip
     with pytest.raises(StudyError, match="'start.side' cannot be set: start is '2016', which has"):
-        study.experiment_of(0)
+        study.make_experiment(0)
 
 
 NOISY = {"preset": "noisy", "effects": {"drop_probability": 0.3}}
@@ -312,14 +314,14 @@ def test_an_override_of_a_preset_acts_the_same_however_it_is_written(tmp_path):
     file = tmp_path / "study.yaml"
     file.write_text(yaml.safe_dump({"experiment": base}))
     written = [
-        Study.from_mapping({"experiment": base, "vary": {key: [value]}}).experiment_of(0),
-        Study.from_mapping({"experiment": base, "cases": [{key: value}]}).experiment_of(0),
+        Study.from_mapping({"experiment": base, "vary": {key: [value]}}).make_experiment(0),
+        Study.from_mapping({"experiment": base, "cases": [{key: value}]}).make_experiment(0),
         Study.from_mapping({"experiment": base, "cases": {"a": [
-            {"name": "b", "set": {key: value}}]}}).experiment_of(0),
-        Study.from_yaml(file, overrides.parsed([f"{key}={value}"])).experiment_of(0),
+            {"name": "b", "set": {key: value}}]}}).make_experiment(0),
+        Study.from_yaml(file, overrides.parse_overrides([f"{key}={value}"])).make_experiment(0),
     ]
     assert len({str(dict(one.camera)) for one in written}) == 1
     parts = assemble(written[0])
-    wide = assemble(written[0].with_(camera="wide"))
-    assert parts.eyes["camera"].true == wide.eyes["camera"].true
-    assert parts.plant.sight.effects.drop_probability == value
+    wide = assemble(written[0].with_changes(camera="wide"))
+    assert parts.cameras["camera"].true_camera == wide.cameras["camera"].true_camera
+    assert parts.plant.imaging.effects.drop_probability == value

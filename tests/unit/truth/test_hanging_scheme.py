@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_controller.errors import SchemeTimeoutError
 from aras_visual_servo_controller.schemes.time_limit import call_user_code
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plants.base import JointReading
-from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.observation.frame import Frame
 from outcome_campaign import cli
 from outcome_campaign.kinds import KINDS, Event
 from outcome_campaign.table import (

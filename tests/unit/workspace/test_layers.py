@@ -101,7 +101,7 @@ FLOORS = {
 BRIDGE_FLOORS = FLOORS["aras_sim_bridge"]
 # What may import pages, inside functions or for types alone: commands and nodes that start one, and
 # the public interface.
-STARTERS = ("__init__.py", "commands/analyzing.py", "commands/browsing.py", "commands/looking.py",
+STARTERS = ("__init__.py", "cli/analyze.py", "cli/browse.py", "cli/show_tune.py",
             "ros/dashboard.py", "ros/demo.py")  # fmt: skip
 # Pure maths in the rooms above: imports nothing of ours but the two lowest floors.
 PURE = ("control/pid.py", "camera/lens.py")

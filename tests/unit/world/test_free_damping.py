@@ -7,7 +7,7 @@ from test_joint_dynamics import tree_xml
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.world import Pose, World
-from aras_sim_bridge.world.free_damping import CHECK_EVERY, FreeDamping
+from aras_sim_bridge.world.joint_damping import CHECK_EVERY, JointDamping
 
 
 class Joints:
@@ -33,7 +33,7 @@ class Joints:
 
 def asked(damping, inverse, dt):
     joints = Joints(damping, inverse)
-    applied = FreeDamping(joints)
+    applied = JointDamping(joints)
     applied.before_step(dt)
     return joints, applied
 

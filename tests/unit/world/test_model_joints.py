@@ -30,12 +30,12 @@ def model(make, request):
     """Bolted and by its own dynamics, bolted but in Bullet's hands, or free."""
     with World(gravity=(0.0, 0.0, 0.0)) as world:
         if request.param == "bullet":
-            world.islands._window = True
+            world.isolation._window = True
         root = "hull" if request.param == "free" else "world"
         it = world.spawn(described(make, root), "m", Pose((1.0, 2.0, 3.0)))
         world.step()
         assert it.joint_names == NAMES
-        assert it.joints.own is (request.param == "own")
+        assert it.joints.has_own_dynamics is (request.param == "own")
         it.step = world.step
         yield it
 

@@ -11,7 +11,7 @@ from aras_sim_bridge.errors import (
 )
 from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import World
-from aras_sim_bridge.world.labels import links_by_label
+from aras_sim_bridge.world.labels import list_links_by_label
 
 INERTIAL = (
     '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
@@ -86,17 +86,17 @@ def test_unknown_names_carry_what_there_is(make):
     """For programs that want more than the line."""
     with World() as world:
         model = world.spawn(parse_urdf(make.pendulum()), "swing")
-        numbers = links_by_label(world.models)
+        numbers = list_links_by_label(world.models)
         with pytest.raises(UnknownJointError) as joint:
             model.apply_effort("elbow", 1.0)
         with pytest.raises(UnknownLinkError) as link:
             model.link_pose("hand")
         with pytest.raises(UnknownModelError) as other:
             world.model("arm")
-    assert (joint.value.model, joint.value.joint, joint.value.known) == (
+    assert (joint.value.model, joint.value.joint, joint.value.available) == (
         "swing", "elbow", ("swing",))
-    assert (link.value.link, link.value.known) == ("hand", ("world", "bob"))
+    assert (link.value.link, link.value.available) == ("hand", ("world", "bob"))
     # as Bullet numbers pixels: the body, and above it the link, 0 for the root
     assert numbers == {model.body_id: "swing::world", model.body_id + (1 << 24): "swing::bob"}
-    assert (other.value.name, other.value.known) == ("arm", ("swing",))
+    assert (other.value.name, other.value.available) == ("arm", ("swing",))
     assert str(joint.value) == "model 'swing' has no moving joint 'elbow'; it has: swing"

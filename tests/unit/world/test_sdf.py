@@ -100,7 +100,7 @@ def test_colours_reach_the_cameras():
         world.spawn(description, "m")
         scene = Scene(world)
         scene.refresh()
-        assert [part.rgba for part in scene.parts] == [
+        assert [part.rgba for part in scene.visuals] == [
             (1.0, 0.0, 0.0, 1.0), (0.1, 0.2, 0.3, 1.0), (1.0, 1.0, 1.0, 1.0)]
 
 
@@ -160,5 +160,5 @@ def test_lights_come_change_and_go():
         simulation.delete_light("lamp")
     simulation.delete_light("sun")
     assert simulation.lights == {}
-    assert simulation._sunlight().diffuse == 0.0
+    assert simulation._compute_lighting().diffuse == 0.0
     simulation.close()

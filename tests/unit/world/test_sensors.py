@@ -467,7 +467,7 @@ def test_defaults_are_upstream_s():
     assert (imu.topic, imu.namespace, imu.frame, imu.rate) == ("imu_data", None, "f", 1.0)
     assert (pose.namespace, pose.frame, pose.rate) == ("", "world", 0.0)
     assert (body.topic, body.rate) == ("/default_imu", 0.0)
-    assert (wrench.measured_in, wrench.on_child, wrench.frame) == ("child", False, "")
+    assert (wrench.wrench_frame, wrench.on_child, wrench.frame) == ("child", False, "")
     assert wrench == SensorDescription("wrench", "w", joint="flange", link="tool")
 
 
@@ -525,7 +525,7 @@ def test_words_of_a_wrench_that_there_are_not():
         "sensor 's' on joint 'swing': frame 'hand' is unknown; child is taken",
         "sensor 's' on joint 'swing': measure_direction 'up' is unknown; child_to_parent is taken")
     (wrench,) = read.sensors
-    assert (wrench.measured_in, wrench.on_child) == ("child", False)
+    assert (wrench.wrench_frame, wrench.on_child) == ("child", False)
 
 
 def test_sensors_of_sdf_stand_where_its_root_link_stands():
@@ -545,7 +545,7 @@ def test_sensors_of_sdf_stand_where_its_root_link_stands():
     assert imu.pose[0] == pytest.approx((0.1 * math.cos(0.5), 0.1 * math.sin(0.5), 1.0))
     assert imu.pose[1] == pytest.approx((0, 0, 0.5)) and imu.sample_rate == 50.0
     assert (pose.kind, pose.link) == ("pose", "b")
-    assert (wrench.joint, wrench.measured_in) == ("j", "parent")
+    assert (wrench.joint, wrench.wrench_frame) == ("j", "parent")
     assert wrench.channels == (ChannelNoise(1.0, 2.0), *[ChannelNoise()] * 5)
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.poses import quaternion_from_matrix
 
 
-@compiled("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8")
-def blended_poses(before_p, before_q, p, q, blend):
+@jit("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8")
+def blend_poses(before_p, before_q, p, q, blend):
     """Poses (N, 4, 4) `blend` of the way from one list to another of positions (N, 3) and unit
     quaternions xyzw (N, 4).
 
@@ -38,8 +38,8 @@ def blended_poses(before_p, before_q, p, q, blend):
     return out
 
 
-def blended(before: np.ndarray, now: np.ndarray, blend: float) -> np.ndarray:
+def blend_pose(before: np.ndarray, now: np.ndarray, blend: float) -> np.ndarray:
     """The pose (4, 4) that is `blend` of the way from one to another."""
     one, other = ((T[None, :3, 3].copy(), np.array([quaternion_from_matrix(T[:3, :3].tolist())]))
                   for T in (before, now))
-    return blended_poses(*one, *other, blend)[0]
+    return blend_poses(*one, *other, blend)[0]

@@ -10,7 +10,7 @@ from aras_visual_servo_base.errors import DescriptionError as DescriptionError
 from aras_visual_servo_base.errors import SimError as SimError
 
 
-class LeftOutError(DescriptionError):
+class UnsupportedPartError(DescriptionError):
     """A part of a model that cannot be served; the model is served without it."""
 
 
@@ -25,30 +25,35 @@ class WindowError(WorldError):
 class UnknownModelError(WorldError):
     """No model is called `name`; `known` are those that exist."""
 
-    def __init__(self, name: str, known: Iterable[str]) -> None:
-        self.name, self.known = name, tuple(known)
-        super().__init__(f"model '{name}' does not exist; there are: {_listed(self.known)}")
+    def __init__(self, name: str, available: Iterable[str]) -> None:
+        self.name, self.available = name, tuple(available)
+        super().__init__(
+            f"model '{name}' does not exist; there are: {_format_names(self.available)}"
+        )
 
 
 class UnknownLinkError(WorldError):
     """A model has no link of that name; `known` are those it has."""
 
-    def __init__(self, model: str, link: str, known: Iterable[str]) -> None:
-        self.model, self.link, self.known = model, link, tuple(known)
-        super().__init__(f"model '{model}' has no link '{link}'; it has: {_listed(self.known)}")
+    def __init__(self, model: str, link: str, available: Iterable[str]) -> None:
+        self.model, self.link, self.available = model, link, tuple(available)
+        super().__init__(
+            f"model '{model}' has no link '{link}'; it has: {_format_names(self.available)}"
+        )
 
 
 class UnknownJointError(WorldError):
     """A model has no moving joint of that name; `known` are those it has."""
 
-    def __init__(self, model: str, joint: str, known: Iterable[str]) -> None:
-        self.model, self.joint, self.known = model, joint, tuple(known)
+    def __init__(self, model: str, joint: str, available: Iterable[str]) -> None:
+        self.model, self.joint, self.available = model, joint, tuple(available)
         super().__init__(
-            f"model '{model}' has no moving joint '{joint}'; it has: {_listed(self.known)}"
+            f"model '{model}' has no moving joint '{joint}'; it has: "
+            f"{_format_names(self.available)}"
         )
 
 
-def _listed(names: tuple[str, ...]) -> str:
+def _format_names(names: tuple[str, ...]) -> str:
     return ", ".join(names) or "none"
 
 

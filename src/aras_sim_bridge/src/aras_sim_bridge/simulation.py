@@ -12,22 +12,22 @@ import numpy as np
 
 from aras_sim_bridge import cycle
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.camera.config import seed_of
+from aras_sim_bridge.camera.config import derive_seed
 from aras_sim_bridge.camera.mounting import (
     MountedCamera,
-    robot_camera,
-    together,
-    world_camera,
+    configure_robot_camera,
+    configure_world_camera,
+    find_simultaneous,
 )
 from aras_sim_bridge.camera.sensor import NEVER
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.loop import ControlLoop
 from aras_sim_bridge.control.manager import ControllerManager
-from aras_sim_bridge.control.stability import outlook
+from aras_sim_bridge.control.stability import report_stability
 from aras_sim_bridge.control.switching import STRICT
 from aras_sim_bridge.description import CameraDescription, Light, RobotDescription
-from aras_sim_bridge.description.lights import checked_light
-from aras_sim_bridge.description.types import SUN, Surroundings, within
+from aras_sim_bridge.description.lights import check_light
+from aras_sim_bridge.description.types import SUN, SceneSettings, is_present
 from aras_sim_bridge.errors import (
     CameraError,
     DescriptionError,
@@ -35,7 +35,7 @@ from aras_sim_bridge.errors import (
     SimError,
     WorldError,
 )
-from aras_sim_bridge.rendering import EXPOSURES, Sun, create_renderer
+from aras_sim_bridge.rendering import EXPOSURES, Lighting, create_renderer
 from aras_sim_bridge.sensors import KINDS, RateSensor
 from aras_sim_bridge.world import Model, Pose, World
 from aras_visual_servo_base.poses import IDENTITY
@@ -49,7 +49,7 @@ MOST_LIGHTS = 16  # that pictures are lit by
 DARK = (0.0, 0.0, 0.0, 1.0)
 NO_LIGHT = Light("none", diffuse=DARK)
 log = logging.getLogger(__name__)
-Cycles = Callable[..., tuple[int, int, int]]
+CycleFunction = Callable[..., tuple[int, int, int]]
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class SimulationConfig:
     legacy_camera_info: bool = False
     ground_plane: bool = True
     lights: tuple[Light, ...] = (SUN,)
-    scene: Surroundings = Surroundings()
+    scene: SceneSettings = SceneSettings()
     exposure: str = EXPOSURES[0]
 
 
@@ -111,20 +111,20 @@ class ControlledModel:
         """
         self.manager.get(controller).set_command(value)
 
-    def outlook(self, step: float) -> str:
+    def report_stability(self, step: float) -> str:
         """One line where steps of `step` s make the running PIDs unstable; see stability."""
-        text = outlook(self.hardware, self.manager.running, self.model.joint_names,
+        text = report_stability(self.hardware, self.manager.running, self.model.joint_names,
                        self.model.joints.inverse_inertia, step)
         return f"model '{self.name}': {text}" if text else ""
 
 
-class Answers(Protocol):
+class CompiledController(Protocol):
     """Answers what a controller samples with commands, in compiled cycles."""
 
-    def begin(self, time_ns: int, until_ns: int) -> JointStateController | None:
+    def start_cycles(self, time_ns: int, until_ns: int) -> JointStateController | None:
         """The controller whose samples cycles at these times (ns) answer; None: they do not."""
 
-    def cycles(self, *arguments: object) -> tuple[int, int, int]:
+    def run_cycles(self, *arguments: object) -> tuple[int, int, int]:
         """As cycle.cycles, which ends where Python has to look."""
 
 
@@ -163,7 +163,7 @@ class Simulation:
         self.cameras: list[MountedCamera] = []
         self.sensors: list[RateSensor] = []
         self.grasps: list[GraspFix] = []
-        self.before_pictures: Callable[[int], None] | None = None
+        self.before_images: Callable[[int], None] | None = None
         self._renderer: Renderer | None = None
         self.lights: dict[str, Light] = {}
         for light in self.config.lights:
@@ -201,7 +201,7 @@ class Simulation:
             self._check_namespace(namespace, name)
         model = self.world.spawn(description, name, pose, joint_positions)
         try:
-            robot = self._robot(model, namespace, parameters or {})
+            robot = self._make_robot(model, namespace, parameters or {})
         except SimError:
             self.world.delete(name)
             raise
@@ -211,7 +211,7 @@ class Simulation:
             for camera in body.description.cameras:
                 self._mount(body, camera, cameras or {})
             for sensor in body.description.sensors:
-                seed = seed_of(self.config.seed, f"{name} {sensor.kind} {sensor.topic}")
+                seed = derive_seed(self.config.seed, f"{name} {sensor.kind} {sensor.topic}")
                 self.sensors.append(KINDS[sensor.kind](sensor, body, self.world, seed))
         if description.grasps:
             from aras_sim_bridge.world import GraspFix  # which few robots have
@@ -244,37 +244,43 @@ class Simulation:
             WorldError: a number that no light has; nothing is changed then.
         """
         new = light.name not in self.lights
-        self.lights[light.name] = checked_light(light)
+        self.lights[light.name] = check_light(light)
         if new and len(self.lights) > MOST_LIGHTS:
             log.warning(
                 "light '%s' is one too many: pictures are lit by the first %d, which are not to be "
                 "deleted for it to count", light.name, MOST_LIGHTS
             )
         if self._renderer is not None:
-            self._renderer.light = self._sunlight()
+            self._renderer.light = self._compute_lighting()
 
     def delete_light(self, name: str) -> None:
         """Take a light away; WorldError naming those that exist."""
         del self.lights[self.light(name).name]
         if self._renderer is not None:
-            self._renderer.light = self._sunlight()
+            self._renderer.light = self._compute_lighting()
 
-    def _sunlight(self) -> Sun:
+    def _compute_lighting(self) -> Lighting:
         """The light that cameras see by now."""
         lights = tuple(self.lights.values())[:MOST_LIGHTS]
         now = tuple(
-            light if within(light.shines, self.time_ns / 1e9) else replace(light, diffuse=DARK)
+            light
+            if is_present(light.lit_intervals, self.time_ns / 1e9)
+            else replace(light, diffuse=DARK)
             for light in lights
         )
-        light = self._light_of(lights)
-        return light if now == lights else replace(self._light_of(now), white=light.most)
+        light = self._combine_lights(lights)
+        return (
+            light
+            if now == lights
+            else replace(self._combine_lights(now), reference_white_level=light.white_level)
+        )
 
-    def _light_of(self, lights: tuple[Light, ...]) -> Sun:
+    def _combine_lights(self, lights: tuple[Light, ...]) -> Lighting:
         """Of these lights: where one white sun without shadows is all, as that."""
         scene = self.config.scene
         ambient = max(scene.ambient[:3])
         tint = tuple(part / (ambient or 1.0) for part in scene.ambient[:3])
-        around = Sun(diffuse=0.0, ambient=ambient, tint=tint, background=scene.background,
+        around = Lighting(diffuse=0.0, ambient=ambient, tint=tint, background=scene.background,
                      sky=scene.sky, exposure=self.config.exposure, shadows=scene.shadows)
         shadows = scene.shadows != "none" and any(light.cast_shadows for light in lights)
         if len(set(tint)) == 1 and len(lights) <= 1 and not shadows:
@@ -285,7 +291,9 @@ class Simulation:
                 return replace(around, direction=light.direction, diffuse=light.diffuse[0])
         return replace(around, lights=lights or (NO_LIGHT,))
 
-    def step(self, until_ns: int = 0, answers: Answers | None = None) -> None:
+    def step(
+        self, until_ns: int = 0, compiled_controller: CompiledController | None = None
+    ) -> None:
         """Simulate one time step in Gazebo's order: time, controllers, physics, sensors.
 
         Args:
@@ -299,7 +307,7 @@ class Simulation:
         sensors = [sensor for sensor in self.sensors if sensor.enabled]
         for looks in (*cameras, *sensors, *self.grasps):
             until_ns = min(until_ns, looks.idle_until_ns)
-        begun = self._begun(time_ns, max(until_ns, time_ns), answers)
+        begun = self._start_cycles(time_ns, max(until_ns, time_ns), compiled_controller)
         if begun is None:
             for robot in self.robots.values():
                 robot.loop.step(time_ns)
@@ -309,55 +317,68 @@ class Simulation:
             self.world.step()
             self.time_ns = time_ns
         else:
-            self._cycles(max(until_ns, time_ns), *begun)
+            self._run_cycles(max(until_ns, time_ns), *begun)
         for sensor in sensors:
             sensor.after_step(self.time_ns)
         for sensor in sensors:
-            sensor.model.pushes.clear()
+            sensor.model.applied_forces.clear()
         for grasp in self.grasps:
             grasp.after_step(self.time_ns)
-        due = [camera for camera in cameras if camera.sensor.due(self.time_ns)]
-        if due and self.before_pictures is not None:
-            self.before_pictures(self.time_ns)
-        if due and any(light.shines is not None for light in self.lights.values()):
-            self._renderer.light = self._sunlight()
+        due = [camera for camera in cameras if camera.sensor.is_due(self.time_ns)]
+        if due and self.before_images is not None:
+            self.before_images(self.time_ns)
+        if due and any(light.lit_intervals is not None for light in self.lights.values()):
+            self._renderer.light = self._compute_lighting()
         for camera in due:
             camera.after_step(self.time_ns)
 
-    def _begun(
-        self, time_ns: int, until_ns: int, answers: Answers | None
-    ) -> tuple[ControlledModel, Cycles, tuple, np.ndarray, float] | None:
+    def _start_cycles(
+        self, time_ns: int, until_ns: int, compiled_controller: CompiledController | None
+    ) -> tuple[ControlledModel, CycleFunction, tuple, np.ndarray, float] | None:
         """The one robot, if it moves alone and Python takes no part in the tick that ends at
         `time_ns`; what makes its cycles, and what World.alone and ControlLoop.begin answer."""
         if len(self.robots) != 1:
             return None
         (robot,) = self.robots.values()
-        physics = self.world.alone(robot.model)
+        physics = self.world.get_compiled_step(robot.model)
         if physics is None:
             return None
-        sampled = None if answers is None else answers.begin(time_ns, until_ns)
-        begun = robot.loop.begin(time_ns, self.step_ns, sampled)
-        cycles = cycle.cycles if sampled is None else answers.cycles
+        sampled = (
+            None
+            if compiled_controller is None
+            else compiled_controller.start_cycles(time_ns, until_ns)
+        )
+        begun = robot.loop.start_cycles(time_ns, self.step_ns, sampled)
+        cycles = cycle.run_cycles if sampled is None else compiled_controller.run_cycles
         return None if begun is None else (robot, cycles, physics, *begun)
 
-    def _cycles(self, until_ns: int, robot: ControlledModel, cycles: Cycles, physics: tuple,
-                loops: np.ndarray, idle_ns: float) -> None:
+    def _run_cycles(
+        self,
+        until_ns: int,
+        robot: ControlledModel,
+        cycles: CycleFunction,
+        physics: tuple,
+        loops: np.ndarray,
+        idle_ns: float,
+    ) -> None:
         """Compiled ticks up to `until_ns`, or `idle_ns`; WorldError where one diverges."""
         began_ns, step_ns, hardware = self.time_ns, self.step_ns, robot.hardware
-        count = min(int(min(until_ns, idle_ns) - began_ns) // step_ns, self.world.outlook)
+        count = min(
+            int(min(until_ns, idle_ns) - began_ns) // step_ns, self.world.steps_until_contact
+        )
         made, end, bad = cycles(
             count, began_ns, step_ns, loops, hardware.handle_rows, hardware.drive_rows, *physics
         )
-        robot.loop.end(began_ns + (made + (end == cycle.NOT_FINITE)) * step_ns)
+        robot.loop.end_cycles(began_ns + (made + (end == cycle.NOT_FINITE)) * step_ns)
         self.time_ns = began_ns + (made - (end == cycle.DIVERGED)) * step_ns
         if end != cycle.ALL_MADE:
-            hardware.tell()
-        self.world.advanced(robot.model, made, bad, end != cycle.NOT_BORNE)
+            hardware.log_warnings()
+        self.world.finish_compiled_steps(robot.model, made, bad, end != cycle.BASE_UNSUPPORTED)
         if end == cycle.NOT_FINITE:
             hardware.apply(self.time_ns)
             robot.model.check_efforts()
 
-    def next_picture_ns(self) -> int | None:
+    def next_image_ns(self) -> int | None:
         """When a camera next has something to do, ns; None: none has. The step that contains it
         ends later, by less than a step."""
         due = (camera.sensor.due_ns for camera in self.cameras if camera.enabled)
@@ -373,7 +394,7 @@ class Simulation:
         """
         (self.world.models.get(name) or self.world.model(name)).set_joint_positions(positions)
         if name in self.robots:
-            self.robots[name].hardware.stay(positions)
+            self.robots[name].hardware.hold_positions(positions)
 
     def reset_world(self) -> None:
         """Models back to their spawn poses; time and joint angles stay."""
@@ -386,7 +407,7 @@ class Simulation:
         self.world.reset_simulation()
         self.time_ns = 0
         for robot in self.robots.values():
-            robot.loop.begin_anew()
+            robot.loop.restart()
         for camera in self.cameras:
             camera.sensor.reset(0)
         for listener in (*self.sensors, *self.grasps):
@@ -417,7 +438,7 @@ class Simulation:
                     "request where the plugin has none"
                 )
 
-    def _robot(
+    def _make_robot(
         self, model: Model, namespace: str, parameters: Mapping[str, object]
     ) -> ControlledModel | None:
         for plugin in model.description.control_plugins:
@@ -429,13 +450,13 @@ class Simulation:
             period_ns = None if period is None else round(period * 1e9)
             loop = ControlLoop(hardware, manager, self.step_ns, period_ns)
             robot = ControlledModel(model.name, namespace, model, hardware, manager, loop)
-            manager.on_started = partial(self._foretell, robot)
+            manager.on_started = partial(self._warn_if_unstable, robot)
             return robot
         return None
 
-    def _foretell(self, robot: ControlledModel) -> None:
+    def _warn_if_unstable(self, robot: ControlledModel) -> None:
         """Say where the PIDs of the controllers that were started will not hold their joints."""
-        if text := robot.outlook(self.world.time_step):
+        if text := robot.report_stability(self.world.time_step):
             log.warning("%s", text)
 
     def camera(self, name: str) -> MountedCamera:
@@ -452,8 +473,10 @@ class Simulation:
 
     def add_camera(self, name: str, settings: Mapping[str, object]) -> MountedCamera:
         """Put a camera into the world, fixed; see mounting.world_camera. Raises CameraError."""
-        config, pose = world_camera(name, settings, self._camera_defaults(), self.config.seed)
-        mounted = MountedCamera(self._sensor(config), None, "world", pose)
+        config, pose = configure_world_camera(
+            name, settings, self._get_camera_defaults(), self.config.seed
+        )
+        mounted = MountedCamera(self._make_camera_sensor(config), None, "world", pose)
         self.cameras.append(mounted)
         return mounted
 
@@ -462,13 +485,15 @@ class Simulation:
     ) -> None:
         """Mount one camera of a description. One that is impossible must not cost the robot."""
         try:
-            config = robot_camera(camera, settings, self._camera_defaults(), self.config.seed)
-            mounted = MountedCamera(self._sensor(config), model, camera.link)
+            config = configure_robot_camera(
+                camera, settings, self._get_camera_defaults(), self.config.seed
+            )
+            mounted = MountedCamera(self._make_camera_sensor(config), model, camera.link)
         except (CameraError, RenderingError) as error:
             log.error("model '%s' goes without its camera '%s': %s", model.name, camera.name, error)
             return
         self.cameras.append(mounted)
-        first = together(mounted, self.cameras)[0].sensor
+        first = find_simultaneous(mounted, self.cameras)[0].sensor
         if mounted.sensor.rate != first.rate:
             log.warning(
                 "camera '%s' exposes together with camera '%s', at its %g Hz instead of %g Hz",
@@ -476,10 +501,10 @@ class Simulation:
             )
             mounted.sensor.set_rate(first.rate, self.time_ns, self.step_ns)
 
-    def _camera_defaults(self) -> dict[str, object]:
+    def _get_camera_defaults(self) -> dict[str, object]:
         return {"legacy_camera_info": self.config.legacy_camera_info}
 
-    def _sensor(self, config: CameraConfig) -> CameraSensor:
+    def _make_camera_sensor(self, config: CameraConfig) -> CameraSensor:
         for camera in self.cameras:
             taken = config.names & camera.sensor.config.names
             if taken:
@@ -491,7 +516,7 @@ class Simulation:
                 )
         if self._renderer is None:
             self._renderer = create_renderer(
-                self.config.renderer, self.world, self._sunlight()
+                self.config.renderer, self.world, self._compute_lighting()
             )
         sensor = CameraSensor(config, self._renderer)
         sensor.check_time_step(self.step_ns)

@@ -7,39 +7,40 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 
 from .errors import DescriptionError
-from .hand_eye import HandEye, HandEyeError
-from .names import nearest
-from .poses import LINK_R_OPTICAL, inverse, optical, to_xyz_rpy, transform
+from .hand_eye import HandEyeCalibration, HandEyeError
+from .names import suggest
+from .poses import LINK_R_OPTICAL, inverse, matrix_from_xyz_rpy, optical_pose, xyz_rpy_from_matrix
 from .urdf import LINK, OPTICAL, parse_tree
 
 
-def carrying_link(urdf: str, found: HandEye, link: str = "") -> str:
+def find_camera_link(urdf: str, calibration: HandEyeCalibration, link: str = "") -> str:
     """The link that carries the camera: as given, else as the file names it.
 
     Raises:
         HandEyeError: neither names one, or the description has none of that name.
     """
-    name, links = link or found.link, parse_tree(urdf).links
+    name, links = link or calibration.link, parse_tree(urdf).links
     if not name:
         raise HandEyeError("the file does not name the link that carries the camera: set "
                            "hand_eye.link (launch: hand_eye_link), as tool0")  # fmt: skip
     if name not in links:
         raise HandEyeError(f"the description has no link '{name}' that could carry the camera: "
-                           f"{nearest(name, links)}: set hand_eye.link")  # fmt: skip
+                           f"{suggest(name, links)}: set hand_eye.link")  # fmt: skip
     return name
 
 
-def check_optical(found: HandEye) -> None:
+def check_optical(calibration: HandEyeCalibration) -> None:
     """HandEyeError where the camera's frame is not said to be the optical one."""
-    if found.frame and "optical" not in found.frame:
+    if calibration.frame and "optical" not in calibration.frame:
         raise HandEyeError(
-            f"the hand-eye file places the frame '{found.frame}', which the description has not: "
+            f"the hand-eye file places the frame '{calibration.frame}', which the description has "
+            "not: "
             "whether it is the optical one (z forward) is not known; name it "
-            f"{found.frame}_optical_frame if it is"
+            f"{calibration.frame}_optical_frame if it is"
         )
 
 
-def with_camera(urdf: str, found: HandEye, link: str, camera_frame: str) -> str:
+def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_frame: str) -> str:
     """A description whose camera sits where a hand-eye calibration found it.
 
     What is moved is the camera's link (`camera_link` of `camera_optical_frame`) with all that is
@@ -53,25 +54,27 @@ def with_camera(urdf: str, found: HandEye, link: str, camera_frame: str) -> str:
         HandEyeError: a link that is not there, or a camera that joints move in the carrying link.
     """
     tree, robot = parse_tree(urdf), ElementTree.fromstring(urdf)
-    carrier = carrying_link(urdf, found, link)
+    carrier = find_camera_link(urdf, calibration, link)
     moved = f"{camera_frame.removesuffix(OPTICAL)}{LINK}"
     if moved not in tree.links and (camera_frame in tree.links or OPTICAL not in camera_frame):
         moved = camera_frame
-    frame = found.frame if found.frame in (*tree.links, moved) else camera_frame
+    frame = calibration.frame if calibration.frame in (*tree.links, moved) else camera_frame
     if frame == camera_frame:
-        check_optical(found)
+        check_optical(calibration)
     moved_T_frame = np.eye(4)
     if frame in tree.links and moved in tree.links:
         try:
-            for joint in tree.path(moved, frame):
+            for joint in tree.find_path(moved, frame):
                 if joint.kind != "fixed":
                     raise HandEyeError(f"joint '{joint.name}' moves {frame} on {moved}: a hand-eye "
                                        "calibration is of a camera that is fixed")  # fmt: skip
-                moved_T_frame = moved_T_frame @ transform(joint.origin_xyz, joint.origin_rpy)
+                moved_T_frame = moved_T_frame @ matrix_from_xyz_rpy(
+                    joint.origin_xyz, joint.origin_rpy
+                )
         except DescriptionError as error:
             raise HandEyeError(f"the camera's frame is not on its link: {error}") from None
     elif frame != moved and moved in tree.cameras:
-        moved_T_frame = optical(tree.cameras[moved].matrix())
+        moved_T_frame = optical_pose(tree.cameras[moved].matrix())
     elif frame != moved:
         moved_T_frame[:3, :3] = LINK_R_OPTICAL
     joint = next((j for j in robot.findall("joint") if j.find("child").get("link") == moved), None)
@@ -83,24 +86,26 @@ def with_camera(urdf: str, found: HandEye, link: str, camera_frame: str) -> str:
     elif joint.get("type") != "fixed":
         raise HandEyeError(f"joint '{joint.get('name')}' moves {moved}: a hand-eye calibration is "
                            "of a camera that is fixed to its link")  # fmt: skip
-    if moved in tree.links and moved in (carrier, *(j.parent for j in tree.path("", carrier))):
+    if moved in tree.links and moved in (carrier, *(j.parent for j in tree.find_path("", carrier))):
         raise HandEyeError(f"link '{carrier}' is the camera itself or hangs on it: set "
                            "hand_eye.link to the link that carries the camera")  # fmt: skip
-    _put(joint, carrier, found.link_T_camera @ inverse(moved_T_frame))
+    _set_joint_pose(joint, carrier, calibration.link_T_camera @ inverse(moved_T_frame))
     placed = frame == camera_frame or moved not in tree.links
     if placed and camera_frame not in (*tree.links, moved) and moved not in tree.cameras:
         name = f"{camera_frame}_joint"
         joint = ElementTree.SubElement(robot, "joint", name=name, type="fixed")
         ElementTree.SubElement(joint, "child", link=camera_frame)
         ElementTree.SubElement(robot, "link", name=camera_frame)
-        _put(joint, moved, optical(np.eye(4)))
+        _set_joint_pose(joint, moved, optical_pose(np.eye(4)))
     return ElementTree.tostring(robot, encoding="unicode")
 
 
-def _put(joint: ElementTree.Element, parent: str, parent_T_child: np.ndarray) -> None:
+def _set_joint_pose(joint: ElementTree.Element, parent: str, parent_T_child: np.ndarray) -> None:
     """Have the joint's child at this pose (4, 4) in the link `parent`."""
     for old in (*joint.findall("parent"), *joint.findall("origin")):
         joint.remove(old)
-    xyz, rpy = (" ".join(repr(float(v)) for v in part) for part in to_xyz_rpy(parent_T_child))
+    xyz, rpy = (
+        " ".join(repr(float(v)) for v in part) for part in xyz_rpy_from_matrix(parent_T_child)
+    )
     ElementTree.SubElement(joint, "parent", link=parent)
     ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)

@@ -29,16 +29,16 @@ if TYPE_CHECKING:
     from numba.core.dispatcher import Dispatcher
 
 
-def _import_without(left_out: str, module: str) -> None:
-    """Import a module that then takes `left_out`, if nothing has imported it yet, for missing."""
-    if left_out in sys.modules:
+def _import_without(excluded: str, module: str) -> None:
+    """Import a module that then takes `excluded`, if nothing has imported it yet, for missing."""
+    if excluded in sys.modules:
         importlib.import_module(module)
         return
-    sys.modules[left_out] = None  # what Python takes for a module that cannot be imported
+    sys.modules[excluded] = None  # what Python takes for a module that cannot be imported
     try:
         importlib.import_module(module)
     finally:
-        del sys.modules[left_out]
+        del sys.modules[excluded]
 
 
 # Here Numba looks for a BLAS to use in np.convolve and np.correlate, and so imports SciPy's linear
@@ -48,7 +48,7 @@ def _import_without(left_out: str, module: str) -> None:
 _import_without("scipy.linalg.cython_blas", "numba.np.arraymath")
 
 _log = logging.getLogger(__name__)
-_one_at_a_time = threading.RLock()
+_compile_lock = threading.RLock()
 _functions: dict[tuple[str, str], CompiledFunction] = {}  # by module and name
 
 
@@ -64,7 +64,7 @@ class CompiledFunction:
         functools.update_wrapper(self, function)
         self.py_func = function
         self._arguments, self._options = arguments, options
-        self._made: Dispatcher | None = None
+        self._dispatcher: Dispatcher | None = None
         self._call: Callable = self._first_call
 
     def __call__(self, *arguments: object) -> object:
@@ -76,15 +76,17 @@ class CompiledFunction:
 
     def compile(self) -> Dispatcher:
         """Numba's function, compiled or read from the cache now if it was not before."""
-        with _one_at_a_time:
-            if self._made is None:
-                self._made = self._call = _compile(self.py_func, self._arguments, self._options)
-        return self._made
+        with _compile_lock:
+            if self._dispatcher is None:
+                self._dispatcher = self._call = _compile(
+                    self.py_func, self._arguments, self._options
+                )
+        return self._dispatcher
 
     @property
     def signatures(self) -> list[tuple]:
         """The argument types; none while it is not compiled."""
-        return [] if self._made is None else self._made.signatures
+        return [] if self._dispatcher is None else self._dispatcher.signatures
 
     @property
     def stats(self) -> object:
@@ -93,12 +95,12 @@ class CompiledFunction:
 
 
 @typeof_impl.register(CompiledFunction)
-def _type_of(function: CompiledFunction, _context: object) -> numba.types.Type:
+def _find_type(function: CompiledFunction, _context: object) -> numba.types.Type:
     """The type by which compiled functions call it: that of Numba's function."""
     return numba.typeof(function.compile())
 
 
-def compiled(signature: str, allocates: bool = True) -> Callable[[Callable], CompiledFunction]:
+def jit(signature: str, allocates: bool = True) -> Callable[[Callable], CompiledFunction]:
     """Decorator for a function of these argument types, in Numba's words: 'f8[:,::1], i8'.
 
     Loops are compiled in less time than arithmetic of arrays. Where an array is assigned to a slice
@@ -141,19 +143,19 @@ def _compile(function: Callable, arguments: tuple, options: dict[str, object]) -
     # Numba's cache knows the function's own file and name alone, so the name tells it what else
     # the function is made of.
     name = function.__qualname__
-    function.__qualname__ = f"{name}-{_made_of(function):08x}"
+    function.__qualname__ = f"{name}-{_compute_checksum(function):08x}"
     try:
         return numba.njit([arguments], cache=True, **options)(function)
     except RuntimeError as error:  # neither its folder nor the user's cache can be written
         if "cannot cache" not in str(error):
             raise
-        _tell_once()
+        _warn_once()
         return numba.njit([arguments], **options)(function)
     finally:
         function.__qualname__ = name
 
 
-def _made_of(function: Callable) -> int:
+def _compute_checksum(function: Callable) -> int:
     """Checksum of what goes into compiled code besides its own source: the sources of the compiled
     functions that it calls, and the values of its globals."""
     called, found = [function], set()
@@ -167,28 +169,28 @@ def _made_of(function: Callable) -> int:
                 found.add((name, repr(value)))
     for path in {one.__code__.co_filename for one in called[1:]}:
         stat = Path(path).stat()
-        found.add((Path(path).name, _checksum(path, stat.st_mtime_ns, stat.st_size)))
+        found.add((Path(path).name, _compute_file_checksum(path, stat.st_mtime_ns, stat.st_size)))
     return zlib.crc32(repr(sorted(found)).encode())
 
 
 @cache
-def _checksum(path: str, _time: int, _size: int) -> str:
+def _compute_file_checksum(path: str, _time: int, _size: int) -> str:
     """Of a file as it is now: copies of the same text are the same."""
     return str(zlib.crc32(Path(path).read_bytes()))
 
 
-def inlined(function: Callable) -> Callable:
+def jit_inline(function: Callable) -> Callable:
     """Decorator for a small function that becomes part of the compiled ones that call it: a call
     with three arrays costs more than a triangle's test."""
     return numba.njit(forceinline=True, nogil=True, error_model="numpy", _nrt=False,
                       no_cfunc_wrapper=True)(function)  # fmt: skip
 
 
-def inlined_by_numba(function: Callable) -> Callable:
+def jit_inline_numba(function: Callable) -> Callable:
     """Decorator for a small function whose body Numba copies into each caller before LLVM sees it.
 
     Use it for loops over rows of arrays: LLVM vectorizes them only where it can tell that the rows
-    do not overlap, and it loses that when it inlines the function itself, as for `inlined`.
+    do not overlap, and it loses that when it inlines the function itself, as for `jit_inline`.
     """
     return numba.njit(inline="always", nogil=True, error_model="numpy", _nrt=False,
                       no_cfunc_wrapper=True)(function)  # fmt: skip
@@ -207,7 +209,7 @@ def lowest_bit(typing: object, bits: numba.types.Type) -> tuple[object, Callable
 
 
 @cache
-def _tell_once() -> None:
+def _warn_once() -> None:
     _log.warning("compiled loops cannot be kept, so every start takes some ten "
                  "seconds longer; set NUMBA_CACHE_DIR to a folder that can be written")
 

@@ -22,7 +22,7 @@ def lazy_exports(package: str, places: Mapping[str, str]) -> tuple[Getter, Liste
             the module's name relative to the package.
     """
 
-    def exported() -> list[str]:
+    def list_names() -> list[str]:
         return sorted(sys.modules[package].__all__)
 
     def get(name: str) -> object:
@@ -30,9 +30,9 @@ def lazy_exports(package: str, places: Mapping[str, str]) -> tuple[Getter, Liste
             return getattr(import_module(places[name], package), name)
         if name.startswith("__") or _is_module(f"{package}.{name}"):
             raise AttributeError(f"module {package!r} has no attribute {name!r}", name=name)
-        from .names import nearest  # a right name does not wait for it
+        from .names import suggest  # a right name does not wait for it
 
-        hint = nearest(name, exported())
+        hint = suggest(name, list_names())
         # `from package import name` asks importlib first, and replaces the message of an
         # AttributeError by its own; an ImportError passes as it is.
         if sys._getframe(1).f_globals.get("__name__") == "importlib._bootstrap":
@@ -41,7 +41,7 @@ def lazy_exports(package: str, places: Mapping[str, str]) -> tuple[Getter, Liste
         # Without `obj` the interpreter adds no second suggestion.
         raise AttributeError(f"module {package!r} has no attribute {name!r}: {hint}", name=name)
 
-    return get, exported
+    return get, list_names
 
 
 def _is_module(name: str) -> bool:

@@ -39,7 +39,7 @@ def brown(x: np.ndarray, y: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray,
     a, b, c, d = a + of_x * x, b + of_x * y, b + of_y * x, d + of_y * y
     if not any(tilt):
         return xd, yd, a, b, c, d
-    H = _tilt(*tilt)
+    H = _tilt_homography(*tilt)
     u, v, w = (H[i, 0] * xd + H[i, 1] * yd + H[i, 2] for i in range(3))
     xt, yt = u / w, v / w
     # Chain rule: the Jacobian of the tilt times that of all before it.
@@ -49,7 +49,7 @@ def brown(x: np.ndarray, y: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray,
 
 
 @functools.lru_cache(maxsize=32)
-def _tilt(taux: float, tauy: float) -> np.ndarray:
+def _tilt_homography(taux: float, tauy: float) -> np.ndarray:
     """Homography (3, 3) of a sensor tilted about x, then y, rad; OpenCV's sign of angles."""
     cx, sx, cy, sy = math.cos(taux), math.sin(taux), math.cos(tauy), math.sin(tauy)
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, sx], [0.0, -sx, cx]])
@@ -75,7 +75,7 @@ def fold_radius(D: tuple[float, ...]) -> float:
     return float(np.sqrt(real.min())) if len(real) else math.inf
 
 
-def brown_beyond_fold(
+def extrapolate_brown(
     x: np.ndarray, y: np.ndarray, D: tuple[float, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Distorted x and y (n,) as `brown` has them up to the fold; beyond it they go on outwards.
@@ -101,7 +101,7 @@ def kannala_brandt(theta: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray, n
     return radius, 1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
 
 
-def kannala_brandt_beyond_fold(theta: np.ndarray, D: Sequence[float]) -> np.ndarray:
+def extrapolate_kannala_brandt(theta: np.ndarray, D: Sequence[float]) -> np.ndarray:
     """Distances (n,) as `kannala_brandt` has them up to the fold; beyond it they go on growing."""
     factor = np.maximum(theta / kannala_brandt_fold(D), 1.0)
     return factor * kannala_brandt(theta / factor, D)[0]

@@ -14,16 +14,18 @@ Fault = type[Exception]
 USER_FAULTS = (Exception, SystemExit)
 
 
-def likely(name: object, known: Iterable[str], cutoff: float = 0.6) -> str:
+def find_nearest(name: object, known_names: Iterable[str], cutoff: float = 0.6) -> str:
     """The known name that is nearest; '' where none is near."""
-    return next(iter(difflib.get_close_matches(str(name), list(map(str, known)), 1, cutoff)), "")
+    return next(
+        iter(difflib.get_close_matches(str(name), list(map(str, known_names)), 1, cutoff)), ""
+    )
 
 
-def nearest(name: object, known: Iterable[str]) -> str:
+def suggest(name: object, known_names: Iterable[str]) -> str:
     """What to say to an unknown name: the nearest known one as a question, or all of them."""
-    known = [str(entry) for entry in known]
-    near = likely(name, known)
-    return f"did you mean '{near}'?" if near else f"known are {', '.join(known) or 'none'}"
+    known_names = [str(entry) for entry in known_names]
+    near = find_nearest(name, known_names)
+    return f"did you mean '{near}'?" if near else f"known are {', '.join(known_names) or 'none'}"
 
 
 def resolve_name(*names: str) -> str:
@@ -39,16 +41,20 @@ def resolve_name(*names: str) -> str:
     return "/" + "/".join(parts)
 
 
-def unknown(kind: str, name: object, known: Iterable[str], own: bool = False) -> str:
-    """A message that lists all known names, the nearest one first; `own`: a class may be named."""
-    known = list(known)
-    near = likely(name, known, 0.5)
+def describe_unknown(
+    kind: str, name: object, known_names: Iterable[str], accepts_class: bool = False
+) -> str:
+    """A message that lists all known names, the nearest one first; `accepts_class`: a class may be
+    named.
+    """
+    known_names = list(known_names)
+    near = find_nearest(name, known_names, 0.5)
     hint = f"did you mean '{near}'? " if near else ""
-    known_ones = ", ".join(known) + (", or 'package.module:Class'" if own else "")
+    known_ones = ", ".join(known_names) + (", or 'package.module:Class'" if accepts_class else "")
     return f"unknown {kind} '{name}': {hint}known are {known_ones}"
 
 
-def imported(
+def import_object(
     kind: str,
     name: object,
     fault: Fault,
@@ -78,24 +84,28 @@ def imported(
             "its workspace sourced?"
         ) from error
     except USER_FAULTS as error:
-        raise fault(f"{kind} '{name}': importing {module_name} raised {words(error)}") from error
+        raise fault(
+            f"{kind} '{name}': importing {module_name} raised {format_error(error)}"
+        ) from error
     if not hasattr(module, attribute):
-        near = likely(attribute, [n for n, v in vars(module).items() if isinstance(v, type)])
+        near = find_nearest(attribute, [n for n, v in vars(module).items() if isinstance(v, type)])
         hint = f": did you mean '{near}'?" if near else ""
         raise fault(f"{kind} '{name}': {module_name} has no {attribute}{hint}")
     return getattr(module, attribute)
 
 
-def subclass(kind: str, name: str, found: Any, bases: tuple[type, ...], fault: Fault) -> type:
+def check_subclass(
+    kind: str, name: str, candidate: Any, bases: tuple[type, ...], fault: Fault
+) -> type:
     """What was found, if it is a class derived from one of the bases; raises `fault` else."""
-    if isinstance(found, type) and issubclass(found, bases):
-        return found
-    called = getattr(found, "__name__", str(name).rpartition(":")[2])
+    if isinstance(candidate, type) and issubclass(candidate, bases):
+        return candidate
+    called = getattr(candidate, "__name__", str(name).rpartition(":")[2])
     expected = " or ".join(base.__name__ for base in bases)
     raise fault(f"{kind} '{name}': {called} is not a class derived from {expected}")
 
 
-def words(error: BaseException) -> str:
+def format_error(error: BaseException) -> str:
     """An exception for a message: its type and text on one line."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -54,12 +54,12 @@ class Pose(NamedTuple):
     def __matmul__(self, other: Pose) -> Pose:
         """a_T_b @ b_T_c = a_T_c."""
         moved = rotate(self.quat, other.xyz)
-        return Pose(add(self.xyz, moved), normalised(multiply(self.quat, other.quat)))
+        return Pose(add(self.xyz, moved), normalise(multiply(self.quat, other.quat)))
 
     def inverse(self) -> Pose:
         """b_T_a of a_T_b."""
         back = conjugate(self.quat)
-        return Pose(scaled(rotate(back, self.xyz), -1.0), back)
+        return Pose(scale(rotate(back, self.xyz), -1.0), back)
 
     def apply(self, point: Vector3) -> Vector3:
         """`point` of b in a."""
@@ -85,7 +85,7 @@ def subtract(a: Vector3, b: Vector3) -> Vector3:
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-def scaled(a: Vector3, factor: float) -> Vector3:
+def scale(a: Vector3, factor: float) -> Vector3:
     """factor * a."""
     return (a[0] * factor, a[1] * factor, a[2] * factor)
 
@@ -125,7 +125,7 @@ def rotate(q: Quaternion, v: Vector3) -> Vector3:
     )
 
 
-def normalised(q: Quaternion) -> Quaternion:
+def normalise(q: Quaternion) -> Quaternion:
     """`q` at unit length; exactly unit quaternions are returned unchanged."""
     norm = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     if norm == 1.0:
@@ -146,10 +146,10 @@ def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
     )
 
 
-def quaternion_to(direction: Vector3) -> Quaternion:
+def quaternion_from_z_to(direction: Vector3) -> Quaternion:
     """Turns z onto a unit vector, the shortest way."""
     x, y, z = direction
-    return normalised((-y, x, 0.0, 1.0 + z)) if z > -1.0 else (1.0, 0.0, 0.0, 0.0)
+    return normalise((-y, x, 0.0, 1.0 + z)) if z > -1.0 else (1.0, 0.0, 0.0, 0.0)
 
 
 def quaternion_from_matrix(rotation: Sequence[Sequence[float]]) -> Quaternion:
@@ -162,7 +162,7 @@ def quaternion_from_matrix(rotation: Sequence[Sequence[float]]) -> Quaternion:
         (xz + zx, yz + zy, squares[2], yx - xy),
         (zy - yz, xz - zx, yx - xy, squares[3]),
     )
-    return normalised(rows[squares.index(max(squares))])
+    return normalise(rows[squares.index(max(squares))])
 
 
 def rotation_from_quaternion(q: Quaternion) -> tuple[Vector3, Vector3, Vector3]:
@@ -186,7 +186,7 @@ def rpy_from_rotation(R: Sequence[Sequence[float]]) -> Vector3:
     return 0.0, pitch, math.atan2(-xy, yy)  # roll and yaw turn about one axis: all of it is yaw
 
 
-def checked_vector(
+def check_vector(
     values: object, what: str, fault: type[Exception], count: int = 3
 ) -> tuple[float, ...]:
     """`count` finite floats as a tuple; raises `fault` naming `what` otherwise."""
@@ -201,7 +201,7 @@ def checked_vector(
     return result
 
 
-def checked_pose(
+def check_pose(
     pose: object, what: str, fault: type[Exception], zero_is_identity: bool = False
 ) -> Pose:
     """A finite pose with its quaternion normalised.
@@ -219,14 +219,14 @@ def checked_pose(
         xyz, quat = pose
     except (TypeError, ValueError):
         raise fault(f"{what}: {pose!r} is not (position, quaternion)") from None
-    xyz = checked_vector(xyz, f"{what}: position", fault)
-    quat = checked_vector(quat, f"{what}: orientation", fault, 4)
+    xyz = check_vector(xyz, f"{what}: position", fault)
+    quat = check_vector(quat, f"{what}: orientation", fault, 4)
     norm = math.hypot(*quat)
     if zero_is_identity and norm == 0.0:
         return Pose(xyz)
     if not 1e-6 <= norm <= 1e6:
         raise fault(f"{what}: orientation {quat} is no unit quaternion; use (0, 0, 0, 1) for none")
-    return Pose(xyz, normalised(quat))
+    return Pose(xyz, normalise(quat))
 
 
 # Gazebo's camera link looks along +x with z up; the optical frame looks along +z with y down.
@@ -248,7 +248,7 @@ def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
     )
 
 
-def transform(xyz: Sequence[float], rpy: Sequence[float]) -> np.ndarray:
+def matrix_from_xyz_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> np.ndarray:
     """Pose (4, 4) of a URDF `<origin>`: xyz in m, fixed-axis roll, pitch, yaw in rad."""
     a_T_b = np.eye(4)
     a_T_b[:3, :3] = rotation_from_rpy(*rpy)
@@ -264,7 +264,7 @@ def inverse(a_T_b: np.ndarray) -> np.ndarray:
     return b_T_a
 
 
-def relative(a_T_b: np.ndarray, a_T_c: np.ndarray) -> np.ndarray:
+def relative_pose(a_T_b: np.ndarray, a_T_c: np.ndarray) -> np.ndarray:
     """`b_T_c` (4, 4) of two rigid poses."""
     b_R_a = a_T_b[:3, :3].T
     b_T_c = np.eye(4)
@@ -273,12 +273,12 @@ def relative(a_T_b: np.ndarray, a_T_c: np.ndarray) -> np.ndarray:
     return b_T_c
 
 
-def to_xyz_rpy(a_T_b: np.ndarray) -> tuple[list[float], list[float]]:
+def xyz_rpy_from_matrix(a_T_b: np.ndarray) -> tuple[list[float], list[float]]:
     """Place (m) and fixed-axis roll, pitch, yaw (rad) of a pose (4, 4), as URDF has them."""
     return a_T_b[:3, 3].tolist(), list(rpy_from_rotation(a_T_b[:3, :3]))
 
 
-def optical(a_T_link: np.ndarray) -> np.ndarray:
+def optical_pose(a_T_link: np.ndarray) -> np.ndarray:
     """`a_T_optical` (4, 4) of a camera that looks along its link's +x, z up, as Gazebo's do."""
     a_T_optical = np.array(a_T_link, float)
     a_T_optical[:3, :3] = a_T_link[:3, :3] @ LINK_R_OPTICAL
@@ -309,11 +309,11 @@ def rotation_vector(R: np.ndarray) -> np.ndarray:
     return angle * axis / np.linalg.norm(axis)
 
 
-def rotation_vector_rate(turn: np.ndarray) -> np.ndarray:
-    """(3, 3) inverse right Jacobian J: the rotation vector `turn` of a_R_b changes with J @ omega,
-    omega (rad/s) of b in b's axes. Its transpose takes omega in a's axes."""
-    K = skew(turn)
-    return np.eye(3) + 0.5 * K + _half_cotangent(float(np.linalg.norm(turn))) * K @ K
+def rotation_vector_rate(rotation: np.ndarray) -> np.ndarray:
+    """(3, 3) inverse right Jacobian J: the rotation vector `rotation` of a_R_b changes with J @
+    omega, omega (rad/s) of b in b's axes. Its transpose takes omega in a's axes."""
+    K = skew(rotation)
+    return np.eye(3) + 0.5 * K + _half_cotangent(float(np.linalg.norm(rotation))) * K @ K
 
 
 def skew(v: Sequence[float]) -> np.ndarray:

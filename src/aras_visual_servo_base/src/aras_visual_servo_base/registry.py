@@ -17,9 +17,17 @@ import pkgutil
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple, TypeVar
 
-from .names import USER_FAULTS, Fault, imported, nearest, subclass, unknown, words
-from .setting_values import hint_words
-from .settings import annotations, default_of
+from .names import (
+    USER_FAULTS,
+    Fault,
+    check_subclass,
+    describe_unknown,
+    format_error,
+    import_object,
+    suggest,
+)
+from .setting_values import describe_hint
+from .settings import get_default, list_annotations
 
 C = TypeVar("C", bound=type)
 
@@ -48,7 +56,7 @@ class Registry(Mapping[str, type]):
         package: str,
         bases: tuple[type, ...],
         fault: Fault,
-        others: tuple[Registry, ...] = (),
+        fallbacks: tuple[Registry, ...] = (),
         first: tuple[str, ...] = (),
     ) -> None:
         """Args:
@@ -60,9 +68,10 @@ class Registry(Mapping[str, type]):
             first: modules to look into before the others, as most users need them.
         """
         self.kind, self.bases, self.fault = kind, bases, fault
-        self._package, self._others, self._first = package, others, first
+        self._package, self._fallbacks, self._first = package, fallbacks, first
         self._entries: dict[str, type] = {}
-        self._unread: list[str] | None = None  # modules of the folder that were not imported yet
+        # modules of the folder that were not imported yet
+        self._unimported: list[str] | None = None
 
     def register(self, name: str) -> Callable[[C], C]:
         """Return a class decorator that enters the class as `name`, and sets its attribute `name`.
@@ -71,7 +80,7 @@ class Registry(Mapping[str, type]):
             fault: the name is taken by another class.
         """
 
-        def enter(cls: C) -> C:
+        def add_class(cls: C) -> C:
             taken = self._entries.get(name)
             if taken is not None and taken.__qualname__ != cls.__qualname__:
                 raise self.fault(
@@ -81,19 +90,19 @@ class Registry(Mapping[str, type]):
             cls.name = name
             return cls
 
-        return enter
+        return add_class
 
     def __getitem__(self, name: str) -> type:
-        registries = (self, *self._others)
+        registries = (self, *self._fallbacks)
         for registry in registries:
-            if name in registry._modules():
-                registry._read(name)
+            if name in registry._list_modules():
+                registry._import_module(name)
         for registry in registries:
             if name in registry._entries:
                 return registry._entries[name]
         for registry in registries:
-            while registry._modules():
-                registry._read(registry._modules()[0])
+            while registry._list_modules():
+                registry._import_module(registry._list_modules()[0])
                 if name in registry._entries:
                     return registry._entries[name]
         raise KeyError(name)
@@ -106,24 +115,26 @@ class Registry(Mapping[str, type]):
         return True
 
     def __iter__(self) -> Iterator[str]:
-        while self._modules():
-            self._read(self._modules()[0])
-        return iter(sorted({*self._entries, *(name for other in self._others for name in other)}))
+        while self._list_modules():
+            self._import_module(self._list_modules()[0])
+        return iter(
+            sorted({*self._entries, *(name for other in self._fallbacks for name in other)})
+        )
 
     def __len__(self) -> int:
         return len(list(iter(self)))
 
-    def _modules(self) -> list[str]:
+    def _list_modules(self) -> list[str]:
         """Return the names of the folder's modules that were not imported yet."""
-        if self._unread is None:
+        if self._unimported is None:
             folder = importlib.import_module(self._package).__path__
             there = sorted(module.name for module in pkgutil.iter_modules(folder))
-            self._unread = sorted(there, key=lambda name: name not in self._first)
-        return self._unread
+            self._unimported = sorted(there, key=lambda name: name not in self._first)
+        return self._unimported
 
-    def _read(self, module: str) -> None:
+    def _import_module(self, module: str) -> None:
         """Import a module of the folder, which enters what it declares."""
-        self._modules().remove(module)
+        self._list_modules().remove(module)
         importlib.import_module(f"{self._package}.{module}")
 
     def find(self, name: str) -> type:
@@ -134,9 +145,10 @@ class Registry(Mapping[str, type]):
         """
         if not all(str(name).partition(":")):
             if name not in self:
-                raise self.fault(unknown(self.kind, name, self, own=True))
+                raise self.fault(describe_unknown(self.kind, name, self, accepts_class=True))
             return self[name]
-        return subclass(self.kind, name, imported(self.kind, name, self.fault), self.bases,
+        return check_subclass(self.kind, name, import_object(self.kind, name, self.fault),
+            self.bases,
                         self.fault)  # fmt: skip
 
     def create(self, name: str, /, *arguments: object, **options: object) -> Any:
@@ -147,16 +159,16 @@ class Registry(Mapping[str, type]):
         """
         return construct(self.kind, name, self.find(name), self.fault, *arguments, **options)
 
-    def parameters(self, name: str) -> tuple[Parameter, ...]:
+    def list_parameters(self, name: str) -> tuple[Parameter, ...]:
         """Return what an entry declares of its parameters."""
-        return declared_parameters(self.find(name))
+        return list_parameters(self.find(name))
 
 
-def declared_parameters(cls: type) -> tuple[Parameter, ...]:
+def list_parameters(cls: type) -> tuple[Parameter, ...]:
     """Return the parameters of a class, which are the fields of a dataclass; none of another."""
     if not dataclasses.is_dataclass(cls):
         return ()
-    hints, found = annotations(cls), []
+    hints, found = list_annotations(cls), []
     for field in dataclasses.fields(cls):
         rules = field.metadata
         if not field.init or rules.get("internal"):
@@ -168,7 +180,7 @@ def declared_parameters(cls: type) -> tuple[Parameter, ...]:
             if rules.get(key) is not None
         )
         found.append(Parameter(
-            field.name, hint_words(hints[field.name]), None if needed else default_of(field),
+            field.name, describe_hint(hints[field.name]), None if needed else get_default(field),
             rules.get("unit", ""), bounds or ", ".join(rules.get("choices", ())),
             rules.get("help", ""),
         ))  # fmt: skip
@@ -190,7 +202,7 @@ def construct(
     except fault:
         raise
     except USER_FAULTS as error:
-        raise fault(f"{kind} '{name}': its constructor raised {words(error)}") from error
+        raise fault(f"{kind} '{name}': its constructor raised {format_error(error)}") from error
 
 
 def check_options(
@@ -212,7 +224,7 @@ def check_options(
     if not any(one.kind is one.VAR_KEYWORD for one in signature.parameters.values()):
         for option in options:
             if option not in taken:
-                raise fault(f"{kind} '{name}' takes no '{option}': {nearest(option, taken)}")
+                raise fault(f"{kind} '{name}' takes no '{option}': {suggest(option, taken)}")
     try:
         signature.bind(*arguments, **options)
     except TypeError as error:

@@ -38,14 +38,14 @@ def parse(
         )
     if not xml.strip():
         raise DescriptionError(f"{what}: the description is empty")
-    text = _without_comments(xml).lstrip("\ufeff \t\r\n")
+    text = _remove_comments(xml).lstrip("\ufeff \t\r\n")
     first_line = xml.count("\n") - text.count("\n")  # of what the parser gets, from 0
     builder = TreeBuilder()
     parser = expat.ParserCreate()
     parser.buffer_text = True
     depth = count = 0
 
-    def line() -> int:
+    def find_line() -> int:
         return first_line + parser.CurrentLineNumber
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -54,12 +54,12 @@ def parse(
         count += 1
         if depth > LARGEST_DEPTH or count > LARGEST_COUNT:
             raise DescriptionError(
-                f"{what}: line {line()}: more than {LARGEST_DEPTH} elements deep "
+                f"{what}: line {find_line()}: more than {LARGEST_DEPTH} elements deep "
                 f"or {LARGEST_COUNT} in all"
             )
         if tag.startswith("xacro:"):
             raise DescriptionError(
-                f"{what}: line {line()}: unexpanded <{tag}>; "
+                f"{what}: line {find_line()}: unexpanded <{tag}>; "
                 "run xacro on the file first"
             )
         builder.start(tag, attributes)
@@ -71,7 +71,7 @@ def parse(
 
     def refuse(*_: object) -> None:
         raise DescriptionError(
-            f"{what}: line {line()}: document type and entity declarations are "
+            f"{what}: line {find_line()}: document type and entity declarations are "
             "refused; remove <!DOCTYPE …>"
         )
 
@@ -93,7 +93,7 @@ def parse(
     return builder.close()
 
 
-def _without_comments(xml: str) -> str:
+def _remove_comments(xml: str) -> str:
     """The text without its comments, whose ends of lines stay.
 
     Gazebo's parser takes what XML forbids: a comment before the XML declaration, "--" within one.
@@ -120,7 +120,7 @@ def shorten(text: str, length: int = 60) -> str:
     return text if len(text) <= length else text[: length - 1] + "…"
 
 
-def number(text: str | None, where: str, default: float | None = None) -> float:
+def parse_number(text: str | None, where: str, default: float | None = None) -> float:
     """A finite float.
 
     Args:
@@ -144,9 +144,9 @@ def number(text: str | None, where: str, default: float | None = None) -> float:
     return value
 
 
-def numbers(text: str | None, count: int, where: str,
+def parse_numbers(text: str | None, count: int, where: str,
             default: tuple[float, ...] | None = None) -> tuple[float, ...]:
-    """`count` finite floats separated by blanks; raises DescriptionError as `number` does."""
+    """`count` finite floats separated by blanks; raises DescriptionError as `parse_number` does."""
     if text is None:
         if default is None:
             raise DescriptionError(f"{where} is missing")
@@ -154,39 +154,39 @@ def numbers(text: str | None, count: int, where: str,
     parts = text.split()
     if len(parts) != count:
         raise DescriptionError(f"{where}: needs {count} numbers, got '{shorten(text)}'")
-    return tuple(number(part, where) for part in parts)
+    return tuple(parse_number(part, where) for part in parts)
 
 
-def pose(text: str | None, where: str) -> Pose:
+def parse_pose(text: str | None, where: str) -> Pose:
     """SDF's position (m) and fixed-axis roll, pitch, yaw (rad), six numbers; no text, or an empty
-    one, is the identity. Raises DescriptionError as `number` does."""
+    one, is the identity. Raises DescriptionError as `parse_number` does."""
     if not text:
         return Pose()
-    x, y, z, roll, pitch, yaw = numbers(text, 6, where)
+    x, y, z, roll, pitch, yaw = parse_numbers(text, 6, where)
     return Pose.from_rpy((x, y, z), (roll, pitch, yaw))
 
 
-def direction(text: str | None, where: str, default: Vector3) -> Vector3:
-    """Three numbers scaled to length 1, the default as it is; raises DescriptionError as `number`
-    does, and for zero."""
+def parse_direction(text: str | None, where: str, default: Vector3) -> Vector3:
+    """Three numbers scaled to length 1, the default as it is; raises DescriptionError as
+    `parse_number` does, and for zero."""
     if text is None:
         return default
-    vector = numbers(text, 3, where)
+    vector = parse_numbers(text, 3, where)
     length = math.sqrt(sum(v * v for v in vector))
     if length < 1e-9:
         raise DescriptionError(f"{where} is zero; it needs a direction")
     return tuple(v / length for v in vector)
 
 
-def integer(text: str | None, where: str, default: int | None = None) -> int:
-    """A whole number; raises DescriptionError as `number` does."""
-    value = number(text, where, default)
+def parse_integer(text: str | None, where: str, default: int | None = None) -> int:
+    """A whole number; raises DescriptionError as `parse_number` does."""
+    value = parse_number(text, where, default)
     if value != int(value):
         raise DescriptionError(f"{where}: {value} is not a whole number")
     return int(value)
 
 
-def truth(text: str | None, where: str, default: bool) -> bool:
+def parse_bool(text: str | None, where: str, default: bool) -> bool:
     """'true'/'1'/'yes' or 'false'/'0'/'no'; raises DescriptionError for anything else."""
     if text is None:
         return default
@@ -198,7 +198,7 @@ def truth(text: str | None, where: str, default: bool) -> bool:
     raise DescriptionError(f"{where}: '{shorten(text)}' is neither true nor false")
 
 
-def text_of(element: Element | None, tag: str) -> str | None:
+def find_text(element: Element | None, tag: str) -> str | None:
     """Stripped text of the child `tag`; None when there is no such child."""
     if element is None:
         return None

@@ -14,10 +14,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .names import nearest
+from .names import suggest
 
 Fault = type[Exception]
-_WORDS = {
+_TYPE_NAMES = {
     float: "a finite number", int: "a whole number", bool: "true or false", str: "a text",
     Path: "a path",
 }  # fmt: skip
@@ -39,12 +39,12 @@ def as_number(value: Any, infinite: bool = False) -> float | None:
     return number if math.isfinite(number) or infinite and math.isinf(number) else None
 
 
-def as_in_a_file(value: Any) -> Any:
+def convert_to_file_types(value: Any) -> Any:
     """The lists, numbers and texts that a file would hold for a value given in Python."""
     if isinstance(value, Mapping):
-        return {key: as_in_a_file(item) for key, item in value.items()}
+        return {key: convert_to_file_types(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        items = list(map(as_in_a_file, value))
+        items = list(map(convert_to_file_types, value))
         return items if any(map(operator.is_not, items, value)) else value
     if isinstance(value, range):
         return list(value)
@@ -55,7 +55,7 @@ def as_in_a_file(value: Any) -> Any:
     return value
 
 
-def spelt(word: str) -> float | str:
+def parse_word(word: str) -> float | str:
     """The number that a word of a text is, else the word."""
     with contextlib.suppress(ValueError):
         return float(word)
@@ -75,23 +75,23 @@ def check_value(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) 
             check_value(item, f"{where}[{i}]", fault, rules)
     elif isinstance(value, Mapping):
         for key, item in value.items():
-            check_value(item, key_place(where, key), fault, rules)
+            check_value(item, join_path(where, key), fault, rules)
     elif isinstance(value, str):
         if (known := rules.get("choices")) and value not in known:
-            raise fault(f"{where} is {said(value)}: {nearest(value, known)}")
+            raise fault(f"{where} is {format_value(value)}: {suggest(value, known)}")
     elif isinstance(value, int | float) and not isinstance(value, bool):
         for name, sign, holds in _BOUNDS:
             if (bound := rules.get(name)) is not None and not holds(value, bound):
                 unit = rules.get("unit") or ""
                 text = unit if unit[:1] in ("", ",") else f" {unit}"
-                if sign == "<=" and unit in _MISTAKEN:
-                    other, size = _MISTAKEN[unit]
+                if sign == "<=" and unit in _COMMON_UNIT_MISTAKES:
+                    other, size = _COMMON_UNIT_MISTAKES[unit]
                     text += f" ({value:g} {other} are {value * size:.4g} {unit})"
                 raise fault(f"{where} is {value}, must be {sign} {bound:g}{text}")
 
 
 # What a number that is too large may be given in: its unit's name and size, by the right unit.
-_MISTAKEN = {"rad": ("degrees", math.pi / 180.0), "s": ("ms", 1e-3)}
+_COMMON_UNIT_MISTAKES = {"rad": ("degrees", math.pi / 180.0), "s": ("ms", 1e-3)}
 _BOUNDS = (
     ("least", ">=", lambda value, bound: value >= bound),
     ("above", ">", lambda value, bound: value > bound),
@@ -100,7 +100,7 @@ _BOUNDS = (
 )
 
 
-def said(value: Any) -> str:
+def format_value(value: Any) -> str:
     """A value for a message: shortened, and of any size."""
     try:
         text = repr(value)
@@ -109,18 +109,18 @@ def said(value: Any) -> str:
     return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
 
 
-def key_place(where: str, key: Any) -> str:
+def join_path(where: str, key: Any) -> str:
     """The full path of a key below `where`."""
     return f"{where}.{key}" if where and where[-1] not in " ~/" else f"{where}{key}"
 
 
-def hint_words(hint: Any) -> str:
+def describe_hint(hint: Any) -> str:
     """Return what an annotation takes, in words: 'a finite number'."""
-    if hint in _WORDS:
-        return _WORDS[hint]
+    if hint in _TYPE_NAMES:
+        return _TYPE_NAMES[hint]
     origin, parts = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        kinds = dict.fromkeys(hint_words(part) for part in parts if part is not type(None))
+        kinds = dict.fromkeys(describe_hint(part) for part in parts if part is not type(None))
         return " or ".join(kinds)
     if origin is tuple:
         of = {float: "finite numbers", int: "whole numbers", str: "texts"}.get(parts[0], "values")
@@ -142,7 +142,7 @@ def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
     return merged
 
 
-def look_up(values: Mapping[str, Any], path: str) -> Any:
+def find_value(values: Mapping[str, Any], path: str) -> Any:
     """The value at 'a/b/c'; None where a step is missing or is no mapping."""
     node: Any = values
     for key in path.strip("/").split("/"):

@@ -29,16 +29,16 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from .names import likely, nearest
+from .names import find_nearest, suggest
 from .setting_values import (
     Fault,
-    as_in_a_file,
     as_number,
     check_value,
-    hint_words,
-    key_place,
-    said,
-    spelt,
+    convert_to_file_types,
+    describe_hint,
+    format_value,
+    join_path,
+    parse_word,
 )
 
 T = TypeVar("T")
@@ -46,12 +46,12 @@ NO_RULES: Mapping[str, Any] = types.MappingProxyType({})
 _MISSING = object()
 
 
-def _view(values: dict[str, Any]) -> types.MappingProxyType:
+def _make_view(values: dict[str, Any]) -> types.MappingProxyType:
     return types.MappingProxyType(values)
 
 
 # Python does not pickle read-only views by itself; settings go to other processes.
-copyreg.pickle(types.MappingProxyType, lambda view: (_view, (dict(view),)))
+copyreg.pickle(types.MappingProxyType, lambda view: (_make_view, (dict(view),)))
 
 
 def parameter(
@@ -63,9 +63,9 @@ def parameter(
     most: float | None = None,
     below: float | None = None,
     choices: Iterable[str] = (),
-    wanted: str = "",
+    expected: str = "",
     name: bool = False,
-    words: bool = False,
+    splits_words: bool = False,
     infinite: bool = False,
     internal: bool = False,
     shorthand: bool = False,
@@ -90,7 +90,7 @@ def parameter(
     """
     rules = {
         "unit": unit, "least": least, "above": above, "most": most, "below": below,
-        "choices": tuple(choices), "wanted": wanted, "name": name, "words": words,
+        "choices": tuple(choices), "wanted": expected, "name": name, "words": splits_words,
         "infinite": infinite, "internal": internal, "shorthand": shorthand,
         "importable": importable, "help": help,
     }  # fmt: skip
@@ -99,19 +99,19 @@ def parameter(
     return dataclasses.field(default=default, metadata=rules)
 
 
-def default_of(field: dataclasses.Field) -> Any:
+def get_default(field: dataclasses.Field) -> Any:
     """The default of a field, whichever way it is kept."""
     if field.default is not dataclasses.MISSING:
         return field.default
     return field.default_factory()
 
 
-def defaults(cls: type) -> dict[str, Any]:
+def list_defaults(cls: type) -> dict[str, Any]:
     """Default of every field that may be given and has one."""
     return {
-        name: default_of(field)
-        for name, field in _known(cls).items()
-        if not _needed(field)
+        name: get_default(field)
+        for name, field in _list_fields(cls).items()
+        if not _is_required(field)
     }
 
 
@@ -124,26 +124,28 @@ def build(cls: type[T], values: Any, where: str, fault: Fault) -> T:
     Raises:
         fault: an unknown or missing key, a wrong value, or what the class itself refuses.
     """
-    short = _shorthand(cls)
+    short = _find_shorthand(cls)
     if short and not isinstance(values, Mapping) and values is not None:
         values = {short: values}
-    found = converted(cls, values, where, fault)
-    for name, field in _known(cls).items():
-        if name not in found and _needed(field):
-            raise fault(f"{key_place(where, name)} is missing, must be {_wanted(cls, field)}")
+    found = convert_fields(cls, values, where, fault)
+    for name, field in _list_fields(cls).items():
+        if name not in found and _is_required(field):
+            raise fault(
+                f"{join_path(where, name)} is missing, must be {_describe_type(cls, field)}"
+            )
     return cls(**found)
 
 
-def converted(cls: type, values: Any, where: str, fault: Fault) -> dict[str, Any]:
+def convert_fields(cls: type, values: Any, where: str, fault: Fault) -> dict[str, Any]:
     """The values as the dataclass's fields want them, by name; raises as `build`."""
     if not isinstance(values, Mapping):
         place = where.rstrip(": ~") or cls.__name__
-        raise fault(f"{place} is {said(values)}, must be keys with values")
-    known, hints, found = _known(cls), annotations(cls), {}
+        raise fault(f"{place} is {format_value(values)}, must be keys with values")
+    known, hints, found = _list_fields(cls), list_annotations(cls), {}
     for key, value in values.items():
         if key not in known:
-            raise fault(unknown_key(where, key, known))
-        found[key] = convert(value, hints[key], key_place(where, key), fault, known[key].metadata)
+            raise fault(describe_unknown_key(where, key, known))
+        found[key] = convert(value, hints[key], join_path(where, key), fault, known[key].metadata)
     return found
 
 
@@ -169,25 +171,25 @@ def read(
     if values.get(key) is not None:
         return convert(values[key], hint, place, fault)
     if default is _MISSING:
-        raise fault(f"{place} is missing, must be {hint_words(hint)}")
+        raise fault(f"{place} is missing, must be {describe_hint(hint)}")
     return default
 
 
-def unknown_key(where: str, key: Any, known: Iterable[str]) -> str:
+def describe_unknown_key(where: str, key: Any, known_keys: Iterable[str]) -> str:
     """What to say of a key that there is not."""
-    head, colon, path = key_place(where, key).rpartition(": ")
+    head, colon, path = join_path(where, key).rpartition(": ")
     kind = path if path.startswith("parameter ") else f"key '{path}'"
-    return f"{head}{colon}unknown {kind}: {nearest(key, known)}"
+    return f"{head}{colon}unknown {kind}: {suggest(key, known_keys)}"
 
 
 @functools.lru_cache(maxsize=64)
-def annotations(cls: type) -> dict[str, Any]:
+def list_annotations(cls: type) -> dict[str, Any]:
     """Of a dataclass's fields, by name."""
     return typing.get_type_hints(cls)
 
 
 @functools.lru_cache(maxsize=64)
-def _known(cls: type) -> dict[str, dataclasses.Field]:
+def _list_fields(cls: type) -> dict[str, dataclasses.Field]:
     return {
         field.name: field
         for field in dataclasses.fields(cls)
@@ -196,13 +198,13 @@ def _known(cls: type) -> dict[str, dataclasses.Field]:
 
 
 @functools.lru_cache(maxsize=64)
-def _shorthand(cls: type) -> str:
+def _find_shorthand(cls: type) -> str:
     """The field for which a value stands that is no mapping; '': there is none."""
-    names = (name for name, field in _known(cls).items() if field.metadata.get("shorthand"))
+    names = (name for name, field in _list_fields(cls).items() if field.metadata.get("shorthand"))
     return next(names, "")
 
 
-def _needed(field: dataclasses.Field) -> bool:
+def _is_required(field: dataclasses.Field) -> bool:
     return field.default is field.default_factory is dataclasses.MISSING
 
 
@@ -214,13 +216,15 @@ def convert(
     Raises:
         fault: it cannot be.
     """
-    value = as_in_a_file(value)
+    value = convert_to_file_types(value)
     if rules.get("name") and type(value) is int:
         value = str(value)
     if rules.get("importable") and isinstance(value, type):
         if "<locals>" in value.__qualname__:
-            raise fault(f"{where} is {said(value)}, which cannot be imported: define the class at "
-                        "the top level of a module")
+            raise fault(
+                f"{where} is {format_value(value)}, which cannot be imported: define the class at "
+                "the top level of a module"
+            )
         value = f"{value.__module__}:{value.__qualname__}"
     if rules.get("words") and isinstance(value, str):
         value = value.split()
@@ -235,15 +239,15 @@ def _convert(
 ) -> Any:
     origin = typing.get_origin(hint) or hint
     if origin in (typing.Union, types.UnionType):
-        return _union(value, hint, where, fault, rules)
+        return _convert_union(value, hint, where, fault, rules)
     if origin is Any:
         return value
     if dataclasses.is_dataclass(hint):
         return value if isinstance(value, hint) else build(hint, value, where, fault)
     if origin is tuple:
-        return _tuple(value, hint, where, fault, rules)
-    if _is(hint, Mapping):
-        return _mapping(value, hint, where, fault)
+        return _convert_tuple(value, hint, where, fault, rules)
+    if _is_kind(hint, Mapping):
+        return _convert_mapping(value, hint, where, fault)
     if hint is float:
         found = as_number(value, bool(rules.get("infinite")))
     elif hint is Path:
@@ -254,69 +258,82 @@ def _convert(
     else:  # bool, str and None are taken as they are
         found = value if isinstance(value, hint) else None
     if found is None and hint is not type(None) or hint is type(None) and value is not None:
-        words = "a number, or .inf" if hint is float and rules.get("infinite") else hint_words(hint)
+        words = (
+            "a number, or .inf" if hint is float and rules.get("infinite") else describe_hint(hint)
+        )
         if hint is str and rules.get("choices"):
             words = "one of " + ", ".join(rules["choices"])
-        raise fault(f"{where} is {said(value)}, must be {rules.get('wanted') or words}")
+        raise fault(f"{where} is {format_value(value)}, must be {rules.get('wanted') or words}")
     return found
 
 
-def _union(value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any]) -> Any:
+def _convert_union(
+    value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any]
+) -> Any:
     kinds = typing.get_args(hint)
     if isinstance(value, Mapping):
         # A mapping was meant for the class whose keys are like its own: that one may complain.
         classes = [kind for kind in kinds if dataclasses.is_dataclass(kind)]
         if classes:
-            return build(max(classes, key=lambda cls: _likeness(value, cls)), value, where, fault)
+            return build(
+                max(classes, key=lambda cls: _count_known_keys(value, cls)), value, where, fault
+            )
     wanted = Mapping if isinstance(value, Mapping) else tuple
-    alike = [kind for kind in kinds if _is(kind, wanted)]
+    alike = [kind for kind in kinds if _is_kind(kind, wanted)]
     if isinstance(value, Mapping | list | tuple) and len(alike) == 1:  # may complain likewise
         return _convert(value, alike[0], where, fault, rules)
     for kind in kinds:
         with contextlib.suppress(fault):
             return _convert(value, kind, where, fault)
-    raise fault(f"{where} is {said(value)}, must be {rules.get('wanted') or hint_words(hint)}")
+    raise fault(
+        f"{where} is {format_value(value)}, must be {rules.get('wanted') or describe_hint(hint)}"
+    )
 
 
-def _is(hint: Any, kind: type) -> bool:
+def _is_kind(hint: Any, kind: type) -> bool:
     origin = typing.get_origin(hint) or hint
     return isinstance(origin, type) and issubclass(origin, kind)
 
 
-def _likeness(values: Mapping, cls: type) -> int:
+def _count_known_keys(values: Mapping, cls: type) -> int:
     """How many of the keys are a field of the class, or near to one."""
-    known = _known(cls)
-    return sum(key in known or bool(likely(key, known)) for key in values)
+    known = _list_fields(cls)
+    return sum(key in known or bool(find_nearest(key, known)) for key in values)
 
 
-def _tuple(value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any]) -> tuple:
+def _convert_tuple(
+    value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any]
+) -> tuple:
     parts = typing.get_args(hint) or (Any, ...)
     items = value
     if isinstance(value, str) and parts[0] is float:
-        items = [spelt(word) for word in value.split()]
+        items = [parse_word(word) for word in value.split()]
     if parts[-1] is Ellipsis and isinstance(items, list | tuple):
         parts = (parts[0],) * len(items)
     if not isinstance(items, list | tuple) or len(items) != len(parts):
-        raise fault(f"{where} is {said(value)}, must be {rules.get('wanted') or hint_words(hint)}")
+        raise fault(
+            f"{where} is {format_value(value)}, must be "
+            f"{rules.get('wanted') or describe_hint(hint)}"
+        )
     return tuple(
         _convert(item, part, f"{where}[{i}]", fault)
         for i, (item, part) in enumerate(zip(items, parts, strict=True))
     )
 
 
-def _mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping[str, Any]:
+def _convert_mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping[str, Any]:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = to_mapping(value)
     if not isinstance(value, Mapping):
-        raise fault(f"{where.rstrip(': ')} is {said(value)}, must be {hint_words(hint)}")
+        raise fault(f"{where.rstrip(': ')} is {format_value(value)}, must be {describe_hint(hint)}")
     kind = (typing.get_args(hint) or (str, Any))[1]
     found = {}
     for key, item in value.items():
         name = str(key) if type(key) is int else key
         if not isinstance(name, str):
-            raise fault(f"{where} has the key {said(key)}, must be a text")
-        found[name] = item if kind is Any else _convert(item, kind, key_place(where, name), fault)
-    return _view(found)
+            raise fault(f"{where} has the key {format_value(key)}, must be a text")
+        found[name] = item if kind is Any else _convert(item, kind, join_path(where, name), fault)
+    return _make_view(found)
 
 
 def check(settings: Any, fault: Fault, where: str = "") -> None:
@@ -325,12 +342,12 @@ def check(settings: Any, fault: Fault, where: str = "") -> None:
     Raises:
         fault: naming the field, its value and what is wanted.
     """
-    hints = annotations(type(settings))
-    for name, field in _known(type(settings)).items():
+    hints = list_annotations(type(settings))
+    for name, field in _list_fields(type(settings)).items():
         value = getattr(settings, name)
         if value is field.default:
             continue
-        found = convert(value, hints[name], key_place(where, name), fault, field.metadata)
+        found = convert(value, hints[name], join_path(where, name), fault, field.metadata)
         if found is not value:
             object.__setattr__(settings, name, found)  # it may be frozen
 
@@ -338,23 +355,23 @@ def check(settings: Any, fault: Fault, where: str = "") -> None:
 def to_mapping(settings: Any) -> dict[str, Any]:
     """The fields of a dataclass that differ from their defaults, as `build` takes them."""
     found = {}
-    for name, field in _known(type(settings)).items():
+    for name, field in _list_fields(type(settings)).items():
         value = getattr(settings, name)
-        if _needed(field) or value != default_of(field):
-            found[name] = _plain(value)
+        if _is_required(field) or value != get_default(field):
+            found[name] = _to_plain(value)
     return found
 
 
-def _plain(value: Any) -> Any:
+def _to_plain(value: Any) -> Any:
     """Lists, numbers, texts and mappings of a field's value."""
     if dataclasses.is_dataclass(value):
         return to_mapping(value)
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    return list(map(_plain, value)) if isinstance(value, tuple) else value
+        return {key: _to_plain(item) for key, item in value.items()}
+    return list(map(_to_plain, value)) if isinstance(value, tuple) else value
 
 
-class NamedValues:
+class KeywordSettings:
     """Base of settings that users construct: wrong keywords are refused as a file's keys are.
 
     Attributes:
@@ -363,16 +380,18 @@ class NamedValues:
 
     fault: Fault = ValueError
 
-    def __new__(cls, *values: Any, **named: Any) -> NamedValues:
+    def __new__(cls, *values: Any, **named: Any) -> KeywordSettings:
         """Refuse positional arguments and unknown keywords; `__init__` takes the rest."""
-        known = _known(cls)
+        known = _list_fields(cls)
         if values:
             example = next(iter(known))
-            raise cls.fault(f"{cls.__name__}({said(values[0])}): give values by name, as in "
-                            f"{cls.__name__}({example}=...)")
+            raise cls.fault(
+                f"{cls.__name__}({format_value(values[0])}): give values by name, as in "
+                f"{cls.__name__}({example}=...)"
+            )
         for key in named:
             if key not in known:
-                raise cls.fault(unknown_key("", key, known))
+                raise cls.fault(describe_unknown_key("", key, known))
         return super().__new__(cls)
 
 
@@ -382,9 +401,9 @@ def check_bounds(settings: Any, fault: Fault) -> None:
     Raises:
         fault: naming the field, its value and the bound.
     """
-    for name, field in _known(type(settings)).items():
+    for name, field in _list_fields(type(settings)).items():
         check_value(getattr(settings, name), name, fault, field.metadata)
 
 
-def _wanted(cls: type, field: dataclasses.Field) -> str:
-    return field.metadata.get("wanted") or hint_words(annotations(cls)[field.name])
+def _describe_type(cls: type, field: dataclasses.Field) -> str:
+    return field.metadata.get("wanted") or describe_hint(list_annotations(cls)[field.name])

@@ -54,7 +54,7 @@ def parse_yaml(text: str, where: str, fault: type[Exception]) -> Any:
         fault: it is no YAML.
     """
     try:
-        return copy.deepcopy(_parsed(text))
+        return copy.deepcopy(_parse(text))
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         # A ValueError comes of a number of 5000 digits, and of a date such as 2026-13-01.
         words = " ".join(str(error).split()).partition("; use sys.")[0]
@@ -62,7 +62,7 @@ def parse_yaml(text: str, where: str, fault: type[Exception]) -> Any:
 
 
 @functools.lru_cache(maxsize=32)
-def _parsed(text: str) -> Any:
+def _parse(text: str) -> Any:
     """Texts read lately are not parsed again: ten thousand runs of a process read the same few
     files, at 10 ms a file. libyaml would be quick but crashes on what is nested ten thousand deep.
     """

@@ -38,30 +38,30 @@ def require(condition: bool, text: str) -> None:
         raise ExperimentError(text)
 
 
-def check_formats(given: Iterable[str], known: Collection[str]) -> None:
+def check_formats(requested: Iterable[str], available: Collection[str]) -> None:
     """StudyError naming the first format that is not among the known ones."""
-    for name in given:
-        if name not in known:
-            raise StudyError(f"no format '{name}': there are {', '.join(known)}")
+    for name in requested:
+        if name not in available:
+            raise StudyError(f"no format '{name}': there are {', '.join(available)}")
 
 
 @contextlib.contextmanager
-def writing(where: object, fault: type[BenchError] = StudyError) -> Iterator[None]:
-    """Raise `fault`, in one line, where what is within cannot write there."""
+def catch_write_errors(where: object, error_class: type[BenchError] = StudyError) -> Iterator[None]:
+    """Raise `error_class`, in one line, where what is within cannot write there."""
     try:
         yield
     except OSError as error:
-        raise fault(f"cannot write {where}: {error.strerror or error}") from error
+        raise error_class(f"cannot write {where}: {error.strerror or error}") from error
 
 
-def program() -> str:
+def find_program_name() -> str:
     """What the command line of this package is called here: `aras-servo` where pip installed it,
     `bench` where catkin did. Messages name commands by it."""
     called = Path(sys.argv[0]).name
     return called if called == "aras-servo" else "bench"
 
 
-def not_installed(library: str | None, extra: str = "bench") -> BenchError:
+def make_missing_library_error(library: str | None, extra: str = "bench") -> BenchError:
     """The fault that a library is missing, which is among pip's `extra`."""
     return BenchError(
         f"{library} is not installed: run ./setup.sh; without ROS, pip install '.[{extra}]' in the "
@@ -69,7 +69,7 @@ def not_installed(library: str | None, extra: str = "bench") -> BenchError:
     )
 
 
-def first_line(error: BaseException) -> str:
+def read_first_line(error: BaseException) -> str:
     """What an exception says in its first line, or its class."""
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 

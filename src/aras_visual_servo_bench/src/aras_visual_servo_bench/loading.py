@@ -9,14 +9,14 @@ from pathlib import Path
 from .errors import BenchError, ExperimentError
 from .recording.run import Run
 
-RUN_OF_STUDY = re.compile(r"(.+):(\d+)$")
+STUDY_RUN = re.compile(r"(.+):(\d+)$")
 
 
-def _ignore(part: float) -> None:
+def _ignore_progress(part: float) -> None:
     """Show no progress."""
 
 
-def load_run(source: str | Path, progress: Callable[[float], None] = _ignore) -> Run:
+def load_run(source: str | Path, progress: Callable[[float], None] = _ignore_progress) -> Run:
     """Return the run that a bag, a folder, a study or an experiment holds, with its images.
 
     Args:
@@ -31,16 +31,16 @@ def load_run(source: str | Path, progress: Callable[[float], None] = _ignore) ->
         BenchError: there is no such run, or it cannot be read.
     """
     given = str(source)
-    match, path = RUN_OF_STUDY.match(given), Path(given)
+    match, path = STUDY_RUN.match(given), Path(given)
     if match and not path.exists():
-        from .study import replay
-        from .study.folder import Folder
+        from .studies import replay
+        from .studies.study_folder import StudyFolder
 
-        folder = Folder.open(Path(match[1]))
+        folder = StudyFolder.open(Path(match[1]))
         return replay.replay(folder, int(match[2]), f"{folder.path.name}:{match[2]}")[0]
-    path = _bag_or_file(path)
+    path = _find_file(path)
     if path.suffix in (".yaml", ".yml"):
-        from .study import replay
+        from .studies import replay
 
         try:
             return replay.run_with_images(path, path.stem, str(path))
@@ -54,7 +54,7 @@ def load_run(source: str | Path, progress: Callable[[float], None] = _ignore) ->
     return read_bag(path, progress)
 
 
-def _bag_or_file(path: Path) -> Path:
+def _find_file(path: Path) -> Path:
     """The file that a path names, or the bag in a folder; BenchError if there is none."""
     if path.is_dir():
         bags = [path / name for name in ("run.bag", "run.bag.active") if (path / name).is_file()]

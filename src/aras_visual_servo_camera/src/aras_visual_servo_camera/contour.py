@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .coverage import coverage
+from .coverage import compute_coverage
 from .errors import SegmentationError
-from .line_fits import PARALLEL, FittedLine, spread_of_crossings
+from .line_fits import PARALLEL, FittedLine, compute_crossing_spread
 from .polygons import Array, next_vertices, signed_area
 from .segmented_target import SegmentedTarget
 from .undistortion import CameraModel
@@ -22,17 +22,17 @@ from .undistortion import CameraModel
 # pixels that a side is long at least, as sharp corners are blunted. Of outlines of four corners, 17
 # to 40 px wide and with noise of up to 5 grey levels, all pictures show four; by the part alone a
 # fifth of them, and most that are 10 to 17 px wide, showed five to eight.
-BEND, BLURRED, SHORT = 0.012, 1.2, 2.0
+MAX_BEND, MIN_BEND, MIN_SIDE = 0.012, 1.2, 2.0
 MAX_CORNERS = 32
-FITS = 2  # of the sides' lines: between rough corners, and between those so found
-PARTS = 128  # of the way round, at which an outline is compared with a model
+FIT_ITERATIONS = 2  # of the sides' lines: between rough corners, and between those so found
+OUTLINE_SAMPLES = 128  # of the way round, at which an outline is compared with a model
 # px rms, by which corners are off besides what the fits of their sides tell: measured on 840
 # quadrilaterals of 12 to 180 px, with noise of up to 5 grey levels.
 CORNER_ACCURACY = 0.022
-UNLIKE = 0.1  # of its radius that a corner may be off its model's, and a pixel
+MAX_CORNER_DISTANCE = 0.1  # of its radius that a corner may be off its model's, and a pixel
 
 
-def outline_of(grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraModel) -> Array:
+def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraModel) -> Array:
     """The outer outline (n, 2) of the target, normalised, one point a pixel of its edge.
 
     Args:
@@ -43,7 +43,7 @@ def outline_of(grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraM
     Raises:
         SegmentationError: no outline, no contrast, or a part of it that no ray leads to.
     """
-    weights, (left, top), _, _ = coverage(grey, target)
+    weights, (left, top), _, _ = compute_coverage(grey, target)
     rows, columns = weights.shape
     mask = np.ascontiguousarray(target.mask[top : top + rows, left : left + columns])
     found, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -62,7 +62,7 @@ def outline_of(grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraM
         raise SegmentationError("the target's outline is blurred out")
     u, v, slope = u[steep], v[steep], slope[steep]
     nx, ny = -gx[v, u] / slope, -gy[v, u] / slope  # outwards
-    out = _to_edge(weights, u, v, nx, ny)
+    out = _locate_edge(weights, u, v, nx, ny)
     x, y, valid = camera.normalise(left + u + out * nx, top + v + out * ny)
     if not valid.all():
         raise SegmentationError(
@@ -71,7 +71,7 @@ def outline_of(grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraM
     return np.stack([x, y], axis=1)
 
 
-def _to_edge(weights: Array, u: Array, v: Array, nx: Array, ny: Array) -> Array:
+def _locate_edge(weights: Array, u: Array, v: Array, nx: Array, ny: Array) -> Array:
     """How far (n,), pixels, the edge is from each pixel (u, v) along its normal.
 
     The weights along the normal add up to the part of it that the target covers: from two pixels
@@ -88,12 +88,12 @@ def _to_edge(weights: Array, u: Array, v: Array, nx: Array, ny: Array) -> Array:
     return np.clip(covered - 2.0, -1.5, 1.5)
 
 
-def corners_of(outline: Array, bend: float = BEND) -> Array:
+def find_corners(outline: Array, max_bend: float = MAX_BEND) -> Array:
     """Corners (n, 2) of a polygon's outline; see fit_corners."""
-    return fit_corners(outline, bend)[0]
+    return fit_corners(outline, max_bend)[0]
 
 
-def fit_corners(outline: Array, bend: float = BEND) -> tuple[Array, Array]:
+def fit_corners(outline: Array, max_bend: float = MAX_BEND) -> tuple[Array, Array]:
     """Corners (n, 2) of a polygon's outline (m, 2), in its order, with positive turn, and their
     spread (2n, 2n) by how the outline scatters about its sides: see spread_of_crossings.
 
@@ -108,23 +108,23 @@ def fit_corners(outline: Array, bend: float = BEND) -> tuple[Array, Array]:
     Raises:
         SegmentationError: fewer than three sides, or more than 32: no polygon.
     """
-    points, middle = _turned(outline)
-    steps = _sides(points)
+    points, middle = _centre_polygon(outline)
+    steps = _compute_side_lengths(points)
     pixel = float(np.median(steps))
-    width = max(bend * float(steps.sum()), BLURRED * pixel)
+    width = max(max_bend * float(steps.sum()), MIN_BEND * pixel)
     # approxPolyDP takes float32: numbers about the middle keep their digits.
     rough = cv2.approxPolyDP(points.astype(np.float32)[:, None], width, True)
     corners = rough[:, 0].astype(float)
-    while len(corners) > 3 and (sides := _sides(corners)).min() < SHORT * pixel:
+    while len(corners) > 3 and (sides := _compute_side_lengths(corners)).min() < MIN_SIDE * pixel:
         first = int(sides.argmin())
         last = (first + 1) % len(corners)
         corners[first] = 0.5 * (corners[first] + corners[last])
         corners = np.delete(corners, last, axis=0)
-    corners, spread = _fitted(points, corners)
+    corners, spread = _fit_sides(points, corners)
     return corners + middle, spread
 
 
-def corners_like(outline: Array, model: Array) -> Array:
+def match_corners(outline: Array, model: Array) -> Array:
     """Corners (n, 2) of a polygon's outline (m, 2), as many as the model (n, 2) has, and in its
     order: where the outline is a few pixels long, its sides cannot be told without knowing them.
 
@@ -139,16 +139,16 @@ def corners_like(outline: Array, model: Array) -> Array:
         SegmentationError: two corners come to lie on one point of the outline; or the outline is
             no view of the model.
     """
-    points, middle = _turned(outline)
-    wanted, _ = _turned(model)
-    seen, known = _spaced(points), _spaced(wanted)
+    points, middle = _centre_polygon(outline)
+    wanted, _ = _centre_polygon(model)
+    seen, known = _resample(points), _resample(wanted)
     origin = known.mean()
     known = known - origin
     # Of the model begun k parts later, by the correlation theorem.
     fits = np.fft.ifft(np.fft.fft(seen) * np.conj(np.fft.fft(known)))
     turned = fits[int(np.abs(fits).argmax())] / np.vdot(known, known).real
     laid = (wanted[:, 0] + 1j * wanted[:, 1] - origin) * turned + seen.mean()
-    corners, _ = _fitted(points, np.stack([laid.real, laid.imag], axis=1))
+    corners, _ = _fit_sides(points, np.stack([laid.real, laid.imag], axis=1))
     if len(corners) != len(wanted):
         raise SegmentationError(
             f"the target is too small to tell its {len(wanted)} corners from each other"
@@ -158,12 +158,12 @@ def corners_like(outline: Array, model: Array) -> Array:
     off = corners - flat @ np.linalg.lstsq(flat, corners, rcond=None)[0]
     pixel = float(np.median(np.linalg.norm(np.diff(points, axis=0), axis=1)))
     radius = float(np.sqrt(points.var(axis=0).sum()))
-    if np.linalg.norm(off, axis=1).max() > pixel + UNLIKE * radius:
+    if np.linalg.norm(off, axis=1).max() > pixel + MAX_CORNER_DISTANCE * radius:
         raise SegmentationError(f"what is seen has not the goal's {len(wanted)} corners")
     return (corners[::-1] if signed_area(np.asarray(model, float)) < 0.0 else corners) + middle
 
 
-def _turned(polygon: Array) -> tuple[Array, Array]:
+def _centre_polygon(polygon: Array) -> tuple[Array, Array]:
     """Points (n, 2) about their middle, with positive turn; and that middle (2,)."""
     points = np.asarray(polygon, dtype=float)
     middle = points.mean(axis=0)
@@ -171,35 +171,35 @@ def _turned(polygon: Array) -> tuple[Array, Array]:
     return (points[::-1] if signed_area(points) < 0.0 else points), middle
 
 
-def _sides(points: Array) -> Array:
+def _compute_side_lengths(points: Array) -> Array:
     """Lengths (n,) of a polygon's sides, from each of its points (n, 2) to the next."""
     return np.linalg.norm(next_vertices(points) - points, axis=1)
 
 
-def _spaced(polygon: Array) -> Array:
+def _resample(polygon: Array) -> Array:
     """Complex points (PARTS,) at equal parts of the way round a polygon (n, 2)."""
     closed = np.vstack([polygon, polygon[:1]])
     way = np.concatenate([[0.0], np.linalg.norm(np.diff(closed, axis=0), axis=1).cumsum()])
-    at = way[-1] * np.arange(PARTS) / PARTS
+    at = way[-1] * np.arange(OUTLINE_SAMPLES) / OUTLINE_SAMPLES
     return np.interp(at, way, closed[:, 0]) + 1j * np.interp(at, way, closed[:, 1])
 
 
-def _fitted(points: Array, corners: Array) -> tuple[Array, Array]:
+def _fit_sides(points: Array, corners: Array) -> tuple[Array, Array]:
     """Corners (n, 2) where lines through the outline's sides meet, from rough ones (k, 2), and
     their spread (2n, 2n).
 
     Raises:
         SegmentationError: as corners_of().
     """
-    for _ in range(FITS):
-        breaks = _places(points, corners)
+    for _ in range(FIT_ITERATIONS):
+        breaks = _find_nearest_indices(points, corners)
         if not 3 <= len(breaks) <= MAX_CORNERS:
             raise SegmentationError(f"the target's outline has {len(breaks)} sides: no polygon")
-        corners, lines = _met(points, breaks)
-    return corners, spread_of_crossings(lines)
+        corners, lines = _intersect_sides(points, breaks)
+    return corners, compute_crossing_spread(lines)
 
 
-def _places(points: Array, corners: Array) -> NDArray[np.intp]:
+def _find_nearest_indices(points: Array, corners: Array) -> NDArray[np.intp]:
     """Indices in the outline of its points nearest to the corners, rising from the first."""
     distance = np.linalg.norm(points[None, :, :] - corners[:, None, :], axis=2)
     places = distance.argmin(axis=1)
@@ -208,11 +208,11 @@ def _places(points: Array, corners: Array) -> NDArray[np.intp]:
     return places[np.concatenate([[True], np.diff(places) != 0])]
 
 
-def _met(points: Array, breaks: NDArray[np.intp]) -> tuple[Array, list[FittedLine]]:
+def _intersect_sides(points: Array, breaks: NDArray[np.intp]) -> tuple[Array, list[FittedLine]]:
     """Corners (n, 2) where the lines of the sides between the breaks of the outline meet, and these
     lines, each of which begins at its corner."""
     ends = np.roll(breaks, -1)
-    lines = [_line(points, a, b) for a, b in zip(breaks, ends, strict=True)]
+    lines = [_fit_line(points, a, b) for a, b in zip(breaks, ends, strict=True)]
     corners = []
     for before, line, place in zip(lines[-1:] + lines[:-1], lines, breaks, strict=True):
         n0, n1 = before.normal, line.normal
@@ -225,7 +225,7 @@ def _met(points: Array, breaks: NDArray[np.intp]) -> tuple[Array, list[FittedLin
     return np.array(corners), lines
 
 
-def _line(points: Array, first: int, last: int) -> FittedLine:
+def _fit_line(points: Array, first: int, last: int) -> FittedLine:
     """The line through the outline from one corner to the next."""
     count = (last - first) % len(points) or len(points)
     # Near a corner the grey levels mix both sides: two pixels, or a third of a short side.

@@ -39,13 +39,15 @@ def anisotropy(moments: Moments) -> float:
     return sqrt(c * c + s * s) / total if total > 0.0 else 0.0
 
 
-def _anisotropy(moments: Moments, value: float, tolerance: float) -> str | None:
+def _check_anisotropy(moments: Moments, value: float, tolerance: float) -> str | None:
     if anisotropy(moments) > tolerance:
         return None
     return "the shape has no main axis (mu20 = mu02 and mu11 = 0, as a square seen square on)"
 
 
-def _ratio(n: int, degree: int, name: str) -> Callable[[Moments, float, float], str | None]:
+def _make_ratio_check(
+    n: int, degree: int, name: str
+) -> Callable[[Moments, float, float], str | None]:
     def check(moments: Moments, value: float, tolerance: float) -> str | None:
         if n % 2 and asymmetry(moments, n) <= tolerance:
             return f"the shape is symmetric about its centre: its moments of order {n} vanish"
@@ -58,9 +60,9 @@ def _ratio(n: int, degree: int, name: str) -> Callable[[Moments, float, float], 
 
 # name of the denominator -> check(moments, its value, tolerance) -> reason or None
 CHECKS: dict[str, Callable[[Moments, float, float], str | None]] = {
-    "anisotropy": _anisotropy,
-    "I4": _ratio(3, 2, "I4"),
-    "I6": _ratio(3, 4, "I6"),
-    "I10": _ratio(4, 2, "I10"),
-    "I15": _ratio(5, 2, "I15"),
+    "anisotropy": _check_anisotropy,
+    "I4": _make_ratio_check(3, 2, "I4"),
+    "I6": _make_ratio_check(3, 4, "I6"),
+    "I10": _make_ratio_check(4, 2, "I10"),
+    "I15": _make_ratio_check(5, 2, "I15"),
 }

@@ -26,16 +26,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .definitions import DENOMINATORS, FORMULAS
 from .degeneracy import CHECKS, DEFAULT_TOLERANCE
 from .errors import DegenerateFeatureError, FeatureError
+from .feature_formulas import DENOMINATORS, FORMULAS
 from .formula import Formula, Program
-from .interaction import Plane, centred_rows, raw_rows
+from .interaction import Plane, compute_centred_interaction, compute_raw_interaction
 from .moments import DENSE, Moments, exponents
 from .orientation import Orientation, full_alpha
 from .polygons import Array
 
-PAPER = ("xn", "yn", "an", "alpha")
+PAPER_FEATURES = ("xn", "yn", "an", "alpha")
 
 _MOMENT = re.compile(r"(m|mu)(\d)(\d)\Z")
 
@@ -68,7 +68,7 @@ class Reference:
         Moments below order 3 give a reference without orientation.
         """
         plane = Plane.fronto_parallel(depth) if plane is None else plane
-        return cls(moments.area, depth, Orientation.of(moments, plane))
+        return cls(moments.area, depth, Orientation.from_moments(moments, plane))
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,19 +90,19 @@ class FeatureSet:
     plane: Plane
 
     @property
-    def ok(self) -> bool:
+    def is_defined(self) -> bool:
         """True if every feature is defined."""
         return not self.degenerate
 
     def __getitem__(self, name: str) -> float:
         """Value of one feature. Raises DegenerateFeatureError or FeatureError."""
-        return float(self.values[self._index(name)])
+        return float(self.values[self._find_index(name)])
 
-    def row(self, name: str) -> Array:
+    def get_interaction_row(self, name: str) -> Array:
         """L of one feature, (6,). Raises DegenerateFeatureError or FeatureError."""
-        return self.L[self._index(name)]
+        return self.L[self._find_index(name)]
 
-    def _index(self, name: str) -> int:
+    def _find_index(self, name: str) -> int:
         if name in self.degenerate:
             raise DegenerateFeatureError(name, self.degenerate[name])
         if name not in self.names:
@@ -119,12 +119,12 @@ class _Node(NamedTuple):
 
 
 @cache
-def _node(name: str) -> _Node:
+def _make_node(name: str) -> _Node:
     own = (DENOMINATORS[name],) if name in DENOMINATORS else ()
     if name == "alpha_full":
         third = (name, "mu30", "mu21", "mu12", "mu03")
-        return _Node(None, frozenset((*third, *_node("alpha").leaves)), own)
-    if name in ("a", "xg", "yg", "a_star", "Z_star") or _moment_of(name):
+        return _Node(None, frozenset((*third, *_make_node("alpha").leaves)), own)
+    if name in ("a", "xg", "yg", "a_star", "Z_star") or _parse_moment(name):
         return _Node(None, frozenset((name,)), own)
     formula = FORMULAS.get(name)
     if formula is None:
@@ -137,20 +137,20 @@ def _node(name: str) -> _Node:
             formula = Formula(name)
         except (SyntaxError, ValueError) as error:
             raise FeatureError(f"'{name}' is neither a feature nor a formula: {error}") from None
-    below = [_node(n) for n in formula.names]
+    below = [_make_node(n) for n in formula.names]
     denominators = dict.fromkeys((*own, *(d for n in below for d in n.denominators)))
     return _Node(formula, frozenset().union(*(n.leaves for n in below)), tuple(denominators))
 
 
 @cache
-def _moment_of(leaf: str) -> tuple[str, int, int] | None:
+def _parse_moment(leaf: str) -> tuple[str, int, int] | None:
     """('m' or 'mu', i, j) of a moment's name."""
     match = _MOMENT.match(leaf)
     return None if match is None else (match[1], int(match[2]), int(match[3]))
 
 
-def _leaf_order(leaf: str, kind: str) -> int:
-    if moment := _moment_of(leaf):
+def _find_leaf_order(leaf: str, kind: str) -> int:
+    if moment := _parse_moment(leaf):
         return moment[1] + moment[2]
     if leaf == "a":
         return 0 if kind == DENSE else 2
@@ -169,42 +169,44 @@ class _Plan(NamedTuple):
     leaves: tuple[str, ...]
     centred_order: int
     raw_order: int
-    gather: NDArray[np.intp]
+    row_indices: NDArray[np.intp]
 
 
 @lru_cache(maxsize=256)
-def _plan(names: tuple[str, ...], kind: str) -> _Plan:
-    leaves = sorted(frozenset().union(*(_node(name).leaves for name in names)))
-    raw = [_leaf_order(n, kind) for n in leaves if re.match(r"m\d", n)]
-    rest = [_leaf_order(n, kind) for n in leaves if not re.match(r"m\d", n)]
+def _make_plan(names: tuple[str, ...], kind: str) -> _Plan:
+    leaves = sorted(frozenset().union(*(_make_node(name).leaves for name in names)))
+    raw = [_find_leaf_order(n, kind) for n in leaves if re.match(r"m\d", n)]
+    rest = [_find_leaf_order(n, kind) for n in leaves if not re.match(r"m\d", n)]
     centred_order, raw_order = max([1, *rest]), max([1, *raw]) if raw else -1
     # the stack: area, xg, yg, zero, all mu, all m
     first_raw = 4 + len(exponents(centred_order))
 
-    def position(leaf: str) -> int:
-        if moment := _moment_of(leaf):
+    def find_position(leaf: str) -> int:
+        if moment := _parse_moment(leaf):
             table, i, j = moment
             index = (i + j) * (i + j + 1) // 2 + j
             return index + (first_raw if table == "m" else 4)
         return {"a": 0, "xg": 1, "yg": 2}.get(leaf, 3)
 
-    return _Plan(tuple(leaves), centred_order, raw_order, np.array([position(n) for n in leaves]))
+    return _Plan(
+        tuple(leaves), centred_order, raw_order, np.array([find_position(n) for n in leaves])
+    )
 
 
 @lru_cache(maxsize=256)
-def _program(names: tuple[str, ...], leaves: tuple[str, ...]) -> Program:
-    return Program(names, lambda name: _node(name).formula, leaves, {"alpha_full": "alpha"})
+def _make_program(names: tuple[str, ...], leaves: tuple[str, ...]) -> Program:
+    return Program(names, lambda name: _make_node(name).formula, leaves, {"alpha_full": "alpha"})
 
 
-def required_order(names: Iterable[str], kind: str = DENSE) -> int:
+def compute_required_order(names: Iterable[str], kind: str = DENSE) -> int:
     """Order of moments that the features and their L need: one more than their values do."""
-    plan = _plan(tuple(names), kind)
+    plan = _make_plan(tuple(names), kind)
     return max(plan.centred_order, plan.raw_order) + 1
 
 
 def compute_moment_features(
     moments: Moments,
-    names: Sequence[str] = PAPER,
+    names: Sequence[str] = PAPER_FEATURES,
     plane: Plane | None = None,
     reference: Reference | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
@@ -230,15 +232,15 @@ def compute_moment_features(
         FeatureError: unknown name, order of moments too low, or no reference where one is needed.
     """
     names = tuple(names)
-    plane = _plane(moments, reference) if plane is None else plane
-    view, plan = _View(moments, plane, reference, tolerance), _plan(names, moments.kind)
-    values, rows, degenerate = view.found(names, plan)
-    L = np.array(rows) @ _leaf_rows(moments, plane, plan)
+    plane = _make_plane(moments, reference) if plane is None else plane
+    view, plan = _View(moments, plane, reference, tolerance), _make_plan(names, moments.kind)
+    values, rows, degenerate = view.evaluate_defined(names, plan)
+    L = np.array(rows) @ _compute_leaf_rows(moments, plane, plan)
     L.setflags(write=False)
     return FeatureSet(names, values, L, MappingProxyType(degenerate), plane)
 
 
-def values(
+def compute_feature_values(
     moments: Moments,
     names: tuple[str, ...],
     plane: Plane,
@@ -246,11 +248,11 @@ def values(
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Array:
     """The values (k,) of `compute_moment_features`, without L; FeatureError likewise."""
-    plan = _plan(names, moments.kind)
-    return _View(moments, plane, reference, tolerance).found(names, plan)[0]
+    plan = _make_plan(names, moments.kind)
+    return _View(moments, plane, reference, tolerance).evaluate_defined(names, plan)[0]
 
 
-def _plane(moments: Moments, reference: Reference | None) -> Plane:
+def _make_plane(moments: Moments, reference: Reference | None) -> Plane:
     """Square to the optical axis, where the area matches the reference."""
     if reference is None:
         raise FeatureError("give a plane, or a reference that its depth can be taken from")
@@ -259,16 +261,16 @@ def _plane(moments: Moments, reference: Reference | None) -> Plane:
     return Plane.fronto_parallel(reference.depth * sqrt(reference.area / moments.area))
 
 
-def _leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
+def _compute_leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
     """(leaves, 6) interaction rows of the leaves, in the order of plan.leaves."""
-    centre, mu = centred_rows(moments, plane, plan.centred_order)
+    centre, mu = compute_centred_interaction(moments, plane, plan.centred_order)
     area = mu[:1]
     if moments.kind != DENSE and "a" in plan.leaves:
         area = mu[3:4] + mu[5:6]
     stack = [area, centre, _NO_ROW, mu]
     if plan.raw_order > 0:
-        stack.append(raw_rows(moments, plane, plan.raw_order))
-    return np.concatenate(stack)[plan.gather]
+        stack.append(compute_raw_interaction(moments, plane, plan.raw_order))
+    return np.concatenate(stack)[plan.row_indices]
 
 
 _NO_ROW = np.zeros((1, 6))
@@ -286,7 +288,7 @@ class _View:
         self.tolerance = tolerance
         self._mu = moments.centred.tolist()
 
-    def found(
+    def evaluate_defined(
         self, names: tuple[str, ...], plan: _Plan
     ) -> tuple[Array, tuple[tuple[float, ...], ...], dict[str, str]]:
         """Values (k,) of the features, each one's derivatives by the plan's leaves, and why some
@@ -301,7 +303,7 @@ class _View:
                 f"{', '.join(names)} need moments up to order {needed} (one more than their "
                 f"values, for L); these go up to {order}"
             )
-        reasons = ((name, self.undefined(name)) for name in names)
+        reasons = ((name, self.explain_undefined(name)) for name in names)
         degenerate = {name: reason for name, reason in reasons if reason is not None}
         defined = tuple(n for n in names if n not in degenerate) if degenerate else names
         try:
@@ -324,14 +326,14 @@ class _View:
         values.setflags(write=False)
         return values, rows, degenerate
 
-    def undefined(self, name: str) -> str | None:
+    def explain_undefined(self, name: str) -> str | None:
         """Why the feature is undefined, or None."""
-        for denominator in _node(name).denominators:
-            value = self._value(denominator) if denominator in FORMULAS else 0.0
+        for denominator in _make_node(name).denominators:
+            value = self._get_value(denominator) if denominator in FORMULAS else 0.0
             reason = CHECKS[denominator](self.moments, value, self.tolerance)
             if reason is not None:
                 return reason
-        if name == "alpha_full" and self._reference(name).orientation is None:
+        if name == "alpha_full" and self._get_reference(name).orientation is None:
             return "the reference has no main axis, hence no orientation to compare with"
         return None
 
@@ -343,28 +345,28 @@ class _View:
         Raises:
             ZeroDivisionError: one of them divides by zero.
         """
-        program = _program(names, leaves)
-        used = program.used
-        return program.evaluate(*(self._leaf(n) if n in used else 0.0 for n in leaves))
+        program = _make_program(names, leaves)
+        used = program.used_leaves
+        return program.evaluate(*(self._get_leaf(n) if n in used else 0.0 for n in leaves))
 
-    def _value(self, name: str) -> float:
-        return self.evaluate((name,), tuple(sorted(_node(name).leaves)))[0][0]
+    def _get_value(self, name: str) -> float:
+        return self.evaluate((name,), tuple(sorted(_make_node(name).leaves)))[0][0]
 
-    def _leaf(self, name: str) -> float:
+    def _get_leaf(self, name: str) -> float:
         moments = self.moments
-        if moment := _moment_of(name):
+        if moment := _parse_moment(name):
             table, i, j = moment
             return moments.m(i, j) if table == "m" else self._mu[i][j]
         if name == "a":
             return moments.area
         if name in ("xg", "yg"):
             return moments.xg if name == "xg" else moments.yg
-        reference = self._reference(name)
+        reference = self._get_reference(name)
         if name == "alpha_full":
-            return full_alpha(moments, self._value("alpha"), self.plane, reference.orientation)
+            return full_alpha(moments, self._get_value("alpha"), self.plane, reference.orientation)
         return reference.area if name == "a_star" else reference.depth
 
-    def _reference(self, name: str) -> Reference:
+    def _get_reference(self, name: str) -> Reference:
         if self.reference is None:
             raise FeatureError(f"'{name}' needs a reference: the desired area and depth")
         return self.reference

@@ -47,7 +47,7 @@ class Image:
 
     pixels: NDArray[np.uint8]
     encoding: str
-    labelled: NDArray[np.uint8] | None = None
+    target_mask: NDArray[np.uint8] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:

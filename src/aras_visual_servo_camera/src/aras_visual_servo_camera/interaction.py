@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 
 from .errors import FeatureError
 from .moments import DENSE, Moments
@@ -90,7 +90,7 @@ def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarr
     return L.reshape(-1, 6)
 
 
-@compiled("f8, f8, f8, f8, f8")
+@jit("f8, f8, f8, f8, f8")
 def image_velocity(A, B, C, x0, y0):
     """Velocity field of the image of the plane (A, B, C) about (x0, y0), a = x - x0, b = y - y0.
 
@@ -122,24 +122,30 @@ def image_velocity(A, B, C, x0, y0):
     return field
 
 
-def raw_rows(moments: Moments, plane: Plane, order: int | None = None) -> Array:
+def compute_raw_interaction(moments: Moments, plane: Plane, order: int | None = None) -> Array:
     """L ((order+1)(order+2)/2, 6) of every m_ij with i + j <= order, in exchange order.
 
     order: default and at most moments.order - 1.
     """
-    order = _row_order(moments, order)
-    return _rows(moments.raw, image_velocity(*plane, 0.0, 0.0), order, _divergence(moments))
-
-
-def centred_rows(moments: Moments, plane: Plane, order: int | None = None) -> tuple[Array, Array]:
-    """L of the centre of gravity, (2, 6) of xg and yg, and of every mu_ij, as `raw_rows`."""
-    order = _row_order(moments, order)
-    return _about_centre(
-        moments.centred, *plane, moments.xg, moments.yg, order, _divergence(moments)
+    order = _find_order(moments, order)
+    return _compute_rows(
+        moments.raw, image_velocity(*plane, 0.0, 0.0), order, _compute_divergence(moments)
     )
 
 
-def _row_order(moments: Moments, order: int | None) -> int:
+def compute_centred_interaction(
+    moments: Moments, plane: Plane, order: int | None = None
+) -> tuple[Array, Array]:
+    """L of the centre of gravity, (2, 6) of xg and yg, and of every mu_ij, as
+    `compute_raw_interaction`.
+    """
+    order = _find_order(moments, order)
+    return _compute_centred_rows(
+        moments.centred, *plane, moments.xg, moments.yg, order, _compute_divergence(moments)
+    )
+
+
+def _find_order(moments: Moments, order: int | None) -> int:
     highest = moments.order - 1
     if order is None:
         order = highest
@@ -151,13 +157,13 @@ def _row_order(moments: Moments, order: int | None) -> int:
     return order
 
 
-def _divergence(moments: Moments) -> float:
+def _compute_divergence(moments: Moments) -> float:
     """delta: whether the boundary moves with the points."""
     return 1.0 if moments.kind == DENSE else 0.0
 
 
-@compiled("f8[:,:], f8[:,:], i8, f8")
-def _rows(table, velocity, order, delta):
+@jit("f8[:,:], f8[:,:], i8, f8")
+def _compute_rows(table, velocity, order, delta):
     """((order+1)(order+2)/2, 6) d(m_ij)/dt in exchange order, of moments (n, n) in a field of
     velocities (6, 15) as image_velocity() gives it."""
     rows, row = np.zeros(((order + 1) * (order + 2) // 2, 6)), 0
@@ -177,18 +183,19 @@ def _rows(table, velocity, order, delta):
     return rows
 
 
-@compiled("f8[:,:], f8, f8, f8, f8, f8, i8, f8")
-def _about_centre(centred, A, B, C, xg, yg, order, delta):
-    """(2, 6) d(xg)/dt and d(yg)/dt, and the rows of `_rows` of the centred moments (n, n)."""
+@jit("f8[:,:], f8, f8, f8, f8, f8, i8, f8")
+def _compute_centred_rows(centred, A, B, C, xg, yg, order, delta):
+    """(2, 6) d(xg)/dt and d(yg)/dt, and the rows of `_compute_rows` of the centred moments (n, n).
+    """
     velocity = image_velocity(A, B, C, xg, yg)
     # About the centre of gravity mu10 = mu01 = 0, so L_xg = L_m10 / m00 without a quotient rule.
-    first, centre = _rows(centred, velocity, 1, delta), np.empty((2, 6))
+    first, centre = _compute_rows(centred, velocity, 1, delta), np.empty((2, 6))
     for i in range(6):
         for k in range(2):
             centre[k, i] = first[1 + k, i] / centred[0, 0]
             # Its velocity is taken off the constant terms of x' and y'.
             velocity[i, 6 * k] -= centre[k, i]
-    rows = _rows(centred, velocity, order, delta)
+    rows = _compute_rows(centred, velocity, order, delta)
     for i in range(6):
         rows[1, i] = rows[2, i] = 0.0
     return centre, rows

@@ -17,7 +17,7 @@ from .moments import Pinhole
 from .polygons import Array
 
 DELTA_X, DELTA_Y = 0.017, 0.0185  # metres a pixel along rows and columns, of the original
-POWER = -2  # p = q: the kernels are x^p and y^q
+KERNEL_POWER = -2  # p = q: the kernels are x^p and y^q
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +34,12 @@ class KernelFeatures:
     jacobian: Array
     inverse: Array
 
-    def layout(self) -> list[float]:
+    def to_message_data(self) -> list[float]:
         """The 20 numbers of camera/data: the inverse row by row, then the features."""
         return [*self.inverse.ravel().tolist(), *self.values.tolist()]
 
 
-def kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
+def compute_kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
     """Kernel features of the target (non-zero pixels) of a binary image (rows, columns).
 
     With x = i DELTA_X down the rows i = 1, 2, ... and y = j DELTA_Y along the columns j:
@@ -57,12 +57,12 @@ def kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
     count = float(per_row.sum())
     if count == 0.0:
         raise DegenerateFeatureError("kernel", "there is no target, its Jacobian has no inverse")
-    dx, dy = POWER * x ** (POWER - 1), POWER * y ** (POWER - 1)
+    dx, dy = KERNEL_POWER * x ** (KERNEL_POWER - 1), KERNEL_POWER * y ** (KERNEL_POWER - 1)
     area = DELTA_X * DELTA_Y
     central = cv2.moments(mask, binaryImage=True)
     angle = 0.5 * np.arctan2(2.0 * central["mu11"], central["mu20"] - central["mu02"])
     values = np.array(
-        [x**POWER @ per_row * area, y**POWER @ per_column * area, count * area, angle]
+        [x**KERNEL_POWER @ per_row * area, y**KERNEL_POWER @ per_column * area, count * area, angle]
     )
     jacobian = np.zeros((4, 4))
     jacobian[0, 0] = -dx @ per_row
@@ -74,7 +74,7 @@ def kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
     return KernelFeatures(values, jacobian, np.linalg.inv(jacobian))
 
 
-def kernel_of_outline(
+def compute_outline_kernel_features(
     outline: NDArray[np.float64], camera: Pinhole, width: int, height: int
 ) -> KernelFeatures:
     """Kernel features of an outline (n, 2), normalised, as the original's threshold sees it.
@@ -90,10 +90,10 @@ def kernel_of_outline(
     fine = np.zeros((height * finer, width * finer), np.uint8)
     cv2.fillPoly(fine, [np.round(fixed).astype(np.int32)], 255, shift=8)
     coverage = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
-    return kernel_features((coverage > 0.02 * 255).astype(np.uint8) * 255)
+    return compute_kernel_features((coverage > 0.02 * 255).astype(np.uint8) * 255)
 
 
-def moment_layout(mask: NDArray[np.uint8], camera: Pinhole) -> list[float]:
+def compute_original_moments(mask: NDArray[np.uint8], camera: Pinhole) -> list[float]:
     """The 4 numbers of 2016: row and column of the centre (normalised), m00, 0.1 alpha.
 
     m00 counts pixels; alpha = 1/2 atan2(2 mu11, mu20 - mu02), rad.

@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.names import suggest
 
 from .errors import ImageError, SegmentationError
 from .segmented_target import Mask
@@ -24,16 +24,16 @@ class TargetLabels:
         wanted: 'model', of which all links are the target, or 'model::link'.
     """
 
-    def __init__(self, wanted: str) -> None:
-        self.wanted = wanted
+    def __init__(self, target_name: str) -> None:
+        self.target_name = target_name
         self._links: Mapping[int, str] = {}
 
     @property
-    def named(self) -> bool:
+    def has_links(self) -> bool:
         """Whether the names of the numbers are known."""
         return bool(self._links)
 
-    def name(self, links: Mapping[int, str] | str) -> None:
+    def set_links(self, links: Mapping[int, str] | str) -> None:
         """Take in the links, 'model::link', by their numbers; or these as a YAML text.
 
         Raises:
@@ -47,30 +47,30 @@ class TargetLabels:
                 raise SegmentationError(f"names of labels that cannot be read: {error}") from None
         self._links = links
 
-    def numbers(self) -> list[int]:
+    def find_target_labels(self) -> list[int]:
         """Those that are the target.
 
         Raises:
             SegmentationError: no link has that name.
         """
         links = self._links.items()
-        found = [n for n, link in links if self.wanted in (link, link.partition(LINK)[0])]
+        found = [n for n, link in links if self.target_name in (link, link.partition(LINK)[0])]
         if not found:
             known = {link for link in self._links.values()}
             known |= {link.partition(LINK)[0] for link in known}
             raise SegmentationError(
-                f"segmentation: no link has the label '{self.wanted}': "
-                f"{nearest(self.wanted, sorted(known))}"
+                f"segmentation: no link has the label '{self.target_name}': "
+                f"{suggest(self.target_name, sorted(known))}"
             )
         return found
 
-    def mask(self, labels: NDArray[np.int32]) -> Mask:
+    def make_mask(self, labels: NDArray[np.int32]) -> Mask:
         """255 where a label image (rows, columns) has the target, 0 elsewhere; errors as
-        `numbers`."""
-        return np.isin(labels, self.numbers()).view(np.uint8) * 255
+        `find_target_labels`."""
+        return np.isin(labels, self.find_target_labels()).view(np.uint8) * 255
 
 
-def labels_of(message: Any) -> NDArray[np.int32]:
+def read_labels(message: Any) -> NDArray[np.int32]:
     """The numbers (rows, columns) of a sensor_msgs/Image of labels, 32SC1.
 
     Raises:

@@ -17,7 +17,7 @@ from .polygons import Array
 
 # Points of the average line that count beside a line's own where it is asked how they scatter: of a
 # few points, or of an edge along a row of pixels, all err alike and scatter little.
-SHARED = 6.0
+SHARED_ERROR = 6.0
 PARALLEL = 0.05  # sine of the angle between lines that do not meet
 
 
@@ -36,7 +36,7 @@ class FittedLine(NamedTuple):
     squares: float
 
     @classmethod
-    def of(cls, points: Array, normal: Array, count: float) -> FittedLine:
+    def fit(cls, points: Array, normal: Array, count: float) -> FittedLine:
         """The line through points (m, 2) that tell as much as `count` independent ones."""
         middle = points.mean(axis=0)
         across = (points - middle) @ normal
@@ -50,16 +50,16 @@ class FittedLine(NamedTuple):
         return np.array([self.normal[1], -self.normal[0]])
 
     @property
-    def freedom(self) -> float:
+    def degrees_of_freedom(self) -> float:
         """How many of its points tell how they scatter."""
         return max(self.count - 2.0, 0.5)
 
 
-def spread_of_crossings(lines: Sequence[FittedLine]) -> Array:
+def compute_crossing_spread(lines: Sequence[FittedLine]) -> Array:
     """Effects (2n, 2n) of independent errors, one standard deviation each, on the places (x_0, y_0,
     x_1, ...) at which each of n lines meets the one before it."""
     count = len(lines)
-    shared = sum(line.squares for line in lines) / sum(line.freedom for line in lines)
+    shared = sum(line.squares for line in lines) / sum(line.degrees_of_freedom for line in lines)
     spread = np.zeros((2 * count, 2 * count))
     for corner in range(count):
         pair = (corner - 1) % count, corner
@@ -68,7 +68,9 @@ def spread_of_crossings(lines: Sequence[FittedLine]) -> Array:
         place = meeting @ [n @ lines[i].middle for n, i in zip(normals, pair, strict=True)]
         for column, i in zip(meeting.T, pair, strict=True):
             line = lines[i]
-            variance = (line.squares + SHARED * shared) / (line.freedom + SHARED)
+            variance = (line.squares + SHARED_ERROR * shared) / (
+                line.degrees_of_freedom + SHARED_ERROR
+            )
             along = (place - line.middle) @ line.direction
             rows = slice(2 * corner, 2 * corner + 2)
             spread[rows, 2 * i] += column * np.sqrt(variance / line.count)
@@ -76,6 +78,6 @@ def spread_of_crossings(lines: Sequence[FittedLine]) -> Array:
     return spread
 
 
-def deviation_of(spread: Array) -> float:
+def compute_rms_deviation(spread: Array) -> float:
     """Standard deviation of coordinates, rms, of a spread (2n, m)."""
     return float(np.sqrt((spread**2).sum() / len(spread)))

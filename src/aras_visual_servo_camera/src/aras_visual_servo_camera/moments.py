@@ -23,9 +23,9 @@ from math import isfinite
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 
-from .edges import sides
+from .edge_pixels import compute_edge_moments
 from .errors import MomentsError
 from .polygons import Array, cross, find_crossing, next_vertices
 
@@ -47,7 +47,7 @@ def exponents(order: int) -> tuple[tuple[int, int], ...]:
 
 
 @cache
-def _flat_index(order: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _make_flat_index(order: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     pairs = np.array(exponents(order))
     return pairs[:, 0], pairs[:, 1]
 
@@ -99,34 +99,34 @@ class Moments:
     def raw(self) -> Array:
         """(order+1, order+1) read-only, m_ij at [i, j]; worked out when first asked for."""
         table = translate(self.centred, self.xg, self.yg)
-        return _frozen(_triangle(table, self.order))
+        return _freeze(_select_triangle(table, self.order))
 
     @cached_property
     def second(self) -> tuple[float, float, float]:
         """mu20, mu11, mu02. Raises MomentsError where they are not known."""
-        self._check(2, 0)
+        self._check_order(2, 0)
         (_, _, mu02), (_, mu11, _), (mu20, _, _) = self.centred[:3, :3].tolist()
         return mu20, mu11, mu02
 
     def m(self, i: int, j: int) -> float:
         """Raw moment m_ij. Raises MomentsError beyond `order`."""
-        self._check(i, j)
+        self._check_order(i, j)
         return float(self.raw[i, j])
 
     def mu(self, i: int, j: int) -> float:
         """Centred moment mu_ij. Raises MomentsError beyond `order`."""
-        self._check(i, j)
+        self._check_order(i, j)
         return float(self.centred[i, j])
 
     @property
     def m_array(self) -> Array:
         """All m_ij in exchange order, shape ((order+1)(order+2)/2,)."""
-        return self.raw[_flat_index(self.order)]
+        return self.raw[_make_flat_index(self.order)]
 
     @property
     def mu_array(self) -> Array:
         """All mu_ij in exchange order, shape ((order+1)(order+2)/2,)."""
-        return self.centred[_flat_index(self.order)]
+        return self.centred[_make_flat_index(self.order)]
 
     @property
     def area(self) -> float:
@@ -135,7 +135,7 @@ class Moments:
             return self.m00
         return float(self.centred[2, 0] + self.centred[0, 2])
 
-    def _check(self, i: int, j: int) -> None:
+    def _check_order(self, i: int, j: int) -> None:
         if i < 0 or j < 0 or i + j > self.order:
             raise MomentsError(f"moment ({i}, {j}) asked for, but only i + j <= {self.order} known")
 
@@ -156,11 +156,11 @@ class Moments:
             raise MomentsError("moments must be finite; a lost target carries none at all")
         if m[0] <= 0.0:
             raise MomentsError(f"m00 = {m[0]:g} must be positive: the shape is empty")
-        index = _flat_index(order)
+        index = _make_flat_index(order)
         raw, centred = np.zeros((2, order + 1, order + 1))
         raw[index], centred[index] = m, mu
-        result = cls(order, kind, float(m[0]), m[1] / m[0], m[2] / m[0], _frozen(centred))
-        result.__dict__["raw"] = _frozen(raw)
+        result = cls(order, kind, float(m[0]), m[1] / m[0], m[2] / m[0], _freeze(centred))
+        result.__dict__["raw"] = _freeze(raw)
         return result
 
     @classmethod
@@ -180,18 +180,20 @@ class Moments:
         Raises:
             MomentsError: fewer than three vertices, edges that cross, zero area, not finite.
         """
-        outline = _vertices(vertices, "polygon")
+        outline = _check_vertices(vertices, "polygon")
         centre = outline.mean(axis=0)
-        table = _polygon_table(outline - centre, order, "polygon")
+        table = _compute_polygon_moments(outline - centre, order, "polygon")
         for number, hole in enumerate(holes):
             label = f"hole {number}"
-            table = table - _polygon_table(_vertices(hole, label) - centre, order, label)
+            table = table - _compute_polygon_moments(
+                _check_vertices(hole, label) - centre, order, label
+            )
         return cls._from_table(table, float(centre[0]), float(centre[1]), order, DENSE)
 
     @classmethod
     def from_points(cls, points: ArrayLike, order: int = MAX_ORDER) -> Moments:
         """Moments of a set of at least three points, (n, 2) normalised, each of weight one."""
-        points = _vertices(points, "set of points")
+        points = _check_vertices(points, "set of points")
         return cls.from_samples(points[:, 0], points[:, 1], np.ones(len(points)), order, POINTS)
 
     @classmethod
@@ -225,7 +227,7 @@ class Moments:
                 np.multiply(py[k], dy, out=py[k + 1])
             table += px @ py.T
         if extent is not None:
-            table = _extended(table, extent)
+            table = _apply_extent(table, extent)
         return cls._from_table(table, x0, y0, order, kind)
 
     @classmethod
@@ -255,50 +257,55 @@ class Moments:
             MomentsError: the image has no weight.
         """
         rows, columns = weights.shape
-        v = _powers(rows, order, coverage)
-        u = _powers(columns, order, coverage)
+        v = _compute_powers(rows, order, coverage)
+        u = _compute_powers(columns, order, coverage)
         weights = weights.astype(np.float64, copy=False)
         if coverage:
-            across, along = sides(weights if full_scale == 1.0 else weights / full_scale)
-            slope_u, slope_v = _slopes(columns, order), _slopes(rows, order)
+            across, along = compute_edge_moments(
+                weights if full_scale == 1.0 else weights / full_scale
+            )
+            slope_u, slope_v = (
+                _compute_power_derivatives(columns, order),
+                _compute_power_derivatives(rows, order),
+            )
             part = full_scale * (v.T @ (across @ slope_u) + slope_v.T @ (along @ u))
             table = (v.T @ (weights @ u) + part).T
         else:
             table = (v.T @ weights @ u).T
-        table = table * _pixel_scale(camera.fx, camera.fy, order, full_scale)
+        table = table * _compute_pixel_scale(camera.fx, camera.fy, order, full_scale)
         x0 = (offset[0] + 0.5 * (columns - 1) - camera.cx) / camera.fx
         y0 = (offset[1] + 0.5 * (rows - 1) - camera.cy) / camera.fy
         return cls._from_table(table, x0, y0, order, DENSE)
 
-    def plus(self, raw: Array) -> Moments:
+    def add(self, raw: Array) -> Moments:
         """Of this shape and a change of it, which has raw moments (order+1, order+1) of its own."""
         return self._from_table(self.raw + raw, 0.0, 0.0, self.order, self.kind)
 
     @classmethod
     def _from_table(cls, table: Array, x0: float, y0: float, order: int, kind: str) -> Moments:
         """From the moments (order+1, order+1) about the point (x0, y0)."""
-        m00, dx, dy, centred = _about_centre(table)
+        m00, dx, dy, centred = _centre_moments(table)
         if not (m00 > 0.0 and isfinite(m00)):
             raise MomentsError(f"m00 = {m00:g} must be positive: the shape is empty")
-        return cls(order, kind, m00, x0 + dx, y0 + dy, _frozen(centred))
+        return cls(order, kind, m00, x0 + dx, y0 + dy, _freeze(centred))
 
 
-def _frozen(array: Array) -> Array:
+def _freeze(array: Array) -> Array:
     array.setflags(write=False)
     return array
 
 
 @cache
-def _triangle_mask(order: int) -> Array:
+def _make_triangle_mask(order: int) -> Array:
     i = np.arange(order + 1)
     return (i[:, None] + i[None, :] <= order).astype(float)
 
 
-def _triangle(table: Array, order: int) -> Array:
-    return table * _triangle_mask(order)
+def _select_triangle(table: Array, order: int) -> Array:
+    return table * _make_triangle_mask(order)
 
 
-@compiled("f8[:,:], f8, f8")
+@jit("f8[:,:], f8, f8")
 def translate(table, dx, dy):
     """Moments of the shape moved by (dx, dy): sum of C(i,k) C(j,l) dx^(i-k) dy^(j-l) m_kl."""
     size = table.shape[0]
@@ -318,8 +325,8 @@ def translate(table, dx, dy):
     return moved
 
 
-@compiled("f8[:,:]")
-def _about_centre(table):
+@jit("f8[:,:]")
+def _centre_moments(table):
     """m00 and the centre of gravity of moments about some point, and the same about that centre."""
     m00 = table[0, 0]
     dx, dy = table[1, 0] / m00, table[0, 1] / m00
@@ -330,7 +337,7 @@ def _about_centre(table):
     return m00, dx, dy, centred
 
 
-def _extended(table: Array, extent: tuple[float, float, float]) -> Array:
+def _apply_extent(table: Array, extent: tuple[float, float, float]) -> Array:
     """Moments with (1 + half the extent's Laplacian) applied to x^i y^j."""
     xx, xy, yy = extent
     k = np.arange(table.shape[0], dtype=float)
@@ -343,33 +350,33 @@ def _extended(table: Array, extent: tuple[float, float, float]) -> Array:
 
 
 @lru_cache(maxsize=4096)
-def _powers(size: int, order: int, coverage: bool) -> Array:
+def _compute_powers(size: int, order: int, coverage: bool) -> Array:
     """(size, order+1): powers of the pixel coordinate about the middle of `size` pixels; with
     `coverage` their means over each pixel."""
     u, k = np.arange(size) - 0.5 * (size - 1), np.arange(order + 1)
     if coverage:
         high, low = ((u[:, None] + half) ** (k + 1) for half in (0.5, -0.5))
-        return _frozen((high - low) / (k + 1))
-    return _frozen(u[:, None] ** k)
+        return _freeze((high - low) / (k + 1))
+    return _freeze(u[:, None] ** k)
 
 
 @lru_cache(maxsize=4096)
-def _slopes(size: int, order: int) -> Array:
-    """(size, order+1): derivatives of `_powers` with coverage."""
+def _compute_power_derivatives(size: int, order: int) -> Array:
+    """(size, order+1): derivatives of `_compute_powers` with coverage."""
     slopes = np.zeros((size, order + 1))
-    slopes[:, 1:] = np.arange(1, order + 1) * _powers(size, order, True)[:, :-1]
-    return _frozen(slopes)
+    slopes[:, 1:] = np.arange(1, order + 1) * _compute_powers(size, order, True)[:, :-1]
+    return _freeze(slopes)
 
 
 @lru_cache(maxsize=64)
-def _pixel_scale(fx: float, fy: float, order: int, full_scale: float) -> Array:
+def _compute_pixel_scale(fx: float, fy: float, order: int, full_scale: float) -> Array:
     if not (fx > 0.0 and fy > 0.0 and isfinite(fx) and isfinite(fy)):
         raise MomentsError(f"focal lengths must be positive and finite, got fx={fx:g}, fy={fy:g}")
     n = np.arange(1, order + 2)
-    return _frozen(np.outer(fx ** -n.astype(float), fy ** -n.astype(float)) / full_scale)
+    return _freeze(np.outer(fx ** -n.astype(float), fy ** -n.astype(float)) / full_scale)
 
 
-def _vertices(points: ArrayLike, label: str) -> Array:
+def _check_vertices(points: ArrayLike, label: str) -> Array:
     points = np.asarray(points, dtype=float)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
         raise MomentsError(f"the {label} needs at least three (x, y), got shape {points.shape}")
@@ -378,7 +385,7 @@ def _vertices(points: ArrayLike, label: str) -> Array:
     return points
 
 
-def _polygon_table(p: Array, order: int, label: str) -> Array:
+def _compute_polygon_moments(p: Array, order: int, label: str) -> Array:
     """Moments (order+1, order+1) about the origin of the polygon p, counted positive."""
     crossing = find_crossing(p)
     if crossing is not None:
@@ -396,4 +403,4 @@ def _polygon_table(p: Array, order: int, label: str) -> Array:
     extent = float(np.abs(p).max())
     if abs(table[0, 0]) <= 1e-14 * extent**2:
         raise MomentsError(f"the {label} has no area: its vertices lie on one line")
-    return _triangle(table if table[0, 0] > 0.0 else -table, order)
+    return _select_triangle(table if table[0, 0] > 0.0 else -table, order)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 
 from .interaction import Plane
 from .moments import DENSE, Moments, translate
@@ -28,7 +28,7 @@ from .polygons import Array
 # leave up to 2e-3 of a rectangle; shapes that have a direction to the eye have 1e-2 and more.
 SYMMETRY_TOLERANCE = 0.003
 # Of a view: its centred moments, A, B, C of its plane, xg, yg, 3 for a region.
-VIEW = "f8[:,:], f8, f8, f8, f8, f8, f8"
+VIEW_SIGNATURE = "f8[:,:], f8, f8, f8, f8, f8, f8"
 
 
 class Orientation(NamedTuple):
@@ -45,31 +45,31 @@ class Orientation(NamedTuple):
     third: tuple[float, float, float, float]
 
     @classmethod
-    def of(cls, moments: Moments, plane: Plane) -> Orientation | None:
+    def from_moments(cls, moments: Moments, plane: Plane) -> Orientation | None:
         """Orientation of one view; None without a main axis or without third-order moments."""
-        known, *found = _orientation(*_view(moments, plane))
+        known, *found = _compute_orientation(*_pack_view(moments, plane))
         return cls(*found) if known else None
 
     @property
-    def symmetric(self) -> bool:
+    def is_symmetric(self) -> bool:
         """True if a half turn makes no difference that could be told."""
-        return sqrt(product(self.third, self.third)) < SYMMETRY_TOLERANCE
+        return sqrt(compute_third_product(self.third, self.third)) < SYMMETRY_TOLERANCE
 
 
 def full_alpha(moments: Moments, alpha: float, plane: Plane, reference: Orientation) -> float:
     """alpha or alpha +- pi, in (-pi, pi]; alpha itself for a symmetric shape."""
-    if reference.symmetric or not _opposite(*_view(moments, plane), alpha, *reference):
+    if reference.is_symmetric or not _is_opposite(*_pack_view(moments, plane), alpha, *reference):
         return alpha
     return alpha + (pi if alpha <= 0.0 else -pi)
 
 
-def _view(moments: Moments, plane: Plane) -> tuple[Array | float, ...]:
+def _pack_view(moments: Moments, plane: Plane) -> tuple[Array | float, ...]:
     """What the compiled functions take of one view."""
     shrinking = 3.0 if moments.kind == DENSE else 0.0
     return moments.centred, *plane, moments.xg, moments.yg, shrinking
 
 
-@compiled("UniTuple(f8, 4), f8")
+@jit("UniTuple(f8, 4), f8")
 def rotate_third(third, angle):
     """mu30, mu21, mu12, mu03 of a shape turned by `angle` (x towards y), rad."""
     a, b, c, d = third
@@ -82,14 +82,14 @@ def rotate_third(third, angle):
     return m30, m21, m12, m03
 
 
-@compiled("UniTuple(f8, 4), UniTuple(f8, 4)")
-def product(p, q):
+@jit("UniTuple(f8, 4), UniTuple(f8, 4)")
+def compute_third_product(p, q):
     """Scalar product of third-order moments that a common rotation leaves alone."""
     return p[0] * q[0] + 3 * p[1] * q[1] + 3 * p[2] * q[2] + p[3] * q[3]
 
 
-@compiled("f8, f8, f8, f8, f8, f8, f8")
-def _in_plane(A, B, C, xg, yg, ex, ey):
+@jit("f8, f8, f8, f8, f8, f8, f8")
+def _compute_plane_map(A, B, C, xg, yg, ex, ey):
     """G (2, 2): image offset to offset along two axes of the plane, the shortest turn away from
     the image's axes."""
     size = np.sqrt(A**2 + B**2 + C**2)
@@ -107,13 +107,13 @@ def _in_plane(A, B, C, xg, yg, ex, ey):
     return G
 
 
-@compiled(VIEW)
-def _in_plane_moments(centred, A, B, C, xg, yg, shrinking):
+@jit(VIEW_SIGNATURE)
+def _compute_plane_moments(centred, A, B, C, xg, yg, shrinking):
     """(4, 4) moments about the point of the plane (A, B, C) at (0, 0): of
     (G d)^(i, j) / (1 + e.d)^k, with k = i + j + shrinking."""
     inverse_depth = A * xg + B * yg + C
     ex, ey = A / inverse_depth, B / inverse_depth
-    G = _in_plane(A, B, C, xg, yg, ex, ey)
+    G = _compute_plane_map(A, B, C, xg, yg, ex, ey)
     gx, gy = G[0], G[1]
     known, result = centred.shape[0] - 1, np.zeros((4, 4))
     of_x_tilt, of_y_tilt = np.ones(known + 1), np.ones(known + 1)
@@ -145,8 +145,8 @@ def _in_plane_moments(centred, A, B, C, xg, yg, shrinking):
     return result
 
 
-@compiled(VIEW)
-def upright(centred, A, B, C, xg, yg, shrinking):
+@jit(VIEW_SIGNATURE)
+def compute_upright_moments(centred, A, B, C, xg, yg, shrinking):
     """Centred moments up to order 3 as a camera looking along the plane's normal sees them.
 
     With d the offset from the centre of gravity g in the image, e = (A, B) / (1/Zg) and G the
@@ -164,17 +164,17 @@ def upright(centred, A, B, C, xg, yg, shrinking):
     Returns:
         (4, 4), up to a common factor per order: mu_ij at [i, j].
     """
-    table = _in_plane_moments(centred, A, B, C, xg, yg, shrinking)
+    table = _compute_plane_moments(centred, A, B, C, xg, yg, shrinking)
     return translate(table, -table[1, 0] / table[0, 0], -table[0, 1] / table[0, 0])
 
 
-@compiled(VIEW)
-def _orientation(centred, A, B, C, xg, yg, shrinking):
+@jit(VIEW_SIGNATURE)
+def _compute_orientation(centred, A, B, C, xg, yg, shrinking):
     """Whether there is one, and what Orientation holds."""
     none = False, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0)
     if len(centred) < 4:
         return none
-    mu = upright(centred, A, B, C, xg, yg, shrinking)
+    mu = compute_upright_moments(centred, A, B, C, xg, yg, shrinking)
     m00, total = mu[0, 0], mu[2, 0] + mu[0, 2]
     c, s = centred[2, 0] - centred[0, 2], 2.0 * centred[1, 1]
     upright_c, upright_s = mu[2, 0] - mu[0, 2], 2.0 * mu[1, 1]
@@ -185,17 +185,17 @@ def _orientation(centred, A, B, C, xg, yg, shrinking):
     return True, 0.5 * atan2(s, c), 0.5 * atan2(upright_s, upright_c), third
 
 
-@compiled(f"{VIEW}, f8, f8, f8, UniTuple(f8, 4)")
-def _opposite(centred, A, B, C, xg, yg, shrinking, alpha, of_alpha, of_upright_alpha, of_third):
+@jit(f"{VIEW_SIGNATURE}, f8, f8, f8, UniTuple(f8, 4)")
+def _is_opposite(centred, A, B, C, xg, yg, shrinking, alpha, of_alpha, of_upright_alpha, of_third):
     """Whether a view with alpha (rad) in its image points the other way than alpha says.
 
     of_alpha, of_upright_alpha, of_third: the reference's Orientation.
     """
-    known, _, upright_alpha, third = _orientation(centred, A, B, C, xg, yg, shrinking)
-    if not known or np.sqrt(product(third, third)) < SYMMETRY_TOLERANCE:
+    known, _, upright_alpha, third = _compute_orientation(centred, A, B, C, xg, yg, shrinking)
+    if not known or np.sqrt(compute_third_product(third, third)) < SYMMETRY_TOLERANCE:
         return False
     turn = upright_alpha - of_upright_alpha
-    if product(rotate_third(of_third, turn), third) < 0.0:
+    if compute_third_product(rotate_third(of_third, turn), third) < 0.0:
         turn += pi
     off = alpha - of_alpha - turn
     return abs(off - 2.0 * pi * np.rint(off / (2.0 * pi))) > 0.5 * pi

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.settings import parameter
 
-from .coverage import coverage
+from .coverage import compute_coverage
 from .degeneracy import gyration_radius
-from .edges import placed
+from .edge_pixels import locate_covered_parts
 from .errors import CalibrationError, SegmentationError, VisionError
 from .images import Image
-from .kernel import kernel_features, moment_layout
+from .kernel import compute_kernel_features, compute_original_moments
 from .moments import MAX_ORDER, Moments
 from .segmentation import BY_COLOUR, Segmentation
 from .segmented_target import SegmentedTarget, segment
@@ -41,7 +41,7 @@ Settings = PipelineSettings  # its documented name
 
 
 @dataclass(frozen=True, eq=False)
-class Measurement:
+class TargetDetection:
     """The target in one image.
 
     Attributes:
@@ -63,22 +63,24 @@ class Measurement:
 class Pipeline:
     """Measures image after image; remembers the camera and where the target was last."""
 
-    def __init__(self, settings: PipelineSettings, region: NDArray[np.uint8] | None = None) -> None:
+    def __init__(
+        self, settings: PipelineSettings, component_mask: NDArray[np.uint8] | None = None
+    ) -> None:
         """`region`: mask image (rows, columns) for the component choice 'mask'."""
         self.settings = settings
-        self.region = region
+        self.component_mask = component_mask
         self.camera: CameraModel | None = None
         self.camera_fault = "no camera_info has arrived yet"
         self.reset()
 
     def reset(self) -> None:
         """Forget where the target was, as after the clock went back."""
-        self._previous: tuple[float, float] | None = None
+        self._previous_centre: tuple[float, float] | None = None
 
     def set_camera(self, camera: CameraModel) -> None:
         """Use these intrinsics from the next image on."""
         if camera != self.camera:
-            if camera.distorted:
+            if camera.is_distorted:
                 _ = camera.tables  # worked out here, once, and not inside the next image's time
             self.camera, self.camera_fault = camera, ""
 
@@ -86,15 +88,15 @@ class Pipeline:
         """There are no usable intrinsics, and why."""
         self.camera, self.camera_fault = None, fault
 
-    def measure(self, image: Image) -> Measurement:
+    def measure(self, image: Image) -> TargetDetection:
         """Segment the image and take the target's moments. Raises SegmentationError."""
         camera = self.camera
         colour = None
         if self.settings.segmentation.method in BY_COLOUR:
             colour = image.rgb if image.has_colour else None
-        seen = self._seen(image.grey)
-        options = (self.settings.segmentation, colour, self._previous, self.region,
-                   image.labelled)  # fmt: skip
+        seen = self._mask_blind_pixels(image.grey)
+        options = (self.settings.segmentation, colour, self._previous_centre, self.component_mask,
+                   image.target_mask)  # fmt: skip
         target = segment(seen, *options)
         if target.reason and seen is not image.grey:
             target = segment(image.grey, *options)  # to say what is wrong with what is there
@@ -107,17 +109,17 @@ class Pipeline:
                 f"{camera.width} x {camera.height}"
             )
         if reason:
-            self._previous = None if target.pixel_count == 0 else self._previous
-            return Measurement(False, reason, target, None, camera)
-        self._previous = _middle(target)
+            self._previous_centre = None if target.pixel_count == 0 else self._previous_centre
+            return TargetDetection(False, reason, target, None, camera)
+        self._previous_centre = _compute_box_centre(target)
         try:
-            moments = self._moments(image.grey, target, camera)
+            moments = self._compute_moments(image.grey, target, camera)
         except VisionError as error:
-            return Measurement(False, str(error), target, None, camera)
-        reason = _unfit(target, moments)
-        return Measurement(not reason, reason, target, moments, camera)
+            return TargetDetection(False, str(error), target, None, camera)
+        reason = _explain_invalid(target, moments)
+        return TargetDetection(not reason, reason, target, moments, camera)
 
-    def _seen(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def _mask_blind_pixels(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The image with ground where the lens gives no normalised coordinates.
 
         At the rim of a fisheye's picture stand things that no pinhole can see; the largest dark
@@ -125,28 +127,28 @@ class Pipeline:
         its moments are taken from the image as it is.
         """
         camera = self.camera
-        if camera is None or camera.blind is None or camera.blind.shape != grey.shape:
+        if camera is None or camera.blind_mask is None or camera.blind_mask.shape != grey.shape:
             return grey
         ground = 255 if self.settings.segmentation.dark_target else 0
-        return np.where(camera.blind, np.uint8(ground), grey)
+        return np.where(camera.blind_mask, np.uint8(ground), grey)
 
-    def original(self, image: Image) -> list[float]:
+    def compute_original_data(self, image: Image) -> list[float]:
         """The numbers of camera/data, from the fixed threshold of the original.
 
         Raises:
             DegenerateFeatureError: no target. CalibrationError: 'moments' without camera_info.
         """
         if self.settings.layout == "kernel":
-            return self.kernel(image)
+            return self.compute_kernel_data(image)
         if self.camera is None:
             raise CalibrationError(self.camera_fault)
-        return moment_layout(self.original_mask(image), self.camera.pinhole)
+        return compute_original_moments(self.make_original_mask(image), self.camera.pinhole)
 
-    def kernel(self, image: Image) -> list[float]:
+    def compute_kernel_data(self, image: Image) -> list[float]:
         """The 20 numbers of the kernel layout. Raises DegenerateFeatureError: no target."""
-        return kernel_features(self.original_mask(image)).layout()
+        return compute_kernel_features(self.make_original_mask(image)).to_message_data()
 
-    def original_mask(self, image: Image) -> NDArray[np.uint8]:
+    def make_original_mask(self, image: Image) -> NDArray[np.uint8]:
         """Inverse binary image (0, 255) at the original's threshold.
 
         That is of pictures whose white is 255: it is lowered where the bright level that most
@@ -157,16 +159,16 @@ class Pipeline:
         level = self.settings.original_threshold * white / 255.0
         return cv2.threshold(image.grey, level, 255, cv2.THRESH_BINARY_INV)[1]
 
-    def _moments(
+    def _compute_moments(
         self, grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraModel
     ) -> Moments:
         settings = self.settings
-        weights, corner, full_scale = _binary(target)
+        weights, corner, full_scale = _crop_mask(target)
         smooth = settings.weighting == "coverage"
         if smooth:
-            weights, corner, _, _ = coverage(grey, target, settings.edge_band)
+            weights, corner, _, _ = compute_coverage(grey, target, settings.edge_band)
             full_scale = 1.0
-        if not camera.distorted:
+        if not camera.is_distorted:
             return Moments.from_image(
                 weights, camera.pinhole, settings.order, full_scale, corner, smooth
             )
@@ -178,29 +180,29 @@ class Pipeline:
                 "the target reaches beyond the part of the image that has normalised coordinates"
             )
         if smooth:
-            x, y, weight = placed(*tables, weights, *corner)
+            x, y, weight = locate_covered_parts(*tables, weights, *corner)
             column, row, width, height = target.box
-            extent = tables.pixel_variance(column + width // 2, row + height // 2)
+            extent = tables.compute_pixel_variance(column + width // 2, row + height // 2)
             return Moments.from_samples(x, y, weight, settings.order, extent=extent)
         x, y, area = (table[crop].ravel() for table in tables)
         return Moments.from_samples(x, y, weights.ravel() * area / full_scale, settings.order)
 
 
-def _binary(target: SegmentedTarget) -> tuple[NDArray[np.uint8], tuple[int, int], float]:
+def _crop_mask(target: SegmentedTarget) -> tuple[NDArray[np.uint8], tuple[int, int], float]:
     column, row, width, height = target.box
     return target.mask[row : row + height, column : column + width], (column, row), 255.0
 
 
-def _middle(target: SegmentedTarget) -> tuple[float, float]:
+def _compute_box_centre(target: SegmentedTarget) -> tuple[float, float]:
     column, row, width, height = target.box
     return column + 0.5 * (width - 1), row + 0.5 * (height - 1)
 
 
-def _unfit(target: SegmentedTarget, moments: Moments) -> str:
-    if target.borders:
+def _explain_invalid(target: SegmentedTarget, moments: Moments) -> str:
+    if target.touched_borders:
         return (
-            f"the target touches the {' and '.join(target.borders)} border of the image "
-            f"({target.taken()})"
+            f"the target touches the {' and '.join(target.touched_borders)} border of the image "
+            f"({target.describe()})"
         )
     mu20, mu11, mu02 = moments.second
     if mu20 * mu02 - mu11**2 <= 1e-9 * moments.m00**2 * gyration_radius(moments) ** 4:

@@ -13,7 +13,7 @@ from .errors import SegmentationError, VisionError
 METHODS = ("fixed", "otsu", "adaptive", "colour", "nearest_colour", "label")
 BY_COLOUR = ("colour", "nearest_colour")
 COMPONENTS = ("all", "largest", "nearest", "mask")
-LARGEST = (179, 255, 255)  # hue, saturation and value, as OpenCV has them
+MAX_HSV = (179, 255, 255)  # hue, saturation and value, as OpenCV has them
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Segmentation:
             raise SegmentationError(f"adaptive_block is {self.adaptive_block}, must be odd")
         for name in ("colour_low", "colour_high"):
             colour = getattr(self, name)
-            if len(colour) != 3 or not all(map(_within, colour, LARGEST)):
+            if len(colour) != 3 or not all(map(_is_within, colour, MAX_HSV)):
                 raise SegmentationError(
                     f"{name} {tuple(colour)} must be hue 0-179, saturation 0-255, value 0-255"
                 )
@@ -84,10 +84,10 @@ class Segmentation:
             )
 
     @property
-    def kinds(self) -> tuple[str, ...]:
+    def image_kinds(self) -> tuple[str, ...]:
         """Of the images of one exposure that it takes."""
         return ("image", "labels") if self.method == "label" else ("image",)
 
 
-def _within(level: float, largest: float) -> bool:
+def _is_within(level: float, largest: float) -> bool:
     return 0 <= level <= largest

@@ -15,11 +15,11 @@ import numpy as np
 from .errors import ModelError
 from .interaction import Plane
 
-SAMPLES = 360  # along the outline, at equal parts of its length
+SILHOUETTE_SAMPLES = 360  # along the outline, at equal parts of its length
 # rms part of its distance by which the outline may be off the plane. Of boxes up to 0.24 m high,
 # seen from 0.25 m above and up to 0.12 m beside them, all runs of those with up to 0.088 and a
 # height of up to 0.18 m converged, with 0.101 three of five lost the target.
-FARTHEST_OFF = 0.09
+MAX_PLANE_DEVIATION = 0.09
 
 
 class Rim(NamedTuple):
@@ -33,7 +33,7 @@ class Rim(NamedTuple):
     deviation: float
 
 
-def outline_points(points: np.ndarray) -> np.ndarray:
+def find_silhouette_points(points: np.ndarray) -> np.ndarray:
     """Those (n, 3) of a solid's vertices (m, 3), m, in the camera's frame, that bound its view:
     the corners of its convex outline in order.
 
@@ -46,34 +46,37 @@ def outline_points(points: np.ndarray) -> np.ndarray:
     return points[cv2.convexHull(seen.astype(np.float32), returnPoints=False)[:, 0]]
 
 
-def rim_of(points: np.ndarray) -> Rim:
+def fit_rim(points: np.ndarray) -> Rim:
     """The plane of a solid's outline, of its vertices (m, 3), m, in the camera's frame.
 
     Raises:
-        ModelError: as `outline_points`.
+        ModelError: as `find_silhouette_points`.
     """
-    corners = outline_points(points)
+    corners = find_silhouette_points(points)
     # Along a straight edge 1/Z is linear in the picture.
     ring = np.column_stack([corners[:, :2], np.ones(len(corners))]) / corners[:, 2:]
     steps = np.linalg.norm(np.diff(ring[:, :2], axis=0, append=ring[:1, :2]), axis=1)
     way = np.concatenate([[0.0], steps.cumsum()])
-    closed, at = np.vstack([ring, ring[:1]]), way[-1] * np.arange(SAMPLES) / SAMPLES
+    closed, at = (
+        np.vstack([ring, ring[:1]]),
+        way[-1] * np.arange(SILHOUETTE_SAMPLES) / SILHOUETTE_SAMPLES,
+    )
     x, y, nearness = (np.interp(at, way, column) for column in closed.T)
-    rays = np.column_stack([x, y, np.ones(SAMPLES)])
+    rays = np.column_stack([x, y, np.ones(SILHOUETTE_SAMPLES)])
     plane = np.linalg.lstsq(rays, nearness, rcond=None)[0]
     deviation = float(np.sqrt(np.mean((rays @ plane / nearness - 1.0) ** 2)))
     return Rim(Plane(*plane.tolist()), deviation)
 
 
-def fitting_plane(points: np.ndarray, name: str) -> Plane:
-    """The plane of `rim_of`; `name`: of the solid, for messages.
+def fit_outline_plane(points: np.ndarray, name: str) -> Plane:
+    """The plane of `fit_rim`; `name`: of the solid, for messages.
 
     Raises:
-        ModelError: as `outline_points`, or no plane fits the outline.
+        ModelError: as `find_silhouette_points`, or no plane fits the outline.
     """
-    plane, deviation = rim_of(points)
-    if deviation > FARTHEST_OFF:
-        off, most = 100.0 * deviation, 100.0 * FARTHEST_OFF
+    plane, deviation = fit_rim(points)
+    if deviation > MAX_PLANE_DEVIATION:
+        off, most = 100.0 * deviation, 100.0 * MAX_PLANE_DEVIATION
         raise ModelError(
             f"no plane fits the outline of {name}, and moments need one: its depth is off by "
             f"{off:.0f} % of the distance (rms; {most:.0f} % are allowed): look from farther away, "
@@ -90,7 +93,7 @@ class OutlinePlane:
         self._points = vertices @ world_T_solid[:3, :3].T + world_T_solid[:3, 3]
         self._name = name
 
-    def seen_from(self, world_T_camera: np.ndarray) -> Plane:
-        """In the frame of a camera there (4, 4); ModelError as `fitting_plane`."""
+    def compute_plane(self, world_T_camera: np.ndarray) -> Plane:
+        """In the frame of a camera there (4, 4); ModelError as `fit_outline_plane`."""
         ahead = self._points - world_T_camera[:3, 3]
-        return fitting_plane(ahead @ world_T_camera[:3, :3], self._name)
+        return fit_outline_plane(ahead @ world_T_camera[:3, :3], self._name)

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.lenses import (
     brown,
-    brown_beyond_fold,
+    extrapolate_brown,
+    extrapolate_kannala_brandt,
     fold_radius,
     kannala_brandt,
-    kannala_brandt_beyond_fold,
     kannala_brandt_fold,
 )
 
@@ -41,7 +41,7 @@ class PixelTables(NamedTuple):
     y: Array
     area: Array
 
-    def pixel_variance(self, column: int, row: int) -> tuple[float, float, float]:
+    def compute_pixel_variance(self, column: int, row: int) -> tuple[float, float, float]:
         """Variance (xx, xy, yy) of one pixel's square, mapped to normalised coordinates."""
         rows, columns = self.area.shape
         c0, c1 = max(column - 1, 0), min(column + 1, columns - 1)
@@ -113,7 +113,7 @@ class CameraModel:
         return Pinhole.from_K(self.K)
 
     @cached_property
-    def distorted(self) -> bool:
+    def is_distorted(self) -> bool:
         """True if pixels need the tables; a fisheye lens does even with D = 0."""
         return self.model in FISHEYE_MODELS or any(self.D)
 
@@ -138,9 +138,9 @@ class CameraModel:
         )
 
     @cached_property
-    def blind(self) -> NDArray[np.bool_] | None:
+    def blind_mask(self) -> NDArray[np.bool_] | None:
         """(rows, columns), True where pixels have no normalised coordinates; None: nowhere."""
-        if not self.distorted:
+        if not self.is_distorted:
             return None
         blind = self.tables.area <= 0.0
         return blind if blind.any() else None
@@ -150,7 +150,7 @@ class CameraModel:
         camera = self.pinhole
         xd = (np.asarray(u, dtype=float) - camera.cx) / camera.fx
         yd = (np.asarray(v, dtype=float) - camera.cy) / camera.fy
-        if not self.distorted:
+        if not self.is_distorted:
             return xd, yd, np.ones(xd.shape, dtype=bool)
         if self.model in FISHEYE_MODELS:
             return _undistort_fisheye(xd, yd, self.D or (0.0,) * 4)
@@ -159,17 +159,17 @@ class CameraModel:
     def project(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Pixel places (column, row) of normalised x, y (n,), with the distortion."""
         x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-        if self.distorted:
+        if self.is_distorted:
             if self.model in FISHEYE_MODELS:
                 x, y = _distort_fisheye(x, y, self.D or (0.0,) * 4)
             else:
-                x, y = brown_beyond_fold(x, y, self.D)
+                x, y = extrapolate_brown(x, y, self.D)
         camera = self.pinhole
         return camera.fx * x + camera.cx, camera.fy * y + camera.cy
 
 
 def normalise_pixels(
-    pixels: Array, camera: CameraModel, assumed: CameraModel, closed: bool = False
+    pixels: Array, camera: CameraModel, assumed: CameraModel, is_closed: bool = False
 ) -> Array:
     """Normalised points (n, 2) that an assumed camera makes of pixels of the true one.
 
@@ -181,7 +181,7 @@ def normalise_pixels(
     Returns:
         NaN where the assumed camera has no ray.
     """
-    if closed and camera != assumed and (camera.distorted or assumed.distorted):
+    if is_closed and camera != assumed and (camera.is_distorted or assumed.is_distorted):
         x, y, _ = camera.normalise(*pixels.T)
         pixels = np.column_stack(camera.project(*subdivide(np.column_stack([x, y])).T))
     x, y, valid = assumed.normalise(*pixels.T)
@@ -218,7 +218,7 @@ def _undistort_polynomial(xd: Array, yd: Array, D: tuple[float, ...]):
 
 def _distort_fisheye(x: Array, y: Array, D: tuple[float, ...]):
     r = np.hypot(x, y)
-    rd = kannala_brandt_beyond_fold(np.arctan(r), D)
+    rd = extrapolate_kannala_brandt(np.arctan(r), D)
     scale = np.divide(rd, r, out=np.ones_like(r), where=r > 0.0)
     return x * scale, y * scale
 

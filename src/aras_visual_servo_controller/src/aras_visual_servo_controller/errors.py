@@ -1,7 +1,7 @@
 """Faults of the servo loop. Every message says what, where and how to fix it."""
 
 # Of a target that kinematics have behind the camera, or the image on the far side of its plane.
-BEHIND = "a point of the target lies behind the camera"
+POINT_BEHIND_CAMERA = "a point of the target lies behind the camera"
 
 
 class ServoError(Exception):
@@ -19,9 +19,9 @@ class UnreachableError(ServoError):
         excess: how far beyond the reach the wrist would have to go, m.
     """
 
-    def __init__(self, message: str, excess: float) -> None:
+    def __init__(self, message: str, distance: float) -> None:
         super().__init__(message)
-        self.excess = excess
+        self.distance = distance
 
 
 class MeasurementError(ServoError):

@@ -8,26 +8,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.settings import default_of, parameter
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.settings import get_default, parameter
 
-from .arm import Arm
 from .errors import ConfigurationError
-from .laws.base import GREATEST_GAIN
-from .records.state import ByJoint, ServoSettings, by_joint
+from .kinematics import Arm
+from .laws.base import MAX_GAIN
+from .records.state import PerJoint, ServoSettings, joint_parameter
 
 # Parameters that are said for some of the joints, by name.
 BY_JOINT = ("max_velocity", "max_acceleration", "lower", "upper", "posture", "elbow", "lead",
             "stiffness", "damping", "controllers")  # fmt: skip
-MODEL = "model"  # the tracker of a known mesh
-MARKER = "marker"  # the tracker of an ArUco or AprilTag marker, or of a board of them
-OUTLINE = "outline"  # the tracker that takes the corners of what was segmented
+MODEL_TRACKER = "model"  # the tracker of a known mesh
+MARKER_TRACKER = "marker"  # the tracker of an ArUco or AprilTag marker, or of a board of them
+OUTLINE_TRACKER = "outline"  # the tracker that takes the corners of what was segmented
 # Parameters that are names on a ROS graph.
-NAMES = ("namespace", "camera_namespace", "command_topic", "description")
-LEGAL = re.compile(r"[~/]?[A-Za-z][\w/]*", re.ASCII)
+GRAPH_NAMES = ("namespace", "camera_namespace", "command_topic", "description")
+LEGAL_NAME = re.compile(r"[~/]?[A-Za-z][\w/]*", re.ASCII)
 
 
-def of_loop(name: str) -> Any:
+def copy_loop_parameter(name: str) -> Any:
     """The parameter that is a setting of the loop itself, as that has it."""
     field = ServoSettings.__dataclass_fields__[name]
     return parameter(field.default, **field.metadata)
@@ -118,7 +118,7 @@ class Parameters:
 
     scheme: str = parameter("moments", name=True)
     interaction: str = parameter("current")
-    tracker: str = parameter(OUTLINE)
+    tracker: str = parameter(OUTLINE_TRACKER)
     marker: str | Mapping[str, Any] = parameter("", name=True)
     model: str = parameter("")
     model_scale: float = parameter(1.0, above=0.0)
@@ -134,29 +134,29 @@ class Parameters:
     ramp: float = parameter(0.0, "s", least=0.0)
     start: Any = parameter("none", name=True)
     desired: str = parameter("auto", name=True)
-    hold: float = of_loop("hold")
+    hold: float = copy_loop_parameter("hold")
     duration: float = parameter(0.0, "s", least=0.0)
-    max_velocity: ByJoint | None = by_joint(None, "m/s, rad/s")
-    max_acceleration: ByJoint | None = by_joint(None, "m/s^2, rad/s^2")
-    lower: ByJoint | None = by_joint(None, "m, rad")
-    upper: ByJoint | None = by_joint(None, "m, rad")
-    hold_gain: float = parameter(3.0, "1/s", least=0.0, most=GREATEST_GAIN)
+    max_velocity: PerJoint | None = joint_parameter(None, "m/s, rad/s")
+    max_acceleration: PerJoint | None = joint_parameter(None, "m/s^2, rad/s^2")
+    lower: PerJoint | None = joint_parameter(None, "m, rad")
+    upper: PerJoint | None = joint_parameter(None, "m, rad")
+    hold_gain: float = parameter(3.0, "1/s", least=0.0, most=MAX_GAIN)
     posture: Mapping[str, float] = parameter({}, "m, rad")
-    posture_gain: float = parameter(1.0, "1/s", least=0.0, most=GREATEST_GAIN)
+    posture_gain: float = parameter(1.0, "1/s", least=0.0, most=MAX_GAIN)
     limit_avoidance: bool = parameter(True)
     singularity_avoidance: bool = parameter(False)
-    elbow: ByJoint | None = by_joint(None)
-    lead: ByJoint = of_loop("lead")
-    lag: float = of_loop("lag")
-    approach_speed: float = of_loop("approach_speed")
-    delay: float = of_loop("delay")
-    watchdog: float = of_loop("watchdog")
+    elbow: PerJoint | None = joint_parameter(None)
+    lead: PerJoint = copy_loop_parameter("lead")
+    lag: float = copy_loop_parameter("lag")
+    approach_speed: float = copy_loop_parameter("approach_speed")
+    delay: float = copy_loop_parameter("delay")
+    watchdog: float = copy_loop_parameter("watchdog")
     wall_watchdog: float = parameter(5.0, "s", above=0.0)
-    scheme_timeout: float = of_loop("scheme_timeout")
-    stop_time: float = of_loop("stop_time")
-    output: str = of_loop("output")
-    stiffness: ByJoint = of_loop("stiffness")
-    damping: ByJoint = of_loop("damping")
+    scheme_timeout: float = copy_loop_parameter("scheme_timeout")
+    stop_time: float = copy_loop_parameter("stop_time")
+    output: str = copy_loop_parameter("output")
+    stiffness: PerJoint = copy_loop_parameter("stiffness")
+    damping: PerJoint = copy_loop_parameter("damping")
     camera_frame: str = parameter("camera_optical_frame")
     cameras: Mapping[str, CameraEntry] = parameter({})
     base_frame: str = parameter("")
@@ -175,7 +175,7 @@ class Parameters:
     dry: bool = parameter(False)
     package: Path = parameter(Path("."), internal=True)
 
-    def camera_of(self, name: str) -> CameraEntry:
+    def get_camera(self, name: str) -> CameraEntry:
         """Frame and topics of the camera of a name."""
         features = f"{self.namespace.rstrip('/')}/camera"
         if not self.cameras:
@@ -194,7 +194,7 @@ class Parameters:
         for key, topic in (("namespace", "image_raw"), ("features", "moments")):
             heard: dict[str, str] = {}
             for name in self.cameras:
-                space = getattr(self.camera_of(name), key)
+                space = getattr(self.get_camera(name), key)
                 if (other := heard.setdefault(space, name)) != name:
                     raise ConfigurationError(
                         f"{where}cameras: {other} and {name} both listen to {space}/{topic}: give "
@@ -202,14 +202,14 @@ class Parameters:
                     )
 
 
-def per_joint(name: str, value: Any, arm: Arm) -> Any:
+def expand_per_joint(name: str, value: Any, arm: Arm) -> Any:
     """One number, or numbers in the arm's order, from what may be given by joint name."""
     if not isinstance(value, Mapping):
         return value
     for joint in value:
         if joint not in arm.names:
             raise ConfigurationError(
-                f"parameter ~{name} names the joint {joint}: {nearest(joint, arm.names)}"
+                f"parameter ~{name} names the joint {joint}: {suggest(joint, arm.names)}"
             )
-    other = default_of(Parameters.__dataclass_fields__[name])
+    other = get_default(Parameters.__dataclass_fields__[name])
     return tuple(float(value.get(joint, other)) for joint in arm.names)

@@ -13,7 +13,7 @@ from rospy.impl import masterslave, registration, tcpros_base
 BACKLOG = 128
 
 
-def open_wide() -> None:
+def accept_in_threads() -> None:
     """Take up connections to this node in threads of their own; call it after init_node.
 
     rospy takes one after the other, so that one which says nothing keeps all others waiting.
@@ -22,11 +22,11 @@ def open_wide() -> None:
     server = tcpros_base._tcpros_server.tcp_ros_server
     take_up = server.inbound_handler
 
-    def in_a_thread(connection: socket.socket, address: tuple[str, int]) -> None:
+    def handle_in_thread(connection: socket.socket, address: tuple[str, int]) -> None:
         threading.Thread(target=take_up, args=(connection, address), daemon=True).start()
 
     server.server_sock.listen(BACKLOG)
-    server.inbound_handler = in_a_thread
+    server.inbound_handler = handle_in_thread
 
 
 def find_publishers() -> None:
@@ -47,7 +47,7 @@ def find_publishers() -> None:
     locks = weakref.WeakValueDictionary()
     choosing = threading.Lock()
 
-    def one_by_one(handler: masterslave.ROSHandler, topic: str, uri: str) -> tuple[int, str, int]:
+    def connect_once(handler: masterslave.ROSHandler, topic: str, uri: str) -> tuple[int, str, int]:
         with choosing:
             lock = locks.setdefault((topic, uri), threading.Lock())
         with lock:  # whoever waited finds the connection there
@@ -55,10 +55,10 @@ def find_publishers() -> None:
 
     update = registration.RegManager.publisher_update
 
-    def all_told(manager: registration.RegManager, topic: str, uris: list[str]) -> None:
+    def merge_updates(manager: registration.RegManager, topic: str, uris: list[str]) -> None:
         with manager.cond:
             before = [uri for name, given in manager.updates if name == topic for uri in given]
             update(manager, topic, list(dict.fromkeys((*before, *uris))))
 
-    masterslave.ROSHandler._connect_topic = one_by_one
-    registration.RegManager.publisher_update = all_told
+    masterslave.ROSHandler._connect_topic = connect_once
+    registration.RegManager.publisher_update = merge_updates

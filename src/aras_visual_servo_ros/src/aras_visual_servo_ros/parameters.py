@@ -12,7 +12,7 @@ class InvalidParameterError(ValueError):
     """A parameter is unknown, of the wrong type or out of range."""
 
 
-def fetched(name: str) -> object:
+def get_parameter(name: str) -> object:
     """Return what the parameter server holds under a name; {} where there is nothing.
 
     It is asked itself: rospy keeps a copy of some of it, which it takes for the whole of `/`.
@@ -23,7 +23,7 @@ def fetched(name: str) -> object:
         return {}
 
 
-def namespace_of(name: str) -> dict[str, object]:
+def get_namespace(name: str) -> dict[str, object]:
     """Return the parameters below a name; none where it is a single one."""
-    values = fetched(name)
+    values = get_parameter(name)
     return values if isinstance(values, dict) else {}

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.setting_values import said
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.setting_values import format_value
 
 from ..errors import CameraError
 from .lens import COEFFICIENTS
@@ -20,7 +20,7 @@ MODELS = {
 }  # fmt: skip
 # Part of the width or height within which the principal point lies: beyond, the matrix is that of
 # another resolution, for lenses are centred to some percent.
-MIDDLE = (0.3, 0.7)
+CENTRE_RANGE = (0.3, 0.7)
 LARGEST_ASPECT = 1.5  # of a pixel; analogue video has 1.46
 
 
@@ -61,7 +61,7 @@ class Calibration:
             object.__setattr__(self, "model", names.get(len(self.D), "plumb_bob"))
         self._check_coefficients()
 
-    def settings(self) -> dict[str, Any]:
+    def to_settings(self) -> dict[str, Any]:
         """Keys of a CameraConfig that describe the lens and the image's size."""
         found: dict[str, Any] = {
             "lens": "pinhole" if self.model != "equidistant" else "equidistant",
@@ -94,7 +94,7 @@ class Calibration:
         for name, side, centre, axis in (
             ("width", self.width, cx, "cx"), ("height", self.height, cy, "cy")
         ):  # fmt: skip
-            low, high = MIDDLE
+            low, high = CENTRE_RANGE
             self._check(
                 side is None or low * side <= centre <= high * side,
                 f"the camera matrix has {axis} = {centre:g} px and image_{name} is {side} px: they "
@@ -117,7 +117,7 @@ class Calibration:
             raise CameraError(f"{self.where}: {message}")
 
 
-def model_of(name: Any, where: str) -> str:
+def find_distortion_model(name: Any, where: str) -> str:
     """CameraInfo's name of a distortion model.
 
     Raises:
@@ -126,13 +126,13 @@ def model_of(name: Any, where: str) -> str:
     known = str(name).strip().lower()
     if known not in MODELS:
         raise CameraError(
-            f"{where}: distortion_model {said(name)} is not served: "
-            f"{nearest(known, [model for model in MODELS if model])}; calibrate with one of them"
+            f"{where}: distortion_model {format_value(name)} is not served: "
+            f"{suggest(known, [model for model in MODELS if model])}; calibrate with one of them"
         )
     return MODELS[known]
 
 
-def finite(values: Any, where: str, counts: Sequence[int] = ()) -> tuple[float, ...]:
+def check_finite(values: Any, where: str, counts: Sequence[int] = ()) -> tuple[float, ...]:
     """The finite numbers of a list, as many as `counts` says (empty: any number of them).
 
     Raises:
@@ -143,5 +143,5 @@ def finite(values: Any, where: str, counts: Sequence[int] = ()) -> tuple[float, 
         isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in values
     )
     if not fits or counts and len(values) not in counts:
-        raise CameraError(f"{where} is {said(values)}, must be {wanted}")
+        raise CameraError(f"{where} is {format_value(values)}, must be {wanted}")
     return tuple(map(float, values))

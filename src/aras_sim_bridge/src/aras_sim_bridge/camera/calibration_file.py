@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from aras_visual_servo_base.setting_values import said
+from aras_visual_servo_base.setting_values import format_value
 from aras_visual_servo_base.yaml_files import read_text
 
 from ..errors import CameraError
@@ -25,13 +25,13 @@ from ..errors import CameraError
 if TYPE_CHECKING:
     from .calibration import Calibration
 
-KEY = "calibration"
+CALIBRATION_KEY = "calibration"
 # Keys beside `calibration` that would contradict it.
-OF_LENS = ("width", "height", "camera_matrix", "horizontal_fov", "lens", "distortion_model",
+LENS_KEYS = ("width", "height", "camera_matrix", "horizontal_fov", "lens", "distortion_model",
            "distortion_coefficients", "rectification_matrix", "projection_matrix")  # fmt: skip
 
 
-def with_calibration(settings: Mapping[str, Any], folder: Path | None = None) -> dict[str, Any]:
+def apply_calibration(settings: Mapping[str, Any], folder: Path | None = None) -> dict[str, Any]:
     """Settings with what their `calibration` gives in its place.
 
     Args:
@@ -40,11 +40,13 @@ def with_calibration(settings: Mapping[str, Any], folder: Path | None = None) ->
     Raises:
         CameraError: see `find_calibration`; or a key that contradicts the calibration.
     """
-    if KEY not in settings:
+    if CALIBRATION_KEY not in settings:
         return dict(settings)
-    name = settings[KEY]
+    name = settings[CALIBRATION_KEY]
     if not isinstance(name, str | Path):
-        raise CameraError(f"calibration is {said(name)}, must be the path of a calibration file")
+        raise CameraError(
+            f"calibration is {format_value(name)}, must be the path of a calibration file"
+        )
     path, camera = split_name(name)
     if not path.is_absolute():
         if folder is None:
@@ -53,13 +55,13 @@ def with_calibration(settings: Mapping[str, Any], folder: Path | None = None) ->
     found = find_calibration(read_text(path, CameraError), path, camera)
     if found is None:
         raise CameraError(f"{path} is no calibration: its keys are those of a preset")
-    rest = {key: value for key, value in settings.items() if key != KEY}
-    given = found.settings()
-    for key in OF_LENS:
+    rest = {key: value for key, value in settings.items() if key != CALIBRATION_KEY}
+    given = found.to_settings()
+    for key in LENS_KEYS:
         if key in rest and (key == "horizontal_fov" or key in given and rest[key] != given[key]):
             raise CameraError(
-                f"{key} is {said(rest[key])}, and the calibration {path} says "
-                f"{said(given.get(key, 'the camera matrix'))}: leave {key} out"
+                f"{key} is {format_value(rest[key])}, and the calibration {path} says "
+                f"{format_value(given.get(key, 'the camera matrix'))}: leave {key} out"
             )
     return {**given, **rest}
 

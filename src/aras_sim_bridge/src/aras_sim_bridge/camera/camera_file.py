@@ -12,8 +12,8 @@ from typing import Any
 from aras_visual_servo_base.yaml_files import parse_yaml, read_text
 
 from ..errors import CameraError
-from .calibration_file import KEY as CALIBRATION
-from .calibration_file import find_calibration, split_name, with_calibration
+from .calibration_file import CALIBRATION_KEY as CALIBRATION
+from .calibration_file import apply_calibration, find_calibration, split_name
 from .config import CameraConfig
 
 
@@ -35,14 +35,14 @@ def read_camera(name: str | Path) -> dict[str, Any]:
                 f"{path}: image_width and image_height are missing: add them, or write a preset "
                 f"with width, height (px) and 'calibration: {name}'"
             )
-        return calibration.settings()
+        return calibration.to_settings()
     settings = parse_yaml(text, str(path), CameraError)
     if not isinstance(settings, Mapping):
         raise CameraError(f"{path} holds no keys with values: it is neither a preset of a camera "
                           "nor a calibration")
     if camera:
         raise CameraError(f"{path} is a preset of one camera: leave out '#{camera}'")
-    found = with_calibration(settings, path.parent)
+    found = apply_calibration(settings, path.parent)
     CameraConfig.check_keys(found, f"{path}: ")
     return found
 

@@ -13,26 +13,33 @@ import numpy as np
 from aras_visual_servo_base.lenses import kannala_brandt_fold
 from aras_visual_servo_base.names import resolve_name
 from aras_visual_servo_base.setting_values import merge
-from aras_visual_servo_base.settings import build, converted, parameter
+from aras_visual_servo_base.settings import build, convert_fields, parameter
 from aras_visual_servo_base.settings import check as hold_to_bounds
 
 from ..description import CameraDescription, DepthTopics
 from ..errors import CameraError
-from .calibration_file import with_calibration
+from .calibration_file import apply_calibration
 from .effects import Effects
-from .formats import encoding_of
+from .formats import find_encoding
 from .intrinsics import CameraIntrinsics, CameraProjection, camera_matrix, projection_matrix
-from .lens import COEFFICIENTS, RADIUS, REACH, BrownLens, FisheyeLens, check_fisheye
-from .lens import fisheye_coefficients as ideal_coefficients
-from .shaking import Shake
-from .shutter import duration
+from .lens import (
+    COEFFICIENTS,
+    LARGEST_ANGLE,
+    RADIUS_FUNCTION,
+    BrownLens,
+    FisheyeLens,
+    check_fisheye,
+)
+from .lens import fit_fisheye as ideal_coefficients
+from .shutter import compute_duration
+from .vibration import Shake
 
 LARGEST_SIDE = 16384  # px
 LARGEST_AREA = 1 << 25  # px; drawing a frame of this size takes 0.5 GB
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)  # a part of a name in the ROS graph
 
 
-Three = tuple[float, float, float]
+FloatTriple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -78,9 +85,9 @@ class CameraConfig:
     format: str = "R8G8B8"
     near: float = parameter(0.1, "m", above=0.0)
     far: float = parameter(100.0, "m", above=0.0)
-    xyz: Three = (0.0, 0.0, 0.0)
-    rpy: Three = (0.0, 0.0, 0.0)
-    lens: str = parameter("pinhole", choices=RADIUS)
+    xyz: FloatTriple = (0.0, 0.0, 0.0)
+    rpy: FloatTriple = (0.0, 0.0, 0.0)
+    lens: str = parameter("pinhole", choices=RADIUS_FUNCTION)
     camera_matrix: tuple[float, float, float, float] | None = None
     distortion_model: str = parameter("", choices=("", *COEFFICIENTS))
     distortion_coefficients: tuple[float, ...] = ()
@@ -118,15 +125,15 @@ class CameraConfig:
         check(self.near < self.far,
               f"clip distances near={self.near} far={self.far}: need 0 < near < far")
         self.check_rate(self.update_rate)
-        encoding_of(self.format, self.name)
+        find_encoding(self.format, self.name)
         self._check_lens()
         if self.camera_matrix is not None:
             fx, fy, cx, cy = self.camera_matrix
             check(fx > 0 and fy > 0,
                   f"camera_matrix fx={fx} fy={fy} cx={cx} cy={cy}: give focal lengths above 0")
-        if isinstance(self.model.lens, FisheyeLens):
-            check_fisheye(self.model.lens, self.name)
-        self._check_folding()
+        if isinstance(self.projection.lens, FisheyeLens):
+            check_fisheye(self.projection.lens, self.name)
+        self._check_lens_fold()
 
     def _fill_in_lens(self) -> None:
         """A fisheye distortion model implies the lens, and the lens the model."""
@@ -153,7 +160,7 @@ class CameraConfig:
         check(not any(D) or self.lens in ("pinhole", "equidistant"),
               f"lens '{self.lens}' is an ideal projection; for one with distortion_coefficients "
               "take lens equidistant")
-        reach = REACH[self.lens]
+        reach = LARGEST_ANGLE[self.lens]
         fov = self.horizontal_fov
         if self.camera_matrix is None or self.lens == "pinhole":
             limit = 2 * reach + (0.0 if self.lens == "pinhole" else 1e-9)
@@ -177,24 +184,24 @@ class CameraConfig:
             self._check(all(map(_NAME.fullmatch, parts)),
                         f"{key} '{name}' is no name in a ROS graph; begin with a "
                         "letter and go on with letters, digits and underscores")
-        topics = {self.topic_root, *map(self.topic, (self.image_topic, self.info_topic))}
+        topics = {self.topic_root, *map(self.resolve_topic, (self.image_topic, self.info_topic))}
         self._check(len(topics) == 3,
                     f"image_topic '{self.image_topic}' and info_topic '{self.info_topic}': give "
                     "two different names")
 
-    def _check_folding(self) -> None:
+    def _check_lens_fold(self) -> None:
         """Every pixel needs a ray; beyond a fold there is none. Past a cutoff_angle it is black."""
         if not any(self.distortion_coefficients) or self.cutoff_angle is not None:
             return
-        lens = self.model.lens
-        if isinstance(lens, FisheyeLens) and lens.cutoff >= REACH[self.lens]:
+        lens = self.projection.lens
+        if isinstance(lens, FisheyeLens) and lens.cutoff >= LARGEST_ANGLE[self.lens]:
             return
         w, h = self.width - 1, self.height - 1
         border = np.array([[x, y] for t in np.linspace(0, 1, 33) for x, y in
                            ((t * w, 0), (t * w, h), (0, t * h), (w, t * h))])
         angle = (f"at {math.degrees(lens.cutoff):.1f} deg from the axis, "
                  if isinstance(lens, FisheyeLens) else "")
-        self._check(bool(np.isfinite(self.model.unproject(border)).all()),
+        self._check(bool(np.isfinite(self.projection.unproject(border)).all()),
                     f"distortion_coefficients {list(self.distortion_coefficients)} fold the "
                     f"picture over {angle}inside the image; make them smaller or the focal length "
                     "longer")
@@ -204,8 +211,8 @@ class CameraConfig:
         e, rows = self.effects, f"row_time {self.effects.row_time:g} s of {self.height} rows"
         taken = {f"exposure_time {e.exposure_time:g} s": e.exposure_time,
                  f"{rows}, {e.row_time * self.height:g} s in all": e.row_time * self.height,
-                 f"exposure_time and {rows}, {duration(e, self.height):g} s together":
-                     duration(e, self.height)}  # fmt: skip
+                 f"exposure_time and {rows}, {compute_duration(e, self.height):g} s together":
+                     compute_duration(e, self.height)}  # fmt: skip
         for what, time in taken.items():
             self._check(time < 1.0 / rate, f"{what}: has to be shorter than the period of "
                         f"{1.0 / rate:g} s; lower the rate or shorten it")
@@ -217,32 +224,32 @@ class CameraConfig:
     @property
     def encoding(self) -> str:
         """ROS image encoding of the format."""
-        return encoding_of(self.format, self.name)
+        return find_encoding(self.format, self.name)
 
     @property
     def K(self) -> np.ndarray:
         """(3, 3) camera matrix of the rendered picture."""
         if self.camera_matrix is not None:
             return camera_matrix(*self.camera_matrix)
-        f = self.width / (2.0 * float(RADIUS[self.lens](self.horizontal_fov / 2.0)))
+        f = self.width / (2.0 * float(RADIUS_FUNCTION[self.lens](self.horizontal_fov / 2.0)))
         return camera_matrix(f, f, (self.width - 1) / 2, (self.height - 1) / 2)
 
     @property
-    def model(self) -> CameraProjection:
+    def projection(self) -> CameraProjection:
         """The projection that the pixels follow."""
         D = self.distortion_coefficients
         if self.lens == "pinhole":
             return CameraProjection(self.K, BrownLens((*D, *(0.0,) * (5 - len(D)))))
-        reach = REACH[self.lens] if self.cutoff_angle is None else self.cutoff_angle
+        reach = LARGEST_ANGLE[self.lens] if self.cutoff_angle is None else self.cutoff_angle
         if not D:
-            D = ideal_coefficients(self.lens, REACH[self.lens])
+            D = ideal_coefficients(self.lens, LARGEST_ANGLE[self.lens])
         elif self.cutoff_angle is None:
             reach = min(reach, kannala_brandt_fold(D) * (1.0 - 1e-6))
         return CameraProjection(self.K, FisheyeLens(D, reach))
 
-    def intrinsics(self) -> CameraIntrinsics:
+    def make_intrinsics(self) -> CameraIntrinsics:
         """What CameraInfo publishes: the rendered camera, or upstream's formulas on request."""
-        K, D, name = self.K, tuple(self.model.lens.D), self.distortion_model
+        K, D, name = self.K, tuple(self.projection.lens.D), self.distortion_model
         if self.legacy_camera_info:
             f, cx, cy, *D = self.declared
             f = f or self.width / (2.0 * math.tan(min(self.horizontal_fov, 3.14) / 2.0))
@@ -255,7 +262,7 @@ class CameraConfig:
             P = np.reshape(self.projection_matrix, (3, 4))
         return CameraIntrinsics(self.width, self.height, K, D, name, R, P)
 
-    def sensor_figures(self) -> dict[str, object]:
+    def sensor_settings(self) -> dict[str, object]:
         """What CameraInfo has no place for, as keys of a preset: shutter, exposure and noise."""
         keys = ("row_time", "rows_together", "exposure_time", "exposure_samples", "exposure",
                 "gain", "noise_mean", "noise_stddev", "shot_noise", "vignetting")  # fmt: skip
@@ -275,9 +282,9 @@ class CameraConfig:
 
         Raises CameraError naming the key that is wrong.
         """
-        from .from_description import settings
+        from .from_description import read_settings
 
-        described, own = settings(camera), with_calibration(overrides or {})
+        described, own = read_settings(camera), apply_calibration(overrides or {})
         if own.get("lens", described.get("lens")) != described.get("lens"):
             described.pop("cutoff_angle", None)  # it is that of the described lens
         return cls.from_mapping(merge(described, own))
@@ -291,7 +298,7 @@ class CameraConfig:
         CameraError naming the key that is wrong.
         """
         where = f"camera '{values.get('name', 'camera')}': "
-        return build(cls, cls.check_keys(with_calibration(values), where), where, CameraError)
+        return build(cls, cls.check_keys(apply_calibration(values), where), where, CameraError)
 
     @classmethod
     def check_keys(cls, values: Mapping[str, object], where: str) -> dict[str, object]:
@@ -303,24 +310,24 @@ class CameraConfig:
         if isinstance(matrix, Mapping):
             given = build(MatrixEntry, matrix, f"{where}camera_matrix", CameraError)
             values = {**values, "camera_matrix": (given.fx, given.fy, given.cx, given.cy)}
-        return converted(cls, values, where, CameraError)
+        return convert_fields(cls, values, where, CameraError)
 
     @property
     def topic_root(self) -> str:
         """Absolute name below which ROS finds this camera: /robotNamespace/cameraName."""
         return resolve_name(f"{self.robot_namespace}/{self.camera_name}")
 
-    def topic(self, name: str) -> str:
+    def resolve_topic(self, name: str) -> str:
         """Absolute name of one of its topics, which the plug-in may have given as a global one."""
         return resolve_name(self.topic_root, name)
 
     @property
     def names(self) -> frozenset[str]:
         """Absolute names that no other camera may have: its root, its image and its info topic."""
-        topics = (self.topic(name) for name in (self.image_topic, self.info_topic))
+        topics = (self.resolve_topic(name) for name in (self.image_topic, self.info_topic))
         return frozenset((self.topic_root, *topics))
 
 
-def seed_of(seed: int, name: str) -> int:
+def derive_seed(seed: int, name: str) -> int:
     """A seed for one camera: two cameras of one run must not share their noise."""
     return (int(seed) & 0xFFFFFFFF) ^ zlib.crc32(name.encode())

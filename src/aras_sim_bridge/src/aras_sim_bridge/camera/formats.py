@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from aras_visual_servo_base.names import likely
+from aras_visual_servo_base.names import find_nearest
 
 from ..errors import CameraError
 
@@ -20,7 +20,7 @@ _GAZEBO = {
 }
 
 
-def encoding_of(name: str, camera: str = "") -> str:
+def find_encoding(name: str, camera: str = "") -> str:
     """ROS encoding of a Gazebo or ROS format name.
 
     Raises CameraError naming the nearest format there is.
@@ -30,14 +30,14 @@ def encoding_of(name: str, camera: str = "") -> str:
     if name in _GAZEBO:
         return _GAZEBO[name]
     known = [*ENCODINGS, *_GAZEBO]
-    near = likely(name, known, 0.0)
+    near = find_nearest(name, known, 0.0)
     raise CameraError(
         f"camera '{camera}': format '{name}' is not known; the nearest is '{near}', "
         f"and there are {', '.join(known)}"
     )
 
 
-def shape_of(encoding: str, height: int, width: int) -> tuple[int, ...]:
+def find_shape(encoding: str, height: int, width: int) -> tuple[int, ...]:
     """Of a picture's array: (H, W, 3) in colour, (H, W) else."""
     colour = encoding.startswith(("rgb", "bgr"))
     return (height, width, 3) if colour else (height, width)
@@ -63,6 +63,6 @@ def read_out(rgb: np.ndarray, encoding: str) -> np.ndarray:
     return out
 
 
-def widened(image: np.ndarray, encoding: str) -> np.ndarray:
+def widen(image: np.ndarray, encoding: str) -> np.ndarray:
     """A uint8 picture in the encoding's depth: 16 bits span their full range, 255 is 65535."""
     return image.astype(np.uint16) * 257 if encoding.endswith("16") else image

@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 from ..description import CameraDescription
 from ..errors import CameraError
-from .lens import REACH
+from .lens import LARGEST_ANGLE
 
 _log = logging.getLogger(__name__)
 
@@ -17,7 +17,7 @@ _LENSES = {"gnomonical": "pinhole", "stereographic": "stereographic",
            "orthographic": "orthographic"}
 
 
-def settings(camera: CameraDescription) -> dict[str, object]:
+def read_settings(camera: CameraDescription) -> dict[str, object]:
     """CameraConfig's keys for a camera of a description; what it leaves open stays out.
 
     As in Gazebo, the plugin's Cx, Cy, focalLength and distortion describe a picture without
@@ -47,21 +47,21 @@ def settings(camera: CameraDescription) -> dict[str, object]:
             "image_topic": plugin.image_topic, "info_topic": plugin.info_topic,
             "frame_name": plugin.frame_name, "hack_baseline": plugin.hack_baseline,
             "trigger_topic": plugin.trigger_topic,
-            "declared": (plugin.focal_length, plugin.cx, plugin.cy, *_in_ros_order(told)),
+            "declared": (plugin.focal_length, plugin.cx, plugin.cy, *_reorder_distortion(told)),
         }
         if plugin.depth is not None:
             values |= {"depth": True, "depth_topics": asdict(plugin.depth)}
     if any(rates):
         values["update_rate"] = min(filter(None, rates))
     if camera.kind == "wideanglecamera":
-        values |= _wide(camera)
+        values |= _read_wide_lens(camera)
     elif camera.lens is not None and camera.lens.intrinsics is not None:
         # Gazebo counts from the image's corner, and here pixels have whole numbers at their middle.
         fx, fy, cx, cy = camera.lens.intrinsics
         values["camera_matrix"] = (fx, fy, cx - 0.5, cy - 0.5)
     if camera.distortion and any(camera.distortion):
         values["distortion_model"] = "plumb_bob"
-        values["distortion_coefficients"] = _in_ros_order(camera.distortion)
+        values["distortion_coefficients"] = _reorder_distortion(camera.distortion)
         if camera.distortion_center != (0.5, 0.5):
             _log.warning("camera '%s': the distortion's center %s is not used; it lies on the "
                          "optical axis", camera.name, camera.distortion_center)
@@ -72,12 +72,12 @@ def settings(camera: CameraDescription) -> dict[str, object]:
     return values
 
 
-def _in_ros_order(k1_k2_k3_p1_p2: tuple[float, ...]) -> tuple[float, ...]:
+def _reorder_distortion(k1_k2_k3_p1_p2: tuple[float, ...]) -> tuple[float, ...]:
     k1, k2, k3, p1, p2 = k1_k2_k3_p1_p2
     return k1, k2, p1, p2, k3
 
 
-def _wide(camera: CameraDescription) -> dict[str, object]:
+def _read_wide_lens(camera: CameraDescription) -> dict[str, object]:
     lens = camera.lens
     if lens is None:
         return {"lens": "equidistant"}
@@ -88,7 +88,7 @@ def _wide(camera: CameraDescription) -> dict[str, object]:
         )
     values: dict[str, object] = {"lens": _LENSES[lens.kind]}
     if values["lens"] != "pinhole":
-        values["cutoff_angle"] = min(lens.cutoff_angle, REACH[values["lens"]])
+        values["cutoff_angle"] = min(lens.cutoff_angle, LARGEST_ANGLE[values["lens"]])
     if not lens.scale_to_hfov:  # a radius of 1 is half the width, whatever the field of view
         half = camera.width / 2
         values["camera_matrix"] = (half, half, half - 0.5, (camera.height - 1) / 2)

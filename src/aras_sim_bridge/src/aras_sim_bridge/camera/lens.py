@@ -17,7 +17,7 @@ from aras_visual_servo_base.lenses import brown, fold_radius, kannala_brandt
 from ..errors import CameraError
 
 # Angle from the optical axis up to which each lens has an image, rad; the pinhole stays below.
-REACH = {
+LARGEST_ANGLE = {
     "pinhole": math.radians(90.0),
     "equidistant": math.radians(110.0),
     "stereographic": math.radians(110.0),
@@ -25,7 +25,7 @@ REACH = {
     "orthographic": math.radians(90.0),
 }
 # Radius in the image at unit focal length, of the angle from the optical axis.
-RADIUS: dict[str, Callable] = {
+RADIUS_FUNCTION: dict[str, Callable] = {
     "pinhole": np.tan,
     "equidistant": lambda theta: theta,
     "stereographic": lambda theta: 2.0 * np.tan(theta / 2.0),
@@ -139,7 +139,7 @@ class FisheyeLens:
         return rays
 
 
-def fisheye_coefficients(lens: str, cutoff: float) -> tuple[float, float, float, float]:
+def fit_fisheye(lens: str, cutoff: float) -> tuple[float, float, float, float]:
     """Kannala-Brandt coefficients of an ideal wide-angle projection, fitted up to `cutoff` rad.
 
     ROS and OpenCV have no name for these projections. Their radius is an odd function of the angle
@@ -151,7 +151,7 @@ def fisheye_coefficients(lens: str, cutoff: float) -> tuple[float, float, float,
     # Chebyshev nodes keep the largest error of the fit small.
     t = cutoff * np.sin(np.linspace(0.0, np.pi / 2, 400)[1:])
     basis = np.stack([t**3, t**5, t**7, t**9], axis=1)
-    fit, *_ = np.linalg.lstsq(basis, RADIUS[lens](t) - t, rcond=None)
+    fit, *_ = np.linalg.lstsq(basis, RADIUS_FUNCTION[lens](t) - t, rcond=None)
     return tuple(float(k) for k in fit)
 
 

@@ -63,9 +63,9 @@ class ImagePipeline:
     ) -> None:
         """Prepare for images of `shape` (H, W) or (H, W, 3); `seed`: of all that is random."""
         self.parts = tuple(parts)
-        self.middle = min(range(len(self.parts)), key=lambda n: (
+        self.middle_part = min(range(len(self.parts)), key=lambda n: (
             abs(self.parts[n].offset_ns), -n))  # fmt: skip
-        self.light = ExposureMean(self.parts, shape[0])
+        self.exposure = ExposureMean(self.parts, shape[0])
         self._auto_exposure, self._factor = effects.auto_exposure, 1.0
         self._chain = EffectChain(effects, shape, seed)
         self.is_lost = self._chain.is_lost
@@ -74,12 +74,12 @@ class ImagePipeline:
         """The image that the sensor makes of `light`, a uint8 array of the pipeline's shape."""
         image = self._chain.apply(light, stamp_ns, self._factor)
         if self._auto_exposure is not None:
-            self._factor = self._auto_exposure.following(self._factor, float(image.mean()))
+            self._factor = self._auto_exposure.compute_factor(self._factor, float(image.mean()))
         return image
 
     def reset(self, exposure: bool = True) -> None:
         """Start again with the first part of an image, and where `exposure` is true with the auto
         exposure's factor of 1."""
-        self.light.clear()
+        self.exposure.clear()
         if exposure:
             self._factor = 1.0

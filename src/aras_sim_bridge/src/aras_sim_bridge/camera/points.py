@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 
 from ..description import DepthTopics
 
@@ -14,7 +14,7 @@ POINT_FLOATS = 8  # of a point as PCL lays it out: x, y, z, nothing, colour, not
 COLOUR = 4  # which of them is the colour
 
 
-def within_reach(depth: np.ndarray, topics: DepthTopics) -> np.ndarray:
+def clip_depth(depth: np.ndarray, topics: DepthTopics) -> np.ndarray:
     """(H, W) float32 m with NaN, or uint16 mm with 0, where `topics` has no depth.
 
     depth: (H, W) float32, m, inf where nothing is; that stays so for a camera of endless reach.
@@ -36,10 +36,10 @@ class PointCloud:
         self._rays = rays
         self._topics = topics
 
-    def points(self, depth: np.ndarray, image: np.ndarray) -> np.ndarray:
+    def compute_points(self, depth: np.ndarray, image: np.ndarray) -> np.ndarray:
         """(H, W, 8) float32: x, y, z in the optical frame, m, and the bytes blue, green, red, 0.
 
-        A pixel without a depth, as `within_reach` has it, or with nothing in view is NaN.
+        A pixel without a depth, as `clip_depth` has it, or with nothing in view is NaN.
 
         Args:
             depth: (H, W) float32, m. image: (H, W, 3) in red, green, blue, or (H, W) grey.
@@ -55,7 +55,7 @@ class PointCloud:
         return points
 
 
-@compiled("f4[:,:,:], f4[:,:], u1[:,:,:], f4, f4, f4[:,:,::1], u1[:,:,::1]")
+@jit("f4[:,:,:], f4[:,:], u1[:,:,:], f4, f4, f4[:,:,::1], u1[:,:,::1]")
 def _fill(rays, depth, image, nearest, farthest, points, data):
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):

@@ -16,7 +16,7 @@ class RowBand:
     last: int
 
 
-def parts(effects: Effects, height: int) -> tuple[RowBand, ...]:
+def make_row_bands(effects: Effects, height: int) -> tuple[RowBand, ...]:
     """What a picture of `height` rows is put together from, in the order of time.
 
     Row r is exposed for exposure_time about stamp + (r - (height - 1) / 2) row_time: the stamp is
@@ -35,6 +35,6 @@ def parts(effects: Effects, height: int) -> tuple[RowBand, ...]:
     return tuple(sorted(found, key=lambda part: part.offset_ns))
 
 
-def duration(effects: Effects, height: int) -> float:
+def compute_duration(effects: Effects, height: int) -> float:
     """From the first row's opening to the last row's closing, s, and one row_time."""
     return effects.exposure_time + effects.row_time * height

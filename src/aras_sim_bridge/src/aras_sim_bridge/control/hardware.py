@@ -14,7 +14,7 @@ from aras_sim_bridge.control.drives import (
     SETS_POSITION,
     Drive,
     JointModel,
-    written,
+    compute_outputs,
 )
 from aras_sim_bridge.control.joints import (
     COMMAND_INTERFACES,
@@ -29,12 +29,12 @@ from aras_sim_bridge.control.joints import (
 from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.description.types import RobotDescription, Transmission
 from aras_sim_bridge.errors import ControllerError, HardwareError
-from aras_visual_servo_base.setting_values import look_up
+from aras_visual_servo_base.setting_values import find_value
 from aras_visual_servo_base.settings import read
 
 _PREFIX = "hardware_interface/"
 _GAINS = "gazebo_ros_control/pid_gains"
-_HARD = "hard_velocity_limits"
+_HARD_VELOCITY_LIMITS = "hard_velocity_limits"
 
 def _ignore(text: str) -> None:
     """Stand-in for a logger."""
@@ -48,7 +48,7 @@ class RobotHardware:
     `limits` is what holds after the parameters; `pids` are the pid_gains of position and velocity
     joints by joint name (at <namespace>/gazebo_ros_control/pid_gains/<joint>); `drives` are in the
     order of `handles`. `handle_rows` (m, 6) and `drive_rows` (m, 47) are what those are views of.
-    `sets_positions`: whether one of them puts its joint where it is to be.
+    `has_position_drives`: whether one of them puts its joint where it is to be.
     `e_stop` may be set from any thread.
 
     Raises HardwareError if a transmission names an unknown interface or a joint that the model
@@ -88,14 +88,14 @@ class RobotHardware:
         own = read(
             self._parameters, "gazebo_ros_control", Mapping, self._namespace, HardwareError, {}
         )
-        if read(own, _HARD, bool, where, HardwareError, False):
+        if read(own, _HARD_VELOCITY_LIMITS, bool, where, HardwareError, False):
             for name, limits in self.limits.items():
                 if limits is not None and limits.max_velocity is not None:
                     model.bound_speed(name, limits.max_velocity)
         self.handle_rows = self.handle_rows[: len(self.handles)]
         self.drive_rows = self.drive_rows[: len(self.handles)]
         self._read = self.drive_rows[:, JOINT].astype(int)
-        self.sets_positions = any(drive.kind == SETS_POSITION for drive in self.drives)
+        self.has_position_drives = any(drive.kind == SETS_POSITION for drive in self.drives)
         self.start()
 
     def _add(self, transmission: Transmission) -> list[str]:
@@ -137,20 +137,20 @@ class RobotHardware:
         row = self.handle_rows[len(self.handles)]
         handle = JointHandle(joint_name, joint.kind, joint.limits, joint.soft_limits, short, row)
         where = f"{self._namespace}/joint_limits/{joint_name}"
-        overrides = look_up(self._parameters, f"joint_limits/{joint_name}")
+        overrides = find_value(self._parameters, f"joint_limits/{joint_name}")
         limits = resolve_limits(joint, overrides or {}, where, self._warn)
         self.handles[joint_name] = handle
         self.limits[joint_name] = limits
         self.interfaces[short].add(joint_name)
         self.interfaces[STATE].add(joint_name)
-        pid = None if short == EFFORT else self._pid(joint_name)
+        pid = None if short == EFFORT else self._make_pid(joint_name)
         self.drives.append(Drive(self.drive_rows[len(self.drives)], handle, limits,
                                  self._joints[joint_name], self._warn, pid))
         return [] if interface.startswith(_PREFIX) else [joint_name]
 
-    def _pid(self, joint: str) -> Pid | None:
+    def _make_pid(self, joint: str) -> Pid | None:
         where = f"{self._namespace}/{_GAINS}/{joint}"
-        gains = look_up(self._parameters, f"{_GAINS}/{joint}")
+        gains = find_value(self._parameters, f"{_GAINS}/{joint}")
         if gains is None:
             return None
         if not isinstance(gains, Mapping) or "p" not in gains:
@@ -171,23 +171,23 @@ class RobotHardware:
     def write(self, time_ns: int, period: float) -> None:
         """Limit the commands and apply them; `period` is the time since the last write, in s."""
         for pid in self.pids.values():
-            pid.take_gains()
-        news = written(self.drive_rows, self.handle_rows, time_ns, period, self.e_stop)
+            pid.apply_gains()
+        news = compute_outputs(self.drive_rows, self.handle_rows, time_ns, period, self.e_stop)
         self.apply(time_ns)
         for pid in self.pids.values():
-            pid.tell(period)
+            pid.notify_listener(period)
         if news:
-            self.tell()
+            self.log_warnings()
 
     def apply(self, time_ns: int) -> None:
         """Hand the drives' outputs to the model."""
         for drive in self.drives:
             drive.apply(self.model, time_ns)
 
-    def tell(self) -> None:
+    def log_warnings(self) -> None:
         """Say what is worth a line."""
         for drive in self.drives:
-            drive.tell()
+            drive.log_warnings()
 
     def start(self) -> None:
         """Be as new: the joints stay where they are until somebody commands them."""
@@ -195,7 +195,7 @@ class RobotHardware:
         for drive in self.drives:
             drive.start()
 
-    def stay(self, joints: Iterable[str]) -> None:
+    def hold_positions(self, joints: Iterable[str]) -> None:
         """Take the place where these joints were put for their last command; names without a
         transmission are passed over."""
         self.read()

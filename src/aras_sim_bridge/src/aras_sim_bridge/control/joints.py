@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aras_sim_bridge.errors import HardwareError
-from aras_visual_servo_base.compiled import column, compiled
+from aras_visual_servo_base.compiled import column, jit
 from aras_visual_servo_base.settings import read
 from aras_visual_servo_base.urdf import Joint, JointLimits
 
@@ -27,7 +27,7 @@ _NS_PER_S = 1_000_000_000
 (Q, V, TAU, Q_COMMAND, V_COMMAND, TAU_COMMAND), HANDLE_COLUMNS = range(6), 6
 # Columns of an occurrence's row: times of the first and the last trouble (NaN: none yet), ns, and
 # whether it was told.
-(_FIRST, _LAST, _TOLD), OCCURRENCE_COLUMNS = range(3), 3
+(_FIRST, _LAST, _REPORTED), OCCURRENCE_COLUMNS = range(3), 3
 # A command that exceeds a limit by less, rad, m, or per s, N m, N, is within it but for rounding.
 COMMAND_ROUNDING = 1e-6
 
@@ -65,12 +65,12 @@ class JointHandle:
         self.row = np.zeros(HANDLE_COLUMNS) if row is None else row
 
     @property
-    def turns(self) -> bool:
+    def is_angular(self) -> bool:
         """Whether it is an angle."""
         return self.kind in ("revolute", "continuous")
 
     @property
-    def travel(self) -> tuple[float, float] | None:
+    def position_limits(self) -> tuple[float, float] | None:
         """The URDF's (lower, upper) of a revolute or prismatic joint, else None."""
         limits = self.limits
         if self.kind not in ("revolute", "prismatic") or limits is None:
@@ -167,7 +167,7 @@ def _check(limits: JointBounds, joint: str, where: str) -> None:
             )
 
 
-class Occurrence:
+class RateLimitedEvent:
     """Tells when something that may repeat every cycle deserves a line in the log.
 
     An occurrence is over after the trouble stayed away for `quiet`; a trouble that lasts less
@@ -189,18 +189,18 @@ class Occurrence:
         """Forget the past, for a clock that went back."""
         self.row[_LAST] = np.nan
 
-    def note(self, time_ns: int) -> bool:
+    def record(self, time_ns: int) -> bool:
         """Record the trouble at `time_ns`; True once an occurrence."""
-        return noted(self.row, time_ns, self.patience_ns, self.quiet_ns)
+        return record_event(self.row, time_ns, self.patience_ns, self.quiet_ns)
 
 
-@compiled("f8[::1], f8, f8, f8", allocates=False)
-def noted(row, time_ns, patience_ns, quiet_ns):
+@jit("f8[::1], f8, f8, f8", allocates=False)
+def record_event(row, time_ns, patience_ns, quiet_ns):
     """See Occurrence.note."""
     if not 0.0 <= time_ns - row[_LAST] <= quiet_ns:
-        row[_FIRST], row[_TOLD] = time_ns, 0.0
+        row[_FIRST], row[_REPORTED] = time_ns, 0.0
     row[_LAST] = time_ns
-    if row[_TOLD] != 0.0 or time_ns - row[_FIRST] < patience_ns:
+    if row[_REPORTED] != 0.0 or time_ns - row[_FIRST] < patience_ns:
         return False
-    row[_TOLD] = 1.0
+    row[_REPORTED] = 1.0
     return True

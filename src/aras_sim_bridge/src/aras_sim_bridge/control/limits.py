@@ -21,7 +21,7 @@ from aras_sim_bridge.control.joints import (
     V,
 )
 from aras_sim_bridge.errors import HardwareError
-from aras_visual_servo_base.compiled import column, compiled
+from aras_visual_servo_base.compiled import column, jit
 
 (NO_RULE, EFFORT_SATURATION, EFFORT_SOFT, POSITION_SATURATION, POSITION_SOFT, VELOCITY_SATURATION,
  VELOCITY_SOFT) = range(7)
@@ -99,7 +99,7 @@ class LimitRule:
         self.row[_PREVIOUS] = nan
 
 
-def rule_for(handle: JointHandle, limits: JointBounds | None,
+def make_rule(handle: JointHandle, limits: JointBounds | None,
              row: np.ndarray | None = None) -> LimitRule | None:
     """The rule of the joint's interface and limits, or None where nothing limits it; a
     <safety_controller> makes it the soft one."""
@@ -108,27 +108,27 @@ def rule_for(handle: JointHandle, limits: JointBounds | None,
     return LimitRule(_KINDS[handle.interface][handle.soft_limits is not None], limits, handle, row)
 
 
-@compiled("f8, f8, f8", allocates=False)
-def _saturated(value, low, high):
+@jit("f8, f8, f8", allocates=False)
+def _saturate(value, low, high):
     # The upper bound wins where the two cross, as in the original's min(max()).
     value = low if value < low else value
     return high if value > high else value
 
 
-@compiled("f8[::1], f8", allocates=False)
-def _soft_speeds(row, position):
+@jit("f8[::1], f8", allocates=False)
+def _find_soft_speeds(row, position):
     """Slowest and fastest at a position, by the soft limits."""
     speed, gain = row[_SPEED], row[_K_POSITION]
     slowest, fastest = -speed, speed
     if row[_SOFT_LOWER] != -inf:
-        slowest = _saturated(-gain * (position - row[_SOFT_LOWER]), -speed, speed)
+        slowest = _saturate(-gain * (position - row[_SOFT_LOWER]), -speed, speed)
     if row[_SOFT_UPPER] != inf:
-        fastest = _saturated(-gain * (position - row[_SOFT_UPPER]), -speed, speed)
+        fastest = _saturate(-gain * (position - row[_SOFT_UPPER]), -speed, speed)
     return slowest, fastest
 
 
-@compiled("f8[::1], f8[::1], f8", allocates=False)
-def enforced(row, handle, dt):
+@jit("f8[::1], f8[::1], f8", allocates=False)
+def enforce_limits(row, handle, dt):
     """Limit the command of a joint; return whether it was changed.
 
     row: of a LimitRule. handle (6,): row of a JointHandle, whose command is rewritten. dt: since
@@ -144,16 +144,16 @@ def enforced(row, handle, dt):
         high = 0.0 if position > row[_UPPER] or velocity > speed else effort
     elif kind == EFFORT_SOFT:
         target = TAU_COMMAND
-        slowest, fastest = _soft_speeds(row, position)
+        slowest, fastest = _find_soft_speeds(row, position)
         gain = row[_K_VELOCITY]
-        low = _saturated(-gain * (velocity - slowest), -effort, effort)
-        high = _saturated(-gain * (velocity - fastest), -effort, effort)
+        low = _saturate(-gain * (velocity - slowest), -effort, effort)
+        high = _saturate(-gain * (velocity - fastest), -effort, effort)
     elif kind in (POSITION_SATURATION, POSITION_SOFT):
         if isnan(previous):
             previous = position
         slowest, fastest = -speed, speed
         if kind == POSITION_SOFT:
-            slowest, fastest = _soft_speeds(row, previous)
+            slowest, fastest = _find_soft_speeds(row, previous)
         if not isnan(speed):
             low = max(previous + slowest * dt, low)
             high = min(previous + fastest * dt, high)
@@ -161,12 +161,12 @@ def enforced(row, handle, dt):
         target = V_COMMAND
         slowest, fastest, base = -speed, speed, 0.0 if isnan(previous) else previous
         if kind == VELOCITY_SOFT:
-            slowest, fastest = _soft_speeds(row, position)
+            slowest, fastest = _find_soft_speeds(row, position)
             base = velocity
         low, high = slowest, fastest
         if not isnan(row[_ACCELERATION]):
             step = row[_ACCELERATION] * dt
             low, high = max(base - step, low), min(base + step, high)
     wanted = handle[target]
-    handle[target] = row[_PREVIOUS] = _saturated(wanted, low, high)
+    handle[target] = row[_PREVIOUS] = _saturate(wanted, low, high)
     return handle[target] != wanted

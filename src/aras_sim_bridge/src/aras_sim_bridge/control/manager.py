@@ -17,27 +17,27 @@ from aras_sim_bridge.control.switching import (
     STOPPED,
     STRICT,
     ControllerInfo,
-    Entry,
+    LoadedController,
     SwitchRequest,
     plan_switch,
 )
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.names import USER_FAULTS
-from aras_visual_servo_base.setting_values import look_up
+from aras_visual_servo_base.setting_values import find_value
 
-CLASSES = "controller_classes"
-_ENTERED_BY = {RUNNING: "starting", STOPPED: "stopping"}
+CLASSES_PARAMETER = "controller_classes"
+_STATE_HOOKS = {RUNNING: "starting", STOPPED: "stopping"}
 
 
 def _ignore(text: str) -> None:
     """Stand-in for a logger."""
 
 
-def _flat(classes: Mapping, above: str = "") -> Iterator[tuple[str, object]]:
+def _flatten(classes: Mapping, above: str = "") -> Iterator[tuple[str, object]]:
     """Type names and their paths."""
     for name, path in classes.items():
         if isinstance(path, Mapping):
-            yield from _flat(path, f"{above}{name}/")
+            yield from _flatten(path, f"{above}{name}/")
         else:
             yield f"{above}{name}", path
 
@@ -65,23 +65,23 @@ class ControllerManager:
         self.registry = ControllerTypes()
         self._warn = warn
         self._error = error
-        self._entries: dict[str, Entry] = {}
-        self._order: list[Entry] = []
+        self._entries: dict[str, LoadedController] = {}
+        self._order: list[LoadedController] = []
         self._pending: list[SwitchRequest] = []
-        self._was_stopped = False
+        self._has_e_stopped = False
         self._time_ns = 0
-        self.running: tuple[Entry, ...] = ()
+        self.running: tuple[LoadedController, ...] = ()
         self.on_started: Callable[[], None] | None = None
 
-    def _classes(self) -> Mapping:
+    def _list_classes(self) -> Mapping:
         """Paths of the users' classes by type name; the parameter server nests at each slash."""
-        classes = self.parameters.get(CLASSES) or {}
+        classes = self.parameters.get(CLASSES_PARAMETER) or {}
         if not isinstance(classes, Mapping):
             raise ControllerError(
-                f"parameter {self.namespace}/{CLASSES} must map type names to "
+                f"parameter {self.namespace}/{CLASSES_PARAMETER} must map type names to "
                 f"'package.module:Class', found {classes!r}"
             )
-        return dict(_flat(classes))
+        return dict(_flatten(classes))
 
     def load(self, name: str) -> Controller:
         """Make and initialise the controller `name` from the parameters under its name.
@@ -91,7 +91,7 @@ class ControllerManager:
         """
         if name in self._entries:
             raise ControllerError(f"controller '{name}' is already loaded")
-        own = look_up(self.parameters, name) if name else None
+        own = find_value(self.parameters, name) if name else None
         where = f"{self.namespace}/{name}"
         if not isinstance(own, Mapping) or not isinstance(own.get("type"), str) or not own["type"]:
             raise ControllerError(
@@ -100,7 +100,7 @@ class ControllerManager:
             )
         type_name = own["type"]
         try:
-            controller = self.registry.find(type_name, self._classes())()
+            controller = self.registry.find(type_name, self._list_classes())()
             # A user's init may forget to call the base's.
             controller.context = context = Context(
                 name, self.namespace, self.hardware.description, self.parameters, self._warn,
@@ -114,7 +114,7 @@ class ControllerManager:
                 f"cannot load controller '{name}': {type_name} raised "
                 f"{type(error).__name__}: {error}"
             ) from error
-        entry = Entry(name, type_name, controller)
+        entry = LoadedController(name, type_name, controller)
         self._entries[name] = entry
         self._order = [*self._order, entry]
         return controller
@@ -146,7 +146,7 @@ class ControllerManager:
 
     def list_types(self) -> Sequence[tuple[str, str]]:
         """Known (type, base class) pairs, by name."""
-        return [(t, BASE_CLASS) for t in self.registry.types(self._classes())]
+        return [(t, BASE_CLASS) for t in self.registry.list_types(self._list_classes())]
 
     def reload_libraries(self, force_kill: bool = False) -> None:
         """Import the users' controller classes anew; loaded controllers are in the way.
@@ -159,13 +159,13 @@ class ControllerManager:
                 f"unload them or ask for force_kill"
             )
         self.shutdown()
-        self.registry.reload(self._classes())
+        self.registry.reload(self._list_classes())
 
     def shutdown(self) -> None:
         """Stop and unload every controller, the last loaded first; open switches are refused."""
         for entry in reversed(self._order):
             if entry.running:
-                self._enter(entry, STOPPED, self._time_ns)
+                self._change_state(entry, STOPPED, self._time_ns)
         self._entries.clear()
         self._order = []
         pending, self._pending = self._pending, []
@@ -192,7 +192,7 @@ class ControllerManager:
                 f"strictness must be 1 (BEST_EFFORT) or 2 (STRICT), got {strictness}"
             )
         request = SwitchRequest(start, stop, strictness, start_asap)
-        self._pending = [r for r in self._pending if not r.done]
+        self._pending = [r for r in self._pending if not r.is_done]
         if not self._pending:
             plan_switch(request, self._entries, self._order)
         self._pending.append(request)
@@ -207,19 +207,19 @@ class ControllerManager:
         """
         self._time_ns = time_ns
         if self.hardware.e_stop:
-            self._was_stopped = True
-        elif self._was_stopped:
-            self._was_stopped = False
+            self._has_e_stopped = True
+        elif self._has_e_stopped:
+            self._has_e_stopped = False
             for entry in self._order:
-                if entry.running and self._enter(entry, STOPPED, time_ns):
-                    self._enter(entry, RUNNING, time_ns)
+                if entry.running and self._change_state(entry, STOPPED, time_ns):
+                    self._change_state(entry, RUNNING, time_ns)
         for entry in self._order:
             if entry.running:
                 self.run(entry, time_ns, period)
         if self._pending:
-            self.carry_out(time_ns)
+            self.carry_out_switches(time_ns)
 
-    def run(self, entry: Entry, time_ns: int, period: float) -> None:
+    def run(self, entry: LoadedController, time_ns: int, period: float) -> None:
         """Let one controller update; it is aborted if it raises."""
         try:
             entry.controller.update(time_ns, period)
@@ -227,27 +227,27 @@ class ControllerManager:
             self._abort(entry, "update", error)
 
     @property
-    def busy(self) -> bool:
+    def is_busy(self) -> bool:
         """Whether the next update has more to do than to let the controllers run."""
-        return bool(self._pending) or self._was_stopped or self.hardware.e_stop
+        return bool(self._pending) or self._has_e_stopped or self.hardware.e_stop
 
-    def reset(self, anew: bool = False) -> None:
+    def reset(self, restart: bool = False) -> None:
         """The clock or the robot was put back: controllers forget commands not yet acted on, and
-        where everything begins `anew`, what their PIDs have gathered."""
+        where everything begins `restart`, what their PIDs have gathered."""
         for entry in self._order:
             controller = entry.controller
             try:
                 controller.reset()
-                if anew:
-                    controller.begin_anew(0)
+                if restart:
+                    controller.restart(0)
             except USER_FAULTS as error:
                 self._abort(entry, "reset", error)
 
-    def carry_out(self, time_ns: int) -> None:
+    def carry_out_switches(self, time_ns: int) -> None:
         """Carry out the open switches now: at the end of an update, or while time stands still."""
         pending, self._pending = self._pending, []
         for request in pending:
-            if request.done:
+            if request.is_done:
                 continue
             try:
                 # Checked again: something may have been unloaded since the request.
@@ -256,29 +256,29 @@ class ControllerManager:
                 request.finish(str(error))
                 continue
             for entry in stops:
-                self._enter(entry, STOPPED, time_ns)
-            failed = [e.name for e in starts if not self._enter(e, RUNNING, time_ns)]
+                self._change_state(entry, STOPPED, time_ns)
+            failed = [e.name for e in starts if not self._change_state(e, RUNNING, time_ns)]
             if len(failed) < len(starts) and self.on_started is not None:
                 self.on_started()
             request.finish(f"failed to start: {', '.join(failed)}" if failed else "")
 
-    def _enter(self, entry: Entry, state: str, time_ns: int) -> bool:
+    def _change_state(self, entry: LoadedController, state: str, time_ns: int) -> bool:
         """Start or stop a controller; whether it did."""
-        verb = _ENTERED_BY[state]
+        verb = _STATE_HOOKS[state]
         try:
             getattr(entry.controller, verb)(time_ns)
         except USER_FAULTS as error:
             self._abort(entry, verb, error)
             return False
-        self._note(entry, state)
+        self._set_state(entry, state)
         return True
 
-    def _note(self, entry: Entry, state: str) -> None:
-        entry.enter(state)
+    def _set_state(self, entry: LoadedController, state: str) -> None:
+        entry.set_state(state)
         self.running = tuple(e for e in self._order if e.running)
 
-    def _abort(self, entry: Entry, verb: str, error: BaseException) -> None:
-        self._note(entry, ABORTED)
+    def _abort(self, entry: LoadedController, verb: str, error: BaseException) -> None:
+        self._set_state(entry, ABORTED)
         for joint in entry.controller.joints:
             handle = self.hardware.handles.get(joint)
             if handle is not None:

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from aras_sim_bridge.errors import ControllerError
-from aras_visual_servo_base.compiled import column, compiled
-from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.compiled import column, jit
+from aras_visual_servo_base.names import suggest
 from aras_visual_servo_base.settings import read
 
 log = logging.getLogger(__name__)
@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 # Columns of a PID's row: its gains, the last error, and what the last computation saw and gave;
 # whether it came to a command.
 (_P, _I, _D, _I_MAX, _I_MIN, _ANTIWINDUP, _LAST_ERROR, _ERROR, _ERROR_DOT, _INTEGRAL, _COMMAND,
- _I_TERM, _DONE), PID_COLUMNS = range(13), 13
+ _I_TERM, _IS_COMPUTED), PID_COLUMNS = range(13), 13
 
 # Parameters of a PID.
 KEYS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup", "publish_state")
@@ -64,11 +64,11 @@ class Pid:
     - the output is not clamped: that is the limit handle's work.
 
     A view of its row. `gains` is replaced as a whole, so another thread may set it while the loop
-    computes; `take_gains` brings it into the row.
+    computes; `apply_gains` brings it into the row.
     `on_state`, if set, is called with a PidState after each computation.
     """
 
-    __slots__ = ("gains", "publish_state", "on_state", "row", "_taken")
+    __slots__ = ("gains", "publish_state", "on_state", "row", "_active_gains")
 
     integral, command = column(_INTEGRAL), column(_COMMAND)  # ∫e dt, before the gain
 
@@ -85,8 +85,8 @@ class Pid:
         self.on_state: Callable[[PidState], None] | None = None
         self.row = np.zeros(PID_COLUMNS)
         self.set_gains(Gains(p, i, d, i_max, i_min, antiwindup))
-        self._taken: Gains | None = None
-        self.take_gains()
+        self._active_gains: Gains | None = None
+        self.apply_gains()
 
     @classmethod
     def from_parameters(cls, parameters: Mapping, where: str) -> "Pid":
@@ -98,7 +98,7 @@ class Pid:
         """
         for key in parameters:
             if key not in KEYS:
-                log.warning("parameter %s/%s is not read: %s", where, key, nearest(key, KEYS))
+                log.warning("parameter %s/%s is not read: %s", where, key, suggest(key, KEYS))
         if "p" not in parameters:
             raise ControllerError(
                 f"no proportional gain: set parameter {where}/p (and i, d, i_clamp as needed)"
@@ -133,11 +133,11 @@ class Pid:
             )
         self.gains = Gains(*map(float, gains[:5]), bool(gains.antiwindup))
 
-    def take_gains(self) -> None:
+    def apply_gains(self) -> None:
         """Bring new gains into the row, between two computations."""
         gains = self.gains
-        if gains is not self._taken:
-            self._taken = gains
+        if gains is not self._active_gains:
+            self._active_gains = gains
             self.row[:_LAST_ERROR] = gains
 
     def bind(self, row: np.ndarray) -> None:
@@ -154,31 +154,31 @@ class Pid:
 
         `error_dot`, in the error's unit per s, is taken from the last error unless it is known.
         """
-        self.take_gains()
+        self.apply_gains()
         known = error_dot is not None
-        command = computed(self.row, error, error_dot if known else 0.0, known, dt)
-        self.tell(dt)
+        command = compute_pid(self.row, error, error_dot if known else 0.0, known, dt)
+        self.notify_listener(dt)
         return command
 
-    def tell(self, dt: float) -> None:
+    def notify_listener(self, dt: float) -> None:
         """Tell a listener of the last computation, `dt` s after the one before, if it came to one.
         """
         listener = self.on_state
-        if listener is None or not self.row[_DONE]:
+        if listener is None or not self.row[_IS_COMPUTED]:
             return
-        gains = self._taken
-        error, error_dot, integral, command, i_term = self.row[_ERROR:_DONE].tolist()
+        gains = self._active_gains
+        error, error_dot, integral, command, i_term = self.row[_ERROR:_IS_COMPUTED].tolist()
         listener(
             PidState(dt, error, error_dot, error, integral, error_dot, gains.p * error, i_term,
                      gains.d * error_dot, gains.i_max, gains.i_min, command)
         )
 
 
-@compiled("f8[::1], f8, f8, b1, f8", allocates=False)
-def computed(row, error, error_dot, known, dt):
-    """See Pid.compute; `known`: whether `error_dot` is."""
-    row[_DONE] = 0.0
-    if not known:
+@jit("f8[::1], f8, f8, b1, f8", allocates=False)
+def compute_pid(row, error, error_dot, has_error_dot, dt):
+    """See Pid.compute; `has_error_dot`: whether `error_dot` is."""
+    row[_IS_COMPUTED] = 0.0
+    if not has_error_dot:
         if dt == 0.0 or not isfinite(error):
             return 0.0
         error_dot = row[_ERROR_DOT]
@@ -201,5 +201,5 @@ def computed(row, error, error_dot, known, dt):
         if row[_ANTIWINDUP] == 0.0:
             i_term = least if i_term < least else most if i_term > most else i_term
     command = row[_P] * error + i_term + row[_D] * error_dot
-    row[_INTEGRAL], row[_COMMAND], row[_I_TERM], row[_DONE] = integral, command, i_term, 1.0
+    row[_INTEGRAL], row[_COMMAND], row[_I_TERM], row[_IS_COMPUTED] = integral, command, i_term, 1.0
     return command

@@ -17,19 +17,20 @@ import numpy as np
 
 from aras_sim_bridge.control.drives import POSITION_BY_PID, VELOCITY_BY_PID
 from aras_sim_bridge.control.hardware import RobotHardware
-from aras_sim_bridge.control.switching import Entry
+from aras_sim_bridge.control.switching import LoadedController
 
-BOUND = 4.0
+STABILITY_BOUND = 4.0
 _HALVINGS = 60
 _MARGIN = 1.05  # of a factor that is told with two digits
 
 
-def loop_gains(hardware: RobotHardware, running: Iterable[Entry], joints: tuple[str, ...]
-               ) -> tuple[np.ndarray, np.ndarray]:
+def collect_gains(
+    hardware: RobotHardware, running: Iterable[LoadedController], joints: tuple[str, ...]
+) -> tuple[np.ndarray, np.ndarray]:
     """P and D (n,) of the loops that are closed at present, in the order of `joints`."""
     gains = {name: (0.0, 0.0) for name in joints}
     for entry in running:
-        gains |= entry.controller.loop_gains()
+        gains |= entry.controller.get_loop_gains()
     for drive in hardware.drives:
         if drive.kind == POSITION_BY_PID:
             gains[drive.handle.name] = drive.pid.gains.p, drive.pid.gains.d
@@ -39,7 +40,9 @@ def loop_gains(hardware: RobotHardware, running: Iterable[Entry], joints: tuple[
     return P, D
 
 
-def swing(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> float:
+def compute_step_eigenvalue(
+    inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float
+) -> float:
     """The largest eigenvalue of M⁻¹ (2 h D + h² P); above BOUND the loops diverge.
 
     Args:
@@ -49,39 +52,50 @@ def swing(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> flo
     return float(np.linalg.eigvalsh(root[:, None] * inverse * root)[-1])
 
 
-def longest_step(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> float:
+def find_longest_step(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> float:
     """The longest step below `step`, which diverges, that does not, s."""
     low, high = 0.0, step
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if swing(inverse, P, D, middle) > BOUND else (middle, high)
+        low, high = (
+            (low, middle)
+            if compute_step_eigenvalue(inverse, P, D, middle) > STABILITY_BOUND
+            else (middle, high)
+        )
     return low
 
 
-def too_high(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> np.ndarray:
+def find_gain_reductions(
+    inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float
+) -> np.ndarray:
     """(n,) By what to divide the gains of each joint, 1 or more, so that steps of `step` s are
     borne. Always the joint is taken that swings most, so as few are above 1 as do."""
     factors = np.ones(len(P))
     while True:
         root = np.sqrt((2.0 * step * D + step * step * P) / factors)
         values, vectors = np.linalg.eigh(root[:, None] * inverse * root)
-        if values[-1] <= BOUND:
+        if values[-1] <= STABILITY_BOUND:
             return factors
-        factors[np.argmax(vectors[:, -1] ** 2)] *= max(values[-1] / BOUND, _MARGIN)
+        factors[np.argmax(vectors[:, -1] ** 2)] *= max(values[-1] / STABILITY_BOUND, _MARGIN)
 
 
-def outlook(hardware: RobotHardware, running: Iterable[Entry], joints: tuple[str, ...],
-            inverse_inertia: Callable[[], np.ndarray], step: float) -> str:
+def report_stability(
+    hardware: RobotHardware,
+    running: Iterable[LoadedController],
+    joints: tuple[str, ...],
+    inverse_inertia: Callable[[], np.ndarray],
+    step: float,
+) -> str:
     """What steps of `step` s will do to the loops that are closed at present, where they do not
     bear them; empty where they do. inverse_inertia: M⁻¹ (n, n) of `joints`, where they stand."""
-    P, D = loop_gains(hardware, running, joints)
+    P, D = collect_gains(hardware, running, joints)
     if not (P.any() or D.any()):
         return ""
     inverse = inverse_inertia()
-    if swing(inverse, P, D, step) <= BOUND:
+    if compute_step_eigenvalue(inverse, P, D, step) <= STABILITY_BOUND:
         return ""
-    longest = longest_step(inverse, P, D, step)
-    factors = too_high(inverse, P, D, step)
+    longest = find_longest_step(inverse, P, D, step)
+    factors = find_gain_reductions(inverse, P, D, step)
     lower = ", ".join(
         f"'{joints[i]}' {float(f'{_MARGIN * factors[i]:.2g}'):g}-fold"
         for i in np.argsort(-factors) if factors[i] > 1.0

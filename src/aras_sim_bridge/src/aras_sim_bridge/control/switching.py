@@ -26,8 +26,9 @@ class ControllerInfo:
 
 
 class SwitchRequest:
-    """A switch on its way. `done` turns True when it was carried out, refused or cancelled;
-    then `ok` tells which, and `reason` why not; `on_done`, if set, is called with the request.
+    """A switch on its way. `is_done` turns True when it was carried out, refused or cancelled;
+    then `is_successful` tells which, and `reason` why not; `on_done`, if set, is called with the
+    request.
     """
 
     def __init__(
@@ -38,21 +39,21 @@ class SwitchRequest:
         self.strictness = strictness
         self.start_asap = start_asap
         self.on_done: Callable[[SwitchRequest], None] | None = None
-        self.ok = False
+        self.is_successful = False
         self.reason = ""
-        self.done = False
+        self.is_done = False
 
     def finish(self, reason: str = "") -> None:
         """Settle the request, unless it is, with a reason why not; cancels one not carried out."""
-        if self.done:
+        if self.is_done:
             return
-        self.ok, self.reason = not reason, reason
-        self.done = True
+        self.is_successful, self.reason = not reason, reason
+        self.is_done = True
         if self.on_done is not None:
             self.on_done(self)
 
 
-class Entry:
+class LoadedController:
     """A loaded controller and what the manager knows of it."""
 
     __slots__ = ("name", "type_name", "controller", "state", "running")
@@ -64,22 +65,24 @@ class Entry:
         self.state = INITIALIZED
         self.running = False
 
-    def enter(self, state: str) -> None:
+    def set_state(self, state: str) -> None:
         """Change the state."""
         self.state = state
         self.running = state == RUNNING
 
 
 def plan_switch(
-    request: SwitchRequest, entries: Mapping[str, Entry], order: Sequence[Entry]
-) -> tuple[list[Entry], list[Entry]]:
+    request: SwitchRequest,
+    entries: Mapping[str, LoadedController],
+    order: Sequence[LoadedController],
+) -> tuple[list[LoadedController], list[LoadedController]]:
     """Entries to stop and to start; `order` holds those of `entries` in the order of updates.
 
     Raises ControllerError where ros_control's rules refuse the request.
     """
     strict = request.strictness == STRICT
-    stops = _known(request.stop, entries, strict, "stop")
-    starts = _known(request.start, entries, strict, "start")
+    stops = _find_entries(request.stop, entries, strict, "stop")
+    starts = _find_entries(request.start, entries, strict, "start")
     for entry in stops:
         if entry in starts and entry.running:
             raise ControllerError(
@@ -100,9 +103,9 @@ def plan_switch(
     return stops, starts
 
 
-def _known(
-    names: Sequence[str], entries: Mapping[str, Entry], strict: bool, verb: str
-) -> list[Entry]:
+def _find_entries(
+    names: Sequence[str], entries: Mapping[str, LoadedController], strict: bool, verb: str
+) -> list[LoadedController]:
     found = []
     for name in names:
         if name in entries:
@@ -112,7 +115,7 @@ def _known(
     return found
 
 
-def _check_claims(entries: Sequence[Entry]) -> None:
+def _check_claims(entries: Sequence[LoadedController]) -> None:
     """Raises ControllerError if two controllers claim a joint, whatever the interface."""
     owners: dict[str, list[str]] = {}
     for entry in entries:

@@ -18,7 +18,7 @@ WORLD = "world"
 
 
 @dataclass
-class Tree:
+class KinematicTree:
     """One articulated body: its links and joints in the model's order; what closes its loops."""
 
     root: str
@@ -28,20 +28,20 @@ class Tree:
 
 
 @dataclass(frozen=True)
-class PlacedJoint:
+class JointInModel:
     """A joint whose frame stands at `pose` in the model; its `origin_*` mean nothing yet.
 
     cut: to be cut where it is in a closed chain, rather than another. between: its child, where
-    that is a link without mass that only joins it to the next one (see `links_between`).
+    that is a link without mass that only joins it to the next one (see `find_links_between`).
     """
 
     joint: Joint
     pose: Pose
-    cut: bool = False
-    between: str = ""
+    is_loop_cut: bool = False
+    massless_link: str = ""
 
 
-def links_between(joints: Sequence[PlacedJoint], links: Mapping[str, Link], where: str
+def find_links_between(joints: Sequence[JointInModel], links: Mapping[str, Link], where: str
                   ) -> tuple[dict[str, Link], dict[str, Pose]]:
     """Return the links without mass that join one of these joints to the next, and their poses.
 
@@ -49,16 +49,16 @@ def links_between(joints: Sequence[PlacedJoint], links: Mapping[str, Link], wher
         DescriptionError: a link of that name exists.
     """
     for one in joints:
-        if one.between in links:
+        if one.massless_link in links:
             raise DescriptionError(f"{where}, joint '{one.joint.name}': it needs a link "
-                                   f"'{one.between}' of its own; rename the other one")
-    found = [one for one in joints if one.between]
-    return ({one.between: Link(one.between, None) for one in found},
-            {one.between: one.pose for one in found})
+                                   f"'{one.massless_link}' of its own; rename the other one")
+    found = [one for one in joints if one.massless_link]
+    return ({one.massless_link: Link(one.massless_link, None) for one in found},
+            {one.massless_link: one.pose for one in found})
 
 
-def assemble(links: Mapping[str, Link], poses: Mapping[str, Pose], joints: Sequence[PlacedJoint],
-             static: bool, where: str) -> list[Tree]:
+def assemble(links: Mapping[str, Link], poses: Mapping[str, Pose], joints: Sequence[JointInModel],
+             static: bool, where: str) -> list[KinematicTree]:
     """Return the trees of a model, first that of its first link.
 
     The root of a tree is the first link that is no joint's child, the first tree's frame the
@@ -81,7 +81,7 @@ def assemble(links: Mapping[str, Link], poses: Mapping[str, Pose], joints: Seque
                 raise DescriptionError(f"{where}, joint '{one.joint.name}': link '{end}' does not "
                                        "exist")
     children = {one.joint.child for one in joints}
-    span = _Span(joints)
+    span = _SpanningTrees(joints)
     roots = []
     for name in (*(name for name in links if name not in children), *links):
         if name not in span.tree_of:
@@ -92,25 +92,25 @@ def assemble(links: Mapping[str, Link], poses: Mapping[str, Pose], joints: Seque
     if static:
         span.join(roots)
         roots = roots[:1]
-    return [_tree(root, root == roots[0], links, poses, joints, span) for root in roots]
+    return [_make_tree(root, root == roots[0], links, poses, joints, span) for root in roots]
 
 
-class _Span:
+class _SpanningTrees:
     """Which link is in which tree, and which joints hold the trees together.
 
     tree_of: root of the tree, by link. edges: joints of the trees by name; True: turned round, so
     that its child carries its parent. stands: links that a static model's root carries.
     """
 
-    def __init__(self, joints: Sequence[PlacedJoint]) -> None:
+    def __init__(self, joints: Sequence[JointInModel]) -> None:
         self._joints = joints
         self._below: dict[str, list[Joint]] = {}
         for one in joints:
-            if not one.cut:
+            if not one.is_loop_cut:
                 self._below.setdefault(one.joint.parent, []).append(one.joint)
         self.tree_of: dict[str, str] = {}
         self.edges: dict[str, bool] = {}
-        self.stands: list[str] = []
+        self.carried_links: list[str] = []
 
     def grow(self, root: str) -> None:
         """Add all that hangs together with `root`: downwards first, then by joints that are to be
@@ -137,20 +137,20 @@ class _Span:
 
     def join(self, roots: Sequence[str]) -> None:
         """Let the first root carry the others: they are fixed to it."""
-        self.stands = list(roots[1:])
+        self.carried_links = list(roots[1:])
         self.tree_of = dict.fromkeys(self.tree_of, roots[0])
 
     def _is_new(self, link: str) -> bool:
         return link not in self.tree_of
 
-    def _add(self, joint: Joint, link: str, root: str, turned: bool) -> str:
+    def _add(self, joint: Joint, link: str, root: str, is_reversed: bool) -> str:
         self.tree_of[link] = root
-        self.edges[joint.name] = turned
+        self.edges[joint.name] = is_reversed
         return link
 
 
-def _tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: Mapping[str, Pose],
-          joints: Sequence[PlacedJoint], span: _Span) -> Tree:
+def _make_tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: Mapping[str, Pose],
+          joints: Sequence[JointInModel], span: _SpanningTrees) -> KinematicTree:
     links = {name: link for name, link in all_links.items() if span.tree_of[name] == root}
     # The main root's frame becomes the model's, so what hangs on it is placed in the model.
     frames = {**poses, root: Pose()} if is_main else poses
@@ -169,16 +169,20 @@ def _tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: Mappin
         parent, child, axis = joint.parent, joint.child, joint.axis
         if span.edges[joint.name]:
             parent, child, axis = child, parent, tuple(-part for part in axis)
-        if joint.moves and one.pose != poses[child]:
+        if joint.is_movable and one.pose != poses[child]:
             # The joint moves a massless link that stands on it, and that one carries the child.
             own = f"{joint.name}_frame"
             links[own] = Link(own, None)
-            found[own] = Joint(own, "fixed", own, child).at(one.pose.inverse() @ poses[child])
+            found[own] = Joint(own, "fixed", own, child).with_pose(
+                one.pose.inverse() @ poses[child]
+            )
             child = own
-        at = one.pose if joint.moves else poses[child]
+        at = one.pose if joint.is_movable else poses[child]
         found[joint.name] = replace(
-            joint, parent=parent, child=child, axis=axis).at(frames[parent].inverse() @ at)
-    for name in span.stands if is_main else ():
+            joint, parent=parent, child=child, axis=axis).with_pose(frames[parent].inverse() @ at)
+    for name in span.carried_links if is_main else ():
         extra = f"{name}_stands"
-        found[extra] = Joint(extra, "fixed", root, name).at(frames[root].inverse() @ poses[name])
-    return Tree(root, links, found, tuple(loops))
+        found[extra] = Joint(extra, "fixed", root, name).with_pose(
+            frames[root].inverse() @ poses[name]
+        )
+    return KinematicTree(root, links, found, tuple(loops))

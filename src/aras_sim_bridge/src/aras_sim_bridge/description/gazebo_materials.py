@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.ogre_materials import Look
+from aras_sim_bridge.description.ogre_materials import Appearance
 from aras_sim_bridge.description.types import Rgba
-from aras_visual_servo_base.names import likely
-from aras_visual_servo_base.safe_xml import numbers, shorten, text_of
+from aras_visual_servo_base.names import find_nearest
+from aras_visual_servo_base.safe_xml import find_text, parse_numbers, shorten
 
 WHITE: Rgba = (1.0, 1.0, 1.0, 1.0)
 
@@ -101,42 +101,43 @@ COLOURS: dict[str, Rgba] = {
 }
 
 
-def colour(name: str, link: str, warnings: list[str]) -> Rgba:
+def find_colour(name: str, link: str, warnings: list[str]) -> Rgba:
     """Colour of a link's Gazebo material, rgba in 0..1.
 
     A name that Gazebo does not have is drawn white, as Gazebo draws it, with a sentence in
     `warnings` that names the nearest one.
     """
     if name not in COLOURS:
-        near = likely(f"Gazebo/{name.split('/')[-1]}", COLOURS, 0.0)
+        near = find_nearest(f"Gazebo/{name.split('/')[-1]}", COLOURS, 0.0)
         warnings.append(f"link '{link}': material '{shorten(name)}' is none of Gazebo's; drawn "
                         f"white. The nearest is '{near}'")
     return COLOURS.get(name, WHITE)
 
 
-def sdf_colour(link: Element, name: str, warnings: list[str], looks: Sequence[Look | None]
-               ) -> Rgba | None:
+def find_sdf_colour(
+    link: Element, name: str, warnings: list[str], appearances: Sequence[Appearance | None]
+) -> Rgba | None:
     """The colour of an SDF link: that of its first visual that has one, for all of them.
 
     looks: of the visuals, in their order, by material scripts.
     """
     found = [look.colour or WHITE if look is not None
-             else text_of(visual.find("material/script"), "name")
-             or _painted(visual, f"link '{name}'")
-             for visual, look in zip(link.findall("visual"), looks, strict=True)]
+             else find_text(visual.find("material/script"), "name")
+             or _read_colour(visual, f"link '{name}'")
+             for visual, look in zip(link.findall("visual"), appearances, strict=True)]
     found = [paint for paint in found if paint is not None]
     if any(paint != found[0] for paint in found):
         warnings.append(f"link '{name}': its visuals have several colours; all get the first")
     first = found[0] if found else None
-    return colour(first, name, warnings) if isinstance(first, str) else first
+    return find_colour(first, name, warnings) if isinstance(first, str) else first
 
 
-def _painted(visual: Element, where: str) -> Rgba | None:
+def _read_colour(visual: Element, where: str) -> Rgba | None:
     """Diffuse colour of an SDF visual's material, else its ambient one, else None."""
     material = visual.find("material")
     for tag in ("diffuse", "ambient"):
-        text = text_of(material, tag)
+        text = find_text(material, tag)
         if text is not None:
             full = f"{text} 1" if len(text.split()) == 3 else text
-            return numbers(full, 4, f"{where}: material {tag}")
+            return parse_numbers(full, 4, f"{where}: material {tag}")
     return None

@@ -8,7 +8,13 @@ from dataclasses import replace
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description.types import GraspArm, GraspDescription, Link
-from aras_visual_servo_base.safe_xml import integer, number, shorten, text_of, truth
+from aras_visual_servo_base.safe_xml import (
+    find_text,
+    parse_bool,
+    parse_integer,
+    parse_number,
+    shorten,
+)
 
 _WHERE = "plugin gazebo_grasp_fix"
 
@@ -19,33 +25,33 @@ def read(plugin: Element) -> GraspDescription:
     Raises:
         DescriptionError: an element that is no number.
     """
-    def value(tag: str, default: float) -> float:
-        return number(text_of(plugin, tag), f"{_WHERE}: {tag}", default)
+    def read_value(tag: str, default: float) -> float:
+        return parse_number(find_text(plugin, tag), f"{_WHERE}: {tag}", default)
 
-    most = integer(text_of(plugin, "max_grip_count"), f"{_WHERE}: max_grip_count", 10)
+    most = parse_integer(find_text(plugin, "max_grip_count"), f"{_WHERE}: max_grip_count", 10)
     return GraspDescription(
-        arms=tuple(_arm(arm) for arm in plugin.findall("arm")),
-        angle=math.radians(value("forces_angle_tolerance", 120.0)),
-        rate=value("update_rate", 5.0),
+        arms=tuple(_read_arm(arm) for arm in plugin.findall("arm")),
+        angle=math.radians(read_value("forces_angle_tolerance", 120.0)),
+        rate=read_value("update_rate", 5.0),
         most=most,
-        threshold=integer(text_of(plugin, "grip_count_threshold"),
+        threshold=parse_integer(find_text(plugin, "grip_count_threshold"),
                           f"{_WHERE}: grip_count_threshold", most // 2),
-        release_tolerance=value("release_tolerance", 0.005),
-        collides=not truth(text_of(plugin, "disable_collisions_on_attach"),
+        release_tolerance=read_value("release_tolerance", 0.005),
+        collides=not parse_bool(find_text(plugin, "disable_collisions_on_attach"),
                            f"{_WHERE}: disable_collisions_on_attach", False),
     )
 
 
-def _arm(arm: Element) -> GraspArm:
+def _read_arm(arm: Element) -> GraspArm:
     fingers = tuple((node.text or "").strip() for node in arm.findall("gripper_link"))
-    return GraspArm(text_of(arm, "arm_name") or "", text_of(arm, "palm_link") or "", fingers)
+    return GraspArm(find_text(arm, "arm_name") or "", find_text(arm, "palm_link") or "", fingers)
 
 
-def of_model(found: list[GraspDescription], links: Mapping[str, Link], warnings: list[str]
+def check_grasps(grasps: list[GraspDescription], links: Mapping[str, Link], warnings: list[str]
              ) -> list[GraspDescription]:
     """The plug-ins that can grasp, with the arms that the model has; a warning names all else."""
     whole = []
-    for one in found:
+    for one in grasps:
         if one.rate <= 0.0 or one.angle < math.pi / 2:
             wrong = (f"update_rate is {one.rate:g} Hz; give a positive one" if one.rate <= 0.0 else
                      f"forces_angle_tolerance is {math.degrees(one.angle):g} degrees; forces are "
@@ -54,7 +60,7 @@ def of_model(found: list[GraspDescription], links: Mapping[str, Link], warnings:
             continue
         arms: dict[str, GraspArm] = {}
         for arm in one.arms:
-            problem, arm = _checked(arm, links, warnings)
+            problem, arm = _check_arm(arm, links, warnings)
             if arm.name in arms:
                 problem = "there is an arm of this name already"
             if problem:
@@ -68,7 +74,7 @@ def of_model(found: list[GraspDescription], links: Mapping[str, Link], warnings:
     return whole
 
 
-def _checked(arm: GraspArm, links: Mapping[str, Link], warnings: list[str]
+def _check_arm(arm: GraspArm, links: Mapping[str, Link], warnings: list[str]
              ) -> tuple[str, GraspArm]:
     """Why an arm cannot grasp, empty where it can; the arm with the fingers that exist."""
     for finger in arm.fingers:

@@ -11,13 +11,13 @@ _TRIANGLE_TOLERANCE = 1e-3
 _NEGLIGIBLE = 1e-6
 
 
-def tensor(inertia: tuple[float, ...]) -> np.ndarray:
+def inertia_tensor(inertia: tuple[float, ...]) -> np.ndarray:
     """(3, 3) symmetric matrix of (ixx, ixy, ixz, iyy, iyz, izz)."""
     xx, xy, xz, yy, yz, zz = inertia
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def checked_inertial(
+def make_inertial(
     where: str,
     mass: float,
     xyz: Vector3,
@@ -38,7 +38,7 @@ def checked_inertial(
         raise DescriptionError(f"{where}: mass is {mass} kg; it must not be negative")
     if mass == 0.0:
         return None
-    principal = np.linalg.eigvalsh(tensor(inertia))
+    principal = np.linalg.eigvalsh(inertia_tensor(inertia))
     trace = float(principal.sum())
     negative = principal[0] < -1e-9 * max(abs(principal[2]), 1e-12)
     if negative and np.abs(principal).max() > _NEGLIGIBLE:
@@ -70,7 +70,7 @@ def principal_axes(inertia: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
     xx, xy, xz, yy, yz, zz = inertia
     if not (xy or xz or yz):
         return np.array([xx, yy, zz]), np.eye(3)
-    moments, axes = np.linalg.eigh(tensor(inertia))
+    moments, axes = np.linalg.eigh(inertia_tensor(inertia))
     if np.linalg.det(axes) < 0.0:
         axes[:, 0] = -axes[:, 0]
     return moments, axes

@@ -13,14 +13,14 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import sdf_dialects, sdf_frames, served
+from aras_sim_bridge.description import sdf_dialects, sdf_frames, supported_elements
 from aras_sim_bridge.description.packages import MODEL_PATH, OWN_MODELS, find_model
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import number, shorten, text_of, truth
+from aras_visual_servo_base.safe_xml import find_text, parse_bool, parse_number, shorten
 
-CONFIG = "model.config"
+CONFIG_FILE = "model.config"
 
 _BUILT_IN = {
     "sun": """<light name="sun" type="directional"><pose>0 0 10 0 0 0</pose>
@@ -38,7 +38,7 @@ _BUILT_IN = {
 }
 
 
-def folder_of(uri: str, base: str | None) -> str:
+def find_folder(uri: str, base: str | None) -> str:
     """The folder that an `<include>`'s URI names; `base` is what relative paths are relative to.
 
     Raises:
@@ -72,13 +72,13 @@ def read_model(folder: str, warnings: list[str]) -> Element:
     Raises:
         DescriptionError: no model.config, no SDF file in it, or no model in that.
     """
-    config = _parsed(Path(folder) / CONFIG)
-    names = [((node.text or "").strip(), number(node.get("version"), CONFIG, 0.0))
+    config = _parse(Path(folder) / CONFIG_FILE)
+    names = [((node.text or "").strip(), parse_number(node.get("version"), CONFIG_FILE, 0.0))
              for node in config.findall("sdf")]
     if not names:
-        raise DescriptionError(f"{folder}/{CONFIG} names no <sdf> file")
+        raise DescriptionError(f"{folder}/{CONFIG_FILE} names no <sdf> file")
     file = Path(folder) / max(names, key=lambda pair: pair[1])[0]
-    root = _parsed(file)
+    root = _parse(file)
     scope = root if root.find("world") is None else root.find("world")
     found = next((child for child in scope if child.tag in ("model", "light")), None)
     if found is None:
@@ -91,14 +91,14 @@ def read_model(folder: str, warnings: list[str]) -> Element:
     return found
 
 
-def _parsed(file: Path) -> Element:
+def _parse(file: Path) -> Element:
     try:
         return safe_xml.parse(file.read_text(encoding="utf-8"), str(file))
     except (OSError, UnicodeDecodeError) as error:
         raise DescriptionError(f"{file} cannot be read: {error}") from None
 
 
-def expanded(scope: Element, warnings: list[str], base: str | None = None,
+def expand(scope: Element, warnings: list[str], base: str | None = None,
              chain: tuple[str, ...] = ()) -> Iterator[Element]:
     """The elements of a world or model, `<include>`s as what they name, models without models in
     them.
@@ -108,44 +108,44 @@ def expanded(scope: Element, warnings: list[str], base: str | None = None,
     """
     for child in scope:
         if child.tag == "include":
-            uri = text_of(child, "uri") or ""
+            uri = find_text(child, "uri") or ""
             try:
-                yield _included(child, uri, warnings, base, chain)
+                yield _include(child, uri, warnings, base, chain)
             except DescriptionError as error:
                 warnings.append(f"<include> of '{shorten(uri)}' is left out: {error}")
         elif child.tag == "model":
             try:
-                yield _flat(child, warnings, base, chain)
+                yield _flatten(child, warnings, base, chain)
             except DescriptionError as error:
                 warnings.append(f"model '{shorten(child.get('name') or '')}' is left out: {error}")
         elif child.tag == "population":
             whole = Element(child.tag, child.attrib)
-            whole.extend(expanded(child, warnings, base, chain))
+            whole.extend(expand(child, warnings, base, chain))
             yield whole
         else:
             yield child
 
 
-def _included(include: Element, uri: str, warnings: list[str], base: str | None,
+def _include(include: Element, uri: str, warnings: list[str], base: str | None,
               chain: tuple[str, ...]) -> Element:
     name = uri.strip().removeprefix("model://").strip("/")
     if name in _BUILT_IN:
         found, folder = ElementTree.fromstring(_BUILT_IN[name]), None
     else:
-        folder = os.path.realpath(folder_of(uri.strip(), base))
+        folder = os.path.realpath(find_folder(uri.strip(), base))
         if folder in chain:
             round_trip = [os.path.basename(one) for one in (*chain[chain.index(folder):], folder)]
             raise DescriptionError(f"it includes itself: {' → '.join(round_trip)}")
         found = read_model(folder, warnings)
-    name = text_of(include, "name") or found.get("name") or ""
+    name = find_text(include, "name") or found.get("name") or ""
     found.set("name", name)
     where = f"<include> of '{shorten(name)}'"
-    warnings += served.unserved(include, "include", where)
-    if truth(include.get("merge"), f"{where}: merge", False):
+    warnings += supported_elements.describe_ignored_elements(include, "include", where)
+    if parse_bool(include.get("merge"), f"{where}: merge", False):
         warnings.append(f"{where}: merge is not served; its links have the model's name before "
                         "theirs")
-    if text_of(include, "placement_frame"):
-        found.set("placement_frame", text_of(include, "placement_frame"))
+    if find_text(include, "placement_frame"):
+        found.set("placement_frame", find_text(include, "placement_frame"))
     found.extend(include.findall("plugin"))
     for tag in ("pose", "static"):
         given = include.find(tag)
@@ -155,28 +155,28 @@ def _included(include: Element, uri: str, warnings: list[str], base: str | None,
             found.append(given)
     if found.tag == "light" or folder is None:
         return found
-    return _flat(found, warnings, folder, (*chain, folder))
+    return _flatten(found, warnings, folder, (*chain, folder))
 
 
-def _flat(model: Element, warnings: list[str], base: str | None,
+def _flatten(model: Element, warnings: list[str], base: str | None,
           chain: tuple[str, ...]) -> Element:
     """The model with the links and joints of those in it as its own, named inner::link."""
     if model.find("model") is None and model.find("include") is None:
-        sdf_frames.resolve(model, warnings)
+        sdf_frames.resolve_poses(model, warnings)
         return model
     whole = Element("model", model.attrib)
-    whole.extend(expanded(model, warnings, base, chain))
-    sdf_frames.resolve(whole, warnings)
+    whole.extend(expand(model, warnings, base, chain))
+    sdf_frames.resolve_poses(whole, warnings)
     flat = Element("model", whole.attrib)
     for child in whole:
         if child.tag != "model":
             flat.append(child)
             continue
         inner = child.get("name") or ""
-        at = _pose(child, f"model '{shorten(inner)}'")
+        at = _read_pose(child, f"model '{shorten(inner)}'")
         for part in copy.deepcopy(child):
             if part.tag in ("link", "frame"):
-                pose = at @ _pose(part, f"model '{shorten(inner)}'")
+                pose = at @ _read_pose(part, f"model '{shorten(inner)}'")
                 for old in part.findall("pose"):
                     part.remove(old)
                 ElementTree.SubElement(part, "pose").text = " ".join(
@@ -196,5 +196,5 @@ def _flat(model: Element, warnings: list[str], base: str | None,
     return flat
 
 
-def _pose(element: Element, where: str) -> Pose:
-    return safe_xml.pose(text_of(element, "pose"), f"{where}: pose")
+def _read_pose(element: Element, where: str) -> Pose:
+    return safe_xml.parse_pose(find_text(element, "pose"), f"{where}: pose")

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 
-from aras_sim_bridge.errors import DescriptionError, LeftOutError
+from aras_sim_bridge.errors import DescriptionError, UnsupportedPartError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.safe_xml import shorten
 
@@ -19,10 +19,10 @@ OWN_MODELS = "~/.gazebo/models"
 _PACKAGE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.\-]*\Z")
 _SKIPPED_DIRECTORIES = {"CMakeFiles", "__pycache__", "node_modules"}
 _LARGEST_DEPTH = 6
-_found: dict[tuple[str, str, str], str] = {}  # directory by name and search paths
+_cache: dict[tuple[str, str, str], str] = {}  # directory by name and search paths
 
 
-def find(name: str) -> str:
+def find_package(name: str) -> str:
     """Directory of the ROS package `name`.
 
     Looks where ROS tools look: `ROS_PACKAGE_PATH` (crawled as rospack does), then the share
@@ -34,16 +34,16 @@ def find(name: str) -> str:
     if not _PACKAGE_NAME.match(name):
         raise DescriptionError(f"'{name[:80]}' is not a package name: letters, digits, _ - . only")
     paths = tuple(os.environ.get(key, "") for key in ("ROS_PACKAGE_PATH", "CMAKE_PREFIX_PATH"))
-    found = _found.get((name, *paths))
+    found = _cache.get((name, *paths))
     if found is None or not os.path.isdir(found):
         # What is not there is looked for again the next time: it may be built by then.
         found = _search(name, *paths)
     if found is None:
-        raise LeftOutError(
+        raise UnsupportedPartError(
             f"package '{name}' is not in ROS_PACKAGE_PATH: source the workspace that holds it "
             "(. devel/setup.bash) or install it, then try again"
         )
-    _found[name, *paths] = found
+    _cache[name, *paths] = found
     return found
 
 
@@ -72,18 +72,18 @@ def find_model(name: str) -> str | None:
     for root in (*filter(None, named), os.path.expanduser(OWN_MODELS)):
         if os.path.isdir(os.path.join(root, name)):
             return os.path.join(root, name)
-    for root in _exported_model_paths(os.environ.get("ROS_PACKAGE_PATH", "")):
+    for root in _find_model_paths(os.environ.get("ROS_PACKAGE_PATH", "")):
         if os.path.isdir(os.path.join(root, name)):
             return os.path.join(root, name)
     return None
 
 
 @lru_cache(maxsize=8)
-def _exported_model_paths(package_path: str) -> tuple[str, ...]:
+def _find_model_paths(package_path: str) -> tuple[str, ...]:
     """The folders of models that the packages of a ROS_PACKAGE_PATH export."""
     found: dict[str, None] = {}
     for root in filter(None, package_path.split(os.pathsep)):
-        for directory in _packages(root):
+        for directory in _list_packages(root):
             try:
                 with open(os.path.join(directory, "package.xml"), encoding="utf-8") as file:
                     text = file.read(65536)
@@ -100,10 +100,12 @@ def _exported_model_paths(package_path: str) -> tuple[str, ...]:
 
 def _crawl(name: str, root: str) -> str | None:
     """First directory below `root` that holds a package called `name`."""
-    return next((found for found in _packages(root) if _declared_name(found) == name), None)
+    return next(
+        (found for found in _list_packages(root) if _read_package_name(found) == name), None
+    )
 
 
-def _packages(root: str) -> Iterator[str]:
+def _list_packages(root: str) -> Iterator[str]:
     """Directories of packages below `root`, breadth first."""
     level = [root]
     for _ in range(_LARGEST_DEPTH):
@@ -127,7 +129,7 @@ def _packages(root: str) -> Iterator[str]:
         level = deeper
 
 
-def _declared_name(directory: str) -> str:
+def _read_package_name(directory: str) -> str:
     try:
         with open(os.path.join(directory, "package.xml"), encoding="utf-8") as file:
             match = re.search(r"<name>\s*([^<\s]+)\s*</name>", file.read(65536))
@@ -139,22 +141,22 @@ def _declared_name(directory: str) -> str:
 def resolve_uri(
     uri: str,
     where: str,
-    resolve_package: ResolvePackage = find,
+    resolve_package: ResolvePackage = find_package,
     base_directory: str | None = None,
 ) -> str:
-    """Absolute path of an existing mesh file; arguments and faults as `located`'s, and a file that
+    """Absolute path of an existing mesh file; arguments and faults as `locate`'s, and a file that
     is missing, or a folder, pipe or device."""
-    path = located(uri, where, resolve_package, base_directory)
+    path = locate(uri, where, resolve_package, base_directory)
     if not os.path.isfile(path):
         kind = "is no regular file" if os.path.exists(path) else "does not exist"
-        raise LeftOutError(f"{where}: mesh file {path} (from '{shorten(uri, 200)}') {kind}")
+        raise UnsupportedPartError(f"{where}: mesh file {path} (from '{shorten(uri, 200)}') {kind}")
     return path
 
 
-def located(
+def locate(
     uri: str,
     where: str,
-    resolve_package: ResolvePackage = find,
+    resolve_package: ResolvePackage = find_package,
     base_directory: str | None = None,
     what: str = "mesh",
 ) -> str:
@@ -170,18 +172,20 @@ def located(
         what: what it is, for the message.
 
     Raises:
-        LeftOutError: unknown scheme or package, or a path that climbs out.
+        UnsupportedPartError: unknown scheme or package, or a path that climbs out.
     """
     text = uri.strip()
     shown = text if len(text) <= 200 else text[:200] + "…"
     if not text or "\0" in text:
-        raise LeftOutError(f"{where}: the {what} file name is empty or holds a NUL character")
+        raise UnsupportedPartError(
+            f"{where}: the {what} file name is empty or holds a NUL character"
+        )
     scheme, separator, rest = text.partition("://")
     if not separator:
         path = text
         if not os.path.isabs(path):
             if base_directory is None:
-                raise LeftOutError(
+                raise UnsupportedPartError(
                     f"{where}: {what} '{shown}' is a relative path and the description came as "
                     "text; write package://<package>/<path> or an absolute path"
                 )
@@ -192,17 +196,17 @@ def located(
         try:
             root = os.path.normpath(folder or resolve_package(package))
         except DescriptionError as error:
-            raise LeftOutError(f"{where}: {what} '{shown}': {error}") from None
+            raise UnsupportedPartError(f"{where}: {what} '{shown}': {error}") from None
         path = os.path.normpath(os.path.join(root, inside.lstrip("/")))
         if os.path.commonpath([root, path]) != root:
-            raise LeftOutError(
+            raise UnsupportedPartError(
                 f"{where}: {what} '{shown}' climbs out of package '{package}'; "
                 "keep the file inside the package"
             )
     elif scheme == "file":
         path = "/" + rest.lstrip("/")
     else:
-        raise LeftOutError(
+        raise UnsupportedPartError(
             f"{where}: {what} '{shown}' has the unknown scheme '{scheme}://'; "
             "use package://, file:// or an absolute path"
         )

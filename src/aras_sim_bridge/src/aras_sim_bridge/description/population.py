@@ -13,14 +13,20 @@ import numpy as np
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
-from aras_visual_servo_base.safe_xml import integer, number, numbers, shorten, text_of
+from aras_visual_servo_base.safe_xml import (
+    find_text,
+    parse_integer,
+    parse_number,
+    parse_numbers,
+    shorten,
+)
 from aras_visual_servo_base.urdf import ZERO
 
-LARGEST = 1000  # copies; each is a body of its own
+LARGEST_POPULATION = 1000  # copies; each is a body of its own
 _LINES = ("linear-x", "linear-y", "linear-z")
 
 
-def members(population: Element, warnings: list[str]) -> list[Element]:
+def place_copies(population: Element, warnings: list[str]) -> list[Element]:
     """The copies, named <model>_clone_0 and so on, upright where Gazebo puts them; none, with a
     sentence in `warnings`, where it cannot be served.
 
@@ -31,7 +37,7 @@ def members(population: Element, warnings: list[str]) -> list[Element]:
         model = population.find("model")
         if model is None:
             raise DescriptionError(f"{where}: it has no <model>")
-        places = _places(population, where)
+        places = _compute_positions(population, where)
     except DescriptionError as error:
         warnings.append(f"{error}; left out")
         return []
@@ -46,23 +52,23 @@ def members(population: Element, warnings: list[str]) -> list[Element]:
     return found
 
 
-def _places(population: Element, where: str) -> list[Vector3]:
+def _compute_positions(population: Element, where: str) -> list[Vector3]:
     """World positions of the copies, m."""
-    pose = safe_xml.pose(text_of(population, "pose"), f"{where}: pose")
+    pose = safe_xml.parse_pose(find_text(population, "pose"), f"{where}: pose")
     node = population.find("distribution")
-    kind = text_of(node, "type") or "random"
+    kind = find_text(node, "type") or "random"
     if kind == "grid":
-        rows = _count(text_of(node, "rows"), f"{where}: rows")
-        columns = _count(text_of(node, "cols"), f"{where}: cols", LARGEST // rows)
-        step = numbers(text_of(node, "step"), 3, f"{where}: step", (0.5, 0.5, 0.0))
+        rows = _read_count(find_text(node, "rows"), f"{where}: rows")
+        columns = _read_count(find_text(node, "cols"), f"{where}: cols", LARGEST_POPULATION // rows)
+        step = parse_numbers(find_text(node, "step"), 3, f"{where}: step", (0.5, 0.5, 0.0))
         inside = [(j * step[0], i * step[1], 0.0) for i in range(rows) for j in range(columns)]
         corner = ((columns - 1) * step[0] / 2, (rows - 1) * step[1] / 2, 0.0)
     else:
-        count = _count(text_of(population, "model_count"), f"{where}: model_count")
+        count = _read_count(find_text(population, "model_count"), f"{where}: model_count")
         random = np.random.default_rng(zlib.crc32((population.get("name") or "").encode()))
         box, cylinder = population.find("box"), population.find("cylinder")
         if box is not None and kind in ("random", *_LINES):
-            size = numbers(text_of(box, "size"), 3, f"{where}: size")
+            size = parse_numbers(find_text(box, "size"), 3, f"{where}: size")
             if min(size) <= 0.0:
                 raise DescriptionError(f"{where}: size {size} must be positive")
             corner = tuple(side / 2 for side in size)
@@ -73,8 +79,8 @@ def _places(population: Element, where: str) -> list[Vector3]:
                 inside = [tuple(size[axis] * i / count if k == axis else corner[k]
                                 for k in range(3)) for i in range(count)]
         elif cylinder is not None and kind == "random":
-            radius = number(text_of(cylinder, "radius"), f"{where}: radius")
-            length = number(text_of(cylinder, "length"), f"{where}: length")
+            radius = parse_number(find_text(cylinder, "radius"), f"{where}: radius")
+            length = parse_number(find_text(cylinder, "length"), f"{where}: length")
             if radius <= 0.0 or length <= 0.0:
                 raise DescriptionError(f"{where}: radius and length must be positive")
             angle, share, height = random.random((3, count))
@@ -90,8 +96,8 @@ def _places(population: Element, where: str) -> list[Vector3]:
     return [moved.apply(tuple(one)) for one in inside]
 
 
-def _count(text: str | None, where: str, most: int = LARGEST) -> int:
-    value = integer(text, where, 1)
+def _read_count(text: str | None, where: str, most: int = LARGEST_POPULATION) -> int:
+    value = parse_integer(text, where, 1)
     if not 1 <= value <= most:
         raise DescriptionError(f"{where} is {value}; 1 to {most} are possible")
     return value

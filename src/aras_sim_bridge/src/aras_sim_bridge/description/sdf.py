@@ -16,14 +16,14 @@ from aras_sim_bridge.description import (
     packages,
     plugins,
     population,
-    served,
+    supported_elements,
     world_joints,
 )
 from aras_sim_bridge.description.lights import read_light
 from aras_sim_bridge.description.sdf_dialects import unify
 from aras_sim_bridge.description.sdf_frames import Frames
 from aras_sim_bridge.description.sdf_model import read_model
-from aras_sim_bridge.description.sdf_poses import name_of, pose_of
+from aras_sim_bridge.description.sdf_poses import read_name, read_pose
 from aras_sim_bridge.description.types import Light, LinkAttacher, RobotDescription
 from aras_sim_bridge.description.world_state import WorldState
 from aras_sim_bridge.errors import DescriptionError
@@ -67,7 +67,7 @@ def parse_sdf(xml: str | Element, base_directory: str | None = None) -> RobotDes
 
 def read_sdf(
     xml: str | Element,
-    resolve_package: packages.ResolvePackage = packages.find,
+    resolve_package: packages.ResolvePackage = packages.find_package,
     base_directory: str | None = None,
 ) -> SdfContent:
     """All models and lights of an SDF text, a `<world>` around them or not.
@@ -90,7 +90,7 @@ def read_sdf(
         return packages.resolve_uri(uri, where, resolve_package, base_directory)
 
     def locate(uri: str, where: str) -> str:
-        return packages.located(uri, where, resolve_package, base_directory, "material")
+        return packages.locate(uri, where, resolve_package, base_directory, "material")
 
     models, lights = [], []
     warnings: list[str] = []
@@ -99,16 +99,16 @@ def read_sdf(
     state = WorldState(scope.find("state"))
     inserted = Element("insertions")
     inserted.extend(state.insertions)
-    elements = [*model_folders.expanded(scope, warnings, base_directory),
-                *model_folders.expanded(inserted, warnings, base_directory)]
+    elements = [*model_folders.expand(scope, warnings, base_directory),
+                *model_folders.expand(inserted, warnings, base_directory)]
     elements = [one for element in elements for one in (
-        population.members(element, warnings) if element.tag == "population" else (element,))]
-    elements = world_joints.bolted(elements, warnings)
+        population.place_copies(element, warnings) if element.tag == "population" else (element,))]
+    elements = world_joints.bolt_models(elements, warnings)
     around = Element(scope.tag)
     around.extend(elements)
-    warnings += served.unserved(around, "world", "SDF")
+    warnings += supported_elements.describe_ignored_elements(around, "world", "SDF")
     frames = Frames(around)
-    warnings += frames.unplaced()
+    warnings += frames.list_errors()
     taken: set[tuple[str, str | None]] = set()
     for element in elements:
         if element.get("name") in state.deleted or element.tag not in ("model", "light"):
@@ -120,16 +120,16 @@ def read_sdf(
             if element.tag == "model":
                 models.append(read_model(element, resolve, locate, frames))
             else:
-                where = f"light '{name_of(element, 'SDF')}'"
-                warnings += served.unserved(element, "light", where)
-                lights.append(read_light(element, pose_of(element, where, frames)))
+                where = f"light '{read_name(element, 'SDF')}'"
+                warnings += supported_elements.describe_ignored_elements(element, "light", where)
+                lights.append(read_light(element, read_pose(element, where, frames)))
             taken.add((element.tag, element.get("name")))
         except DescriptionError as error:
             if not worlds:
                 raise
             name = shorten(element.get("name") or "")
             warnings.append(f"{element.tag} '{name}' is left out: {error}")
-    models, lights = state.placed(models, lights, warnings)
+    models, lights = state.place(models, lights, warnings)
     if not models and not lights and not worlds:
         raise DescriptionError("SDF: there is no <model> and no <light> in it")
     return SdfContent(tuple(models), tuple(lights), tuple(warnings), state.time_ns,

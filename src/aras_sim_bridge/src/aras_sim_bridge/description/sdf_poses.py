@@ -8,12 +8,12 @@ from aras_sim_bridge.description.sdf_dialects import MODEL_FRAME
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import shorten, text_of
+from aras_visual_servo_base.safe_xml import find_text, shorten
 
-_HERE = MappingProxyType({"world": Pose(), MODEL_FRAME: Pose()})
+_IDENTITY_FRAMES = MappingProxyType({"world": Pose(), MODEL_FRAME: Pose()})
 
 
-def name_of(element: Element, where: str) -> str:
+def read_name(element: Element, where: str) -> str:
     """The name that an element needs to have."""
     name = element.get("name")
     if not name or len(name) > 256:
@@ -21,7 +21,7 @@ def name_of(element: Element, where: str) -> str:
     return name
 
 
-def pose_of(element: Element, where: str, frames: Mapping[str, Pose] = _HERE) -> Pose:
+def read_pose(element: Element, where: str, frames: Mapping[str, Pose] = _IDENTITY_FRAMES) -> Pose:
     """The pose of an element; frames: those by which it may be given, in that of the element
     around it."""
     node = element.find("pose")
@@ -33,4 +33,4 @@ def pose_of(element: Element, where: str, frames: Mapping[str, Pose] = _HERE) ->
             f"{where}: <pose relative_to='{shorten(frame)}'> names no link, joint, frame or model "
             "there; correct the name, or give the pose in the frame of the element around it"
         )
-    return frames[frame] @ safe_xml.pose(text_of(element, "pose"), f"{where}: pose")
+    return frames[frame] @ safe_xml.parse_pose(find_text(element, "pose"), f"{where}: pose")

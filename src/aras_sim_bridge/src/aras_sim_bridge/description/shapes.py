@@ -10,13 +10,13 @@ from aras_sim_bridge.description.types import Geometry, RobotDescription, Vector
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.meshes import files as mesh_files
 from aras_visual_servo_base.meshes.mesh import Mesh, from_corners
-from aras_visual_servo_base.poses import quaternion_to, rotate
+from aras_visual_servo_base.poses import quaternion_from_z_to, rotate
 
-_HUGE = 50.0  # m
+_LARGEST_MESH = 50.0  # m
 ARC, SECTORS = 8, 32  # edges of a quarter of a turn from pole to equator, and around the axis
 
 
-def triangles(geometry: Geometry) -> tuple[Mesh, ...]:
+def make_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
     """The shape in its own frame, m: one mesh, or one for each part of a mesh file.
 
     Raises:
@@ -24,27 +24,27 @@ def triangles(geometry: Geometry) -> tuple[Mesh, ...]:
     """
     if geometry.kind == "mesh":
         scale = np.array(geometry.scale)
-        return tuple(part.transformed(np.eye(4), scale) for part in mesh_files.read(
+        return tuple(part.transform(np.eye(4), scale) for part in mesh_files.read(
             geometry.filename))
-    return _made(geometry.kind, tuple(geometry.size), geometry.radius, geometry.length,
+    return _make_mesh(geometry.kind, tuple(geometry.size), geometry.radius, geometry.length,
                  tuple(geometry.normal))
 
 
 @lru_cache(maxsize=32)  # a sphere takes 150 kB
-def _made(kind: str, size: Vector3, radius: float, length: float, normal: Vector3
+def _make_mesh(kind: str, size: Vector3, radius: float, length: float, normal: Vector3
           ) -> tuple[Mesh, ...]:
     """Of a shape that no file describes: the same in every world of this process."""
     makers = {
-        "box": lambda: _box(np.array(size)),
-        "sphere": lambda: _sphere(radius),
-        "cylinder": lambda: _cylinder(radius, length),
-        "capsule": lambda: _capsule(radius, length),
-        "plane": lambda: _plane(normal, size[:2]),
+        "box": lambda: _make_box(np.array(size)),
+        "sphere": lambda: _make_sphere(radius),
+        "cylinder": lambda: _make_cylinder(radius, length),
+        "capsule": lambda: _make_capsule(radius, length),
+        "plane": lambda: _make_plane(normal, size[:2]),
     }
     return (makers[kind](),)
 
 
-def _box(extents: np.ndarray) -> Mesh:
+def _make_box(extents: np.ndarray) -> Mesh:
     """Axis-aligned box of full side lengths `extents` (3,), m."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     corners = corners * extents
@@ -53,26 +53,26 @@ def _box(extents: np.ndarray) -> Mesh:
     return from_corners(np.array(tris))
 
 
-def _sphere(radius: float) -> Mesh:
+def _make_sphere(radius: float) -> Mesh:
     """Sphere of latitude rings and longitude sectors."""
-    return _revolved([(radius * np.sin(t), -radius * np.cos(t)) for t in
+    return _revolve([(radius * np.sin(t), -radius * np.cos(t)) for t in
                       np.linspace(0.0, np.pi, 2 * ARC + 1)])
 
 
-def _cylinder(radius: float, length: float) -> Mesh:
+def _make_cylinder(radius: float, length: float) -> Mesh:
     """Cylinder along z, centred."""
     h = length / 2.0
-    return _revolved([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
+    return _revolve([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
 
 
-def _capsule(radius: float, length: float) -> Mesh:
+def _make_capsule(radius: float, length: float) -> Mesh:
     """Capsule along z: a cylinder of `length` with half spheres at its ends."""
     arc = np.linspace(0.0, np.pi / 2, ARC + 1)
     low = [(radius * np.sin(t), -length / 2 - radius * np.cos(t)) for t in arc]
-    return _revolved(low + [(r, -z) for r, z in reversed(low)])
+    return _revolve(low + [(r, -z) for r, z in reversed(low)])
 
 
-def _revolved(profile: list[tuple[float, float]]) -> Mesh:
+def _revolve(profile: list[tuple[float, float]]) -> Mesh:
     """Surface of the (radius, z) profile, bottom to top, turned about z."""
     angle = np.linspace(0.0, 2 * np.pi, SECTORS + 1)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -85,16 +85,16 @@ def _revolved(profile: list[tuple[float, float]]) -> Mesh:
     return from_corners(np.array(tris))
 
 
-def _plane(normal: Vector3, size: tuple[float, float]) -> Mesh:
+def _make_plane(normal: Vector3, size: tuple[float, float]) -> Mesh:
     """Rectangle about the origin; 100 m wide, as Gazebo's ground, where no size is given."""
-    tilt = quaternion_to(normal)
+    tilt = quaternion_from_z_to(normal)
     wide, deep = (0.5 * (side or 100.0) for side in size)
     corners = np.array([rotate(tilt, (a * wide, b * deep, 0.0))
                         for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
     return from_corners(corners[[[0, 1, 2], [0, 2, 3]]])
 
 
-def read_all(description: RobotDescription, model: str) -> list[str]:
+def read_mesh_files(description: RobotDescription, model: str) -> list[str]:
     """Read every mesh file of a description; `model` is its name for messages.
 
     Returns:
@@ -114,7 +114,7 @@ def read_all(description: RobotDescription, model: str) -> list[str]:
                         meshes = mesh_files.read(file)
                         size = max((float(np.ptp(mesh.positions, axis=0).max())
                                     for mesh in meshes if len(mesh.positions)), default=0.0)
-                        if size > _HUGE and not description.static and (
+                        if size > _LARGEST_MESH and not description.static and (
                                 shape.geometry.scale == (1.0, 1.0, 1.0)):
                             huge[file] = (
                                 f"model '{model}', link '{link.name}', {kind}: {file} is {size:.4g}"

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from aras_visual_servo_base.poses import Pose, Vector3
 from aras_visual_servo_base.settings import parameter
-from aras_visual_servo_base.urdf import ZERO, Joint, Placed
+from aras_visual_servo_base.urdf import ZERO, FramedElement, Joint
 from aras_visual_servo_base.urdf import Rgba as Rgba
 
 
@@ -31,7 +31,7 @@ class Geometry:
 
 
 @dataclass(frozen=True)
-class Visual(Placed):
+class Visual(FramedElement):
     """What a camera sees of a link. Its colour is the link's: `RobotDescription.colours`.
     texture: path of a picture that a material script puts on it, '' for none."""
 
@@ -43,7 +43,7 @@ class Visual(Placed):
 
 
 @dataclass(frozen=True)
-class Collision(Placed):
+class Collision(FramedElement):
     """What touches."""
 
     name: str
@@ -53,7 +53,7 @@ class Collision(Placed):
 
 
 @dataclass(frozen=True)
-class Inertial(Placed):
+class Inertial(FramedElement):
     """Mass (kg), centre of mass frame in the link frame, inertia about it (kg m²).
 
     inertia: (ixx, ixy, ixz, iyy, iyz, izz) in the axes of the inertial frame.
@@ -238,7 +238,7 @@ class SensorDescription:
     channels: tuple[ChannelNoise, ...] = ()
     collisions: tuple[str, ...] = ()
     joint: str = ""
-    measured_in: str = "child"
+    wrench_frame: str = "child"
     on_child: bool = False
     joints: tuple[str, ...] = ()
 
@@ -273,14 +273,14 @@ class LinkAttacher:
     """libgazebo_ros_link_attacher.so of a world."""
 
 
-def within(times: tuple[tuple[float, float], ...] | None, time: float) -> bool:
+def is_present(intervals: tuple[tuple[float, float], ...] | None, time: float) -> bool:
     """Whether what comes and goes at given times, s, is there at `time`: after its coming, up to
     its going. None: it always is."""
-    return times is None or any(begin < time <= end for begin, end in times)
+    return intervals is None or any(begin < time <= end for begin, end in intervals)
 
 
 @dataclass(frozen=True)
-class Light(Placed):
+class Light(FramedElement):
     """A light of an SDF world. kind: directional, point or spot. direction: from the light,
     in the world, of a spot in its own frame. attenuation: by the distance in m, none beyond
     attenuation_range. spot_inner, spot_outer: whole angles of a spot's cones, rad. shines: from
@@ -301,7 +301,7 @@ class Light(Placed):
     spot_outer: float = 1.0
     spot_falloff: float = 1.0
     cast_shadows: bool = False
-    shines: tuple[tuple[float, float], ...] | None = None
+    lit_intervals: tuple[tuple[float, float], ...] | None = None
 
 
 # Gazebo's models/sun.
@@ -310,7 +310,7 @@ SHADOWS = ("none", "hard", "soft")
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class SceneSettings:
     """A world's `<scene>`: ambient light, what is seen where nothing is (a colour, or a sky), and
     shadows in pictures: none, hard or soft."""
 
@@ -363,6 +363,6 @@ class RobotDescription:
     loops: tuple[LoopJoint, ...] = ()
     parts: tuple[RobotDescription, ...] = ()
 
-    def moving_joints(self) -> tuple[str, ...]:
+    def list_moving_joints(self) -> tuple[str, ...]:
         """Names of the joints with a degree of freedom, in file order."""
-        return tuple(name for name, joint in self.joints.items() if joint.moves)
+        return tuple(name for name, joint in self.joints.items() if joint.is_movable)

@@ -18,16 +18,16 @@ def parse_cameras(xml: str | Element) -> tuple[CameraDescription, ...]:
         DescriptionError: the text is no XML, or an element of a camera is wrong.
     """
     cameras: dict[str, CameraDescription] = {}
-    for link, sensor in _sensors(safe_xml.parse(xml, "URDF")):
+    for link, sensor in _list_sensors(safe_xml.parse(xml, "URDF")):
         if sensor.get("type") in CAMERA_KINDS:
             sensor = copy.deepcopy(sensor)
             unify(sensor, [])
-            for camera in camera_tags.cameras(sensor, link, []):
+            for camera in camera_tags.read_cameras(sensor, link, []):
                 cameras.setdefault(camera.name, camera)
     return tuple(cameras.values())
 
 
-def _sensors(robot: Element) -> Iterator[tuple[str, Element]]:
+def _list_sensors(robot: Element) -> Iterator[tuple[str, Element]]:
     """The sensors of the `<gazebo>` tags, each with the name of its link."""
     links = {link.get("name") for link in robot.findall("link")}
     for block in robot.findall("gazebo"):

@@ -11,12 +11,12 @@ from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import Light, RobotDescription, packages, read_sdf
 from aras_sim_bridge.description.lights import read_scene
-from aras_sim_bridge.description.types import SUN, Surroundings
+from aras_sim_bridge.description.types import SUN, SceneSettings
 from aras_sim_bridge.errors import DescriptionError, SimError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
 
-MOST_ALIKE = 3  # warnings that differ only in the part of the world that they are about
+MOST_SIMILAR_WARNINGS = 3  # warnings that differ only in the part of the world that they are about
 # Where a warning applies, before what it says.
 _PART = re.compile(r"((?:model '[^']*'|link '[^']*'|visual '[^']*'|collision '[^']*')[,:] )+(.*)")
 
@@ -36,7 +36,7 @@ class WorldFile:
     update_rate: float = 1000.0
     models: tuple[RobotDescription, ...] = ()
     lights: tuple[Light, ...] = (SUN,)
-    scene: Surroundings = Surroundings()
+    scene: SceneSettings = SceneSettings()
     ground_plane: bool = True
     warnings: tuple[str, ...] = ()
     time_ns: int = 0
@@ -44,7 +44,7 @@ class WorldFile:
 
 
 def load_world(
-    path: str | Path, resolve_package: packages.ResolvePackage = packages.find
+    path: str | Path, resolve_package: packages.ResolvePackage = packages.find_package
 ) -> WorldFile:
     """Read an SDF world file: gravity, physics step, models, lights and scene.
 
@@ -77,31 +77,31 @@ def load_world(
     physics = world.find("physics")
     defaults = WorldFile()
 
-    def number(tag: str, default: float) -> float:
-        text = None if physics is None else safe_xml.text_of(physics, tag)
-        return safe_xml.number(text, f"{where}: <{tag}>", default)
+    def read_number(tag: str, default: float) -> float:
+        text = None if physics is None else safe_xml.find_text(physics, tag)
+        return safe_xml.parse_number(text, f"{where}: <{tag}>", default)
 
-    def vector(element: Element | None, tag: str, default: Vector3) -> Vector3:
-        text = None if element is None else safe_xml.text_of(element, tag)
-        return default if text is None else safe_xml.numbers(text, 3, f"{where}: <{tag}>")
+    def read_vector(element: Element | None, tag: str, default: Vector3) -> Vector3:
+        text = None if element is None else safe_xml.find_text(element, tag)
+        return default if text is None else safe_xml.parse_numbers(text, 3, f"{where}: <{tag}>")
 
     warnings = [text if text.startswith(f"model '{m.name}'") else f"model '{m.name}': {text}"
                 for m in content.models for text in m.warnings]
     return WorldFile(
-        time_step=number("max_step_size", defaults.time_step),
-        gravity=vector(world, "gravity", vector(physics, "gravity", defaults.gravity)),
-        update_rate=number("real_time_update_rate", defaults.update_rate),
+        time_step=read_number("max_step_size", defaults.time_step),
+        gravity=read_vector(world, "gravity", read_vector(physics, "gravity", defaults.gravity)),
+        update_rate=read_number("real_time_update_rate", defaults.update_rate),
         models=content.models,
         lights=content.lights,
         scene=scene,
         ground_plane=False,
-        warnings=(*content.warnings, *_grouped(warnings)),
+        warnings=(*content.warnings, *_group_warnings(warnings)),
         time_ns=content.time_ns,
         link_attacher=content.link_attacher,
     )
 
 
-def _grouped(warnings: Sequence[str]) -> list[str]:
+def _group_warnings(warnings: Sequence[str]) -> list[str]:
     """One sentence for what more than MOST_ALIKE parts of models have in common, such as a missing
     mesh: that of the first part, with the number of the others."""
     groups: dict[str, list[str]] = {}
@@ -110,7 +110,7 @@ def _grouped(warnings: Sequence[str]) -> list[str]:
         groups.setdefault(found[2] if found else warning, []).append(warning)
     found = []
     for same in groups.values():
-        many = len(same) > MOST_ALIKE
+        many = len(same) > MOST_SIMILAR_WARNINGS
         found += [f"{same[0]} (and in {len(same) - 1} more places)"] if many else same
     return found
 

@@ -6,12 +6,12 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base.safe_xml import shorten, text_of, truth
+from aras_visual_servo_base.safe_xml import find_text, parse_bool, shorten
 
 WORLD = "world"
 
 
-def bolted(elements: Iterable[Element], warnings: list[str]) -> list[Element]:
+def bolt_models(elements: Iterable[Element], warnings: list[str]) -> list[Element]:
     """The elements of a world without its joints; a model that a joint holds where it is has a
     fixed joint to the world instead. Each joint that is not served is a sentence in `warnings`."""
     elements = list(elements)
@@ -30,8 +30,8 @@ def bolted(elements: Iterable[Element], warnings: list[str]) -> list[Element]:
 def _bolt(joint: Element, models: dict[str | None, Element]) -> None:
     if joint.get("type") != "fixed":
         raise DescriptionError("only fixed ones are served between models")
-    ends = [_end(text_of(joint, tag) or "", models) for tag in ("child", "parent")]
-    loose = [(name, link) for name, link in ends if not _stands(models.get(name), link)]
+    ends = [_find_link(find_text(joint, tag) or "", models) for tag in ("child", "parent")]
+    loose = [(name, link) for name, link in ends if not _is_fixed(models.get(name), link)]
     if len(loose) == 2:
         raise DescriptionError("both its ends may move; write them as models in one model, joined "
                                "there")
@@ -39,7 +39,7 @@ def _bolt(joint: Element, models: dict[str | None, Element]) -> None:
         joints = models[name].findall("joint")
         if joint.get("name") in (None, "", *(one.get("name") for one in joints)):
             raise DescriptionError("it needs a name that no joint of its model has")
-        if any(text_of(one, "child") == link for one in joints):
+        if any(find_text(one, "child") == link for one in joints):
             raise DescriptionError(f"link '{shorten(link)}' hangs on another joint; join the "
                                    f"root link of '{shorten(name)}'")
         models[name] = copy.copy(models[name])  # the caller keeps its own
@@ -48,7 +48,7 @@ def _bolt(joint: Element, models: dict[str | None, Element]) -> None:
             ElementTree.SubElement(bolt, tag).text = text
 
 
-def _end(text: str, models: dict[str | None, Element]) -> tuple[str, str]:
+def _find_link(text: str, models: dict[str | None, Element]) -> tuple[str, str]:
     """Names of the model and the link that are meant; a model's name alone is its first link."""
     name, _, link = text.partition("::")
     if name == WORLD:
@@ -60,8 +60,8 @@ def _end(text: str, models: dict[str | None, Element]) -> tuple[str, str]:
     return name, link
 
 
-def _stands(model: Element | None, link: str) -> bool:
+def _is_fixed(model: Element | None, link: str) -> bool:
     """Whether a link never moves; no model is the world."""
-    return model is None or truth(text_of(model, "static"), "static", False) or any(
-        text_of(one, "parent") == WORLD and text_of(one, "child") == link
+    return model is None or parse_bool(find_text(model, "static"), "static", False) or any(
+        find_text(one, "parent") == WORLD and find_text(one, "child") == link
         for one in model.findall("joint[@type='fixed']"))

@@ -28,9 +28,9 @@ from ..errors import RenderingError
 if TYPE_CHECKING:
     from ..world import World
     from .renderer import Renderer
-    from .view import Sun, View
+    from .view import Lighting, View
 
-__all__ = ["EXPOSURES", "RENDERERS", "SHADOWS", "Sun", "View", "create_renderer"]
+__all__ = ["EXPOSURES", "RENDERERS", "SHADOWS", "Lighting", "View", "create_renderer"]
 
 # All mean the one renderer: 'opengl' and 'tiny' are what launch files of earlier versions ask for.
 RENDERERS = ("auto", "exact", "tiny", "opengl")
@@ -38,11 +38,11 @@ RENDERERS = ("auto", "exact", "tiny", "opengl")
 EXPOSURES = ("unclipped", "gazebo")
 
 # Memory for what is prepared for views that come again, bytes: 20 cameras of 1920 x 1200.
-KEPT = 1 << 28
+CACHE_BYTES = 1 << 28
 
 
 def create_renderer(
-    name: str, world: World, light: Sun | None = None, kept: int = KEPT
+    name: str, world: World, light: Lighting | None = None, cache_bytes: int = CACHE_BYTES
 ) -> Renderer:
     """The renderer of a World, by one of RENDERERS; RenderingError for an unknown name.
 
@@ -51,9 +51,9 @@ def create_renderer(
     if name not in RENDERERS:
         raise RenderingError(f"there is no renderer '{name}'; there are {', '.join(RENDERERS)}")
     from .renderer import Renderer
-    from .view import Sun
+    from .view import Lighting
 
-    return Renderer(world, light or Sun(), kept)
+    return Renderer(world, light or Lighting(), cache_bytes)
 
 
-__getattr__, __dir__ = lazy_exports(__name__, {"Sun": ".view", "View": ".view"})
+__getattr__, __dir__ = lazy_exports(__name__, {"Lighting": ".view", "View": ".view"})

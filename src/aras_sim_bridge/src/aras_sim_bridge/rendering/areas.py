@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import jit, jit_inline
 
 # Pixels with more triangles than this have what hides what from samples: the effort to cut each
 # by each grows with the square of their number.
-CROWD = 4
+DENSE = 4
 # Relative difference in distance below which two triangles lie in one plane.
-TOUCHING = 1e-8
+COPLANAR_TOLERANCE = 1e-8
 # Room for the corners of a piece, and for pieces.
 CORNERS, PIECES = 24, 64
 # A triangle's lines, seen from a pixel's centre, are a + b x + c y: those that cross the pixel, up
@@ -18,8 +18,8 @@ CORNERS, PIECES = 24, 64
 LINES, PLANE = 5, 5
 
 
-@inlined
-def half_plane(a, b, c):
+@jit_inline
+def half_plane_area(a, b, c):
     """The area in which a + b x + c y is positive; b and c are not both 0."""
     p, q = abs(b), abs(c)
     p, q = max(p, q), min(p, q)
@@ -29,8 +29,8 @@ def half_plane(a, b, c):
     return (s0 * s0 - s1 * s1 - s2 * s2 + s3 * s3) / (2.0 * p * q)
 
 
-@inlined
-def _cut(shape, p, count, a, b, c, kept, rest):
+@jit_inline
+def _cut(shape, p, count, a, b, c, above, below):
     """Cut the convex polygon shape[p] (count corners) by the line a + b x + c y = 0: what is above
     becomes shape[kept], what is below shape[rest]; the numbers of their corners."""
     n_kept = n_rest = 0
@@ -42,22 +42,22 @@ def _cut(shape, p, count, a, b, c, kept, rest):
         if (at < 0.0) != (at2 < 0.0):
             share = at / (at - at2)
             xc, yc = x + share * (x2 - x), y + share * (y2 - y)
-            shape[kept, n_kept, 0], shape[kept, n_kept, 1] = xc, yc
-            shape[rest, n_rest, 0], shape[rest, n_rest, 1] = xc, yc
+            shape[above, n_kept, 0], shape[above, n_kept, 1] = xc, yc
+            shape[below, n_rest, 0], shape[below, n_rest, 1] = xc, yc
             n_kept += 1
             n_rest += 1
         if at2 < 0.0:
-            shape[rest, n_rest, 0], shape[rest, n_rest, 1] = x2, y2
+            shape[below, n_rest, 0], shape[below, n_rest, 1] = x2, y2
             n_rest += 1
         else:
-            shape[kept, n_kept, 0], shape[kept, n_kept, 1] = x2, y2
+            shape[above, n_kept, 0], shape[above, n_kept, 1] = x2, y2
             n_kept += 1
         x, y, at = x2, y2, at2
     return n_kept, n_rest
 
 
-@inlined
-def area(polygon, p, count):
+@jit_inline
+def polygon_area(polygon, p, count):
     """Area of the convex polygon p, either way round."""
     total = 0.0
     x, y = polygon[p, 0, 0], polygon[p, 0, 1]
@@ -67,8 +67,8 @@ def area(polygon, p, count):
     return abs(total) / 2.0
 
 
-@compiled("f8[:,:,::1], i8, f8[:,:,::1], i8, i8, i8")
-def inner(shape, goal, line, n, lines, spare):
+@jit("f8[:,:,::1], i8, f8[:,:,::1], i8, i8, i8")
+def clip_pixel(shape, goal, line, n, lines, spare):
     """Put the part of the pixel above the lines line[n, :lines] into shape[goal]; the number of its
     corners, 0 where there is none. spare: the first of two rows to work with."""
     for i in range(4):
@@ -103,13 +103,13 @@ def inner(shape, goal, line, n, lines, spare):
 
 
 
-@compiled("f8[:,:,::1], i8[::1], i8, i8, f8[:,:,::1], i8[::1]")
-def visible(shape, sizes, i, count, line, lines):
+@jit("f8[:,:,::1], i8[::1], i8, i8, f8[:,:,::1], i8[::1]")
+def visible_area(shape, sizes, i, count, line, lines):
     """The area of polygon i that none of the first `count` polygons hides.
 
     line, lines: of each.
     """
-    first, spare = CROWD, CROWD + PIECES
+    first, spare = DENSE, DENSE + PIECES
     end = first + 1
     sizes[first] = sizes[i]
     for n in range(sizes[i]):
@@ -124,7 +124,7 @@ def visible(shape, sizes, i, count, line, lines):
         for n in range(sizes[i]):
             at = a + b * shape[i, n, 0] + c * shape[i, n, 1]
             low, high = min(low, at), max(high, at)
-        touching = TOUCHING * abs(line[i, PLANE, 0])
+        touching = COPLANAR_TOLERANCE * abs(line[i, PLANE, 0])
         if high <= touching and (low < -touching or j > i):
             continue
         crossing = low < -touching
@@ -173,12 +173,12 @@ def visible(shape, sizes, i, count, line, lines):
                         shape[goal, m, 1] = shape[other, m, 1]
     total = 0.0
     for n in range(first, end):
-        total += area(shape, n, sizes[n])
+        total += polygon_area(shape, n, sizes[n])
     return total
 
 
-@inlined
-def mean(shape, p, count, middle, n):
+@jit_inline
+def polygon_mean(shape, p, count, middle, n):
     """Put the mean of polygon p's corners into middle[n]."""
     x = y = 0.0
     for k in range(count):
@@ -188,8 +188,8 @@ def mean(shape, p, count, middle, n):
     middle[n, 0], middle[n, 1] = share * x, share * y
 
 
-@inlined
-def crossing_lines(line, lines, k, x, y, own, n):
+@jit_inline
+def find_crossing_lines(line, lines, k, x, y, own, n):
     """Put what of triangle k's lines crosses the pixel at x, y into own[n], from the pixel's
     centre; how many lines those are."""
     crossing = 0

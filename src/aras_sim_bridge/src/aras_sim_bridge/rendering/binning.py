@@ -12,16 +12,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, lowest_bit
+from aras_visual_servo_base.compiled import jit, lowest_bit
 
-from .cones import LANES, beside, nearer, off, outside, touching, within
-from .grouping import CLUSTER
+from .clustering import CLUSTER_SIZE
+from .cones import (
+    VECTOR_WIDTH,
+    compare_depth,
+    find_touching,
+    is_box_outside,
+    is_cone_disjoint,
+    is_outside,
+    is_within,
+)
 from .tiles import Tiles
 from .triangles import Triangles
 
 
 @dataclass(frozen=True)
-class Seen:
+class VisibleTriangles:
     """The triangles that turn their front to the eye and touch tiles.
 
     triangle: (N,) in Triangles. corner: (N, 3, 3), p0, p1, p2 in the optical frame,
@@ -46,29 +54,36 @@ class Seen:
     full: np.ndarray
 
 
-class Binning:
+class TileBinning:
     """Finds what views of the same triangles show; its arrays are used again for the next view."""
 
     def __init__(self, triangles: Triangles) -> None:
-        self._g = triangles
+        self._triangles = triangles
         count = len(triangles.corners)
         self._triangle = np.empty(count, np.int64)
         self._cut, self._opaque = np.empty(count, np.bool_), np.empty(count, np.bool_)
         self._corner, self._side = np.empty((count, 3, 3)), np.empty((count, 3, 3))
         self._light, self._plane, self._length2 = (np.empty((count, 3)) for _ in range(3))
-        self._room = 4096
+        self._capacity = 4096
 
-    def seen(self, tiles: Tiles, optical_T_link: np.ndarray, sun: np.ndarray, light: np.ndarray,
-             near: float, far: float) -> Seen:
+    def find_visible(
+        self,
+        tiles: Tiles,
+        optical_T_link: np.ndarray,
+        sun: np.ndarray,
+        light: np.ndarray,
+        near: float,
+        far: float,
+    ) -> VisibleTriangles:
         """What tiles show of links at poses (rows, 4, 4).
 
         sun: (rows, 3) unit vectors towards it, link frames. light: (2,) ambient, diffuse.
         near, far: clip distances along the tiles' axes, m.
         """
-        g, c = self._g, self._g.clusters
+        g, c = self._triangles, self._triangles.clusters
         while True:
-            tile = np.empty(self._room, np.int64)
-            member, full = np.empty(self._room, np.int64), np.empty(self._room, np.bool_)
+            tile = np.empty(self._capacity, np.int64)
+            member, full = np.empty(self._capacity, np.int64), np.empty(self._capacity, np.bool_)
             cover = np.full(len(tiles.nodes), -1)
             count, pairs = _bin(
                 optical_T_link, sun, light, c.first, c.count, c.row, c.centre, c.half, c.radius,
@@ -77,17 +92,17 @@ class Binning:
                 near * tiles.widest, far, self._triangle, self._corner, self._side, self._light,
                 self._cut, self._opaque, self._plane, self._length2, cover, tile, member, full,
             )
-            if pairs <= self._room:
+            if pairs <= self._capacity:
                 break
-            self._room = 2 * pairs
+            self._capacity = 2 * pairs
         shown = tiles.rows * tiles.columns
-        start, member, full = _by_tile(tile, member, full, pairs, shown)
-        return Seen(self._triangle[:count], self._corner[:count], self._side[:count],
+        start, member, full = _sort_by_tile(tile, member, full, pairs, shown)
+        return VisibleTriangles(self._triangle[:count], self._corner[:count], self._side[:count],
                     self._light[:count], self._cut[:count], self._opaque[:count], cover[:shown],
                     start, member, full)
 
 
-@compiled("f8[:,:,::1], f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], "
+@jit("f8[:,:,::1], f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], "
           "f8[::1], f8[:,::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1], "
           "f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[:,::1], f8[:,:,::1], f8, f8, "
           "i8[::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1], "
@@ -114,12 +129,12 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
         for k in range(3):
             eyes[r, k] = -(T[r, 0, 3] * T[r, 0, k] + T[r, 1, 3] * T[r, 1, k]
                            + T[r, 2, 3] * T[r, 2, k])
-        gone[r] = row_half[r, 0] < 0.0 or off(T, r, row_centre, row_half, r, nodes, root)
+        gone[r] = row_half[r, 0] < 0.0 or is_box_outside(T, r, row_centre, row_half, r, nodes, root)
     # A node waits with level, row, column, its triangles as bits, and its cover.
     waiting = np.empty((15 * (top - 1) + 1, 5), np.int64)
     touched = np.empty(16, np.bool_)
     # Of the cluster's triangles: sides, and their squared lengths.
-    work = np.zeros((12, CLUSTER // LANES, LANES))
+    work = np.zeros((12, CLUSTER_SIZE // VECTOR_WIDTH, VECTOR_WIDTH))
     for c in range(len(first)):
         r = row[c]
         if gone[r]:
@@ -145,8 +160,8 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
         xc = T[r, 0, 0] * x + T[r, 0, 1] * y + T[r, 0, 2] * z
         yc = T[r, 1, 0] * x + T[r, 1, 1] * y + T[r, 1, 2] * z
         zc = T[r, 2, 0] * x + T[r, 2, 1] * y + T[r, 2, 2] * z
-        if (beside(xc, yc, zc, cosine_c, sine_c, nodes, root)
-                or off(T, r, centre, half, c, nodes, root)):
+        if (is_cone_disjoint(xc, yc, zc, cosine_c, sine_c, nodes, root)
+                or is_box_outside(T, r, centre, half, c, nodes, root)):
             continue
         before = seen
         for t in range(first[c], first[c] + count[c]):
@@ -181,7 +196,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                 x += out_side[seen, k, 0]
                 y += out_side[seen, k, 1]
                 z += out_side[seen, k, 2]
-            if outside(out_side, length2, seen, nodes, root):
+            if is_outside(out_side, length2, seen, nodes, root):
                 continue
             planes[seen, 0], planes[seen, 1], planes[seen, 2] = x, y, z
             out_cut[seen] = (x * x + y * y + z * z) * near * near > 1.0 or farthest > far * far
@@ -190,7 +205,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                     normals[t, k, 0] * sun[r, 0] + normals[t, k, 1] * sun[r, 1]
                     + normals[t, k, 2] * sun[r, 2], 0.0)
             out_triangle[seen], out_opaque[seen] = t, opaque[c]
-            g, place = (seen - before) // LANES, (seen - before) % LANES
+            g, place = (seen - before) // VECTOR_WIDTH, (seen - before) % VECTOR_WIDTH
             for k in range(3):
                 for j in range(3):
                     work[3 * k + j, g, place] = out_side[seen, k, j]
@@ -236,14 +251,14 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                                                     + T[r, 2, k] * z)
                     if nearest > 1.0:
                         continue
-                covered = (whole and within(out_side, length2, before, nodes, node)
-                           and within(out_side, length2, before + 1, nodes, node))
+                covered = (whole and is_within(out_side, length2, before, nodes, node)
+                           and is_within(out_side, length2, before + 1, nodes, node))
                 further = members
                 if covered or not together or level == 0:
                     further = np.int64(0)
                     there, near_side = one, np.int64(0)
                     if not covered:
-                        there, near_side = touching(work, seen - before, nodes, node)
+                        there, near_side = find_touching(work, seen - before, nodes, node)
                         there &= members
                     while there != 0:
                         k = lowest_bit(there)
@@ -251,7 +266,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                         m = before + k
                         full = near_side >> k & one == 0 and (covered or not out_cut[m])
                         if full and opaque[c]:
-                            order = 1 if own < 0 else nearer(planes, m, own, nodes, node)
+                            order = 1 if own < 0 else compare_depth(planes, m, own, nodes, node)
                             if order > 0:
                                 cover[node] = own = m
                             if order != 0:
@@ -279,7 +294,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                         node = levels[level - 1, 0] + i * levels[level - 1, 2] + j
                         order = 1
                         if cover[node] >= 0:
-                            order = nearer(planes, above, cover[node], nodes, node)
+                            order = compare_depth(planes, above, cover[node], nodes, node)
                         if order > 0:
                             cover[node] = above
                         if order != 0:
@@ -293,8 +308,8 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
     return seen, pairs
 
 
-@compiled("i8[::1], i8[::1], b1[::1], i8, i8")
-def _by_tile(tile, member, full, pairs, tiles):
+@jit("i8[::1], i8[::1], b1[::1], i8, i8")
+def _sort_by_tile(tile, member, full, pairs, tiles):
     """Pairs sorted by tile, and by member in each: start (tiles + 1,), member, full (pairs,)."""
     start = np.zeros(tiles + 1, np.int64)
     for n in range(pairs):

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import jit, jit_inline
 
 # Triangles that are looked at together, as a processor's vectors are.
-LANES = 8
+VECTOR_WIDTH = 8
 
 
-@inlined
-def beside(x, y, z, cosine, sine, nodes, n):
+@jit_inline
+def is_cone_disjoint(x, y, z, cosine, sine, nodes, n):
     """Whether a cone around the unit vector x, y, z is beside the cone of node n."""
     if nodes[n, 3] > 1.5:
         return True
@@ -24,8 +24,8 @@ def beside(x, y, z, cosine, sine, nodes, n):
     return between < cosine * nodes[n, 3] - sine * nodes[n, 4] - 1e-12
 
 
-@inlined
-def off(T, r, centre, half, n, nodes, root):
+@jit_inline
+def is_box_outside(T, r, centre, half, n, nodes, root):
     """Whether box n, in the frame of link r, is behind the cone of the root or beyond its side."""
     cosine, sine = nodes[root, 3], nodes[root, 4]
     if cosine <= 0.0:
@@ -52,8 +52,8 @@ def off(T, r, centre, half, n, nodes, root):
     return beyond > 1e-9 * (across + abs(along))
 
 
-@inlined
-def outside(side, length2, m, nodes, n):
+@jit_inline
+def is_outside(side, length2, m, nodes, n):
     """Whether the cone of node n is beyond a side of triangle m; length2 (., 3) of the sides."""
     if nodes[n, 3] <= 0.0:
         return False
@@ -65,8 +65,8 @@ def outside(side, length2, m, nodes, n):
     return False
 
 
-@inlined
-def within(side, length2, m, nodes, n):
+@jit_inline
+def is_within(side, length2, m, nodes, n):
     """Whether the cone of node n is within the last two sides of triangle m."""
     x, y, z, sine2 = nodes[n, 0], nodes[n, 1], nodes[n, 2], nodes[n, 4] * nodes[n, 4]
     within = nodes[n, 3] > 0.0
@@ -76,8 +76,8 @@ def within(side, length2, m, nodes, n):
     return within
 
 
-@compiled("f8[:,:,::1], i8, f8[:,::1], i8", allocates=False)
-def touching(work, count, nodes, n):
+@jit("f8[:,:,::1], i8, f8[:,::1], i8", allocates=False)
+def find_touching(work, count, nodes, n):
     """Which of a cluster's triangles, as bits, touch the cone of node n; and which have a side that
     goes through it.
 
@@ -87,9 +87,9 @@ def touching(work, count, nodes, n):
     sine2 = nodes[n, 4] * nodes[n, 4] if nodes[n, 3] > 0.0 else np.inf
     there = through = np.int64(0)
     g = 0
-    while g * LANES < count:
+    while g * VECTOR_WIDTH < count:
         some = crossed = np.int64(0)
-        for k in range(LANES):
+        for k in range(VECTOR_WIDTH):
             at0 = work[0, g, k] * x + work[1, g, k] * y + work[2, g, k] * z
             at1 = work[3, g, k] * x + work[4, g, k] * y + work[5, g, k] * z
             at2 = work[6, g, k] * x + work[7, g, k] * y + work[8, g, k] * z
@@ -99,14 +99,14 @@ def touching(work, count, nodes, n):
             beside = ((at0 >= 0.0) | near0) & ((at1 >= 0.0) | near1) & ((at2 >= 0.0) | near2)
             some += np.int64(beside) << k
             crossed += np.int64(near0 | near1 | near2) << k
-        there |= some << (g * LANES)
-        through |= crossed << (g * LANES)
+        there |= some << (g * VECTOR_WIDTH)
+        through |= crossed << (g * VECTOR_WIDTH)
         g += 1
     return there, through
 
 
-@inlined
-def nearer(planes, m, other, nodes, n):
+@jit_inline
+def compare_depth(planes, m, other, nodes, n):
     """1 where triangle m is nearer than another in all of the cone of node n, -1 where it is
     farther, 0 where neither is so for sure."""
     x, y, z = (planes[m, 0] - planes[other, 0], planes[m, 1] - planes[other, 1],

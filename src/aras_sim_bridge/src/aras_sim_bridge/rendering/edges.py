@@ -11,53 +11,74 @@ from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import jit, jit_inline
 
 from .areas import (
+    COPLANAR_TOLERANCE,
     CORNERS,
-    CROWD,
+    DENSE,
     LINES,
     PIECES,
     PLANE,
-    TOUCHING,
-    area,
-    crossing_lines,
-    half_plane,
-    inner,
-    mean,
-    visible,
+    clip_pixel,
+    find_crossing_lines,
+    half_plane_area,
+    polygon_area,
+    polygon_mean,
+    visible_area,
 )
-from .crowd import FINE, by_rows, hidden_at, sample_mean, sampled
+from .dense_coverage import FINE, compute_sample_mean, integrate_rows, is_hidden, sample_pixel
 from .tiles import TILE
 
 # What is narrower than a pixel over this hides nothing from samples, for one weighs more than it.
 SLIVER = 64.0
 # Of what no sample saw, less than this is not asked after: a tenth of a grey level.
-NONE = 4e-4
+SMALLEST_SHARE = 4e-4
 CELL = TILE * TILE  # pixels, at most
 # Of a cell's pixels: where they are, one over the distance of the nearest triangle that fills each,
 # how that changes to the right and below, and which triangle that is, -1 for none.
 X, Y, TOP, TOP_X, TOP_Y, BEST = range(6)
 
 
-@inlined
-def _before(corner, side, m, other):
+@jit_inline
+def _is_before(corner, side, m, other):
     """Whether all of triangle m lies on this side of the plane of another."""
     before = True
     for k in range(3):
         at = 0.0
         for j in range(3):
             at += (side[other, 0, j] + side[other, 1, j] + side[other, 2, j]) * corner[m, k, j]
-        before &= at <= 1.0 + TOUCHING
+        before &= at <= 1.0 + COPLANAR_TOLERANCE
     return before
 
 
-@compiled("i8[::1], i8[::1], i8[::1], b1[::1], u8[::1], f8[:,:,::1], f8[:,:,::1], "
+@jit("i8[::1], i8[::1], i8[::1], b1[::1], u8[::1], f8[:,:,::1], f8[:,:,::1], "
           "b1[::1], b1[::1], u4[::1], i8[::1], i8[::1], f8[:,:,::1], f8[:,::1], i8, i8, f8, f8, "
           "i8[::1], i8[::1], f8[::1], f8[:,::1]")
-def resolved(found, start, member, full, touched, corner, side, cut, opaque, plain, triangle,
-             hull, matrices, axis, cells, columns, near, far, out_start, out_member, out_share,
-             out_at):
+def resolve_fragments(
+    edge_pixels,
+    start,
+    member,
+    full,
+    pixel_masks,
+    corner,
+    side,
+    cut,
+    opaque,
+    uniform,
+    triangle,
+    hull,
+    matrices,
+    axis,
+    cells,
+    columns,
+    near,
+    far,
+    out_start,
+    out_member,
+    out_share,
+    out_at,
+):
     """See fragments.Fragments; the number of fragments, of which as many are stored as there is
     room for. hull: in Triangles."""
     size = TILE // cells
@@ -75,22 +96,22 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
     here_of, left_of = np.empty((CELL, longest + 1), np.int64), np.empty(CELL, np.int64)
     here = np.empty(longest + 1, np.int64)
     # Of a pixel's triangles: lines, plane; polygons, pieces of those, and two more to work with.
-    own, own_lines = np.empty((CROWD, LINES + 1, 3)), np.empty(CROWD, np.int64)
-    shape = np.empty((CROWD + PIECES + 2, CORNERS, 2))
-    sizes = np.empty(CROWD + PIECES + 2, np.int64)
-    spare = CROWD + PIECES
+    own, own_lines = np.empty((DENSE, LINES + 1, 3)), np.empty(DENSE, np.int64)
+    shape = np.empty((DENSE + PIECES + 2, CORNERS, 2))
+    sizes = np.empty(DENSE + PIECES + 2, np.int64)
+    spare = DENSE + PIECES
     samples = np.empty((3, FINE), np.float32)
     counts, shares = np.empty((longest, 2)), np.empty(longest)
     middle = np.empty((longest, 2))
     count = 0
     cell = group = end = first = 0
-    for number in range(len(found)):
+    for number in range(len(edge_pixels)):
         if number == end:
             # The pixels found in the next cell, and the triangles in each of them.
             group = number
             wanted = np.uint64(0)
-            while end < len(found):
-                v, u = found[end] // width, found[end] % width
+            while end < len(edge_pixels):
+                v, u = edge_pixels[end] // width, edge_pixels[end] % width
                 tile, x0, y0 = (v // TILE) * columns + u // TILE, u % TILE, v % TILE
                 at_cell = tile * cells * cells + (y0 // size) * cells + x0 // size
                 if end > group and at_cell != cell:
@@ -107,7 +128,7 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
             for j in range(3):
                 length += matrices[cell, j, 2]**2
             for k in range(start[tile + 1] - first):
-                if touched[first + k] & wanted == 0:
+                if pixel_masks[first + k] & wanted == 0:
                     continue
                 m = member[first + k]
                 lines[k] = 0 if full[first + k] else 5 if cut[m] else 3
@@ -150,7 +171,7 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
                     work[TOP_Y, q] = c if fills else work[TOP_Y, q]
                     work[BEST, q] = name if fills else work[BEST, q]
             for k in range(start[tile + 1] - first):
-                bits = touched[first + k] & wanted
+                bits = pixel_masks[first + k] & wanted
                 if bits == 0:
                     continue
                 a, b, c = line[k, PLANE, 0], line[k, PLANE, 1], line[k, PLANE, 2]
@@ -159,7 +180,7 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
                     # Before what fills the pixel, anywhere in it?
                     ahead = a + b * work[X, q] + c * work[Y, q] - work[TOP, q] + 0.5 * (
                         abs(b - work[TOP_X, q]) + abs(c - work[TOP_Y, q]))
-                    there = (inside[k, q] > -1.0) & ((ahead > TOUCHING * work[TOP, q])
+                    there = (inside[k, q] > -1.0) & ((ahead > COPLANAR_TOLERANCE * work[TOP, q])
                                                      | (work[BEST, q] == name))
                     inside[k, q] = 1.0 if there else 0.0
                 for q in range(pixels):
@@ -169,14 +190,14 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
         xc, yc, left, best = work[X, q], work[Y, q], left_of[q], int(work[BEST, q])
         out_start[number] = count
         # Of one colour all over? And which are opaque: they come first.
-        colour = plain[member[first + best]] if best >= 0 else np.uint32(0)
+        colour = uniform[member[first + best]] if best >= 0 else np.uint32(0)
         same = best >= 0 and (left == 1 or colour != 0)
         solid, last = 0, -1
         for n in range(left):
             k = here_of[q, n]
             here[n] = k
             m = member[first + k]
-            same = same and plain[m] == colour
+            same = same and uniform[m] == colour
             if opaque[m]:
                 here[solid], here[n] = k, here[solid]
                 if k == best:
@@ -209,28 +230,32 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
                 ahead = line[k, PLANE, 0] + b * xc + c * yc - top - 0.5 * (
                     abs(b - work[TOP_X, q]) + abs(c - work[TOP_Y, q]))
                 # If not all over the pixel, then all of the triangle?
-                if ahead < -TOUCHING * top and not _before(corner, side, m, member[first + best]):
+                if ahead < -COPLANAR_TOLERANCE * top and not _is_before(
+                    corner, side, m, member[first + best]
+                ):
                     last = -1
             mine = hull[triangle[m]] if alone else -1
             convex = mine if convex == -2 else convex
             alone = alone and (mine == convex and mine >= 0 or left == 1)
         alone = alone and (best < 0 or last >= 0)
         # What each shows.
-        total, seen, rough, many = 0.0, 0.0, False, left > CROWD
+        total, seen, rough, many = 0.0, 0.0, False, left > DENSE
         if not many and not alone:
             for n in range(left):
-                own_lines[n] = crossing_lines(line, lines, here[n], xc, yc, own, n)
-                sizes[n] = inner(shape, n, own, n, own_lines[n], spare)
-                mean(shape, n, sizes[n], middle, n)
+                own_lines[n] = find_crossing_lines(line, lines, here[n], xc, yc, own, n)
+                sizes[n] = clip_pixel(shape, n, own, n, own_lines[n], spare)
+                polygon_mean(shape, n, sizes[n], middle, n)
             for n in range(left):
                 shares[n] = 0.0
                 if sizes[n] > 0 and n != last:
-                    shares[n] = visible(shape, sizes, n, solid, own, own_lines)
+                    shares[n] = visible_area(shape, sizes, n, solid, own, own_lines)
                     total += shares[n] if n < solid else 0.0
         else:
             farthest = 0.0
             if many:
-                farthest = sampled(here, line, lines, sliver, xc, yc, left, solid, samples, counts)
+                farthest = sample_pixel(
+                    here, line, lines, sliver, xc, yc, left, solid, samples, counts
+                )
                 for n in range(solid):
                     seen += counts[n, 1] if n != last else 0.0
             # Where one part shows nowhere what is behind it, samples say which of it is where.
@@ -243,35 +268,36 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
                     if shown > 0.0:
                         shares[n], rough = shown / FINE, True
                         total += shares[n]
-                        sample_mean(samples, n, shown, middle)
+                        compute_sample_mean(samples, n, shown, middle)
                     continue
                 b, c = line[k, PLANE, 1], line[k, PLANE, 2]
                 if many and shown == 0.0 and (hits > 0.0 or line[k, PLANE, 0] + b * xc + c * yc
                                               + 0.5 * (abs(b) + abs(c)) < farthest):
                     continue
-                crossing = crossing_lines(line, lines, k, xc, yc, own, 0)
+                crossing = find_crossing_lines(line, lines, k, xc, yc, own, 0)
                 if crossing == 0:
                     shares[n] = 1.0
                 elif crossing == 1:
                     a, b, c = own[0, 0, 0], own[0, 0, 1], own[0, 0, 2]
-                    shares[n] = half_plane(a, b, c)
+                    shares[n] = half_plane_area(a, b, c)
                     if a < 0.0:  # halfway from the line to the corner that is farthest inside
                         back = a / (b * b + c * c)
                         middle[n, 0] = 0.5 * ((0.5 if b > 0.0 else -0.5) - back * b)
                         middle[n, 1] = 0.5 * ((0.5 if c > 0.0 else -0.5) - back * c)
                 elif many:
-                    shares[n] = by_rows(own, crossing, samples, middle, n)
+                    shares[n] = integrate_rows(own, crossing, samples, middle, n)
                 else:
-                    sizes[0] = inner(shape, 0, own, 0, crossing, spare)
+                    sizes[0] = clip_pixel(shape, 0, own, 0, crossing, spare)
                     if sizes[0] > 0:
-                        shares[n] = area(shape, 0, sizes[0])
-                        mean(shape, 0, sizes[0], middle, n)
+                        shares[n] = polygon_area(shape, 0, sizes[0])
+                        polygon_mean(shape, 0, sizes[0], middle, n)
                 if many and not alone:
                     if hits > 0.0:
                         shares[n] *= shown / hits
                         rough |= shown < hits
-                    elif shares[n] < NONE or hidden_at(here, line, lines, counts, n, solid,
-                                                     xc + middle[n, 0], yc + middle[n, 1]):
+                    elif shares[n] < SMALLEST_SHARE or is_hidden(
+                        here, line, lines, counts, n, solid, xc + middle[n, 0], yc + middle[n, 1]
+                    ):
                         shares[n] = 0.0
                 total += shares[n] if n < solid else 0.0
         scale = 1.0
@@ -287,5 +313,5 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
                 out_share[count] = shares[n] * scale if n < solid else shares[n]
                 out_at[count, 0], out_at[count, 1] = xc + middle[n, 0], yc + middle[n, 1]
             count += 1
-    out_start[len(found)] = count
+    out_start[len(edge_pixels)] = count
     return count

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import inlined
+from aras_visual_servo_base.compiled import jit_inline
 from aras_visual_servo_base.poses import rotation_from_rpy
 
 from ..description.types import Light
@@ -20,7 +20,7 @@ from ..description.types import Light
 # Columns of a light's row: kind (0 directional, 1 point, 2 spot), unit vector towards it or place
 # [m], a spot's axis, colour, attenuation and range, cosines of a spot's half angles and its
 # fall-off, whether it casts shadows, and its radius (rad of a directional one, else m).
-KIND, PLACE, AXIS, COLOUR, FADE, RANGE, INNER, OUTER, FALLOFF, CASTS, RADIUS = (
+KIND, PLACE, AXIS, COLOUR, FADE, RANGE, INNER, OUTER, FALLOFF, CASTS_SHADOWS, RADIUS = (
     0, 1, 4, 7, 10, 13, 14, 15, 16, 17, 18)
 WIDTH = 19
 # Radii of lights whose shadows are soft: rad for directional ones, m for the others.
@@ -29,7 +29,7 @@ DIRECTIONAL, POINT, SPOT = range(3)
 _KINDS = {"directional": DIRECTIONAL, "point": POINT, "spot": SPOT}
 
 
-def rows_of(lights: Sequence[Light], optical_T_world: np.ndarray, scale: float, shadows: str
+def pack_lights(lights: Sequence[Light], optical_T_world: np.ndarray, scale: float, shadows: str
             ) -> np.ndarray:
     """(lights, WIDTH) of lights of the world; shadows: 'none', 'hard' or 'soft'."""
     rows = np.zeros((len(lights), WIDTH))
@@ -48,14 +48,14 @@ def rows_of(lights: Sequence[Light], optical_T_world: np.ndarray, scale: float, 
         row[RANGE] = light.attenuation_range
         row[INNER], row[OUTER] = np.cos(light.spot_inner / 2), np.cos(light.spot_outer / 2)
         row[FALLOFF] = light.spot_falloff
-        row[CASTS] = light.cast_shadows and shadows != "none"
+        row[CASTS_SHADOWS] = light.cast_shadows and shadows != "none"
         if shadows == "soft":
             row[RADIUS] = SOFT_SUN if kind == DIRECTIONAL else SOFT_LAMP
     return rows
 
 
-@inlined
-def towards(lamps, n, p, d):
+@jit_inline
+def direction_to_lamp(lamps, n, p, d):
     """Put into d (3,) the unit vector from the point p (3,) towards lamp n; its distance [m], inf
     of a directional one, and what it leaves of its light there."""
     far, left = np.inf, 1.0

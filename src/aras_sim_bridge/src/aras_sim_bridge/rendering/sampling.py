@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import jit, jit_inline
 
-from .binning import Seen
+from .binning import VisibleTriangles
 from .tiles import TILE, Tiles
 
 # What a tile or a pixel shows, besides triangles from 0 up.
@@ -21,7 +21,7 @@ BACKGROUND, NOTHING, SEVERAL = -1, -2, -3
 
 
 @dataclass(frozen=True)
-class Samples:
+class PixelSamples:
     """What pixels show, as numbers in Seen, or BACKGROUND, or NOTHING where a lens shows nothing.
 
     tile: (tiles,) what the whole tile shows, or SEVERAL.
@@ -38,7 +38,7 @@ class Samples:
     start: np.ndarray
     member: np.ndarray
     full: np.ndarray
-    touched: np.ndarray
+    pixel_masks: np.ndarray
 
 
 class PixelSampler:
@@ -48,26 +48,58 @@ class PixelSampler:
         self._tiles = tiles
         self._pixel = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.int32)
 
-    def samples(self, seen: Seen, near: float, far: float, at: float) -> Samples:
+    def sample(
+        self, visible: VisibleTriangles, near: float, far: float, offset: float
+    ) -> PixelSamples:
         """Those of what is opaque, the rest is left to the edges, beyond a lens's rim too.
 
         at: px, where in each pixel, to the right of its centre and below it.
         """
         t = self._tiles
-        tile, most, start, member, full = _settled(
-            seen.cover, seen.start, seen.member, seen.full, seen.side, seen.opaque, t.matrices,
-            t.axis, t.nodes, t.whole, t.cells)
+        tile, most, start, member, full = _cull_tiles(
+            visible.cover,
+            visible.start,
+            visible.member,
+            visible.full,
+            visible.side,
+            visible.opaque,
+            t.matrices,
+            t.axis,
+            t.nodes,
+            t.whole,
+            t.cells,
+        )
         touched = np.empty(len(member), np.uint64)
         left = _sample(
-            tile, start, member, full, seen.corner, seen.side, seen.cut, seen.opaque, t.matrices,
-            t.inverse, t.spread, t.axis, t.cells, t.alike, t.columns, near, far, at, self._pixel,
-            touched)
-        return Samples(tile, self._pixel, most, start, member[:left], full[:left], touched[:left])
+            tile,
+            start,
+            member,
+            full,
+            visible.corner,
+            visible.side,
+            visible.cut,
+            visible.opaque,
+            t.matrices,
+            t.inverse,
+            t.spread,
+            t.axis,
+            t.cells,
+            t.is_uniform,
+            t.columns,
+            near,
+            far,
+            offset,
+            self._pixel,
+            touched,
+        )
+        return PixelSamples(
+            tile, self._pixel, most, start, member[:left], full[:left], touched[:left]
+        )
 
 
-@compiled("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], "
+@jit("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], "
           "f8[:,::1], b1[::1], i8")
-def _settled(cover, start, member, full, side, opaque, matrices, axis, nodes, whole, cells):
+def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes, whole, cells):
     """See Samples: tile, most, start, member, full."""
     tiles = len(whole)
     out = np.empty(tiles, np.int64)
@@ -144,8 +176,8 @@ def _settled(cover, start, member, full, side, opaque, matrices, axis, nodes, wh
     return out, most, new_start, new_member[:left], new_full[:left]
 
 
-@inlined
-def _box(corner, m, inverse, n):
+@jit_inline
+def _find_box(corner, m, inverse, n):
     """The box around triangle m, px of tile n from its first: left, right, top, bottom."""
     left = top = np.inf
     right = bottom = -np.inf
@@ -165,11 +197,11 @@ def _box(corner, m, inverse, n):
     return left, right, top, bottom
 
 
-@compiled("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], f8[:,:,::1], b1[::1], b1[::1], "
+@jit("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], f8[:,:,::1], b1[::1], b1[::1], "
           "f8[:,:,::1], f8[:,:,::1], f8[::1], f8[:,::1], i8, b1, i8, f8, f8, f8, i4[:,::1], "
           "u8[::1]")
 def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inverse, spread, axis,
-            cells, alike, columns, near, far, at, pixel, touched):
+            cells, alike, columns, near, far, at, pixel, pixel_masks):
     """Fill `pixel` and `touched` where tiles show several, and leave in start, member and full only
     what touches pixels of those; the number of that."""
     size = TILE // cells
@@ -180,7 +212,7 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
     one = np.uint64(1)
     box = np.empty((len(corner) if alike else 0, 4))
     for m in range(len(box)):
-        box[m, 0], box[m, 1], box[m, 2], box[m, 3] = _box(corner, m, inverse, 0)
+        box[m, 0], box[m, 1], box[m, 2], box[m, 3] = _find_box(corner, m, inverse, 0)
     kept, end = 0, start[0]
     for n in range(len(tile)):
         begin, end = end, start[n + 1]
@@ -209,7 +241,7 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
                     left, right = box[m, 0] - u_tile, box[m, 1] - u_tile
                     top, bottom = box[m, 2] - v_tile, box[m, 3] - v_tile
                 else:
-                    left, right, top, bottom = _box(corner, m, inverse, n)
+                    left, right, top, bottom = _find_box(corner, m, inverse, n)
                 left, right = max(left - spread[n], -1.0), min(right + spread[n], TILE + 0.0)
                 top, bottom = max(top - spread[n], -1.0), min(bottom + spread[n], TILE + 0.0)
                 u0, u1 = int(np.floor(left + 0.5)), int(np.floor(right + 0.5))
@@ -224,7 +256,7 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
                 # Rows whose samples are in the box, if any sample is.
                 v0, v1 = max(int(np.ceil(top - at)), 0), min(int(np.floor(bottom - at)), TILE - 1)
                 sampled &= np.ceil(left - at) <= right - at
-            member[kept], full[kept], touched[kept] = m, all_over, pixels
+            member[kept], full[kept], pixel_masks[kept] = m, all_over, pixels
             kept += 1
             if not sampled or v0 > v1:
                 continue

@@ -16,17 +16,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import jit, jit_inline
 
-from .binning import Seen
+from .binning import VisibleTriangles
 from .fragments import Fragments
-from .lamps import CASTS, COLOUR, KIND, RADIUS, towards
-from .sampling import Samples
+from .lamps import CASTS_SHADOWS, COLOUR, KIND, RADIUS, direction_to_lamp
+from .sampling import PixelSamples
 from .tiles import TILE, Tiles
 from .triangles import Triangles
 
 # Rays of a pixel that a shadow's edge is in, and of a fragment.
-FINE, FEW = 160, 16
+MANY_RAYS, FEW_RAYS = 160, 16
 LIT, DARK, MIXED = 1, 2, 3
 # How far from its surface a ray begins, m, and of its distance from the eye: meshes have single
 # precision.
@@ -42,19 +42,19 @@ class Irradiance:
     fragments: np.ndarray
 
 
-SUNLIT = Irradiance(np.zeros((0, 0, 3), np.float32), np.zeros((0, 3), np.float32))
+NO_IRRADIANCE = Irradiance(np.zeros((0, 0, 3), np.float32), np.zeros((0, 3), np.float32))
 
 
-def _spread() -> np.ndarray:
+def _make_spread() -> np.ndarray:
     """(FINE, 4) evenly spread over a pixel, -0.5..0.5 px, and over a disc of radius 1, by Roberts's
     sequence in four dimensions."""
     golden = 1.16730397826141868  # g**5 = g + 1
-    share = (0.5 + (np.arange(FINE)[:, None] + 1) / golden ** np.arange(1, 5)) % 1.0
+    share = (0.5 + (np.arange(MANY_RAYS)[:, None] + 1) / golden ** np.arange(1, 5)) % 1.0
     radius, angle = np.sqrt(share[:, 2:3]), 2 * np.pi * share[:, 3:]
     return np.hstack([share[:, :2] - 0.5, radius * np.cos(angle), radius * np.sin(angle)])
 
 
-SPREAD = _spread()
+SPREAD = _make_spread()
 # Places on the rim of a disc.
 RIM = np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)], axis=1)
 
@@ -71,27 +71,63 @@ class Illumination:
         self._bounds = np.searchsorted(c.row[self._order], np.arange(rows + 1))
         self._part = triangles.part[c.first] if len(c.first) else c.first
 
-    def on(self, tiles: Tiles, seen: Seen, samples: Samples, edges: np.ndarray,
-           fragments: Fragments, optical_T_link: np.ndarray, lamps: np.ndarray,
-           ambient: np.ndarray) -> Irradiance:
+    def compute_irradiance(
+        self,
+        tiles: Tiles,
+        visible: VisibleTriangles,
+        samples: PixelSamples,
+        edges: np.ndarray,
+        fragments: Fragments,
+        optical_T_link: np.ndarray,
+        lamps: np.ndarray,
+        ambient: np.ndarray,
+    ) -> Irradiance:
         """Of a picture. edges: as finding.found_edges has them; lamps: of lamps.rows_of; ambient:
         (3,) parts of 255."""
         t, g, f, c = tiles, self._triangles, fragments, self._triangles.clusters
-        turn = optical_T_link[g.row[seen.triangle], :3, :3]
-        normals = np.einsum("nij,nkj->nki", turn, g.normals[seen.triangle])
+        turn = optical_T_link[g.row[visible.triangle], :3, :3]
+        normals = np.einsum("nij,nkj->nki", turn, g.normals[visible.triangle])
         pixels = np.zeros((t.rows * TILE, t.columns * TILE, 3), np.float32)
         on_fragments = np.zeros((len(f.member), 3), np.float32)
         _illuminate(
-            samples.tile, samples.pixel, edges, t.valid, t.matrices, t.cells, t.columns, seen.side,
-            np.ascontiguousarray(normals), seen.triangle, g.part, g.hull, optical_T_link,
-            g.row_centre, g.row_half, self._order, self._bounds, self._part, c.row, c.first,
-            c.count, c.centre, c.half, g.corners, lamps, ambient, f.pixel, f.start, f.member, f.at,
-            pixels, on_fragments)
+            samples.tile,
+            samples.pixel,
+            edges,
+            t.valid,
+            t.matrices,
+            t.cells,
+            t.columns,
+            visible.side,
+            np.ascontiguousarray(normals),
+            visible.triangle,
+            g.part,
+            g.hull,
+            optical_T_link,
+            g.row_centre,
+            g.row_half,
+            self._order,
+            self._bounds,
+            self._part,
+            c.row,
+            c.first,
+            c.count,
+            c.centre,
+            c.half,
+            g.corners,
+            lamps,
+            ambient,
+            f.pixel,
+            f.start,
+            f.member,
+            f.at,
+            pixels,
+            on_fragments,
+        )
         return Irradiance(pixels, on_fragments)
 
 
-@inlined
-def _basis(d, e):
+@jit_inline
+def _make_basis(d, e):
     """Two unit vectors square to the unit vector d, into the rows of e (2, 3)."""
     k = 0 if abs(d[0]) < 0.6 else 1
     squared = 1.0 - d[k] * d[k]
@@ -103,8 +139,8 @@ def _basis(d, e):
     e[1, 2] = d[0] * e[0, 1] - d[1] * e[0, 0]
 
 
-@inlined
-def _beam_meets(T, r, centre, half, n, point, radius, d, far, growth):
+@jit_inline
+def _is_beam_in_box(T, r, centre, half, n, point, radius, d, far, growth):
     """Whether the beam from around a point, of a radius that grows with the distance, along the
     unit vector d up to `far`, may meet box n in the frame of link r."""
     low, high = 0.0, far
@@ -133,15 +169,31 @@ def _beam_meets(T, r, centre, half, n, point, radius, d, far, growth):
     return low <= high
 
 
-@compiled("f8[::1], f8[::1], f8, i8, i8, f8, i8[::1], i8, f8[:,:,::1], i8[::1], i8[::1], i8[::1], "
+@jit("f8[::1], f8[::1], f8, i8, i8, f8, i8[::1], i8, f8[:,:,::1], i8[::1], i8[::1], i8[::1], "
           "i8[::1], f8[:,::1], f8[:,::1], f8[:,:,::1]", allocates=False)
-def _blocked(p, d, far, skip, own, beside, candidates, many, T, part, row, first, count, centre,
-             half, corners):
+def _is_blocked(
+    p,
+    d,
+    far,
+    skip,
+    own,
+    own_distance,
+    candidates,
+    candidate_count,
+    T,
+    part,
+    row,
+    first,
+    count,
+    centre,
+    half,
+    corners,
+):
     """Whether one of the clusters `candidates[:many]` is in the way from p along d (of any length)
-    up to `far` times it; not one of the part `skip`, nor of the part `own` nearer than `beside`, m,
-    for p may be beside its triangle. What is in the way comes first then."""
-    least = beside / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-    for i in range(many):
+    up to `far` times it; not one of the part `skip`, nor of the part `own` nearer than
+    `own_distance`, m, for p may be beside its triangle. What is in the way comes first then."""
+    least = own_distance / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    for i in range(candidate_count):
         c = candidates[i]
         if part[c] == skip:
             continue
@@ -189,8 +241,8 @@ def _blocked(p, d, far, skip, own, beside, candidates, many, T, part, row, first
     return False
 
 
-@inlined
-def _point(matrices, c, side, m, x, y, p, g):
+@jit_inline
+def _find_surface_point(matrices, c, side, m, x, y, p, g):
     """Put into p (3,) the point of triangle m's plane that x, y of cell c shows, moved off it, and
     into g its unit normal; whether there is one."""
     rx = matrices[c, 0, 0] * x + matrices[c, 0, 1] * y + matrices[c, 0, 2]
@@ -210,8 +262,8 @@ def _point(matrices, c, side, m, x, y, p, g):
     return there
 
 
-@inlined
-def _aimed(lamps, n, p, d, far, e, a, b, ray):
+@jit_inline
+def _aim_ray(lamps, n, p, d, far, e, a, b, ray):
     """Put into ray (3,) the way from p to the place a, b of lamp n's disc, d and e its frame; how
     many times its length is free to be met."""
     radius = lamps[n, RADIUS]
@@ -222,7 +274,7 @@ def _aimed(lamps, n, p, d, far, e, a, b, ray):
     return np.inf if directional else 1.0
 
 
-@compiled("i8[::1], i4[:,::1], u8[::1], b1[:,::1], f8[:,:,::1], i8, i8, f8[:,:,::1], f8[:,:,::1], "
+@jit("i8[::1], i4[:,::1], u8[::1], b1[:,::1], f8[:,:,::1], i8, i8, f8[:,:,::1], f8[:,:,::1], "
           "i8[::1], i8[::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], "
           "i8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], "
           "f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f4[:,:,::1], f4[:,::1]")
@@ -296,7 +348,7 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
             low[j], high[j] = np.inf, -np.inf
         for i in range(many):
             m, c = who[i], cell[i]
-            _point(matrices, c, side, m, at[i, 0], at[i, 1], p, g)
+            _find_surface_point(matrices, c, side, m, at[i, 0], at[i, 1], p, g)
             for j in range(3):
                 points[i, j], flat[i, j], light[i, j] = p[j], g[j], ambient[j]
                 low[j], high[j] = min(low[j], p[j]), max(high[j], p[j])
@@ -326,17 +378,17 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
         radius = 0.65 * np.sqrt(radius) + 2.0 * step
         for lamp in range(len(lamps)):
             near_by = 0
-            if lamps[lamp, CASTS] > 0.0:
-                far, _ = towards(lamps, lamp, middle, d)
+            if lamps[lamp, CASTS_SHADOWS] > 0.0:
+                far, _ = direction_to_lamp(lamps, lamp, middle, d)
                 directional = lamps[lamp, KIND] == 0.0
                 growth = lamps[lamp, RADIUS] if directional else 0.0
                 wide = radius if directional else max(radius, lamps[lamp, RADIUS])
                 for r in range(len(row_centre)):
-                    if not _beam_meets(
+                    if not _is_beam_in_box(
                             T, r, row_centre, row_half, r, middle, wide, d, far, growth):
                         continue
                     for k in range(bounds[r], bounds[r + 1]):
-                        if cluster_part[order[k]] != alone and _beam_meets(
+                        if cluster_part[order[k]] != alone and _is_beam_in_box(
                                 T, r, centre, half, order[k], middle, wide, d, far, growth):
                             candidates[near_by] = order[k]
                             near_by += 1
@@ -348,7 +400,7 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                 m = who[i]
                 for j in range(3):
                     p[j] = points[i, j]
-                far, left = towards(lamps, lamp, p, d)
+                far, left = direction_to_lamp(lamps, lamp, p, d)
                 cosine = facing[i, 0] * d[0] + facing[i, 1] * d[1] + facing[i, 2] * d[2]
                 if cosine <= 0.0 or left <= 0.0:
                     continue
@@ -366,12 +418,20 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                             if corner_of[y, x] != m:
                                 corner_of[y, x] = m
                                 own = 0
-                                if not _point(matrices, cell[i], side, m, at[i, 0] + k % 2 - 0.5,
-                                              at[i, 1] + k // 2 - 0.5, p, g):
+                                if not _find_surface_point(
+                                    matrices,
+                                    cell[i],
+                                    side,
+                                    m,
+                                    at[i, 0] + k % 2 - 0.5,
+                                    at[i, 1] + k // 2 - 0.5,
+                                    p,
+                                    g,
+                                ):
                                     own = MIXED
-                                far, _ = towards(lamps, lamp, p, d)
+                                far, _ = direction_to_lamp(lamps, lamp, p, d)
                                 if soft:
-                                    _basis(d, e)
+                                    _make_basis(d, e)
                                 for q in range(2 if soft else 1):
                                     if own == MIXED:
                                         break
@@ -379,8 +439,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                                     if soft:
                                         spot = (x + 2 * y) % 4 + 4 * q
                                         a, b = RIM[spot, 0], RIM[spot, 1]
-                                    end = _aimed(lamps, lamp, p, d, far, e, a, b, ray)
-                                    own |= DARK if _blocked(
+                                    end = _aim_ray(lamps, lamp, p, d, far, e, a, b, ray)
+                                    own |= DARK if _is_blocked(
                                         p, ray, end, skip, part[t], beside, candidates, near_by, T,
                                         cluster_part, cluster_row, first, count, centre, half,
                                         corners) else LIT
@@ -393,22 +453,24 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                     if says == DARK:
                         seen = 0.0
                     elif says == MIXED:
-                        rays, hits, shrink = FINE, 0, 1.0
+                        rays, hits, shrink = MANY_RAYS, 0, 1.0
                         if i >= whole:  # its middle: it may end beside that
-                            rays, shrink = FEW if soft else 1, 0.0
+                            rays, shrink = FEW_RAYS if soft else 1, 0.0
                         tried = 0
                         for k in range(rays):
                             s = k
-                            if not _point(matrices, cell[i], side, m,
+                            if not _find_surface_point(matrices, cell[i], side, m,
                                           at[i, 0] + shrink * SPREAD[s, 0],
                                           at[i, 1] + shrink * SPREAD[s, 1], p, g):
                                 continue
-                            far, _ = towards(lamps, lamp, p, d)
+                            far, _ = direction_to_lamp(lamps, lamp, p, d)
                             if soft:
-                                _basis(d, e)
-                            end = _aimed(lamps, lamp, p, d, far, e, SPREAD[s, 2], SPREAD[s, 3], ray)
+                                _make_basis(d, e)
+                            end = _aim_ray(
+                                lamps, lamp, p, d, far, e, SPREAD[s, 2], SPREAD[s, 3], ray
+                            )
                             tried += 1
-                            hits += 0 if _blocked(
+                            hits += 0 if _is_blocked(
                                 p, ray, end, skip, part[t], beside, candidates, near_by, T,
                                 cluster_part, cluster_row, first, count, centre, half,
                                 corners) else 1

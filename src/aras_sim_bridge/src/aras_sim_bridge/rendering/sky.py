@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 
-from .shading import word
+from .shading import pack_colour
 from .tiles import TILE, Tiles
 
 # Colours at the zenith, at the horizon and straight below; red, green, blue, 0..1.
@@ -16,7 +16,7 @@ MIDDLE = (0.51, 0.65, 0.87)
 NO_SKY = np.zeros((0, 0), np.uint32)
 
 
-def sky_words(tiles: Tiles, world_T_optical: np.ndarray) -> np.ndarray:
+def draw_sky(tiles: Tiles, world_T_optical: np.ndarray) -> np.ndarray:
     """(rows * TILE, columns * TILE) uint32 words of the padded picture."""
     out = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.uint32)
     _fill(tiles.matrices, tiles.cells, tiles.columns, np.ascontiguousarray(world_T_optical[2, :3]),
@@ -24,7 +24,7 @@ def sky_words(tiles: Tiles, world_T_optical: np.ndarray) -> np.ndarray:
     return out
 
 
-@compiled("f8[:,:,::1], i8, i8, f8[::1], f8[:,::1], u4[:,::1]")
+@jit("f8[:,:,::1], i8, i8, f8[::1], f8[:,::1], u4[:,::1]")
 def _fill(matrices, cells, columns, up, colours, out):
     size, rgb = TILE // cells, np.empty(3)
     for v in range(out.shape[0]):
@@ -42,4 +42,4 @@ def _fill(matrices, cells, columns, up, colours, out):
             other = 0 if height > 0.0 else 2
             for j in range(3):
                 rgb[j] = 255.0 * (colours[1, j] + share * (colours[other, j] - colours[1, j]))
-            out[v, u] = word(rgb[0], rgb[1], rgb[2])
+            out[v, u] = pack_colour(rgb[0], rgb[1], rgb[2])

@@ -5,11 +5,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from aras_visual_servo_base.compiled import inlined
+from aras_visual_servo_base.compiled import jit_inline
 
 # px a side, powers of two: what is larger or smaller is brought to the nearest, and then to these.
 SMALLEST, LARGEST = 512, 1024
-LANE = 21  # bits of a colour, so that all three are added up at once
+CHANNEL_BITS = 21  # bits of a colour, so that all three are added up at once
 
 # Places at which a texture is read in a pixel: four as long as it is up to WIDE texels long, which
 # finds the corners of a marker 25 to 43 px wide to 0.002-0.004 px (one place 0.006-0.011, 16
@@ -17,7 +17,7 @@ LANE = 21  # bits of a colour, so that all three are added up at once
 PLACES, DENSE, WIDE, TURNS = 20, 0.8, np.sqrt(8.0), 16
 
 
-def _directions() -> np.ndarray:
+def _make_directions() -> np.ndarray:
     """(TURNS, 2) unit vectors x, y of half a turn, as _direction numbers them."""
     part = 4.0 * np.arange(TURNS) / TURNS
     cosine = np.where(part < 2.0, 1.0 - part, part - 3.0)
@@ -26,7 +26,7 @@ def _directions() -> np.ndarray:
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def _spots() -> np.ndarray:
+def _make_sample_points() -> np.ndarray:
     """(TURNS, PLACES + 1, PLACES, 2) places in a pixel, px from its centre along DIRECTIONS and
     across them: [k, n] n of equal weight, evenly along and by the golden section across; and
     [0, 0] four in a square."""
@@ -49,8 +49,8 @@ def _spots() -> np.ndarray:
     return spots
 
 
-DIRECTIONS = _directions()
-SPOTS = _spots()
+DIRECTIONS = _make_directions()
+SAMPLE_POINTS = _make_sample_points()
 
 
 class Textures:
@@ -72,20 +72,22 @@ class Textures:
             texels.append(np.array([size], np.uint64))
             while True:
                 red, green, blue = image.reshape(-1, 3).T.astype(np.uint64)
-                texels.append(red | green << np.uint64(LANE) | blue << np.uint64(2 * LANE))
+                texels.append(
+                    red | green << np.uint64(CHANNEL_BITS) | blue << np.uint64(2 * CHANNEL_BITS)
+                )
                 if len(image) == 1:
                     break
                 rows = image[::2].astype(np.uint16) + image[1::2]
                 image = np.rint(0.25 * (rows[:, ::2] + rows[:, 1::2])).astype(np.uint8)
         self.texels = np.concatenate(texels)
 
-    def layer(self, file: str) -> int:
+    def find_layer(self, file: str) -> int:
         """Where a file's texture begins in texels."""
         return self._first[file]
 
 
-@inlined
-def _direction(cosine, sine):
+@jit_inline
+def _find_direction(cosine, sine):
     """Which of TURNS directions is nearest to the one whose angle to x, doubled, has a cosine and a
     sine as these are; they stand for its place on a square around 0, instead of a circle."""
     share = cosine / max(abs(cosine) + abs(sine), 1e-300)
@@ -93,8 +95,8 @@ def _direction(cosine, sine):
     return int(part * (TURNS // 4) + 0.5) % TURNS
 
 
-@inlined
-def _sum(texels, at, size, x, y, one, shift):
+@jit_inline
+def _sum_texels(texels, at, size, x, y, one, shift):
     """Red, green and blue of a level at x, y, in parts of a texel of 2**15, linear between the
     middles of texels and repeated beyond 0..1; as in Textures.texels, times 2**(30 - shift)."""
     half, mask = np.int64(1) << (shift - np.int64(1)), size - one
@@ -113,8 +115,8 @@ def _sum(texels, at, size, x, y, one, shift):
             + np.uint64(corner) * texels[np.uint64(lower + after)])
 
 
-@inlined
-def spread_out(matrices, c, side, m, uv, t, planes):
+@jit_inline
+def map_texture(matrices, c, side, m, uv, t, planes):
     """Put into planes (3, 3) how a texture lies on triangle m, t in Triangles, as cell c sees it:
     its coordinates are U / W, V / W, and of each of U, V, W what it grows by along x and along y,
     and its value at the cell's first pixel."""
@@ -127,8 +129,8 @@ def spread_out(matrices, c, side, m, uv, t, planes):
         planes[0, j], planes[1, j], planes[2, j] = U, V, W
 
 
-@inlined
-def textured(planes, layer, texels, x, y, rgb):
+@jit_inline
+def apply_texture(planes, layer, texels, x, y, rgb):
     """Multiply the colour rgb (3,) by a texture over the pixel at x, y of the cell that planes are
     of: the mean of places in it, of the level that its shorter axis asks for."""
     Ux, Uy, Vx, Vy, Wx, Wy = (planes[0, 0], planes[0, 1], planes[1, 0], planes[1, 1], planes[2, 0],
@@ -153,7 +155,7 @@ def textured(planes, layer, texels, x, y, rgb):
     if longer > WIDE:
         count = min(max(int(np.ceil(DENSE * max(area, longer))), 4), PLACES)
         shift += (count > 4) + (count > 8) + (count > 16)
-        turn, kind = _direction(ux * ux + vx * vx - uy * uy - vy * vy,
+        turn, kind = _find_direction(ux * ux + vx * vx - uy * uy - vy * vy,
                                 2.0 * (ux * uy + vx * vy)), count
         c, s = DIRECTIONS[turn, 0], DIRECTIONS[turn, 1]
         # A level is blurred, by half a texel each way: the places are that much closer together.
@@ -165,22 +167,22 @@ def textured(planes, layer, texels, x, y, rgb):
     u, v = (u * size - 0.5) * 32768.0, (v * size - 0.5) * 32768.0
     scale = 32768.0 * level
     ux, uy, vx, vy = ux * scale, uy * scale, vx * scale, vy * scale
-    total, mask = np.uint64(0), np.uint64((1 << LANE) - 1)
+    total, mask = np.uint64(0), np.uint64((1 << CHANNEL_BITS) - 1)
     part = 1.0 / (255.0 * (one << (np.int64(30) - shift)))
     red = green = blue = 0.0
     for k in range(count):
-        along, across = SPOTS[turn, kind, k, 0], SPOTS[turn, kind, k, 1]
-        there = _sum(texels, at, size, np.int64(u + along * ux + across * uy),
+        along, across = SAMPLE_POINTS[turn, kind, k, 0], SAMPLE_POINTS[turn, kind, k, 1]
+        there = _sum_texels(texels, at, size, np.int64(u + along * ux + across * uy),
                      np.int64(v + along * vx + across * vy), one, shift)
         if bright:  # what is brighter than white is white before it is mixed, as at edges
             red += min(rgb[0] * part * float(there & mask), 255.0)
-            green += min(rgb[1] * part * float(there >> np.uint64(LANE) & mask), 255.0)
-            blue += min(rgb[2] * part * float(there >> np.uint64(2 * LANE)), 255.0)
+            green += min(rgb[1] * part * float(there >> np.uint64(CHANNEL_BITS) & mask), 255.0)
+            blue += min(rgb[2] * part * float(there >> np.uint64(2 * CHANNEL_BITS)), 255.0)
         else:
             total += there
     if bright:
         rgb[0], rgb[1], rgb[2] = red / count, green / count, blue / count
     else:
         rgb[0] *= part / count * float(np.int64(total & mask))
-        rgb[1] *= part / count * float(np.int64(total >> np.uint64(LANE) & mask))
-        rgb[2] *= part / count * float(np.int64(total >> np.uint64(2 * LANE)))
+        rgb[1] *= part / count * float(np.int64(total >> np.uint64(CHANNEL_BITS) & mask))
+        rgb[2] *= part / count * float(np.int64(total >> np.uint64(2 * CHANNEL_BITS)))

@@ -14,23 +14,23 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import RenderingError
-from .recent import Recent
+from .byte_limited_cache import ByteLimitedCache
 
 TILE = 8  # px a side
 # How far a pixel may be beside its ray, px, where it is farthest. As the middle of a cell is beside
 # it to one side and its corners to the other, it adds up to far less over a target: see
 # tests/benchmarks/render.py.
-MISFIT = 0.05
+LARGEST_MISFIT = 0.05
 # Focal lengths up to so many px, and pixels as many focal lengths beside the axis: the volume
 # that a pixel's rays span is then far from what rounds to none.
 FARTHEST = 1e8
 # What is seen only beyond this angle from the axis has no depth along it, rad.
-SIDEWAYS = np.radians(89.9)
+SIDEWAYS_ANGLE = np.radians(89.9)
 
 Unproject = Callable[[np.ndarray], np.ndarray]
 # Memory for tiles that come again, bytes, and the pixels of a picture whose tiles may be kept: a
 # study shows the world through the same camera ten thousand times.
-KEPT, LARGE = 3 << 21, 640 * 480
+CACHE_BYTES, LARGEST_CACHED_IMAGE = 3 << 21, 640 * 480
 
 
 class Tiles:
@@ -58,7 +58,7 @@ class Tiles:
     def __init__(self, width: int, height: int, matrices: np.ndarray, cells: int,
                  valid: np.ndarray, unproject: Unproject | None = None) -> None:
         self._unproject = unproject
-        self.alike = unproject is None
+        self.is_uniform = unproject is None
         self.width, self.height, self.cells = width, height, cells
         self.rows, self.columns = valid.shape[0] // TILE, valid.shape[1] // TILE
         self.matrices, self.valid = matrices, valid
@@ -76,12 +76,13 @@ class Tiles:
         middle[~seen] = (0.0, 0.0, 1.0)
         middle /= np.linalg.norm(middle, axis=1, keepdims=True)
         cosine = np.clip((around * middle).sum(axis=2).min(axis=0), -1.0, 1.0)
-        self.forward = bool((around[:, seen, 2] > np.cos(SIDEWAYS)).all())
+        self.forward = bool((around[:, seen, 2] > np.cos(SIDEWAYS_ANGLE)).all())
         self.axis = np.tile([0.0, 0.0, 1.0], (len(middle), 1)) if self.forward else middle
         self.widest = 1.0 / float((around * self.axis).sum(axis=2)[:, seen].min())
-        self.inverse, self.spread = self._as_one_cell(np.stack(outer))
-        self.nodes, self.levels, self.children = _tree(middle, np.arccos(cosine), seen, self.rows,
-                                                       self.columns)
+        self.inverse, self.spread = self._fit_one_cell(np.stack(outer))
+        self.nodes, self.levels, self.children = _build_tree(
+            middle, np.arccos(cosine), seen, self.rows, self.columns
+        )
 
     @classmethod
     def of_pinhole(cls, width: int, height: int, K: np.ndarray) -> Tiles:
@@ -103,7 +104,7 @@ class Tiles:
         matrices[..., 0, 2], matrices[..., 1, 2] = u / K[0, 0], v[:, None] / K[1, 1]
         matrices[..., 2, 2] = 1.0
         return cls(width, height, matrices.reshape(-1, 3, 3), 1,
-                   _inside(width, height, rows, columns))
+                   _mark_inside(width, height, rows, columns))
 
     @classmethod
     def of_lens(cls, width: int, height: int, unproject: Unproject) -> Tiles:
@@ -114,7 +115,7 @@ class Tiles:
         Raises RenderingError where the lens shows nothing.
         """
         columns, rows = -(-width // TILE), -(-height // TILE)
-        valid = _inside(width, height, rows, columns)
+        valid = _mark_inside(width, height, rows, columns)
         u, v = (np.append(np.arange(0, n - 1, TILE), n - 1) for n in (width, height))
         coarse = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2).astype(float)
         forward = np.nan_to_num(unproject(coarse)[:, 2], nan=-2.0)
@@ -130,21 +131,24 @@ class Tiles:
                     best, centre = forward.max(), pixels[forward.argmax()]
         if best == -2.0:
             raise RenderingError("the lens shows nothing on any pixel of the image")
-        lens = _Continued(unproject, centre)
+        lens = _ExtrapolatedLens(unproject, centre)
         for cells in (1, 2, 4, 8):
             size = TILE // cells
             # Whole tiles, so that a tile's cone is around what it shows and no more.
             tiles = valid.reshape(rows, TILE, columns, TILE).any(axis=(1, 3))
-            corners = lens.corners(np.kron(tiles, np.ones((cells, cells))) > 0, size)
+            corners = lens.corner_rays(np.kron(tiles, np.ones((cells, cells))) > 0, size)
             a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]
-            matrices = _through(a, b, c, d, size)
+            matrices = _fit_matrices(a, b, c, d, size)
             # Cells on the rim have corners where there is no lens.
             inner = valid.reshape(rows * cells, size, columns * cells, size).all(axis=(1, 3))
-            at = np.linalg.solve(matrices[inner], lens.middles(inner, size)[..., None])[..., 0]
+            at = np.linalg.solve(matrices[inner], lens.centre_rays(inner, size)[..., None])[..., 0]
             aside = at[:, :2] / at[:, 2:] - (size - 1) / 2
             # The mean over a cell is two thirds of what it is at its middle.
             matrices[inner, :, 2] += (matrices[inner, :, :2] @ (aside[..., None] * 2 / 3))[..., 0]
-            if cells == 8 or 2 / 3 * np.linalg.norm(aside, axis=1).max(initial=0.0) <= MISFIT:
+            if (
+                cells == 8
+                or 2 / 3 * np.linalg.norm(aside, axis=1).max(initial=0.0) <= LARGEST_MISFIT
+            ):
                 break
         matrices = matrices.reshape(rows, cells, columns, cells, 3, 3).swapaxes(1, 2)
         return cls(width, height, np.ascontiguousarray(matrices).reshape(-1, 3, 3), cells, valid,
@@ -163,7 +167,7 @@ class Tiles:
             out[v] = self._unproject(np.column_stack([u, np.full(self.width, float(v))]))
         return out
 
-    def rays(self) -> np.ndarray:
+    def compute_rays(self) -> np.ndarray:
         """(height, width, 3) unit rays of the pixels' centres, NaN outside the lens."""
         n, size = self.cells, TILE // self.cells
         x, y = np.meshgrid(np.arange(size), np.arange(size))
@@ -175,10 +179,10 @@ class Tiles:
         rays[~self.valid] = np.nan
         return rays[:self.height, :self.width]
 
-    def _as_one_cell(self, outer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _fit_one_cell(self, outer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """inverse and spread; outer: (4, tiles, 3) unit rays of the tiles' corners."""
         n, size = self.cells, TILE // self.cells
-        one = self.matrices if n == 1 else _through(*outer, TILE)
+        one = self.matrices if n == 1 else _fit_matrices(*outer, TILE)
         flat = np.abs(np.linalg.det(one)) < 1e-18
         inverse = np.linalg.inv(np.where(flat[:, None, None], np.eye(3), one))
         spread = np.where(flat, np.inf, 0.0)
@@ -203,7 +207,7 @@ class Tiles:
                                          self.nodes, self.children))
 
 
-class _Continued:
+class _ExtrapolatedLens:
     """A lens's rays, continued straight on where it has none.
 
     centre: (2,) a pixel with a ray, from which all of the picture is seen along straight lines.
@@ -212,21 +216,21 @@ class _Continued:
     def __init__(self, unproject: Unproject, centre: np.ndarray) -> None:
         self._unproject, self._centre = unproject, centre
 
-    def corners(self, shown: np.ndarray, size: int) -> np.ndarray:
+    def corner_rays(self, visible: np.ndarray, size: int) -> np.ndarray:
         """Unit rays (rows + 1, columns + 1, 3) of the corners of those cells of `size` px that are
         shown (rows, columns); straight ahead for the others."""
-        wanted = np.zeros((shown.shape[0] + 1, shown.shape[1] + 1), bool)
+        wanted = np.zeros((visible.shape[0] + 1, visible.shape[1] + 1), bool)
         for down, across in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            wanted[down:down + shown.shape[0], across:across + shown.shape[1]] |= shown
+            wanted[down:down + visible.shape[0], across:across + visible.shape[1]] |= visible
         out = np.tile([0.0, 0.0, 1.0], (*wanted.shape, 1))
-        out[wanted] = self.rays(np.argwhere(wanted)[:, ::-1] * float(size) - 0.5)
+        out[wanted] = self.compute_rays(np.argwhere(wanted)[:, ::-1] * float(size) - 0.5)
         return out
 
-    def middles(self, shown: np.ndarray, size: int) -> np.ndarray:
+    def centre_rays(self, visible: np.ndarray, size: int) -> np.ndarray:
         """Unit rays (N, 3) of the centres of the cells that are shown."""
-        return self.rays((np.argwhere(shown)[:, ::-1] + 0.5) * size - 0.5)
+        return self.compute_rays((np.argwhere(visible)[:, ::-1] + 0.5) * size - 0.5)
 
-    def rays(self, points: np.ndarray) -> np.ndarray:
+    def compute_rays(self, points: np.ndarray) -> np.ndarray:
         """Unit rays (N, 3) of pixels (N, 2)."""
         rays = self._unproject(points)
         beyond = ~np.isfinite(rays[:, 0])
@@ -250,24 +254,26 @@ class _Continued:
         return rays
 
 
-def shared(width: int, height: int, key: Hashable, make: Callable[[], Tiles]) -> Tiles:
+def get_shared_tiles(width: int, height: int, key: Hashable, make: Callable[[], Tiles]) -> Tiles:
     """Tiles of a picture's size and a key for its rays, made only if no renderer of this process
     had them lately."""
-    if width * height > LARGE:
+    if width * height > LARGEST_CACHED_IMAGE:
         return make()
-    return _shared.get((width, height, key), make)
+    return _cache.get((width, height, key), make)
 
 
-_shared: Recent[Hashable, Tiles] = Recent(KEPT)
+_cache: ByteLimitedCache[Hashable, Tiles] = ByteLimitedCache(CACHE_BYTES)
 
 
-def _inside(width: int, height: int, rows: int, columns: int) -> np.ndarray:
+def _mark_inside(width: int, height: int, rows: int, columns: int) -> np.ndarray:
     valid = np.zeros((rows * TILE, columns * TILE), bool)
     valid[:height, :width] = True
     return valid
 
 
-def _through(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, size: int) -> np.ndarray:
+def _fit_matrices(
+    a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, size: int
+) -> np.ndarray:
     """Matrices (..., 3, 3) of cells of `size` px with corner rays (..., 3), row by row: with
     weights a, b, c the fourth corner is b + c - a."""
     sides = np.stack([-a, b, c], axis=-1)
@@ -281,19 +287,19 @@ def _through(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, size: i
     return np.stack([x, y, first + (x + y) / 2], axis=-1)
 
 
-def _tree(axis: np.ndarray, angle: np.ndarray, seen: np.ndarray, rows: int, columns: int
+def _build_tree(axis: np.ndarray, angle: np.ndarray, visible: np.ndarray, rows: int, columns: int
           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """nodes, levels and children of Tiles, from the tiles' cones."""
     nodes, levels, children = [], [], [np.zeros((0, 5, 16))]
     first = joined = 0
     axis, angle = axis.reshape(rows, columns, 3), angle.reshape(rows, columns)
-    seen = seen.reshape(rows, columns)
+    visible = visible.reshape(rows, columns)
     # Of the tiles; axis 0: shows nothing. span: how many of them a node has along each side.
-    tile, wide, shown, span = axis * seen[..., None], angle, seen, 1
+    tile, wide, shown, span = axis * visible[..., None], angle, visible, 1
     while True:
         limit = np.minimum(angle + 1e-9, np.pi)
         cones = np.concatenate([axis, np.cos(limit)[..., None], np.sin(limit)[..., None]], axis=2)
-        cones[~seen] = (0.0, 0.0, 1.0, 2.0, 0.0)
+        cones[~visible] = (0.0, 0.0, 1.0, 2.0, 0.0)
         nodes.append(cones.reshape(-1, 5))
         levels.append((first, rows, columns, joined))
         if levels[1:] and rows == columns == 1:
@@ -301,10 +307,10 @@ def _tree(axis: np.ndarray, angle: np.ndarray, seen: np.ndarray, rows: int, colu
         first += rows * columns
         joined += rows * columns if levels[1:] else 0
         rows, columns = -(-rows // 4), -(-columns // 4)
-        cones, some = (_by_fours(x, rows, columns) for x in (cones, seen))
+        cones, some = (_group_by_fours(x, rows, columns) for x in (cones, visible))
         cones[~some] = (0.0, 0.0, 1.0, 2.0, 0.0)
         children.append(cones.reshape(-1, 16, 5).swapaxes(1, 2))
-        seen, span = some.any(axis=2), 4 * span
+        visible, span = some.any(axis=2), 4 * span
         v, u = (np.arange(0, n, span) for n in shown.shape)
         axis = np.add.reduceat(np.add.reduceat(tile, v, axis=0), u, axis=1)
         norm = np.linalg.norm(axis, axis=2, keepdims=True)
@@ -315,7 +321,7 @@ def _tree(axis: np.ndarray, angle: np.ndarray, seen: np.ndarray, rows: int, colu
         angle = np.maximum.reduceat(np.maximum.reduceat(angle, v, axis=0), u, axis=1)
 
 
-def _by_fours(x: np.ndarray, rows: int, columns: int) -> np.ndarray:
+def _group_by_fours(x: np.ndarray, rows: int, columns: int) -> np.ndarray:
     """(rows, columns, 16, ...) of x, joined by 4 x 4 and padded with zeros."""
     pad = [(0, 4 * rows - x.shape[0]), (0, 4 * columns - x.shape[1])]
     x = np.pad(x, pad + [(0, 0)] * (x.ndim - 2)).reshape(rows, 4, columns, 4, *x.shape[2:])

@@ -9,16 +9,16 @@ from functools import cached_property
 
 import numpy as np
 
-from . import grouping
-from .recent import Recent
-from .scene import Part
+from . import clustering
+from .byte_limited_cache import ByteLimitedCache
+from .scene import VisualMesh
 from .textures import Textures
 
 # Memory for scenes that come again, bytes: a study shows the same one ten thousand times.
-KEPT = 1 << 24
+CACHE_BYTES = 1 << 24
 # Corners times triangles of a part, up to which it is asked whether it is convex; and how far a
 # corner may be before a triangle, of the part's size: meshes have single precision.
-MUCH, FLAT = 1 << 22, 1e-6
+MOST_CONVEX_TESTS, FLAT = 1 << 22, 1e-6
 
 
 @dataclass(frozen=True)
@@ -95,25 +95,25 @@ class Triangles:
             self.textures.texels.nbytes)
 
     @classmethod
-    def of(cls, parts: list[Part]) -> Triangles:
+    def from_visuals(cls, visuals: list[VisualMesh]) -> Triangles:
         """Of these parts, made anew only if they were not shown lately by any renderer."""
-        return _made.get(_key(parts), lambda: cls._of(parts))
+        return _cache.get(_make_key(visuals), lambda: cls._build(visuals))
 
     @classmethod
-    def _of(cls, parts: list[Part]) -> Triangles:
-        textures = Textures({part.mesh.texture for part in parts if part.mesh.texture})
+    def _build(cls, visuals: list[VisualMesh]) -> Triangles:
+        textures = Textures({part.mesh.texture for part in visuals if part.mesh.texture})
         corners, normals, uv = ([np.zeros((0, 3, n))] for n in (3, 3, 2))
         albedo = [np.zeros((0, 4))]
         layer, row, number = ([np.zeros(0, int)] for _ in range(3))
-        convex = [n for n, part in enumerate(parts) if _convex(part)]
-        for n, part in enumerate(parts):
+        convex = [n for n, part in enumerate(visuals) if _is_convex(part)]
+        for n, part in enumerate(visuals):
             mesh, count = part.mesh, len(part.mesh.triangles)
             corners.append(mesh.positions[mesh.triangles].astype(float))
             normals.append(mesh.normals[mesh.triangles].astype(float))
             known = mesh.texture is not None and mesh.uv is not None
             uv.append(mesh.uv[mesh.triangles].astype(float) if known else np.zeros((count, 3, 2)))
             albedo.append(np.tile(np.clip(part.rgba, 0.0, 1.0) * [255, 255, 255, 1], (count, 1)))
-            layer.append(np.full(count, textures.layer(mesh.texture) if known else -1))
+            layer.append(np.full(count, textures.find_layer(mesh.texture) if known else -1))
             row.append(np.full(count, part.row))
             number.append(np.full(count, n))
         lists = [np.concatenate(one) for one in (corners, normals, albedo, uv, layer, row, number)]
@@ -121,7 +121,7 @@ class Triangles:
         size = np.linalg.norm(area, axis=1)
         lists = [one[size > 0.0] for one in lists]
         unit, size = area[size > 0.0] / size[size > 0.0, None], size[size > 0.0]
-        groups = grouping.groups(lists[0], unit, lists[6])
+        groups = clustering.cluster_triangles(lists[0], unit, lists[6])
         groups.sort(key=lambda group: -size[group].max())
         order = np.concatenate([np.zeros(0, int), *groups])
         corners, normals, albedo, uv, layer, row, number = (one[order].copy() for one in lists)
@@ -132,7 +132,7 @@ class Triangles:
         for n in np.flatnonzero(counts == 2):
             two = slice(first[n], first[n] + 2)
             flat = (normals[two] == normals[first[n], 0]).all() and layer[first[n]] < 0
-            turns = _quad(corners[two]) if flat else None
+            turns = _find_quad(corners[two]) if flat else None
             if turns is not None:
                 quad[n] = True
                 for k, turn in enumerate(turns):
@@ -140,17 +140,30 @@ class Triangles:
         hull = np.where(np.isin(number, convex), number, -1)
         smooth = np.where(layer < 0, number, -1)
         plane = np.concatenate([unit, (unit * corners[:, 0]).sum(axis=1)[:, None]], axis=1)
-        clusters = _clusters(first, counts, corners, plane, row, albedo, quad)
-        return cls(clusters, *_boxes(corners, row), corners, normals, plane, row, number, smooth,
-                   hull, albedo, uv, layer, textures)
+        clusters = _make_clusters(first, counts, corners, plane, row, albedo, quad)
+        return cls(
+            clusters,
+            *_compute_boxes(corners, row),
+            corners,
+            normals,
+            plane,
+            row,
+            number,
+            smooth,
+            hull,
+            albedo,
+            uv,
+            layer,
+            textures,
+        )
 
 
-def _convex(part: Part) -> bool:
+def _is_convex(part: VisualMesh) -> bool:
     """Whether none of a part's corners lies before a triangle of it; False where that is much to
     ask."""
     mesh = part.mesh
     points = np.unique(mesh.positions.astype(float), axis=0)
-    if not 0 < len(points) * len(mesh.triangles) <= MUCH:
+    if not 0 < len(points) * len(mesh.triangles) <= MOST_CONVEX_TESTS:
         return False
     a, b, c = mesh.positions[mesh.triangles].astype(float).swapaxes(0, 1)
     normal = np.cross(b - a, c - a)
@@ -159,7 +172,7 @@ def _convex(part: Part) -> bool:
     return bool(before.max() <= FLAT * np.ptp(points, axis=0).max())
 
 
-def _boxes(corners: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _compute_boxes(corners: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """row_centre and row_half of Triangles."""
     rows = row.max(initial=-1) + 1
     low, high = np.full((rows, 3), np.inf), np.full((rows, 3), -np.inf)
@@ -170,10 +183,10 @@ def _boxes(corners: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return (low + high) / 2, (high - low) / 2
 
 
-_made: Recent[bytes, Triangles] = Recent(KEPT)
+_cache: ByteLimitedCache[bytes, Triangles] = ByteLimitedCache(CACHE_BYTES)
 
 
-def _key(parts: list[Part]) -> bytes:
+def _make_key(parts: list[VisualMesh]) -> bytes:
     """The same for the same parts, a texture's file as it is now included."""
     key = hashlib.blake2b(digest_size=16)
     for part in parts:
@@ -181,19 +194,19 @@ def _key(parts: list[Part]) -> bytes:
         when = 0
         if mesh.texture and os.path.exists(mesh.texture):
             when = os.stat(mesh.texture).st_mtime_ns
-        shapes = [None if a is None else (a.shape, a.dtype.str) for a in _arrays(part)]
+        shapes = [None if a is None else (a.shape, a.dtype.str) for a in _list_arrays(part)]
         key.update(repr((part.row, part.rgba, mesh.texture, when, shapes)).encode())
-        for array in _arrays(part):
+        for array in _list_arrays(part):
             if array is not None:
                 key.update(np.ascontiguousarray(array))
     return key.digest()
 
 
-def _arrays(part: Part) -> tuple[np.ndarray | None, ...]:
+def _list_arrays(part: VisualMesh) -> tuple[np.ndarray | None, ...]:
     return part.mesh.positions, part.mesh.normals, part.mesh.triangles, part.mesh.uv
 
 
-def _quad(corners: np.ndarray) -> tuple[int, int] | None:
+def _find_quad(corners: np.ndarray) -> tuple[int, int] | None:
     """Which corner of each of two triangles (2, 3, 3) the other lacks, if they are a convex quad in
     one plane."""
     a, b = corners
@@ -211,7 +224,7 @@ def _quad(corners: np.ndarray) -> tuple[int, int] | None:
     return (i, j) if flat and (turn @ normal > 0.0).all() else None
 
 
-def _clusters(first: np.ndarray, count: np.ndarray, corners: np.ndarray, plane: np.ndarray,
+def _make_clusters(first: np.ndarray, count: np.ndarray, corners: np.ndarray, plane: np.ndarray,
               row: np.ndarray, albedo: np.ndarray, quad: np.ndarray) -> Clusters:
     if not len(first):
         empty, none = np.zeros((0, 3)), np.zeros(0)

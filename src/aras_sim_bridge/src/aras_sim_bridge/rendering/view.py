@@ -12,7 +12,7 @@ from aras_visual_servo_base.poses import inverse
 
 from ..description.types import Light, Rgba
 from ..errors import RenderingError
-from .tiles import Tiles, shared
+from .tiles import Tiles, get_shared_tiles
 
 
 @dataclass(frozen=True)
@@ -54,14 +54,14 @@ class View:
         """Equal for views whose pixels have the same rays in the optical frame."""
         return self.lens or (self.width, self.height, self.K.tobytes())
 
-    def tiles(self) -> Tiles:
+    def get_tiles(self) -> Tiles:
         """The tiles that the picture is drawn in."""
-        return self.lens or shared(self.width, self.height, self.K.tobytes(), lambda: (
+        return self.lens or get_shared_tiles(self.width, self.height, self.K.tobytes(), lambda: (
             Tiles.of_pinhole(self.width, self.height, self.K)))
 
 
 @dataclass(frozen=True)
-class Sun:
+class Lighting:
     """One white sun without shadows, or `lights` in its place; the defaults are Gazebo's.
 
     direction: from the sun to the ground, world frame. A surface of albedo a gives back
@@ -87,10 +87,10 @@ class Sun:
     shadows: str = "none"
     tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
     sky: bool = False
-    white: float | None = None
+    reference_white_level: float | None = None
 
     @property
-    def most(self) -> float:
+    def white_level(self) -> float:
         """What a white surface gives back of this light at most."""
         if self.lights:
             diffuse = np.sum([light.diffuse[:3] for light in self.lights], axis=0)
@@ -102,10 +102,13 @@ class Sun:
         """Grey levels, in parts of 255, that a surface shows for the light that it gives back."""
         if self.exposure == "gazebo":
             return 1.0
-        return 1.0 / max(self.most if self.white is None else self.white, 1.0)
+        return 1.0 / max(
+            self.white_level if self.reference_white_level is None else self.reference_white_level,
+            1.0,
+        )
 
     @property
-    def around(self) -> np.ndarray:
+    def ambient_levels(self) -> np.ndarray:
         """(3,) ambient light, parts of 255."""
         return self.scale * self.ambient * np.array(self.tint)
 

@@ -12,7 +12,7 @@ from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import Twist as TwistMessage
 
 from aras_sim_bridge.errors import WorldError
-from aras_visual_servo_base.poses import Pose, Twist, checked_pose, checked_vector
+from aras_visual_servo_base.poses import Pose, Twist, check_pose, check_vector
 
 FARTHEST = 1e6  # m, rad: where a model or a joint can be put; double precision leaves 1e-10 there
 LARGEST = 1e9  # m, m/s, rad/s, N: what a client may ask for; squares of more leave the floats
@@ -56,17 +56,19 @@ def from_pose(message: PoseMessage, what: str, zero_is_identity: bool = True) ->
     p, q = message.position, message.orientation
     from_vector(p, f"{what}: position", FARTHEST)
     pose = (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
-    return checked_pose(pose, what, WorldError, zero_is_identity)
+    return check_pose(pose, what, WorldError, zero_is_identity)
 
 
 def from_vector(
     message: Vector3 | Point, what: str, most: float = LARGEST
 ) -> tuple[float, float, float]:
     """Return (x, y, z); raises WorldError naming `what`: one is not finite or beyond `most`."""
-    return bounded(checked_vector((message.x, message.y, message.z), what, WorldError), what, most)
+    return check_bounds(
+        check_vector((message.x, message.y, message.z), what, WorldError), what, most
+    )
 
 
-def bounded(values: tuple[float, ...], what: str, most: float = LARGEST) -> tuple[float, ...]:
+def check_bounds(values: tuple[float, ...], what: str, most: float = LARGEST) -> tuple[float, ...]:
     """Return the values; raises WorldError naming `what` when one is beyond `most` or NaN."""
     if not all(abs(value) <= most for value in values):
         raise WorldError(f"{what}: {values} is not finite or beyond ±{most:g}")

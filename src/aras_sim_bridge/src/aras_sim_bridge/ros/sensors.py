@@ -11,7 +11,7 @@ from geometry_msgs.msg import Quaternion, Vector3, Wrench
 from roslib.message import get_message_class
 
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros.camera.info import prefixed
+from aras_sim_bridge.ros.camera.info import add_prefix
 from aras_sim_bridge.ros.control.state_topic import StateTopic
 from aras_sim_bridge.ros.conversions import to_pose, to_time, to_twist
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
@@ -26,26 +26,26 @@ from aras_sim_bridge.sensors import (
 from aras_visual_servo_base.names import resolve_name
 
 
-def _pose(message: Message, reading: PoseReading, sensor: RateSensor) -> None:
+def _fill_pose(message: Message, reading: PoseReading, sensor: RateSensor) -> None:
     message.child_frame_id = sensor.description.link
     message.pose.pose, message.twist.twist = to_pose(reading.pose), to_twist(reading.twist)
-    _uncertain(sensor, 7, message.pose.covariance, message.twist.covariance)
+    _fill_variances(sensor, 7, message.pose.covariance, message.twist.covariance)
 
 
-def _imu(message: Message, reading: ImuReading, sensor: RateSensor) -> None:
+def _fill_imu(message: Message, reading: ImuReading, sensor: RateSensor) -> None:
     message.orientation = Quaternion(*reading.orientation)
     message.angular_velocity = Vector3(*reading.angular_velocity)
     message.linear_acceleration = Vector3(*reading.linear_acceleration)
-    _uncertain(sensor, 4, message.orientation_covariance, message.angular_velocity_covariance,
+    _fill_variances(sensor, 4, message.orientation_covariance, message.angular_velocity_covariance,
                message.linear_acceleration_covariance)
 
 
-def _wrench(message: Message, reading: WrenchReading, _sensor: RateSensor) -> None:
+def _fill_wrench(message: Message, reading: WrenchReading, _sensor: RateSensor) -> None:
     message.wrench.force = Vector3(*reading.force)
     message.wrench.torque = Vector3(*reading.torque)
 
 
-def _contacts(message: Message, reading: ContactReading, _sensor: RateSensor) -> None:
+def _fill_contacts(message: Message, reading: ContactReading, _sensor: RateSensor) -> None:
     stamp, count = to_time(reading.stamp_ns), len(reading.contacts)
     message.states = []
     for k, (names, touches) in enumerate(reading.contacts.items()):
@@ -61,22 +61,24 @@ def _contacts(message: Message, reading: ContactReading, _sensor: RateSensor) ->
             depths=[one.depth for one in touches]))
 
 
-def _joint_states(message: Message, reading: JointStateReading, _sensor: RateSensor) -> None:
+def _fill_joint_states(message: Message, reading: JointStateReading, _sensor: RateSensor) -> None:
     message.name, message.position = list(reading.names), list(reading.positions)
     message.velocity = list(reading.velocities)
 
 
-def _uncertain(sensor: RateSensor, step: int, *covariances: list[float]) -> None:
+def _fill_variances(sensor: RateSensor, step: int, *covariances: list[float]) -> None:
     """Write the noise's variance on the diagonals of square matrices, every `step` numbers."""
     for covariance in covariances:
         covariance[::step] = [sensor.description.noise**2] * len(covariance[::step])
 
 
 MESSAGES: dict[str, tuple[str, Callable[[Message, object, RateSensor], None]]] = {
-    "pose": ("nav_msgs/Odometry", _pose), "imu": ("sensor_msgs/Imu", _imu),
-    "body_imu": ("sensor_msgs/Imu", _imu), "wrench": ("geometry_msgs/WrenchStamped", _wrench),
-    "contact": ("gazebo_msgs/ContactsState", _contacts),
-    "joint_states": ("sensor_msgs/JointState", _joint_states),
+    "pose": ("nav_msgs/Odometry", _fill_pose),
+    "imu": ("sensor_msgs/Imu", _fill_imu),
+    "body_imu": ("sensor_msgs/Imu", _fill_imu),
+    "wrench": ("geometry_msgs/WrenchStamped", _fill_wrench),
+    "contact": ("gazebo_msgs/ContactsState", _fill_contacts),
+    "joint_states": ("sensor_msgs/JointState", _fill_joint_states),
 }
 
 
@@ -86,9 +88,9 @@ class SensorTopic(StateTopic):
     def __init__(self, sensor: RateSensor, thread: SimulationThread) -> None:
         """Advertise; SimError where the message's package is not installed."""
         given = sensor.description
-        namespace = sensor.model.whole.name if given.namespace is None else given.namespace
-        own = given.frame or self._own_frame(sensor)
-        frame = prefixed(own, namespace) if own else ""
+        namespace = sensor.model.main_model.name if given.namespace is None else given.namespace
+        own = given.frame or self._find_frame(sensor)
+        frame = add_prefix(own, namespace) if own else ""
         name, write = MESSAGES[given.kind]
         message_type = get_message_class(name)
         if message_type is None:
@@ -103,9 +105,9 @@ class SensorTopic(StateTopic):
         super().__init__(topic, message_type, 1, sensor, fill, thread)
 
     @staticmethod
-    def _own_frame(sensor: RateSensor) -> str:
+    def _find_frame(sensor: RateSensor) -> str:
         """Frame of the message where its plug-in names none: what the numbers are told in."""
         given = sensor.description
-        if given.measured_in == "parent":
+        if given.wrench_frame == "parent":
             return sensor.model.description.joints[given.joint].parent
         return given.link

@@ -46,9 +46,9 @@ class RateSensor(ABC, Generic[State]):
             self._mean[i] = one.mean + bias
             self._stddev[i] = np.hypot(self._stddev[i], one.stddev)
         self._listener: Callable[[object], None] | None = None
-        self._fresh = True
+        self._is_new = True
         self._due_ns = 0
-        self._before: tuple[int, State] | None = None
+        self._previous_state: tuple[int, State] | None = None
 
     @property
     def on_state(self) -> Callable[[object], None] | None:
@@ -56,7 +56,7 @@ class RateSensor(ABC, Generic[State]):
 
     @on_state.setter
     def on_state(self, listener: Callable[[object], None] | None) -> None:
-        self._fresh = self._fresh or self._listener is None
+        self._is_new = self._is_new or self._listener is None
         self._listener = listener
 
     @property
@@ -67,38 +67,38 @@ class RateSensor(ABC, Generic[State]):
     @property
     def idle_until_ns(self) -> int:
         """Up to when, ns, steps may end without a call around each."""
-        if self._fresh:
+        if self._is_new:
             return 0
-        return self._due_ns - 1 - (self._span_ns if self._before is None else 0)
+        return self._due_ns - 1 - (self._span_ns if self._previous_state is None else 0)
 
     def reset(self) -> None:
         """Begin anew with the next step: the clock jumped."""
-        self._fresh = True
+        self._is_new = True
 
     def before_step(self, time_ns: int, after_ns: int) -> None:
         """Before the step from `time_ns` to `after_ns`."""
-        if self._fresh:
-            self._fresh, self._before = False, None
-            self.model.pushes.clear()
-            self._plan(after_ns)
+        if self._is_new:
+            self._is_new, self._previous_state = False, None
+            self.model.applied_forces.clear()
+            self._schedule_next(after_ns)
             return
         span_ns = max(self._span_ns, after_ns - time_ns)
-        if self._before is None and time_ns + span_ns >= self._due_ns:
-            self._before = (time_ns, self._state())
-        self._note(self._due_ns <= after_ns)
+        if self._previous_state is None and time_ns + span_ns >= self._due_ns:
+            self._previous_state = (time_ns, self._read_state())
+        self._observe_step(self._due_ns <= after_ns)
 
     def after_step(self, time_ns: int) -> None:
         """After a step that ended at `time_ns`."""
-        if self._fresh or time_ns < self._due_ns:
+        if self._is_new or time_ns < self._due_ns:
             return
-        if self._before is not None and self._listener is not None:
-            before_ns, before = self._before
-            reading = self._measured(before, time_ns, (time_ns - before_ns) * 1e-9)
+        if self._previous_state is not None and self._listener is not None:
+            before_ns, before = self._previous_state
+            reading = self._measure(before, time_ns, (time_ns - before_ns) * 1e-9)
             self._listener(reading)
-        self._before = None
-        self._plan(time_ns)
+        self._previous_state = None
+        self._schedule_next(time_ns)
 
-    def _plan(self, time_ns: int) -> None:
+    def _schedule_next(self, time_ns: int) -> None:
         """The next reading is the first one after `time_ns`."""
         rate = self.description.rate
         if rate == 0.0:
@@ -109,18 +109,18 @@ class RateSensor(ABC, Generic[State]):
             index += 1
         self._due_ns = round(index * 1e9 / rate)
 
-    def _note(self, last: bool) -> None:
+    def _observe_step(self, last: bool) -> None:
         """Look at what acts in the coming step; `last`: the reading comes after it."""
 
     @abstractmethod
-    def _state(self) -> State:
+    def _read_state(self) -> State:
         """What a reading needs of the time before it."""
 
     @abstractmethod
-    def _measured(self, before: State, time_ns: int, seconds: float) -> object:
+    def _measure(self, before: State, time_ns: int, seconds: float) -> object:
         """The reading at `time_ns`, so many seconds after the state `before`."""
 
-    def _noisy(self, first: Vector3, second: Vector3, stamp_ns: int) -> tuple[Vector3, Vector3]:
+    def _add_noise(self, first: Vector3, second: Vector3, stamp_ns: int) -> tuple[Vector3, Vector3]:
         """Two vectors with the noise of their six channels."""
         if not (self._mean.any() or self._stddev.any()):
             return first, second

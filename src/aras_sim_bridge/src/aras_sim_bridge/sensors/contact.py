@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from aras_sim_bridge.description import SensorDescription
-from aras_sim_bridge.description.sensor_tags import same
+from aras_sim_bridge.description.sensor_tags import is_same_collision
 from aras_sim_bridge.sensors.base import RateSensor
 from aras_sim_bridge.world import Model, World
-from aras_sim_bridge.world.bullet import contacts_of
+from aras_sim_bridge.world.bullet import find_contacts
 from aras_visual_servo_base.poses import Vector3
 
 
 @dataclass(frozen=True)
-class Touch:
+class ContactPoint:
     """One point at which two collisions touch, in the world's axes.
 
     position: m. normal: into the first one. depth: m, to which they are in each other. force (N)
@@ -35,7 +35,7 @@ class ContactReading:
     first, all points at which they do."""
 
     stamp_ns: int
-    contacts: dict[tuple[str, str], list[Touch]]
+    contacts: dict[tuple[str, str], list[ContactPoint]]
 
 
 class ContactSensor(RateSensor[None]):
@@ -50,28 +50,31 @@ class ContactSensor(RateSensor[None]):
         super().__init__(description, model, world, seed)
         self._links = [
             name for name, link in model.description.links.items()
-            if any(same(one, collision.name) for collision in link.collisions
+            if any(is_same_collision(one, collision.name) for collision in link.collisions
                    for one in description.collisions)
         ]
 
-    def _state(self) -> None:
+    def _read_state(self) -> None:
         return None
 
-    def _measured(self, before: None, time_ns: int, seconds: float) -> ContactReading:
+    def _measure(self, before: None, time_ns: int, seconds: float) -> ContactReading:
         model, others = self.model, {one.body_id: one for one in self._world.models.values()}
         own = {model.link_index(name): name for name in self._links}
-        found: dict[tuple[str, str], list[Touch]] = {}
-        for link, body, other_link, numbers in contacts_of(model.body_id, model.client):
+        found: dict[tuple[str, str], list[ContactPoint]] = {}
+        for link, body, other_link, numbers in find_contacts(model.body_id, model.client):
             depth = numbers[15]
             if link not in own or (depth < 0.0 and numbers[3] == 0.0):
                 continue  # near, and no more
             other = others[body]
             names = {index: name for name, index in other.link_indices.items()}
-            pair = _scoped(model, own[link]), _scoped(other, names[other_link])
-            found.setdefault(pair, []).append(self._touch(own[link], numbers))
+            pair = (
+                _find_collision_name(model, own[link]),
+                _find_collision_name(other, names[other_link]),
+            )
+            found.setdefault(pair, []).append(self._make_contact_point(own[link], numbers))
         return ContactReading(time_ns, found)
 
-    def _touch(self, link: str, numbers: tuple[float, ...]) -> Touch:
+    def _make_contact_point(self, link: str, numbers: tuple[float, ...]) -> ContactPoint:
         position = np.array(numbers[:3])
         forces = [numbers[i] * np.array(numbers[i + 1:i + 4]) for i in (3, 7, 11)]
         force = sum(forces)
@@ -81,11 +84,11 @@ class ContactSensor(RateSensor[None]):
         pose = self.model.link_pose(link)
         centre = pose.xyz if inertial is None else pose.apply(inertial.origin_xyz)
         torque = np.cross(position - centre, force)
-        return Touch(tuple(position.tolist()), tuple(normal.tolist()), numbers[15],
+        return ContactPoint(tuple(position.tolist()), tuple(normal.tolist()), numbers[15],
                      tuple(force.tolist()), tuple(torque.tolist()))
 
 
-def _scoped(model: Model, link: str) -> str:
+def _find_collision_name(model: Model, link: str) -> str:
     """Name of a link's first collision, as Gazebo has it."""
     collisions = model.description.links[link].collisions
-    return f"{model.scoped(link)}::{collisions[0].name if collisions else ''}"
+    return f"{model.get_scoped_name(link)}::{collisions[0].name if collisions else ''}"

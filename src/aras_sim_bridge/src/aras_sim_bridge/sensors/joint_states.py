@@ -27,10 +27,10 @@ class JointStateSensor(RateSensor[None]):
         super().__init__(description, model, world, seed)
         self._slots = [model.joint_names.index(name) for name in description.joints]
 
-    def _state(self) -> None:
+    def _read_state(self) -> None:
         return None
 
-    def _measured(self, before: None, time_ns: int, seconds: float) -> JointStateReading:
+    def _measure(self, before: None, time_ns: int, seconds: float) -> JointStateReading:
         positions, velocities, _ = self.model.read_joints()
         return JointStateReading(time_ns, self.description.joints,
                             tuple(positions[slot] for slot in self._slots),

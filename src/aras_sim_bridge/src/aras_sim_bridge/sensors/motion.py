@@ -17,9 +17,9 @@ from aras_visual_servo_base.poses import (
     conjugate,
     cross,
     multiply,
-    normalised,
+    normalise,
     rotate,
-    scaled,
+    scale,
     subtract,
 )
 
@@ -47,10 +47,10 @@ class ImuReading:
 class PoseSensor(RateSensor[None]):
     """libgazebo_ros_p3d.so: in the world to the bit what `link_states` tells."""
 
-    def _state(self) -> None:
+    def _read_state(self) -> None:
         return None
 
-    def _measured(self, before: None, time_ns: int, seconds: float) -> PoseReading:
+    def _measure(self, before: None, time_ns: int, seconds: float) -> PoseReading:
         given = self.description
         pose, twist = self.model.link_state(given.link)
         if given.frame not in WORLDS:
@@ -65,8 +65,8 @@ class PoseSensor(RateSensor[None]):
         xyz, rpy = given.offset
         if any(xyz) or any(rpy):
             turn = Pose.from_rpy((0.0, 0.0, 0.0), rpy).quat
-            pose = Pose(add(pose.xyz, xyz), normalised(multiply(turn, pose.quat)))
-        return PoseReading(time_ns, pose, Twist(*self._noisy(*twist, time_ns)))
+            pose = Pose(add(pose.xyz, xyz), normalise(multiply(turn, pose.quat)))
+        return PoseReading(time_ns, pose, Twist(*self._add_noise(*twist, time_ns)))
 
 
 class Imu(RateSensor[Vector3]):
@@ -82,40 +82,40 @@ class Imu(RateSensor[Vector3]):
         self._link_T_imu = Pose.from_rpy(*description.pose)
         rate = description.sample_rate
         self._span_ns = round(1e9 / rate) if rate > 0.0 else 0
-        self._start = self._moving()[0]
+        self._start = self._read_motion()[0]
 
-    def _state(self) -> Vector3:
-        return self._moving()[1]
+    def _read_state(self) -> Vector3:
+        return self._read_motion()[1]
 
-    def _moving(self) -> tuple[Quaternion, Vector3, Vector3]:
+    def _read_motion(self) -> tuple[Quaternion, Vector3, Vector3]:
         """Orientation, velocity and angular velocity of the sensor, world axes."""
         pose, twist = self.model.link_state(self.description.link)
         arm = rotate(pose.quat, self._link_T_imu.xyz)
         velocity = add(twist.linear, cross(twist.angular, arm))
         return (pose @ self._link_T_imu).quat, velocity, twist.angular
 
-    def _felt(self, acceleration: Vector3) -> Vector3:
+    def _sense_acceleration(self, acceleration: Vector3) -> Vector3:
         return subtract(acceleration, self._world.gravity)
 
-    def _measured(self, before: Vector3, time_ns: int, seconds: float) -> ImuReading:
-        quat, velocity, turning = self._moving()
-        felt = self._felt(scaled(subtract(velocity, before), 1.0 / seconds))
+    def _measure(self, before: Vector3, time_ns: int, seconds: float) -> ImuReading:
+        quat, velocity, turning = self._read_motion()
+        felt = self._sense_acceleration(scale(subtract(velocity, before), 1.0 / seconds))
         back = conjugate(quat)
-        turning, felt = self._noisy(rotate(back, turning), rotate(back, felt), time_ns)
-        return ImuReading(time_ns, self._orientation(quat), turning, felt)
+        turning, felt = self._add_noise(rotate(back, turning), rotate(back, felt), time_ns)
+        return ImuReading(time_ns, self._compute_orientation(quat), turning, felt)
 
-    def _orientation(self, quat: Quaternion) -> Quaternion:
+    def _compute_orientation(self, quat: Quaternion) -> Quaternion:
         given = self.description
         if given.from_start:
-            quat = normalised(multiply(conjugate(self._start), quat))
+            quat = normalise(multiply(conjugate(self._start), quat))
         if any(given.offset[1]):
             turn = Pose.from_rpy((0.0, 0.0, 0.0), given.offset[1]).quat
-            quat = normalised(multiply(turn, quat))
+            quat = normalise(multiply(turn, quat))
         return quat
 
 
 class BodyImu(Imu):
     """libgazebo_ros_imu.so: its acceleration is that of the link, without gravity."""
 
-    def _felt(self, acceleration: Vector3) -> Vector3:
+    def _sense_acceleration(self, acceleration: Vector3) -> Vector3:
         return acceleration

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aras_sim_bridge.description.inertia import tensor
+from aras_sim_bridge.description.inertia import inertia_tensor
 from aras_sim_bridge.description.types import Inertial, RobotDescription, Vector3
 from aras_sim_bridge.world.joint_dynamics import (
     FASTEST,
@@ -88,7 +88,7 @@ def _add_mass(row: np.ndarray, inertial: Inertial, pose: Pose, gravity: bool) ->
     frame = pose @ inertial.pose
     turn = frame.matrix()[:3, :3]
     centre = np.array(frame.xyz)
-    about_centre = turn @ tensor(inertial.inertia) @ turn.T
+    about_centre = turn @ inertia_tensor(inertial.inertia) @ turn.T
     second = about_centre + inertial.mass * (
         centre @ centre * np.eye(3) - np.outer(centre, centre)
     )
@@ -100,7 +100,9 @@ def _add_mass(row: np.ndarray, inertial: Inertial, pose: Pose, gravity: bool) ->
         row[44:47] += inertial.mass * centre
 
 
-def joint_rows(description: RobotDescription, names: Sequence[str], tree: np.ndarray) -> np.ndarray:
+def make_joint_rows(
+    description: RobotDescription, names: Sequence[str], tree: np.ndarray
+) -> np.ndarray:
     """(n, 11) `joints` of joint_dynamics.py without damping and friction; mimicking ones enter
     their leaders into `tree`."""
     rows = np.zeros((len(names), 11))

@@ -4,7 +4,7 @@ import math
 
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.world import bullet_file
+from aras_sim_bridge.world import bullet_files
 from aras_sim_bridge.world.bullet import pybullet
 from aras_visual_servo_base.poses import IDENTITY, Pose
 
@@ -34,7 +34,7 @@ class Body:
         self.name = name
         self.fixed_base = fixed_base
         self.body_id = -1
-        self.asleep = False
+        self.is_asleep = False
 
     def load(self, description: RobotDescription, pose: Pose) -> None:
         """Bring a description into Bullet with its root at `pose`, at rest.
@@ -42,9 +42,9 @@ class Body:
         Raises:
             WorldError: Bullet cannot load it.
         """
-        bodies = bullet_file.with_massive_root(description)
+        bodies = bullet_files.give_root_mass(description)
         window = pybullet.getConnectionInfo(self.client)["connectionMethod"] == pybullet.GUI
-        with bullet_file.BulletFiles(bodies, self.fixed_base, window) as files:
+        with bullet_files.BulletFiles(bodies, self.fixed_base, window) as files:
             self._draw(window, False)  # else a frame for each shape
             try:
                 self.body_id = pybullet.loadURDF(
@@ -60,15 +60,15 @@ class Body:
                 self._draw(window, True)
         self.inertial_poses = {
             link.name: IDENTITY if link.inertial is None
-            else bullet_file.principal_inertial(link.inertial)[0]
+            else bullet_files.find_principal_frame(link.inertial)[0]
             for link in bodies.links.values()
         }
-        self.weightless = {
+        self.weightless_link_masses = {
             link.name: link.inertial.mass for link in bodies.links.values()
             if not link.gravity and link.inertial is not None
         }
-        self.asleep = False
-        self._number(description)
+        self.is_asleep = False
+        self._read_indices(description)
         self._set_dynamics(bodies)
 
     def _draw(self, window: bool, on: bool) -> None:
@@ -80,9 +80,9 @@ class Body:
         """Take the body out of Bullet."""
         pybullet.removeBody(self.body_id, physicsClientId=self.client)
 
-    def put_to_sleep(self, asleep: bool) -> None:
+    def set_asleep(self, asleep: bool) -> None:
         """Let Bullet's steps leave the body alone, or move it again from the next but one on."""
-        self.asleep = asleep
+        self.is_asleep = asleep
         states = ((pybullet.ACTIVATION_STATE_ENABLE_SLEEPING,
                    pybullet.ACTIVATION_STATE_DISABLE_WAKEUP, pybullet.ACTIVATION_STATE_SLEEP)
                   if asleep else (pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
@@ -91,7 +91,7 @@ class Body:
             pybullet.changeDynamics(self.body_id, -1, activationState=state,
                                     physicsClientId=self.client)
 
-    def _number(self, description: RobotDescription) -> None:
+    def _read_indices(self, description: RobotDescription) -> None:
         links: dict[str, int] = {description.root: -1}
         joints: dict[str, int] = {}
         for index in range(pybullet.getNumJoints(self.body_id, physicsClientId=self.client)):
@@ -115,7 +115,7 @@ class Body:
         pybullet.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0,
                                 maxJointVelocity=_UNBOUNDED_VELOCITY, collisionMargin=ROOT_MARGIN,
                                 physicsClientId=client)
-        gripping = _gripping(bodies)
+        gripping = _find_gripping_links(bodies)
         for name, index in self.links.items():
             link = bodies.links[name]
             settings = {
@@ -124,11 +124,13 @@ class Body:
             }
             if link.inertial is not None and not (index == -1 and self.fixed_base):
                 # Bullet zeroes tensors that break the triangle inequality: say it again.
-                settings["localInertiaDiagonal"] = bullet_file.principal_inertial(link.inertial)[1]
+                settings["localInertiaDiagonal"] = bullet_files.find_principal_frame(link.inertial)[
+                    1
+                ]
             pybullet.changeDynamics(body, index, physicsClientId=client, **settings)
 
 
-def _gripping(description: RobotDescription) -> set[str]:
+def _find_gripping_links(description: RobotDescription) -> set[str]:
     """Links that may hold something by friction: those that a joint with stops moves. Bullet keeps
     in place what they hold; it creeps by a millimetre in ten seconds else, for the sweeps of the
     solver end early. Wheels have no stops, and would gain speed by it."""
@@ -136,8 +138,8 @@ def _gripping(description: RobotDescription) -> set[str]:
     found = set()
     for link in above:
         joint = above[link]
-        while not joint.moves and joint.parent in above:
+        while not joint.is_movable and joint.parent in above:
             joint = above[joint.parent]
-        if joint.moves and math.isfinite(sum(joint.stops)):
+        if joint.is_movable and math.isfinite(sum(joint.stops)):
             found.add(link)
     return found

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
+def silence_output() -> Iterator[None]:
     """Let what C code writes to standard output and error go nowhere meanwhile.
 
     What goes wrong still arrives as an exception.
@@ -34,21 +34,21 @@ def quiet() -> Iterator[None]:
 
 
 if "pybullet" not in sys.modules:
-    with quiet():  # "pybullet build time: …"
+    with silence_output():  # "pybullet build time: …"
         import pybullet
 else:
     import pybullet
 
-__all__ = ["connected", "contacts_of", "give_back", "pybullet", "quiet"]
+__all__ = ["connect", "find_contacts", "release_client", "pybullet", "silence_output"]
 
 # Bullets without a window that were given back before their first step. Connecting takes 14 ms of a
 # study's run; one that made steps is not used again, since only a fresh one is deterministic.
-_spare: list[int] = []
+_idle_clients: list[int] = []
 
 
 # Bullet ends the whole process where it cannot open its window: another one tries first.
-_WINDOW = "import pybullet; raise SystemExit(pybullet.connect(pybullet.GUI) < 0)"
-WINDOW_TIME = 30.0  # s
+_WINDOW_PROGRAM = "import pybullet; raise SystemExit(pybullet.connect(pybullet.GUI) < 0)"
+WINDOW_TIMEOUT = 30.0  # s
 
 
 def check_window() -> None:
@@ -60,8 +60,8 @@ def check_window() -> None:
     display = os.environ.get("DISPLAY", "")
     try:
         done = subprocess.run(
-            [sys.executable, "-c", _WINDOW], capture_output=True, text=True, check=False,
-            timeout=WINDOW_TIME, stdin=subprocess.DEVNULL,
+            [sys.executable, "-c", _WINDOW_PROGRAM], capture_output=True, text=True, check=False,
+            timeout=WINDOW_TIMEOUT, stdin=subprocess.DEVNULL,
         )
     except subprocess.TimeoutExpired:
         raise pybullet.error(f"display '{display}' does not answer") from None
@@ -71,27 +71,27 @@ def check_window() -> None:
         raise pybullet.error(f"display '{display}': {why}")
 
 
-def connected(window: bool) -> int:
+def connect(window: bool) -> int:
     """An empty Bullet's client id, or a negative number; pybullet.error without a display."""
     if window:
         check_window()
         return pybullet.connect(pybullet.GUI)
     try:
-        return _spare.pop()
+        return _idle_clients.pop()
     except IndexError:
         return pybullet.connect(pybullet.DIRECT)
 
 
-def give_back(client: int, fresh: bool) -> None:
-    """Be done with a client; `fresh`: it has no window and has never made a step."""
-    if fresh and not _spare:
+def release_client(client: int, is_unused: bool) -> None:
+    """Be done with a client; `is_unused`: it has no window and has never made a step."""
+    if is_unused and not _idle_clients:
         pybullet.resetSimulation(physicsClientId=client)
-        _spare.append(client)
+        _idle_clients.append(client)
     else:
         pybullet.disconnect(client)
 
 
-def contacts_of(body: int, client: int) -> list[tuple[int, int, int, tuple[float, ...]]]:
+def find_contacts(body: int, client: int) -> list[tuple[int, int, int, tuple[float, ...]]]:
     """What touches a body: its link, the other body, that one's link, and sixteen numbers: the
     point (m, world), three forces on the body (normal, two of friction), each as its size (N) and
     a direction, and the depth (m) to which the two are in each other.

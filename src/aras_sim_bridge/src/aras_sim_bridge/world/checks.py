@@ -23,7 +23,7 @@ def check_simulable(description: RobotDescription, name: str) -> None:
                          f"{MOST_LINKS} in one model: join those that are fixed to each other, or "
                          "make several models of it")
     for link in description.links.values():
-        for where, size in _sizes(link):
+        for where, size in _list_sizes(link):
             if not size <= LARGEST:  # NaN neither
                 raise WorldError(f"model '{name}', link '{link.name}': {where} of {size:.4g} m is "
                                  f"beyond {LARGEST:.0e} m")
@@ -41,18 +41,18 @@ def check_simulable(description: RobotDescription, name: str) -> None:
         _check_joints(description, name)
 
 
-def _sizes(link: Link) -> Iterator[tuple[str, float]]:
+def _list_sizes(link: Link) -> Iterator[tuple[str, float]]:
     """What is measured in m in a link, with its name."""
     if link.inertial is not None:
         yield "a centre of mass", math.hypot(*link.inertial.origin_xyz)
     for kind, parts in (("visual", link.visuals), ("collision", link.collisions)):
         for part in parts:
             yield f"a {kind}'s origin", math.hypot(*part.origin_xyz)
-            for size in _extents(part.geometry):
+            for size in _list_extents(part.geometry):
                 yield f"a {kind}'s {part.geometry.kind} size", size
 
 
-def _extents(geometry: Geometry) -> tuple[float, ...]:
+def _list_extents(geometry: Geometry) -> tuple[float, ...]:
     if geometry.kind == "box":
         return geometry.size
     if geometry.kind == "mesh":
@@ -88,7 +88,7 @@ def _check_joints(description: RobotDescription, name: str) -> None:
             heavy.add(above)
             above = parents.get(above)
     for joint in description.joints.values():
-        if joint.moves and joint.child not in heavy:
+        if joint.is_movable and joint.child not in heavy:
             raise WorldError(
                 f"model '{name}', link '{joint.child}': joint '{joint.name}' moves it, but it has "
                 "no mass; give it an <inertial>"

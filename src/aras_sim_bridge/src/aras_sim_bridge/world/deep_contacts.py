@@ -13,19 +13,19 @@ import math
 from collections.abc import Mapping
 
 from aras_sim_bridge.world.bullet import pybullet
-from aras_sim_bridge.world.labels import label, links_by_label
+from aras_sim_bridge.world.labels import list_links_by_label, make_label
 from aras_sim_bridge.world.model import Model
 
 _log = logging.getLogger(__name__)
 
-_SPEED = 0.01  # m/s, Gazebo's default of <max_vel>
-_SHARE = 0.08  # of the depth that Bullet removes in a step by default
-_DRIVEN = 10  # steps: what is put elsewhere again within them is driven
-_EVERY = 10  # steps between two looks, in which depths change by 0.1 mm
+_SEPARATION_SPEED = 0.01  # m/s, Gazebo's default of <max_vel>
+_DEFAULT_ERP = 0.08  # of the depth that Bullet removes in a step by default
+_DRIVEN_STEPS = 10  # steps: what is put elsewhere again within them is driven
+_CHECK_EVERY = 10  # steps between two looks, in which depths change by 0.1 mm
 # 1/kg, by which contacts give way meanwhile: with 0 the Kinova Jaco that is spawned at joint
 # positions of 0, 18 cm within the ground, spins at 2000 rad/s, from 1e-4 on at 350 rad/s.
-_YIELDING = 1e-3
-_NAMED = 5e-3  # m: shallower overlaps are not worth a line
+_COMPLIANCE = 1e-3
+_REPORTED_DEPTH = 5e-3  # m: shallower overlaps are not worth a line
 
 
 class DeepContacts:
@@ -37,76 +37,92 @@ class DeepContacts:
 
     def __init__(self, client: int, models: Mapping[str, Model]) -> None:
         self._client, self._models = client, models
-        self.watched = False
-        self._fresh = False  # whether how deep bodies are in each other is not known
-        self._since = 0  # steps since something was put elsewhere, of those watched
-        self._deepest = 0.0  # m
-        self._bounded = False  # whether the parameters are not Bullet's usual ones
-        self._given = (_SHARE, 0.0)  # what Bullet has: its ERP and CFM of contacts
-        self._named: set[tuple[str, str]] = set()
+        self.is_active = False
+        self._has_unknown_depth = False  # whether how deep bodies are in each other is not known
+        self._steps_since_move = 0  # steps since something was put elsewhere, of those watched
+        self._largest_depth = 0.0  # m
+        self._has_bounded_speed = False  # whether the parameters are not Bullet's usual ones
+        self._parameters = (_DEFAULT_ERP, 0.0)  # what Bullet has: its ERP and CFM of contacts
+        self._reported_links: set[tuple[str, str]] = set()
 
-    def came(self) -> None:
+    def start_watching(self) -> None:
         """Models came, or all were put back."""
-        self._fresh = self.watched = True
-        self._since = 0
+        self._has_unknown_depth = self.is_active = True
+        self._steps_since_move = 0
 
-    def put(self) -> None:
+    def continue_watching(self) -> None:
         """A model was put elsewhere as a whole, or its joints were.
 
         What is put elsewhere in step after step is driven, and pushes what is in its way.
         """
-        self._fresh = self._fresh or not self.watched or self._since >= _DRIVEN
-        self.watched, self._since = True, 0
+        self._has_unknown_depth = (
+            self._has_unknown_depth or not self.is_active or self._steps_since_move >= _DRIVEN_STEPS
+        )
+        self.is_active, self._steps_since_move = True, 0
 
     def clear(self) -> None:
         """Bullet was emptied."""
-        self._named.clear()
-        self._deepest, self._given = 0.0, (_SHARE, 0.0)
+        self._reported_links.clear()
+        self._largest_depth, self._parameters = 0.0, (_DEFAULT_ERP, 0.0)
 
     def before_step(self, dt: float) -> None:
         """Bound the speed at which the coming step of `dt` s parts what overlaps."""
         # How deep what was put elsewhere is in others, only the step finds.
-        depth = math.inf if self._fresh else self._deepest
-        self._bounded = depth * _SHARE > _SPEED * dt
-        wanted = ((_SPEED * dt / depth, _YIELDING * dt) if self._bounded else (_SHARE, 0.0))
-        if wanted != self._given:
-            self._given = wanted
+        depth = math.inf if self._has_unknown_depth else self._largest_depth
+        self._has_bounded_speed = depth * _DEFAULT_ERP > _SEPARATION_SPEED * dt
+        wanted = (
+            (_SEPARATION_SPEED * dt / depth, _COMPLIANCE * dt)
+            if self._has_bounded_speed
+            else (_DEFAULT_ERP, 0.0)
+        )
+        if wanted != self._parameters:
+            self._parameters = wanted
             pybullet.setPhysicsEngineParameter(contactERP=wanted[0], globalCFM=wanted[1],
                                                physicsClientId=self._client)
 
     def after_step(self, dt: float) -> None:
         """Look how deep bodies are in each other, now and then."""
-        self._since += 1
-        if not self._fresh and self._since % _EVERY:
+        self._steps_since_move += 1
+        if not self._has_unknown_depth and self._steps_since_move % _CHECK_EVERY:
             return
         contacts = [(-one[8], (one[1], one[3]), (one[2], one[4]))
                     for one in pybullet.getContactPoints(physicsClientId=self._client)
                     if one[1] != one[2]]
-        self._deepest = max((one[0] for one in contacts), default=0.0)
-        if self._fresh:
-            self._name(contacts)
-        self._fresh = False
+        self._largest_depth = max((one[0] for one in contacts), default=0.0)
+        if self._has_unknown_depth:
+            self._warn_overlaps(contacts)
+        self._has_unknown_depth = False
         # A step that has Bullet's usual parameters is the last one that is watched.
-        self.watched = (self._bounded or self._deepest * _SHARE > _SPEED * dt
-                        or self._since <= _DRIVEN)
+        self.is_active = (
+            self._has_bounded_speed
+            or self._largest_depth * _DEFAULT_ERP > _SEPARATION_SPEED * dt
+            or self._steps_since_move <= _DRIVEN_STEPS
+        )
 
-    def _name(self, contacts: list[tuple[float, tuple[int, int], tuple[int, int]]]) -> None:
+    def _warn_overlaps(
+        self, contacts: list[tuple[float, tuple[int, int], tuple[int, int]]]
+    ) -> None:
         """Warn of each two models of which links are within each other, once."""
         found: dict[tuple[int, int], list[tuple[float, int, int]]] = {}
         for depth, one, other in contacts:
-            if depth >= _NAMED:
+            if depth >= _REPORTED_DEPTH:
                 found.setdefault((one[0], other[0]), []).append(
-                    (depth, label(*one), label(*other)))
-        labels = links_by_label(self._models) if found else {}
+                    (depth, make_label(*one), make_label(*other)))
+        labels = list_links_by_label(self._models) if found else {}
         named = set()
         for pairs in found.values():
             depth, one, other = max(pairs)
             named.add((labels[one], labels[other]))
-            if (labels[one], labels[other]) in self._named:
+            if (labels[one], labels[other]) in self._reported_links:
                 continue
             more = len({pair[1:] for pair in pairs}) - 1
-            _log.warning("%s is %.0f mm within %s%s: they part at %g mm/s, as in Gazebo; put it "
-                         "elsewhere, or give its joints other positions (spawn_model -J)",
-                         labels[one], 1e3 * depth, labels[other],
-                         f", and {more} more of their links are" if more else "", 1e3 * _SPEED)
-        self._named = named
+            _log.warning(
+                "%s is %.0f mm within %s%s: they part at %g mm/s, as in Gazebo; put it "
+                "elsewhere, or give its joints other positions (spawn_model -J)",
+                labels[one],
+                1e3 * depth,
+                labels[other],
+                f", and {more} more of their links are" if more else "",
+                1e3 * _SEPARATION_SPEED,
+            )
+        self._reported_links = named

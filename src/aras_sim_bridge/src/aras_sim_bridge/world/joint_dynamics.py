@@ -31,7 +31,7 @@ Rows of the arrays, one per joint unless said otherwise:
 
 from math import cos, inf, isfinite, sin, sqrt
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 
 # columns of `joints`
 (DAMPING, FORCE, TARGET, LOWER, UPPER, RETURN, FASTEST, RATIO, OFFSET, STIFFNESS,
@@ -45,17 +45,19 @@ _BACK = 0.2
 FASTEST_SPEED = 1e6
 NO_LIMIT_FORCE = 1e18
 _GUESSES, _SWEEPS = 20, 4000  # of sets, before sweeps are made; of those
-_SMALL = 1e-12  # of the sizes at hand: what rounding leaves
+_ROUNDING = 1e-12  # of the sizes at hand: what rounding leaves
 
 # rows of `rows`
 BIAS, PUSH, SPEED, BEFORE, _RIGHT, _BOTTOM, _TOP, _HOLD, _GOAL = range(9)
-_TREE = "f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1]"
-STEP = f"{_TREE}, f8[:,::1], i8[::1], f8"
-_SET = "i8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1]"
+_TREE_TYPES = (
+    "f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1]"
+)
+STEP_TYPES = f"{_TREE_TYPES}, f8[:,::1], i8[::1], f8"
+_SOLVER_TYPES = "i8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1]"
 
 
-@compiled("f8[::1], f8[::1], f8[::1]", allocates=False)
-def _weigh(b, f, gravity):
+@jit("f8[::1], f8[::1], f8[::1]", allocates=False)
+def _compute_inertia(b, f, gravity):
     """Inertia of a body, and the force that its motion asks for beyond gravity's, into `f`."""
     px, py, pz = f[9], f[10], f[11]
     m = b[33]
@@ -115,8 +117,8 @@ def _weigh(b, f, gravity):
     f[45] -= n * gravity[2]
 
 
-@compiled("f8[:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[:,::1]", allocates=False)
-def _move(bodies, tree, state, gravity, frames):
+@jit("f8[:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[:,::1]", allocates=False)
+def _compute_kinematics(bodies, tree, state, gravity, frames):
     """Poses, joint axes, velocities, inertias and forces of all bodies into `frames`.
 
     Columns: 0 rotation, 9 origin, 12 axis (angular, linear), 18 velocity, 24 acceleration without
@@ -175,12 +177,14 @@ def _move(bodies, tree, state, gravity, frames):
         if parent >= 0:
             for i in range(24, 30):
                 f[i] += frames[parent, i]
-        _weigh(b, f, gravity)
+        _compute_inertia(b, f, gravity)
 
 
-@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1]", allocates=False)
-def _gather(tree, frames, mass, bias):
-    """Mass matrix and bias efforts from what `_move` left, the outermost bodies first."""
+@jit("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1]", allocates=False)
+def _compute_mass_matrix(tree, frames, mass, bias):
+    """Mass matrix and bias efforts from what `_compute_kinematics` left, the outermost bodies
+    first.
+    """
     n = len(tree)
     mass[:] = 0.0
     for place in range(n - 1, -1, -1):
@@ -213,18 +217,18 @@ def _gather(tree, frames, mass, bias):
                 p[k] += f[k]
 
 
-@compiled(_TREE, allocates=False)
-def _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
+@jit(_TREE_TYPES, allocates=False)
+def _compute_equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
     """Mass matrix and bias."""
-    _move(bodies, tree, state, gravity, frames)
+    _compute_kinematics(bodies, tree, state, gravity, frames)
     for j in range(len(tree)):
         for k in range(6):
             frames[j, 40 + k] -= wrenches[j, k]
-    _gather(tree, frames, matrices[0], rows[BIAS])
+    _compute_mass_matrix(tree, frames, matrices[0], rows[BIAS])
 
 
-@compiled("f8[:,::1], f8[:,::1], f8[:,::1]", allocates=False)
-def _begin(state, wrenches, rows):
+@jit("f8[:,::1], f8[:,::1], f8[:,::1]", allocates=False)
+def _start_step(state, wrenches, rows):
     """The equations stand: note the speeds, and forget what pushes."""
     for j in range(len(wrenches)):
         rows[BEFORE, j] = state[1, j]
@@ -232,7 +236,7 @@ def _begin(state, wrenches, rows):
             wrenches[j, k] = 0.0
 
 
-@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1]", allocates=False)
+@jit("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1]", allocates=False)
 def _reduce(tree, joints, state, dt, matrices, rows):
     """The problem in the joints that mimic no other: matrix, right-hand side, bounds, friction."""
     n = len(tree)
@@ -269,8 +273,8 @@ def _reduce(tree, joints, state, dt, matrices, rows):
         rows[_TOP, c] = max(min(rows[_TOP, c], high), rows[_BOTTOM, c])
 
 
-@compiled(_SET, allocates=False)
-def _speeds_of(tree, modes, matrices, rows):
+@jit(_SOLVER_TYPES, allocates=False)
+def _solve_speeds(tree, modes, matrices, rows):
     """New speeds for this set of joints that stick, slide and stand at stops (Cholesky)."""
     n = len(tree)
     a, low = matrices[1], matrices[2]
@@ -304,7 +308,7 @@ def _speeds_of(tree, modes, matrices, rows):
                 pivot -= value * value
                 rest -= value * v[k]
         # A joint that moves no mass stands still.
-        low[c, c] = sqrt(pivot) if pivot > _SMALL * a[c, c] else inf
+        low[c, c] = sqrt(pivot) if pivot > _ROUNDING * a[c, c] else inf
         v[c] = rest / low[c, c]
     for c in range(n - 1, -1, -1):
         if tree[c, 3] != c or modes[c] == _AT or modes[c] >= _LOW:
@@ -315,8 +319,8 @@ def _speeds_of(tree, modes, matrices, rows):
                 v[k] -= low[c, k] * v[c]
 
 
-@compiled(_SET, allocates=False)
-def _correct(tree, modes, matrices, rows):
+@jit(_SOLVER_TYPES, allocates=False)
+def _correct_modes(tree, modes, matrices, rows):
     """Correct the set where the speeds contradict it; whether anything had to be corrected."""
     n = len(tree)
     a, v = matrices[1], rows[SPEED]
@@ -328,7 +332,7 @@ def _correct(tree, modes, matrices, rows):
         bottom, top = rows[_BOTTOM, c], rows[_TOP, c]
         new = mode
         if mode in (_ABOVE, _BELOW):
-            slack = _SMALL * abs(v[c])
+            slack = _ROUNDING * abs(v[c])
             if v[c] > top + slack:
                 new = _HIGH
             elif v[c] < bottom - slack:
@@ -342,7 +346,7 @@ def _correct(tree, modes, matrices, rows):
                 part = a[c, k] * v[k]
                 taken -= part
                 size += abs(part)
-            slack = _SMALL * size
+            slack = _ROUNDING * size
             if mode == _AT:
                 if goal > top:
                     new = _HIGH
@@ -362,7 +366,7 @@ def _correct(tree, modes, matrices, rows):
     return wrong
 
 
-@compiled(_SET, allocates=False)
+@jit(_SOLVER_TYPES, allocates=False)
 def _sweep(tree, modes, matrices, rows):
     """Projected Gauss-Seidel, which ends up right from any set, if slowly."""
     n = len(tree)
@@ -390,11 +394,11 @@ def _sweep(tree, modes, matrices, rows):
                 new, modes[c] = rows[_BOTTOM, c], _LOW
             change, size = max(change, abs(new - v[c])), max(size, abs(new))
             v[c] = new
-        if change <= _SMALL * size:
+        if change <= _ROUNDING * size:
             break
 
 
-@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1], i8[::1]", allocates=False)
+@jit("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1], i8[::1]", allocates=False)
 def _solve(tree, joints, state, dt, matrices, rows, modes):
     """The new speed of every joint into rows[SPEED]; followers have their leader's, times the
     ratio."""
@@ -405,8 +409,8 @@ def _solve(tree, joints, state, dt, matrices, rows, modes):
         if modes[c] >= _LOW and not isfinite(bound):  # a stop that is gone since the step before
             modes[c] = _AT
     for _ in range(_GUESSES):
-        _speeds_of(tree, modes, matrices, rows)
-        if not _correct(tree, modes, matrices, rows):
+        _solve_speeds(tree, modes, matrices, rows)
+        if not _correct_modes(tree, modes, matrices, rows):
             settled = True
             break
     if not settled:
@@ -415,13 +419,13 @@ def _solve(tree, joints, state, dt, matrices, rows, modes):
         rows[SPEED, j] = joints[j, RATIO] * rows[SPEED, tree[j, 3]]
 
 
-@compiled(_TREE, allocates=False)
-def dynamics(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
+@jit(_TREE_TYPES, allocates=False)
+def compute_dynamics(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
     """Mass matrix (n, n) into matrices[0], bias efforts (n,) into rows[BIAS]."""
-    _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
+    _compute_equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
 
 
-@compiled(STEP, allocates=False)
+@jit(STEP_TYPES, allocates=False)
 def advance(
     bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt
 ):
@@ -430,8 +434,8 @@ def advance(
     Returns:
         -1, or the first joint whose speed or position is no number or beyond all sense.
     """
-    _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
-    _begin(state, wrenches, rows)
+    _compute_equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
+    _start_step(state, wrenches, rows)
     _solve(tree, joints, state, dt, matrices, rows, modes)
     n = len(tree)
     for j in range(n):
@@ -458,14 +462,14 @@ def advance(
     return -1
 
 
-@compiled(STEP, allocates=False)
-def react(
+@jit(STEP_TYPES, allocates=False)
+def compute_reactions(
     bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt
 ):
     """Efforts of damping, springs and stops in the coming step of `dt` s into rows[PUSH]; friction
     is left to whoever makes the step."""
-    _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
-    _begin(state, wrenches, rows)
+    _compute_equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
+    _start_step(state, wrenches, rows)
     _solve(tree, joints, state, dt, matrices, rows, modes)
     n = len(tree)
     a, v = matrices[1], rows[SPEED]

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aras_sim_bridge.description.inertia import tensor
+from aras_sim_bridge.description.inertia import inertia_tensor
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.world import joint_dynamics
-from aras_sim_bridge.world.articulation import Articulation, joint_rows
+from aras_sim_bridge.world.articulation import Articulation, make_joint_rows
 from aras_sim_bridge.world.joint_dynamics import (
     BEFORE,
     BIAS,
@@ -46,8 +46,8 @@ class JointSpace:
         count = len(names)
         tree = Articulation(description, names)
         self._link_joint = tree.link_joint
-        self.moved_links = tuple(n for n, joint in tree.link_joint.items() if joint >= 0)
-        self._joints = joint_rows(description, names, tree.tree)
+        self.moving_links = tuple(n for n, joint in tree.link_joint.items() if joint >= 0)
+        self._joints = make_joint_rows(description, names, tree.tree)
         self._joints[:, DAMPING] = [description.joints[name].damping for name in names]
         self.return_speeds = self._joints[:, RETURN]
         self.state = np.zeros((3, count))
@@ -56,7 +56,7 @@ class JointSpace:
         self.tree, self.frames = tree.tree, np.zeros((count, 46))
         self._base = tree.base
         self._rows = np.zeros((9, count))
-        self.before = self._rows[BEFORE]
+        self.previous_speeds = self._rows[BEFORE]
         self._matrices = np.zeros((3, count, count))
         self._modes = np.zeros(count, dtype=np.int64)
         self._arrays = (tree.bodies, tree.tree, self.state, self._wrenches, self.gravity,
@@ -65,22 +65,22 @@ class JointSpace:
         self._root = IDENTITY
         self._links = LinkPoses(description, names)
 
-    def place(self, root: Pose, gravity: Vector3) -> None:
+    def set_root(self, root: Pose, gravity: Vector3) -> None:
         """Say where the root stands (world_T_root) and what pulls, m/s² in the world's axes."""
         self._root = root
-        self._links.place(root)
+        self._links.set_root(root)
         self.gravity[:] = rotate(conjugate(root.quat), gravity)
 
     def link_pose(self, name: str) -> Pose:
         """world_T_link of a link's frame."""
-        places, turns = self._links.at(self.state[0])
+        places, turns = self._links.compute_poses(self.state[0])
         row = self._links.row[name]
         return Pose(tuple(places[row].tolist()), tuple(turns[row].tolist()))
 
     def link_frames(self, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Positions (m, 3) and orientations (m, 4) of the frames of these links, world."""
-        places, turns = self._links.at(self.state[0])
-        rows = self._links.rows(names)
+        places, turns = self._links.compute_poses(self.state[0])
+        rows = self._links.find_rows(names)
         return places.take(rows, axis=0), turns.take(rows, axis=0)
 
     def set_motor(self, slot: int, velocity: float, force: float) -> None:
@@ -88,7 +88,7 @@ class JointSpace:
         self._joints[slot, TARGET] = velocity
         self._joints[slot, FORCE] = force
 
-    def motor(self, slot: int) -> tuple[float, float]:
+    def read_motor(self, slot: int) -> tuple[float, float]:
         """Velocity and force of `set_motor`."""
         return self._joints.item(slot, TARGET), self._joints.item(slot, FORCE)
 
@@ -96,7 +96,7 @@ class JointSpace:
         """Let nothing make a joint faster than this; inf: no bound."""
         self._joints[slot, FASTEST] = fastest
 
-    def push(self, link: str, force: Vector3, position: Vector3, torque: Vector3) -> None:
+    def apply_force(self, link: str, force: Vector3, position: Vector3, torque: Vector3) -> None:
         """Force (N) at a point and torque (N m), all in the world's axes, for the next step."""
         body = self._link_joint[link]
         if body < 0:
@@ -110,19 +110,19 @@ class JointSpace:
         """One step of `dt` s; -1, or the number of a joint that diverged."""
         return joint_dynamics.advance(*self.arrays, dt)
 
-    def react(self, dt: float) -> list[float]:
+    def compute_reactions(self, dt: float) -> list[float]:
         """Efforts of damping, springs and stops in the coming step, if Bullet makes it."""
-        joint_dynamics.react(*self.arrays, dt)
+        joint_dynamics.compute_reactions(*self.arrays, dt)
         return self._rows[PUSH].tolist()
 
     def bias_efforts(self) -> list[float]:
         """What gravity, Coriolis and centrifugal forces ask of each joint, N m or N."""
-        joint_dynamics.dynamics(*self._arrays)
+        joint_dynamics.compute_dynamics(*self._arrays)
         return self._rows[BIAS].tolist()
 
     def mass_matrix(self) -> np.ndarray:
         """Joint-space inertia (n, n), kg m² or kg, of every joint as if none mimicked another."""
-        joint_dynamics.dynamics(*self._arrays)
+        joint_dynamics.compute_dynamics(*self._arrays)
         return self._matrices[0].copy()
 
     def free_mass_matrix(self) -> np.ndarray:
@@ -130,18 +130,18 @@ class JointSpace:
         own axes about its own origin."""
         mass, base = self.mass_matrix(), self._base
         whole = np.zeros((6 + len(mass), 6 + len(mass)))
-        whole[:6, :6] = _spatial(base[33], base[34:37], base[37:43])
+        whole[:6, :6] = _spatial_inertia(base[33], base[34:37], base[37:43])
         whole[6:, 6:] = mass
         for j, frame in enumerate(self.frames, 6):
-            carried = _spatial(frame[30], frame[31:34], frame[34:40])  # by the joint
+            carried = _spatial_inertia(frame[30], frame[31:34], frame[34:40])  # by the joint
             whole[:6, j] = whole[j, :6] = carried @ frame[12:18]
             if self.tree[j - 6, 1] < 0:
                 whole[:6, :6] += carried
         return whole
 
 
-def _spatial(mass: float, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _spatial_inertia(mass: float, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Spatial inertia (6, 6), angular part first, of mass and moments about an origin."""
     x, y, z = first
     cross_first = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.block([[tensor(second), cross_first], [-cross_first, mass * np.eye(3)]])
+    return np.block([[inertia_tensor(second), cross_first], [-cross_first, mass * np.eye(3)]])

@@ -9,15 +9,15 @@ if TYPE_CHECKING:
     from .model import Model
 
 
-def label(body: int, index: int) -> int:
+def make_label(body: int, index: int) -> int:
     """Of a link of a body by its index, -1 the root."""
     return body + ((index + 1) << 24)
 
 
-def links_by_label(models: Mapping[str, Model]) -> dict[int, str]:
+def list_links_by_label(models: Mapping[str, Model]) -> dict[int, str]:
     """'model::link' by number, of models by name."""
     return {
-        label(model.body_id, index): model.scoped(link)
+        make_label(model.body_id, index): model.get_scoped_name(link)
         for model in models.values()
         for link, index in model.link_indices.items()
     }

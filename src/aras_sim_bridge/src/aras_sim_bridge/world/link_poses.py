@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from aras_sim_bridge.description.types import RobotDescription
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.poses import IDENTITY, Pose
 
 
@@ -13,8 +13,8 @@ class LinkPoses:
     """Forward kinematics of all links at once.
 
     Attributes:
-        row: by link, where it stands in what `at` answers; the root comes first, and every link
-            after the one that it hangs on.
+        row: by link, where it stands in what `compute_poses` answers; the root comes first, and
+            every link after the one that it hangs on.
     """
 
     def __init__(self, description: RobotDescription, names: Sequence[str]) -> None:
@@ -38,26 +38,26 @@ class LinkPoses:
         self._tree = np.array(tree, np.int64)
         self._offsets = np.array([(*pose.xyz, *pose.quat) for pose in offsets])
         self._axes = np.array(axes, float)
-        self._asked: tuple[tuple[str, ...], np.ndarray] = ((), np.zeros(0, np.int64))
+        self._cached_rows: tuple[tuple[str, ...], np.ndarray] = ((), np.zeros(0, np.int64))
 
-    def place(self, root: Pose) -> None:
+    def set_root(self, root: Pose) -> None:
         """Say where the root stands, world_T_root."""
         self._offsets[0] = (*root.xyz, *root.quat)
 
-    def at(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def compute_poses(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (links, 3) and unit quaternions (links, 4), xyzw, of the links' frames in the
         world with the joints at positions (n,), rad or m."""
-        return _chained(self._tree, self._offsets, self._axes, positions)
+        return _compute_poses(self._tree, self._offsets, self._axes, positions)
 
-    def rows(self, names: tuple[str, ...]) -> np.ndarray:
+    def find_rows(self, names: tuple[str, ...]) -> np.ndarray:
         """The rows of these links; the same are asked for again and again."""
-        if names != self._asked[0]:
-            self._asked = names, np.array([self.row[name] for name in names], np.int64)
-        return self._asked[1]
+        if names != self._cached_rows[0]:
+            self._cached_rows = names, np.array([self.row[name] for name in names], np.int64)
+        return self._cached_rows[1]
 
 
-@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1]")
-def _chained(tree, offsets, axes, positions):
+@jit("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1]")
+def _compute_poses(tree, offsets, axes, positions):
     """See LinkPoses.at.
 
     Args:

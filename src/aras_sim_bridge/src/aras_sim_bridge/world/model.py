@@ -40,25 +40,25 @@ class Model:
 
     def __init__(self, client: int, description: RobotDescription, name: str, pose: Pose,
                  joint_positions: Mapping[str, float], fixed_base: bool,
-                 gravity: Vector3, on_moved: Callable[..., None],
-                 whole: Model | None = None) -> None:
-        """`on_moved` is called with the model and whether it was put elsewhere as a whole, and then
+                 gravity: Vector3, on_move: Callable[..., None],
+                 main_model: Model | None = None) -> None:
+        """`on_move` is called with the model and whether it was put elsewhere as a whole, and then
         whether its joints were: whenever it was, they were, it gets a twist or, loose, a push."""
         self.client = client
         self.name = name
         self.description = description
-        self.whole = self if whole is None else whole
+        self.main_model = self if main_model is None else main_model
         self.bodies = [self]
-        if whole is not None:
-            whole.bodies.append(self)
+        if main_model is not None:
+            main_model.bodies.append(self)
         self.spawn_pose = pose
         self.fixed_base = fixed_base
         self._spawn_positions = joint_positions
-        self._on_moved = on_moved
-        self.let_go: Callable[[], None] | None = None
-        self.attached = False
-        self.pushed = False
-        self.pushes: deque[tuple[str, Vector3, Vector3, Vector3]] = deque(maxlen=100)
+        self._on_move = on_move
+        self.release: Callable[[], None] | None = None
+        self.is_attached = False
+        self.is_disturbed = False
+        self.applied_forces: deque[tuple[str, Vector3, Vector3, Vector3]] = deque(maxlen=100)
         self.body = Body(client, name, fixed_base)
         self.joints = ModelJoints(self.body, gravity)
         self.reload()
@@ -75,7 +75,7 @@ class Model:
     @property
     def body_id(self) -> int:
         """Bullet's, of a body that is where the model is; another one after a reset or a change."""
-        self.joints.show()
+        self.joints.update_bullet()
         return self.body.body_id
 
     @property
@@ -88,9 +88,9 @@ class Model:
         """All links in file order, root first or not."""
         return tuple(self.description.links)
 
-    def scoped(self, part: str) -> str:
+    def get_scoped_name(self, part: str) -> str:
         """The name of a link or joint with that of the whole model before it."""
-        return f"{self.whole.name}::{part}"
+        return f"{self.main_model.name}::{part}"
 
     @property
     def mass(self) -> float:
@@ -102,9 +102,9 @@ class Model:
     def reload(self) -> None:
         """Load it into a Bullet that has none of it, as it was spawned."""
         self.body.load(self.description, self.spawn_pose)
-        self._root = self.spawn_pose
+        self._root_pose = self.spawn_pose
         self.joints.load(self.description, self._spawn_positions)
-        self.joints.place(self.spawn_pose)
+        self.joints.set_root(self.spawn_pose)
 
     def remove(self) -> None:
         """Take it out of Bullet."""
@@ -116,7 +116,7 @@ class Model:
 
         Bullet cannot move a centre of mass; so the body is loaded anew, with a new body id.
         """
-        states = self.joints.states()
+        states = self.joints.read_states()
         pose, twist = self.link_state(self.description.root)
         self.remove()
         self.description = description
@@ -126,42 +126,42 @@ class Model:
             self.set_twist(twist)
         self.joints.restore(states)
 
-    def bolt(self, bolted: bool) -> None:
+    def set_fixed_base(self, fixed: bool) -> None:
         """Go on from the present state with the root bolted down, or free."""
-        applied, pending = self.joints.applied, self.joints.pending_efforts
-        self.fixed_base = self.body.fixed_base = bolted
+        applied, pending = self.joints.applied_efforts, self.joints.pending_efforts
+        self.fixed_base = self.body.fixed_base = fixed
         self.rebuild(self.description)
-        self.joints.applied = applied
+        self.joints.applied_efforts = applied
         for name, effort in zip(self.joint_names, pending, strict=True):
             self.apply_effort(name, effort)
 
     @property
     def needs_steps(self) -> bool:
         """Whether `before_step` has anything to do, ever."""
-        return bool(self.joint_names or self.body.weightless)
+        return bool(self.joint_names or self.body.weightless_link_masses)
 
     def before_step(self, dt: float) -> None:
         """Hand efforts and what stands in for gravity to Bullet; called by `World.step`."""
         if self.joints.names:
             self.joints.before_step(dt)
-        for link, mass in self.body.weightless.items():
+        for link, mass in self.body.weightless_link_masses.items():
             centre = self.link_pose(link).apply(self.body.inertial_poses[link].xyz)
-            self._push(link, tuple(-mass * g for g in self.joints.gravity), centre)
+            self._apply_force(link, tuple(-mass * g for g in self.joints.gravity), centre)
 
-    def physics_changed(self, gravity: Vector3) -> None:
+    def update_physics(self, gravity: Vector3) -> None:
         """Time step or gravity was changed; called by `World.set_physics`."""
         self.joints.gravity = gravity
         if self.fixed_base:
-            self.joints.place(self.pose())
+            self.joints.set_root(self.pose())
         elif self.joints.damping is not None:
-            self.joints.damping.changed()
+            self.joints.damping.invalidate()
 
     # ------------------------------------------------------------------ frames
 
     def pose(self) -> Pose:
         """world_T_root: the frame of the root link."""
         # What is bolted down stands where it was put.
-        return self._root if self.fixed_base else self.link_pose(self.description.root)
+        return self._root_pose if self.fixed_base else self.link_pose(self.description.root)
 
     def twist(self) -> Twist:
         """Twist of the root link's frame, in world axes."""
@@ -174,9 +174,9 @@ class Model:
             WorldError: unknown link.
         """
         index = self.link_index(name)
-        if self.joints.own:
+        if self.joints.has_own_dynamics:
             return self.joints.space.link_pose(name)
-        return self._com_pose(index) @ self.body.inertial_poses[name].inverse()
+        return self._read_com_pose(index) @ self.body.inertial_poses[name].inverse()
 
     def link_twist(self, name: str) -> Twist:
         """Twist of the link's frame: velocity of its origin, in world axes (m/s, rad/s)."""
@@ -187,12 +187,12 @@ class Model:
         index = self.link_index(name)
         inertial = self.body.inertial_poses[name]
         if index == -1:
-            com = self._com_pose(index)
+            com = self._read_com_pose(index)
             linear, angular = pybullet.getBaseVelocity(self.body_id, self.client)
         else:
             state = pybullet.getLinkState(self.body_id, index, True, True, self.client)
             com, linear, angular = Pose(state[0], state[1]), state[6], state[7]
-        return _frame_state(com, linear, angular, inertial)
+        return _compute_frame_state(com, linear, angular, inertial)
 
     def link_states(self) -> dict[str, tuple[Pose, Twist]]:
         """`link_state` of every link in file order, in one call to Bullet."""
@@ -201,16 +201,18 @@ class Model:
         states = (pybullet.getLinkStates(self.body_id, indices, True, True, self.client) if names
                   else ())
         found = {
-            n: _frame_state(Pose(s[0], s[1]), s[6], s[7], self.body.inertial_poses[n])
+            n: _compute_frame_state(Pose(s[0], s[1]), s[6], s[7], self.body.inertial_poses[n])
             for n, s in zip(names, states, strict=True)
         }
         found[self.description.root] = self.link_state(self.description.root)
         return {n: found[n] for n in self.link_names}
 
-    def frames(self, names: tuple[str, ...]) -> tuple[Sequence[Vector3], Sequence[Quaternion]]:
+    def read_link_frames(
+        self, names: tuple[str, ...]
+    ) -> tuple[Sequence[Vector3], Sequence[Quaternion]]:
         """Positions and orientations of the frames of links other than the root, in one go; `pose`
         is the root's."""
-        if self.joints.own:
+        if self.joints.has_own_dynamics:
             return self.joints.space.link_frames(names)
         indices = [self.body.links[name] for name in names]
         states = pybullet.getLinkStates(self.body_id, indices, False, True, self.client)
@@ -228,18 +230,18 @@ class Model:
             raise UnknownLinkError(self.name, name, self.link_names)
         return index
 
-    def base_links(self) -> frozenset[int]:
+    def list_base_links(self) -> frozenset[int]:
         """Bullet's indices of the root and of all that is fixed to it."""
         found, pending = {-1}, [self.description.root]
         while pending:
             link = pending.pop()
             for joint in self.description.joints.values():
-                if joint.parent == link and not joint.moves:
+                if joint.parent == link and not joint.is_movable:
                     found.add(self.body.links[joint.child])
                     pending.append(joint.child)
         return frozenset(found)
 
-    def _com_pose(self, index: int) -> Pose:
+    def _read_com_pose(self, index: int) -> Pose:
         if index == -1:
             return Pose(*pybullet.getBasePositionAndOrientation(self.body_id, self.client))
         state = pybullet.getLinkState(self.body_id, index, False, True, self.client)
@@ -251,14 +253,14 @@ class Model:
             moved = pose @ self.pose().inverse()
             for part in self.bodies[1:]:
                 part.set_pose(moved @ part.pose())
-        self._release()
-        self._root = pose
+        self._release_base()
+        self._root_pose = pose
         com = pose @ self.body.inertial_poses[self.description.root]
         pybullet.resetBasePositionAndOrientation(self.body_id, com.xyz, com.quat,
                                                  physicsClientId=self.client)
         if self.fixed_base:
-            self.joints.place(pose)
-        self._on_moved(self, True)
+            self.joints.set_root(pose)
+        self._on_move(self, True)
 
     def set_twist(self, twist: Twist) -> None:
         """Give the model `twist` (of its root frame, world axes) as one rigid body.
@@ -268,7 +270,7 @@ class Model:
         for part in self.bodies[1:]:
             lever = subtract(part.pose().xyz, self.pose().xyz)
             part.set_twist(Twist(add(twist.linear, cross(twist.angular, lever)), twist.angular))
-        self._release()
+        self._release_base()
         self.joints.stop_joints()
         if self.fixed_base:
             return
@@ -277,34 +279,34 @@ class Model:
         linear = add(twist.linear, cross(twist.angular, arm))
         pybullet.resetBaseVelocity(self.body_id, linear, twist.angular,
                                    physicsClientId=self.client)
-        self._on_moved(self, False)
+        self._on_move(self, False)
 
     def set_joint_positions(self, positions: dict[str, float]) -> None:
         """See ModelJoints."""
         self.joints.set_joint_positions(positions)
-        self._on_moved(self, False, True)
+        self._on_move(self, False, True)
 
-    def _release(self) -> None:
-        if self.let_go is not None:
-            self.let_go()
+    def _release_base(self) -> None:
+        if self.release is not None:
+            self.release()
 
     def apply_force(self, link: str, force: Vector3, position: Vector3,
                     torque: Vector3 = (0.0, 0.0, 0.0)) -> None:
         """Force (N) at a world position and torque (N m), world axes, for the next step only."""
-        self._push(link, force, position, torque)
-        self.pushes.append((link, force, position, torque))
+        self._apply_force(link, force, position, torque)
+        self.applied_forces.append((link, force, position, torque))
         if not self.fixed_base:
-            self._on_moved(self, False)
+            self._on_move(self, False)
 
-    def _push(self, link: str, force: Vector3, position: Vector3,
+    def _apply_force(self, link: str, force: Vector3, position: Vector3,
               torque: Vector3 = (0.0, 0.0, 0.0)) -> None:
         index = self.link_index(link)
-        if self.let_go is not None and index in self.base_links():
-            self._release()
-        self.pushed = True
+        if self.release is not None and index in self.list_base_links():
+            self._release_base()
+        self.is_disturbed = True
         if self.joints.space is not None:
-            self.joints.space.push(link, force, position, torque)
-        if self.joints.own:
+            self.joints.space.apply_force(link, force, position, torque)
+        if self.joints.has_own_dynamics:
             return
         if any(force):
             pybullet.applyExternalForce(self.body_id, index, force, position,
@@ -314,7 +316,9 @@ class Model:
                                          physicsClientId=self.client)
 
 
-def _frame_state(com: Pose, linear: tuple, angular: tuple, inertial: Pose) -> tuple[Pose, Twist]:
+def _compute_frame_state(
+    com: Pose, linear: tuple, angular: tuple, inertial: Pose
+) -> tuple[Pose, Twist]:
     """Pose and twist of a link frame from those of its centre of mass."""
     pose = com @ inertial.inverse()
     lever = subtract(pose.xyz, com.xyz)

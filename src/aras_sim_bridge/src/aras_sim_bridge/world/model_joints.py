@@ -9,11 +9,11 @@ from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import UnknownJointError, WorldError
 from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
-from aras_sim_bridge.world.free_damping import FreeDamping
+from aras_sim_bridge.world.closed_chains import close_loop
+from aras_sim_bridge.world.joint_damping import JointDamping
 from aras_sim_bridge.world.joint_dynamics import FASTEST_SPEED, NO_LIMIT_FORCE
 from aras_sim_bridge.world.joint_space import JointSpace
-from aras_sim_bridge.world.loops import close_loop
-from aras_sim_bridge.world.stops import Stops
+from aras_sim_bridge.world.stops import JointStops
 from aras_visual_servo_base.poses import Pose, Vector3
 
 
@@ -24,37 +24,37 @@ class ModelJoints:
     step and gone after it, as a simulator's are; applied: those of the last step.
 
     The state of a model that is bolted down stands here in `space` while `own` is true: then
-    `advance` makes its steps, and Bullet's copy is brought up to date by `show` before somebody
-    asks Bullet. Otherwise the state is Bullet's, which makes the steps.
+    `advance` makes its steps, and Bullet's copy is brought up to date by `update_bullet` before
+    somebody asks Bullet. Otherwise the state is Bullet's, which makes the steps.
     """
 
     def __init__(self, body: Body, gravity: Vector3) -> None:
         self.body = body
         self.gravity = gravity
-        self.own = False
-        self._shown = True
+        self.has_own_dynamics = False
+        self._is_bullet_current = True
         self.space: JointSpace | None = None
-        self.damping: FreeDamping | None = None
+        self.damping: JointDamping | None = None
         self._speed_bounds: dict[str, float] = {}
 
     def load(self, description: RobotDescription, positions: Mapping[str, float]) -> None:
         """Take up the joints of a body that was loaded, at `positions`, at rest; 0 where absent."""
         body = self.body
-        self.own, self._shown = False, True
-        self.names: tuple[str, ...] = () if description.static else description.moving_joints()
+        self.has_own_dynamics, self._is_bullet_current = False, True
+        self.names: tuple[str, ...] = () if description.static else description.list_moving_joints()
         joints = [description.joints[name] for name in self.names]
         self.damping_coefficients = [joint.damping for joint in joints]
         self.friction = [joint.friction for joint in joints]
         self.stiffness = [joint.stiffness for joint in joints]
-        self._rest = [joint.rest for joint in joints]
+        self._rest_positions = [joint.rest for joint in joints]
         self._mimics = [joint.mimic for joint in joints]
         self._slot = {name: slot for slot, name in enumerate(self.names)}
         self._indices = [body.joint_indices[name] for name in self.names]
         self._stops = [joint.stops for joint in joints]
         jointed = bool(self.names)
         space = JointSpace(description, self.names) if jointed else None
-        self.space, self._loose = (space, None) if body.fixed_base else (None, space)
-        self._bullet_stops = Stops(body, self._indices, self._stops,
+        self.space, self._free_space = (space, None) if body.fixed_base else (None, space)
+        self._bullet_stops = JointStops(body, self._indices, self._stops,
                                    space.return_speeds if jointed else ())
         for slot, index in enumerate(self._indices):
             pybullet.changeDynamics(body.body_id, index, jointLimitForce=NO_LIMIT_FORCE,
@@ -68,10 +68,10 @@ class ModelJoints:
         self._gears = self._make_gears()
         self._loops = [made for loop in description.loops for made in close_loop(body, loop)]
         self.pending_efforts = [0.0] * len(self.names)
-        self.applied = [0.0] * len(self.names)
-        self._dirty = False
+        self.applied_efforts = [0.0] * len(self.names)
+        self._has_pending_efforts = False
         self._cache: tuple[Sequence[float], Sequence[float]] | None = None
-        self.damping = FreeDamping(self) if jointed and not body.fixed_base else None
+        self.damping = JointDamping(self) if jointed and not body.fixed_base else None
 
     def remove_constraints(self) -> None:
         """Take the constraints of mimicking joints and of closed chains out of Bullet."""
@@ -79,46 +79,46 @@ class ModelJoints:
             pybullet.removeConstraint(constraint, physicsClientId=self.body.client)
 
     def _set_state(self, slot: int, position: float, velocity: float = 0.0) -> None:
-        if self.own:
+        if self.has_own_dynamics:
             self.space.state[0, slot], self.space.state[1, slot] = position, velocity
-            self._shown = False
+            self._is_bullet_current = False
             return
         pybullet.resetJointState(self.body.body_id, self._indices[slot], position, velocity,
                                  physicsClientId=self.body.client)
 
-    def set_own(self, own: bool) -> None:
+    def set_own_dynamics(self, own: bool) -> None:
         """Take the state over from Bullet, which nothing needs as long as nothing can touch the
         model, or give it back."""
-        if self.space is None or own == self.own:
+        if self.space is None or own == self.has_own_dynamics:
             return
         positions, velocities, _ = self.read()
         if own:
             self.space.state[0], self.space.state[1] = positions, velocities
-            self.own = True
+            self.has_own_dynamics = True
             return
-        self.show()
-        self.own = False
+        self.update_bullet()
+        self.has_own_dynamics = False
         for slot in range(len(self.names)):
-            self._motor(slot, *self.space.motor(slot))
+            self._set_bullet_motor(slot, *self.space.read_motor(slot))
 
-    def show(self) -> None:
+    def update_bullet(self) -> None:
         """Bring Bullet's copy of the joints up to date."""
-        if self._shown:
+        if self._is_bullet_current:
             return
-        self._shown = True
+        self._is_bullet_current = True
         for index, position, velocity in zip(self._indices, *self.read()[:2], strict=True):
             pybullet.resetJointState(self.body.body_id, index, position, velocity,
                                      physicsClientId=self.body.client)
 
     @property
-    def moved_links(self) -> tuple[str, ...]:
+    def moving_links(self) -> tuple[str, ...]:
         """The links that a joint moves, of a model that is bolted down."""
-        return () if self.space is None else self.space.moved_links
+        return () if self.space is None else self.space.moving_links
 
-    def place(self, root: Pose) -> None:
+    def set_root(self, root: Pose) -> None:
         """Take note of where the root stands now, or of another gravity."""
         if self.space is not None:
-            self.space.place(root, self.gravity)
+            self.space.set_root(root, self.gravity)
 
     def read(self) -> tuple[Sequence[float], Sequence[float], Sequence[float]]:
         """(positions, velocities, efforts) in `names` order: rad or m, per s, N m or N.
@@ -132,13 +132,13 @@ class ModelJoints:
         cache = self._cache
         if cache is None:
             cache = self._refresh()
-        return cache[0], cache[1], self.applied
+        return cache[0], cache[1], self.applied_efforts
 
     def _refresh(self) -> tuple[Sequence[float], Sequence[float]]:
         if not self.names:
             self._cache = ((), ())
             return self._cache
-        if self.own:
+        if self.has_own_dynamics:
             positions, velocities, _ = self.space.state.tolist()
             self._cache = (positions, velocities)
             return self._cache
@@ -148,11 +148,11 @@ class ModelJoints:
             bad = next((slot for slot, (p, v) in enumerate(zip(positions, velocities, strict=True))
                         if not (abs(v) < FASTEST_SPEED and math.isfinite(p))), None)
             if bad is not None:
-                raise self._diverged(bad)
+                raise self._make_divergence_error(bad)
         self._cache = (positions, velocities)
         return self._cache
 
-    def _diverged(self, slot: int) -> WorldError:
+    def _make_divergence_error(self, slot: int) -> WorldError:
         return WorldError(
             f"model '{self.body.name}', joint '{self.names[slot]}': the simulation diverged; lower "
             "the gains or the time step, then call reset_simulation and unpause_physics"
@@ -165,8 +165,8 @@ class ModelJoints:
             WorldError: unknown joint.
         """
         slot = self._slot.get(joint)
-        self.pending_efforts[self._require(joint) if slot is None else slot] += effort
-        self._dirty = True
+        self.pending_efforts[self._find_slot(joint) if slot is None else slot] += effort
+        self._has_pending_efforts = True
 
     def check_efforts(self) -> None:
         """WorldError when a pending effort is not finite; all of this model's are dropped then."""
@@ -181,24 +181,26 @@ class ModelJoints:
         self._bullet_stops.before_step(self.read()[0], dt)
         efforts = total = self.pending_efforts
         if self.space is not None:
-            self.take_note()
+            self.read_bullet_state()
             self.space.state[2] = efforts
-            total = [e + t for e, t in zip(efforts, self.space.react(dt), strict=True)]
+            total = [e + t for e, t in zip(efforts, self.space.compute_reactions(dt), strict=True)]
         else:
             self.damping.before_step(dt)
             if self.damping.springs:
                 positions, speeds, _ = self.read()
-                total, self._dirty = list(efforts), True
+                total, self._has_pending_efforts = list(efforts), True
                 for slot, k in self.damping.springs.items():
-                    total[slot] -= k * (positions[slot] + dt * speeds[slot] - self._rest[slot])
-        if self._dirty or self.space is not None:
+                    total[slot] -= k * (
+                        positions[slot] + dt * speeds[slot] - self._rest_positions[slot]
+                    )
+        if self._has_pending_efforts or self.space is not None:
             pybullet.setJointMotorControlArray(
                 self.body.body_id, self._indices, pybullet.TORQUE_CONTROL, forces=total,
                 physicsClientId=self.body.client)
-        self.applied, self.pending_efforts = efforts, [0.0] * len(efforts)
-        self._dirty = False
+        self.applied_efforts, self.pending_efforts = efforts, [0.0] * len(efforts)
+        self._has_pending_efforts = False
 
-    def take_note(self) -> None:
+    def read_bullet_state(self) -> None:
         """Take Bullet's state of the joints over into `space`, whose steps Bullet makes."""
         self.space.state[0], self.space.state[1], _ = self.read()
 
@@ -210,10 +212,10 @@ class ModelJoints:
         """
         self.space.state[2] = self.pending_efforts
         self.pending_efforts = [0.0] * len(self.names)
-        self._dirty = False
-        self.advanced(self.space.advance(dt))
+        self._has_pending_efforts = False
+        self.finish_steps(self.space.advance(dt))
 
-    def advanced(self, bad: int) -> None:
+    def finish_steps(self, diverged_joint: int) -> None:
         """Be as after steps of `space` with the efforts in space.state[2].
 
         Args:
@@ -222,22 +224,22 @@ class ModelJoints:
         Raises:
             WorldError: the simulation diverged.
         """
-        self.applied = self.space.state[2].tolist()
-        self._shown = False
+        self.applied_efforts = self.space.state[2].tolist()
+        self._is_bullet_current = False
         self._cache = None
-        if bad >= 0:
-            raise self._diverged(bad)
+        if diverged_joint >= 0:
+            raise self._make_divergence_error(diverged_joint)
 
     @property
-    def calm(self) -> bool:
+    def is_calm(self) -> bool:
         """Whether `own` is true and no effort waits."""
-        return self.own and not self._dirty
+        return self.has_own_dynamics and not self._has_pending_efforts
 
     def after_step(self) -> None:
         """Forget what was read before the step."""
         self._cache = None
 
-    def states(self) -> list[tuple[float, float]]:
+    def read_states(self) -> list[tuple[float, float]]:
         """(position, velocity) of each joint, for `restore`."""
         return list(zip(*self.read()[:2], strict=True))
 
@@ -256,8 +258,8 @@ class ModelJoints:
         Raises:
             WorldError: unknown joint or a number that is not finite; nothing is changed then.
         """
-        self._place({joint: position})
-        return self._within_stops(self._slot[joint], position)
+        self._set_positions({joint: position})
+        return self._clamp_to_stops(self._slot[joint], position)
 
     def set_joint_positions(self, positions: dict[str, float]) -> None:
         """Put joints at `positions` (rad or m), at rest, at their stops where those are beyond;
@@ -268,28 +270,28 @@ class ModelJoints:
         Raises:
             WorldError: unknown joint or a number that is not finite; nothing is changed then.
         """
-        self._place(positions)
+        self._set_positions(positions)
         if self.damping is not None:
-            self.damping.changed()
+            self.damping.invalidate()
 
-    def _place(self, positions: dict[str, float]) -> None:
+    def _set_positions(self, positions: dict[str, float]) -> None:
         slots = {}
         for joint, position in positions.items():
-            slot = self._require(joint)
+            slot = self._find_slot(joint)
             if not math.isfinite(position):
                 raise WorldError(
                     f"model '{self.body.name}', joint '{joint}': position {position} is not finite"
                 )
-            slots[slot] = self._within_stops(slot, float(position))
-        for slot, value in self._with_followers(slots).items():
+            slots[slot] = self._clamp_to_stops(slot, float(position))
+        for slot, value in self._add_followers(slots).items():
             self._set_state(slot, value)
         self._cache = None
 
-    def _within_stops(self, slot: int, position: float) -> float:
+    def _clamp_to_stops(self, slot: int, position: float) -> float:
         low, high = self._stops[slot]
         return min(max(position, low), high)
 
-    def _with_followers(self, slots: dict[int, float]) -> dict[int, float]:
+    def _add_followers(self, slots: dict[int, float]) -> dict[int, float]:
         if not self._gears:
             return slots
         result = dict(slots)
@@ -299,7 +301,7 @@ class ModelJoints:
                     leader = self._slot[mimic.joint]
                     if leader in result:
                         follows = mimic.multiplier * result[leader] + mimic.offset
-                        result[i] = self._within_stops(i, follows)
+                        result[i] = self._clamp_to_stops(i, follows)
         return result
 
     def stop_joints(self) -> None:
@@ -314,7 +316,7 @@ class ModelJoints:
 
         It takes the place of the joint's Coulomb friction, as ODE's joint motor does in Gazebo.
         """
-        slot = self._require(joint)
+        slot = self._find_slot(joint)
         if not (math.isfinite(velocity) and max_effort >= 0.0):
             raise WorldError(f"model '{self.body.name}', joint '{joint}': velocity {velocity} and "
                              f"effort {max_effort} need a finite and a non-negative number")
@@ -327,7 +329,7 @@ class ModelJoints:
             WorldError: unknown joint, a bound that is not positive, or a model that is not bolted
                 down.
         """
-        slot = self._require(joint)
+        slot = self._find_slot(joint)
         if self.space is None:
             raise WorldError(f"model '{self.body.name}', joint '{joint}': hard velocity limits are "
                              "for models whose root is bolted down; bolt it, or leave them off")
@@ -339,14 +341,14 @@ class ModelJoints:
 
     def set_damping_motor(self, slot: int, share: float) -> None:
         """A motor that takes `share` of the velocity a step (see free_damping.py)."""
-        self._motor(slot, 0.0, NO_LIMIT_FORCE, share)
+        self._set_bullet_motor(slot, 0.0, NO_LIMIT_FORCE, share)
 
     def set_bullet_damping(self, slot: int, value: float) -> None:
         """Bullet's explicit damping of a joint (see free_damping.py)."""
         pybullet.changeDynamics(self.body.body_id, self._indices[slot], jointDamping=value,
                                 physicsClientId=self.body.client)
 
-    def _require(self, joint: str) -> int:
+    def _find_slot(self, joint: str) -> int:
         slot = self._slot.get(joint)
         if slot is None:
             raise UnknownJointError(self.body.name, joint, self.names)
@@ -358,17 +360,17 @@ class ModelJoints:
         In `names` order: what would keep the joint velocities as they are without friction
         and damping. For models with a fixed base.
         """
-        if not self.own:
-            self.take_note()
+        if not self.has_own_dynamics:
+            self.read_bullet_state()
         return self.space.bias_efforts()
 
     def inverse_inertia(self) -> np.ndarray:
         """(n, n): accelerations of the joints by their efforts, 1/(kg m²) or 1/kg."""
         if self.space is None:
-            self._loose.state[0] = self.read()[0]
-            return np.linalg.inv(self._loose.free_mass_matrix())[6:, 6:]
-        if not self.own:
-            self.take_note()
+            self._free_space.state[0] = self.read()[0]
+            return np.linalg.inv(self._free_space.free_mass_matrix())[6:, 6:]
+        if not self.has_own_dynamics:
+            self.read_bullet_state()
         return np.linalg.inv(self.space.mass_matrix())
 
     def _make_gears(self) -> list[int]:
@@ -393,10 +395,12 @@ class ModelJoints:
     def _set_motor(self, slot: int, velocity: float, force: float) -> None:
         if self.space is not None:
             self.space.set_motor(slot, velocity, force)
-        if not self.own:
-            self._motor(slot, velocity, force)
+        if not self.has_own_dynamics:
+            self._set_bullet_motor(slot, velocity, force)
 
-    def _motor(self, slot: int, velocity: float, force: float, gain: float = 1.0) -> None:
+    def _set_bullet_motor(
+        self, slot: int, velocity: float, force: float, gain: float = 1.0
+    ) -> None:
         pybullet.setJointMotorControl2(
             self.body.body_id, self._indices[slot], pybullet.VELOCITY_CONTROL,
             targetVelocity=velocity, force=force, velocityGain=gain,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from aras_sim_bridge.world.bullet import contacts_of, pybullet
+from aras_sim_bridge.world.bullet import find_contacts, pybullet
 from aras_sim_bridge.world.model import Model
-from aras_sim_bridge.world.reach import leave_out_pairs
+from aras_sim_bridge.world.reach import disable_distant_pairs
 from aras_sim_bridge.world.world import World
 
 
@@ -20,7 +20,7 @@ class Overlap:
     depth: float
 
 
-def overlaps(world: World, model: Model, posed: bool = False) -> list[Overlap]:
+def find_overlaps(world: World, model: Model, before_step: bool = False) -> list[Overlap]:
     """The links of a model that joints move and that touch something, the deepest first.
 
     Links of one model pass through each other here, as in Gazebo.
@@ -29,16 +29,16 @@ def overlaps(world: World, model: Model, posed: bool = False) -> list[Overlap]:
         world: in which the model is. posed: it was put there and no step was made since; without,
             contacts are those of the last step.
     """
-    if posed:
-        model.joints.show()
+    if before_step:
+        model.joints.update_bullet()
         # Contacts of an earlier posture would stay while boxes overlap; this makes all pairs anew.
-        leave_out_pairs(list(world.models.values()))
+        disable_distant_pairs(list(world.models.values()))
         pybullet.performCollisionDetection(physicsClientId=world.client)
     names = {index: name for name, index in model.link_indices.items()}
     others = {other.body_id: other for other in world.models.values()}
-    still = model.base_links()
+    still = model.list_base_links()
     found = []
-    for link, body, other_link, numbers in contacts_of(model.body_id, world.client):
+    for link, body, other_link, numbers in find_contacts(model.body_id, world.client):
         depth = numbers[15]
         if link in still or depth <= 0.0:
             continue

@@ -14,10 +14,10 @@ import numpy as np
 from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
 
-_SHARE = 0.2  # of the distance beyond a stop that Bullet takes back in a step
+_RETURN_SHARE = 0.2  # of the distance beyond a stop that Bullet takes back in a step
 
 
-class Stops:
+class JointStops:
     """The stops of the joints of a body.
 
     Args:
@@ -30,15 +30,15 @@ class Stops:
         self._body, self._indices = body, indices
         self._low, self._high = np.array(stops).reshape(-1, 2).T
         self._speeds = np.array(speeds)
-        self._near: set[int] = set()
+        self._shifted_slots: set[int] = set()
 
     def before_step(self, positions: Sequence[float], dt: float) -> None:
         """Set the stops for a step of `dt` s from these positions."""
-        at, most = np.array(positions), self._speeds * dt / _SHARE
+        at, most = np.array(positions), self._speeds * dt / _RETURN_SHARE
         low, high = np.minimum(self._low, at + most), np.maximum(self._high, at - most)
         far = {*np.flatnonzero((low < self._low) | (high > self._high)).tolist()}
-        for slot in far | self._near:
+        for slot in far | self._shifted_slots:
             pybullet.changeDynamics(
                 self._body.body_id, self._indices[slot], jointLowerLimit=float(low[slot]),
                 jointUpperLimit=float(high[slot]), physicsClientId=self._body.client)
-        self._near = far
+        self._shifted_slots = far

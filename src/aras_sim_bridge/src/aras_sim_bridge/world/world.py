@@ -22,18 +22,18 @@ from aras_sim_bridge.errors import (
     WindowError,
     WorldError,
 )
-from aras_sim_bridge.world import bullet_file
+from aras_sim_bridge.world import bullet_files
 from aras_sim_bridge.world.attachments import Attachments
-from aras_sim_bridge.world.bullet import connected, give_back, pybullet, quiet
+from aras_sim_bridge.world.bullet import connect, pybullet, release_client, silence_output
 from aras_sim_bridge.world.checks import LARGEST, check_simulable
 from aras_sim_bridge.world.deep_contacts import DeepContacts
 from aras_sim_bridge.world.friction import ContactFriction
-from aras_sim_bridge.world.islands import Islands
+from aras_sim_bridge.world.isolation import IsolationMonitor
 from aras_sim_bridge.world.model import Model
-from aras_sim_bridge.world.reach import leave_out_pairs
+from aras_sim_bridge.world.reach import disable_distant_pairs
+from aras_sim_bridge.world.resting_base import FIXED_BASE_ARRAYS, RestingBases
 from aras_sim_bridge.world.sliding import SlidingFriction
-from aras_sim_bridge.world.standing import BOLTED, FreeBases
-from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
+from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, check_pose, check_vector
 
 logger = logging.getLogger(__name__)
 
@@ -76,35 +76,35 @@ class World:
     def __init__(self, time_step: float = 0.001,
                  gravity: tuple[float, float, float] = (0.0, 0.0, -9.8), gui: bool = False,
                  solver_iterations: int = 50) -> None:
-        self._time_step = _checked_step(time_step)
-        self._gravity = _checked_gravity(gravity)
-        self._iterations = _checked_iterations(solver_iterations)
+        self._time_step = _check_step(time_step)
+        self._gravity = _check_gravity(gravity)
+        self._iterations = _check_iterations(solver_iterations)
         self.models: dict[str, Model] = {}
-        self._own: list[Model] = []
-        self._bullets: list[Model] = []
-        self._bullet_steps = self._pairs_left_out = False
-        self.islands = Islands(self.models, gui)
+        self._own_dynamics_models: list[Model] = []
+        self._bullet_models: list[Model] = []
+        self._bullet_steps = self._has_disabled_pairs = False
+        self.isolation = IsolationMonitor(self.models, gui)
         self.revision = 0
         try:
-            self.client = connected(gui)
+            self.client = connect(gui)
         except pybullet.error as error:
             raise WindowError(
                 f"Bullet cannot open its window ({error}); start with gui:=false") from None
         if self.client < 0:
             raise WorldError("Bullet does not start: no free client, or no display for gui:=true")
-        self._gui = self._stepped = gui
+        self._gui = self._has_stepped = gui
         # Bullet keeps 30 MB for a robot: also of a world that is dropped without `close`.
-        self._leave = weakref.finalize(self, pybullet.disconnect, self.client)
-        self._leave.atexit = False
+        self._finalizer = weakref.finalize(self, pybullet.disconnect, self.client)
+        self._finalizer.atexit = False
         if gui:  # without panels of sliders and empty previews, and shadows: half a picture's cost
             for part in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_SHADOWS):
                 pybullet.configureDebugVisualizer(part, False, physicsClientId=self.client)
-        self._direct = False
+        self._has_direct_solver = False
         self.friction = ContactFriction(self.client)
         self._sliding = SlidingFriction(self.client)
         self._deep = DeepContacts(self.client, self.models)
-        self.bases = FreeBases(self.models, self._models_changed)
-        self.attachments = Attachments(self.client, self.models, self._attachments_changed)
+        self.resting_bases = RestingBases(self.models, self._update_models)
+        self.attachments = Attachments(self.client, self.models, self._update_attachments)
         self._configure()
 
     def _configure(self) -> None:
@@ -131,11 +131,11 @@ class World:
         """
         direct = not self.attachments and all(model.fixed_base and not model.description.loops
                                               for model in self.models.values())
-        if direct != self._direct:
-            self._direct = direct
+        if direct != self._has_direct_solver:
+            self._has_direct_solver = direct
             solver = (pybullet.CONSTRAINT_SOLVER_LCP_DANTZIG if direct
                       else pybullet.CONSTRAINT_SOLVER_LCP_SI)
-            with quiet():  # "switched solver"
+            with silence_output():  # "switched solver"
                 pybullet.setPhysicsEngineParameter(constraintSolverType=solver,
                                                    physicsClientId=self.client)
 
@@ -158,15 +158,15 @@ class World:
                     gravity: tuple[float, float, float] | None = None,
                     solver_iterations: int | None = None) -> None:
         """Change what is given; WorldError, and nothing changed, when one of them is impossible."""
-        step = self._time_step if time_step is None else _checked_step(time_step)
-        down = self._gravity if gravity is None else _checked_gravity(gravity)
+        step = self._time_step if time_step is None else _check_step(time_step)
+        down = self._gravity if gravity is None else _check_gravity(gravity)
         sweeps = (self._iterations if solver_iterations is None
-                  else _checked_iterations(solver_iterations))
-        self.bases.release()
+                  else _check_iterations(solver_iterations))
+        self.resting_bases.release()
         self._time_step, self._gravity, self._iterations = step, down, sweeps
         self._configure()
         for model in self.models.values():
-            model.physics_changed(down)
+            model.update_physics(down)
 
     # ------------------------------------------------------------------ models
 
@@ -196,12 +196,12 @@ class World:
         whole = (description, *description.parts)
         for one in whole:
             check_simulable(one, name)
-            for text in shapes.read_all(one, name):
+            for text in shapes.read_mesh_files(one, name):
                 logger.warning("%s", text)
-        pose = checked_pose(pose, f"model '{name}'", WorldError, zero_is_identity=True)
+        pose = check_pose(pose, f"model '{name}'", WorldError, zero_is_identity=True)
         if math.hypot(*pose.xyz) > LARGEST:
             raise WorldError(f"model '{name}': position {pose.xyz} is beyond {LARGEST:.0e} m")
-        starts = _start_positions(whole, name, joint_positions or {})
+        starts = _compute_start_positions(whole, name, joint_positions or {})
         bodies = pybullet.getNumBodies(physicsClientId=self.client)
         made: list[Model] = []
         try:
@@ -209,9 +209,9 @@ class World:
                 own, at = name, pose
                 if made:
                     own, at = f"{name}::{one.root}", pose @ Pose.from_rpy(*one.initial_pose)
-                fixed = bullet_file.root_is_fixed(one, None if made else fixed_base)
+                fixed = bullet_files.is_root_fixed(one, None if made else fixed_base)
                 made.append(Model(self.client, one, own, at, start, fixed, self._gravity,
-                                  self._model_moved, made[0] if made else None))
+                                  self._on_model_move, made[0] if made else None))
         except WorldError:
             for i in range(pybullet.getNumBodies(physicsClientId=self.client) - 1, bodies - 1, -1):
                 pybullet.removeBody(pybullet.getBodyUniqueId(i, physicsClientId=self.client),
@@ -219,8 +219,8 @@ class World:
             raise
         for model in made:
             self.models[model.name] = model
-            self.bases.came(model)
-        self._models_changed()
+            self.resting_bases.release_for(model)
+        self._update_models()
         logger.debug("spawned '%s': %d links, %d joints, %s base", name,
                      sum(len(model.link_names) for model in made),
                      sum(len(model.joint_names) for model in made),
@@ -236,27 +236,27 @@ class World:
                                            colours={"link": COLOURS["Gazebo/Grey"]}), name)
 
     @property
-    def whole_models(self) -> dict[str, Model]:
+    def main_models(self) -> dict[str, Model]:
         """The models by name, without the parts of others."""
-        return {name: model for name, model in self.models.items() if model.whole is model}
+        return {name: model for name, model in self.models.items() if model.main_model is model}
 
     def model(self, name: str) -> Model:
         """The model called `name`; WorldError naming those that exist."""
         model = self.models.get(name)
-        if model is None or model.whole is not model:
-            raise UnknownModelError(name, self.whole_models)
+        if model is None or model.main_model is not model:
+            raise UnknownModelError(name, self.main_models)
         return model
 
     def delete(self, name: str) -> None:
         """Take a model out; WorldError when there is none of that name."""
         for model in self.model(name).bodies:
-            self.bases.leaves(model)
-            self.attachments.leaves(model)
+            self.resting_bases.release_from(model)
+            self.attachments.detach_model(model)
             model.remove()
             del self.models[model.name]
-        self._models_changed()
+        self._update_models()
 
-    def change(self, name: str, description: RobotDescription) -> None:
+    def change_model(self, name: str, description: RobotDescription) -> None:
         """Give a model other masses, damping or limits (see changes.py); its state goes on.
 
         Raises:
@@ -265,57 +265,60 @@ class World:
         """
         model = self.models.get(name) or self.model(name)
         check_simulable(description, name)
-        shapes.read_all(description, name)
-        self.bases.release()
+        shapes.read_mesh_files(description, name)
+        self.resting_bases.release()
         self.attachments.suspend(model)
         model.rebuild(description)
-        self._models_changed()
+        self._update_models()
 
-    def _attachments_changed(self) -> None:
+    def _update_attachments(self) -> None:
         """Models were attached or let go: a base that holds something does not stand still."""
-        self.bases.release()
-        self._models_changed()
+        self.resting_bases.release()
+        self._update_models()
 
-    def _models_changed(self) -> None:
+    def _update_models(self) -> None:
         """Models came, went or were loaded anew: note what a step has to do for them."""
         self.revision += 1
         self.attachments.renew()
-        self.friction.models_changed(self.models.values())
-        self._sliding.models_changed(self.models.values())
-        self._deep.came()
+        self.friction.set_models(self.models.values())
+        self._sliding.set_models(self.models.values())
+        self._deep.start_watching()
         self._choose_solver()
-        self.islands.models_moved()
-        self._pairs_left_out = False
-        self._look()
-        self.bases.models_changed()
+        self.isolation.refresh()
+        self._has_disabled_pairs = False
+        self._update_isolation()
+        self.resting_bases.refresh()
 
-    def _model_moved(self, model: Model, put: bool, posed: bool = False) -> None:
-        """A model was `put` elsewhere as a whole; or `posed`: its joints were put elsewhere; or
-        pushed."""
-        if put or posed:
-            self._deep.put()
-        if put and model.fixed_base:
-            self.bases.leaves(model)
-            self.islands.put(model)
-            self._pairs_left_out = False
+    def _on_model_move(self, model: Model, is_moved: bool, has_new_positions: bool = False) -> None:
+        """A model was `is_moved` elsewhere as a whole; or `has_new_positions`: its joints were put
+        elsewhere; or pushed."""
+        if is_moved or has_new_positions:
+            self._deep.continue_watching()
+        if is_moved and model.fixed_base:
+            self.resting_bases.release_from(model)
+            self.isolation.replace_model(model)
+            self._has_disabled_pairs = False
         else:
-            self.islands.wait = 0
-            self._sliding.pushed()
+            self.isolation.steps_until_update = 0
+            self._sliding.check_all()
 
-    def _look(self) -> None:
+    def _update_isolation(self) -> None:
         """Choose who makes the steps of which model (see islands.py)."""
-        self.islands.look(self._time_step)
+        self.isolation.update(self._time_step)
         models = self.models.values()
-        self._own = [model for model in models if model.joints.own]
+        self._own_dynamics_models = [model for model in models if model.joints.has_own_dynamics]
         self._bullet_steps = self._gui or any(
-            not (model.fixed_base and (model.body.asleep or not model.joint_names))
+            not (model.fixed_base and (model.body.is_asleep or not model.joint_names))
             for model in models)
-        self._bullets = [model for model in models
-                         if self._bullet_steps and model.needs_steps and not model.joints.own]
-        if self._bullet_steps and not self._pairs_left_out:
-            self._pairs_left_out = True
-            leave_out_pairs(list(models))
-            self.attachments.hide()
+        self._bullet_models = [
+            model
+            for model in models
+            if self._bullet_steps and model.needs_steps and not model.joints.has_own_dynamics
+        ]
+        if self._bullet_steps and not self._has_disabled_pairs:
+            self._has_disabled_pairs = True
+            disable_distant_pairs(list(models))
+            self.attachments.disable_contacts()
 
     # ------------------------------------------------------------------ time
 
@@ -325,64 +328,71 @@ class World:
         Raises:
             WorldError: an effort is not finite; no model has moved then.
         """
-        if self.bases.fresh:
-            self.bases.begin()
-        if self.islands.wait <= 0:
-            self._look()
-        self.islands.wait -= 1
+        if self.resting_bases.is_new:
+            self.resting_bases.fix_at_start()
+        if self.isolation.steps_until_update <= 0:
+            self._update_isolation()
+        self.isolation.steps_until_update -= 1
         dt = self._time_step
-        for model in (*self._own, *self._bullets):
+        for model in (*self._own_dynamics_models, *self._bullet_models):
             model.check_efforts()
-        for model in self._own:
+        for model in self._own_dynamics_models:
             model.advance(dt)
         bullet_steps = self._bullet_steps
         if bullet_steps:
             self._step_bullet(dt)
-        if self.bases.held:
-            self.bases.check(dt, self.islands.touchable)
-        if bullet_steps and self.bases.watched:
-            self.bases.look()
+        if self.resting_bases.fixed_bases:
+            self.resting_bases.check_support(dt, self.isolation.is_base_touchable)
+        if bullet_steps and self.resting_bases.is_active:
+            self.resting_bases.detect_rest()
 
     def _step_bullet(self, dt: float) -> None:
         """One step of all that does not make its own."""
-        for model in self._bullets:
+        for model in self._bullet_models:
             model.before_step(dt)
-        if self.friction.watched:
+        if self.friction.is_active:
             self.friction.before_step()
         if self._sliding.loose:
             self._sliding.before_step(dt)
-        if self._deep.watched:
+        if self._deep.is_active:
             self._deep.before_step(dt)
         pybullet.stepSimulation(self.client)
-        self._stepped = True
-        if self._deep.watched:
+        self._has_stepped = True
+        if self._deep.is_active:
             self._deep.after_step(dt)
-        for model in self._bullets:
+        for model in self._bullet_models:
             model.after_step()
 
     @property
-    def outlook(self) -> int:
-        """Steps that `alone`'s model may make before something else may touch it."""
-        return self.islands.wait
+    def steps_until_contact(self) -> int:
+        """Steps that `get_compiled_step`'s model may make before something else may touch it."""
+        return self.isolation.steps_until_update
 
-    def alone(self, model: Model) -> tuple[np.ndarray | float, ...] | None:
+    def get_compiled_step(self, model: Model) -> tuple[np.ndarray | float, ...] | None:
         """What compiled steps of a model take (see cycle.py): JointSpace.arrays, the time step, and
         how it stands; None where they may not be made without the world: something else has joints
-        or can touch it, or an effort waits. What is loose catches up in `advanced`."""
-        if self.islands.wait <= 0:
-            self._look()
-        if (self._own != [model] or self._bullets or self.bases.fresh or self.bases.watched
-                or self.islands.touchable):
+        or can touch it, or an effort waits. What is loose catches up in `finish_compiled_steps`."""
+        if self.isolation.steps_until_update <= 0:
+            self._update_isolation()
+        if (
+            self._own_dynamics_models != [model]
+            or self._bullet_models
+            or self.resting_bases.is_new
+            or self.resting_bases.is_active
+            or self.isolation.is_base_touchable
+        ):
             return None
-        joints, held = model.joints, self.bases.held
-        if not joints.calm:
+        joints, held = model.joints, self.resting_bases.fixed_bases
+        if not joints.is_calm:
             return None
-        stands = held[0].arrays[5:] if held else BOLTED
+        stands = held[0].arrays[5:] if held else FIXED_BASE_ARRAYS
         space = joints.space
-        return *space.arrays, self._time_step, bool(held), space.before, *stands
+        return *space.arrays, self._time_step, bool(held), space.previous_speeds, *stands
 
-    def advanced(self, model: Model, made: int, bad: int = -1, borne: bool = True) -> None:
-        """`made` such steps were made.
+    def finish_compiled_steps(
+        self, model: Model, count: int, diverged_joint: int = -1, is_base_supported: bool = True
+    ) -> None:
+        """`count` such steps were made.
 
         Args:
             bad: joint that diverged, or -1. borne: whether the ground bore the last one.
@@ -390,19 +400,19 @@ class World:
         Raises:
             WorldError: the simulation diverged.
         """
-        model.joints.advanced(bad)
-        self.islands.wait -= made
-        for _ in range(made if self._bullet_steps else 0):
+        model.joints.finish_steps(diverged_joint)
+        self.isolation.steps_until_update -= count
+        for _ in range(count if self._bullet_steps else 0):
             self._step_bullet(self._time_step)
-        if not borne:
-            self.bases.let_go()
+        if not is_base_supported:
+            self.resting_bases.release_overload()
 
     def reset_world(self) -> None:
         """Models back to their spawn poses, all velocities zero; joint angles stay (Gazebo)."""
         for model in self.models.values():
             model.set_pose(model.spawn_pose)
             model.set_twist(Twist())
-        self.bases.models_changed()
+        self.resting_bases.refresh()
 
     def reset_simulation(self) -> None:
         """A fresh Bullet with the same models at their spawn poses and configurations, unattached.
@@ -414,22 +424,22 @@ class World:
             DescriptionError: a mesh file was damaged since; nothing is changed then.
         """
         for model in self.models.values():
-            shapes.read_all(model.description, model.name)
-        self.bases.release()
+            shapes.read_mesh_files(model.description, model.name)
+        self.resting_bases.release()
         pybullet.resetSimulation(physicsClientId=self.client)
         self.attachments.clear()
         self._deep.clear()
-        self._direct = False
+        self._has_direct_solver = False
         self._configure()
         for model in self.models.values():
             model.reload()
-        self._models_changed()
+        self._update_models()
 
     def close(self) -> None:
         """Leave Bullet. Safe to call twice."""
-        self._leave.detach()
+        self._finalizer.detach()
         if self.client >= 0 and pybullet.isConnected(self.client):
-            give_back(self.client, not self._stepped)
+            release_client(self.client, not self._has_stepped)
         self.client = -1
 
     def __enter__(self) -> "World":
@@ -439,7 +449,7 @@ class World:
         self.close()
 
 
-def _checked_step(value: float) -> float:
+def _check_step(value: float) -> float:
     if not (isinstance(value, (int, float)) and SMALLEST_STEP <= value <= LARGEST_STEP):
         raise WorldError(
             f"time step {value} s is not in [{SMALLEST_STEP}, {LARGEST_STEP}]; 0.001 is usual"
@@ -447,37 +457,40 @@ def _checked_step(value: float) -> float:
     return float(value)
 
 
-def _checked_gravity(value: tuple) -> tuple[float, float, float]:
-    gravity = checked_vector(value, "gravity", WorldError)
+def _check_gravity(value: tuple) -> tuple[float, float, float]:
+    gravity = check_vector(value, "gravity", WorldError)
     if max(abs(g) for g in gravity) > GRAVITY_BOUND:
         raise WorldError(f"gravity {gravity} is beyond ±{GRAVITY_BOUND} m/s²")
     return gravity
 
 
-def _checked_iterations(value: int) -> int:
+def _check_iterations(value: int) -> int:
     if not 1 <= value <= 10000 or value != int(value):
         raise WorldError(f"{value} solver iterations: needs a whole number from 1 to 10000")
     return int(value)
 
 
-def _start_positions(whole: Sequence[RobotDescription], name: str, given: Mapping[str, float]
-                     ) -> list[dict[str, float]]:
+def _compute_start_positions(
+    descriptions: Sequence[RobotDescription], name: str, positions: Mapping[str, float]
+) -> list[dict[str, float]]:
     """Positions of the joints that are not at 0, of each body of a model."""
-    every = tuple(joint for one in whole for joint in one.moving_joints())
-    for joint, value in given.items():
+    every = tuple(joint for one in descriptions for joint in one.list_moving_joints())
+    for joint, value in positions.items():
         if joint not in every:
             raise UnknownJointError(name, joint, every)
         if not math.isfinite(value):
             raise WorldError(f"model '{name}', joint '{joint}': position {value} is not finite")
-    return [_start_of(one, given) for one in whole]
+    return [_compute_start(one, positions) for one in descriptions]
 
 
-def _start_of(description: RobotDescription, given: Mapping[str, float]) -> dict[str, float]:
-    moving = description.moving_joints()
-    start = {joint: float(value) for joint, value in given.items() if joint in moving}
+def _compute_start(
+    description: RobotDescription, positions: Mapping[str, float]
+) -> dict[str, float]:
+    moving = description.list_moving_joints()
+    start = {joint: float(value) for joint, value in positions.items() if joint in moving}
     for _ in moving:
         for joint in moving:
             mimic = description.joints[joint].mimic
-            if mimic is not None and joint not in given:
+            if mimic is not None and joint not in positions:
                 start[joint] = mimic.multiplier * start.get(mimic.joint, 0.0) + mimic.offset
     return start

@@ -17,12 +17,12 @@ from ..urdf import Rgba
 from .mesh import Mesh, check_reach, from_indices
 
 # Parts of a look that pycollada does not know or that refer to nothing are left out.
-_LEFT_OUT = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
+_UNSUPPORTED = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
 _MOST_NODES = 100_000  # a few kB of nodes that show each other twice make more than any memory
 
 
 def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
-         picture: Callable[[Path, str], str | None], grey: Rgba) -> list[Mesh]:
+         find_texture: Callable[[Path, str], str | None], default_colour: Rgba) -> list[Mesh]:
     """One mesh for each primitive that the scene shows, in metres.
 
     The unit is applied and the up axis is not, as in Gazebo and rviz.
@@ -35,46 +35,49 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
     Raises:
         DescriptionError: saying what is missing or wrong.
     """
-    root = _checked(data)
+    root = _parse_root(data)
     try:
         checked = ElementTree.tostring(root)  # without comments, which cost pycollada the text
-        document = collada.Collada(io.BytesIO(checked), ignore=_LEFT_OUT)
+        document = collada.Collada(io.BytesIO(checked), ignore=_UNSUPPORTED)
     except Exception as error:  # what it meets in a damaged file it does not foresee everywhere
-        raise DescriptionError(f"its parts do not fit together: {_said(error)}") from None
+        raise DescriptionError(f"its parts do not fit together: {_format_error(error)}") from None
     known = {geometry.id for geometry in document.geometries}
     for geometry in root.findall("library_geometries/geometry"):
         if geometry.find("mesh") is not None and geometry.get("id") not in known:
-            why = "; ".join(_said(error) for error in document.errors) or "it has no id"
+            why = "; ".join(_format_error(error) for error in document.errors) or "it has no id"
             raise DescriptionError(f"geometry '{safe_xml.shorten(geometry.get('id') or '')}' "
                                    f"cannot be read: {safe_xml.shorten(why, 200)}")
     for instance in root.iter("instance_geometry"):
-        if _reference(instance, "url") not in known:
+        if _find_reference(instance, "url") not in known:
             raise DescriptionError("its scene shows a geometry that is not there: "
                                    f"'{safe_xml.shorten(instance.get('url'))}'")
     unit = document.assetInfo.unitmeter or 1.0
     metres = np.diag([unit, unit, unit, 1.0])
     meshes: list[Mesh] = []
     count = 0
-    for node, placed in _shown(document.scene):
-        looks = {look.symbol: _look(look.target, folder, picture, grey) for look in node.materials}
+    for node, placed in _find_geometries(document.scene):
+        looks = {
+            look.symbol: _read_material(look.target, folder, find_texture, default_colour)
+            for look in node.materials
+        }
         for primitive in node.geometry.primitives:
             if isinstance(primitive, collada.polylist.Polylist):
-                primitive = _triangulated(primitive)
+                primitive = _triangulate(primitive)
             if isinstance(primitive, collada.triangleset.TriangleSet) and len(primitive):
                 count += len(primitive)
                 check_size(count, len(meshes) + 1)
                 look = looks.get(primitive.material, (None, None))
-                meshes.append(_mesh(primitive, *look).placed(metres @ placed))
+                meshes.append(_make_mesh(primitive, *look).apply_affine(metres @ placed))
     if not meshes:
         raise DescriptionError("its scene shows no triangles")
     return meshes
 
 
-def _said(error: Exception) -> str:
+def _format_error(error: Exception) -> str:
     return str(getattr(error, "msg", error)) or type(error).__name__
 
 
-def _checked(data: bytes) -> Element:
+def _parse_root(data: bytes) -> Element:
     """The root element, once every array holds as many finite numbers as it says: pycollada takes
     zero for what is not finite and does not ask for the count."""
     try:
@@ -85,22 +88,22 @@ def _checked(data: bytes) -> Element:
     if root.tag != "COLLADA":
         raise DescriptionError("its root element is not <COLLADA>")
     unit = root.find("asset/unit")
-    if unit is not None and safe_xml.number(unit.get("meter"), "<unit>: meter", 1.0) <= 0.0:
+    if unit is not None and safe_xml.parse_number(unit.get("meter"), "<unit>: meter", 1.0) <= 0.0:
         raise DescriptionError(f"<unit>: meter {unit.get('meter')} must be positive")
     for array in root.iterfind("library_geometries/geometry/mesh/source/float_array"):
-        values = _numbers(array, float)
-        count = safe_xml.integer(array.get("count"), "<float_array>: count", len(values))
+        values = _parse_numbers(array, float)
+        count = safe_xml.parse_integer(array.get("count"), "<float_array>: count", len(values))
         if count != len(values):
             raise DescriptionError(f"<float_array> of {count} has {len(values)} numbers")
         if not np.isfinite(values).all():
             raise DescriptionError("<float_array> holds a number that is not finite")
     for tag in ("instance_geometry", "instance_node", "instance_visual_scene"):
         for instance in root.iter(tag):
-            _reference(instance, "url")
+            _find_reference(instance, "url")
     for mesh in root.iterfind("library_geometries/geometry/mesh"):
         sources = {part.get("id") for part in mesh}
         for part in mesh.iter("input"):
-            if _reference(part, "source") not in sources:
+            if _find_reference(part, "source") not in sources:
                 raise DescriptionError(
                     f"there is no <source> '{safe_xml.shorten(part.get('source'))}'")
         for primitive in mesh:
@@ -108,7 +111,7 @@ def _checked(data: bytes) -> Element:
                 _check_primitive(primitive)
     for tag, count in (("matrix", 16), ("translate", 3), ("scale", 3), ("rotate", 4)):
         for transform in root.iter(tag):
-            values = _numbers(transform, float)
+            values = _parse_numbers(transform, float)
             if len(values) != count:
                 raise DescriptionError(f"<{tag}>: needs {count} numbers")
             check_reach(values, f"number of <{tag}>")
@@ -118,25 +121,25 @@ def _checked(data: bytes) -> Element:
 def _check_primitive(primitive: Element) -> None:
     """As many indices as the counts ask for."""
     what = f"<{primitive.tag}>"
-    count = safe_xml.integer(primitive.get("count"), f"{what}: count")
-    offsets = [safe_xml.integer(part.get("offset"), "<input>: offset")
+    count = safe_xml.parse_integer(primitive.get("count"), f"{what}: count")
+    offsets = [safe_xml.parse_integer(part.get("offset"), "<input>: offset")
                for part in primitive.findall("input")]
     if not offsets or min(offsets) < 0 or max(offsets) > 64:
         raise DescriptionError(f"{what} has no <input>, or one at an offset that cannot be")
     corners = 3 * count
     if primitive.tag == "polylist":
         each = primitive.find("vcount")
-        each = np.zeros(0) if each is None else _numbers(each, float)
+        each = np.zeros(0) if each is None else _parse_numbers(each, float)
         if len(each) != count or (each < 3).any():
             raise DescriptionError(f"{what} of {count}: <vcount> has {len(each)} numbers; each "
                                    "polygon has three corners or more")
         corners = each.sum()
-    found = 0 if primitive.find("p") is None else len(_numbers(primitive.find("p"), float))
+    found = 0 if primitive.find("p") is None else len(_parse_numbers(primitive.find("p"), float))
     if count < 0 or found != corners * (max(offsets) + 1):
         raise DescriptionError(f"{what} of {count}: <p> has {found} indices")
 
 
-def _reference(element: Element, name: str) -> str:
+def _find_reference(element: Element, name: str) -> str:
     """What '#name' refers to; other files are never read."""
     value = element.get(name) or ""
     if not value.startswith("#"):
@@ -145,14 +148,14 @@ def _reference(element: Element, name: str) -> str:
     return value[1:]
 
 
-def _numbers(element: Element, kind: type) -> np.ndarray:
+def _parse_numbers(element: Element, kind: type) -> np.ndarray:
     try:
         return np.array((element.text or "").split(), dtype=kind)
     except (ValueError, OverflowError):
         raise DescriptionError(f"<{element.tag}> holds what is no number") from None
 
 
-def _shown(scene: collada.scene.Scene | None
+def _find_geometries(scene: collada.scene.Scene | None
            ) -> Iterator[tuple[collada.scene.GeometryNode, np.ndarray]]:
     """Geometries that the scene shows, with their places in it (4, 4)."""
     pending = [(node, np.eye(4)) for node in reversed(scene.nodes)] if scene is not None else []
@@ -169,13 +172,13 @@ def _shown(scene: collada.scene.Scene | None
     raise DescriptionError(f"its scene has more than {_MOST_NODES} nodes", "simplify it")
 
 
-def _triangulated(polygons: collada.polylist.Polylist) -> collada.triangleset.TriangleSet:
+def _triangulate(polygons: collada.polylist.Polylist) -> collada.triangleset.TriangleSet:
     if (polygons.vcounts < 3).any():  # in <polygons>, which _check_primitive leaves out
         raise DescriptionError("<polygons> has one of fewer than three corners")
     return polygons.triangleset()
 
 
-def _mesh(triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, texture: str | None
+def _make_mesh(triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, texture: str | None
           ) -> Mesh:
     """The triangles in their geometry's own frame and unit."""
     index = np.full((*triangles.vertex_index.shape, 3), -1)
@@ -190,15 +193,15 @@ def _mesh(triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, texture
     return from_indices(index, triangles.vertex, uv, normals, rgba, texture)
 
 
-def _look(material: collada.material.Material, folder: Path,
-          picture: Callable[[Path, str], str | None], grey: Rgba
+def _read_material(material: collada.material.Material, folder: Path,
+          find_texture: Callable[[Path, str], str | None], default_colour: Rgba
           ) -> tuple[Rgba | None, str | None]:
     """Colour and texture file of a material's diffuse light, None where it has none."""
     diffuse = getattr(getattr(material, "effect", None), "diffuse", None)
     if isinstance(diffuse, collada.material.Map):
         file = folder / diffuse.sampler.surface.image.path
-        texture = picture(file, f"material '{safe_xml.shorten(material.id)}'")
-        return None if texture else grey, texture
+        texture = find_texture(file, f"material '{safe_xml.shorten(material.id)}'")
+        return None if texture else default_colour, texture
     if diffuse is None:
         return None, None
     return (*(float(x) for x in diffuse[:3]), 1.0), None

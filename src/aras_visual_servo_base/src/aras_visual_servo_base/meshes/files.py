@@ -32,7 +32,7 @@ MOST_MESHES = 10_000  # of one file
 GREY: Rgba = (0.7, 0.7, 0.7, 1.0)  # of what lacks its material or its picture
 _log = logging.getLogger(__name__)
 _LARGEST_CACHE = 256 * 1024 * 1024  # bytes of arrays
-_STL_HEAD = 84  # bytes before the triangles of a binary STL file, the last four their number
+_STL_HEADER = 84  # bytes before the triangles of a binary STL file, the last four their number
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
 
 _State = tuple[int, int]  # size and time of the last change, ns
@@ -52,7 +52,7 @@ def read(path: str) -> tuple[Mesh, ...]:
     """
     with _cache_lock:
         known = _cache.get(path)
-        if known is not None and all(_state(p) == state for p, state in known[0].items()):
+        if known is not None and all(_read_state(p) == state for p, state in known[0].items()):
             _cache.move_to_end(path)
             return known[1]
         _cache.pop(path, None)
@@ -61,9 +61,9 @@ def read(path: str) -> tuple[Mesh, ...]:
     if reader is None:
         raise DescriptionError(f"mesh file {path} is of no kind that is read",
                                f"convert it to one of {', '.join(sorted(_READERS))}", path)
-    states = {file: _state(file)}
+    states = {file: _read_state(file)}
     try:
-        meshes = tuple(reader(_contents(file), file.parent, states))
+        meshes = tuple(reader(_read_contents(file), file.parent, states))
         count = sum(len(mesh.triangles) for mesh in meshes)
         if count == 0:
             raise DescriptionError("it has no triangles")
@@ -78,7 +78,7 @@ def read(path: str) -> tuple[Mesh, ...]:
     return meshes
 
 
-def _state(path: Path) -> _State | None:
+def _read_state(path: Path) -> _State | None:
     try:
         state = os.stat(path)
     except OSError:
@@ -86,7 +86,7 @@ def _state(path: Path) -> _State | None:
     return state.st_size, state.st_mtime_ns
 
 
-def _contents(path: Path) -> bytes:
+def _read_contents(path: Path) -> bytes:
     """What is in a file, unless it is huge, or a device or pipe that might never end."""
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -114,11 +114,11 @@ def _check_size(triangles: int, meshes: int = 1) -> None:
 # ---------------------------------------------------------------------- STL
 
 def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) -> list[Mesh]:
-    count = int.from_bytes(data[_STL_HEAD - 4:_STL_HEAD], "little")
-    whole = len(data) - _STL_HEAD >= count * _STL_TRIANGLE.itemsize
-    if len(data) >= _STL_HEAD and whole and not _is_ascii(data, count):
+    count = int.from_bytes(data[_STL_HEADER - 4:_STL_HEADER], "little")
+    whole = len(data) - _STL_HEADER >= count * _STL_TRIANGLE.itemsize
+    if len(data) >= _STL_HEADER and whole and not _is_ascii(data, count):
         _check_size(count)
-        corners = np.frombuffer(data, _STL_TRIANGLE, count, _STL_HEAD)["corners"]
+        corners = np.frombuffer(data, _STL_TRIANGLE, count, _STL_HEADER)["corners"]
     elif data[:5].lower() == b"solid":
         words = [line.split()[1:4] for line in data.splitlines() if line.split()[:1] == [b"vertex"]]
         _check_size(len(words) // 3)
@@ -137,7 +137,7 @@ def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) ->
 
 def _is_ascii(data: bytes, count: int) -> bool:
     """Whether a file that is long enough for a binary one is ASCII: some of those begin alike."""
-    plain = len(data) == _STL_HEAD + count * _STL_TRIANGLE.itemsize
+    plain = len(data) == _STL_HEADER + count * _STL_TRIANGLE.itemsize
     return data[:5].lower() == b"solid" and not plain and b"vertex" in data
 
 
@@ -147,7 +147,7 @@ def write_stl(meshes: tuple[Mesh, ...], path: str) -> None:
     triangles = np.zeros(len(corners), _STL_TRIANGLE)
     triangles["corners"] = corners
     with open(path, "wb") as file:
-        file.write(bytes(_STL_HEAD - 4) + len(triangles).to_bytes(4, "little"))
+        file.write(bytes(_STL_HEADER - 4) + len(triangles).to_bytes(4, "little"))
         file.write(triangles.tobytes())
 
 
@@ -176,10 +176,10 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
         kind, *words = line.split() or [""]
         try:
             if kind in elements:
-                elements[kind].append(_element(kind, words))
+                elements[kind].append(_parse_element(kind, words))
             elif kind == "f":
                 counts = [len(values) for values in elements.values()]
-                corners = [_corner(word, counts) for word in words]
+                corners = [_parse_corner(word, counts) for word in words]
                 faces.setdefault((piece, material), []).extend(
                     [corners[0], corners[i], corners[i + 1]] for i in range(1, len(corners) - 1))
                 count += max(len(corners) - 2, 0)
@@ -211,9 +211,9 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
             for (group, name), corners in faces.items() if corners]
 
 
-def _element(kind: str, words: list[str]) -> list[float]:
+def _parse_element(kind: str, fields: list[str]) -> list[float]:
     count = 2 if kind == "vt" else 3
-    values = [float(word) for word in words[:count]]
+    values = [float(word) for word in fields[:count]]
     if kind == "vt" and len(values) == 1:
         values.append(0.0)  # v is optional
     if len(values) < count or not all(map(math.isfinite, values)):
@@ -222,11 +222,11 @@ def _element(kind: str, words: list[str]) -> list[float]:
     return values
 
 
-def _corner(word: str, counts: list[int]) -> tuple[int, ...]:
+def _parse_corner(text: str, counts: list[int]) -> tuple[int, ...]:
     """Zero-based v/vt/vn numbers of a corner, -1 where one is missing. The file's count from 1, or
     from -1 backwards."""
     indices = []
-    for part, count in zip((word.split("/") + ["", ""])[:3], counts, strict=True):
+    for part, count in zip((text.split("/") + ["", ""])[:3], counts, strict=True):
         index = int(part) if part else None
         if index is not None and not (1 <= index <= count or -count <= index <= -1):
             raise DescriptionError(f"a face refers to element {index} of {count}")
@@ -240,11 +240,11 @@ def _read_mtl(path: Path, states: dict[Path, _State | None]
               ) -> dict[str, tuple[Rgba | None, str | None]]:
     """Material name -> (rgba, texture file); a file that is not there has none."""
     materials: dict[str, tuple[Rgba | None, str | None]] = {}
-    states[path] = _state(path)
+    states[path] = _read_state(path)
     if states[path] is None:
         return materials
     name, rgba, texture, grey = "", None, None, False
-    for line in _contents(path).decode(errors="replace").splitlines():
+    for line in _read_contents(path).decode(errors="replace").splitlines():
         kind, *words = line.split() or [""]
         if kind == "newmtl":
             name, rgba, texture, grey = " ".join(words), None, None, False
@@ -254,13 +254,13 @@ def _read_mtl(path: Path, states: dict[Path, _State | None]
                 raise DescriptionError(f"{path.name}: material '{name}': Kd needs three numbers")
         elif kind == "map_Kd" and words:
             file = path.parent / words[-1]
-            texture = picture(file, f"material '{shorten(name)}' of {path}")
+            texture = find_texture(file, f"material '{shorten(name)}' of {path}")
             grey = texture is None
         materials[name] = (GREY if grey else rgba, texture)
     return materials
 
 
-def picture(file: Path, what: str) -> str | None:
+def find_texture(file: Path, what: str) -> str | None:
     """The path of a material's picture; None, with a warning, where it is missing."""
     if file.is_file():
         return str(file)
@@ -271,17 +271,17 @@ def picture(file: Path, what: str) -> str | None:
 def _read_dae(data: bytes, folder: Path, _states: dict[Path, _State | None]) -> list[Mesh]:
     from . import collada_files  # takes 0.07 s that few need
 
-    return collada_files.read(data, folder, _check_size, picture, GREY)
+    return collada_files.read(data, folder, _check_size, find_texture, GREY)
 
 
 def _read_gltf(data: bytes, _folder: Path, states: dict[Path, _State | None]) -> list[Mesh]:
     from . import gltf_files
 
-    def beside(file: Path) -> bytes:
-        states[file] = _state(file)
-        return _contents(file)
+    def find_file(file: Path) -> bytes:
+        states[file] = _read_state(file)
+        return _read_contents(file)
 
-    return gltf_files.read(data, next(iter(states)), _check_size, beside)
+    return gltf_files.read(data, next(iter(states)), _check_size, find_file)
 
 
 _READERS: dict[str, Callable[[bytes, Path, dict[Path, _State | None]], list[Mesh]]] = {

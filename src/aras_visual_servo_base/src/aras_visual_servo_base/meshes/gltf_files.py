@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import DescriptionError
-from ..picture_files import LARGEST
+from ..image_files import LARGEST_IMAGE
 from ..safe_xml import shorten
 from ..urdf import Rgba
 from .mesh import Mesh, from_indices
@@ -24,13 +24,13 @@ from .mesh import Mesh, from_indices
 if TYPE_CHECKING:
     import trimesh
 
-_HEAD = 12  # bytes of a .glb file before its first chunk, which begins with its length and kind
+_HEADER = 12  # bytes of a .glb file before its first chunk, which begins with its length and kind
 _TRIANGLES = 4  # glTF's number of that kind of primitive, which is the default
 _NONE = np.zeros((0, 3))
 
 
 def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
-         beside: Callable[[Path], bytes]) -> list[Mesh]:
+         find_file: Callable[[Path], bytes]) -> list[Mesh]:
     """One mesh for each primitive that the scene shows, in metres.
 
     Its axes are as the file has them, +y up by glTF's rule; no other is turned either.
@@ -44,10 +44,10 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
     """
     import trimesh  # takes half a second that few need
 
-    tree = _tree(data)
-    normals = _checked(tree, check_size)
+    tree = _parse_tree(data)
+    normals = _check_tree(tree, check_size)
 
-    class Beside(trimesh.resolvers.Resolver):
+    class FileResolver(trimesh.resolvers.Resolver):
         """Gives the files that are named in this one."""
 
         def __init__(self) -> None:
@@ -57,12 +57,12 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
             file = (path.parent / name).resolve()
             if not file.is_relative_to(path.parent.resolve()):
                 raise DescriptionError(f"'{shorten(name)}' is not in its folder")
-            return beside(file)
+            return find_file(file)
 
         def keys(self) -> list[str]:
             return []
 
-        def namespaced(self, namespace: str) -> Beside:
+        def namespaced(self, namespace: str) -> FileResolver:
             return self
 
         def write(self, name: str, data: bytes) -> None:
@@ -70,7 +70,7 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
 
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=path.suffix[1:].lower(),
-                                   resolver=Beside(), process=False)
+                                   resolver=FileResolver(), process=False)
     except DescriptionError:
         raise
     except Exception as error:  # what it meets in a damaged file it does not foresee everywhere
@@ -81,19 +81,19 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
         placed, name = scene.graph[node]
         shape = scene.geometry[name]
         if isinstance(shape, trimesh.Trimesh) and len(shape.faces):
-            meshes.append(_mesh(shape, normals).placed(placed))
+            meshes.append(_make_mesh(shape, normals).apply_affine(placed))
             check_size(sum(len(mesh.triangles) for mesh in meshes), len(meshes))
     if not meshes:
         raise DescriptionError("its scene shows no triangles")
     return meshes
 
 
-def _tree(data: bytes) -> dict[str, Any]:
+def _parse_tree(data: bytes) -> dict[str, Any]:
     """The JSON of a file, which says what its bytes are."""
     text = data
     if data[:4] == b"glTF":
-        length = int.from_bytes(data[_HEAD : _HEAD + 4], "little")
-        text = data[_HEAD + 8 : _HEAD + 8 + length]
+        length = int.from_bytes(data[_HEADER : _HEADER + 4], "little")
+        text = data[_HEADER + 8 : _HEADER + 8 + length]
     try:
         tree = json.loads(text)
     except (ValueError, RecursionError):
@@ -105,7 +105,7 @@ def _tree(data: bytes) -> dict[str, Any]:
     return tree
 
 
-def _checked(tree: dict[str, Any], check_size: Callable[[int, int], None]) -> bool:
+def _check_tree(tree: dict[str, Any], check_size: Callable[[int, int], None]) -> bool:
     """Whether all triangles have normals of their own; sizes and extensions are checked."""
     if needed := tree.get("extensionsRequired"):
         raise DescriptionError(f"it needs {shorten(', '.join(map(str, needed)), 200)}, which is "
@@ -120,7 +120,7 @@ def _checked(tree: dict[str, Any], check_size: Callable[[int, int], None]) -> bo
         raise DescriptionError("its meshes name what is not there") from None
 
 
-def _mesh(shape: trimesh.Trimesh, normals: bool) -> Mesh:
+def _make_mesh(shape: trimesh.Trimesh, normals: bool) -> Mesh:
     """A primitive in its own frame; `normals`: with those of the file."""
     index = np.full((len(shape.faces), 3, 3), -1)
     index[..., 0] = shape.faces
@@ -132,46 +132,48 @@ def _mesh(shape: trimesh.Trimesh, normals: bool) -> Mesh:
     given = _NONE
     if normals:
         given, index[..., 2] = np.asarray(shape.vertex_normals), shape.faces
-    rgba, texture = _look(shape.visual)
+    rgba, texture = _read_material(shape.visual)
     return from_indices(index, np.asarray(shape.vertices), np.asarray(uv), given, rgba, texture)
 
 
-def _look(visual: Any) -> tuple[Rgba | None, str | None]:
+def _read_material(visual: Any) -> tuple[Rgba | None, str | None]:
     """Colour of a primitive's material, or the file of its picture; None where it has none."""
     if visual.kind in ("vertex", "face"):
         return tuple((np.asarray(visual.main_color, float) / 255.0).tolist()), None
     material = getattr(visual, "material", None)
     image = getattr(material, "baseColorTexture", None)
     if image is not None:
-        return None, _kept(image)
+        return None, _save_image(image)
     factor = getattr(material, "baseColorFactor", None)
     if factor is None:
         return None, None
     red, green, blue, opacity = np.asarray(factor, float) / 255.0
-    return (_shown(red), _shown(green), _shown(blue), float(opacity)), None
+    return (_encode_srgb(red), _encode_srgb(green), _encode_srgb(blue), float(opacity)), None
 
 
-def _shown(linear: float) -> float:
+def _encode_srgb(linear: float) -> float:
     """The level, 0 to 1, by which pictures show a share of light (IEC 61966-2-1): glTF's factors
     are such shares, its pictures are levels."""
     low = linear <= 0.0031308
     return float(12.92 * linear if low else 1.055 * linear ** (1.0 / 2.4) - 0.055)
 
 
-def _kept(image: Any) -> str:
+def _save_image(image: Any) -> str:
     """A file of a picture that is inside of another file; it goes with the process."""
-    if image.width * image.height > LARGEST:
-        raise DescriptionError(f"a picture in it has more than {LARGEST} pixels", "make it smaller")
+    if image.width * image.height > LARGEST_IMAGE:
+        raise DescriptionError(
+            f"a picture in it has more than {LARGEST_IMAGE} pixels", "make it smaller"
+        )
     pixels = image.convert("RGBA" if "A" in image.getbands() else "RGB")
     name = hashlib.sha256(pixels.tobytes() + str(pixels.size).encode()).hexdigest()[:32]
-    file = _folder() / f"{name}.png"
+    file = _make_folder() / f"{name}.png"
     if not file.exists():
         pixels.save(file)
     return str(file)
 
 
 @lru_cache(maxsize=1)
-def _folder() -> Path:
+def _make_folder() -> Path:
     folder = Path(mkdtemp(prefix="aras_pictures_"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder

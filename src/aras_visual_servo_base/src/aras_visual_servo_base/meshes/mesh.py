@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import DescriptionError
-from ..picture_files import picture_size
+from ..image_files import read_image_size
 from ..urdf import Rgba
 
 # Faces that meet at less than this angle are shaded as one smooth surface.
@@ -15,7 +15,7 @@ CREASE_ANGLE = np.radians(35.0)
 # Points with more corners than this (the tip of a cone) keep the normals of their faces: comparing
 # each corner with each takes a time that grows with the square of their number.
 _MOST_CORNERS = 128
-_FARTHEST = 1e9  # of a number in a mesh file, whatever its unit
+_LARGEST_COORDINATE = 1e9  # of a number in a mesh file, whatever its unit
 _LEAST_AREA = 1e-18  # m², of a parallelogram; smaller triangles are left out
 
 
@@ -43,20 +43,21 @@ class Mesh:
         arrays = (self.positions, self.normals, self.triangles, self.uv)
         return sum(array.nbytes for array in arrays if array is not None)
 
-    def transformed(self, a_T_b: np.ndarray, scale: np.ndarray | float = 1.0) -> Mesh:
+    def transform(self, a_T_b: np.ndarray, scale: np.ndarray | float = 1.0) -> Mesh:
         """The mesh scaled, then carried from frame b to frame a by (4, 4) a_T_b."""
         scale = np.broadcast_to(np.asarray(scale, dtype=float), (3,))
         positions = (self.positions * scale) @ a_T_b[:3, :3].T + a_T_b[:3, 3]
-        normals = normalised((self.normals / scale) @ a_T_b[:3, :3].T)
+        normals = normalise((self.normals / scale) @ a_T_b[:3, :3].T)
         triangles = self.triangles[:, ::-1] if np.prod(scale) < 0 else self.triangles
         return Mesh(positions.astype(np.float32), normals.astype(np.float32), triangles,
                     self.uv, self.texture, self.rgba, self.piece)
 
-    def draped(self, texture: str, projected: bool) -> Mesh:
-        """The mesh with a picture on it; `projected`: seen whole on each side of a box, upright on
-        those that stand. Without coordinates of its own a mesh that is not projected stays as it
+    def apply_texture(self, texture: str, box_mapping: bool) -> Mesh:
+        """The mesh with a picture on it; `box_mapping`: seen whole on each side of a box, upright
+        on those that stand. Without coordinates of its own a mesh that is not projected stays as
+        it
         is."""
-        if not projected:
+        if not box_mapping:
             return self if self.uv is None else replace(self, texture=texture)
         low = self.positions.min(axis=0)
         share = (self.positions - low) / np.maximum(self.positions.max(axis=0) - low, 1e-12)
@@ -67,13 +68,13 @@ class Mesh:
         up = np.where(axis == 2, share[:, 1], share[:, 2])
         return replace(self, uv=np.stack([across, up], axis=1).astype(np.float32), texture=texture)
 
-    def placed(self, a_T_b: np.ndarray) -> Mesh:
+    def apply_affine(self, a_T_b: np.ndarray) -> Mesh:
         """The mesh carried from b to a by any (4, 4) a_T_b, which may stretch, shear and mirror."""
         turn = a_T_b[:3, :3]
         check_reach(a_T_b, "transform")
         check_reach(self.positions @ turn.T + a_T_b[:3, 3], "position")
         flat = abs(np.linalg.det(turn)) < 1e-30  # nothing is left of its normals then
-        normals = self.normals if flat else normalised(self.normals @ np.linalg.inv(turn))
+        normals = self.normals if flat else normalise(self.normals @ np.linalg.inv(turn))
         mirrored = np.linalg.det(turn) < 0.0
         return replace(
             self, positions=(self.positions @ turn.T + a_T_b[:3, 3]).astype(np.float32),
@@ -100,7 +101,7 @@ class Mesh:
         return bool(np.count_nonzero(hits) % 2)
 
 
-def normalised(v: np.ndarray) -> np.ndarray:
+def normalise(v: np.ndarray) -> np.ndarray:
     """Vectors (..., 3) scaled to length 1; zero stays zero."""
     norm = np.linalg.norm(v, axis=-1, keepdims=True)
     return np.divide(v, norm, out=np.zeros_like(v, dtype=float), where=norm > 1e-20)
@@ -117,16 +118,16 @@ def from_corners(corners: np.ndarray) -> Mesh:
     """
     corners = np.asarray(corners, dtype=float).reshape(-1, 3, 3)
     check_reach(corners, "corner")
-    cross = _crosses(corners)
+    cross = _compute_crosses(corners)
     keep = np.linalg.norm(cross, axis=1) > _LEAST_AREA
     corners, cross = corners[keep], cross[keep]
     flat = corners.reshape(-1, 3)
     size = np.ptp(flat, axis=0).max() or 1.0
-    _, point = _unique_rows(np.round(flat / (size * 1e-6)).astype(np.int64))
+    _, point = _find_unique_rows(np.round(flat / (size * 1e-6)).astype(np.int64))
     normals = _smooth(point, np.repeat(cross, 3, axis=0),
-                      np.repeat(normalised(cross), 3, axis=0), np.cos(CREASE_ANGLE))
+                      np.repeat(normalise(cross), 3, axis=0), np.cos(CREASE_ANGLE))
     key = np.concatenate([point[:, None], np.round(normals * 1e4).astype(np.int64)], axis=1)
-    first, inverse = _unique_rows(key)
+    first, inverse = _find_unique_rows(key)
     return Mesh(flat[first].astype(np.float32), normals[first].astype(np.float32),
                 inverse.reshape(-1, 3).astype(np.int32))
 
@@ -152,14 +153,14 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
     mapped = bool(len(vt)) and (index[..., 1] >= 0).all()
     textured = texture is not None and mapped
     if textured:
-        picture_size(texture)  # refused while the model is read, not where a camera draws it
+        read_image_size(texture)  # refused while the model is read, not where a camera draws it
     else:
         texture = None
     given = len(vn) and (index[..., 2] >= 0).all()
     if not given and not textured:
         return replace(from_corners(v[index[..., 0]]), rgba=rgba, piece=piece)
-    faces = _crosses(v[index[..., 0]])
-    key, inverse = _unique_rows(index.reshape(-1, 3))
+    faces = _compute_crosses(v[index[..., 0]])
+    key, inverse = _find_unique_rows(index.reshape(-1, 3))
     key = index.reshape(-1, 3)[key]
     positions = v[key[:, 0]]
     triangles = inverse.reshape(-1, 3)
@@ -169,19 +170,19 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
         normals = np.zeros_like(positions)
         np.add.at(normals, triangles.reshape(-1), np.repeat(faces, 3, axis=0))
     uv = vt[key[:, 1], :2].astype(np.float32) if mapped else None
-    return Mesh(positions.astype(np.float32), normalised(normals).astype(np.float32),
+    return Mesh(positions.astype(np.float32), normalise(normals).astype(np.float32),
                 triangles.astype(np.int32), uv, texture, rgba, piece)
 
 
 def check_reach(values: np.ndarray, what: str) -> None:
     """DescriptionError for numbers that are not finite, or that single precision cannot square."""
     reach = np.abs(values).max(initial=0.0)
-    if not reach <= _FARTHEST:
-        far = f"{reach:.3g}, beyond {_FARTHEST:g}" if np.isfinite(reach) else "not finite"
+    if not reach <= _LARGEST_COORDINATE:
+        far = f"{reach:.3g}, beyond {_LARGEST_COORDINATE:g}" if np.isfinite(reach) else "not finite"
         raise DescriptionError(f"a {what} is {far}")
 
 
-def _crosses(corners: np.ndarray) -> np.ndarray:
+def _compute_crosses(corners: np.ndarray) -> np.ndarray:
     """(T, 3) normals of triangles (T, 3, 3), twice as long as their areas."""
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     if not (np.linalg.norm(crosses, axis=1) > _LEAST_AREA).any():
@@ -189,7 +190,7 @@ def _crosses(corners: np.ndarray) -> np.ndarray:
     return crosses
 
 
-def _unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _find_unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First places and inverse of the sorted unique rows of whole numbers (N, columns).
 
     As np.unique(axis=0), by one sort of packed numbers instead of a sort of rows.
@@ -226,4 +227,4 @@ def _smooth(point: np.ndarray, weighted: np.ndarray, unit: np.ndarray, cosine: f
         other = order[start[some] + (rank[some] + shift) % count[some]]
         near = (unit[corner] * unit[other]).sum(axis=1) >= cosine
         total[corner] += np.where(near[:, None], weighted[other], 0.0)
-    return normalised(total)
+    return normalise(total)

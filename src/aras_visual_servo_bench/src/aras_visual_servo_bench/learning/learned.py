@@ -15,26 +15,26 @@ import sys
 
 import numpy as np
 
-from aras_visual_servo_base.poses import relative
+from aras_visual_servo_base.poses import relative_pose
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features.base import wrap
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.kinematics.task import Task
 from aras_visual_servo_controller.laws import Law
-from aras_visual_servo_controller.schemes import Decision, Scheme
-from aras_visual_servo_controller.seeing.observation import Need, Observation
-from aras_visual_servo_controller.seeing.observer import Observer, observe
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver, observe
+from aras_visual_servo_controller.observation.observation import Need, Observation
+from aras_visual_servo_controller.schemes import Scheme, SchemeOutput
 
-from ..asked.experiment import Sampler
 from ..errors import ViewError
-from .regressor import Regressor, fitted, teach
+from ..experiment.experiment import Sampler
+from .regressor import Regressor, fit_network, run_training
 
-LEVEL = (True, True, True, False, False, True)
-HIDDEN = (64, 64)
+SERVOED_DIRECTIONS = (True, True, True, False, False, True)
+HIDDEN_LAYERS = (64, 64)
 
 
-def inputs(moments: Moments) -> np.ndarray:
+def make_inputs(moments: Moments) -> np.ndarray:
     """Numbers (10,) of a picture: place, size, and shape with its direction, free of scale."""
     m00 = moments.m00
     size = np.sqrt(m00)
@@ -45,114 +45,132 @@ def inputs(moments: Moments) -> np.ndarray:
     return np.array([moments.xg, moments.yg, np.log(size), *second, *third])
 
 
-class Network(Regressor):
+class GoalPoseNetwork(Regressor):
     """Layers of tanh; see Regressor for its arrays."""
 
-    what, module = "the learned scheme", "learned"
+    user, module = "the learned scheme", "learned"
     activation = np.tanh
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Place of the goal in the camera's frame (3), m, and its turn, rad: (4,)."""
-        tx, ty, tz, c, s = self.answer(x)
+        tx, ty, tz, c, s = self.predict(x)
         return np.array([tx, ty, tz, np.arctan2(s, c)])
 
 
-class Learned(Scheme):
+class LearnedScheme(Scheme):
     """Flies to where the network says that the goal is."""
 
     needs = frozenset((Need.MOMENTS,))
     names = ("tx", "ty", "tz", "psi")
     tolerances, units = (0.001, 0.001, 0.001, 0.005), ("m", "m", "m", "rad")
-    network: type[Network] = Network
+    network: type[GoalPoseNetwork] = GoalPoseNetwork
 
     def __init__(self, law: Law | None = None) -> None:
         super().__init__(law)
         self._network = self.network.load()
         self._goal: Goal | None = None
 
-    def told(self, observation: Observation) -> np.ndarray:
+    def predict(self, observation: Observation) -> np.ndarray:
         """What the network tells (4,) of what is seen; MeasurementError where nothing is."""
         if not observation.valid or observation.moments is None:
             raise MeasurementError(observation.reason or "the target is not visible")
-        return self._network(inputs(observation.moments))
+        return self._network(make_inputs(observation.moments))
 
-    def told_of_goal(self, goal: Goal) -> np.ndarray:
+    def predict_goal(self, goal: Goal) -> np.ndarray:
         """The same of the goal; ConfigurationError where it does not hold it."""
         if goal.moments is None:
             raise ConfigurationError(f"{goal.name} holds no moments: teach it anew")
-        return self._network(inputs(goal.moments))
+        return self._network(make_inputs(goal.moments))
 
     def check(self, goal: Goal) -> None:
         """See Scheme.check."""
-        self._goal, self._at_goal = goal, self.told_of_goal(goal)
+        self._goal, self._goal_prediction = goal, self.predict_goal(goal)
 
-    def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
+    def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
         """See Scheme.compute."""
         if self._goal is not goal:
             self.check(goal)
-        found = self.told(observation)
-        away = self._at_goal - found  # the camera's place before the goal is minus the goal's
+        found = self.predict(observation)
+        # the camera's place before the goal is minus the goal's
+        away = self._goal_prediction - found
         away[3] = wrap(away[3])
         L = np.eye(6)[[0, 1, 2, 5]]
-        rate = self.law.rate(away, L, np.array([*away[:3], 0.0, 0.0, away[3]]), t, observation.dt)
+        rate = self.law.desired_error_rate(
+            away, L, np.array([*away[:3], 0.0, 0.0, away[3]]), t, observation.dt
+        )
         twist = np.array([*rate[:3], 0.0, 0.0, rate[3]])
-        return Decision(
-            self.names, found, self._at_goal, away, Task.of_twist(twist, LEVEL)
+        return SchemeOutput(
+            self.names,
+            found,
+            self._goal_prediction,
+            away,
+            Task.from_twist(twist, SERVOED_DIRECTIONS),
         )
 
 
 # The goal of 2015 hangs from a stretched arm: the camera cannot be nearer to the target.
-SAMPLER = Sampler(height=(0.15, 0.5), side=0.1)
+TRAINING_STARTS = Sampler(height=(0.15, 0.5), side=0.1)
 
 
-def pictures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Inputs (n, 10) and answers (n, 5) of pictures of the demo's target from random places.
 
     An answer is the goal's place in the camera's frame, m, and cosine and sine of its turn.
     """
-    from ..asked.cameras import in_view
-    from ..asked.experiment import Experiment
-    from ..plants.sight import capture
+    from ..experiment.cameras import is_in_view
+    from ..experiment.experiment import Experiment
+    from ..plants.imaging import capture
     from ..setup.assembly import assemble
-    from ..setup.sampling import drawn_pose
+    from ..setup.sampling import draw_pose
 
     parts = assemble(Experiment(plant="ideal", features="pictures", goal="2016", start="2016"))
-    observer = Observer(None, frozenset((Need.MOMENTS,)))
-    random, sight = np.random.default_rng(seed), parts.plant.sight
+    observer = FeatureObserver(None, frozenset((Need.MOMENTS,)))
+    random, sight = np.random.default_rng(seed), parts.plant.imaging
     shape, middle = parts.target.shape, parts.target.shape.vertices().mean(axis=0)
     x, y = [], []
     while len(x) < count:
-        pose, _ = drawn_pose(SAMPLER, parts.goal_pose, middle, random)
+        pose, _ = draw_pose(TRAINING_STARTS, parts.goal_pose, middle, random)
         try:
-            if not in_view(shape.outline(parts.target.seen_from(pose)), parts.camera, 2.0):
+            if not is_in_view(
+                shape.outline(parts.target.target_T_camera(pose)), parts.calibrated_camera, 2.0
+            ):
                 continue
         except ViewError:
             continue
-        seen = observe(capture(sight, pose, 0, random), None, observer, parts.camera)
+        seen = observe(capture(sight, pose, 0, random), None, observer, parts.calibrated_camera)
         if seen.valid:
-            c_T_g = relative(pose, parts.goal_pose)
-            x.append(inputs(seen.moments))
+            c_T_g = relative_pose(pose, parts.goal_pose)
+            x.append(make_inputs(seen.moments))
             y.append([*c_T_g[:3, 3], c_T_g[0, 0], c_T_g[1, 0]])
     return np.array(x), np.array(y)
 
 
 def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
     """Arrays of a Network that answers y (n, 5) to x (n, 10); ExperimentError: no scikit-learn."""
-    return fitted(
-        x, y, 0.0, np.float32, hidden_layer_sizes=HIDDEN, activation="tanh", solver="lbfgs",
+    return fit_network(
+        x, y, 0.0, np.float32, hidden_layer_sizes=HIDDEN_LAYERS, activation="tanh", solver="lbfgs",
         max_iter=800, max_fun=1200, alpha=1e-6, random_state=seed, tol=1e-9,
     )  # fmt: skip
 
 
-def off(found: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def compute_errors(predicted: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How far (n,), m, and turned (n,), rad, what is found (n, 4) is from the answers (n, 5)."""
-    turn = wrap(found[:, 3] - np.arctan2(y[:, 4], y[:, 3]))
-    return np.linalg.norm(found[:, :3] - y[:, :3], axis=1), np.abs(turn)
+    turn = wrap(predicted[:, 3] - np.arctan2(y[:, 4], y[:, 3]))
+    return np.linalg.norm(predicted[:, :3] - y[:, :3], axis=1), np.abs(turn)
 
 
 def main(argv: list[str] | None = None) -> int:
     """Teach the network; returns the exit status."""
-    return teach(Network, argv, __doc__.splitlines()[0], 4000, 200, pictures, train, off)
+    return run_training(
+        GoalPoseNetwork,
+        argv,
+        __doc__.splitlines()[0],
+        4000,
+        200,
+        make_training_data,
+        train,
+        compute_errors,
+    )
 
 
 if __name__ == "__main__":

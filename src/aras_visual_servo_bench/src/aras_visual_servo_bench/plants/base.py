@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from aras_sim_bridge.camera.shaking import Vibration
+from aras_sim_bridge.camera.vibration import Vibration
 from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.seeing.frame import Frame, seconds
-from aras_visual_servo_controller.seeing.observation import CAMERA
+from aras_visual_servo_controller.observation.frame import Frame, to_seconds
+from aras_visual_servo_controller.observation.observation import CAMERA
 
 if TYPE_CHECKING:
-    from aras_visual_servo_controller.driving.driver import Driver
+    from aras_visual_servo_controller.runner.loop_runner import LoopRunner
 
 @lru_cache
-def _rows(names: tuple[str, ...], wanted: tuple[str, ...]) -> tuple[int, ...]:
-    return tuple(names.index(name) for name in wanted)
+def _find_rows(names: tuple[str, ...], selected: tuple[str, ...]) -> tuple[int, ...]:
+    return tuple(names.index(name) for name in selected)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,11 +40,11 @@ class JointReading:
     @property
     def stamp(self) -> float:
         """`stamp_ns` in s."""
-        return seconds(self.stamp_ns)
+        return to_seconds(self.stamp_ns)
 
-    def of(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    def select(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities (n,) of the named joints."""
-        rows = _rows(self.names, tuple(names))
+        rows = _find_rows(self.names, tuple(names))
         return (
             np.array([self.positions[i] for i in rows]),
             np.array([self.velocities[i] for i in rows]),
@@ -55,7 +55,7 @@ Reading = JointReading | Frame
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class CameraPlacement:
     """Where another camera is beside the control camera.
 
     Each camera's poses are in the frame in which its target stands: the world, or a link.
@@ -67,23 +67,23 @@ class Place:
     """
 
     pose: np.ndarray
-    stands: bool = False
-    opposite: np.ndarray | None = None
+    is_fixed: bool = False
+    target_T_control: np.ndarray | None = None
 
-    def at(self, target_T_control: np.ndarray) -> np.ndarray:
+    def compute_pose(self, control_pose: np.ndarray) -> np.ndarray:
         """Its pose (4, 4) where the control camera has that one."""
-        if self.opposite is not None:
-            return self.opposite @ inverse(target_T_control) @ self.pose
-        return self.pose if self.stands else target_T_control @ self.pose
+        if self.target_T_control is not None:
+            return self.target_T_control @ inverse(control_pose) @ self.pose
+        return self.pose if self.is_fixed else control_pose @ self.pose
 
 
 class JointListener(Protocol):
     """Is told what a plant's joints measured, and what they were commanded."""
 
-    def commanded(self, values: np.ndarray) -> None:
+    def on_command(self, values: np.ndarray) -> None:
         """(n,) were sent."""
 
-    def joints(self, stamp: float, positions: np.ndarray, velocities: np.ndarray) -> None:
+    def on_joints(self, stamp: float, positions: np.ndarray, velocities: np.ndarray) -> None:
         """A joint state, (n,) and (n,), after the command that it brought about."""
 
 
@@ -101,7 +101,7 @@ class Plant(ABC):
     camera: CameraModel
     joint_names: tuple[str, ...]
     outputs: frozenset[str]
-    control: str = CAMERA
+    control_camera_name: str = CAMERA
     has_exact_plane: bool = False
     vibrations: Mapping[str, Vibration] = MappingProxyType({})
 
@@ -124,43 +124,43 @@ class Plant(ABC):
         kind: 'position' (rad, m), 'velocity' (rad/s, m/s) or 'effort' (N m, N).
         """
 
-    def pose(self) -> np.ndarray:
+    def read_pose(self) -> np.ndarray:
         """The truth: world_T_camera (4, 4) of the optical frame now."""
-        pose = self.at_rest()
-        return self.shaken(pose, self.time_ns) if self.vibrations else pose
+        pose = self.read_rest_pose()
+        return self.apply_vibration(pose, self.time_ns) if self.vibrations else pose
 
     @abstractmethod
-    def at_rest(self) -> np.ndarray:
+    def read_rest_pose(self) -> np.ndarray:
         """`pose` of a camera that does not shake, and about which this one does."""
 
     @abstractmethod
-    def poses(self, positions: np.ndarray) -> np.ndarray:
-        """As `at_rest`, (m, 4, 4), where the joints stood at positions (m, n)."""
+    def compute_rest_poses(self, positions: np.ndarray) -> np.ndarray:
+        """As `read_rest_pose`, (m, 4, 4), where the joints stood at positions (m, n)."""
 
-    def shaken(self, pose: np.ndarray, time_ns: int, camera: str = "") -> np.ndarray:
+    def apply_vibration(self, pose: np.ndarray, time_ns: int, camera: str = "") -> np.ndarray:
         """Where a camera with that pose (4, 4) at rest is at a time, ns; '': the control camera."""
-        vibration = self.vibrations.get(camera or self.control)
-        return pose if vibration is None else pose @ vibration.at(time_ns)
+        vibration = self.vibrations.get(camera or self.control_camera_name)
+        return pose if vibration is None else pose @ vibration.compute_pose(time_ns)
 
-    def places(self, positions: np.ndarray) -> np.ndarray:
+    def joint_origins(self, positions: np.ndarray) -> np.ndarray:
         """Places (m, l, 3) in the world of the arm's joints where these stood at positions (m, n);
         l = 0 where no arm carries the camera."""
         return np.zeros((len(positions), 0, 3))
 
     @abstractmethod
-    def joints(self) -> tuple[np.ndarray, np.ndarray]:
+    def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
         """The truth: positions (n,) and velocities (n,) in the order of `joint_names`."""
 
-    def touched(self) -> tuple[str, str] | None:
+    def find_collision(self) -> tuple[str, str] | None:
         """The link of the arm that runs into something, and into what; None: none does, or nobody
         knows."""
         return None
 
-    def join(
-        self, driver: Driver, listener: JointListener, last_ns: Callable[[], float]
+    def attach_loop(
+        self, driver: LoopRunner, listener: JointListener, read_end_ns: Callable[[], float]
     ) -> None:
-        """Up to `last_ns`() (ns) joint states may be answered as this driver would and told to the
-        listener, and need not be delivered by `advance`."""
+        """Up to `read_end_ns`() (ns) joint states may be answered as this driver would and told to
+        the listener, and need not be delivered by `advance`."""
 
     def close(self) -> None:
         """Give back what it holds; safe to call twice."""

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled
-from aras_visual_servo_base.poses import exponential, inverse, logarithm, relative, skew
-from aras_visual_servo_controller.arm.joint_sample import JointSample
+from aras_visual_servo_base.compiled import jit
+from aras_visual_servo_base.poses import exponential, inverse, logarithm, relative_pose, skew
 from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
-NAMES = ("x", "y", "z", "rx", "ry", "rz")
+COORDINATE_NAMES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 class FreeBody:
@@ -24,8 +24,8 @@ class FreeBody:
     Attributes: as of `Arm`.
     """
 
-    names = NAMES
-    free = True
+    names = COORDINATE_NAMES
+    is_free = True
     camera_frame, base_frame, target_frame = "camera_optical_frame", "world", ""
 
     def __init__(self, origin: np.ndarray, mounting: np.ndarray | None = None) -> None:
@@ -38,7 +38,7 @@ class FreeBody:
         self.upper = np.full(6, np.inf)
         self.lower = -self.upper
         self.velocity = self.effort = self.upper
-        self.prismatic = np.array([True] * 3 + [False] * 3)
+        self.is_prismatic = np.array([True] * 3 + [False] * 3)
 
     def __len__(self) -> int:
         """Number of coordinates."""
@@ -54,22 +54,22 @@ class FreeBody:
         body = world_T_camera
         if self.mounting is not None:
             body = world_T_camera @ inverse(self.mounting)
-        return logarithm(relative(self.origin, body))
+        return logarithm(relative_pose(self.origin, body))
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """(6, 6): the camera's twist in its own frame is jacobian(q) @ q_dot."""
-        rates = _exponential_rate(np.asarray(q, float))
+        rates = _compute_right_jacobian(np.asarray(q, float))
         if self.mounting is None:
             return rates
         camera_R_body, place = self.mounting[:3, :3].T, self.mounting[:3, 3]
         rates[:3] -= skew(place) @ rates[3:]
         return np.vstack([camera_R_body @ rates[:3], camera_R_body @ rates[3:]])
 
-    def view(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def pose_and_jacobian(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """pose and jacobian."""
         return self.pose(q), self.jacobian(q)
 
-    def inverse(
+    def inverse_kinematics(
         self, world_T_camera: np.ndarray, q0: np.ndarray | None = None, tolerance: float = 0.0
     ) -> np.ndarray:
         """The q (6,) of a pose (4, 4), whatever it is looked for from."""
@@ -85,7 +85,7 @@ class FreeBody:
             if values is not None and not np.isfinite(values).all():
                 raise MeasurementError("a coordinate of the free camera is not finite")
 
-    def sample(
+    def read_joints(
         self,
         names: Sequence[str],
         positions: Sequence[float],
@@ -99,8 +99,8 @@ class FreeBody:
         return JointSample(stamp, self.names, q, speed)
 
 
-@compiled("f8[:]")
-def _exponential_rate(twist):
+@jit("f8[:]")
+def _compute_right_jacobian(twist):
     """(6, 6) right Jacobian J: b of a_T_b = exponential(twist) moves with the twist J @ d(twist)/dt
     in its own frame; the sum of (-ad twist)^k / (k + 1)!, to the last bit of its largest number."""
     vx, vy, vz, x, y, z = twist

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from aras_visual_servo_base.poses import exponential
-from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.kinematics import Arm
 
 from ..errors import ExperimentError
 from .base import JointReading, Plant, Reading
 from .free_body import FreeBody
-from .sight import NS, Sight, exposures, vibrations
+from .imaging import NS, ImagingSettings, collect_vibrations, make_exposure_schedules
 
 JOINT_PHASE_NS = 1_000_000  # joint states come a millisecond after the hundredths, as in physics
 
@@ -31,11 +31,11 @@ class KinematicPlant(Plant):
         self,
         arm: Arm | FreeBody,
         q: np.ndarray,
-        sight: Sight,
+        imaging: ImagingSettings,
         joint_rate: float = 100.0,
         lag: float = 0.0,
         seed: int = 0,
-        others: Sequence[Sight] = (),
+        other_imaging: Sequence[ImagingSettings] = (),
     ) -> None:
         """Stand at joints q (n,).
 
@@ -43,17 +43,20 @@ class KinematicPlant(Plant):
             sight: of the control camera. others: of the other cameras.
             joint_rate: joint states a second. lag: time constant of every joint, s.
         """
-        self.arm, self.sight, self.camera = arm, sight, sight.camera
+        self.arm, self.imaging, self.camera = arm, imaging, imaging.camera
         self.joint_names = tuple(arm.names)
         self._random = np.random.default_rng(seed)
-        self._exposures = exposures(sight, others, self._random, seed)
-        self.control, self.vibrations = sight.name, vibrations(sight, *others)
+        self._exposures = make_exposure_schedules(imaging, other_imaging, self._random, seed)
+        self.control_camera_name, self.vibrations = (
+            imaging.name,
+            collect_vibrations(imaging, *other_imaging),
+        )
         self._image_ns = min(one.due_ns for one in self._exposures)
         self._lag = lag
         self.time_ns = 0
         self._q = np.array(q, float)
         self._speed = np.zeros_like(self._q)
-        self._kind, self._asked = "position", self._q.copy()
+        self._kind, self._command = "position", self._q.copy()
         self._joint_period, self._samples = NS / joint_rate, 0
 
     def advance(self, until_ns: int) -> list[Reading]:
@@ -66,11 +69,14 @@ class KinematicPlant(Plant):
         readings: list[Reading] = []
         if joints_ns == time_ns:
             self._samples += 1
-            q, speed = self.joints()
+            q, speed = self.read_joints()
             readings.append(JointReading(time_ns, self.joint_names, q.tolist(), speed.tolist()))
         if self._image_ns == time_ns:
             for one in self._exposures:
-                if one.due_ns == time_ns and (seen := one.expose(self.at_rest())) is not None:
+                if (
+                    one.due_ns == time_ns
+                    and (seen := one.expose(self.read_rest_pose())) is not None
+                ):
                     readings.append(seen)
             self._image_ns = min(one.due_ns for one in self._exposures)
         return readings
@@ -86,65 +92,69 @@ class KinematicPlant(Plant):
             raise ExperimentError(
                 f"a command of {len(self._q)} finite numbers is needed, got {values}"
             )
-        self._taken(kind, values)
+        self._set_command(kind, values)
 
-    def at_rest(self) -> np.ndarray:
+    def read_rest_pose(self) -> np.ndarray:
         """See Plant.at_rest."""
         return self.arm.pose(self._q)
 
-    def poses(self, positions: np.ndarray) -> np.ndarray:
+    def compute_rest_poses(self, positions: np.ndarray) -> np.ndarray:
         """See Plant.poses."""
         return np.array([self.arm.pose(q) for q in positions]).reshape(-1, 4, 4)
 
-    def places(self, positions: np.ndarray) -> np.ndarray:
+    def joint_origins(self, positions: np.ndarray) -> np.ndarray:
         """See Plant.places."""
         arm = self.arm
-        return arm.places(positions) if isinstance(arm, Arm) else super().places(positions)
+        return (
+            arm.joint_origins(positions)
+            if isinstance(arm, Arm)
+            else super().joint_origins(positions)
+        )
 
-    def joints(self) -> tuple[np.ndarray, np.ndarray]:
+    def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities now."""
         return self._q.copy(), self._speed.copy()
 
-    def _taken(self, kind: str, values: np.ndarray) -> None:
+    def _set_command(self, kind: str, values: np.ndarray) -> None:
         """Follow a command (n,) from now on."""
-        self._kind, self._asked = kind, values if kind == "position" else self._motion(values)
+        self._kind, self._command = kind, values if kind == "position" else self._to_motion(values)
 
     def _move(self, dt: float) -> None:
         """Solve the lag over dt (s), exactly."""
         rest = np.exp(-dt / self._lag) if self._lag > 0.0 else 0.0
         before = self._q
         if self._kind == "position":
-            self._q = self._limited(self._asked + rest * (before - self._asked))
-            self._speed = self._motion((self._q - before) / dt)
+            self._q = self._clamp(self._command + rest * (before - self._command))
+            self._speed = self._to_motion((self._q - before) / dt)
             return
-        moved = self._asked * dt + (self._speed - self._asked) * self._lag * (1.0 - rest)
-        self._speed = self._asked + rest * (self._speed - self._asked)
+        moved = self._command * dt + (self._speed - self._command) * self._lag * (1.0 - rest)
+        self._speed = self._command + rest * (self._speed - self._command)
         self._displace(moved)
 
-    def _motion(self, rates: np.ndarray) -> np.ndarray:
+    def _to_motion(self, rates: np.ndarray) -> np.ndarray:
         """What is kept of coordinate rates (n,): that which a lag acts on."""
         return rates
 
     @abstractmethod
-    def _limited(self, q: np.ndarray) -> np.ndarray:
+    def _clamp(self, q: np.ndarray) -> np.ndarray:
         """The coordinates nearest to q that the plant can have."""
 
     @abstractmethod
-    def _displace(self, moved: np.ndarray) -> None:
-        """Add a motion, what `_motion` gives times seconds, to the coordinates."""
+    def _displace(self, motion: np.ndarray) -> None:
+        """Add a motion, what `_to_motion` gives times seconds, to the coordinates."""
 
 
-class KinematicChain(KinematicPlant):
+class KinematicArm(KinematicPlant):
     """An arm without dynamics: each joint lags behind its command, within its limits."""
 
     arm: Arm
 
-    def _limited(self, q: np.ndarray) -> np.ndarray:
+    def _clamp(self, q: np.ndarray) -> np.ndarray:
         return np.clip(q, self.arm.lower, self.arm.upper)
 
-    def _displace(self, moved: np.ndarray) -> None:
-        free = self._q + moved
-        self._q = self._limited(free)
+    def _displace(self, motion: np.ndarray) -> None:
+        free = self._q + motion
+        self._q = self._clamp(free)
         self._speed = np.where(self._q == free, self._speed, 0.0)
 
 
@@ -157,27 +167,27 @@ class FreeCamera(KinematicPlant):
     arm: FreeBody
 
     def __init__(
-        self, arm: FreeBody, q: np.ndarray, sight: Sight, **further: float | int
+        self, arm: FreeBody, q: np.ndarray, imaging: ImagingSettings, **further: float | int
     ) -> None:
         """Stand at coordinates q (6,); `further`: see KinematicPlant."""
-        super().__init__(arm, q, sight, **further)
+        super().__init__(arm, q, imaging, **further)
         self._pose = arm.pose(self._q)
 
-    def at_rest(self) -> np.ndarray:
+    def read_rest_pose(self) -> np.ndarray:
         """See Plant.at_rest."""
         return self._pose.copy()
 
-    def joints(self) -> tuple[np.ndarray, np.ndarray]:
+    def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and their rates now."""
         return self._q.copy(), np.linalg.solve(self.arm.jacobian(self._q), self._speed)
 
-    def _motion(self, rates: np.ndarray) -> np.ndarray:
+    def _to_motion(self, rates: np.ndarray) -> np.ndarray:
         return self.arm.jacobian(self._q) @ rates
 
-    def _limited(self, q: np.ndarray) -> np.ndarray:
+    def _clamp(self, q: np.ndarray) -> np.ndarray:
         self._pose = self.arm.pose(q)
         return q
 
-    def _displace(self, moved: np.ndarray) -> None:
-        self._pose = self._pose @ exponential(moved)
+    def _displace(self, motion: np.ndarray) -> None:
+        self._pose = self._pose @ exponential(motion)
         self._q = self.arm.coordinates(self._pose)

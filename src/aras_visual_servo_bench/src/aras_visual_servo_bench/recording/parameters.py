@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 
-def at(parameters: Mapping[str, object], name: str) -> dict[str, object]:
+def find_branch(parameters: Mapping[str, object], name: str) -> dict[str, object]:
     """The branch of the parameter server below a name; empty where there is none."""
     found: object = parameters
     for part in filter(None, name.split("/")):

@@ -13,36 +13,36 @@ import numpy as np
 
 from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.diagnosis.pose_uncertainty import NEGLIGIBLE_UNCERTAINTY
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.judging.left_open import PLAIN
 from aras_visual_servo_controller.records.state import CONVERGED, ServoState
 
-from ..asked.experiment import Experiment
+from ..experiment.experiment import Experiment
 from ..targets.geometry import PlacedTarget
 
 Film = tuple[tuple[float, bytes], ...]  # stamp, s, and JPEG
 
 REACHED, MISSED = "goal_reached", "goal_missed"
-SETTLED = 0.02  # part of the way at the start
+SETTLING_BAND = 0.02  # part of the way at the start
 
 
 @dataclass(frozen=True)
 class Verdict:
     """What the physics knows of the end: word, and how far the camera is from its goal, m, rad."""
 
-    word: str
+    name: str
     distance: float
     angle: float
 
     @property
-    def reached(self) -> bool:
+    def is_reached(self) -> bool:
         """Whether the camera stands where the goal is."""
-        return self.word == REACHED
+        return self.name == REACHED
 
     @classmethod
-    def of(
+    def compare(
         cls, goal: np.ndarray, pose: np.ndarray, depth: float,
-        reached: tuple[float, float] | None = None,
+        tolerance: tuple[float, float] | None = None,
     ) -> Verdict:
         """Compare two poses (4, 4), world_T_camera.
 
@@ -51,7 +51,11 @@ class Verdict:
             reached: m and rad that count as there; None: what plain 'converged' leaves open.
         """
         distance, angle = pose_difference(goal, pose)
-        near = (PLAIN[0] * depth, PLAIN[1]) if reached is None else reached
+        near = (
+            (NEGLIGIBLE_UNCERTAINTY[0] * depth, NEGLIGIBLE_UNCERTAINTY[1])
+            if tolerance is None
+            else tolerance
+        )
         there = distance <= near[0] and angle <= near[1]
         return cls(REACHED if there else MISSED, distance, angle)
 
@@ -72,14 +76,14 @@ class CameraRecord:
     stamp: np.ndarray = field(default_factory=lambda: np.zeros(0))
     arrival: np.ndarray = field(default_factory=lambda: np.zeros(0))
     pose: np.ndarray = field(default_factory=lambda: np.zeros((0, 4, 4)))
-    pictures: tuple[tuple[float, np.ndarray], ...] = ()
+    images: tuple[tuple[float, np.ndarray], ...] = ()
     film: Film = ()
 
-    def nearest(self, stamp: float) -> np.ndarray | None:
+    def find_nearest_image(self, stamp: float) -> np.ndarray | None:
         """The picture that is next to a stamp (s); None where there is none."""
-        if not self.pictures:
+        if not self.images:
             return None
-        return min(self.pictures, key=lambda one: abs(one[0] - stamp))[1]
+        return min(self.images, key=lambda one: abs(one[0] - stamp))[1]
 
 
 @dataclass(eq=False)
@@ -123,9 +127,9 @@ class Run:
     pose: np.ndarray
     joint_names: tuple[str, ...]
     joint_stamp: np.ndarray
-    measured: np.ndarray
-    measured_speed: np.ndarray
-    commanded: np.ndarray
+    measured_positions: np.ndarray
+    measured_velocities: np.ndarray
+    joint_commands: np.ndarray
     true_pose: np.ndarray
     goal_pose: np.ndarray
     outcome: str
@@ -133,19 +137,19 @@ class Run:
     remedy: str
     verdict: Verdict
     peak_speed: np.ndarray | None = None
-    arm_places: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    joint_origins: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
     name: str = ""
     source: str = ""
     units: tuple[str, ...] = ()
     tolerances: tuple[float, ...] = ()
-    limits: tuple[np.ndarray, np.ndarray] = (np.zeros(0), np.zeros(0))
-    speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    position_limits: tuple[np.ndarray, np.ndarray] = (np.zeros(0), np.zeros(0))
+    speed_limits: np.ndarray = field(default_factory=lambda: np.zeros(0))
     joint_units: tuple[str, ...] = ()
     cameras: Mapping[str, CameraRecord] = field(default_factory=dict)
     target: PlacedTarget | None = None
     goal: Goal | None = None
     centres: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
-    pace: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    real_time_factors: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     settings: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -173,7 +177,7 @@ class Run:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Of the k features."""
-        decisions = (state.decision for state in self.states)
+        decisions = (state.scheme_output for state in self.states)
         return next((tuple(d.names) for d in decisions if d is not None), ())
 
     @property
@@ -181,11 +185,12 @@ class Run:
         """Its name, as the loop has it."""
         return self.states[0].scheme if self.states else ""
 
-    def _of_features(self, field_name: str) -> np.ndarray:
+    def _collect_decisions(self, field_name: str) -> np.ndarray:
         """(n, k) of the decisions that have these features; NaN where there is none."""
-        return _table(
-            [getattr(state.decision, field_name)
-             if state.decision is not None and len(state.decision.names) == len(self.names)
+        return _make_table(
+            [getattr(state.scheme_output, field_name)
+             if state.scheme_output is not None
+             and len(state.scheme_output.names) == len(self.names)
              else None for state in self.states],
             len(self.names),
         )  # fmt: skip
@@ -193,39 +198,39 @@ class Run:
     @cached_property
     def features(self) -> np.ndarray:
         """(n, k) s as measured; NaN where none."""
-        return self._of_features("features")
+        return self._collect_decisions("features")
 
     @cached_property
-    def desired(self) -> np.ndarray:
+    def desired_features(self) -> np.ndarray:
         """(n, k) s*."""
-        return self._of_features("desired")
+        return self._collect_decisions("desired")
 
     @cached_property
     def error(self) -> np.ndarray:
         """(n, k) s - s* as measured, angles wrapped."""
-        return self._of_features("error")
+        return self._collect_decisions("error")
 
     @cached_property
-    def filtered(self) -> np.ndarray:
+    def filtered_error(self) -> np.ndarray:
         """(n, k) errors behind the scheme's filter; as measured where it has none."""
-        found = self._of_features("filtered_error")
+        found = self._collect_decisions("filtered_error")
         return np.where(np.isnan(found), self.error, found)
 
     @cached_property
-    def asked(self) -> np.ndarray:
+    def desired_twist(self) -> np.ndarray:
         """(n, 6) twists of the camera in its own frame, m/s and rad/s."""
-        return _table([state.twist for state in self.states], 6)
+        return _make_table([state.desired_twist for state in self.states], 6)
 
     @cached_property
-    def achieved(self) -> np.ndarray:
+    def achieved_twist(self) -> np.ndarray:
         """(n, 6) of it that the joint velocities give."""
-        return _table([state.achieved for state in self.states], 6)
+        return _make_table([state.achieved_twist for state in self.states], 6)
 
     @cached_property
     def joints(self) -> np.ndarray:
         """(n, j) as the controller had them at the exposures."""
         places = [None if s.joints is None else s.joints.positions for s in self.states]
-        return _table(places, len(self.joint_names))
+        return _make_table(places, len(self.joint_names))
 
     @property
     def phases(self) -> tuple[str, ...]:
@@ -250,45 +255,45 @@ class Run:
     @cached_property
     def singular_L(self) -> np.ndarray:
         """(n, p) singular values of L in its modelled directions, largest first."""
-        return padded(state.singular_values_L for state in self.states)
+        return pad_rows(state.singular_values_L for state in self.states)
 
     @cached_property
     def singular_LJ(self) -> np.ndarray:
         """(n, q) of the task's Jacobian L J."""
-        return padded(
-            None if s.resolution is None else s.resolution.singular_values for s in self.states
+        return pad_rows(
+            None if s.ik_solution is None else s.ik_solution.singular_values for s in self.states
         )
 
     @cached_property
     def manipulability(self) -> np.ndarray:
         """(n,) product of the singular values of L J."""
-        return self._of_resolution("manipulability")
+        return self._collect_ik_solutions("manipulability")
 
     @cached_property
     def scale(self) -> np.ndarray:
         """(n,) 1, or the factor by which the task was slowed for limits."""
-        return self._of_resolution("scale")
+        return self._collect_ik_solutions("scale")
 
-    def _of_resolution(self, field_name: str) -> np.ndarray:
-        found = (state.resolution for state in self.states)
+    def _collect_ik_solutions(self, field_name: str) -> np.ndarray:
+        found = (state.ik_solution for state in self.states)
         return np.array([np.nan if r is None else getattr(r, field_name) for r in found], float)
 
     @cached_property
-    def computing(self) -> np.ndarray:
+    def computation_time(self) -> np.ndarray:
         """(n,) s that the scheme took; NaN where no clock was handed in."""
-        return np.array([state.computing or np.nan for state in self.states], float)
+        return np.array([state.computation_time or np.nan for state in self.states], float)
 
     # -- cameras ---------------------------------------------------------------------------
 
     @property
-    def images(self) -> CameraRecord:
+    def control_record(self) -> CameraRecord:
         """Of the control camera: poses and twists of the run are its own."""
         return next(iter(self.cameras.values()), CameraRecord())
 
     @property
     def camera(self) -> CameraModel | None:
         """The true model of the control camera."""
-        return self.images.model
+        return self.control_record.model
 
     # -- the end ---------------------------------------------------------------------------
 
@@ -298,15 +303,15 @@ class Run:
         return self.outcome.startswith("converged")
 
     @property
-    def succeeded(self) -> bool:
+    def is_success(self) -> bool:
         """Whether the loop holds that it has converged, and the camera truly stands at its goal.
 
         The loop's word alone where nobody knows where the goal is.
         """
-        return self.converged and (self.verdict.reached or not self.verdict.word)
+        return self.converged and (self.verdict.is_reached or not self.verdict.name)
 
     @property
-    def held(self) -> bool:
+    def is_held_at_goal(self) -> bool:
         """Whether the camera was held at the goal in the end, whatever else the loop had to say."""
         return self.converged or bool(self.states) and self.states[-1].phase == CONVERGED
 
@@ -318,34 +323,34 @@ class Run:
         return self.joint_stamp >= (self.stamp[0] if len(self.stamp) else np.inf)
 
     @property
-    def began(self) -> float:
+    def start_stamp(self) -> float:
         """Stamp of the first image that was answered, s."""
         return float(self.stamp[0]) if len(self.stamp) else 0.0
 
     @property
-    def ended(self) -> float:
+    def end_stamp(self) -> float:
         """Stamp of the last joint state, to which the goal's pose belongs, s."""
-        return float(self.joint_stamp[-1]) if len(self.joint_stamp) else self.began
+        return float(self.joint_stamp[-1]) if len(self.joint_stamp) else self.start_stamp
 
     @property
     def time(self) -> np.ndarray:
         """(n,) s since then, of the images."""
-        return self.stamp - self.began
+        return self.stamp - self.start_stamp
 
     @property
     def joint_time(self) -> np.ndarray:
         """(m,) s since then, of the joint states."""
-        return self.joint_stamp - self.began
+        return self.joint_stamp - self.start_stamp
 
     # -- the way ---------------------------------------------------------------------------
 
-    def way(self) -> tuple[np.ndarray, np.ndarray]:
+    def pose_error_history(self) -> tuple[np.ndarray, np.ndarray]:
         """Distance (m,) m and angle (m,) rad of the true camera from its goal, at joint_stamp."""
         pairs = [pose_difference(self.goal_pose, pose) for pose in self.true_pose]
         distance, angle = np.array(pairs).reshape(-1, 2).T
         return distance, angle
 
-    def settled(self, floor: tuple[float, float] = (1e-4, 1.745e-3)) -> float:
+    def compute_settling_time(self, floor: tuple[float, float] = (1e-4, 1.745e-3)) -> float:
         """Time until the camera stays within 2 % of its first way, s; inf: never.
 
         It counts from the first joint state since the first image, whose way is the first.
@@ -356,50 +361,50 @@ class Run:
         if not after.any():
             return float("inf")
         latest = 0.0
-        for way, least in zip(self.way(), floor, strict=True):
-            latest = max(latest, settling(self.joint_stamp[after], way[after], least))
+        for way, least in zip(self.pose_error_history(), floor, strict=True):
+            latest = max(latest, compute_settling_time(self.joint_stamp[after], way[after], least))
         return latest
 
     # -- places ----------------------------------------------------------------------------
 
-    def outline(self, pose: np.ndarray, stamp: float) -> np.ndarray | None:
+    def project_outline(self, pose: np.ndarray, stamp: float) -> np.ndarray | None:
         """Pixels (c, 2) of the target's silhouette for world_T_camera (4, 4); None: unknown."""
         if self.target is None or self.camera is None:
             return None
-        rim = self.target.view(self.target.shape.outline, pose, stamp)
+        rim = self.target.project(self.target.shape.outline, pose, stamp)
         return None if rim is None else np.column_stack(self.camera.project(*rim.T))
 
-    def wanted_outline(self) -> np.ndarray | None:
+    def project_desired_outline(self) -> np.ndarray | None:
         """Pixels (c, 2) of the silhouette that the goal wants, however the target moves."""
-        return self.outline(self.goal_pose, self.ended)
+        return self.project_outline(self.goal_pose, self.end_stamp)
 
 
-def settling(stamp: np.ndarray, values: np.ndarray, floor: float = 0.0) -> float:
+def compute_settling_time(stamp: np.ndarray, values: np.ndarray, floor: float = 0.0) -> float:
     """From stamp[0] until values (n,) stay within 2 % of the first or `floor`, s; inf: never."""
     known = np.isfinite(values)
     stamp, values = stamp[known], values[known]
     if not len(values):
         return float("inf")
-    above = np.flatnonzero(values > max(SETTLED * values[0], floor))
+    above = np.flatnonzero(values > max(SETTLING_BAND * values[0], floor))
     if not above.size:
         return 0.0
     after = int(above[-1]) + 1
     return float(stamp[after] - stamp[0]) if after < len(stamp) else float("inf")
 
 
-def scaled(error: np.ndarray) -> np.ndarray:
+def normalize_errors(error: np.ndarray) -> np.ndarray:
     """Errors (n, k) in parts of the largest that each has had: comparable whatever their units."""
     largest = np.nanmax(np.abs(error), axis=0, initial=0.0)
     return error / np.where(largest > 0.0, largest, 1.0)
 
 
-def padded(values: Iterable[Sequence[float] | None]) -> np.ndarray:
+def pad_rows(values: Iterable[Sequence[float] | None]) -> np.ndarray:
     """Rows of different lengths as one array (n, longest), NaN where there is nothing."""
     rows = [np.zeros(0) if row is None else np.asarray(row, float) for row in values]
-    return _table(rows, max((len(row) for row in rows), default=0))
+    return _make_table(rows, max((len(row) for row in rows), default=0))
 
 
-def _table(rows: Sequence[Sequence[float] | None], width: int) -> np.ndarray:
+def _make_table(rows: Sequence[Sequence[float] | None], width: int) -> np.ndarray:
     """Rows as one array (n, width); NaN behind those that are shorter, or None."""
     table = np.full((len(rows), width), np.nan)
     for i, row in enumerate(rows):

@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from aras_visual_servo_base.poses import Pose, normalised, optical
+from aras_visual_servo_base.poses import Pose, normalise, optical_pose
 from aras_visual_servo_camera.errors import ImageError
 from aras_visual_servo_camera.images import decode
 
 from ..errors import BenchError
-from ..recording.described import Described
-from ..recording.from_bag import Messages
-from ..recording.from_graph import Heard
+from ..recording.graph_recording import GraphRecording
+from ..recording.image_tracks import find_nearest
+from ..recording.message_run_builder import MessageRunBuilder
+from ..recording.recorded_experiment import RecordedExperiment
 from ..recording.run import Run
-from ..recording.tracks import nearest
 
 if TYPE_CHECKING:
     import rosbag
@@ -38,7 +38,7 @@ JOINTS, INFO, METRICS = (
     "sensor_msgs/JointState", "sensor_msgs/CameraInfo", "gazebo_msgs/PerformanceMetrics",
 )
 # What a report is made of; other versions of the messages may lack it.
-USED = {
+USED_FIELDS = {
     STATE: ("header", "scheme", "phase", "reason", "feature_names", "features", "desired_features",
             "error", "camera_twist", "joint_names", "joint_commands", "singular_values"),
     REPORT: ("header", "outcome", "reason", "remedy", "achieved", "rank", "singular_values_l",
@@ -47,9 +47,10 @@ USED = {
     METRICS: ("header", "real_time_factor"),
 }  # fmt: skip
 IMAGE, COMPRESSED = "sensor_msgs/Image", "sensor_msgs/CompressedImage"
-BACK = 500_000_000  # ns by which stamps may be out of order without a clock that was put back
-EXPERIMENT = "experiment"  # last part of the topic's name
-CAMERA = "/labrob/camera/"  # of the shipped robot, where a bag has several
+# ns by which stamps may be out of order without a clock that was put back
+CLOCK_TOLERANCE_NS = 500_000_000
+EXPERIMENT_TOPIC = "experiment"  # last part of the topic's name
+CAMERA_NAMESPACE = "/labrob/camera/"  # of the shipped robot, where a bag has several
 OPTICAL, LINK = "camera_optical_frame", "camera_link"
 TF, TF_STATIC = "/tf", "/tf_static"
 
@@ -69,11 +70,11 @@ def read_bag(
 
     path = Path(path)
     try:
-        bag, note = opened(path)
+        bag, note = open_bag(path)
         with bag:
-            reader = Reader(bag, path)
+            reader = BagReader(bag, path)
             reader.read(progress)
-            run = Messages(reader).run(name or _name(path))
+            run = MessageRunBuilder(reader).build_run(name or _find_name(path))
     except (OSError, rosbag.ROSBagException, struct.error, ValueError, RuntimeError) as error:
         raise BenchError(f"cannot read the bag {path}: {error}") from error
     if note:
@@ -81,43 +82,43 @@ def read_bag(
     return run
 
 
-def described(path: Path) -> Described:
+def read_recorded_experiment(path: Path) -> RecordedExperiment:
     """What a bag says of its run, read without the rest of it; BenchError where it cannot be."""
     import rosbag
 
     text = ""
     try:
-        bag, _ = opened(path)
+        bag, _ = open_bag(path)
         with bag:
             topics = bag.get_type_and_topic_info().topics
-            named = _topics({topic: one.msg_type for topic, one in topics.items()}).experiment
+            named = _find_topics({topic: one.msg_type for topic, one in topics.items()}).experiment
             for _, raw, _ in bag.read_messages([named], raw=True) if named else ():
-                text = unpacked(raw).data
+                text = unpack(raw).data
     except (OSError, rosbag.ROSBagException, struct.error, ValueError, RuntimeError) as error:
         raise BenchError(f"cannot read the bag {path}: {error}") from error
-    return Described.of(text)
+    return RecordedExperiment.from_text(text)
 
 
-def _name(path: Path) -> str:
+def _find_name(path: Path) -> str:
     """The folder's name for a demo's run.bag, else the file's."""
     stem = path.name.split(".")[0]
     return path.resolve().parent.name if stem == "run" else stem
 
 
-def opened(path: Path) -> tuple[rosbag.Bag, str]:
+def open_bag(path: Path) -> tuple[rosbag.Bag, str]:
     """The bag, and what a reader must know of it."""
     import rosbag
 
     try:
         return rosbag.Bag(str(path)), ""
     except rosbag.ROSBagUnindexedException:
-        return _reindexed(path), (
+        return _reindex(path), (
             "the bag was not closed: it is still being recorded, or its recorder was killed. What "
             "is here is what was whole when it was read."
         )
 
 
-def _reindexed(path: Path) -> rosbag.Bag:
+def _reindex(path: Path) -> rosbag.Bag:
     """An unclosed bag with an index of its whole chunks; the file is left as it is."""
     import rosbag
 
@@ -133,36 +134,37 @@ def _reindexed(path: Path) -> rosbag.Bag:
     return bag
 
 
-def _topics(kinds: Mapping[str, str]) -> SimpleNamespace:
+def _find_topics(kinds: Mapping[str, str]) -> SimpleNamespace:
     """Names of what a report is made of, empty where the bag has none; kinds: type of each topic.
 
     state, report, moments, joints, info, metrics, image, experiment: see the constants above.
     """
 
-    def first(kind: str, ending: str = "", near: str = "") -> str:
+    def find_topic(kind: str, ending: str = "", near: str = "") -> str:
         found = [t for t, k in kinds.items() if k == kind and t.endswith(ending)]
         return next((t for t in found if near and near in t), found[0] if found else "")
 
-    info = first(INFO, near=CAMERA)
-    camera = info.rpartition("/")[0] + "/" if info else CAMERA
-    image = first(IMAGE, "image_raw", camera)
+    info = find_topic(INFO, near=CAMERA_NAMESPACE)
+    camera = info.rpartition("/")[0] + "/" if info else CAMERA_NAMESPACE
+    image = find_topic(IMAGE, "image_raw", camera)
     if not image.startswith(camera):
-        image = first(COMPRESSED, near=camera) or image
+        image = find_topic(COMPRESSED, near=camera) or image
     return SimpleNamespace(
-        state=first(STATE), report=first(REPORT), moments=first(MOMENTS),
-        joints=first(JOINTS, "joint_states"), info=info, metrics=first(METRICS), image=image,
-        experiment=first("std_msgs/String", EXPERIMENT),
+        state=find_topic(STATE), report=find_topic(REPORT), moments=find_topic(MOMENTS),
+        joints=find_topic(JOINTS, "joint_states"), info=info, metrics=find_topic(METRICS),
+        image=image,
+        experiment=find_topic("std_msgs/String", EXPERIMENT_TOPIC),
     )  # fmt: skip
 
 
-class Reader(Heard):
+class BagReader(GraphRecording):
     """Reads once all but the pictures, and then the few pictures that are shown."""
 
     def __init__(self, bag: rosbag.Bag, path: Path) -> None:
         super().__init__(path)
         self._bag = bag
         info = bag.get_type_and_topic_info().topics
-        self._topics = _topics({topic: one.msg_type for topic, one in info.items()})
+        self._topics = _find_topics({topic: one.msg_type for topic, one in info.items()})
         if not self._topics.state:
             there = ", ".join(sorted(info)) or "no message"
             raise BenchError(
@@ -178,15 +180,15 @@ class Reader(Heard):
         """All but the pictures' own bytes."""
         t = self._topics
         takers: dict[str, Callable[[Any], None]] = {
-            t.state: self.states.append, t.report: self.take_report,
-            t.moments: self.take_moments, t.joints: self.joints.append,
-            t.info: self._take_info, t.metrics: self._take_metrics,
-            t.experiment: self._take_experiment, TF: self._take_tf,
+            t.state: self.states.append, t.report: self.add_report,
+            t.moments: self.add_moments, t.joints: self.joints.append,
+            t.info: self._add_info, t.metrics: self._add_metrics,
+            t.experiment: self._add_experiment, TF: self._add_tf,
             # What never changes may be stamped before others that were recorded before it.
-            TF_STATIC: self._take_transforms if TF in self._counts else self._take_tf,
+            TF_STATIC: self._add_transforms if TF in self._counts else self._add_tf,
         }  # fmt: skip
         always = (t.info, t.experiment, TF_STATIC)  # told once, or never another
-        began = self._began()
+        began = self._find_start()
         wanted = [topic for topic in (*takers, t.image) if topic in self._counts]
         total = sum(self._counts[topic] for topic in wanted)
         asked: dict[str, bool] = {}
@@ -198,21 +200,21 @@ class Reader(Heard):
             if began is not None and place < began and topic not in always:
                 continue
             if topic == t.image:
-                self.stamps.append((1e-9 * _stamp(data), time.to_sec(), time))
+                self.stamps.append((1e-9 * _read_stamp(data), time.to_sec(), time))
                 continue
             if topic not in asked:
-                asked[topic] = self._is_of_this_version(topic, message)
+                asked[topic] = self._is_this_version(topic, message)
             if asked[topic]:
-                takers[topic](unpacked(message))
+                takers[topic](unpack(message))
 
-    def _is_of_this_version(self, topic: str, raw: tuple) -> bool:
+    def _is_this_version(self, topic: str, raw: tuple) -> bool:
         """Whether messages, which are read as the bag defines them, have what is made use of.
 
         Raises:
             BenchError: the controller's states do not.
         """
         name, _, _, _, kind = raw
-        missing = [field for field in USED.get(name, ()) if field not in kind.__slots__]
+        missing = [field for field in USED_FIELDS.get(name, ()) if field not in kind.__slots__]
         if not missing:
             return True
         without = f"{topic} is of another version of {name}, without {', '.join(missing)}"
@@ -222,13 +224,17 @@ class Reader(Heard):
         self.notes.append(f"{without}: it is left out")
         return False
 
-    def _began(self) -> tuple | None:
+    def _find_start(self) -> tuple | None:
         """Where in the file the clock was last put back, None: never. From there on is one run."""
         topic, written = self._topics.joints or self._topics.state, []
         for _, (_, data, _, place, _), _ in self._bag.read_messages([topic], raw=True):
-            written.append((place, _stamp(data)))
+            written.append((place, _read_stamp(data)))
         written = sorted(one for one in written if one[1])
-        back = [i for i in range(1, len(written)) if written[i][1] < written[i - 1][1] - BACK]
+        back = [
+            i
+            for i in range(1, len(written))
+            if written[i][1] < written[i - 1][1] - CLOCK_TOLERANCE_NS
+        ]
         if not back:
             return None
         self.notes.append(
@@ -237,57 +243,57 @@ class Reader(Heard):
         )
         return written[back[-1]][0]
 
-    def _take_metrics(self, message: Any) -> None:
-        self.pace.append((message.header.stamp.to_sec(), message.real_time_factor))
+    def _add_metrics(self, message: Any) -> None:
+        self.real_time_factors.append((message.header.stamp.to_sec(), message.real_time_factor))
 
-    def _take_info(self, message: Any) -> None:
+    def _add_info(self, message: Any) -> None:
         self.info = message
 
-    def _take_experiment(self, message: Any) -> None:
-        self.described = message.data
+    def _add_experiment(self, message: Any) -> None:
+        self.experiment_text = message.data
 
-    def _take_transforms(self, message: Any) -> None:
+    def _add_transforms(self, message: Any) -> None:
         for entry in message.transforms:
             self._transforms[entry.child_frame_id.lstrip("/")] = (
-                entry.header.frame_id.lstrip("/"), _matrix(entry.transform),
+                entry.header.frame_id.lstrip("/"), _to_matrix(entry.transform),
             )  # fmt: skip
 
-    def _take_tf(self, message: Any) -> None:
-        self._take_transforms(message)
-        pose = self._optical_pose()
+    def _add_tf(self, message: Any) -> None:
+        self._add_transforms(message)
+        pose = self._compute_optical_pose()
         if message.transforms and pose is not None:
             self.poses.append((message.transforms[0].header.stamp.to_sec(), pose))
 
-    def _optical_pose(self) -> np.ndarray | None:
+    def _compute_optical_pose(self) -> np.ndarray | None:
         """`base_T_optical` along the tree of transforms known by now."""
         frame = OPTICAL if OPTICAL in self._transforms else LINK
         if frame not in self._transforms:
             return None
         pose = np.eye(4)
         if frame == LINK:
-            pose = optical(pose)
+            pose = optical_pose(pose)
         while frame in self._transforms:
             frame, parent_T_frame = self._transforms[frame]
             pose = parent_T_frame @ pose
         return pose
 
-    def pictures(self, stamps: Iterable[float]) -> Iterator[tuple[float, np.ndarray]]:
+    def read_images(self, stamps: Iterable[float]) -> Iterator[tuple[float, np.ndarray]]:
         """The pictures that are next to these exposures, as rgb, read in one pass."""
         stamps = np.array(list(stamps))
         exposures = np.array([row[0] for row in self.stamps])
         wanted = {self.stamps[i][2].to_nsec(): exposures[i]
-                  for i in nearest(exposures, stamps).tolist()}  # fmt: skip
-        times = [self.stamps[i][2] for i in nearest(exposures, stamps[[0, -1]]).tolist()]
+                  for i in find_nearest(exposures, stamps).tolist()}  # fmt: skip
+        times = [self.stamps[i][2] for i in find_nearest(exposures, stamps[[0, -1]]).tolist()]
         for _, message, written in self._bag.read_messages(
             [self._topics.image], start_time=min(times), end_time=max(times), raw=True
         ):
             exposure = wanted.pop(written.to_nsec(), None)
-            picture = None if exposure is None else _rgb(unpacked(message))
+            picture = None if exposure is None else _to_rgb(unpack(message))
             if picture is not None:
                 yield float(exposure), picture
 
 
-def unpacked(raw: tuple) -> Any:
+def unpack(raw: tuple) -> Any:
     """The message of (type, bytes, md5, position, class)."""
     _, data, _, _, kind = raw
     message = kind()
@@ -295,19 +301,19 @@ def unpacked(raw: tuple) -> Any:
     return message
 
 
-def _stamp(data: bytes) -> int:
+def _read_stamp(data: bytes) -> int:
     """ns, of a message that begins with a std_msgs/Header: seq, secs, nsecs, each four bytes."""
     _, secs, nsecs = struct.unpack_from("<III", data)
     return secs * 1_000_000_000 + nsecs
 
 
-def _matrix(transform: Any) -> np.ndarray:
+def _to_matrix(transform: Any) -> np.ndarray:
     """(4, 4) of a geometry_msgs/Transform."""
     q, t = transform.rotation, transform.translation
-    return Pose((t.x, t.y, t.z), normalised((q.x, q.y, q.z, q.w))).matrix()
+    return Pose((t.x, t.y, t.z), normalise((q.x, q.y, q.z, q.w))).matrix()
 
 
-def _rgb(message: Any) -> np.ndarray | None:
+def _to_rgb(message: Any) -> np.ndarray | None:
     """(H, W, 3) uint8 of an image raw or compressed; None: of an unknown encoding."""
     if hasattr(message, "format"):
         image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR)

@@ -7,11 +7,11 @@ import numpy as np
 import rospy
 from sensor_msgs.msg import CompressedImage, Image
 
-from aras_visual_servo_camera.messages import image_message
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_camera.messages import make_image_message
+from aras_visual_servo_ros.shutdown import init_node
 
 
-def decompressed(message: CompressedImage) -> Image | None:
+def decompress(message: CompressedImage) -> Image | None:
     """The picture with its stamp and frame, rgb8 or mono8; None where it cannot be read."""
     picture = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
     if picture is None or picture.dtype != np.uint8:
@@ -19,17 +19,17 @@ def decompressed(message: CompressedImage) -> Image | None:
     encoding = "mono8" if picture.ndim == 2 else "rgb8"
     if encoding == "rgb8":
         picture = cv2.cvtColor(picture[..., :3], cv2.COLOR_BGR2RGB)
-    return image_message(picture, encoding, message.header)
+    return make_image_message(picture, encoding, message.header)
 
 
 def main() -> int:
     """The node `decompress`: from ~camera/image_raw/compressed to ~camera/image_raw."""
-    begin_node("decompress", __doc__)
+    init_node("decompress", __doc__)
     topic = rospy.get_param("~camera", "/labrob/camera").rstrip("/") + "/image_raw"
     publisher = rospy.Publisher(topic, Image, queue_size=2)
 
-    def pass_on(message: CompressedImage) -> None:
-        picture = decompressed(message)
+    def publish(message: CompressedImage) -> None:
+        picture = decompress(message)
         if picture is None:
             rospy.logwarn_throttle(
                 5.0, f"{topic}/compressed: a picture ({message.format}) cannot be read"
@@ -37,6 +37,6 @@ def main() -> int:
         elif not rospy.is_shutdown():
             publisher.publish(picture)
 
-    rospy.Subscriber(f"{topic}/compressed", CompressedImage, pass_on, queue_size=2)
+    rospy.Subscriber(f"{topic}/compressed", CompressedImage, publish, queue_size=2)
     rospy.spin()
     return 0

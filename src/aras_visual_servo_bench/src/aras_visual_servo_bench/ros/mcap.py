@@ -13,7 +13,7 @@ import rosbag
 from mcap.writer import Writer
 
 from ..errors import BenchError
-from .bag import opened
+from .bag import open_bag
 
 
 def convert(
@@ -26,9 +26,9 @@ def convert(
     """
     part = out.with_name(out.name + ".part")
     try:
-        source, _ = opened(bag)
+        source, _ = open_bag(bag)
         with source, part.open("wb") as stream:
-            counts = _copy(source, stream, bag.name, progress)
+            counts = _copy_messages(source, stream, bag.name, progress)
         part.replace(out)
     except (OSError, rosbag.ROSBagException, struct.error, ValueError, RuntimeError) as error:
         part.unlink(missing_ok=True)
@@ -36,7 +36,7 @@ def convert(
     return counts
 
 
-def _copy(
+def _copy_messages(
     source: rosbag.Bag, stream: BinaryIO, name: str, progress: Callable[[float], None]
 ) -> dict[str, int]:
     """Write all messages as they are, in packed chunks with an index; how many a topic has."""
@@ -44,13 +44,13 @@ def _copy(
     writer.start("ros1", "aras_visual_servo_bench")
 
     @cache
-    def schema(kind: str, md5: str, definition: str) -> int:
+    def add_schema(kind: str, md5: str, definition: str) -> int:
         return writer.register_schema(kind, "ros1msg", definition.encode())
 
     @cache
-    def channel(topic: str, kind: str, md5: str, definition: str) -> int:
+    def add_channel(topic: str, kind: str, md5: str, definition: str) -> int:
         return writer.register_channel(
-            topic, "ros1", schema(kind, md5, definition), {"md5sum": md5, "topic": topic}
+            topic, "ros1", add_schema(kind, md5, definition), {"md5sum": md5, "topic": topic}
         )
 
     topics = source.get_type_and_topic_info().topics
@@ -60,7 +60,7 @@ def _copy(
         kind, data, md5, _, made = raw
         stamp = time.to_nsec()
         writer.add_message(
-            channel(topic, kind, md5, made._full_text), stamp, data, stamp, counts[topic]
+            add_channel(topic, kind, md5, made._full_text), stamp, data, stamp, counts[topic]
         )
         counts[topic] += 1
         if number % 500 == 0:

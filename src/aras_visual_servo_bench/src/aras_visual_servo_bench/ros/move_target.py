@@ -16,21 +16,21 @@ import sys
 from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.settings import build
 
-from ..asked.overrides import parsed
 from ..errors import ExperimentError, StudyError
+from ..experiment.overrides import parse_overrides
 from ..targets.geometry import Motion
 
 RATE = 60.0  # Hz of simulated time: twice the camera's
-PATIENCE = 10.0  # s for the simulation to answer
+SERVICE_TIMEOUT = 10.0  # s for the simulation to answer
 
 
-def motion_of(words: list[str]) -> Motion:
+def parse_motion(arguments: list[str]) -> Motion:
     """The motion that is written as key=value; ExperimentError naming what is wrong."""
     try:
-        motion = build(Motion, parsed(words), "motion", ExperimentError)
+        motion = build(Motion, parse_overrides(arguments), "motion", ExperimentError)
     except StudyError as error:
         raise ExperimentError(str(error)) from None
-    if motion.still:
+    if motion.is_static:
         raise ExperimentError(
             "nothing moves: say velocity, amplitude and frequency, circle and frequency, step, or "
             "path"
@@ -49,29 +49,29 @@ def main(argv: list[str] | None = None) -> int:
     arguments = [word for word in argv or sys.argv[1:] if ":=" not in word]
     options = parser.parse_args(arguments)
     try:
-        motion = motion_of(options.motion)
-        return _move(motion, options.model)
+        motion = parse_motion(options.motion)
+        return _move_target(motion, options.model)
     except ExperimentError as error:
         print(f"move_target: {error}", file=sys.stderr)
         return 1
 
 
-def _move(motion: Motion, model: str) -> int:
+def _move_target(motion: Motion, model: str) -> int:
     import rospy
     from gazebo_msgs.msg import ModelState
     from gazebo_msgs.srv import GetModelState, SetModelState
 
     from aras_sim_bridge.ros.conversions import from_pose, to_pose
-    from aras_visual_servo_ros.shutdown import begin_node
+    from aras_visual_servo_ros.shutdown import init_node
 
-    begin_node("move_target", anonymous=True)
+    init_node("move_target", anonymous=True)
     try:
-        rospy.wait_for_service("/gazebo/set_model_state", PATIENCE)
+        rospy.wait_for_service("/gazebo/set_model_state", SERVICE_TIMEOUT)
     except rospy.ROSInterruptException:
         return 0
     except rospy.ROSException:
         raise ExperimentError(
-            f"no simulation answers within {PATIENCE:g} s: start it first, roslaunch "
+            f"no simulation answers within {SERVICE_TIMEOUT:g} s: start it first, roslaunch "
             "aras_visual_servo_gazebo aras_visual_servo.launch"
         ) from None
     found = rospy.ServiceProxy("/gazebo/get_model_state", GetModelState)(model, "")
@@ -84,7 +84,7 @@ def _move(motion: Motion, model: str) -> int:
     ask = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState, persistent=True)
     began, rate = rospy.get_time(), rospy.Rate(RATE)
     while not rospy.is_shutdown():
-        moved = Pose.from_matrix(motion.moved(lay, rospy.get_time() - began))
+        moved = Pose.from_matrix(motion.apply(lay, rospy.get_time() - began))
         state = ModelState(model_name=model, reference_frame="world")
         state.pose = to_pose(moved)
         try:

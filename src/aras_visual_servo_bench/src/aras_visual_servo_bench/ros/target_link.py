@@ -21,13 +21,13 @@ import rospy
 from gazebo_msgs.srv import GetLinkState, GetWorldProperties
 
 from aras_sim_bridge.ros.conversions import from_pose
-from aras_visual_servo_base.poses import to_xyz_rpy
-from aras_visual_servo_base.urdf import robot_name
+from aras_visual_servo_base.poses import xyz_rpy_from_matrix
+from aras_visual_servo_base.urdf import read_robot_name
 
-from ..asked.packages import PackagePath
-from ..asked.worlds import link_of_world
-from ..errors import ExperimentError, writing
-from .target_place import WORLD
+from ..errors import ExperimentError, catch_write_errors
+from ..experiment.packages import PackagePath
+from ..experiment.worlds import find_world_link
+from .target_pose_reader import WORLD
 
 STATE = "/gazebo/get_link_state"
 DESCRIPTION = "/robot_description"
@@ -46,12 +46,12 @@ def main(argv: list[str] | None = None) -> int:
     model, _, wanted = options.link.partition("::")
     packages = PackagePath()
     try:
-        world = str(packages.file(options.world))
-        mesh, pose, link = link_of_world(world, packages, model, wanted)
+        world = str(packages.resolve(options.world))
+        mesh, pose, link = find_world_link(world, packages, model, wanted)
         if options.what == "mesh":
-            print(_kept(Path(mesh), options.link), end="")
+            print(_copy_mesh(Path(mesh), options.link), end="")
         else:
-            now = _now(f"{model}::{link}") or pose
+            now = _read_pose(f"{model}::{link}") or pose
             print(f"{{pose: [{', '.join(f'{value:.9g}' for value in now)}]}}")
     except ExperimentError as error:
         print(f"target_link: {error}", file=sys.stderr)
@@ -59,30 +59,30 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
-def _kept(mesh: Path, name: str) -> Path:
+def _copy_mesh(mesh: Path, name: str) -> Path:
     """A copy of a mesh that stays when this program has ended."""
     text = mesh.read_bytes()
     folder = Path(tempfile.gettempdir()) / "aras_targets" / hashlib.sha256(text).hexdigest()[:16]
     path = folder / f"{name.replace(':', '_').replace('/', '_')}{mesh.suffix}"
-    with writing(f"the mesh into {folder}", ExperimentError):
+    with catch_write_errors(f"the mesh into {folder}", ExperimentError):
         folder.mkdir(parents=True, exist_ok=True)
         path.write_bytes(text)
     return path
 
 
-def _now(link: str) -> tuple[float, ...] | None:
+def _read_pose(link: str) -> tuple[float, ...] | None:
     """x, y, z (m), roll, pitch, yaw (rad) of a link in the robot's base, or in the world where none
     of the description's name stands there; None without a simulation that has it."""
     try:
         models = rospy.ServiceProxy(WORLD, GetWorldProperties)().model_names
-        robot = robot_name(str(rospy.get_param(DESCRIPTION, "")))
+        robot = read_robot_name(str(rospy.get_param(DESCRIPTION, "")))
         base = robot if robot in models else ""
         state = rospy.ServiceProxy(STATE, GetLinkState)(link, base)
     except (rospy.ROSException, rospy.ServiceException, OSError):
         return None
     if not state.success:
         return None
-    xyz, rpy = to_xyz_rpy(from_pose(state.link_state.pose, "link").matrix())
+    xyz, rpy = xyz_rpy_from_matrix(from_pose(state.link_state.pose, "link").matrix())
     return (*np.asarray(xyz, float).tolist(), *np.asarray(rpy, float).tolist())
 
 

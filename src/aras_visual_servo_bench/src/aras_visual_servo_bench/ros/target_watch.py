@@ -12,9 +12,9 @@ from geometry_msgs.msg import PoseStamped
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.ros.conversions import from_pose
 
-from ..drawing.outlines import NOTHING, Drawing, drawing_of
-from ..drawing.story import Story
-from .target_place import TARGET, TOPIC, TargetPlace
+from ..drawing.model_drawing import EMPTY_DRAWING, ModelDrawing, draw_model
+from ..drawing.run_trace import RunTrace
+from .target_pose_reader import TARGET, TOPIC, TargetPoseReader
 
 TARGET_DESCRIPTION = "/target_description"
 PERIOD = 0.5  # s of wall time between two questions
@@ -28,43 +28,43 @@ class TargetWatch:
     """
 
     def __init__(self) -> None:
-        self.missing = ""
-        self._asked = -math.inf
-        self._known: tuple[str, Drawing] = ("", NOTHING)
-        self._shapes = NOTHING.shapes(None)
-        self._place = TargetPlace()
-        self._told: PoseStamped | None = None  # by a recording, where no simulation runs
+        self.missing_reason = ""
+        self._update_time = -math.inf
+        self._cached_drawing: tuple[str, ModelDrawing] = ("", EMPTY_DRAWING)
+        self._shapes = EMPTY_DRAWING.make_shapes(None)
+        self._pose_reader = TargetPoseReader()
+        self._recorded_pose: PoseStamped | None = None  # by a recording, where no simulation runs
         rospy.Subscriber(TOPIC, PoseStamped, self._on_target, queue_size=1)
 
-    def tell(self, story: Story, robot: str) -> None:
+    def update(self, run_trace: RunTrace, robot: str) -> None:
         """Give a story the target's shapes in the base of its robot, which the simulator calls so
         (in the world's frame where it does not); none where the arm carries the target."""
-        if time.monotonic() - self._asked > PERIOD:
-            pose = None if story.arm.target_frame else self._pose(robot)
-            drawing = NOTHING if pose is None else self._drawing()
-            self._shapes, self._asked = drawing.shapes(pose), time.monotonic()
-        story.target = self._shapes
+        if time.monotonic() - self._update_time > PERIOD:
+            pose = None if run_trace.arm.target_frame else self._find_pose(robot)
+            drawing = EMPTY_DRAWING if pose is None else self._read_drawing()
+            self._shapes, self._update_time = drawing.make_shapes(pose), time.monotonic()
+        run_trace.target = self._shapes
 
-    def _drawing(self) -> Drawing:
+    def _read_drawing(self) -> ModelDrawing:
         """What the target's description shows; nothing where there is none that can be drawn."""
         try:
             urdf = str(rospy.get_param(TARGET_DESCRIPTION, ""))
-            if self._known[0] != urdf:
-                self._known = urdf, drawing_of(urdf)
+            if self._cached_drawing[0] != urdf:
+                self._cached_drawing = urdf, draw_model(urdf)
         except (OSError, DescriptionError):
-            return NOTHING
-        return self._known[1]
+            return EMPTY_DRAWING
+        return self._cached_drawing[1]
 
-    def _pose(self, robot: str) -> np.ndarray | None:
+    def _find_pose(self, robot: str) -> np.ndarray | None:
         """(4, 4) base_T_target; None where nothing is known of it."""
-        found = self._place.of(robot)
-        none = self._place.answered and found is None
-        self.missing = f"no model named {TARGET} is in the simulation" if none else ""
-        if not self._place.answered:
-            found = self._told
+        found = self._pose_reader.read_pose(robot)
+        none = self._pose_reader.has_simulator and found is None
+        self.missing_reason = f"no model named {TARGET} is in the simulation" if none else ""
+        if not self._pose_reader.has_simulator:
+            found = self._recorded_pose
         if found is None:
             return None
         return from_pose(found.pose, "target").matrix()
 
     def _on_target(self, message: PoseStamped) -> None:
-        self._told = message
+        self._recorded_pose = message

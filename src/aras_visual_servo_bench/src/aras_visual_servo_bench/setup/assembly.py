@@ -11,32 +11,36 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.limits import check_inside
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError, UnreachableError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.goals.starts import start_joints
+from aras_visual_servo_controller.goals.starts import find_start_joints
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.kinematics.limits import check_within_limits
 from aras_visual_servo_controller.loop.servo import Servo
-from aras_visual_servo_controller.seeing.frame import Frame
-from aras_visual_servo_controller.seeing.observation import Need, Observation
-from aras_visual_servo_controller.seeing.observer import observe
-from aras_visual_servo_controller.seeing.rig import MovedBy, Rig, StandingCamera
+from aras_visual_servo_controller.observation.camera_rig import (
+    CameraKinematics,
+    CameraRig,
+    FixedCameraKinematics,
+)
+from aras_visual_servo_controller.observation.feature_observer import observe
+from aras_visual_servo_controller.observation.frame import Frame
+from aras_visual_servo_controller.observation.observation import Need, Observation
 from aras_visual_servo_controller.settings import Settings
 
-from ..asked.cameras import Eye
-from ..asked.experiment import CameraPose, Experiment, Sampler
-from ..asked.loop_settings import named_goal
 from ..errors import ExperimentError, ViewError, log_once
-from ..plants.base import Place, Plant
+from ..experiment.cameras import CameraSetup
+from ..experiment.experiment import CameraPose, Experiment, Sampler
+from ..experiment.loop_settings import load_named_goal
+from ..plants.base import CameraPlacement, Plant
 from ..plants.free_body import FreeBody
-from ..plants.kinematic import FreeCamera, KinematicChain
+from ..plants.kinematic import FreeCamera, KinematicArm
 from ..targets.geometry import PlacedTarget
-from .read_context import Wrap, check_scheme, read_context
+from .imaging_setup import make_imaging_settings
+from .read_context import SchemeWrapper, check_scheme, read_context
 from .setup_context import SetupContext
-from .sights import make_sight
 
 if TYPE_CHECKING:
     from .postures import Postures
@@ -60,19 +64,19 @@ class Assembly:
     plant: Plant
     settings: Settings
     servo: Servo
-    rig: Rig
-    eyes: Mapping[str, Eye]
+    rig: CameraRig
+    cameras: Mapping[str, CameraSetup]
     goal: Goal
     goal_pose: np.ndarray
     target: PlacedTarget
-    places: Mapping[str, Place]
+    placements: Mapping[str, CameraPlacement]
     postures: Postures | None = None
     notes: tuple[str, ...] = ()
 
     @property
-    def camera(self) -> CameraModel:
+    def calibrated_camera(self) -> CameraModel:
         """The control camera as the controller believes it."""
-        return self.eyes[self.rig.control.name].believed
+        return self.cameras[self.rig.control.name].calibrated_camera
 
     @property
     def needs(self) -> frozenset[Need]:
@@ -86,13 +90,16 @@ class Assembly:
         """
         plane = None
         if self.plant.has_exact_plane:
-            plane = self.servo.goal.plane_from(self.servo.arm.pose(joints.positions))
+            plane = self.servo.goal.compute_plane(self.servo.arm.pose(joints.positions))
         return observe(frame, joints, self.rig.observers[frame.name],
-                       self.eyes[frame.name].believed, commands, plane)  # fmt: skip
+                       self.cameras[frame.name].calibrated_camera, commands, plane)  # fmt: skip
 
 
 def assemble(
-    experiment: Experiment, wrap: Wrap | None = None, watched: bool = True, depth: bool = False
+    experiment: Experiment,
+    wrap_scheme: SchemeWrapper | None = None,
+    has_unread_cameras: bool = True,
+    has_depth: bool = False,
 ) -> Assembly:
     """Make the parts of an experiment, at its start: plant, servo loop, cameras, goal.
 
@@ -109,27 +116,27 @@ def assemble(
     Raises:
         ExperimentError: it cannot be run, with the key that is wrong and what would be right.
     """
-    context = read_context(experiment, wrap, watched, depth)
+    context = read_context(experiment, wrap_scheme, has_unread_cameras, has_depth)
     try:
         check_scheme(context)
         shown = read_goal(context)
         arm, believed = make_arms(context, shown.pose)
-        others = believed_others(context, shown.pose, believed)
-        postures = None if context.flies else make_postures(context)
+        others = make_calibrated_kinematics(context, shown.pose, believed)
+        postures = None if context.has_free_camera else make_postures(context)
         goal_joints = find_goal_joints(context, postures, shown)
         goal, pose = make_goal(context, shown, goal_joints, postures, arm, believed, others)
         start = find_start(context, postures, arm, pose, goal_joints)
         notes = check_postures(context, postures, goal_joints, start, bool(shown.joints))
         servo = make_servo(context, believed, goal)
-        rig = context.settings.rig(
-            {context.control.name: believed, **others}, context.scheme, servo.goal
+        rig = context.settings.make_camera_rig(
+            {context.control_camera.name: believed, **others}, context.scheme, servo.goal
         )
         plant = make_plant(context, arm, start)
     except (ServoError, ViewError) as error:
         raise ExperimentError(str(error)) from error
     return Assembly(
-        plant, context.settings, servo, rig, context.eyes, goal, pose, context.target,
-        context.places, postures, notes,
+        plant, context.settings, servo, rig, context.cameras, goal, pose, context.target,
+        context.placements, postures, notes,
     )  # fmt: skip
 
 
@@ -139,9 +146,9 @@ def check(experiment: Experiment) -> None:
     try:
         check_scheme(context)
         if not isinstance(context.experiment.start, Sampler | CameraPose):
-            given_start(context)
+            read_start_joints(context)
         shown = read_goal(context)
-        if shown.named is None:
+        if shown.loaded_goal is None:
             from .goal_teaching import check_view
 
             check_view(context, shown.pose)
@@ -153,7 +160,7 @@ def check(experiment: Experiment) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class ShownGoal:
+class GoalLocation:
     """Where a goal is shown.
 
     pose: world_T_camera (4, 4) of the true control camera. joints: of the arm there, by name;
@@ -162,92 +169,93 @@ class ShownGoal:
 
     pose: np.ndarray
     joints: Mapping[str, float]
-    named: Goal | None = None
+    loaded_goal: Goal | None = None
 
 
-def read_goal(context: SetupContext) -> ShownGoal:
+def read_goal(context: SetupContext) -> GoalLocation:
     """Where the experiment's goal is shown; ExperimentError where it does not say so."""
     given, arm = context.experiment.goal, context.arm
     if isinstance(given, CameraPose):
-        return ShownGoal(transform(given.pose[:3], given.pose[3:]), {})
+        return GoalLocation(matrix_from_xyz_rpy(given.pose[:3], given.pose[3:]), {})
     if not isinstance(given, str):
-        joints = _given_goal_joints(context)
+        joints = _read_goal_joints(context)
         named = dict(zip(arm.names, joints.tolist(), strict=True))
-        return ShownGoal(arm.pose(joints), {} if context.flies else named)
-    goal = here = named_goal(context.experiment, context.settings)
-    if not context.flies or goal.world_T_camera is None:
+        return GoalLocation(arm.pose(joints), {} if context.has_free_camera else named)
+    goal = here = load_named_goal(context.experiment, context.settings)
+    if not context.has_free_camera or goal.world_T_camera is None:
         here = goal.for_arm(arm)
     if here.world_T_camera is None:
         raise ExperimentError(f"the goal {goal.name} says neither joints nor camera_pose")
-    if context.flies:
+    if context.has_free_camera:
         goal = here = replace(here, joints={})
-    return ShownGoal(np.array(here.world_T_camera), here.joints, goal)
+    return GoalLocation(np.array(here.world_T_camera), here.joints, goal)
 
 
-def _given_goal_joints(context: SetupContext) -> np.ndarray:
+def _read_goal_joints(context: SetupContext) -> np.ndarray:
     """The joints (n,) that the goal is taught at, where it names joints."""
     try:
-        joints = start_joints(context.experiment.goal, context.arm, context.settings.package)
+        joints = find_start_joints(context.experiment.goal, context.arm, context.settings.package)
     except ConfigurationError as error:  # it speaks of a start, which it mostly is
         raise ExperimentError(str(error).replace("parameter ~start", "goal", 1)) from error
-    check_inside(joints, context.arm, "goal")
+    check_within_limits(joints, context.arm, "goal")
     return joints
 
 
 def make_arms(context: SetupContext, pose: np.ndarray) -> tuple[Arm | FreeBody, Arm | FreeBody]:
     """The true arm and the believed one; of a camera that flies, about the goal's pose (4, 4)."""
-    believed = context.control.spec.believed
-    if not context.flies:
-        return context.arm, context.robot.believed_arm(
-            believed.xyz, believed.rpy, context.control.name
+    believed = context.control_camera.spec.calibration_offset
+    if not context.has_free_camera:
+        return context.arm, context.robot.make_calibrated_arm(
+            believed.xyz, believed.rpy, context.control_camera.name
         )
     body = FreeBody(pose)
-    if not believed.moved:
+    if not believed.is_moved:
         return body, body
-    return body, FreeBody(pose, transform(believed.xyz, believed.rpy))
+    return body, FreeBody(pose, matrix_from_xyz_rpy(believed.xyz, believed.rpy))
 
 
-def believed_others(
+def make_calibrated_kinematics(
     context: SetupContext, pose: np.ndarray, control: Arm | FreeBody
-) -> dict[str, FreeBody | MovedBy]:
+) -> dict[str, FreeBody | CameraKinematics]:
     """What is believed to move the other cameras that the scheme reads, by their names.
 
     Args:
         pose: world_T_camera (4, 4) of the true control camera at the goal.
         control: what is believed to move the control camera.
     """
-    others: dict[str, FreeBody | MovedBy] = {}
+    others: dict[str, FreeBody | CameraKinematics] = {}
     for name in list(context.needs)[1:]:
-        if not context.flies:
-            others[name] = context.robot.arm_of(name, control, believed=True)
+        if not context.has_free_camera:
+            others[name] = context.robot.make_camera_kinematics(name, control, is_calibrated=True)
             continue
-        place, belief = context.places[name], context.eyes[name].spec.believed
-        seat = place.pose @ transform(belief.xyz, belief.rpy)
-        others[name] = StandingCamera(seat) if place.stands else FreeBody(pose, seat)
+        place, belief = context.placements[name], context.cameras[name].spec.calibration_offset
+        seat = place.pose @ matrix_from_xyz_rpy(belief.xyz, belief.rpy)
+        others[name] = FixedCameraKinematics(seat) if place.is_fixed else FreeBody(pose, seat)
     return others
 
 
 def make_postures(context: SetupContext) -> Postures:
     """Postures of the arm with the control camera before the target."""
-    from ..asked.worlds import world_path
+    from ..experiment.worlds import find_world_path
     from .postures import Postures
 
-    experiment, control = context.experiment, context.control
+    experiment, control = context.experiment, context.control_camera
     solid = experiment.plant == "bullet"
-    return Postures.of(
-        context.robot, control, context.target_spec(control.name), solid and experiment.pictures,
-        solid, world_path(experiment, context.robot.packages),
+    return Postures.for_robot(
+        context.robot, control, context.find_target_spec(control.name), solid
+        and experiment.has_images,
+        solid, find_world_path(experiment, context.robot.packages),
     )  # fmt: skip
 
 
 def find_goal_joints(
-    context: SetupContext, postures: Postures | None, shown: ShownGoal
+    context: SetupContext, postures: Postures | None, location: GoalLocation
 ) -> np.ndarray | None:
     """Joints (n,) of the arm at the goal; None of a camera that flies, or where the arm cannot be
     there, which is an outcome."""
-    if shown.joints and postures is not None:
-        return np.array([shown.joints[name] for name in context.arm.names])
-    return find_joints(postures, shown.pose)
+    if location.joints and postures is not None:
+        return np.array([location.joints[name] for name in context.arm.names])
+    return find_joints(postures, location.pose)
 
 
 def find_joints(postures: Postures | None, pose: np.ndarray) -> np.ndarray | None:
@@ -255,14 +263,19 @@ def find_joints(postures: Postures | None, pose: np.ndarray) -> np.ndarray | Non
     if postures is None:
         return None
     try:
-        return postures.at(pose)
+        return postures.find_joints(pose)
     except UnreachableError:
         return None
 
 
 def make_goal(
-    context: SetupContext, shown: ShownGoal, joints: np.ndarray | None, postures: Postures | None,
-    arm: Arm | FreeBody, believed: Arm | FreeBody, others: Mapping[str, MovedBy | FreeBody],
+    context: SetupContext,
+    location: GoalLocation,
+    joints: np.ndarray | None,
+    postures: Postures | None,
+    arm: Arm | FreeBody,
+    calibrated_arm: Arm | FreeBody,
+    calibrated_others: Mapping[str, CameraKinematics | FreeBody],
 ) -> tuple[Goal, np.ndarray]:
     """The goal of the loop, computed from a file or taught, and its world_T_camera (4, 4).
 
@@ -270,29 +283,33 @@ def make_goal(
         joints: (n,) of the arm there; None: not known. postures: of the arm, if there is one.
         arm, believed: true and believed. others: what is believed to move the other cameras.
     """
-    control, named = context.control.name, shown.named
-    goal = None if named is None else compute_goal(context, named, {control: believed, **others})
+    control, named = context.control_camera.name, location.loaded_goal
+    goal = (
+        None
+        if named is None
+        else compute_goal(context, named, {control: calibrated_arm, **calibrated_others})
+    )
     if goal is not None:
-        if others:
+        if calibrated_others:
             from .goal_teaching import check_view
 
             check_view(context, goal.world_T_camera)
-        return with_believed_depths(context, goal), goal.world_T_camera
+        return with_calibrated_depths(context, goal), goal.world_T_camera
     from .goal_teaching import show_goal
 
-    goal = show_goal(context, shown.pose, named.name if named is not None else "goal", joints,
-                     postures, arm, believed, others)  # fmt: skip
-    return with_believed_depths(context, goal), shown.pose
+    goal = show_goal(context, location.pose, named.name if named is not None else "goal", joints,
+                     postures, arm, calibrated_arm, calibrated_others)  # fmt: skip
+    return with_calibrated_depths(context, goal), location.pose
 
 
 def compute_goal(
-    context: SetupContext, named: Goal, arms: Mapping[str, FreeBody | MovedBy]
+    context: SetupContext, loaded_goal: Goal, arms: Mapping[str, FreeBody | CameraKinematics]
 ) -> Goal | None:
     """A named goal as the believed cameras see it; None where it lacks what the scheme needs, or
     was shown another target: the demo's plates in place of a solid, or the control camera's in
     place of a camera's own."""
-    goal = named.for_cameras(arms)
-    if any(context.has_own_target(n) and n not in named.cameras for n in context.needs):
+    goal = loaded_goal.for_cameras(arms)
+    if any(context.has_own_target(n) and n not in loaded_goal.cameras for n in context.needs):
         return None  # what it was shown is not what these look at
     if goal.target is not None and context.target.shape.is_solid:
         return None
@@ -303,17 +320,17 @@ def compute_goal(
     return goal
 
 
-def with_believed_depths(context: SetupContext, goal: Goal) -> Goal:
+def with_calibrated_depths(context: SetupContext, goal: Goal) -> Goal:
     """The goal with its depths as they are believed."""
     deeper = {
-        name: _with_depth_times(one, context.eyes[name].spec.believed.depth)
-        for name, one in goal.cameras.items() if name in context.eyes
+        name: _scale_depth(one, context.cameras[name].spec.calibration_offset.depth)
+        for name, one in goal.cameras.items() if name in context.cameras
     }  # fmt: skip
-    own = deeper.pop(context.control.name)
-    return replace(own, others=deeper) if deeper else own
+    own = deeper.pop(context.control_camera.name)
+    return replace(own, other_cameras=deeper) if deeper else own
 
 
-def _with_depth_times(goal: Goal, factor: float) -> Goal:
+def _scale_depth(goal: Goal, factor: float) -> Goal:
     """The goal with its depth, and its plane's, multiplied: what a wrong belief makes of it."""
     if factor == 1.0:
         return goal
@@ -337,31 +354,35 @@ def find_start(
         near = find_joints(postures, goal_pose)
         near = np.zeros(len(arm.names)) if near is None else near
         return draw_start(
-            start, arm, goal_pose, near, context.target, context.control.true,
+            start, arm, goal_pose, near, context.target, context.control_camera.true_camera,
             context.experiment.seed,
-            [(context.places[n], context.eyes[n].true, context.targets[n])
+            [(context.placements[n], context.cameras[n].true_camera, context.targets[n])
              for n in list(context.needs)[1:]],
-            None if postures is None else postures.touched,
+            None if postures is None else postures.find_collision,
         )  # fmt: skip
     if isinstance(start, CameraPose):
-        pose = transform(start.pose[:3], start.pose[3:])
-        return arm.coordinates(pose) if postures is None else postures.start(pose, goal_joints)
-    joints = given_start(context)
+        pose = matrix_from_xyz_rpy(start.pose[:3], start.pose[3:])
+        return (
+            arm.coordinates(pose)
+            if postures is None
+            else postures.find_start_joints(pose, goal_joints)
+        )
+    joints = read_start_joints(context)
     return arm.coordinates(context.arm.pose(joints)) if postures is None else joints
 
 
-def given_start(context: SetupContext) -> np.ndarray:
+def read_start_joints(context: SetupContext) -> np.ndarray:
     """Joints (n,) of a start that is given by name or as joints."""
-    joints = start_joints(context.experiment.start, context.arm, context.settings.package)
+    joints = find_start_joints(context.experiment.start, context.arm, context.settings.package)
     if joints is None:
         raise ExperimentError("start is 'none', but a plant has to begin somewhere")
-    check_inside(joints, context.arm, "start")
+    check_within_limits(joints, context.arm, "start")
     return joints
 
 
 def check_postures(
     context: SetupContext, postures: Postures | None, goal: np.ndarray | None, start: np.ndarray,
-    given: bool,
+    is_given: bool,
 ) -> tuple[str, ...]:
     """What speaks against the joints (n,) at the goal and at the start; it is logged once.
 
@@ -369,38 +390,48 @@ def check_postures(
     """
     if postures is None or goal is None:
         return ()
-    notes = postures.faults(goal, "goal", given)
+    notes = postures.list_faults(goal, "goal", is_given)
     if not isinstance(context.experiment.start, Sampler):
         by_joints = not isinstance(context.experiment.start, CameraPose)
-        notes += postures.faults(start, "start", by_joints)
+        notes += postures.list_faults(start, "start", by_joints)
     for note in notes:
         log_once(note)
     return tuple(notes)
 
 
-def make_servo(context: SetupContext, believed: Arm | FreeBody, goal: Goal) -> Servo:
+def make_servo(context: SetupContext, calibrated_arm: Arm | FreeBody, goal: Goal) -> Servo:
     """The loop."""
     resolver = None
     if context.experiment.plant == "ideal":
-        from ..plants.ideal import ExactResolver
+        from ..plants.ideal import ExactIK
 
-        resolver = ExactResolver(believed, context.control.rate, context.experiment.ideal.speed)
-    return context.settings.build(believed, goal, scheme=context.scheme, resolver=resolver)
+        resolver = ExactIK(
+            calibrated_arm, context.control_camera.rate, context.experiment.ideal.speed
+        )
+    return context.settings.make_servo(
+        calibrated_arm, goal, scheme=context.scheme, differential_ik=resolver
+    )
 
 
 def make_plant(context: SetupContext, arm: Arm | FreeBody, start: np.ndarray) -> Plant:
     """The plant at joints (n,)."""
     experiment = context.experiment
     if experiment.plant == "bullet":
-        from .bullet_setup import make_bullet_arm
+        from .dynamic_arm_setup import make_dynamic_arm
 
-        return make_bullet_arm(context, start)
+        return make_dynamic_arm(context, start)
     if experiment.plant == "ideal":
         from ..plants.ideal import IdealCamera
 
-        believed = experiment.believed
-        body = FreeBody(arm.origin, transform(believed.xyz, believed.rpy))
-        return IdealCamera(arm, body, start, make_sight(context, context.control), experiment.seed)
-    kind = FreeCamera if experiment.plant == "free" else KinematicChain
-    sight, *others = (make_sight(context, eye) for eye in context.eyes.values())
+        believed = experiment.calibration_offset
+        body = FreeBody(arm.origin, matrix_from_xyz_rpy(believed.xyz, believed.rpy))
+        return IdealCamera(
+            arm,
+            body,
+            start,
+            make_imaging_settings(context, context.control_camera),
+            experiment.seed,
+        )
+    kind = FreeCamera if experiment.plant == "free" else KinematicArm
+    sight, *others = (make_imaging_settings(context, eye) for eye in context.cameras.values())
     return kind(arm, start, sight, lag=experiment.lag, seed=experiment.seed, others=others)

@@ -6,27 +6,27 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from aras_visual_servo_base.poses import exponential, logarithm, relative, rotation_from_rpy
+from aras_visual_servo_base.poses import exponential, logarithm, relative_pose, rotation_from_rpy
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.algebra import least_squares
 from aras_visual_servo_controller.errors import ServoError, UnreachableError
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.kinematics.algebra import solve_least_squares
 
-from ..asked.cameras import in_view
-from ..asked.experiment import Sampler
 from ..errors import ExperimentError, ViewError
-from ..plants.base import Place
+from ..experiment.cameras import is_in_view
+from ..experiment.experiment import Sampler
+from ..plants.base import CameraPlacement
 from ..plants.free_body import FreeBody
 from ..targets.geometry import PlacedTarget
 
-NEWTON_STEPS, BEGINNINGS, BEND = 12, 4, 0.5  # the last in rad or m
+NEWTON_STEPS, INITIAL_GUESSES, GUESS_SPREAD = 12, 4, 0.5  # the last in rad or m
 # Of 67 poses that were found ten steps were the most, and after six none was farther than this
 # (m, rad): what is still away is out of reach, as most poses drawn are.
-SIX, NEAR = 6, 0.1
+EARLY_STEPS, EARLY_TOLERANCE = 6, 0.1
 # m and rad. A goal that leans by a milliradian, turned, asks for a roll: an arm that has none comes
 # as near as 2e-5, and what is asked for more narrowly can be reached from two headings alone.
-FOUND = 1e-4
-DAMPED = 1e-3  # m or rad of the camera per unit of joint
+POSE_TOLERANCE = 1e-4
+DAMPING = 1e-3  # m or rad of the camera per unit of joint
 
 
 def draw_start(
@@ -37,8 +37,8 @@ def draw_start(
     target: PlacedTarget,
     camera: CameraModel,
     seed: int,
-    others: Sequence[tuple[Place, CameraModel, PlacedTarget]] = (),
-    touched: Callable[[np.ndarray], str] | None = None,
+    other_cameras: Sequence[tuple[CameraPlacement, CameraModel, PlacedTarget]] = (),
+    find_collision: Callable[[np.ndarray], str] | None = None,
 ) -> np.ndarray:
     """Joints (n,) of a start: the camera above the target, turned, the target wholly in view.
 
@@ -57,25 +57,27 @@ def draw_start(
     middle = vertices.mean(axis=0)
     why = dict.fromkeys(("out of reach", "out of view", "in something's way"), 0)
     for _ in range(sampler.attempts):
-        pose, turn = drawn_pose(sampler, goal_pose, middle, random)
+        pose, turn = draw_pose(sampler, goal_pose, middle, random)
         try:
-            if not in_view(target.shape.outline(target.seen_from(pose)), camera, sampler.margin):
+            if not is_in_view(
+                target.shape.outline(target.target_T_camera(pose)), camera, sampler.margin
+            ):
                 raise ViewError("cut off")
-            for place, other, own in others:
-                outline = own.shape.outline(own.seen_from(place.at(pose)))
-                if not in_view(outline, other, sampler.margin):
+            for place, other, own in other_cameras:
+                outline = own.shape.outline(own.target_T_camera(place.compute_pose(pose)))
+                if not is_in_view(outline, other, sampler.margin):
                     raise ViewError("cut off")
             near = goal_joints
             if isinstance(arm, Arm):  # the last joint turns the camera: begin at the turn drawn
                 near = goal_joints.copy()
-                near[-1] = _within_limits(near[-1] - turn, arm.lower[-1], arm.upper[-1])
-            joints = _joints_at(arm, pose, near, random)
+                near[-1] = _wrap_into_limits(near[-1] - turn, arm.lower[-1], arm.upper[-1])
+            joints = _find_joints(arm, pose, near, random)
         except ViewError:
             why["out of view"] += 1
         except ServoError:
             why["out of reach"] += 1
         else:
-            if touched is None or not touched(joints):
+            if find_collision is None or not find_collision(joints):
                 return joints
             why["in something's way"] += 1
     told = ", ".join(f"{count} {what}" for what, count in why.items() if count)
@@ -85,7 +87,7 @@ def draw_start(
     )
 
 
-def _within_limits(angle: float, lower: float, upper: float) -> float:
+def _wrap_into_limits(angle: float, lower: float, upper: float) -> float:
     """The angle, a turn more or a turn less, rad, whichever is within the limits first."""
     for turns in (0.0, 2.0 * np.pi, -2.0 * np.pi):
         if lower <= angle + turns <= upper:
@@ -93,7 +95,7 @@ def _within_limits(angle: float, lower: float, upper: float) -> float:
     return float(np.clip(angle, lower, upper))
 
 
-def _joints_at(
+def _find_joints(
     arm: Arm | FreeBody, pose: np.ndarray, near: np.ndarray, random: np.random.Generator
 ) -> np.ndarray:
     """Joints (n,) of a pose by Newton's method alone: what is hard to find is no start.
@@ -103,27 +105,29 @@ def _joints_at(
     """
     count = len(near)
     # Least squares of these rows are damped: the elbow may come near to stretched.
-    rows, error = np.vstack([np.zeros((6, count)), DAMPED * np.eye(count)]), np.zeros(6 + count)
-    for _ in range(BEGINNINGS):
+    rows, error = np.vstack([np.zeros((6, count)), DAMPING * np.eye(count)]), np.zeros(6 + count)
+    for _ in range(INITIAL_GUESSES):
         # From a stretched elbow the method finds no way: hence the bends.
-        q = near + random.uniform(-BEND, BEND, len(near)) * (arm.upper - arm.lower < np.inf)
+        q = near + random.uniform(-GUESS_SPREAD, GUESS_SPREAD, len(near)) * (
+            arm.upper - arm.lower < np.inf
+        )
         q[-1] = near[-1]
         for step in range(NEWTON_STEPS):
-            now, rows[:6] = arm.view(q)
-            error[:6] = logarithm(relative(now, pose))
+            now, rows[:6] = arm.pose_and_jacobian(q)
+            error[:6] = logarithm(relative_pose(now, pose))
             left = max(map(abs, error.tolist()))
-            if step >= SIX and left > NEAR:
+            if step >= EARLY_STEPS and left > EARLY_TOLERANCE:
                 break
-            if left < FOUND:
+            if left < POSE_TOLERANCE:
                 if ((q < arm.lower) | (q > arm.upper)).any():
                     break
                 return q
-            moved = least_squares(rows, error, 0.0)
+            moved = solve_least_squares(rows, error, 0.0)
             q = q + np.minimum(np.maximum(moved, -0.5), 0.5)
     raise UnreachableError("no joints of the arm give this pose", float("nan"))
 
 
-def drawn_pose(
+def draw_pose(
     sampler: Sampler, goal_pose: np.ndarray, middle: np.ndarray, random: np.random.Generator
 ) -> tuple[np.ndarray, float]:
     """A pose (4, 4) of the sampler's ranges, and its turn about the vertical, rad."""

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import JointController, Scheme
-from aras_visual_servo_controller.seeing.observation import Need
 from aras_visual_servo_controller.settings import Settings
 
-from ..asked.cameras import Eye
-from ..asked.experiment import FLYING, Experiment
-from ..asked.robots import Robot
-from ..plants.base import Place
+from ..experiment.cameras import CameraSetup
+from ..experiment.experiment import FREE_CAMERA_PLANTS, Experiment
+from ..experiment.robots import Robot
+from ..plants.base import CameraPlacement
 from ..targets.geometry import PlacedTarget
 from ..targets.target_spec import TargetSpec
 
@@ -40,38 +40,38 @@ class SetupContext:
     settings: Settings
     scheme: Scheme | JointController
     arm: Arm
-    eyes: Mapping[str, Eye]
+    cameras: Mapping[str, CameraSetup]
     needs: Mapping[str, frozenset[Need]]
-    placed: PlacedTarget
+    experiment_target: PlacedTarget
     targets: Mapping[str, PlacedTarget]
-    places: Mapping[str, Place]
-    depth: bool = False
-    label: str = ""
+    placements: Mapping[str, CameraPlacement]
+    has_depth: bool = False
+    labelled_link: str = ""
 
     @property
-    def flies(self) -> bool:
+    def has_free_camera(self) -> bool:
         """Whether the camera flies without an arm."""
-        return self.experiment.plant in FLYING
+        return self.experiment.plant in FREE_CAMERA_PLANTS
 
     @property
-    def control(self) -> Eye:
+    def control_camera(self) -> CameraSetup:
         """The control camera."""
-        return next(iter(self.eyes.values()))
+        return next(iter(self.cameras.values()))
 
     @property
     def target(self) -> PlacedTarget:
         """What the control camera looks at."""
-        return self.targets[self.control.name]
+        return self.targets[self.control_camera.name]
 
     def has_own_target(self, camera: str) -> bool:
         """Whether a camera looks at a target of its own."""
-        return camera in self.eyes and self.eyes[camera].spec.target is not None
+        return camera in self.cameras and self.cameras[camera].spec.target is not None
 
-    def target_spec(self, camera: str) -> TargetSpec:
+    def find_target_spec(self, camera: str) -> TargetSpec:
         """The settings of the target that a camera looks at."""
-        return self.eyes[camera].spec.target or self.experiment.target
+        return self.cameras[camera].spec.target or self.experiment.target
 
-    def pose_of(self, camera: str, pose: np.ndarray) -> np.ndarray:
+    def compute_camera_pose(self, camera: str, pose: np.ndarray) -> np.ndarray:
         """world_T_camera (4, 4) of a camera, with the control camera at world_T_camera (4, 4)."""
-        place = self.places.get(camera)
-        return pose if place is None else place.at(pose)
+        place = self.placements.get(camera)
+        return pose if place is None else place.compute_pose(pose)

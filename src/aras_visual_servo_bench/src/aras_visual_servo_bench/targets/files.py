@@ -19,16 +19,16 @@ import numpy as np
 
 from aras_visual_servo_camera.polygons import signed_area
 
-from ..errors import ExperimentError, require, writing
+from ..errors import ExperimentError, catch_write_errors, require
 from .geometry import Target
-from .outlines import default_size
-from .scratch import scratch
-from .target_spec import BoxSpec, Pair, TargetSpec
+from .scratch import make_scratch_folder
+from .target_factory import find_default_size
+from .target_spec import BoxSpec, TargetSpec, Vector2
 
 if TYPE_CHECKING:
     from .solids import SolidTarget
 
-ABOVE = 5e-4  # m that an occluder lies above the face
+OCCLUDER_HEIGHT = 5e-4  # m that an occluder lies above the face
 URDF = """<?xml version="1.0"?>
 <robot name="{name}">
   <link name="{name}">
@@ -40,13 +40,13 @@ URDF = """<?xml version="1.0"?>
 </robot>
 """
 SCALE = ' scale="{!r} {!r} {!r}"'
-STANDS = "<gazebo><static>true</static></gazebo>"
+STATIC = "<gazebo><static>true</static></gazebo>"
 BOX = """
     <visual name="box"><origin xyz="0 0 {z!r}"/><geometry><box size="{size}"/></geometry></visual>
     <collision><origin xyz="0 0 {z!r}"/><geometry><box size="{size}"/></geometry></collision>
     <inertial><origin xyz="0 0 {z!r}"/><mass value="{mass!r}"/>
       <inertia ixx="{ixx!r}" iyy="{iyy!r}" izz="{izz!r}" ixy="0" ixz="0" iyz="0"/></inertial>"""
-RUBS = '<gazebo reference="{name}"><mu1>{friction!r}</mu1></gazebo>'
+FRICTION = '<gazebo reference="{name}"><mu1>{friction!r}</mu1></gazebo>'
 GREY = '<gazebo reference="{name}"><material>Gazebo/Grey</material></gazebo>'
 OCCLUDER = """
     <visual name="occluder">
@@ -55,9 +55,9 @@ OCCLUDER = """
     </visual>"""
 
 
-def write(
+def write_target(
     target: Target, folder: Path, name: str = "target", meshes: str = "",
-    occluder: tuple[Pair, Pair] | None = None, box: BoxSpec | None = None,
+    occluder: tuple[Vector2, Vector2] | None = None, box: BoxSpec | None = None,
 ) -> Path:
     """Write a target's files, and answer the path of its URDF.
 
@@ -71,14 +71,14 @@ def write(
         ExperimentError: the target is not flat, or nothing can be written there.
     """
     if target.is_solid:
-        return _solid(target, folder, name)
+        return _write_solid(target, folder, name)
     vertices = target.vertices()
     require(
         bool(np.abs(vertices[:, 2]).max() < 1e-9),
         "target.shape 'aras' is part of the robot's description: no files are made of it",
     )
     where = meshes or f"file://{folder.resolve()}"
-    with writing(f"the target into {folder}", ExperimentError):
+    with catch_write_errors(f"the target into {folder}", ExperimentError):
         folder.mkdir(parents=True, exist_ok=True)
         if target.is_textured:
             faces = [(0, 3, 2), (0, 2, 1)]  # from the picture's first corner, seen from above
@@ -86,82 +86,85 @@ def write(
             drawn = cv2.imwrite(str(folder / f"{name}.png"), target.pixels)
             require(drawn, f"cannot write the target's picture into {folder}")
         else:
-            faces, material = triangles(vertices[:, :2]), "Kd 0 0 0\n"
-        _mesh(folder, name, vertices, faces, material)
+            faces, material = triangulate(vertices[:, :2]), "Kd 0 0 0\n"
+        _write_mesh(folder, name, vertices, faces, material)
         more = ""
         if occluder is not None:
-            _white(folder, f"{name}_occluder", occluder)
-            more = OCCLUDER.format(x=0.0, y=0.0, z=ABOVE, mesh=f"{where}/{name}_occluder.obj")
-        physics = STANDS
+            _write_white_rectangle(folder, f"{name}_occluder", occluder)
+            more = OCCLUDER.format(
+                x=0.0, y=0.0, z=OCCLUDER_HEIGHT, mesh=f"{where}/{name}_occluder.obj"
+            )
+        physics = STATIC
         if box is not None:
-            physics = RUBS.format(name=name, friction=box.friction)
-            more += _box(box)
+            physics = FRICTION.format(name=name, friction=box.friction)
+            more += _make_box(box)
         path = folder / f"{name}.urdf"
         mesh = f"{where}/{name}.obj"
         path.write_text(URDF.format(name=name, mesh=mesh, scale="", more=more, physics=physics))
     return path
 
 
-def _solid(target: SolidTarget, folder: Path, name: str) -> Path:
+def _write_solid(target: SolidTarget, folder: Path, name: str) -> Path:
     """The URDF of a solid that stands still, by its own mesh file."""
-    with writing(f"the target into {folder}", ExperimentError):
+    with catch_write_errors(f"the target into {folder}", ExperimentError):
         folder.mkdir(parents=True, exist_ok=True)
-        path, mesh = folder / f"{name}.urdf", target.drawn or target.path
-        grey = "" if target.coloured else GREY.format(name=name)
-        if target.made:
+        path, mesh = folder / f"{name}.urdf", target.coloured_path or target.path
+        grey = "" if target.has_colour else GREY.format(name=name)
+        if target.is_temporary:
             mesh = folder.resolve() / f"{name}.obj"
             mesh.write_text(target.path.read_text())
         path.write_text(URDF.format(
-            name=name, mesh=f"file://{mesh}", scale=SCALE.format(*target.factor), more="",
-            physics=STANDS + grey,
+            name=name, mesh=f"file://{mesh}", scale=SCALE.format(*target.scale), more="",
+            physics=STATIC + grey,
         ))  # fmt: skip
     return path
 
 
-def _box(box: BoxSpec) -> str:
+def _make_box(box: BoxSpec) -> str:
     """What a link has of a box under a target, a hair below its face."""
     (x, y, z), share = box.size, box.mass / 12.0
     return BOX.format(
-        size=f"{x!r} {y!r} {z!r}", z=-0.5 * z - ABOVE, mass=box.mass, ixx=share * (y * y + z * z),
+        size=f"{x!r} {y!r} {z!r}", z=-0.5 * z - OCCLUDER_HEIGHT, mass=box.mass,
+        ixx=share * (y * y + z * z),
         iyy=share * (x * x + z * z), izz=share * (x * x + y * y),
     )  # fmt: skip
 
 
 @lru_cache(maxsize=64)
-def description_file(spec: TargetSpec, perturbed_by: int | None = None) -> Path:
+def write_description(spec: TargetSpec, perturbation_seed: int | None = None) -> Path:
     """The URDF of an experiment's target, made once a process in a folder that goes with it.
 
     Args:
         perturbed_by: seed of what is done to its picture; None: nothing.
 
     Raises:
-        ExperimentError: see `write` and `shape_of`.
+        ExperimentError: see `write_target` and `shape_of`.
     """
-    target = spec.placed.shape
-    if perturbed_by is not None:
+    target = spec.placed_target.shape
+    if perturbation_seed is not None:
         require(
             target.is_textured,
             f"target '{spec.shape}' has no picture that could be perturbed: use poster or a PNG",
         )
-        target = target.perturbed(perturbed_by)
+        target = target.perturb(perturbation_seed)
     always = spec.occluder if spec.occluded is None else None
-    return write(target, scratch(), occluder=always, box=spec.box)
+    return write_target(target, make_scratch_folder(), occluder=always, box=spec.box)
 
 
 @lru_cache(maxsize=64)
-def occluder_file(rectangle: tuple[Pair, Pair]) -> Path:
+def write_occluder(rectangle: tuple[Vector2, Vector2]) -> Path:
     """The URDF of a white rectangle with that low and high corner (x, y), m, of its own."""
-    folder, name = scratch(), "occluder"
-    _white(folder, name, rectangle)
+    folder, name = make_scratch_folder(), "occluder"
+    _write_white_rectangle(folder, name, rectangle)
     path = folder / f"{name}.urdf"
     path.write_text(URDF.format(
         name=name, mesh=f"file://{folder.resolve()}/{name}.obj", scale="", more="",
-        physics=STANDS,
+        physics=STATIC,
     ))  # fmt: skip
     return path
 
 
-def triangles(corners: np.ndarray) -> list[tuple[int, int, int]]:
+def triangulate(corners: np.ndarray) -> list[tuple[int, int, int]]:
     """Of a polygon (n, 2) without crossing edges, by cutting ears; counter-clockwise.
 
     Raises:
@@ -175,7 +178,9 @@ def triangles(corners: np.ndarray) -> list[tuple[int, int, int]]:
         for k in range(len(order)):
             a, b, c = order[k - 1], order[k], order[(k + 1) % len(order)]
             rest = [i for i in order if i not in (a, b, c)]
-            if _left(corners, a, b, c) > 0.0 and not _any_inside(corners, a, b, c, rest):
+            if _signed_area(corners, a, b, c) > 0.0 and not _has_point_inside(
+                corners, a, b, c, rest
+            ):
                 found.append((a, b, c))
                 del order[k]
                 break
@@ -184,29 +189,29 @@ def triangles(corners: np.ndarray) -> list[tuple[int, int, int]]:
     return [*found, tuple(order)]
 
 
-def _left(corners: np.ndarray, a: int, b: int, c: int) -> float:
+def _signed_area(corners: np.ndarray, a: int, b: int, c: int) -> float:
     """Twice the area of a triangle, above 0 where it goes counter-clockwise."""
     (ax, ay), (bx, by), (cx, cy) = corners[a], corners[b], corners[c]
     return float((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
 
 
-def _any_inside(corners: np.ndarray, a: int, b: int, c: int, others: list[int]) -> bool:
+def _has_point_inside(corners: np.ndarray, a: int, b: int, c: int, points: list[int]) -> bool:
     return any(
-        _left(corners, a, b, i) >= 0.0
-        and _left(corners, b, c, i) >= 0.0
-        and _left(corners, c, a, i) >= 0.0
-        for i in others
+        _signed_area(corners, a, b, i) >= 0.0
+        and _signed_area(corners, b, c, i) >= 0.0
+        and _signed_area(corners, c, a, i) >= 0.0
+        for i in points
     )
 
 
-def _white(folder: Path, name: str, rectangle: tuple[Pair, Pair]) -> None:
+def _write_white_rectangle(folder: Path, name: str, rectangle: tuple[Vector2, Vector2]) -> None:
     """An OBJ of a white rectangle in z = 0."""
     (x0, y0), (x1, y1) = rectangle
     corners = np.array([(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0)], float)
-    _mesh(folder, name, corners, [(0, 1, 2), (0, 2, 3)], "Kd 1 1 1\n")
+    _write_mesh(folder, name, corners, [(0, 1, 2), (0, 2, 3)], "Kd 1 1 1\n")
 
 
-def _mesh(
+def _write_mesh(
     folder: Path, name: str, vertices: np.ndarray, faces: list[tuple[int, int, int]], material: str
 ) -> None:
     """An OBJ of vertices (n, 3), m, with one material; a picture spans its rectangle."""
@@ -238,11 +243,11 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder")
     options = parser.parse_args(argv)
     try:
-        size = tuple(options.size) if options.size else default_size(options.shape)
+        size = tuple(options.size) if options.size else find_default_size(options.shape)
         spec = TargetSpec(options.shape, size, scale=options.scale, marker=options.marker)
         covered = options.occluder and (tuple(options.occluder[:2]), tuple(options.occluder[2:]))
-        path = write(
-            spec.placed.shape, options.out,
+        path = write_target(
+            spec.placed_target.shape, options.out,
             options.name or Path(options.shape).stem, options.meshes, covered or None,
         )  # fmt: skip
     except ExperimentError as error:

@@ -15,19 +15,22 @@ from functools import cached_property
 
 import numpy as np
 
-from aras_visual_servo_base.poses import exponential, inverse, rotation_vector, transform
+from aras_visual_servo_base.poses import exponential, inverse, matrix_from_xyz_rpy, rotation_vector
 from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_controller.errors import ServoError
-from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry, star_union
+from aras_visual_servo_controller.observation.target_geometry import (
+    TargetGeometry,
+    unite_star_shapes,
+)
 
 from ..errors import ExperimentError, ViewError, require
 
 ROUNDING = 1e-12  # m by which a point of a box's rim may lie beside it
-STILL = 1e-9  # m, and of unit axes: a change of a pose by less is none
-SAME_TIME = 1e-7  # s
-NEAREST = 1e-3  # m before the camera; what is nearer has no view worth the name
-FLIPPED = (1.0, -1.0)  # y of a picture runs down
+POSE_TOLERANCE = 1e-9  # m, and of unit axes: a change of a pose by less is none
+TIME_TOLERANCE = 1e-7  # s
+MIN_DEPTH = 1e-3  # m before the camera; what is nearer has no view worth the name
+IMAGE_FLIP = (1.0, -1.0)  # y of a picture runs down
 
 
 class Target(ABC):
@@ -79,7 +82,7 @@ class BoxesTarget(Target):
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
         """Outline of all boxes together."""
         try:
-            return self.geometry.outline(target_T_camera)
+            return self.geometry.compute_outline(target_T_camera)
         except ServoError as error:
             raise ViewError(str(error)) from error
 
@@ -92,18 +95,18 @@ class BoxesTarget(Target):
         boxes = self.geometry.boxes
         low, high = boxes[:, 0], boxes[:, 1]
         faces = [np.array([(a, b), (c, b), (c, d), (a, d)]) for (a, b, _), (c, d, _) in boxes]
-        rim = faces[0] if len(faces) == 1 else star_union(*faces)
+        rim = faces[0] if len(faces) == 1 else unite_star_shapes(*faces)
         beyond = np.maximum(low[:, :2] - rim[:, None], rim[:, None] - high[:, :2]).max(axis=2)
         tops = np.where(beyond < ROUNDING, high[:, 2], -np.inf).max(axis=1)
         return np.column_stack([rim, tops])
 
     def depth(self, target_T_camera: np.ndarray) -> float:
         """Z (m) where the optical axis meets the surface that the geometry names."""
-        return self.geometry.depth(target_T_camera)
+        return self.geometry.compute_depth(target_T_camera)
 
     def plane(self, target_T_camera: np.ndarray) -> Plane:
         """That surface in this view."""
-        return self.geometry.plane(target_T_camera)
+        return self.geometry.compute_plane(target_T_camera)
 
 
 @dataclass(frozen=True)
@@ -136,7 +139,7 @@ class RoundTarget(PolygonTarget):
 # The demo's target in base_link, where robots/aras_visual_servo.urdf has it: its table is the
 # plane z = 0.59, which hides the lower half of the square's plate.
 ARAS = BoxesTarget(
-    TargetGeometry.checked(
+    TargetGeometry.from_values(
         np.array(
             [
                 [(-0.025, -0.025, 0.5895), (0.025, 0.025, 0.5905)],
@@ -194,64 +197,64 @@ class Motion:
         )
 
     @property
-    def still(self) -> bool:
+    def is_static(self) -> bool:
         """Whether it never moves."""
         return not (
             any(self.velocity) or any(self.amplitude) or self.circle or any(self.step)
             or self.path
         )
 
-    def displacement(self, time: float) -> np.ndarray:
+    def compute_displacement(self, time: float) -> np.ndarray:
         """(4, 4) by which the target has moved at `time` (s), about its own origin."""
         moved = np.eye(4)
         since = time - self.begin
-        if self.still or since < 0.0:
+        if self.is_static or since < 0.0:
             return moved
         velocity = np.asarray(self.velocity)
-        moved[:3, :3] = _rotation(velocity[3:] * since)
+        moved[:3, :3] = _to_rotation_matrix(velocity[3:] * since)
         phase = 2.0 * np.pi * self.frequency * since
         moved[:3, 3] = velocity[:3] * since + np.asarray(self.amplitude) * np.sin(phase)
         moved[:2, 3] += self.circle * np.array([np.sin(phase), 1.0 - np.cos(phase)])
         if not self.hold or int(since / self.hold) % 2 == 0:
             moved[:3, 3] += self.step
         if self.path:
-            place, rotation = self._on_path(since)
+            place, rotation = self._compute_path_displacement(since)
             moved[:3, 3] += place
             moved[:3, :3] = moved[:3, :3] @ rotation
         return moved
 
-    def moved(self, pose: np.ndarray, time: float) -> np.ndarray:
+    def apply(self, pose: np.ndarray, time: float) -> np.ndarray:
         """world_T_target (4, 4) at `time` (s), of what lay at `pose` at time 0."""
-        moved = self.displacement(time)
+        moved = self.compute_displacement(time)
         placed = pose.copy()
         placed[:3, :3] = moved[:3, :3] @ pose[:3, :3]
         placed[:3, 3] += moved[:3, 3]
         return placed
 
-    def _on_path(self, since: float) -> tuple[np.ndarray, np.ndarray]:
+    def _compute_path_displacement(self, elapsed: float) -> tuple[np.ndarray, np.ndarray]:
         """Displacement (3,), m, and rotation (3, 3) by the path, s after `begin`."""
         times, poses = self._waypoints
-        after = int(np.clip(np.searchsorted(times, since), 1, len(times) - 1))
+        after = int(np.clip(np.searchsorted(times, elapsed), 1, len(times) - 1))
         before = after - 1
-        share = np.clip((since - times[before]) / (times[after] - times[before]), 0.0, 1.0)
+        share = np.clip((elapsed - times[before]) / (times[after] - times[before]), 0.0, 1.0)
         first, last = poses[before], poses[after]
         place = (1.0 - share) * first[:3, 3] + share * last[:3, 3]
         turn = share * rotation_vector(first[:3, :3].T @ last[:3, :3])
-        return place, first[:3, :3] @ _rotation(turn)
+        return place, first[:3, :3] @ _to_rotation_matrix(turn)
 
     @cached_property
     def _waypoints(self) -> tuple[np.ndarray, list[np.ndarray]]:
         """Times, s after `begin`, and displacements (4, 4), from the target's own place on."""
-        poses = [transform(p[1:4], p[4:] or (0.0,) * 3) for p in self.path]
+        poses = [matrix_from_xyz_rpy(p[1:4], p[4:] or (0.0,) * 3) for p in self.path]
         return np.array([0.0, *(p[0] for p in self.path)]), [np.eye(4), *poses]
 
 
-def _rotation(turn: np.ndarray) -> np.ndarray:
+def _to_rotation_matrix(turn: np.ndarray) -> np.ndarray:
     """(3, 3) of a rotation vector (3,), rad."""
     return exponential(np.append(np.zeros(3), turn))[:3, :3]
 
 
-class Course:
+class PoseHistory:
     """Where a body of the simulated world was, as far as it is known."""
 
     def __init__(self) -> None:
@@ -260,13 +263,13 @@ class Course:
 
     def add(self, time: float, pose: np.ndarray) -> None:
         """It is at world_T_body (4, 4) from `time` (s) on."""
-        if not self._poses or np.abs(pose - self._poses[-1]).max() > STILL:
+        if not self._poses or np.abs(pose - self._poses[-1]).max() > POSE_TOLERANCE:
             self._times.append(time)
             self._poses.append(pose)
 
-    def at(self, time: float) -> np.ndarray | None:
+    def find_pose(self, time: float) -> np.ndarray | None:
         """Its pose (4, 4) at a time (s); None: before what is known."""
-        count = bisect_right(self._times, time + SAME_TIME)
+        count = bisect_right(self._times, time + TIME_TOLERANCE)
         return self._poses[count - 1] if count else None
 
 
@@ -278,22 +281,28 @@ class PlacedTarget:
     shape: Target
     pose: np.ndarray
     motion: Motion = Motion()
-    course: Course | None = None
+    pose_history: PoseHistory | None = None
 
     def world_T_target(self, time: float) -> np.ndarray:
         """(4, 4) at `time` (s)."""
-        if self.course is not None and (known := self.course.at(time)) is not None:
+        if (
+            self.pose_history is not None
+            and (known := self.pose_history.find_pose(time)) is not None
+        ):
             return known
-        if self.motion.still:
+        if self.motion.is_static:
             return self.pose
-        return self.motion.moved(self.pose, time)
+        return self.motion.apply(self.pose, time)
 
-    def seen_from(self, world_T_camera: np.ndarray, time: float = 0.0) -> np.ndarray:
+    def target_T_camera(self, world_T_camera: np.ndarray, time: float = 0.0) -> np.ndarray:
         """target_T_camera (4, 4)."""
         return inverse(self.world_T_target(time)) @ world_T_camera
 
-    def view(
-        self, of: Callable[[np.ndarray], np.ndarray | None], pose: np.ndarray, time: float = 0.0
+    def project(
+        self,
+        function: Callable[[np.ndarray], np.ndarray | None],
+        pose: np.ndarray,
+        time: float = 0.0,
     ) -> np.ndarray | None:
         """Places (n, 2), normalised, that a method of the shape gives for world_T_camera (4, 4).
 
@@ -303,7 +312,7 @@ class PlacedTarget:
         if not np.isfinite(pose).all():
             return None
         try:
-            return of(self.seen_from(pose, time))
+            return function(self.target_T_camera(pose, time))
         except ViewError:
             return None
 
@@ -315,6 +324,6 @@ def project(points: np.ndarray, frame_T_camera: np.ndarray) -> np.ndarray:
         ViewError: one is not before the camera.
     """
     seen = (points - frame_T_camera[:3, 3]) @ frame_T_camera[:3, :3]
-    if (seen[:, 2] < NEAREST).any():
+    if (seen[:, 2] < MIN_DEPTH).any():
         raise ViewError("the target is behind the camera: nothing to project")
     return seen[:, :2] / seen[:, 2:]

@@ -9,13 +9,13 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 
-def scratch() -> Path:
+def make_scratch_folder() -> Path:
     """A new folder, which goes with the process."""
-    return Path(mkdtemp(dir=_all()))
+    return Path(mkdtemp(dir=_make_root()))
 
 
 @lru_cache(maxsize=1)
-def _all() -> Path:
+def _make_root() -> Path:
     folder = Path(mkdtemp(prefix="aras_targets_"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder

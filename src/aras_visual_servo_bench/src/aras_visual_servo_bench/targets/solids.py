@@ -8,19 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
-from aras_sim_bridge.description.shapes import triangles
+from aras_sim_bridge.description.shapes import make_meshes
 from aras_sim_bridge.description.types import Geometry
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.meshes import files
 from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.model import Solid
-from aras_visual_servo_camera.model.solid import triangles_of
-from aras_visual_servo_camera.silhouette import fitting_plane, outline_points
+from aras_visual_servo_camera.model_tracker import Solid
+from aras_visual_servo_camera.model_tracker.solid import read_triangles
+from aras_visual_servo_camera.silhouette import find_silhouette_points, fit_outline_plane
 
 from ..errors import ExperimentError, ViewError, require
 from .geometry import Target, project
-from .scratch import scratch
+from .scratch import make_scratch_folder
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,39 +35,39 @@ class SolidTarget(Target):
 
     solid: Solid
     path: Path
-    made: bool = False
-    drawn: Path | None = None
-    factor: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    is_temporary: bool = False
+    coloured_path: Path | None = None
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     @property
-    def coloured(self) -> bool:
+    def has_colour(self) -> bool:
         """Whether its file says a colour of any part."""
-        meshes = files.read(str(self.drawn or self.path))
+        meshes = files.read(str(self.coloured_path or self.path))
         return any(mesh.rgba is not None or mesh.texture for mesh in meshes)
 
     def vertices(self) -> np.ndarray:
         """Corners of its middle plane."""
-        return self.solid.points()
+        return self.solid.compute_section_corners()
 
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
         """The convex hull of all its vertices in the view."""
-        rim = outline_points(self._before(target_T_camera))
+        rim = find_silhouette_points(self._to_camera_frame(target_T_camera))
         return rim[:, :2] / rim[:, 2:]
 
     def outline_plane(self, target_T_camera: np.ndarray) -> Plane:
         """The plane that fits where its outline touches it."""
         try:
-            return fitting_plane(self._before(target_T_camera), self.path.name)
+            return fit_outline_plane(self._to_camera_frame(target_T_camera), self.path.name)
         except ModelError as error:
             raise ViewError(str(error)) from error
 
-    def _before(self, target_T_camera: np.ndarray) -> np.ndarray:
+    def _to_camera_frame(self, target_T_camera: np.ndarray) -> np.ndarray:
         """(n, 3) vertices on its convex hull, in the camera's frame, m."""
-        project(self._extreme, target_T_camera)
-        return (self._extreme - target_T_camera[:3, 3]) @ target_T_camera[:3, :3]
+        project(self._hull_vertices, target_T_camera)
+        return (self._hull_vertices - target_T_camera[:3, 3]) @ target_T_camera[:3, :3]
 
     @cached_property
-    def _extreme(self) -> np.ndarray:
+    def _hull_vertices(self) -> np.ndarray:
         """(n, 3) vertices on its convex hull: no others bound a view of it."""
         from scipy.spatial import ConvexHull
 
@@ -75,27 +75,27 @@ class SolidTarget(Target):
 
 
 @lru_cache(maxsize=32)
-def scaled_solid(unit: Geometry, size: tuple[float, float, float], name: str) -> SolidTarget:
+def make_scaled_solid(unit: Geometry, size: tuple[float, float, float], name: str) -> SolidTarget:
     """A solid of size 1 about its frame's origin, scaled along x, y and z, m.
 
     Raises:
         ExperimentError: no camera could see it.
     """
-    (mesh,) = triangles(unit)
-    return made_solid(mesh.positions[mesh.triangles] * size, name)
+    (mesh,) = make_meshes(unit)
+    return make_solid(mesh.positions[mesh.triangles] * size, name)
 
 
-def made_solid(corners: np.ndarray, name: str) -> SolidTarget:
+def make_solid(corners: np.ndarray, name: str) -> SolidTarget:
     """The target of triangles (n, 3, 3), m; ExperimentError: they are no closed solid in metres."""
     try:
-        solid = Solid.of(corners, name)
+        solid = Solid.from_triangles(corners, name)
     except ModelError as error:
         raise ExperimentError(f"target: {error}") from error
-    return SolidTarget(solid, _written(corners, name), made=True)
+    return SolidTarget(solid, _write_mesh(corners, name), is_temporary=True)
 
 
 @lru_cache(maxsize=4)  # meshes are large
-def solid_target(
+def read_solid(
     path: Path, size: tuple[float, ...] | None = None, scale: float | None = None
 ) -> SolidTarget:
     """The target of a mesh file.
@@ -114,25 +114,25 @@ def solid_target(
             f"target.size of {path.name} is {list(size or ())}, must be three lengths, along x, y "
             "and z, m")
     try:
-        corners = triangles_of(files.read(str(path)))
+        corners = read_triangles(files.read(str(path)))
         factor = (scale or 1.0,) * 3
         if size is not None:
             extent = np.ptp(corners.reshape(-1, 3), axis=0)
             require(bool((extent > 0.0).all()), f"target.shape: {path} is flat: leave out its size")
             factor = tuple((np.asarray(size) / extent).tolist())
-        solid = Solid.of(corners * factor, path.name)
+        solid = Solid.from_triangles(corners * factor, path.name)
     except (DescriptionError, ModelError) as error:
         key = " (target.scale)" if "scale it" in str(error) else ""
         raise ExperimentError(f"target.shape: {error}{key}") from error
     if factor == (1.0,) * 3:
         return SolidTarget(solid, path.resolve())
-    written = _written(corners * factor, path.stem)  # the tracker's model is in metres
-    return SolidTarget(solid, written, drawn=path.resolve(), factor=factor)
+    written = _write_mesh(corners * factor, path.stem)  # the tracker's model is in metres
+    return SolidTarget(solid, written, coloured_path=path.resolve(), scale=factor)
 
 
-def _written(corners: np.ndarray, name: str) -> Path:
+def _write_mesh(corners: np.ndarray, name: str) -> Path:
     """A mesh file of triangles (n, 3, 3), m, in a folder of this process."""
-    path = scratch() / f"{name.replace(':', '_')}.obj"
+    path = make_scratch_folder() / f"{name.replace(':', '_')}.obj"
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.reshape(corners, (-1, 3))]
     lines += [f"f {k} {k + 1} {k + 2}" for k in range(1, len(lines), 3)]
     path.write_text("\n".join(lines) + "\n")

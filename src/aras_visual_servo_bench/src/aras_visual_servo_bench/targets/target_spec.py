@@ -7,24 +7,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_camera.errors import VisionError
 
 from ..errors import ExperimentError, require
-from .geometry import Course, Motion, PlacedTarget
-from .outlines import find_shape, is_solid, parameters_of, shape_of
+from .geometry import Motion, PlacedTarget, PoseHistory
 from .shapes import SHAPES
+from .target_factory import find_shape, is_solid, list_parameters, make_target
 
-LARGEST_TARGET = 2.0  # m, the table's
-Pair = tuple[float, float]
-Six = tuple[float, float, float, float, float, float]
+MAX_TARGET_SIZE = 2.0  # m, the table's
+Vector2 = tuple[float, float]
+PoseValues = tuple[float, float, float, float, float, float]
 
 
-def check_times(times: tuple[Pair, ...] | None, name: str) -> None:
+def check_times(intervals: tuple[Vector2, ...] | None, name: str) -> None:
     """ExperimentError where a time, s, from which something is there is not before its end."""
-    for begin, end in times or ():
+    for begin, end in intervals or ():
         require(0.0 <= begin < end,
                 f"{name} is from {begin:g} to {end:g} s, must rise from 0 on")
 
@@ -37,7 +37,7 @@ class BoxSpec:
     its surface.
     """
 
-    size: tuple[float, float, float] = parameter(above=0.0, most=LARGEST_TARGET)
+    size: tuple[float, float, float] = parameter(above=0.0, most=MAX_TARGET_SIZE)
     mass: float = parameter(0.2, "kg", above=0.0)
     friction: float = parameter(1.0, least=0.0)
 
@@ -72,12 +72,12 @@ class TargetSpec:
         of the robot's own description, which no joint moves.
     """
 
-    shape: str | tuple[Pair, ...] = parameter("aras", shorthand=True, importable=True)
+    shape: str | tuple[Vector2, ...] = parameter("aras", shorthand=True, importable=True)
     size: tuple[float, ...] | None = parameter(None, "m", above=0.0)
-    pose: Six = (0.0,) * 6
+    pose: PoseValues = (0.0,) * 6
     motion: Motion = Motion()
-    occluder: tuple[Pair, Pair] | None = None
-    occluded: tuple[Pair, ...] | None = None
+    occluder: tuple[Vector2, Vector2] | None = None
+    occluded: tuple[Vector2, ...] | None = None
     perturbed: bool = False
     box: BoxSpec | None = None
     model: str = ""
@@ -86,20 +86,20 @@ class TargetSpec:
     marker: str | Mapping[str, Any] = parameter("", name=True)
 
     @property
-    def placed(self) -> PlacedTarget:
+    def placed_target(self) -> PlacedTarget:
         """The target in the world; ExperimentError where its shape cannot be read."""
-        shape = shape_of(self.shape, self.size, self.scale, self.drawn_marker)
-        course = Course() if self.model else None
-        pose = transform(self.pose[:3], self.pose[3:])
+        shape = make_target(self.shape, self.size, self.scale, self.shape_marker)
+        course = PoseHistory() if self.model else None
+        pose = matrix_from_xyz_rpy(self.pose[:3], self.pose[3:])
         return PlacedTarget(shape, pose, self.motion, course)
 
     @property
-    def drawn_marker(self) -> str:
+    def shape_marker(self) -> str:
         """The marker that the target is drawn with; '': it is not drawn by one."""
-        return self.marker if "marker" in parameters_of(self.shape) else ""
+        return self.marker if "marker" in list_parameters(self.shape) else ""
 
     @property
-    def plain(self) -> bool:
+    def is_plain(self) -> bool:
         """Whether it is nothing but a shape, its place and its motion."""
         lies = self.box is not None or self.occluder is not None
         return not (lies or self.perturbed or self.is_link)
@@ -110,17 +110,17 @@ class TargetSpec:
         return bool(self.model or self.link)
 
     @property
-    def brought(self) -> bool:
+    def is_provided(self) -> bool:
         """Whether it is there without being put into the simulated world."""
-        return self.described or self.is_link
+        return self.is_in_description or self.is_link
 
     @property
-    def carried(self) -> bool:
+    def is_mountable(self) -> bool:
         """Whether a link can carry it: it moves with that alone."""
-        return self.plain and self.motion.still
+        return self.is_plain and self.motion.is_static
 
     @property
-    def described(self) -> bool:
+    def is_in_description(self) -> bool:
         """Whether it is part of the simulated robot's description: corners in the world's own
         frame, which a robot of one's own brings with it."""
         return isinstance(self.shape, tuple) and not any(self.pose)
@@ -128,12 +128,12 @@ class TargetSpec:
     def __post_init__(self) -> None:
         check(self, ExperimentError, "target")
         named = find_shape(self.shape) is not None
-        draws_marker = "marker" in parameters_of(self.shape)
+        draws_marker = "marker" in list_parameters(self.shape)
         if not (isinstance(self.shape, tuple) or named or Path(self.shape).suffix):
             raise ExperimentError(
                 f"target.shape is '{self.shape}', must be a list of corners, the path of a "
                 "picture, an SVG or a mesh, 'package.module:Class', or a name: "
-                f"{nearest(self.shape, SHAPES)}"
+                f"{suggest(self.shape, SHAPES)}"
             )
         if self.marker != "":
             self._check_marker(draws_marker, named)
@@ -147,12 +147,15 @@ class TargetSpec:
             "own: leave them out",
         )
         require(
-            not self.is_link or (self.shape == "aras" or is_solid(self.shape)) and self.motion.still
-            and self.box is None and self.occluder is None,
+            not self.is_link
+            or (self.shape == "aras" or is_solid(self.shape))
+            and self.motion.is_static
+            and self.box is None
+            and self.occluder is None,
             "a link that is the target brings its shape, and moves as the simulation has it: leave "
             "out target.shape, motion, box and occluder",
         )
-        given = self.shape == "aras" or self.described
+        given = self.shape == "aras" or self.is_in_description
         require(
             self.box is None or not given and self.motion == Motion(),
             "target.box is for a target of its own that does not move by itself: give it another "

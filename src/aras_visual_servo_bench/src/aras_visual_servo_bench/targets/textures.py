@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from aras_visual_servo_base.errors import DescriptionError
-from aras_visual_servo_base.picture_files import picture_size, read_on_white
+from aras_visual_servo_base.image_files import read_image_size, read_on_white
 
 from ..errors import ExperimentError
 from .geometry import Target, project
@@ -28,7 +28,7 @@ class TexturedTarget(Target):
 
     pixels: np.ndarray
     size: tuple[float, float]
-    known: np.ndarray | None = None
+    known_points: np.ndarray | None = None
 
     def vertices(self) -> np.ndarray:
         """The rectangle's corners, from the picture's first pixel, round it."""
@@ -41,12 +41,12 @@ class TexturedTarget(Target):
 
     def points(self, target_T_camera: np.ndarray) -> np.ndarray:
         """What a tracker would find, exactly."""
-        if self.known is None:
+        if self.known_points is None:
             return self.outline(target_T_camera)
-        known = np.column_stack([self.known, np.zeros(len(self.known))])
+        known = np.column_stack([self.known_points, np.zeros(len(self.known_points))])
         return project(known, target_T_camera)
 
-    def perturbed(self, seed: int) -> TexturedTarget:
+    def perturb(self, seed: int) -> TexturedTarget:
         """The same with its picture disturbed as the protocols of Felton and of ViT-VS do it.
 
         With probability 1/2 a patch of 2 to 33 % of the area is erased; brightness times 0.4 to
@@ -65,10 +65,10 @@ class TexturedTarget(Target):
             top, left = random.integers(0, rows - high + 1), random.integers(0, columns - wide + 1)
             pixels[top : top + high, left : left + wide] = random.uniform(0.0, 255.0)
         drawn = np.clip(np.round(pixels), 0, 255).astype(np.uint8)
-        return TexturedTarget(drawn, self.size, self.known)
+        return TexturedTarget(drawn, self.size, self.known_points)
 
 
-def from_picture(path: Path, size: tuple[float, float]) -> TexturedTarget:
+def read_image_target(path: Path, size: tuple[float, float]) -> TexturedTarget:
     """A target with a PNG, a JPEG or another file that Pillow and OpenCV read; what is transparent
     is white.
 
@@ -76,7 +76,7 @@ def from_picture(path: Path, size: tuple[float, float]) -> TexturedTarget:
         ExperimentError: it cannot be read, or is too large, by its header, before it is decoded.
     """
     try:
-        size_px = picture_size(path)
+        size_px = read_image_size(path)
     except DescriptionError as error:
         raise ExperimentError(f"target.texture: {error}") from None
     pixels = read_on_white(path) if size_px is not None else None
@@ -85,7 +85,7 @@ def from_picture(path: Path, size: tuple[float, float]) -> TexturedTarget:
     return TexturedTarget(pixels, size)
 
 
-def blank(size: tuple[float, float]) -> tuple[np.ndarray, float]:
+def make_blank_image(size: tuple[float, float]) -> tuple[np.ndarray, float]:
     """A white picture of this size, and pixels per metre."""
     per = PIXELS / max(size)
     shape = tuple(int(round(length * per)) for length in reversed(size))

@@ -8,9 +8,11 @@ import secrets
 from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv6Address, ip_address
 
-LOCAL = (IPv4Address("127.0.0.1"), "localhost")
+LOCAL_HOSTS = (IPv4Address("127.0.0.1"), "localhost")
 # A Host header: a name, or an IPv6 address in brackets, and a port.
-PLACE = re.compile(r"(?:\[(?P<six>[^][]+)\]|(?P<name>[^][:@/?#\\\s]+))(?::(?P<port>[0-9]{1,5}))?")
+HOST_PATTERN = re.compile(
+    r"(?:\[(?P<six>[^][]+)\]|(?P<name>[^][:@/?#\\\s]+))(?::(?P<port>[0-9]{1,5}))?"
+)
 
 
 @dataclass(frozen=True)
@@ -30,11 +32,11 @@ class Access:
     def address(self) -> str:
         """What to open in a browser."""
         host = self.host
-        if self._anywhere:
+        if self._is_wildcard:
             host = "::1" if ":" in host else "127.0.0.1"
         return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/?token={self.token}"
 
-    def refusal(self, token: str, host: str, origin: str | None) -> str:
+    def refusal_reason(self, token: str, host: str, origin: str | None) -> str:
         """Why a request is not answered, '' where it is.
 
         Args:
@@ -56,26 +58,26 @@ class Access:
         return ""
 
     @property
-    def _anywhere(self) -> bool:
+    def _is_wildcard(self) -> bool:
         """Whether it listens on all of the machine's addresses, and so has no name of its own."""
-        own = _name(self.host)
+        own = _normalize_host(self.host)
         return own == "" or not isinstance(own, str) and own.is_unspecified
 
-    def _is_own(self, place: str) -> bool:
+    def _is_own(self, host: str) -> bool:
         """Whether NAME:PORT, as in a Host header, is this server's."""
-        found = PLACE.fullmatch(place)
+        found = HOST_PATTERN.fullmatch(host)
         if found is None or int(found["port"] or 80) != self.port:
             return False
-        name = _name(found["six"] or found["name"])
+        name = _normalize_host(found["six"] or found["name"])
         if isinstance(name, IPv6Address) != bool(found["six"]):
             return False
         # Who opened the page to other machines cannot say by what names they know this one; there
         # an address is taken, which no foreign page can pretend to be.
-        own = not isinstance(name, str) if self._anywhere else name == _name(self.host)
-        return own or name in LOCAL
+        own = not isinstance(name, str) if self._is_wildcard else name == _normalize_host(self.host)
+        return own or name in LOCAL_HOSTS
 
 
-def _name(text: str) -> str | IPv4Address | IPv6Address:
+def _normalize_host(text: str) -> str | IPv4Address | IPv6Address:
     """An address, however it is written and without its zone; any other name in lower case."""
     try:
         found = ip_address(text)

@@ -25,7 +25,7 @@ import tornado.web
 from ..errors import BenchError
 from .access import Access
 
-PORTS = 20  # tried one after the other, where the first is taken
+MAX_PORTS = 20  # tried one after the other, where the first is taken
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
@@ -41,20 +41,20 @@ HEADERS = {
 REPORT_POLICY = ("default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
                  "script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; "
                  "frame-ancestors 'none'")  # fmt: skip
-TYPES = {"js": "text/javascript", "css": "text/css"}
+CONTENT_TYPES = {"js": "text/javascript", "css": "text/css"}
 
 
 class PortTakenError(BenchError):
     """No port is free."""
 
 
-def bound(host: str, port: int) -> tuple[list[socket.socket], str]:
+def bind_free_port(host: str, port: int) -> tuple[list[socket.socket], str]:
     """Sockets that listen on the first free port from `port` on, and a word if that is another.
 
     Raises:
         PortTakenError: none is free, or the address is not this machine's.
     """
-    last = min(port + PORTS, 65536)
+    last = min(port + MAX_PORTS, 65536)
     for candidate in range(port, last):
         try:
             sockets = tornado.netutil.bind_sockets(candidate, host)
@@ -77,11 +77,11 @@ class WebServer(ABC):
     """
 
     index: Path  # the page itself
-    largest = 65536  # bytes of a request
-    compress = True  # what is sent
+    max_message_bytes = 65536  # bytes of a request
+    is_compressed = True  # what is sent
 
     def __init__(self, access: Access, sockets: list[socket.socket]) -> None:
-        """`sockets`: as `bound` gives them, on the port that `access` names."""
+        """`sockets`: as `bind_free_port` gives them, on the port that `access` names."""
         self.access = access
         self.workers = ThreadPoolExecutor(4, "page")
         self._sockets = sockets
@@ -91,11 +91,11 @@ class WebServer(ABC):
         logging.getLogger("tornado.general").setLevel(logging.ERROR)
 
     @abstractmethod
-    def routes(self) -> list[tuple[str, type[Guarded]]]:
+    def list_routes(self) -> list[tuple[str, type[AuthorizedHandler]]]:
         """Patterns of addresses beside the page and its files, and who answers them."""
 
     @abstractmethod
-    def page_file(self, name: str) -> str | None:
+    def find_page_file(self, name: str) -> str | None:
         """The text of one of the page's scripts and styles; None: there is none of that name."""
 
     def start(self) -> None:
@@ -110,41 +110,45 @@ class WebServer(ABC):
             self._thread.join(5.0)
         self.workers.shutdown(wait=False, cancel_futures=True)
 
-    def begun(self) -> None:
+    def on_start(self) -> None:
         """Called in the server's thread before it serves."""
 
-    def ended(self) -> None:
+    def on_stop(self) -> None:
         """Called in the server's thread when it serves no more."""
 
     def _run(self) -> None:
         asyncio.set_event_loop(asyncio.new_event_loop())
         self._loop = tornado.ioloop.IOLoop.current()
         given = {"server": self}
-        routes = [(r"/", Index), *self.routes(), (r"/([a-z]+\.(?:js|css))", PageFile)]
+        routes = [
+            (r"/", IndexHandler),
+            *self.list_routes(),
+            (r"/([a-z]+\.(?:js|css))", PageFileHandler),
+        ]
         self._server = tornado.httpserver.HTTPServer(
             tornado.web.Application(
                 [(pattern, handler, given) for pattern, handler in routes],
-                default_handler_class=Nowhere,
+                default_handler_class=NotFoundHandler,
                 default_handler_args=given,
-                compress_response=self.compress,
-                websocket_max_message_size=self.largest,
+                compress_response=self.is_compressed,
+                websocket_max_message_size=self.max_message_bytes,
                 websocket_ping_interval=10.0,
             ),
-            max_body_size=self.largest,
+            max_body_size=self.max_message_bytes,
         )
         self._server.add_sockets(self._sockets)
-        self.begun()
+        self.on_start()
         self._loop.add_callback(self._ready.set)
         self._loop.start()
         self._loop.close(all_fds=True)
 
     def _stop(self) -> None:
-        self.ended()
+        self.on_stop()
         self._server.stop()
         self._loop.call_later(0.1, self._loop.stop)
 
 
-class Guarded(tornado.web.RequestHandler):
+class AuthorizedHandler(tornado.web.RequestHandler):
     """A handler that answers only whoever has the token."""
 
     def initialize(self, server: WebServer) -> None:
@@ -156,72 +160,73 @@ class Guarded(tornado.web.RequestHandler):
         self.clear_header("Server")
 
     def prepare(self) -> None:
-        why = self.refusal()
+        why = self.refusal_reason()
         if why:
             self.set_status(403)
             self.set_header("Content-Type", "text/plain; charset=utf-8")
             self.finish(f"Refused: {why}.\n")
 
-    def refusal(self) -> str:
+    def refusal_reason(self) -> str:
         """Why this request is not answered; '' where it is."""
-        return self.server.access.refusal(
-            self.token(), self.request.host, self.request.headers.get("Origin")
+        return self.server.access.refusal_reason(
+            self.read_token(), self.request.host, self.request.headers.get("Origin")
         )
 
-    def token(self) -> str:
+    def read_token(self) -> str:
         """What the address carries."""
         return self.get_query_argument("token", "")
 
-    def nothing(self, text: str = "There is nothing here.") -> None:
+    def send_not_found(self, text: str = "There is nothing here.") -> None:
         """Answer that there is no such thing."""
         self.set_status(404)
         self.finish(f"{text}\n")
 
-    def give_report(self, path: Path) -> None:
+    def send_report(self, path: Path) -> None:
         """Answer with a report, a page with its scripts and pictures inside."""
         self.set_header("Content-Security-Policy", REPORT_POLICY)
         self.finish(path.read_bytes())
 
 
-class Nowhere(Guarded):
+class NotFoundHandler(AuthorizedHandler):
     """Any other address."""
 
     def get(self) -> None:
-        self.nothing()
+        self.send_not_found()
 
 
-class Index(Guarded):
+class IndexHandler(AuthorizedHandler):
     """The page itself."""
 
     def get(self) -> None:
         self.finish(self.server.index.read_bytes())
 
 
-class PageFile(Guarded):
+class PageFileHandler(AuthorizedHandler):
     """A page's scripts and its style."""
 
-    def token(self) -> str:
+    def read_token(self) -> str:
         """None is asked for: a script cannot hand it to those that it imports, and they are the
         same for everyone."""
         return self.server.access.token
 
     def get(self, name: str) -> None:
-        text = self.server.page_file(name)
+        text = self.server.find_page_file(name)
         if text is None:
-            self.nothing()
+            self.send_not_found()
             return
-        kind = TYPES[name.rpartition(".")[2]]
+        kind = CONTENT_TYPES[name.rpartition(".")[2]]
         self.set_header("Content-Type", f"{kind}; charset=utf-8")
         self.finish(text)
 
 
-Page = TypeVar("Page", bound=WebServer)
+ServerT = TypeVar("Page", bound=WebServer)
 
 
-def begin(
-    make: Callable[[Access, list[socket.socket]], Page], what: str, address: str, port: int,
+def start_server(
+    make_server: Callable[[Access, list[socket.socket]], ServerT], page_name: str, address: str,
+    port: int,
     token: str = "", say: Callable[[str], None] = print,
-) -> Page:  # fmt: skip
+) -> ServerT:  # fmt: skip
     """Serve a page on an address; says where it is.
 
     Args:
@@ -230,12 +235,12 @@ def begin(
     Raises:
         PortTakenError: no port is free.
     """
-    sockets, word = bound(address, port)
+    sockets, word = bind_free_port(address, port)
     taken = sockets[0].getsockname()[1]
     access = Access(address, taken, token) if token else Access(address, taken)
-    server = make(access, sockets)
+    server = make_server(access, sockets)
     server.start()
-    say(f"{what} is at {access.address}" + (f" ({word})" if word else ""))
+    say(f"{page_name} is at {access.address}" + (f" ({word})" if word else ""))
     return server
 
 

@@ -33,7 +33,7 @@ class TrackedPoints(NamedTuple):
     points: np.ndarray
     plane: Plane | None
     accuracy: float
-    unshared: float = 0.0
+    repeatability: float = 0.0
     marker: str = ""
     spread: np.ndarray | None = None
 
@@ -51,7 +51,7 @@ class Tracker(ABC):
     """
 
     name: ClassVar[str] = ""
-    numbered: ClassVar[bool] = True
+    is_numbered: ClassVar[bool] = True
     accuracy: ClassVar[float] = 0.01
 
     @abstractmethod
@@ -62,12 +62,12 @@ class Tracker(ABC):
             VisionError: they are not to be seen.
         """
 
-    def places(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
+    def find_normalised(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
         """The same points (n, 2), normalised and without the lens; VisionError as `find`."""
         x, y, _ = camera.normalise(*self.find(grey).T)
         return np.column_stack([x, y])
 
-    def look(
+    def track(
         self, grey: NDArray[np.uint8], camera: CameraModel,
         world_T_camera: np.ndarray | None = None, depth: NDArray[np.float32] | None = None,
     ) -> TrackedPoints:  # fmt: skip
@@ -76,13 +76,13 @@ class Tracker(ABC):
         Args:
             world_T_camera: (4, 4), where it is known. depth: (rows, columns) m, where there is one.
         """
-        return TrackedPoints(self.places(grey, camera), None, self.accuracy / camera.K[0])
+        return TrackedPoints(self.find_normalised(grey, camera), None, self.accuracy / camera.K[0])
 
     def reset(self) -> None:
         """Forget earlier pictures."""
 
 
-def in_ring_order(points: np.ndarray) -> np.ndarray:
+def sort_by_angle(points: np.ndarray) -> np.ndarray:
     """Return points (n, 2) in order of angle about their middle."""
     offset = points - points.mean(axis=0)
     return points[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))]

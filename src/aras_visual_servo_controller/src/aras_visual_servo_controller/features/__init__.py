@@ -3,6 +3,6 @@
 `FEATURES` has them by name; a module of this folder declares each with `FEATURES.register`.
 """
 
-from .base import FEATURES, Feature, Measured, Stack, wrap
+from .base import FEATURES, Feature, FeatureMeasurement, Stack, wrap
 
-__all__ = ["FEATURES", "Feature", "Measured", "Stack", "wrap"]
+__all__ = ["FEATURES", "Feature", "FeatureMeasurement", "Stack", "wrap"]

@@ -14,29 +14,29 @@ from aras_visual_servo_base.registry import Registry
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..arm.task import ALL_DIRECTIONS
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
-from ..seeing.observation import Need, Observation
+from ..kinematics.task import ALL_DIRECTIONS
+from ..observation.observation import Need, Observation
 
 # rad: the rounding of a turn by pi; a turn that is so much short of -pi counts as one by +pi.
-HALF_TURN = 1e-6
+HALF_TURN_TOLERANCE = 1e-6
 NEAR_HALF = 0.375  # part of the period from which on angles count as near half a turn
 
 
-class DepthPart(float):
+class DepthFraction(float):
     """A tolerance of a length, as a part of the target's depth at the goal."""
 
 
-def tolerances_at(tolerances: Sequence[float], goal: Goal) -> tuple[float, ...]:
+def scale_tolerances(tolerances: Sequence[float], goal: Goal) -> tuple[float, ...]:
     """Tolerances (k,) at this goal: lengths in m."""
     return tuple(
-        float(t) * goal.distance if isinstance(t, DepthPart) else float(t) for t in tolerances
+        float(t) * goal.distance if isinstance(t, DepthFraction) else float(t) for t in tolerances
     )
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class FeatureMeasurement:
     """The value of a feature in one image: s, s*, their difference, and the interaction matrix.
 
     With the twist v = (vx, vy, vz, wx, wy, wz) of the camera in its own optical frame (m/s, rad/s),
@@ -61,9 +61,9 @@ class Measured:
     desired: np.ndarray
     error: np.ndarray
     L: np.ndarray
-    rate: np.ndarray | float = 0.0
-    up_to: str = ""
-    judged: np.ndarray | None = None
+    error_drift: np.ndarray | float = 0.0
+    ambiguity: str = ""
+    error_summary: np.ndarray | None = None
     notes: tuple[str, ...] = field(default=())
 
 
@@ -84,7 +84,7 @@ class Feature(ABC):
         cameras: names of the cameras that it reads; none: the first one, the control camera, alone.
         reads: number of cameras, if the scheme names them.
         names, tolerances, units: (k,) of the components; |error| below the tolerance counts as
-            reached. A DepthPart among the tolerances is a part of the target's depth.
+            reached. A DepthFraction among the tolerances is a part of the target's depth.
         directions: (6,) bool, camera directions vx ... wz that it controls; the others are held.
         weights: (k,) of the components in the least squares; None: all equal.
         geometric: whether s follows from the image positions of the target's points. The output of
@@ -94,9 +94,9 @@ class Feature(ABC):
     """
 
     name: ClassVar[str] = ""
-    geometric: bool = True
-    stackable: bool = True
-    reads: ClassVar[int] = 1
+    is_geometric: bool = True
+    is_stackable: bool = True
+    camera_count: ClassVar[int] = 1
     needs: frozenset[Need] = frozenset((Need.MOMENTS,))
     cameras: tuple[str, ...] = ()
     names: tuple[str, ...]
@@ -112,7 +112,7 @@ class Feature(ABC):
             cls.name = cls.__name__
 
     @abstractmethod
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """Measure the feature in one image.
 
         Args:
@@ -123,7 +123,7 @@ class Feature(ABC):
             MeasurementError: it cannot be measured in this observation; the arm holds still.
         """
 
-    def needs_of(self, *cameras: str) -> frozenset[Need]:
+    def get_needs(self, *cameras: str) -> frozenset[Need]:
         """Of the image of the camera with these names; '' is a name of the control camera."""
         return self.needs
 
@@ -196,7 +196,7 @@ class Stack(Feature):
         if not self.features:
             raise ConfigurationError("a stack of features needs at least one")
         for feature in self.features:
-            _check_stackable(feature, feature.stackable)
+            _check_stackable(feature, feature.is_stackable)
         weights = [1.0] * len(self.features) if weights is None else list(weights)
         if len(weights) != len(self.features) or not all(
             isinstance(w, int | float | np.number) and np.isfinite(w) and w >= 0.0 for w in weights
@@ -209,11 +209,11 @@ class Stack(Feature):
         self.needs = frozenset().union(*(f.needs for f in self.features))
         read = [name for f in self.features for name in f.cameras or ("",)]
         self.cameras = () if not any(read) else tuple(dict.fromkeys(read))
-        self.geometric = all(f.geometric for f in self.features)
+        self.is_geometric = all(f.is_geometric for f in self.features)
         self._parts = tuple(weights)
-        self._gather()
+        self._combine_descriptions()
 
-    def _gather(self) -> None:
+    def _combine_descriptions(self) -> None:
         """Put the parts' descriptions together; a part may learn its size from the goal."""
         self.names = tuple(n for f in self.features for n in f.names)
         self.tolerances = tuple(t for f in self.features for t in f.tolerances)
@@ -224,28 +224,28 @@ class Stack(Feature):
             for f, w in zip(self.features, self._parts, strict=True)
         ])
 
-    def needs_of(self, *cameras: str) -> frozenset[Need]:
+    def get_needs(self, *cameras: str) -> frozenset[Need]:
         """See Feature.needs_of."""
         return frozenset().union(*(
-            f.needs_of(*cameras) for f in self.features
+            f.get_needs(*cameras) for f in self.features
             if not {*cameras}.isdisjoint(f.cameras or ("",))
         ))  # fmt: skip
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure; the parts one under the other."""
         parts = [f.measure(observation, goal) for f in self.features]
         for feature, part in zip(self.features, parts, strict=True):
-            _check_stackable(feature, part.judged is None)
-        rates = [np.broadcast_to(p.rate, np.shape(p.s)) for p in parts]
+            _check_stackable(feature, part.error_summary is None)
+        rates = [np.broadcast_to(p.error_drift, np.shape(p.s)) for p in parts]
         # One part that sees the whole motion is enough.
-        blind = {p.up_to for p in parts}
-        return Measured(
+        blind = {p.ambiguity for p in parts}
+        return FeatureMeasurement(
             s=np.concatenate([p.s for p in parts]),
             desired=np.concatenate([p.desired for p in parts]),
             error=np.concatenate([p.error for p in parts]),
             L=np.vstack([p.L for p in parts]),
-            rate=np.concatenate(rates),
-            up_to="" if "" in blind else ", ".join(sorted(blind)),
+            error_drift=np.concatenate(rates),
+            ambiguity="" if "" in blind else ", ".join(sorted(blind)),
             notes=tuple(note for p in parts for note in p.notes),
         )
 
@@ -268,7 +268,7 @@ class Stack(Feature):
         """See Feature.check."""
         for feature in self.features:
             feature.check(goal)
-        self._gather()
+        self._combine_descriptions()
 
     def reset(self) -> None:
         """See Feature.reset."""
@@ -285,7 +285,7 @@ def _check_stackable(feature: Feature, stackable: bool) -> None:
         )
 
 
-def plane_in(observation: Observation) -> Plane:
+def get_plane(observation: Observation) -> Plane:
     """The target's plane in this view.
 
     Raises:
@@ -301,7 +301,7 @@ def plane_in(observation: Observation) -> Plane:
     )
 
 
-def other_camera(width: int, height: int, K: np.ndarray, camera: CameraModel) -> str:
+def compare_cameras(width: int, height: int, K: np.ndarray, camera: CameraModel) -> str:
     """How a camera differs from one of this size (pixels) and K (3, 3), in words; empty where it is
     the same one."""
     here = np.reshape(camera.K, (3, 3))
@@ -318,17 +318,17 @@ def wrap(angle: np.ndarray | float, period: float = 2.0 * np.pi) -> np.ndarray |
     return (angle + 0.5 * period) % period - 0.5 * period
 
 
-def wrap_together(angles: np.ndarray, period: float = 2.0 * np.pi) -> np.ndarray:
+def wrap_together(is_angle: np.ndarray, period: float = 2.0 * np.pi) -> np.ndarray:
     """Angles (k,) modulo the period; near half a turn all within half a period of their common one.
 
     There rounding would send some of them one way round and some the other, and what they ask for
     together would be no turn at all. Their common angle is that of the sum of their unit vectors;
     where it is half a turn to rounding, it is taken as +.
     """
-    unit = np.exp(2j * np.pi / period * angles).sum(axis=0)
+    unit = np.exp(2j * np.pi / period * is_angle).sum(axis=0)
     common = float(np.angle(unit)) * period / (2.0 * np.pi)
     if abs(common) < NEAR_HALF * period:
-        return wrap(angles, period)
-    if common < HALF_TURN - 0.5 * period:
+        return wrap(is_angle, period)
+    if common < HALF_TURN_TOLERANCE - 0.5 * period:
         common += period
-    return common + wrap(angles - common, period)
+    return common + wrap(is_angle - common, period)

@@ -21,14 +21,18 @@ from aras_visual_servo_camera.interaction import point_interaction
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
-from ..seeing.observation import Need, Observation
-from .base import FEATURES, DepthPart, Measured, plane_in, wrap, wrap_together
-from .points import TOLERANCE, PointFeature, at_plane, places
+from ..observation.observation import Need, Observation
+from .base import FEATURES, DepthFraction, FeatureMeasurement, get_plane, wrap, wrap_together
+from .points import TOLERANCE, PointFeature, backproject, compute_inverse_depth
 
-TURN = 2.0 * np.pi
+FULL_TURN = 2.0 * np.pi
 # Of the place of a point, aside and along the optical axis.
-PLACE = (DepthPart(TOLERANCE), DepthPart(TOLERANCE), DepthPart(2.0 * TOLERANCE))
-SMALLEST = 1e-9  # normalised length below which a direction is undefined
+POINT_TOLERANCES = (
+    DepthFraction(TOLERANCE),
+    DepthFraction(TOLERANCE),
+    DepthFraction(2.0 * TOLERANCE),
+)
+MIN_LENGTH = 1e-9  # normalised length below which a direction is undefined
 
 
 @FEATURES.register("numbered_points")
@@ -50,15 +54,17 @@ class NumberedPoints(PointFeature):
             )
         return observation.corners
 
-    def _numbered(self, observation: Observation, desired: np.ndarray) -> tuple[np.ndarray, str]:
+    def _match_to_goal(
+        self, observation: Observation, desired: np.ndarray
+    ) -> tuple[np.ndarray, str]:
         """Points (n, 2) in the order of the goal's, and what stays ambiguous.
 
         Raises:
             MeasurementError: another number of points, or one that is not finite.
         """
-        points = self._counted(observation, desired)
-        if observation.numbered is False and Need.CORNERS in self.needs:
-            return self._matched(points, desired)
+        points = self._check_count(observation, desired)
+        if observation.is_numbered is False and Need.CORNERS in self.needs:
+            return self._match_outline(points, desired)
         return points, ""
 
 
@@ -70,10 +76,10 @@ class CornerFeature(NumberedPoints):
         part_tolerances, part_units: of each.
     """
 
-    parts: ClassVar[tuple[str, ...]]
+    component_names: ClassVar[tuple[str, ...]]
     periods: ClassVar[tuple[float, ...]]
-    part_tolerances: ClassVar[tuple[float, ...]]
-    part_units: ClassVar[tuple[str, ...]]
+    component_tolerances: ClassVar[tuple[float, ...]]
+    component_units: ClassVar[tuple[str, ...]]
 
     @abstractmethod
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
@@ -87,60 +93,60 @@ class CornerFeature(NumberedPoints):
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """L (k, 6) there."""
 
-    def elements(self, count: int) -> int:
+    def count_elements(self, count: int) -> int:
         """How many elements `count` points give."""
         return count
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
-        desired = self.desired_points(goal)
-        points, up_to = self._numbered(observation, desired)
-        w = at_plane(plane_in(observation), points)
+        desired = self.read_desired_points(goal)
+        points, up_to = self._match_to_goal(observation, desired)
+        w = compute_inverse_depth(get_plane(observation), points)
         s = self.values(points, w)
-        goal_s = self.values(desired, self._goal_depth(goal, desired))
-        error = self._wrapped(s - goal_s, wrap_together)
-        return Measured(s, goal_s, error, self.interaction(points, w), up_to=up_to)
+        goal_s = self.values(desired, self._compute_goal_inverse_depth(goal, desired))
+        error = self._wrap_change(s - goal_s, wrap_together)
+        return FeatureMeasurement(s, goal_s, error, self.interaction(points, w), ambiguity=up_to)
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Feature.accuracy; of each point's by differences."""
         points = super().accuracy(observation, goal)
         if points is None:
             return None
-        desired = self.desired_points(goal)
-        w = self._goal_depth(goal, desired)
+        desired = self.read_desired_points(goal)
+        w = self._compute_goal_inverse_depth(goal, desired)
         s = self.values(desired, w)
         moved = np.transpose([self.values(desired + d.reshape(-1, 2), w) - s for d in points.T])
-        return self._wrapped(moved)
+        return self._wrap_change(moved)
 
-    def _wrapped(
+    def _wrap_change(
         self, change: np.ndarray, modulo: Callable[[np.ndarray, float], np.ndarray] = wrap
     ) -> np.ndarray:
         """A change of s, (k,) or (k, m), its angles taken modulo their periods."""
         for i, period in enumerate(self.periods):
             if period:
-                every = slice(i, None, len(self.parts))
+                every = slice(i, None, len(self.component_names))
                 change[every] = modulo(change[every], period)
         return change
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
         """See Feature.desired_interaction."""
-        desired = self.desired_points(goal)
-        return self.interaction(desired, self._goal_depth(goal, desired))
+        desired = self.read_desired_points(goal)
+        return self.interaction(desired, self._compute_goal_inverse_depth(goal, desired))
 
     def check(self, goal: Goal) -> None:
         """See Feature.check."""
         super().check(goal)
         try:
-            desired = self.desired_points(goal)
-            self.values(desired, self._goal_depth(goal, desired))
+            desired = self.read_desired_points(goal)
+            self.values(desired, self._compute_goal_inverse_depth(goal, desired))
         except MeasurementError as error:
             raise ConfigurationError(f"{goal.name}: {error}") from error
 
     def _set_count(self, count: int) -> None:
         self.count = count
-        k = self.elements(count)
-        self.names = tuple(f"{part}{i}" for i in range(k) for part in self.parts)
-        self.tolerances, self.units = self.part_tolerances * k, self.part_units * k
+        k = self.count_elements(count)
+        self.names = tuple(f"{part}{i}" for i in range(k) for part in self.component_names)
+        self.tolerances, self.units = self.component_tolerances * k, self.component_units * k
 
 
 @FEATURES.register("polar_points")
@@ -151,13 +157,13 @@ class PolarPoints(CornerFeature):
     cylindrical coordinate system, IEEE Transactions on Robotics 21(2), 2005.
     """
 
-    parts, periods = ("rho", "theta"), (0.0, TURN)
-    part_tolerances, part_units = (TOLERANCE, 0.005), ("", "rad")
+    component_names, periods = ("rho", "theta"), (0.0, FULL_TURN)
+    component_tolerances, component_units = (TOLERANCE, 0.005), ("", "rad")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.values."""
         rho = np.hypot(points[:, 0], points[:, 1])
-        if rho.min() < SMALLEST:
+        if rho.min() < MIN_LENGTH:
             raise MeasurementError("a point lies on the optical axis: it has no polar angle")
         return np.stack([rho, np.arctan2(points[:, 1], points[:, 0])], axis=1).ravel()
 
@@ -165,7 +171,7 @@ class PolarPoints(CornerFeature):
         """See CornerFeature.interaction."""
         rho = np.hypot(points[:, 0], points[:, 1])[:, None]
         c, s = (points / rho).T[:, :, None]
-        x, y = _rows(points, inverse_depth)
+        x, y = _split_point_interaction(points, inverse_depth)
         return np.stack([c * x + s * y, (c * y - s * x) / rho], axis=1).reshape(-1, 6)
 
 
@@ -177,16 +183,16 @@ class Points3D(CornerFeature):
     features, World Automation Congress 1996.
     """
 
-    parts, periods = ("X", "Y", "Z"), (0.0, 0.0, 0.0)
-    part_tolerances, part_units = PLACE, ("m", "m", "m")
+    component_names, periods = ("X", "Y", "Z"), (0.0, 0.0, 0.0)
+    component_tolerances, component_units = POINT_TOLERANCES, ("m", "m", "m")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.values."""
-        return places(points, inverse_depth).ravel()
+        return backproject(points, inverse_depth).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.interaction."""
-        X, Y, Z = places(points, inverse_depth).T
+        X, Y, Z = backproject(points, inverse_depth).T
         L = np.zeros((len(X), 3, 6))
         L[:, 0, 0] = L[:, 1, 1] = L[:, 2, 2] = -1.0
         L[:, 0, 4], L[:, 0, 5] = -Z, Y
@@ -202,21 +208,21 @@ class Depth(CornerFeature):
     L = (0, 0, -1/Z, -y, x, 0), with (x, y) the image of that middle.
     """
 
-    parts, periods = ("log_Z",), (0.0,)
-    part_tolerances, part_units = (0.005,), ("",)
+    component_names, periods = ("log_Z",), (0.0,)
+    component_tolerances, component_units = (0.005,), ("",)
     directions = (False, False, True, False, False, False)
 
-    def elements(self, count: int) -> int:
+    def count_elements(self, count: int) -> int:
         """One, of all points together."""
         return 1
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.values."""
-        return np.log(places(points, inverse_depth).mean(axis=0)[2:])
+        return np.log(backproject(points, inverse_depth).mean(axis=0)[2:])
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.interaction."""
-        X, Y, Z = places(points, inverse_depth).mean(axis=0)
+        X, Y, Z = backproject(points, inverse_depth).mean(axis=0)
         return np.array([[0.0, 0.0, -1.0 / Z, -Y / Z, X / Z, 0.0]])
 
 
@@ -233,7 +239,7 @@ class EdgeFeature(CornerFeature):
         ends = np.roll(points, -1, axis=0)
         way = ends - points
         length = np.hypot(way[:, 0], way[:, 1])[:, None]
-        if length.min() < SMALLEST:
+        if length.min() < MIN_LENGTH:
             raise MeasurementError("two neighbouring points coincide: they make no edge")
         return points, ends, length, way / length
 
@@ -242,7 +248,7 @@ class EdgeFeature(CornerFeature):
         points: np.ndarray, inverse_depth: np.ndarray, length: np.ndarray, direction: np.ndarray
     ) -> tuple[np.ndarray, ...]:
         """L (n, 6) of x and y of the first ends and of the last, of the length, of the angle."""
-        x, y = _rows(points, inverse_depth)
+        x, y = _split_point_interaction(points, inverse_depth)
         far_x, far_y = np.roll(x, -1, axis=0), np.roll(y, -1, axis=0)
         dx, dy = direction.T[:, :, None]
         longer = dx * (far_x - x) + dy * (far_y - y)
@@ -258,8 +264,8 @@ class Lines(EdgeFeature):
     over the whole turn.
     """
 
-    parts, periods = ("rho", "theta"), (0.0, TURN)
-    part_tolerances, part_units = (TOLERANCE, 0.005), ("", "rad")
+    component_names, periods = ("rho", "theta"), (0.0, FULL_TURN)
+    component_tolerances, component_units = (TOLERANCE, 0.005), ("", "rad")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.values."""
@@ -280,9 +286,9 @@ class Lines(EdgeFeature):
 class Segments(EdgeFeature):
     """s = (x_m, y_m, length, angle) of each edge: its middle, its size, its direction."""
 
-    parts, periods = ("xm", "ym", "length", "angle"), (0.0, 0.0, 0.0, TURN)
-    part_tolerances = (TOLERANCE, TOLERANCE, 2.0 * TOLERANCE, 0.005)
-    part_units = ("", "", "", "rad")
+    component_names, periods = ("xm", "ym", "length", "angle"), (0.0, 0.0, 0.0, FULL_TURN)
+    component_tolerances = (TOLERANCE, TOLERANCE, 2.0 * TOLERANCE, 0.005)
+    component_units = ("", "", "", "rad")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.values."""
@@ -302,9 +308,9 @@ class Segments(EdgeFeature):
 class NormalisedSegments(EdgeFeature):
     """s = (x_m / l, y_m / l, 1 / l, angle) of each edge: nearly linear in the translation."""
 
-    parts, periods = ("xn", "yn", "inverse_length", "angle"), (0.0, 0.0, 0.0, TURN)
-    part_tolerances = (0.005, 0.005, 0.01, 0.005)
-    part_units = ("", "", "", "rad")
+    component_names, periods = ("xn", "yn", "inverse_length", "angle"), (0.0, 0.0, 0.0, FULL_TURN)
+    component_tolerances = (0.005, 0.005, 0.01, 0.005)
+    component_units = ("", "", "", "rad")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.values."""
@@ -335,23 +341,23 @@ class VanishingPoints(CornerFeature):
     camera's frame, dD/dt = D x omega.
     """
 
-    parts, periods = ("inverse_rho", "alpha"), (0.0, TURN)
-    part_tolerances, part_units = (0.005, 0.005), ("", "rad")
+    component_names, periods = ("inverse_rho", "alpha"), (0.0, FULL_TURN)
+    component_tolerances, component_units = (0.005, 0.005), ("", "rad")
     directions = (False, False, False, True, True, True)
 
-    def elements(self, count: int) -> int:
+    def count_elements(self, count: int) -> int:
         """Two, of four points."""
         return 2
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.values."""
-        X, Y, W = self._directions(points).T
+        X, Y, W = self._compute_directions(points).T
         return np.stack([W / np.hypot(X, Y), np.arctan2(Y, X)], axis=1).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.interaction."""
         L = np.zeros((2, 2, 6))
-        for i, (X, Y, W) in enumerate(self._directions(points)):
+        for i, (X, Y, W) in enumerate(self._compute_directions(points)):
             a = np.hypot(X, Y)
             by_direction = np.array([
                 [-W * X / a**3, -W * Y / a**3, 1.0 / a], [-Y / a**2, X / a**2, 0.0]
@@ -360,7 +366,7 @@ class VanishingPoints(CornerFeature):
         return L.reshape(-1, 6)
 
     @staticmethod
-    def _directions(points: np.ndarray) -> np.ndarray:
+    def _compute_directions(points: np.ndarray) -> np.ndarray:
         """Directions (2, 3) of the sides 0-1 (and 3-2), and 1-2 (and 0-3), of length 1."""
         if len(points) != 4:
             raise MeasurementError(
@@ -374,14 +380,16 @@ class VanishingPoints(CornerFeature):
             # Which way the side runs: its image goes towards the vanishing point, or from it.
             way = (meet[:2] - p[a, :2] * meet[2]) @ (p[b, :2] - p[a, :2])
             size = np.linalg.norm(meet)
-            same_line = size <= SMALLEST * np.linalg.norm(one) * np.linalg.norm(other)
-            if same_line or np.hypot(meet[0], meet[1]) < SMALLEST * size:
+            same_line = size <= MIN_LENGTH * np.linalg.norm(one) * np.linalg.norm(other)
+            if same_line or np.hypot(meet[0], meet[1]) < MIN_LENGTH * size:
                 raise MeasurementError("the sides of the target have no vanishing point")
             found.append(meet * np.sign(way) / size)
         return np.array(found)
 
 
-def _rows(points: np.ndarray, inverse_depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _split_point_interaction(
+    points: np.ndarray, inverse_depth: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """L (n, 6) of x and of y of each point."""
     L = point_interaction(points, inverse_depth)
     return L[0::2], L[1::2]

@@ -12,12 +12,12 @@ from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..arm.task import DIRECTIONS
 from ..errors import ConfigurationError, SchemeError
 from ..goals.goal import Goal
-from ..seeing.observation import Need, Observation
-from ..seeing.observer import Observer
-from .base import Feature, Measured
+from ..kinematics.task import DIRECTIONS
+from ..observation.feature_observer import FeatureObserver
+from ..observation.observation import Need, Observation
+from .base import Feature, FeatureMeasurement
 
 Observe = Callable[[np.ndarray], Observation]
 
@@ -25,10 +25,10 @@ Observe = Callable[[np.ndarray], Observation]
 CORNERS = np.array([(-0.03, -0.036, 0.0), (0.0, -0.036, 0.0), (0.004, 0.012, 0.0),
                     (0.034, 0.01, 0.0), (0.03, 0.036, 0.0), (-0.034, 0.034, 0.0)])  # fmt: skip
 # world_T_camera at the goal, and where L is checked: 0.3 m above, tilted, and turned by 17 degrees.
-AT_GOAL = Pose.from_rpy((0.01, 0.005, 0.3), (np.pi, 0.0, 0.1)).matrix()
-ASIDE = Pose.from_rpy((0.03, -0.04, 0.28), (np.pi - 0.2, 0.15, 0.4)).matrix()
+GOAL_POSE = Pose.from_rpy((0.01, 0.005, 0.3), (np.pi, 0.0, 0.1)).matrix()
+TEST_POSE = Pose.from_rpy((0.03, -0.04, 0.28), (np.pi - 0.2, 0.15, 0.4)).matrix()
 CAMERA = CameraModel(640, 480, (600.0, 0.0, 319.5, 0.0, 600.0, 239.5, 0.0, 0.0, 1.0))
-EXACT = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS))  # what needs no image
+EXACT_NEEDS = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS))  # what needs no image
 STEP = 1e-4  # of the depth, and rad: the differences are then exact to about 1e-7
 TOLERANCE = 1e-3
 
@@ -75,10 +75,10 @@ def check_interaction_matrix(
         MeasurementError: the feature cannot be measured in one of the views.
     """
     if observe is None:
-        observe = _exact_views(feature)
-    pose = ASIDE if world_T_camera is None else np.array(world_T_camera, float)
+        observe = _make_exact_observer(feature)
+    pose = TEST_POSE if world_T_camera is None else np.array(world_T_camera, float)
     if goal is None:
-        seen = observe(AT_GOAL)
+        seen = observe(GOAL_POSE)
         goal = replace(Goal.teach(None, seen), features={feature.name: feature.teach(seen)})
     feature.check(goal)
     here = feature.measure(observe(pose), goal)
@@ -87,18 +87,21 @@ def check_interaction_matrix(
     columns = []
     for axis in range(6):
         ahead, behind = (
-            feature.measure(observe(pose @ _motion(axis, h * units[axis])), goal)
+            feature.measure(observe(pose @ _make_motion(axis, h * units[axis])), goal)
             for h in (step, -step)
         )
-        columns.append((_error(feature, ahead, here) - _error(feature, behind, here)) / (2 * step))
+        columns.append(
+            (_compute_error(feature, ahead, here) - _compute_error(feature, behind, here))
+            / (2 * step)
+        )
     differences = np.stack(columns, axis=1)
-    return _compared(feature, L * units, differences, units, tolerance)
+    return _compare_rows(feature, L * units, differences, units, tolerance)
 
 
-def _exact_views(feature: Feature) -> Observe:
+def _make_exact_observer(feature: Feature) -> Observe:
     """Exact observations of the hexagon; ConfigurationError if the feature needs more."""
-    more = sorted(need.value for need in feature.needs - EXACT)
-    if more or feature.reads > 1 or any(feature.cameras):
+    more = sorted(need.value for need in feature.needs - EXACT_NEEDS)
+    if more or feature.camera_count > 1 or any(feature.cameras):
         what = f"needs {', '.join(more)}" if more else "reads cameras by name"
         raise ConfigurationError(
             f"{feature.name} {what}: give observe, a function that returns the Observation of a "
@@ -108,7 +111,7 @@ def _exact_views(feature: Feature) -> Observe:
     def observe(world_T_camera: np.ndarray) -> Observation:
         points = (CORNERS - world_T_camera[:3, 3]) @ world_T_camera[:3, :3]
         plane = Plane(*(-world_T_camera[2, :3] / world_T_camera[2, 3]).tolist())
-        return Observer(None, feature.needs).of_exact(
+        return FeatureObserver(None, feature.needs).observe_exact_features(
             0.0, CAMERA, world_T_camera=world_T_camera, contour=points[:, :2] / points[:, 2:],
             plane=plane,
         )  # fmt: skip
@@ -116,7 +119,7 @@ def _exact_views(feature: Feature) -> Observe:
     return observe
 
 
-def _motion(axis: int, amount: float) -> np.ndarray:
+def _make_motion(axis: int, amount: float) -> np.ndarray:
     """(4, 4) motion of a camera along (m) or about (rad) one of its own axes."""
     motion = np.eye(4)
     if axis < 3:
@@ -126,17 +129,19 @@ def _motion(axis: int, amount: float) -> np.ndarray:
     return motion
 
 
-def _error(feature: Feature, measured: Measured, here: Measured) -> np.ndarray:
-    """The error (k,), whose components are those of the view `here`."""
-    if np.shape(measured.error) != np.shape(here.error):
+def _compute_error(
+    feature: Feature, measured: FeatureMeasurement, reference: FeatureMeasurement
+) -> np.ndarray:
+    """The error (k,), whose components are those of the view `reference`."""
+    if np.shape(measured.error) != np.shape(reference.error):
         raise ConfigurationError(
-            f"{feature.name} has {np.size(here.error)} components in one view and "
+            f"{feature.name} has {np.size(reference.error)} components in one view and "
             f"{np.size(measured.error)} in the next: its differences tell nothing of L"
         )
     return np.asarray(measured.error, float)
 
 
-def _compared(
+def _compare_rows(
     feature: Feature, L: np.ndarray, differences: np.ndarray, units: np.ndarray, tolerance: float
 ) -> np.ndarray:
     """Relative errors (k,) of rows; SchemeError for the worst row beyond the tolerance."""

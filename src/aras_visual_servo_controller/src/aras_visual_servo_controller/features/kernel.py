@@ -34,8 +34,8 @@ from aras_visual_servo_camera.kernel import DELTA_X, DELTA_Y
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal, GoalKernel
-from ..seeing.observation import Need, Observation
-from .base import FEATURES, Feature, Measured, other_camera, wrap
+from ..observation.observation import Need, Observation
+from .base import FEATURES, Feature, FeatureMeasurement, compare_cameras, wrap
 from .moments import LEVEL_CAMERA
 
 
@@ -59,7 +59,7 @@ class Kernel(Feature):
     units = ("", "", "", "rad")
     directions = LEVEL_CAMERA
     ratio: ClassVar[tuple[float, ...]] = (1.0, 1.0, 1.0, 0.3)
-    too_many: ClassVar[float] = 2.0
+    max_pixel_ratio: ClassVar[float] = 2.0
 
     def check(self, goal: Goal) -> None:
         """See Feature.check."""
@@ -73,10 +73,10 @@ class Kernel(Feature):
         if goal.depth is None:
             raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
         kernel = goal.kernel
-        self._same_camera(observation, goal)
+        self._check_camera(observation, goal)
         data = observation.kernel
         if data is None or data.shape != (20,):
             size = "none" if data is None else str(data.size)
@@ -88,7 +88,7 @@ class Kernel(Feature):
         if not np.isfinite(data).all() or k[2] <= 0.0:
             raise MeasurementError("the target is not visible: the kernel features are empty")
         counted = round(k[2] / (DELTA_X * DELTA_Y))
-        if 0 < self.too_many * observation.pixel_count < counted:
+        if 0 < self.max_pixel_ratio * observation.pixel_count < counted:
             raise MeasurementError(
                 f"camera/kernel counts {counted} pixels as target, which has "
                 f"{observation.pixel_count}: the ground is noisy or not white; lower the camera "
@@ -99,27 +99,27 @@ class Kernel(Feature):
         except np.linalg.LinAlgError as error:
             raise MeasurementError("the kernel features' Jacobian is singular") from error
         depth = goal.depth * np.sqrt(kernel.features[2] / k[2])
-        L = _interaction(J, np.reshape(observation.camera.K, (3, 3)), depth)
+        L = _compute_interaction(J, np.reshape(observation.camera.K, (3, 3)), depth)
         scale = np.append(kernel.features[:3], 1.0)
         error = (k - kernel.features) / scale
         error[3] = wrap(error[3], np.pi)
-        return Measured(k, kernel.features, error, L / scale[:, None], up_to="180°")
+        return FeatureMeasurement(k, kernel.features, error, L / scale[:, None], ambiguity="180°")
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Feature.accuracy: whole pixels are counted, a row of them is about a tolerance."""
         return np.diag(self.tolerances)
 
     @staticmethod
-    def _same_camera(observation: Observation, goal: Goal) -> None:
+    def _check_camera(observation: Observation, goal: Goal) -> None:
         kernel: GoalKernel = goal.kernel
-        if told := other_camera(kernel.width, kernel.height, kernel.K, observation.camera):
+        if told := compare_cameras(kernel.width, kernel.height, kernel.K, observation.camera):
             raise MeasurementError(
                 f"the kernel features of {goal.name} were taught with another camera ({told}): "
                 "teach them anew (rosrun aras_visual_servo_controller teach)"
             )
 
 
-def _interaction(J: np.ndarray, K: np.ndarray, depth: float) -> np.ndarray:
+def _compute_interaction(J: np.ndarray, K: np.ndarray, depth: float) -> np.ndarray:
     """dk/dt = L v (4, 6) from the original's Jacobian J (4, 4), see the head of this module."""
     area = DELTA_X * DELTA_Y
     fx, fy = K[0, 0], K[1, 1]

@@ -23,19 +23,22 @@ from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
-from ..seeing.observation import Need, Observation
-from .base import FEATURES, Feature, Measured, other_camera, plane_in
+from ..observation.observation import Need, Observation
+from .base import FEATURES, Feature, FeatureMeasurement, compare_cameras, get_plane
 
-GREY = 0.2  # grey levels: what rounding and drawing amount to in a fit of two pictures of one view
-TOGETHER = 3.5  # a smoothed pixel's error counts so much in a fit: its neighbours have it as well
-FOLDS = (8, 7, 6, 5, 4, 3, 2)  # of the symmetries that are looked for
-FARTHEST = 500.0  # goal's depths: of the plane is not looked at what is farther
-OVERLAP = 0.3  # part of the picture that has to be in view before and after the turn
+# grey levels: what rounding and drawing amount to in a fit of two pictures of one view
+GREY_NOISE = 0.2
+# a smoothed pixel's error counts so much in a fit: its neighbours have it as well
+NEIGHBOUR_FACTOR = 3.5
+SYMMETRY_ORDERS = (8, 7, 6, 5, 4, 3, 2)  # of the symmetries that are looked for
+MAX_DEPTH = 500.0  # goal's depths: of the plane is not looked at what is farther
+MIN_OVERLAP = 0.3  # part of the picture that has to be in view before and after the turn
 BORDER = 10  # pixels at the picture's rim that are left out: what comes in there was not seen
-FLAT = 1e-12  # part of the greatest eigenvalue of L^T L below which the picture tells nothing
+# part of the greatest eigenvalue of L^T L below which the picture tells nothing
+EIGENVALUE_TOLERANCE = 1e-12
 
 
-class _Rays:
+class _PixelRays:
     """Of each pixel inside the border, for one camera: its ray, and pixels per ray's length.
 
     x, y: (rows, columns) float32. ux, uy, vx, vy: derivatives of the pixel by the ray.
@@ -51,15 +54,15 @@ class _Rays:
         if min(camera.width, camera.height) < 4 * BORDER:
             raise MeasurementError("the picture is too small for photometric servoing")
 
-        def part(values: np.ndarray) -> np.ndarray:
+        def crop(values: np.ndarray) -> np.ndarray:
             return np.ascontiguousarray(values[inside], np.float32)
 
         self.inside = inside
-        self.x, self.y = part(x), part(y)
-        self.ux, self.uy = part(by_row_y / scale), part(-by_row_x / scale)
-        self.vx, self.vy = part(-by_column_y / scale), part(by_column_x / scale)
+        self.x, self.y = crop(x), crop(y)
+        self.ux, self.uy = crop(by_row_y / scale), crop(-by_row_x / scale)
+        self.vx, self.vy = crop(-by_column_y / scale), crop(by_column_x / scale)
 
-    def rows(self, grey: np.ndarray, plane: Plane) -> np.ndarray:
+    def compute_interaction(self, grey: np.ndarray, plane: Plane) -> np.ndarray:
         """L_I (6, pixels) float32 of a picture (rows, columns) float32 of a plane."""
         by_u = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)[self.inside]
         by_v = cv2.Sobel(grey, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)[self.inside]
@@ -92,23 +95,23 @@ class Luminance(Feature):
 
     needs = frozenset((Need.IMAGE,))
     names, tolerances, units = ("rms",), (1.5,), ("grey level",)
-    stackable = False
+    is_stackable = False
     blur: ClassVar[float] = 1.0
     damping: ClassVar[float] = 0.0
 
     def __init__(self) -> None:
         self._goal: Goal | None = None
-        self._up_to = ""
-        self._rays: _Rays | None = None
+        self._ambiguity = ""
+        self._rays: _PixelRays | None = None
         self.reset()
 
     def reset(self) -> None:
         """See Feature.reset."""
-        self._rest: tuple[np.ndarray, np.ndarray] | None = None
+        self._last_error: tuple[np.ndarray, np.ndarray] | None = None
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
         """See Feature.teach: the picture itself."""
-        png = cv2.imencode(".png", grey_of(observation))[1]
+        png = cv2.imencode(".png", get_grey_image(observation))[1]
         return {"png": base64.b64encode(png).decode()}
 
     def check(self, goal: Goal) -> None:
@@ -125,46 +128,46 @@ class Luminance(Feature):
             ) from error
         if grey is None:
             raise ConfigurationError(f"{goal.name}: the picture of {self.name} is damaged")
-        self._goal, self._picture, self._desired = goal, grey, self._smooth(grey)
+        self._goal, self._goal_image, self._desired = goal, grey, self._smooth(grey)
         self._rays = None
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
         if self._goal is not goal:
             self.check(goal)
-        now = self._smooth(grey_of(observation))
+        now = self._smooth(get_grey_image(observation))
         if now.shape != self._desired.shape:
             raise MeasurementError(
                 f"the picture has {now.shape[1]} x {now.shape[0]} pixels, the goal's "
                 f"{self._desired.shape[1]} x {self._desired.shape[0]}"
             )
         if self._rays is None or self._rays.camera != observation.camera:
-            self._same_camera(observation.camera, goal)
-            self._rays = _Rays(observation.camera)
-            self._up_to = self._symmetry(goal.plane or Plane.fronto_parallel(goal.depth))
-        plane = plane_in(observation)
+            self._check_camera(observation.camera, goal)
+            self._rays = _PixelRays(observation.camera)
+            self._ambiguity = self._find_symmetry(goal.plane or Plane.fronto_parallel(goal.depth))
+        plane = get_plane(observation)
         inside = self._rays.inside
         error = np.subtract(now[inside], self._desired[inside]).ravel()
         rms = float(np.sqrt(np.dot(error, error) / error.size))
-        rows = self._rays.rows(now, plane)
-        self._rest = error, rows
-        s, L = self._reduced(error, rows)
-        return Measured(
-            s, np.zeros_like(s), s, L, judged=np.array([rms]), up_to=self._up_to
+        rows = self._rays.compute_interaction(now, plane)
+        self._last_error = error, rows
+        s, L = self._reduce(error, rows)
+        return FeatureMeasurement(
+            s, np.zeros_like(s), s, L, error_summary=np.array([rms]), ambiguity=self._ambiguity
         )
 
-    def _symmetry(self, plane: Plane) -> str:
+    def _find_symmetry(self, plane: Plane) -> str:
         """The turn of the target, lying in a plane at the goal, after which its picture counts as
         the goal's: '90°'; empty where there is none."""
         rays, camera = self._rays, self._rays.camera
         wanted = self._desired[rays.inside]
         normal = np.array(plane) / np.linalg.norm(plane)
         directions = np.stack([rays.x.ravel(), rays.y.ravel(), np.ones(rays.x.size)])
-        depth = 1.0 / np.maximum(np.array(plane) @ directions, plane.C / FARTHEST)
+        depth = 1.0 / np.maximum(np.array(plane) @ directions, plane.C / MAX_DEPTH)
         # A pixel covers an area of the plane that grows with the cube of the depth.
         weight = np.abs(wanted - np.median(wanted)).ravel() * depth**3
         middle = directions @ (weight * depth) / max(weight.sum(), np.finfo(float).tiny)
-        for folds in FOLDS:
+        for folds in SYMMETRY_ORDERS:
             # X' = R (X - middle) + middle of the points of the plane, whose rays a homography maps.
             turn = cv2.Rodrigues(2.0 * np.pi / folds * normal)[0]
             X, Y, Z = (turn + np.outer(middle - turn @ middle, plane)) @ directions
@@ -175,33 +178,33 @@ class Luminance(Feature):
             turned = cv2.remap(self._desired, u, v, cv2.INTER_LINEAR, borderValue=np.nan)
             inside = np.isfinite(turned)
             apart = np.square(turned - wanted)[inside]
-            if inside.mean() > OVERLAP and np.sqrt(apart.mean()) < self.tolerances[0]:
+            if inside.mean() > MIN_OVERLAP and np.sqrt(apart.mean()) < self.tolerances[0]:
                 return f"{360 / folds:.0f}°"
         return ""
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Feature.accuracy: by the grey levels that the last image left, where edges are."""
-        error, rows = self._rest
+        error, rows = self._last_error
         slope = np.square(rows[0]) + np.square(rows[1])
         left = np.sqrt(slope @ np.square(error) / slope.sum())
-        return float(np.hypot(GREY, TOGETHER * left)) * np.eye(6)
+        return float(np.hypot(GREY_NOISE, NEIGHBOUR_FACTOR * left)) * np.eye(6)
 
     @staticmethod
-    def _same_camera(camera: CameraModel, goal: Goal) -> None:
+    def _check_camera(camera: CameraModel, goal: Goal) -> None:
         """Grey levels are compared pixel by pixel: another lens sees other places with them."""
         taught = goal.camera
         if taught is None:
             return
-        told = other_camera(
+        told = compare_cameras(
             taught.width, taught.height, np.reshape(taught.K, (3, 3)), camera
-        ) or _other_lens(taught, camera)
+        ) or _compare_lenses(taught, camera)
         if told:
             raise MeasurementError(
                 f"the picture of {goal.name} was taught with another camera ({told}): teach it "
                 "anew (rosrun aras_visual_servo_controller teach)"
             )
 
-    def _reduced(self, error: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _reduce(self, error: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What the law gets of e (n,) and L (6, n): an error and its interaction matrix."""
         H = (L @ L.T).astype(float)
         g = (L @ error).astype(float)
@@ -230,21 +233,21 @@ class LuminanceMap(Luminance):
     def __init__(self) -> None:
         super().__init__()
         self._basis: np.ndarray | None = None
-        self._basis_for: _Rays | None = None  # which are new with each goal and each camera
+        self._basis_rays: _PixelRays | None = None  # which are new with each goal and each camera
 
-    def basis(self, rays: _Rays) -> np.ndarray:
+    def make_basis(self, rays: _PixelRays) -> np.ndarray:
         """B (count, pixels), of pixels inside the border."""
         raise NotImplementedError
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Feature.accuracy; the rows of the basis have length 1."""
-        return GREY * np.eye(len(self._basis))
+        return GREY_NOISE * np.eye(len(self._basis))
 
-    def _reduced(self, error: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if self._basis_for is not self._rays:
-            basis = self.basis(self._rays)
+    def _reduce(self, error: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self._basis_rays is not self._rays:
+            basis = self.make_basis(self._rays)
             size = np.linalg.norm(basis, axis=1, keepdims=True)
-            self._basis_for = self._rays
+            self._basis_rays = self._rays
             self._basis = np.ascontiguousarray(basis / size, np.float32)
         return (self._basis @ error).astype(float), (self._basis @ L.T).astype(float)
 
@@ -255,7 +258,7 @@ class LuminanceDCT(LuminanceMap):
 
     count: ClassVar[int] = 20
 
-    def basis(self, rays: _Rays) -> np.ndarray:
+    def make_basis(self, rays: _PixelRays) -> np.ndarray:
         """See LuminanceMap.basis."""
         rows, columns = rays.x.shape
         orders = sorted(
@@ -277,7 +280,7 @@ class LuminancePCA(LuminanceMap):
     views: ClassVar[int] = 80
     spread: ClassVar[tuple[float, float, float]] = (0.1, 0.2, 0.1)  # of width, rad, of size
 
-    def basis(self, rays: _Rays) -> np.ndarray:
+    def make_basis(self, rays: _PixelRays) -> np.ndarray:
         """See LuminanceMap.basis."""
         random = np.random.default_rng(0)
         rows, columns = self._desired.shape
@@ -306,7 +309,7 @@ class PhotometricMoments(LuminanceMap):
 
     order: ClassVar[int] = 3
 
-    def basis(self, rays: _Rays) -> np.ndarray:
+    def make_basis(self, rays: _PixelRays) -> np.ndarray:
         """See LuminanceMap.basis."""
         x, y = rays.x.astype(float), rays.y.astype(float)
         reach = min(np.abs(x).max(), np.abs(y).max())
@@ -324,23 +327,27 @@ def square_root(H: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         MeasurementError: the picture tells nothing of some motion: it is of one colour.
     """
     values, vectors = np.linalg.eigh(H)
-    if not values[0] > FLAT * values[-1]:
+    if not values[0] > EIGENVALUE_TOLERANCE * values[-1]:
         raise MeasurementError("the picture has too little texture for photometric servoing")
     roots = np.sqrt(values)
     return vectors.T @ g / roots, roots[:, None] * vectors.T
 
 
-def _other_lens(taught: CameraModel, camera: CameraModel) -> str:
+def _compare_lenses(goal_camera: CameraModel, camera: CameraModel) -> str:
     """How the distortion differs, in words; empty where it does not."""
     there, here = (
-        (one.model if any(one.D) else "", np.trim_zeros(one.D, "b")) for one in (taught, camera)
+        (one.model if any(one.D) else "", np.trim_zeros(one.D, "b"))
+        for one in (goal_camera, camera)
     )
     if there[0] == here[0] and len(there[1]) == len(here[1]) and np.allclose(there[1], here[1]):
         return ""
-    return f"lens {taught.model} {list(taught.D)}; this one's is {camera.model} {list(camera.D)}"
+    return (
+            f"lens {goal_camera.model} {list(goal_camera.D)}; "
+            f"this one's is {camera.model} {list(camera.D)}"
+        )
 
 
-def grey_of(observation: Observation) -> np.ndarray:
+def get_grey_image(observation: Observation) -> np.ndarray:
     """The picture (rows, columns) uint8.
 
     Raises:

@@ -12,17 +12,18 @@ from aras_visual_servo_camera.interaction import Plane, point_interaction
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
-from ..seeing.observation import Observation
-from .base import FEATURES, Measured, plane_in
-from .luminance import Luminance, grey_of
-from .points import places as places_of
-from .pose import PoseInGoalFrame, in_goal_frame, pose_of_plane
+from ..observation.observation import Observation
+from .base import FEATURES, FeatureMeasurement, get_plane
+from .luminance import Luminance, get_grey_image
+from .points import backproject as places_of
+from .pose import PoseInGoalFrame, compute_goal_frame_feature, estimate_planar_pose
 
-RATIO = 0.8  # of the distances of the best and the second best match (Lowe 2004)
-LEAST = 8  # matches that agree, below which a picture tells nothing
-APART = 3.0  # px by which a match may miss the homography
-ASIDE = 0.25  # px that SIFT finds keypoints too far right and down: it doubles the picture first
-FARTHEST = 500.0  # goal's depths that a match is away at most: it may lie beyond the horizon
+MATCH_RATIO = 0.8  # of the distances of the best and the second best match (Lowe 2004)
+MIN_MATCHES = 8  # matches that agree, below which a picture tells nothing
+MAX_REPROJECTION_ERROR = 3.0  # px by which a match may miss the homography
+# px that SIFT finds keypoints too far right and down: it doubles the picture first
+SIFT_OFFSET = 0.25
+MAX_DEPTH = 500.0  # goal's depths that a match is away at most: it may lie beyond the horizon
 
 
 @FEATURES.register("matches")
@@ -38,7 +39,7 @@ class Matches(Luminance):
     names, tolerances, units = ("rms",), (0.001,), ("",)
     detector: ClassVar[str] = "sift"
     count: ClassVar[int] = 500
-    widest: ClassVar[int] = 320
+    max_width: ClassVar[int] = 320
 
     def __init__(self) -> None:
         super().__init__()
@@ -51,52 +52,55 @@ class Matches(Luminance):
     def check(self, goal: Goal) -> None:
         """See Feature.check."""
         super().check(goal)
-        places, self._wanted = self.keypoints(self._picture)
-        if len(places) < LEAST or goal.camera is None:
+        places, self._goal_descriptors = self.detect_keypoints(self._goal_image)
+        if len(places) < MIN_MATCHES or goal.camera is None:
             raise ConfigurationError(
-                f"{goal.name}: {len(places)} keypoints in its picture, {LEAST} are needed: teach "
+                f"{goal.name}: {len(places)} keypoints in its picture, {MIN_MATCHES} are needed: "
+                "teach "
                 "it before a target with texture, or servo on moments"
             )
-        self._places = places
+        self._goal_keypoints = places
         x, y, _ = goal.camera.normalise(*places.T)
         self._desired_points = np.column_stack([x, y])
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
-        points, desired = self._matched(observation, goal)
+        points, desired = self._match_keypoints(observation, goal)
         error = (points - desired).ravel()
         rms = float(np.sqrt(np.mean(error**2) * 2.0))
-        A, B, C = plane_in(observation)
-        w = np.maximum(A * points[:, 0] + B * points[:, 1] + C, 1.0 / (FARTHEST * goal.distance))
+        A, B, C = get_plane(observation)
+        w = np.maximum(A * points[:, 0] + B * points[:, 1] + C, 1.0 / (MAX_DEPTH * goal.distance))
         self._L = L = point_interaction(points, w)
-        self._missed = float(np.std(error - L @ np.linalg.lstsq(L, error, rcond=None)[0]))
-        return Measured(
+        self._match_error = float(np.std(error - L @ np.linalg.lstsq(L, error, rcond=None)[0]))
+        return FeatureMeasurement(
             points.ravel(), desired.ravel(), error, L,
-            judged=np.array([rms]),
+            error_summary=np.array([rms]),
         )  # fmt: skip
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
         """See Feature.accuracy: by how far the matches miss the plane's motion."""
-        return self._missed
+        return self._match_error
 
-    def keypoints(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    def detect_keypoints(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Of a grey picture (H, W): where its keypoints are (n, 2), px, and descriptors (n, k).
 
-        Another detector is a class with another `keypoints`.
+        Another detector is a class with another `detect_keypoints`.
         """
-        scale = min(self.widest / grey.shape[1], 1.0)
+        scale = min(self.max_width / grey.shape[1], 1.0)
         if scale < 1.0:
-            shape = self.widest, max(round(grey.shape[0] * scale), 1)
+            shape = self.max_width, max(round(grey.shape[0] * scale), 1)
             grey, scale = cv2.resize(grey, shape, interpolation=cv2.INTER_AREA), (
                 shape[0] / grey.shape[1], shape[1] / grey.shape[0]
             )  # fmt: skip
         found, descriptors = self._detector.detectAndCompute(grey, None)
         places = np.array([k.pt for k in found], float).reshape(-1, 2)
         if self.detector == "sift":
-            places -= ASIDE
+            places -= SIFT_OFFSET
         return (places + 0.5) / scale - 0.5, descriptors
 
-    def _matched(self, observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
+    def _match_keypoints(
+        self, observation: Observation, goal: Goal
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Points (n, 2) seen and those of the goal, normalised, matched.
 
         Raises:
@@ -104,21 +108,24 @@ class Matches(Luminance):
         """
         if self._goal is not goal:
             self.check(goal)
-        places, descriptors = self.keypoints(grey_of(observation))
+        places, descriptors = self.detect_keypoints(get_grey_image(observation))
         pairs = []
-        if len(places) >= LEAST:
-            for two in self._matcher.knnMatch(descriptors, self._wanted, k=2):
-                if len(two) == 2 and two[0].distance < RATIO * two[1].distance:
+        if len(places) >= MIN_MATCHES:
+            for two in self._matcher.knnMatch(descriptors, self._goal_descriptors, k=2):
+                if len(two) == 2 and two[0].distance < MATCH_RATIO * two[1].distance:
                     pairs.append((two[0].queryIdx, two[0].trainIdx))
-        if len(pairs) >= LEAST:
+        if len(pairs) >= MIN_MATCHES:
             seen, wanted = np.array(pairs).T
-            _, agree = cv2.findHomography(self._places[wanted], places[seen], cv2.RANSAC, APART)
+            _, agree = cv2.findHomography(
+                self._goal_keypoints[wanted], places[seen], cv2.RANSAC, MAX_REPROJECTION_ERROR
+            )
             keep = np.zeros(len(pairs), bool) if agree is None else agree.ravel().astype(bool)
-            if keep.sum() >= LEAST:
+            if keep.sum() >= MIN_MATCHES:
                 x, y, _ = observation.camera.normalise(*places[seen[keep]].T)
                 return np.column_stack([x, y]), self._desired_points[wanted[keep]]
         raise MeasurementError(
-            f"{len(pairs)} keypoints match the goal's picture, {LEAST} that agree are needed: is "
+            f"{len(pairs)} keypoints match the goal's picture, {MIN_MATCHES} that agree are "
+            "needed: is "
             "the target in view, and textured?"
         )
 
@@ -128,24 +135,24 @@ class MatchesORB(Matches):
     """The same by ORB: ten times as fast, and less sure."""
 
     detector: ClassVar[str] = "orb"
-    widest: ClassVar[int] = 640
+    max_width: ClassVar[int] = 640
 
 
 @FEATURES.register("matches_pose")
 class MatchesPose(Matches):
     """Position-based on the same matches: s = (g_t_c, theta u) of the plane's points."""
 
-    stackable = True
-    names, tolerances, units = zip(*PoseInGoalFrame.rows, strict=True)
+    is_stackable = True
+    names, tolerances, units = zip(*PoseInGoalFrame.components, strict=True)
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
-        points, desired = self._matched(observation, goal)
+        points, desired = self._match_keypoints(observation, goal)
         super().measure(observation, goal)
         plane = goal.plane or Plane.fronto_parallel(goal.depth)
         places = places_of(desired, desired @ (plane.A, plane.B) + plane.C)
-        s, L = in_goal_frame(pose_of_plane(places, points))
-        return Measured(s, np.zeros(6), s, L)
+        s, L = compute_goal_frame_feature(estimate_planar_pose(places, points))
+        return FeatureMeasurement(s, np.zeros(6), s, L)
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Matches.accuracy; at the goal s is the camera's offset itself."""

@@ -9,7 +9,7 @@ servoing of planar objects, IEEE T-RO 21(6), 2005. A user's own is a subclass wi
 from __future__ import annotations
 
 from .base import FEATURES
-from .moments import ALPHA, ASIDE, AWAY, LEVEL_CAMERA, MomentFeature
+from .moments import ALPHA, CENTRE_TOLERANCE, DEPTH_TOLERANCE, LEVEL_CAMERA, MomentFeature
 
 
 @FEATURES.register("basic_moments")
@@ -42,7 +42,7 @@ class NormalisedGravityCentre(MomentFeature):
     """s = xn, yn = an (xg, yg), m: linear in the translation."""
 
     formulas = names = ("xn", "yn")
-    tolerances, units = (ASIDE, ASIDE), ("m", "m")
+    tolerances, units = (CENTRE_TOLERANCE, CENTRE_TOLERANCE), ("m", "m")
     directions = (True, True, False, False, False, False)
 
 
@@ -60,7 +60,7 @@ class NormalisedArea(MomentFeature):
     """s = an = Z* sqrt(a* / a), m: the depth of a target square on."""
 
     formulas = names = ("an",)
-    tolerances, units = (AWAY,), ("m",)
+    tolerances, units = (DEPTH_TOLERANCE,), ("m",)
     directions = (False, False, True, False, False, False)
 
 
@@ -121,7 +121,7 @@ class MomentsPitch(MomentFeature):
     """xn, yn, an, alpha, and Sy for the pitch: the paper's moments with a fifth direction."""
 
     formulas = names = ("xn", "yn", "an", "Sy", ALPHA)
-    tolerances = (ASIDE, ASIDE, AWAY, 0.001, 0.005)
+    tolerances = (CENTRE_TOLERANCE, CENTRE_TOLERANCE, DEPTH_TOLERANCE, 0.001, 0.005)
     units = ("m", "m", "m", "", "rad")
     directions = (*LEVEL_CAMERA[:4], True, True)
 
@@ -131,5 +131,5 @@ class MomentsSix(MomentFeature):
     """xn, yn, an, Sx, Sy, alpha: all six directions, of a target without symmetry."""
 
     formulas = names = ("xn", "yn", "an", "Sx", "Sy", ALPHA)
-    tolerances = (ASIDE, ASIDE, AWAY, 0.001, 0.001, 0.005)
+    tolerances = (CENTRE_TOLERANCE, CENTRE_TOLERANCE, DEPTH_TOLERANCE, 0.001, 0.001, 0.005)
     units = ("m", "m", "m", "", "", "rad")

@@ -18,27 +18,27 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from aras_visual_servo_camera.contour import corners_like
+from aras_visual_servo_camera.contour import match_corners
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane, point_interaction
-from aras_visual_servo_camera.line_fits import deviation_of
+from aras_visual_servo_camera.line_fits import compute_rms_deviation
 from aras_visual_servo_camera.polygons import signed_area
 
-from ..errors import BEHIND, ConfigurationError, MeasurementError
+from ..errors import POINT_BEHIND_CAMERA, ConfigurationError, MeasurementError
 from ..goals.goal import Goal
-from ..seeing.observation import Need, Observation
-from .base import FEATURES, Feature, Measured, plane_in
+from ..observation.observation import Need, Observation
+from .base import FEATURES, Feature, FeatureMeasurement, get_plane
 
 # Of a goal that this camera has shown, image and goal are measured with nearly the same errors.
 # They differ by NEARLY of a pixel, and CHANGING of the distance by which the points are off.
 # Measured on corners of targets 8 to 40 px wide, 0.001 to 0.3 px off: 0.0025 px and 0.15 of the
 # distance; of 120 arrivals, six tenths of that bounds their errors.
-NEARLY, CHANGING = 0.0012, 0.085
+SHARED_PIXEL_ERROR, SHARED_DISTANCE_ERROR = 0.0012, 0.085
 # Times the corners' spread by their sides, at a distance of one pixel; it grows with the distance's
 # root, from NEAREST px on. Measured on 1 092 rendered pairs of goal and image, 0.001 to 0.3 px off:
 # of markers and of outlines of 10 to 110 px, the camera's offset by them is 0.7 to 1.7 times what
 # this expects, rms, and 2.0 times by outlines of 26 px that are 0.1 to 0.3 px off.
-ROOT, NEAREST = 1.5, 0.006
+DEVIATION_FACTOR, MIN_DISTANCE = 1.5, 0.006
 TOLERANCE = 0.001  # 0.1 pixel of a camera with f = 100, 0.2 mm at 0.2 m
 
 
@@ -54,7 +54,7 @@ class PointFeature(Feature):
         count: number of points; taken from the goal when it is checked.
     """
 
-    ordered: ClassVar[bool] = True
+    is_ordered: ClassVar[bool] = True
 
     def __init__(self, count: int = 4) -> None:
         self._set_count(count)
@@ -70,11 +70,11 @@ class PointFeature(Feature):
 
     def reset(self) -> None:
         """See Feature.reset."""
-        self._turn = 0.0
+        self._match_rotation = 0.0
 
     def check(self, goal: Goal) -> None:
         """See Feature.check."""
-        corners = self.desired_points(goal)
+        corners = self.read_desired_points(goal)
         self._set_count(len(corners))
         if goal.depth is None and goal.plane is None:
             raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
@@ -83,7 +83,7 @@ class PointFeature(Feature):
         """See Feature.teach."""
         return {"points": np.asarray(self.points(observation), float).tolist()}
 
-    def desired_points(self, goal: Goal) -> np.ndarray:
+    def read_desired_points(self, goal: Goal) -> np.ndarray:
         """The goal's points (n, 2).
 
         Raises:
@@ -103,27 +103,27 @@ class PointFeature(Feature):
             raise ConfigurationError(f"{goal.name}: a point is not finite")
         return points
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
-        desired = self.desired_points(goal)
-        points, up_to = self._numbered(observation, desired)
-        inverse_depth = at_plane(plane_in(observation), points)
+        desired = self.read_desired_points(goal)
+        points, up_to = self._match_to_goal(observation, desired)
+        inverse_depth = compute_inverse_depth(get_plane(observation), points)
         s, goal_s = points.ravel(), desired.ravel()
-        return Measured(s, goal_s, s - goal_s, point_interaction(points, inverse_depth),
-                        up_to=up_to)  # fmt: skip
+        return FeatureMeasurement(s, goal_s, s - goal_s, point_interaction(points, inverse_depth),
+                        ambiguity=up_to)  # fmt: skip
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
         """See Feature.desired_interaction."""
-        desired = self.desired_points(goal)
-        return point_interaction(desired, self._goal_depth(goal, desired))
+        desired = self.read_desired_points(goal)
+        return point_interaction(desired, self._compute_goal_inverse_depth(goal, desired))
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Feature.accuracy."""
         if not observation.corner_accuracy:
             return None
-        desired = self.desired_points(goal)
-        points = self._numbered(observation, desired)[0]
-        return accuracy_beside(observation, goal, points, desired)
+        desired = self.read_desired_points(goal)
+        points = self._match_to_goal(observation, desired)[0]
+        return estimate_corner_accuracy(observation, goal, points, desired)
 
     def _set_count(self, count: int) -> None:
         self.count = count
@@ -132,27 +132,29 @@ class PointFeature(Feature):
         self.units = ("",) * (2 * count)
 
     @staticmethod
-    def _goal_depth(goal: Goal, desired: np.ndarray) -> np.ndarray:
+    def _compute_goal_inverse_depth(goal: Goal, desired: np.ndarray) -> np.ndarray:
         """1/Z (n,) of the goal's points, 1/m."""
         try:
-            return at_plane(goal.plane or Plane.fronto_parallel(goal.depth), desired)
+            return compute_inverse_depth(goal.plane or Plane.fronto_parallel(goal.depth), desired)
         except MeasurementError as error:
             raise ConfigurationError(
                 f"{goal.name}: {error}, where that is believed to be mounted: check the camera's "
                 "place (believed, camera_xyz, camera_rpy) and the goal"
             ) from error
 
-    def _numbered(self, observation: Observation, desired: np.ndarray) -> tuple[np.ndarray, str]:
+    def _match_to_goal(
+        self, observation: Observation, desired: np.ndarray
+    ) -> tuple[np.ndarray, str]:
         """Points (n, 2) in the order of the goal's, and what stays ambiguous.
 
         Raises:
             MeasurementError: another number of points, or one that is not finite.
         """
-        points = self._counted(observation, desired)
-        known = self.ordered or observation.numbered
-        return (points, "") if known else self._matched(points, desired)
+        points = self._check_count(observation, desired)
+        known = self.is_ordered or observation.is_numbered
+        return (points, "") if known else self._match_outline(points, desired)
 
-    def _counted(self, observation: Observation, desired: np.ndarray) -> np.ndarray:
+    def _check_count(self, observation: Observation, desired: np.ndarray) -> np.ndarray:
         """The points (n, 2), as many as are desired.
 
         Corners of an outline that have become more or fewer, as those of a target far away do, are
@@ -170,11 +172,11 @@ class PointFeature(Feature):
         if points is not observation.corners or observation.contour is None:
             raise MeasurementError(told)
         try:
-            return corners_like(observation.contour, desired)
+            return match_corners(observation.contour, desired)
         except VisionError as error:
             raise MeasurementError(f"{told}; {error}") from error
 
-    def _matched(self, points: np.ndarray, desired: np.ndarray) -> tuple[np.ndarray, str]:
+    def _match_outline(self, points: np.ndarray, desired: np.ndarray) -> tuple[np.ndarray, str]:
         """Points (n, 2) of an outline in the order of the goal's, and what stays ambiguous.
 
         Each of the n ways round is fitted by a similarity; of those that fit as well as the best,
@@ -190,8 +192,8 @@ class PointFeature(Feature):
         residual = size - np.abs(fits) ** 2 / float(np.vdot(g, g).real)
         good = np.flatnonzero(residual <= residual.min() + 0.02 * size)
         turns = np.angle(fits[good])
-        chosen = int(np.argmin(np.abs(np.angle(np.exp(1j * (turns - self._turn))))))
-        self._turn = float(turns[chosen])
+        chosen = int(np.argmin(np.abs(np.angle(np.exp(1j * (turns - self._match_rotation))))))
+        self._match_rotation = float(turns[chosen])
         up_to = "" if len(good) == 1 else f"{360 / len(good):.0f}°"
         return np.roll(points, -int(good[chosen]), axis=0), up_to
 
@@ -201,7 +203,7 @@ class Points(PointFeature):
     """The corners of the segmented target's outline: s = (x_0, y_0, x_1, ...), normalised."""
 
     needs = frozenset((Need.CORNERS,))
-    ordered: ClassVar[bool] = False
+    is_ordered: ClassVar[bool] = False
 
     def points(self, observation: Observation) -> np.ndarray:
         """See PointFeature.points."""
@@ -210,7 +212,7 @@ class Points(PointFeature):
         return observation.corners
 
 
-def at_plane(plane: Plane, points: np.ndarray) -> np.ndarray:
+def compute_inverse_depth(plane: Plane, points: np.ndarray) -> np.ndarray:
     """1/Z (n,) of the plane at points (n, 2).
 
     Raises:
@@ -218,11 +220,11 @@ def at_plane(plane: Plane, points: np.ndarray) -> np.ndarray:
     """
     inverse = plane.A * points[:, 0] + plane.B * points[:, 1] + plane.C
     if not (inverse > 0.0).all():
-        raise MeasurementError(BEHIND)
+        raise MeasurementError(POINT_BEHIND_CAMERA)
     return inverse
 
 
-def accuracy_beside(
+def estimate_corner_accuracy(
     observation: Observation, goal: Goal, points: np.ndarray, desired: np.ndarray
 ) -> np.ndarray:
     """How exactly corners are known beside their goal's, as of Feature.accuracy, (2n, m).
@@ -235,12 +237,12 @@ def accuracy_beside(
     away, fx = float(np.mean((points - desired) ** 2)), observation.camera.K[0]
     spread = _spread(observation, points)
     if spread is None:
-        common = NEARLY / fx + CHANGING * sqrt(away)
-        return max(min(accuracy, common), observation.corner_unshared) * alone
+        common = SHARED_PIXEL_ERROR / fx + SHARED_DISTANCE_ERROR * sqrt(away)
+        return max(min(accuracy, common), observation.corner_repeatability) * alone
     # Noise moves the corners as well, by no more than that.
-    deviation = deviation_of(spread)
+    deviation = compute_rms_deviation(spread)
     away = fx * sqrt(max(away - deviation**2, 0.0))
-    return min(ROOT * sqrt(max(away, NEAREST)), accuracy / deviation) * spread
+    return min(DEVIATION_FACTOR * sqrt(max(away, MIN_DISTANCE)), accuracy / deviation) * spread
 
 
 def _spread(observation: Observation, points: np.ndarray) -> np.ndarray | None:
@@ -254,6 +256,6 @@ def _spread(observation: Observation, points: np.ndarray) -> np.ndarray | None:
     return observation.corner_spread[np.column_stack([rows, rows + 1]).ravel()]
 
 
-def places(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+def backproject(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
     """Points (n, 3) in the camera's frame, m, of (n, 2), normalised, with 1/Z (n,), 1/m."""
     return np.column_stack([points, np.ones(len(points))]) / np.asarray(inverse_depth)[:, None]

@@ -38,23 +38,29 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import MAX_ORDER, Moments, Pinhole
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..arm.limits import check_inside
 from ..errors import ConfigurationError, ServoError, UnreachableError
-from ..seeing.observation import CAMERA, Observation
-from ..seeing.rig import MovedBy, OppositeCamera
-from ..seeing.target_geometry import TargetGeometry, ellipse_of
-from .goal_file import EDGE_ON, GoalKernel, goal_fields, goal_text, pose_entry
+from ..kinematics.limits import check_within_limits
+from ..observation.camera_rig import CameraKinematics, InverseCameraKinematics
+from ..observation.observation import CAMERA, Observation
+from ..observation.target_geometry import TargetGeometry, ellipse_of
+from .goal_file import (
+    EDGE_ON_COSINE,
+    GoalKernel,
+    make_pose_entry,
+    read_goal_fields,
+    write_goal_text,
+)
 
 if TYPE_CHECKING:
-    from ..arm import Arm
+    from ..kinematics import Arm
 
-DEPTH = 0.2  # m: a target's depth where the goal does not say it; the laboratory's
-REACHABLE = 2e-3  # m, and 0.1 m x rad, from which on a pose counts as beyond the arm's reach
+DEFAULT_DEPTH = 0.2  # m: a target's depth where the goal does not say it; the laboratory's
+REACH_TOLERANCE = 2e-3  # m, and 0.1 m x rad, from which on a pose counts as beyond the arm's reach
 # Beyond these the camera is mounted elsewhere than when the goal was taught, m and rad.
 SAME_PLACE, SAME_ANGLE = 1e-4, 1e-3
 
 
-class Teaching(Protocol):
+class GoalTeacher(Protocol):
     """What keeps something of an observation for its goal: a Scheme or a JointController."""
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
@@ -97,8 +103,8 @@ class Goal:
     features: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     target: TargetGeometry | None = None
     mounting: np.ndarray | None = None
-    seen_by: str = CAMERA
-    others: Mapping[str, Goal] = field(default_factory=dict)
+    camera_name: str = CAMERA
+    other_cameras: Mapping[str, Goal] = field(default_factory=dict)
     marker: str = ""
 
     @cached_property
@@ -106,23 +112,23 @@ class Goal:
         """Depth of the target's plane on the optical axis, m: the scene's unit of length."""
         if self.plane is not None and self.plane.C > 0.0:
             return 1.0 / self.plane.C
-        return self.depth or DEPTH
+        return self.depth or DEFAULT_DEPTH
 
     @property
     def scale(self) -> float:
         """Times as far as the laboratory's target, for which lengths of settings were chosen."""
-        return self.distance / DEPTH
+        return self.distance / DEFAULT_DEPTH
 
     @cached_property
     def cameras(self) -> dict[str, Goal]:
         """The goal of each camera of the scheme, by name; the first, this one, is the control
         camera's."""
-        return {self.seen_by: self, **self.others}
+        return {self.camera_name: self, **self.other_cameras}
 
     @classmethod
     def teach(
         cls,
-        scheme: Teaching | None,
+        scheme: GoalTeacher | None,
         observation: Observation,
         name: str = "goal",
         depth: float | None = None,
@@ -151,7 +157,7 @@ class Goal:
             raise ConfigurationError(f"{name}: {error}") from error
         pose, plane = observation.world_T_camera, observation.plane
         if plane is None and depth is None and target is not None and pose is not None:
-            plane = target.plane(pose)
+            plane = target.compute_plane(pose)
         if plane is None and depth is None:
             raise ConfigurationError(f"{name}: give the depth of the target, m")
         depth = 1.0 / plane.C if depth is None else float(depth)
@@ -167,24 +173,24 @@ class Goal:
         goal = cls(name, values, pose, depth, plane, observation.moments, kernel,
                    observation.camera, taught, target, None, observation.name,
                    marker=observation.marker)  # fmt: skip
-        return goal._with_others(observation) if observation.others else goal
+        return goal._add_other_cameras(observation) if observation.other_cameras else goal
 
-    def _with_others(self, observation: Observation) -> Goal:
+    def _add_other_cameras(self, observation: Observation) -> Goal:
         """This goal with those of the other cameras of its observation; the target's plane in
         their views is that of this one, where they do not tell it."""
-        seen = self if self.plane is not None else replace(self, plane=self.level_plane())
+        seen = self if self.plane is not None else replace(self, plane=self.make_level_plane())
         others = {}
-        for camera, view in observation.others.items():
-            if view.plane is None and view.apart:
+        for camera, view in observation.other_cameras.items():
+            if view.plane is None and view.has_other_target:
                 raise ConfigurationError(
                     f"{self.name}: camera {camera} looks at a target of its own, and nothing tells "
                     "how far away that is: teach the goal with features that measure depth, or by "
                     "an experiment, which knows the target"
                 )
             if view.plane is None and view.world_T_camera is not None:
-                view = replace(view, plane=seen.plane_from(view.world_T_camera))
+                view = replace(view, plane=seen.compute_plane(view.world_T_camera))
             others[camera] = Goal.teach(None, view, self.name, None, self.target)
-        return replace(self, others=others)
+        return replace(self, other_cameras=others)
 
     def for_arm(self, arm: Arm) -> Goal:
         """The goal as this arm sees it: pose from the joints, plane level where none is given.
@@ -195,12 +201,12 @@ class Goal:
         """
         goal = self
         if self.joints:
-            goal = self._posed(arm)
+            goal = self._compute_pose(arm)
         if goal.plane is None and goal.world_T_camera is not None and goal.depth is not None:
-            goal = replace(goal, plane=goal.level_plane())
+            goal = replace(goal, plane=goal.make_level_plane())
         return goal
 
-    def for_cameras(self, arms: Mapping[str, MovedBy]) -> Goal:
+    def for_cameras(self, arms: Mapping[str, CameraKinematics]) -> Goal:
         """The goal as several cameras see it, the control camera first.
 
         A camera that it holds no view of gets one by the target's geometry, where that is known.
@@ -213,59 +219,61 @@ class Goal:
         """
         (name, arm), *rest = arms.items()
         held, goal = self.cameras, self
-        if name in self.others:
-            goal = replace(self.others[name], joints=self.joints, features=self.features,
+        if name in self.other_cameras:
+            goal = replace(self.other_cameras[name], joints=self.joints, features=self.features,
                            target=self.target)  # fmt: skip
-        goal = replace(goal.for_arm(arm), seen_by=name, others={})
-        q, others = goal.joint_values(arm.names), {}
+        goal = replace(goal.for_arm(arm), camera_name=name, other_cameras={})
+        q, others = goal.get_joints(arm.names), {}
         for camera, other in rest:
             if camera in held:
                 joints = self.joints if hasattr(other, "names") else {}
                 others[camera] = replace(
-                    held[camera], joints=joints, others={}, seen_by=camera
+                    held[camera], joints=joints, other_cameras={}, camera_name=camera
                 ).for_arm(other)
             elif goal.target is not None and q is not None and not isinstance(
-                other, OppositeCamera
+                other, InverseCameraKinematics
             ):
-                view = goal.seen_from(np.array(other.pose(q)))
-                others[camera] = replace(view, joints={}, camera=None, seen_by=camera)
-        return replace(goal, others=others) if others else goal
+                view = goal.predict_from_pose(np.array(other.pose(q)))
+                others[camera] = replace(view, joints={}, camera=None, camera_name=camera)
+        return replace(goal, other_cameras=others) if others else goal
 
-    def posture(self, arm: Arm) -> np.ndarray | None:
+    def find_posture(self, arm: Arm) -> np.ndarray | None:
         """Joints (n,) at the goal: its own, else those found for its pose; None: there are none."""
         if self.joints or self.world_T_camera is None:
-            return self.joint_values(arm.names)
+            return self.get_joints(arm.names)
         try:
-            return arm.inverse(self.world_T_camera, np.zeros(len(arm.names)), REACHABLE)
+            return arm.inverse_kinematics(
+                self.world_T_camera, np.zeros(len(arm.names)), REACH_TOLERANCE
+            )
         except UnreachableError:
             return None
 
-    def beyond(self, arm: Arm) -> str:
+    def find_unreachable_reason(self, arm: Arm) -> str:
         """Why the arm cannot be where the goal was taught, in words; empty where it can, to
         REACHABLE (an arm of few joints has no pose exactly), or where the goal names joints."""
         if self.joints or self.world_T_camera is None:
             return ""
         try:
-            arm.inverse(self.world_T_camera, np.zeros(len(arm.names)), REACHABLE)
+            arm.inverse_kinematics(self.world_T_camera, np.zeros(len(arm.names)), REACH_TOLERANCE)
         except UnreachableError as error:
             return f"{self.name}: {error}"
         return ""
 
-    def level_plane(self) -> Plane:
+    def make_level_plane(self) -> Plane:
         """The level target (normal along the base's z) at the goal's depth.
 
         Raises:
             ConfigurationError: the camera looks along the table there, not on it.
         """
         up = self.world_T_camera[2, :3]
-        if abs(up[2]) < EDGE_ON:
+        if abs(up[2]) < EDGE_ON_COSINE:
             raise ConfigurationError(
                 f"{self.name}: at the goal the camera looks along the table, not on it: "
                 "mount it more upright"
             )
         return Plane(*(up / (self.depth * up[2])).tolist())
 
-    def plane_from(self, world_T_camera: np.ndarray) -> Plane | None:
+    def compute_plane(self, world_T_camera: np.ndarray) -> Plane | None:
         """The plane of a target that stands still, as seen from a pose (4, 4) in the arm's base;
         None where the goal does not say it, or where the camera lies in it."""
         if self.plane is None or self.world_T_camera is None:
@@ -283,7 +291,7 @@ class Goal:
         normal = self.world_T_camera[:3, :3] @ np.array(self.plane)
         return normal, 1.0 + float(normal @ self.world_T_camera[:3, 3])
 
-    def seen_from(self, world_T_camera: np.ndarray) -> Goal:
+    def predict_from_pose(self, world_T_camera: np.ndarray) -> Goal:
         """The same target from another pose, worked out by its geometry.
 
         Raises:
@@ -292,16 +300,18 @@ class Goal:
         if self.target is None:
             raise ConfigurationError(f"{self.name} does not say what the target's geometry is")
         try:
-            view = self.target.outline(world_T_camera)
-            plane = self.target.plane(world_T_camera)
+            view = self.target.compute_outline(world_T_camera)
+            plane = self.target.compute_plane(world_T_camera)
             moments = Moments.from_polygon(view, MAX_ORDER)
-            depth = self.target.depth(world_T_camera)
+            depth = self.target.compute_depth(world_T_camera)
             kernel = self.kernel
             if kernel is not None:
-                from aras_visual_servo_camera.kernel import kernel_of_outline
+                from aras_visual_servo_camera.kernel import compute_outline_kernel_features
 
                 lens, size = Pinhole.from_K(kernel.K), (kernel.width, kernel.height)
-                kernel = replace(kernel, features=kernel_of_outline(view, lens, *size).values)
+                kernel = replace(
+                    kernel, features=compute_outline_kernel_features(view, lens, *size).values
+                )
         except (ServoError, VisionError) as error:
             raise ConfigurationError(
                 f"{self.name}: the target is not visible from there ({error}); check where the "
@@ -312,19 +322,19 @@ class Goal:
             kernel=kernel, features={}, mounting=None,
         )  # fmt: skip
 
-    def outline(self) -> np.ndarray:
+    def compute_outline(self) -> np.ndarray:
         """The target (n, 2) as it looks from the goal, normalised; (0, 2) where nobody knows.
 
         By its geometry, else the ellipse that has its moments: as large, as long and turned alike.
         """
         if self.target is not None and self.world_T_camera is not None:
             with contextlib.suppress(ServoError):
-                return self.target.outline(self.world_T_camera)
+                return self.target.compute_outline(self.world_T_camera)
         if self.moments is None:
             return np.zeros((0, 2))
         return ellipse_of(self.moments)
 
-    def joint_values(self, names: Sequence[str]) -> np.ndarray | None:
+    def get_joints(self, names: Sequence[str]) -> np.ndarray | None:
         """The joints (n,) in this order; None where the goal has none.
 
         Raises:
@@ -340,9 +350,9 @@ class Goal:
             )
         return np.array([self.joints[n] for n in names], float)
 
-    def _posed(self, arm: Arm) -> Goal:
-        q = self.joint_values(arm.names)
-        check_inside(q, arm, f"the goal {self.name}")
+    def _compute_pose(self, arm: Arm) -> Goal:
+        q = self.get_joints(arm.names)
+        check_within_limits(q, arm, f"the goal {self.name}")
         pose = np.array(arm.pose(q))
         if self.world_T_camera is None:
             return replace(self, world_T_camera=pose)
@@ -350,7 +360,7 @@ class Goal:
         if distance < SAME_PLACE and angle < SAME_ANGLE:
             return replace(self, world_T_camera=pose)
         if self.target is not None:
-            return replace(self, name=f"{self.name}, camera moved").seen_from(pose)
+            return replace(self, name=f"{self.name}, camera moved").predict_from_pose(pose)
         raise ConfigurationError(
             f"the goal {self.name} was taught with the camera elsewhere: at its joints it is now "
             f"{1e3 * distance:.1f} mm and {np.degrees(angle):.1f} degrees away: teach it anew "
@@ -375,19 +385,20 @@ class Goal:
         Raises:
             ConfigurationError: naming the key, what is wrong and what would be right.
         """
-        fields = goal_fields(data, name)
+        fields = read_goal_fields(data, name)
         others = data.get("cameras") or {}
-        return cls(name, **fields, others={
-            camera: replace(cls.from_mapping(entry, f"{name}: cameras.{camera}"), seen_by=camera)
+        return cls(name, **fields, other_cameras={
+            camera: replace(cls.from_mapping(entry, f"{name}: cameras.{camera}"),
+                camera_name=camera)
             for camera, entry in others.items()
         })  # fmt: skip
 
     def to_yaml(self, heading: str = "") -> str:
         """The file's text; heading becomes a comment at its top."""
         moments, camera = self.moments, self.camera
-        return goal_text({
+        return write_goal_text({
             "joints": self.joints,
-            "camera_pose": pose_entry(self.world_T_camera),
+            "camera_pose": make_pose_entry(self.world_T_camera),
             "depth": self.depth,
             "plane": self.plane,
             "moments": None if moments is None else {
@@ -401,8 +412,9 @@ class Goal:
             },
             "features": self.features,
             "target": None if self.target is None else self.target.to_mapping(),
-            "mounting": pose_entry(self.mounting),
+            "mounting": make_pose_entry(self.mounting),
             "marker": self.marker or None,
-            "seen_by": self.seen_by if self.others else None,
-            "cameras": {name: yaml.safe_load(goal.to_yaml()) for name, goal in self.others.items()},
+            "seen_by": self.camera_name if self.other_cameras else None,
+            "cameras": {name: yaml.safe_load(goal.to_yaml()) for name,
+                goal in self.other_cameras.items()},
         }, heading)  # fmt: skip

@@ -9,27 +9,27 @@ from typing import Any
 
 import numpy as np
 
-from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_base.settings import build, convert
 from aras_visual_servo_base.yaml_files import read_yaml
 
-from ..arm import Arm
 from ..errors import ConfigurationError, UnreachableError
+from ..kinematics import Arm
 
 NONE = "none"
-Three = tuple[float, float, float]
+ThreeNumbers = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class PoseEntry:
     """A pose as it is written: xyz, m, and fixed-axis rpy, rad, as in a URDF."""
 
-    xyz: Three
-    rpy: Three
+    xyz: ThreeNumbers
+    rpy: ThreeNumbers
 
 
-def start_joints(
+def find_start_joints(
     start: Any, arm: Arm, package: Path, near: np.ndarray | None = None
 ) -> np.ndarray | None:
     """Joints (n,) of a start, or None for 'none': servo from wherever the arm stands.
@@ -50,36 +50,36 @@ def start_joints(
     if isinstance(start, str):
         words = start.replace(",", " ").strip("[] ")
         if len(words.split()) > 1:
-            start = _numbers(words, "parameter ~start")
+            start = _read_numbers(words, "parameter ~start")
         elif start == NONE:
             return None
         else:
-            return _named(start, arm, package)
+            return _load_start(start, arm, package)
     if isinstance(start, Mapping):
         if set(start) == {"xyz", "rpy"}:
-            return _of_pose(start, arm, near)
-        return _by_joint(start, arm, f"{dict(start)}")
+            return _solve_pose(start, arm, near)
+        return _read_joints(start, arm, f"{dict(start)}")
     if not (isinstance(start, list | tuple) and len(start) == len(arm.names)):
         raise ConfigurationError(
             f"parameter ~start is {start!r}, must be a name, none, {{xyz, rpy}} of the camera, or "
             f"a finite number for each of {', '.join(arm.names)}"
         )
-    return np.array(_numbers(start, "parameter ~start"))
+    return np.array(_read_numbers(start, "parameter ~start"))
 
 
-def _named(name: str, arm: Arm, package: Path) -> np.ndarray:
+def _load_start(name: str, arm: Arm, package: Path) -> np.ndarray:
     path = package / "config" / "starts.yaml"
     found = read_yaml(path, ConfigurationError)
     known = convert(found, Mapping[str, Mapping[str, float]], f"{path}: ", ConfigurationError)
     if name not in known:
         raise ConfigurationError(
-            f"parameter ~start is '{name}': {nearest(name, [*known, NONE])} (or a number for "
+            f"parameter ~start is '{name}': {suggest(name, [*known, NONE])} (or a number for "
             f"each of {', '.join(arm.names)})"
         )
-    return _by_joint(known[name], arm, name)
+    return _read_joints(known[name], arm, name)
 
 
-def _by_joint(values: Mapping[str, Any], arm: Arm, name: str) -> np.ndarray:
+def _read_joints(values: Mapping[str, Any], arm: Arm, name: str) -> np.ndarray:
     values = convert(values, Mapping[str, float], "parameter ~start", ConfigurationError)
     for joint in values:
         if joint not in arm.names:
@@ -95,15 +95,15 @@ def _by_joint(values: Mapping[str, Any], arm: Arm, name: str) -> np.ndarray:
     return np.array([values[joint] for joint in arm.names])
 
 
-def _of_pose(given: Mapping[str, Any], arm: Arm, near: np.ndarray | None) -> np.ndarray:
-    pose = build(PoseEntry, given, "parameter ~start", ConfigurationError)
+def _solve_pose(entry: Mapping[str, Any], arm: Arm, near: np.ndarray | None) -> np.ndarray:
+    pose = build(PoseEntry, entry, "parameter ~start", ConfigurationError)
     if near is None:
         near = np.clip(0.0, arm.lower, arm.upper)
     try:
-        return arm.inverse(transform(pose.xyz, pose.rpy), near)
+        return arm.inverse_kinematics(matrix_from_xyz_rpy(pose.xyz, pose.rpy), near)
     except UnreachableError as error:
         raise ConfigurationError(f"parameter ~start: {error}") from error
 
 
-def _numbers(values: Any, where: str) -> tuple[float, ...]:
+def _read_numbers(values: Any, where: str) -> tuple[float, ...]:
     return convert(values, tuple[float, ...], where, ConfigurationError)

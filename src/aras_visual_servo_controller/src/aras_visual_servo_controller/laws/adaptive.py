@@ -31,10 +31,15 @@ class Adaptive(Law):
                 f"{self.infinity:g} 1/s"
             )
 
-    def rate(
-        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    def desired_error_rate(
+        self,
+        error: np.ndarray,
+        L: np.ndarray,
+        pseudo_inverse_error: np.ndarray,
+        t: float,
+        dt: float,
     ) -> np.ndarray:
         """See Law.rate."""
         span = self.zero - self.infinity
-        size = float(np.abs(rotated_error).max())
+        size = float(np.abs(pseudo_inverse_error).max())
         return -(span * np.exp(-self.slope * size / span) + self.infinity) * error

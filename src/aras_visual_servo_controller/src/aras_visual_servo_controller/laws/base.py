@@ -14,12 +14,12 @@ from aras_visual_servo_base.settings import check, parameter
 from ..errors import ConfigurationError
 
 # Above this a gain is a mistake of units: at 30 images a second 60/s already rings.
-GREATEST_GAIN = 1000.0
+MAX_GAIN = 1000.0
 
 
 def gain(default: float, help: str = "decay rate of the error") -> Any:
     """Return the declaration of a parameter that is a gain, 1/s."""
-    return parameter(default, "1/s", above=0.0, most=GREATEST_GAIN, help=help)
+    return parameter(default, "1/s", above=0.0, most=MAX_GAIN, help=help)
 
 
 @dataclass(eq=False)
@@ -29,8 +29,9 @@ class Law(ABC):
     With the error e = s - s*, the law is a function e_dot = f(e, L, t), such as e_dot = -gain e.
     The arm then realises the twist v of the camera with L v = e_dot in the least-squares sense.
 
-    A subclass implements `rate`. Its parameters are annotated attributes, `gain: float = 5.0`, or
-    are declared with unit and bounds by `parameter`: every law is a dataclass. Numbers may be
+    A subclass implements `desired_error_rate`. Its parameters are annotated attributes, `gain:
+    float = 5.0`, or are declared with unit and bounds by `parameter`: every law is a dataclass.
+    Numbers may be
     changed while the law runs, also by dynamic_reconfigure. `reset` clears the state that a law
     keeps between images; it is called once after construction, too.
 
@@ -54,11 +55,11 @@ class Law(ABC):
         self.reset()
 
     @abstractmethod
-    def rate(
+    def desired_error_rate(
         self,
         error: np.ndarray,
         L: np.ndarray,
-        rotated_error: np.ndarray,
+        pseudo_inverse_error: np.ndarray,
         t: float,
         dt: float,
     ) -> np.ndarray:
@@ -84,12 +85,12 @@ class Law(ABC):
         """
         check(self, ConfigurationError, f"law {self.name}: ")
 
-    def numbers(self) -> dict[str, float]:
+    def list_tunable_parameters(self) -> dict[str, float]:
         """Return the parameters that may be changed while the law runs, by name."""
         own = {field.name: getattr(self, field.name) for field in fields(self) if field.init}
         return {name: value for name, value in own.items() if isinstance(value, float)}
 
-    def change(self, **parameters: float) -> None:
+    def set_parameters(self, **parameters: float) -> None:
         """Change parameters, also while the law runs; those that are not named stay.
 
         Raises:

@@ -9,7 +9,7 @@ import numpy as np
 from aras_visual_servo_base.settings import parameter
 
 from ..errors import ConfigurationError
-from .base import GREATEST_GAIN, LAWS, Law
+from .base import LAWS, MAX_GAIN, Law
 
 
 @LAWS.register("diagonal")
@@ -17,7 +17,7 @@ class Diagonal(Law):
     """de_i/dt = -values_i e_i; the laboratory's Lambda."""
 
     values: tuple[float, ...] = parameter(
-        dataclasses.MISSING, "1/s", above=0.0, most=GREATEST_GAIN, help="gain of each feature"
+        dataclasses.MISSING, "1/s", above=0.0, most=MAX_GAIN, help="gain of each feature"
     )
 
     def check(self) -> None:
@@ -27,8 +27,13 @@ class Diagonal(Law):
             raise ConfigurationError(f"law {self.name}: values is empty, it must hold a gain for "
                                      "each feature")  # fmt: skip
 
-    def rate(
-        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    def desired_error_rate(
+        self,
+        error: np.ndarray,
+        L: np.ndarray,
+        pseudo_inverse_error: np.ndarray,
+        t: float,
+        dt: float,
     ) -> np.ndarray:
         """See Law.rate.
 

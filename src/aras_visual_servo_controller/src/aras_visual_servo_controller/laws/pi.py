@@ -24,17 +24,22 @@ class ProportionalIntegral(Law):
 
     def reset(self) -> None:
         """See Law.reset."""
-        self._sum: np.ndarray | None = None
-        self._greatest: np.ndarray | None = None
+        self._error_integral: np.ndarray | None = None
+        self._largest_error: np.ndarray | None = None
 
-    def rate(
-        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    def desired_error_rate(
+        self,
+        error: np.ndarray,
+        L: np.ndarray,
+        pseudo_inverse_error: np.ndarray,
+        t: float,
+        dt: float,
     ) -> np.ndarray:
         """See Law.rate."""
-        if self._sum is None or self._sum.shape != error.shape:
-            self._sum = np.zeros_like(error)
-            self._greatest = np.abs(error)
-        self._greatest = np.maximum(self._greatest, np.abs(error))
-        most = self.bound * self.gain / self.integral * self._greatest
-        self._sum = np.clip(self._sum + error * dt, -most, most)
-        return -self.gain * error - self.integral * self._sum
+        if self._error_integral is None or self._error_integral.shape != error.shape:
+            self._error_integral = np.zeros_like(error)
+            self._largest_error = np.abs(error)
+        self._largest_error = np.maximum(self._largest_error, np.abs(error))
+        most = self.bound * self.gain / self.integral * self._largest_error
+        self._error_integral = np.clip(self._error_integral + error * dt, -most, most)
+        return -self.gain * error - self.integral * self._error_integral

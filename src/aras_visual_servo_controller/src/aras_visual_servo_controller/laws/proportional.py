@@ -17,8 +17,13 @@ class Proportional(Law):
 
     gain: float = gain(5.0)
 
-    def rate(
-        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    def desired_error_rate(
+        self,
+        error: np.ndarray,
+        L: np.ndarray,
+        pseudo_inverse_error: np.ndarray,
+        t: float,
+        dt: float,
     ) -> np.ndarray:
         """See Law.rate."""
         return -self.gain * error

@@ -7,7 +7,7 @@ import numpy as np
 from aras_visual_servo_base.settings import parameter
 
 from ..errors import ConfigurationError
-from .base import GREATEST_GAIN, LAWS, Law, gain
+from .base import LAWS, MAX_GAIN, Law, gain
 
 
 @LAWS.register("sliding_mode")
@@ -25,14 +25,19 @@ class SlidingMode(Law):
         """See Law.check."""
         super().check()
         steepest = self.gain + self.reach / self.width
-        if steepest > GREATEST_GAIN:
+        if steepest > MAX_GAIN:
             raise ConfigurationError(
                 f"law {self.name}: gain + reach / width is {steepest:g} 1/s, must be <= "
-                f"{GREATEST_GAIN:g} 1/s: raise width"
+                f"{MAX_GAIN:g} 1/s: raise width"
             )
 
-    def rate(
-        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    def desired_error_rate(
+        self,
+        error: np.ndarray,
+        L: np.ndarray,
+        pseudo_inverse_error: np.ndarray,
+        t: float,
+        dt: float,
     ) -> np.ndarray:
         """See Law.rate."""
         return -self.gain * error - self.reach * np.clip(error / self.width, -1.0, 1.0)

@@ -23,17 +23,22 @@ class ContinuousStart(Law):
     def reset(self) -> None:
         """See Law.reset."""
         self.law.reset()
-        self._first: tuple[float, np.ndarray] | None = None  # time and rotated error
+        self._initial_motion: tuple[float, np.ndarray] | None = None  # time and rotated error
 
-    def rate(
-        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    def desired_error_rate(
+        self,
+        error: np.ndarray,
+        L: np.ndarray,
+        pseudo_inverse_error: np.ndarray,
+        t: float,
+        dt: float,
     ) -> np.ndarray:
         """See Law.rate."""
-        if self._first is None:
-            self._first = t, np.array(rotated_error)
-        began, first = self._first
+        if self._initial_motion is None:
+            self._initial_motion = t, np.array(pseudo_inverse_error)
+        began, first = self._initial_motion
         held = np.exp(-self.mu * max(t - began, 0.0)) * first
-        return self.law.rate(error - L @ held, L, rotated_error, t, dt)
+        return self.law.desired_error_rate(error - L @ held, L, pseudo_inverse_error, t, dt)
 
 
 class Ramp(Law):
@@ -45,13 +50,18 @@ class Ramp(Law):
     def reset(self) -> None:
         """See Law.reset."""
         self.law.reset()
-        self._began: float | None = None
+        self._start_time: float | None = None
 
-    def rate(
-        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    def desired_error_rate(
+        self,
+        error: np.ndarray,
+        L: np.ndarray,
+        pseudo_inverse_error: np.ndarray,
+        t: float,
+        dt: float,
     ) -> np.ndarray:
         """See Law.rate."""
-        if self._began is None:
-            self._began = t
-        part = 1.0 - np.exp(-max(t - self._began, 0.0) / self.time)
-        return part * self.law.rate(error, L, rotated_error, t, dt)
+        if self._start_time is None:
+            self._start_time = t
+        part = 1.0 - np.exp(-max(t - self._start_time, 0.0) / self.time)
+        return part * self.law.desired_error_rate(error, L, pseudo_inverse_error, t, dt)

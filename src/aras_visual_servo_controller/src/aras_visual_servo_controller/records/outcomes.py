@@ -6,24 +6,24 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import nan
 
-from .remedy import Remedy, multiply, remove, set_to
+from .remedy import Remedy, multiply, remove, set_value
 
-CALIBRATE = Remedy(
+CALIBRATE_CAMERA = Remedy(
     "calibrate the camera: K, D, and where it is mounted; see that it does not shake there",
     remove("believed"),
 )
-NO_MOTION = Remedy(
+KEEP_TARGET_AT_REST = Remedy(
     "keep the target at rest, or use a scheme that knows its motion (Measured.rate)",
     remove("target.motion"),
 )
-UNCOVERED = Remedy(
+UNCOVER_TARGET = Remedy(
     "see that nothing covers the target and that it stays where it is",
     remove("target.occluder"), remove("target.motion"),
 )  # fmt: skip
-CLOSER = multiply("start", 0.5)
+START_CLOSER = multiply("start", 0.5)
 
-DO_NOT_FOLLOW = "joints_do_not_follow"
-NOTHING = Remedy()
+JOINTS_DO_NOT_FOLLOW = "joints_do_not_follow"
+NO_REMEDY = Remedy()
 
 # Remedy by kind of outcome; empty: there is nothing to change. {joints} are those it is about.
 REMEDIES = {
@@ -35,37 +35,43 @@ REMEDIES = {
         "check that the robot or the simulator runs, and that its joint_state_controller is loaded "
         "and started"
     ),
-    DO_NOT_FOLLOW: Remedy(
+    JOINTS_DO_NOT_FOLLOW: Remedy(
         "check the controllers of {joints}: whether they run, whether their gains are too small "
         "for the load or so large that the joint swings, and whether nothing is in the way"
     ),
     "too_few_images": Remedy("check that the camera runs, and what delays its images"),
     "target_lost": Remedy(
         "start nearer to the goal, with the target near the middle of the view; the goal has to "
-        "be taught with this camera and scheme", CLOSER,
+        "be taught with this camera and scheme",
+        START_CLOSER,
     ),
     "wrong_object": Remedy("let the segmentation choose the target: component 'nearest' or 'mask'"),
-    "target_moves": NO_MOTION,
-    "wrong_camera_model": CALIBRATE,
-    "ambiguous": Remedy("start nearer to the goal, or use more features than directions", CLOSER),
+    "target_moves": KEEP_TARGET_AT_REST,
+    "wrong_camera_model": CALIBRATE_CAMERA,
+    "ambiguous": Remedy(
+        "start nearer to the goal, or use more features than directions", START_CLOSER
+    ),
     "gain_too_high": Remedy(
         "lower the gain, or the delay between image and command; mount a camera firmly that shakes",
         multiply("gain", 0.3),
     ),
     "joint_limit": Remedy(
-        "choose another posture to start from, or a goal away from the limit", CLOSER
+        "choose another posture to start from, or a goal away from the limit", START_CLOSER
     ),
     "singular": Remedy(
         "use other features or more of them, another posture, or a goal away from where a "
-        "direction of the camera is lost", set_to("scheme", "moments"),
+        "direction of the camera is lost",
+        set_value("scheme", "moments"),
     ),
     "local_minimum": Remedy(
         "start nearer to the goal, or use L desired or mean; near half a turn pose, "
-        "two_and_half_d or polar_points", CLOSER,
+        "two_and_half_d or polar_points",
+        START_CLOSER,
     ),
     "camera_retreat": Remedy(
         "use features that turn without retreat (two_and_half_d, pose), or L mean for less than "
-        "half a turn", set_to("scheme", "polar_points"),
+        "half a turn",
+        set_value("scheme", "polar_points"),
     ),
     "out_of_reach": Remedy("choose a goal nearer to the arm", multiply("goal", 0.5)),
     "saturation": Remedy(
@@ -73,13 +79,13 @@ REMEDIES = {
     ),
     "scheme_fault": Remedy(
         "correct the scheme, its traceback is logged; to see the rest run, use a shipped one",
-        set_to("scheme", "points"),
+        set_value("scheme", "points"),
     ),
     "too_noisy": Remedy(
         "measure more exactly: more light, a shorter distance, other features, or a larger target",
         multiply("target.size", 1.5),
     ),
-    "no_progress": Remedy("start nearer to the goal, or use another scheme", CLOSER),
+    "no_progress": Remedy("start nearer to the goal, or use another scheme", START_CLOSER),
     "timed_out": Remedy("allow more time, or a higher gain", multiply("duration", 3.0)),
 }
 KINDS = tuple(REMEDIES)
@@ -109,14 +115,14 @@ class Outcome:
         return replace(self, remedy=Remedy(advice, *changes))
 
 
-def outcome(kind: str, reason: str = "", joints: str = "") -> Outcome:
+def make_outcome(kind: str, reason: str = "", joints: str = "") -> Outcome:
     """The outcome of a kind, with its remedy; `joints`: names of those that it is about."""
     remedy = REMEDIES[kind]
     return Outcome(kind, reason, Remedy(remedy.format(joints=joints)) if joints else remedy)
 
 
 @dataclass(frozen=True)
-class LeftOpen:
+class PoseUncertainty:
     """What an arrival leaves open.
 
     Attributes:
@@ -129,13 +135,13 @@ class LeftOpen:
 
     distance: float = nan
     angle: float = nan
-    up_to: str = ""
+    description: str = ""
     reason: str = ""
-    remedy: Remedy = NOTHING
+    remedy: Remedy = NO_REMEDY
 
 
 @dataclass(frozen=True)
-class Arrived:
+class ArrivalStatus:
     """What is known of the arrival as of one image.
 
     Attributes:
@@ -146,10 +152,10 @@ class Arrived:
         open: what the arrival leaves open; None until the goal is reached.
     """
 
-    reached: bool = False
-    short: str = ""
-    elsewhere: str = ""
-    open: LeftOpen | None = None
+    is_reached: bool = False
+    pending_reason: str = ""
+    wrong_pose_reason: str = ""
+    pose_uncertainty: PoseUncertainty | None = None
 
 
-NOT_ARRIVED = Arrived()
+NOT_ARRIVED = ArrivalStatus()

@@ -8,7 +8,7 @@ from typing import Any
 
 OPERATIONS = ("set", "multiply", "remove")
 # How to name what a factor acts on, where the key's own name does not say it.
-KNOWN_AS = {
+KEY_DESCRIPTIONS = {
     "start": "the start's offset from the goal",
     "goal": "the goal's offset from the start",
     "jitter": "the features' jitter",
@@ -36,9 +36,9 @@ class Change:
     def __str__(self) -> str:
         if self.operation == "remove":
             return f"remove {self.key}"
-        value = _written(self.value)
+        value = _format_value(self.value)
         if self.operation == "multiply":
-            return f"multiply {KNOWN_AS.get(self.key, self.key)} by {value}"
+            return f"multiply {KEY_DESCRIPTIONS.get(self.key, self.key)} by {value}"
         return f"set {self.key} to {value}"
 
 
@@ -60,10 +60,10 @@ class Remedy(str):
         return remedy
 
     def __reduce__(self) -> tuple:
-        return _restored, (str(self), self.changes)
+        return _restore, (str(self), self.changes)
 
 
-def set_to(key: str, value: Any) -> Change:
+def set_value(key: str, value: Any) -> Change:
     """The change that sets a key."""
     return Change(key, "set", value)
 
@@ -78,16 +78,16 @@ def remove(key: str) -> Change:
     return Change(key, "remove")
 
 
-def _restored(sentence: str, changes: tuple[Change, ...]) -> Remedy:
+def _restore(sentence: str, changes: tuple[Change, ...]) -> Remedy:
     remedy = Remedy(sentence)
     remedy.changes = changes
     return remedy
 
 
-def _written(value: Any) -> str:
+def _format_value(value: Any) -> str:
     """A value as YAML has it in a line."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key}: {_written(one)}" for key, one in value.items()) + "}"
+        return "{" + ", ".join(f"{key}: {_format_value(one)}" for key, one in value.items()) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_written, value)) + "]"
+        return "[" + ", ".join(map(_format_value, value)) + "]"
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arm.fold import Fold
 from ..goals.goal import Goal
+from ..kinematics.elbow import Elbow
+from ..observation.observation import Observation
 from ..schemes.base import JointController, Scheme
-from ..seeing.observation import Observation
 from .outcomes import Outcome
 from .state import ServoSettings, ServoState
 
@@ -32,12 +32,12 @@ class RunContext:
     goal: Goal | None = None
     scheme: Scheme | JointController | None = None
     jacobian: Callable[[np.ndarray], np.ndarray] | None = None
-    beyond: str = ""
+    unreachable_reason: str = ""
     names: tuple[str, ...] = ()
-    lengths: np.ndarray | float = 1.0
-    narrowed: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    folds: Sequence[Fold] = ()
-    outside: Sequence[str] = ()
+    joint_units: np.ndarray | float = 1.0
+    narrowed_limits: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    elbows: Sequence[Elbow] = ()
+    joints_beyond_limits: Sequence[str] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +45,9 @@ class JointRecord:
     """The joints at an image, (n,) each: `late`, whether the loop waits for the joint; commanded
     and measured velocities, rad/s or m/s."""
 
-    late: np.ndarray
-    commanded: np.ndarray
-    measured: np.ndarray
+    is_late: np.ndarray
+    commanded_velocities: np.ndarray
+    measured_velocities: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class ImageRecord:
     age: float = 0.0
     is_faulty: bool = False
     joints: JointRecord | None = None
-    foreign: Mapping[str, str] = field(default_factory=dict)
+    foreign_nodes: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -10,26 +10,26 @@ import numpy as np
 
 from aras_visual_servo_base.settings import check_bounds, parameter
 
-from ..arm.joint_sample import JointSample
-from ..arm.limits import Limits, check_inside
-from ..arm.resolution import Resolution, rank
-from ..arm.task import Task
 from ..errors import ConfigurationError
-from ..schemes.base import Decision
-from .outcomes import NOT_ARRIVED, Arrived, Outcome
+from ..kinematics.ik_solution import IKSolution, rank
+from ..kinematics.joint_sample import JointSample
+from ..kinematics.limits import Limits, check_within_limits
+from ..kinematics.task import Task
+from ..schemes.base import SchemeOutput
+from .outcomes import NOT_ARRIVED, ArrivalStatus, Outcome
 
 WAITING, APPROACHING, SERVOING = "waiting", "approaching", "servoing"
 CONVERGED, HOLDING, STOPPED = "converged", "holding", "stopped"
 OUTPUTS = ("position", "velocity", "effort")
 
 
-ByJoint = float | tuple[float, ...] | Mapping[str, float]
+PerJoint = float | tuple[float, ...] | Mapping[str, float]
 
 
-def by_joint(default: float | None, unit: str = "", **bounds: float) -> Any:
+def joint_parameter(default: float | None, unit: str = "", **bounds: float) -> Any:
     """A setting that may be said for each joint."""
     wanted = "a number, a list of numbers in the arm's order, or {joint: number}"
-    return parameter(default, unit, wanted=wanted, **bounds)
+    return parameter(default, unit, expected=wanted, **bounds)
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class ServoSettings:
     output: what is commanded: position, velocity or effort.
     stiffness: N/m, N m/rad, joint stiffness of the effort output.
     damping: N s/m, N m s/rad, joint damping of the effort output; that near singularities is
-        `damping` of ResolverSettings.
+        `damping` of IKSettings.
     """
 
     start: Sequence[float] | None = None
@@ -71,7 +71,7 @@ class ServoSettings:
     push: float = parameter(3.0, "1/s", least=0.0)
     settle: float = parameter(0.3, "s", least=0.0)
     longest_step: float = parameter(0.1, "s", above=0.0)
-    lead: ByJoint = by_joint(0.05, "m, rad", least=0.0)
+    lead: PerJoint = joint_parameter(0.05, "m, rad", least=0.0)
     lag: float = parameter(0.15, "s", least=0.0)
     delay: float = parameter(0.0, "s", least=0.0)
     watchdog: float = parameter(0.2, "s", above=0.0)
@@ -81,8 +81,8 @@ class ServoSettings:
     # Those of an arm that moves slowly, away from its limits, serve until the next image or 0.05 s.
     resolve_period: float = parameter(0.01, "s", above=0.0)
     output: str = parameter("position", choices=OUTPUTS)
-    stiffness: ByJoint = by_joint(0.0, "N/m, N m/rad", least=0.0)
-    damping: ByJoint = by_joint(0.0, "N s/m, N m s/rad", least=0.0)
+    stiffness: PerJoint = joint_parameter(0.0, "N/m, N m/rad", least=0.0)
+    damping: PerJoint = joint_parameter(0.0, "N s/m, N m s/rad", least=0.0)
     duration: float = parameter(float("inf"), "s", above=0.0)
 
     def __post_init__(self) -> None:
@@ -108,28 +108,28 @@ class ServoSettings:
                 "stiffness is 0: give it, N/m or N m/rad, and damping"
             )
         if self.start is not None:
-            check_inside(np.asarray(self.start, float), limits, "start")
+            check_within_limits(np.asarray(self.start, float), limits, "start")
 
 
 @dataclass(frozen=True)
 class Source:
     """Where images come from, for messages; who sends them: the node to be asked after."""
 
-    what: str = "image"
+    content: str = "image"
     topic: str = ""
-    who: str = ""
+    sender: str = ""
 
-    def missing(self, seconds: float | None = None) -> str:
+    def describe_silence(self, seconds: float | None = None) -> str:
         """That nothing comes from there, `seconds` long, in words."""
-        text = f"no {self.what}" + (f" on {self.topic}" if self.topic else "")
+        text = f"no {self.content}" + (f" on {self.topic}" if self.topic else "")
         text += "" if seconds is None else f" for {seconds:.2f} s"
-        return text + (f" (is {self.who} running?)" if self.who else "")
+        return text + (f" (is {self.sender} running?)" if self.sender else "")
 
-    def ahead(self, seconds: float) -> str:
+    def describe_stamp_lead(self, seconds: float) -> str:
         """That its stamps are `seconds` ahead of the clock, in words."""
         where = f" on {self.topic}" if self.topic else ""
         same = "(is use_sim_time the same for both?)"
-        return f"{self.what}{where} are stamped {seconds:.2f} s ahead of the clock {same}"
+        return f"{self.content}{where} are stamped {seconds:.2f} s ahead of the clock {same}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,39 +183,39 @@ class ServoState:
     outcome: str = "running"
     reason: str = ""
     remedy: str = ""
-    decision: Decision | None = None
-    resolution: Resolution | None = None
+    scheme_output: SchemeOutput | None = None
+    ik_solution: IKSolution | None = None
     joints: JointSample | None = None
     command: np.ndarray | None = None
-    computing: float = 0.0
+    computation_time: float = 0.0
     fault: str = ""
-    answers_image: bool = False
+    has_processed_image: bool = False
     scheme: str = ""
-    arrived: Arrived = NOT_ARRIVED
+    arrival_status: ArrivalStatus = NOT_ARRIVED
 
-    def with_outcome(self, found: Outcome) -> ServoState:
+    def with_outcome(self, run_outcome: Outcome) -> ServoState:
         """The state with an outcome: its reason, followed by the loop's own, and its remedy."""
         reason = self.reason
-        if found.reason and not found.is_open:
-            own = reason and reason not in found.reason
-            reason = f"{found.reason}; now: {reason}" if own else found.reason
-        return replace(self, outcome=found.kind, reason=reason, remedy=found.remedy)
+        if run_outcome.reason and not run_outcome.is_open:
+            own = reason and reason not in run_outcome.reason
+            reason = f"{run_outcome.reason}; now: {reason}" if own else run_outcome.reason
+        return replace(self, outcome=run_outcome.kind, reason=reason, remedy=run_outcome.remedy)
 
     @property
     def _task(self) -> Task | None:
-        return None if self.decision is None else self.decision.task
+        return None if self.scheme_output is None else self.scheme_output.task
 
     @property
-    def twist(self) -> np.ndarray:
+    def desired_twist(self) -> np.ndarray:
         """(6,) asked of the camera, optical frame; zero where none was."""
         if self._task is None:
-            return np.zeros(6) if self.resolution is None else self.resolution.asked
+            return np.zeros(6) if self.ik_solution is None else self.ik_solution.desired_twist
         return self._task.twist
 
     @property
-    def achieved(self) -> np.ndarray:
+    def achieved_twist(self) -> np.ndarray:
         """(6,) of it that the joint velocities give."""
-        return np.zeros(6) if self.resolution is None else self.resolution.twist
+        return np.zeros(6) if self.ik_solution is None else self.ik_solution.achieved_twist
 
     @property
     def rank(self) -> int:
@@ -225,23 +225,23 @@ class ServoState:
         return self._task.rank
 
     @property
-    def dropped(self) -> str:
+    def dropped_reason(self) -> str:
         """Which part of the commanded twist is not servoed, and why, as text; see Task."""
-        return "" if self._task is None else self._task.dropped
+        return "" if self._task is None else self._task.dropped_reason
 
     @property
     def singular_values_L(self) -> np.ndarray:
         """Of L in its modelled directions, largest first."""
         if self._task is None:
-            return np.zeros(0) if self.resolution is None else self.resolution.singular_values_L
+            return np.zeros(0) if self.ik_solution is None else self.ik_solution.singular_values_L
         return self._task.singular_values
 
     @property
     def names(self) -> tuple[str, ...]:
         """Of the features; none without a decision."""
-        return () if self.decision is None else tuple(self.decision.names)
+        return () if self.scheme_output is None else tuple(self.scheme_output.names)
 
     @property
     def error(self) -> np.ndarray | None:
         """(k,) as measured; None without a decision."""
-        return None if self.decision is None else self.decision.error
+        return None if self.scheme_output is None else self.scheme_output.error

@@ -8,7 +8,7 @@ from sensor_msgs.msg import Image
 from aras_visual_servo_camera.errors import ImageError
 
 
-def depth_of(message: Image) -> np.ndarray:
+def read_depth(message: Image) -> np.ndarray:
     """Depth (rows, columns), m, of a 32FC1 or 16UC1 (mm) image.
 
     Raises:

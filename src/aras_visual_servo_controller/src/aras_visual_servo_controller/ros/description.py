@@ -17,35 +17,35 @@ class DescriptionWatch:
 
     def __init__(self, parameter: str) -> None:
         self._parameter = parameter
-        self._urdf, self._waited = "", False
-        self._beginnings, self._looked = 0, -math.inf
+        self._urdf, self._has_warned = "", False
+        self._start_count, self._check_time = 0, -math.inf
 
-    def new(self, beginnings: int | None) -> str:
+    def find_new(self, start_count: int | None) -> str:
         """A description that was not answered before; empty where there is none.
 
         Args:
             beginnings: how often joint states began to come; None: there is no loop yet.
         """
         now = time.monotonic()
-        if beginnings == self._beginnings or now - self._looked < PERIOD:
+        if start_count == self._start_count or now - self._check_time < PERIOD:
             return ""
-        self._looked = now
+        self._check_time = now
         try:
             urdf = str(rospy.get_param(self._parameter, ""))
         except OSError:
             return ""  # the master is gone: the node will say so
         if urdf and urdf != self._urdf:
-            self._urdf, self._beginnings = urdf, 0
+            self._urdf, self._start_count = urdf, 0
             return urdf
-        if not urdf and not self._waited:
-            self._waited = True
+        if not urdf and not self._has_warned:
+            self._has_warned = True
             rospy.logwarn("waiting: no robot description on parameter %s yet", self._parameter)
-        elif beginnings is not None:
-            self._beginnings = beginnings
+        elif start_count is not None:
+            self._start_count = start_count
         return ""
 
 
-def e_stop_topic(urdf: str, namespace: str) -> str:
+def find_e_stop_topic(urdf: str, namespace: str) -> str:
     """Topic (std_msgs/Bool) of the robot's emergency stop; empty where it has none.
 
     Raises:

@@ -21,27 +21,28 @@ class ForeignCommandListener:
 
     def __init__(self, commands: CommandTopics) -> None:
         """`commands`: the topics of the loop's own commands."""
-        self._commands, self._own = commands, rospy.get_name()
-        self._active = self._begun = False
+        self._commands, self._own_node = commands, rospy.get_name()
+        self._is_active = self._is_subscribing = False
         self._subscribers: list[rospy.Subscriber] = []
         self._lock = threading.Lock()
         self._latest: dict[str, tuple[str, float]] = {}
 
-    def listen(self, active: bool) -> None:
+    def listen(self, is_active: bool) -> None:
         """Start or stop to report commands; returns at once."""
-        self._active = active
-        if active and not self._begun:  # rospy asks the master, for as long as that is away
-            self._begun = True
+        self._is_active = is_active
+        # rospy asks the master, for as long as that is away
+        if is_active and not self._is_subscribing:
+            self._is_subscribing = True
             threading.Thread(target=self._subscribe, name="foreign commands", daemon=True).start()
 
-    def latest(self) -> Mapping[str, tuple[str, float]]:
+    def read_latest(self) -> Mapping[str, tuple[str, float]]:
         """By joint: the node that commanded it last, and when, s of wall time (monotonic)."""
         with self._lock:
-            return dict(self._latest) if self._active else {}
+            return dict(self._latest) if self._is_active else {}
 
     def _subscribe(self) -> None:
-        self._commands.echoed = True
-        for topic, joints in self._commands.listed():
+        self._commands.is_self_subscribed = True
+        for topic, joints in self._commands.list_topics():
             self._subscribers.append(rospy.Subscriber(
                 topic, rospy.AnyMsg, partial(self._receive, joints), queue_size=1
             ))  # fmt: skip
@@ -53,6 +54,6 @@ class ForeignCommandListener:
 
     def _receive(self, joints: Sequence[str], message: rospy.AnyMsg) -> None:
         node = message._connection_header.get("callerid", "an unnamed node")
-        if node != self._own:
+        if node != self._own_node:
             with self._lock:
                 self._latest.update(dict.fromkeys(joints, (node, time.monotonic())))

@@ -14,26 +14,30 @@ from ..loop.servo import Servo
 class GoalTopics:
     """Latched: the goal's pose, and the target's outline as it looks from there."""
 
-    def __init__(self, space: str) -> None:
-        """`space`: namespace of the topics."""
-        self._pose = rospy.Publisher(
-            f"{space}/controller/goal", PoseStamped, latch=True, queue_size=1
+    def __init__(self, namespace: str) -> None:
+        """`namespace`: namespace of the topics."""
+        self._pose_publisher = rospy.Publisher(
+            f"{namespace}/controller/goal", PoseStamped, latch=True, queue_size=1
         )
-        self._outline = rospy.Publisher(
-            f"{space}/controller/desired_outline", PolygonStamped, latch=True, queue_size=1
+        self._outline_publisher = rospy.Publisher(
+            f"{namespace}/controller/desired_outline", PolygonStamped, latch=True, queue_size=1
         )
 
-    def announce(self, servo: Servo) -> None:
+    def publish(self, servo: Servo) -> None:
         """Tell of a loop's goal; a pose that it does not know is not told."""
-        if servo.beyond:
-            rospy.logwarn("%s; the arm goes as near as it can", servo.beyond)
-        arm, pose = servo.arm, servo.resolver.goal
+        if servo.unreachable_reason:
+            rospy.logwarn("%s; the arm goes as near as it can", servo.unreachable_reason)
+        arm, pose = servo.arm, servo.differential_ik.goal
         if pose is not None:
-            self._pose.publish(pose_message(pose, arm.target_frame or arm.base_frame))
-        self._outline.publish(outline_message(servo.goal.outline(), arm.camera_frame))
+            self._pose_publisher.publish(
+                make_pose_message(pose, arm.target_frame or arm.base_frame)
+            )
+        self._outline_publisher.publish(
+            make_outline_message(servo.goal.compute_outline(), arm.camera_frame)
+        )
 
 
-def pose_message(a_T_b: np.ndarray, frame: str) -> PoseStamped:
+def make_pose_message(a_T_b: np.ndarray, frame: str) -> PoseStamped:
     """geometry_msgs/PoseStamped of (4, 4) in the frame a."""
     message = PoseStamped()
     message.header.frame_id = frame
@@ -42,7 +46,7 @@ def pose_message(a_T_b: np.ndarray, frame: str) -> PoseStamped:
     return message
 
 
-def outline_message(outline: np.ndarray, frame: str) -> PolygonStamped:
+def make_outline_message(outline: np.ndarray, frame: str) -> PolygonStamped:
     """geometry_msgs/PolygonStamped of normalised (n, 2), on the plane z = 1 of the camera."""
     message = PolygonStamped()
     message.header.frame_id = frame

@@ -6,31 +6,31 @@ import rospy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
-from ..driving.driver import Driver
+from ..runner.loop_runner import LoopRunner
 from ..settings import Settings
-from .measurements import MeasurementInput
-from .pictures import PICTURED, PictureInput
+from .image_input import IMAGE_NEEDS, ImageInput
+from .measurement_input import MeasurementInput
 
 
 class Inputs:
     """Subscribers of one driver."""
 
-    def __init__(self, settings: Settings, driver: Driver, e_stop: str = "") -> None:
+    def __init__(self, settings: Settings, runner: LoopRunner, e_stop: str = "") -> None:
         """`e_stop`: topic of the arm's emergency stop; empty: it has none."""
-        self._driver = driver
+        self._runner = runner
         topic = f"{settings.namespace.rstrip('/')}/joint_states"
         joints = rospy.Subscriber(
             topic, JointState, self._on_joints, tcp_nodelay=True,
             queue_size=10 if settings.lockstep else 1,
         )  # fmt: skip
         self._subscribers = [joints]
-        for name, observer in driver.rig.observers.items():
-            images = PictureInput if observer.needs & PICTURED else MeasurementInput
-            heard = images(settings.camera_of(name), driver, observer)
+        for name, observer in runner.camera_rig.observers.items():
+            images = ImageInput if observer.needs & IMAGE_NEEDS else MeasurementInput
+            heard = images(settings.get_camera(name), runner, observer)
             self._subscribers += heard.subscribers
         if e_stop:
             self._subscribers.append(rospy.Subscriber(
-                e_stop, Bool, lambda message: driver.emergency_stop(message.data)
+                e_stop, Bool, lambda message: runner.emergency_stop(message.data)
             ))  # fmt: skip
 
     def close(self) -> None:
@@ -40,4 +40,4 @@ class Inputs:
 
     def _on_joints(self, message: JointState) -> None:
         stamp = message.header.stamp.to_sec()
-        self._driver.joints(message.name, message.position, message.velocity, stamp)
+        self._runner.add_joint_state(message.name, message.position, message.velocity, stamp)

@@ -11,14 +11,14 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..msg import ServoReport, ServoState
-from ..records.outcomes import LeftOpen
+from ..records.outcomes import PoseUncertainty
 from ..records.state import ServoState as State
 
 # Of an image that tells no intrinsics; it is not valid, and nothing is computed with it.
 UNKNOWN_CAMERA = CameraModel(1, 1, tuple(np.eye(3).flat))
 
 
-def camera_of(message: ImageMoments) -> tuple[CameraModel, str]:
+def read_camera(message: ImageMoments) -> tuple[CameraModel, str]:
     """The camera that measured, and what is wrong with it in words."""
     try:
         return CameraModel.from_message(message), ""
@@ -26,7 +26,7 @@ def camera_of(message: ImageMoments) -> tuple[CameraModel, str]:
         return UNKNOWN_CAMERA, str(error)
 
 
-def moments_of(message: ImageMoments) -> tuple[Moments | None, str]:
+def read_moments(message: ImageMoments) -> tuple[Moments | None, str]:
     """The moments of a message, or why there are none."""
     if not message.valid:
         return None, message.reason or "the target is not visible"
@@ -36,18 +36,18 @@ def moments_of(message: ImageMoments) -> tuple[Moments | None, str]:
         return None, f"unusable moments: {error}"
 
 
-def state_message(state: State, scheme: str, frame: str, names: tuple[str, ...]) -> ServoState:
+def make_state_message(state: State, scheme: str, frame: str, names: tuple[str, ...]) -> ServoState:
     """The original's record of one image; its stamp is the caller's."""
     message = ServoState(scheme=scheme, phase=state.phase, reason=state.reason)
     message.header.frame_id = frame
     message.joint_names = list(names)
-    decision, resolution = state.decision, state.resolution
+    decision, resolution = state.scheme_output, state.ik_solution
     if decision is not None:
         message.feature_names = list(decision.names)
         message.features = np.asarray(decision.features).tolist()
         message.desired_features = np.asarray(decision.desired).tolist()
         message.error = np.asarray(decision.error).tolist()
-    message.camera_twist = twist_message(state.twist)
+    message.camera_twist = make_twist_message(state.desired_twist)
     if state.joints is not None:
         message.joint_positions = state.joints.positions.tolist()
     if state.command is not None:
@@ -59,23 +59,26 @@ def state_message(state: State, scheme: str, frame: str, names: tuple[str, ...])
     return message
 
 
-def report_message(state: State, frame: str, names: tuple[str, ...]) -> ServoReport:
+def make_report_message(state: State, frame: str, names: tuple[str, ...]) -> ServoReport:
     """How the loop stands."""
     message = ServoReport(
         phase=state.phase, outcome=state.outcome, reason=state.reason, remedy=state.remedy
     )
     message.header.frame_id = frame
     message.joint_names = list(names)
-    message.asked, message.achieved = twist_message(state.twist), twist_message(state.achieved)
+    message.asked, message.achieved = (
+        make_twist_message(state.desired_twist),
+        make_twist_message(state.achieved_twist),
+    )
     message.rank, message.singular_values_l = int(state.rank), list(state.singular_values_L)
-    message.scale, message.computing = 1.0, state.computing
-    left = state.arrived.open or LeftOpen()
+    message.scale, message.computing = 1.0, state.computation_time
+    left = state.arrival_status.pose_uncertainty or PoseUncertainty()
     message.open_distance, message.open_angle = left.distance, left.angle
-    if state.decision is not None and state.decision.filtered_error is not None:
-        message.filtered_error = np.asarray(state.decision.filtered_error).tolist()
-    resolution = state.resolution
+    if state.scheme_output is not None and state.scheme_output.filtered_error is not None:
+        message.filtered_error = np.asarray(state.scheme_output.filtered_error).tolist()
+    resolution = state.ik_solution
     if resolution is not None:
-        message.lost = twist_message(resolution.lost)
+        message.lost = make_twist_message(resolution.infeasible_twist)
         message.rank_lj = resolution.rank
         message.singular_values_lj = resolution.singular_values.tolist()
         message.null_direction = resolution.null_direction.tolist()
@@ -85,7 +88,7 @@ def report_message(state: State, frame: str, names: tuple[str, ...]) -> ServoRep
     return message
 
 
-def twist_message(twist: np.ndarray) -> Twist:
+def make_twist_message(twist: np.ndarray) -> Twist:
     """A geometry_msgs/Twist of (6,)."""
     message = Twist()
     values = [float(v) for v in twist]

@@ -17,12 +17,12 @@ import shlex
 import sys
 from pathlib import Path
 
-from ..arm import Arm
 from ..errors import ConfigurationError, ServoError
 from ..goals.goal import Goal
+from ..kinematics import Arm
 
 
-def from_geometry(path: Path, urdf: Path) -> Goal:
+def make_goal_from_geometry(path: Path, urdf: Path) -> Goal:
     """The goal of a file as an exact camera on this robot sees it; needs no ROS.
 
     Raises:
@@ -33,7 +33,7 @@ def from_geometry(path: Path, urdf: Path) -> Goal:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"cannot read the robot description {urdf}: {error}") from error
     goal = Goal.load(path).for_arm(arm)
-    return goal.seen_from(goal.world_T_camera)
+    return goal.predict_from_pose(goal.world_T_camera)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -63,12 +63,12 @@ def main(argv: list[str] | None = None) -> int:
         if arguments.geometry:
             if arguments.urdf is None:
                 raise ConfigurationError("--geometry needs --urdf, the robot's description")
-            goal = from_geometry(arguments.geometry, arguments.urdf)
+            goal = make_goal_from_geometry(arguments.geometry, arguments.urdf)
             heading = "What an exact camera sees of the target at this pose, by its geometry."
         else:
-            from .teach import live  # the rest needs no ROS
+            from .teach import collect_views  # the rest needs no ROS
 
-            goal = live(arguments)
+            goal = collect_views(arguments)
             heading = f"Taught from {arguments.images} images."
         heading += f"\nMade by: teach {shlex.join(given)}"
         arguments.file.write_text(goal.to_yaml(heading), encoding="utf-8")

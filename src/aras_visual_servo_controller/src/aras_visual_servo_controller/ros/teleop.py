@@ -12,17 +12,17 @@ import numpy as np
 import rospy
 from sensor_msgs.msg import JointState, Joy
 
-from aras_visual_servo_base.names import unknown
+from aras_visual_servo_base.names import describe_unknown
 from aras_visual_servo_ros.connections import find_publishers
 from aras_visual_servo_ros.log_folder import check_log_folder
 
-from ..arm import Resolver
 from ..errors import ConfigurationError, MeasurementError, ServoError
-from ..hands import teleop
-from ..hands.gamepad import HELP, JoyDevice, twist_of
-from ..hands.jog import Jog
+from ..kinematics import DifferentialIK
+from ..teleop import keyboard
+from ..teleop.gamepad import HELP, JoyDevice, compute_twist
+from ..teleop.jog import Jog
 from .commands import CommandTopics, stop_controller
-from .given import robots_settings
+from .node_settings import read_robot_settings
 
 PERIOD = 0.02  # s of wall time between two commands
 
@@ -32,62 +32,62 @@ class Teleop:
 
     def __init__(self) -> None:
         """ConfigurationError: no robot, or a joint that it has not."""
-        settings, arm = robots_settings({})
+        settings, arm = read_robot_settings({})
         self._arm = arm
-        self._limits, self._space = settings.limits(arm), settings.namespace.rstrip("/")
+        self._limits, self._space = settings.make_limits(arm), settings.namespace.rstrip("/")
         self._joints = {
             way: str(rospy.get_param(f"~{way}", name))
-            for way, name in teleop.stepped(arm.names).items()
+            for way, name in keyboard.choose_step_joints(arm.names).items()
         }
         for name in self._joints.values():
             if name not in arm.names:
-                raise ConfigurationError(unknown("joint", name, arm.names))
-        self._jog = Jog(arm, self._limits, Resolver(arm, self._limits))
-        self._keys = teleop.Keys(arm.names)
-        self._topics = CommandTopics(settings, arm.names, "position")
+                raise ConfigurationError(describe_unknown("joint", name, arm.names))
+        self._jog = Jog(arm, self._limits, DifferentialIK(arm, self._limits))
+        self._keys = keyboard.KeyboardState(arm.names)
+        self._command_topics = CommandTopics(settings, arm.names, "position")
         self._measured: np.ndarray | None = None
-        self._heard, self._pad = threading.Event(), threading.Lock()
-        self._stopped, self._told = False, ""
-        self._device: JoyDevice | None = None
+        self._has_joint_state, self._jog_lock = threading.Event(), threading.Lock()
+        self._has_stopped_controller, self._last_reason = False, ""
+        self._gamepad: JoyDevice | None = None
         rospy.Subscriber(f"{self._space}/joint_states", JointState, self._on_joints, queue_size=1)
         rospy.Subscriber(str(rospy.get_param("~joy", "/joy")), Joy, self._on_joy, queue_size=1)
         device = Path(str(rospy.get_param("~joystick", "/dev/input/js0")))
         with contextlib.suppress(OSError):  # without a gamepad there are still the keys
-            self._device = JoyDevice(device)
+            self._gamepad = JoyDevice(device)
 
     def run(self) -> int:
         """Until q or ^C; returns the exit status."""
-        print(teleop.__doc__)
-        if self._device is not None:
+        print(keyboard.__doc__)
+        if self._gamepad is not None:
             print(HELP)
-        while not self._heard.wait(2.0):
+        while not self._has_joint_state.wait(2.0):
             print(f"waiting for joint states on {self._space}/joint_states")
         command = self._measured
-        with teleop.raw_terminal():
+        with keyboard.raw_terminal():
             while not rospy.is_shutdown():
-                for key in teleop.pressed(PERIOD):
+                for key in keyboard.read_keys(PERIOD):
                     if key in ("q", "\x04"):
                         return 0
-                    command = self._press(key, command)
-                if self._device is not None:
-                    self._drive(self._device.axes, self._device.buttons)
-                if self._move():
+                    command = self._handle_key(key, command)
+                if self._gamepad is not None:
+                    self._handle_gamepad(self._gamepad.axes, self._gamepad.buttons)
+                if self._send_command():
                     command = self._measured
         return 0
 
-    def _press(self, key: str, command: np.ndarray) -> np.ndarray:
+    def _handle_key(self, key: str, command: np.ndarray) -> np.ndarray:
         if key == "h":
-            print(teleop.__doc__ + (HELP if self._device is not None else ""))
+            print(keyboard.__doc__ + (HELP if self._gamepad is not None else ""))
         elif key == " ":
             print("  ".join(f"{n} {v:.3f}" for n, v in
                             zip(self._arm.names, self._measured, strict=True)))  # fmt: skip
             if self._jog.reason:
                 print(self._jog.reason)
-        elif key in teleop.KEYS:
-            command, told = teleop.command_for(key, command, self._limits, self._joints)
+        elif key in keyboard.KEYS:
+            command, told = keyboard.step_joint(key, command, self._limits, self._joints)
             print(told)
-            way = teleop.KEYS[key][0]
-            self._topics.put(command, self._joints[way])
+            way = keyboard.KEYS[key][0]
+            self._command_topics.send(command, self._joints[way])
         else:
             moves, told = self._keys.press(key, self._jog, time.monotonic())
             if moves:
@@ -96,42 +96,42 @@ class Teleop:
                 print(told)
         return command
 
-    def _move(self) -> bool:
+    def _send_command(self) -> bool:
         """Send what the drive comes to; whether anything was sent."""
-        with self._pad:
-            command = self._jog.tick(time.monotonic(), self._measured)
+        with self._jog_lock:
+            command = self._jog.update(time.monotonic(), self._measured)
         if command is None:
             return False
-        self._topics.put(command)
-        if self._jog.reason and self._jog.reason != self._told:
+        self._command_topics.send(command)
+        if self._jog.reason and self._jog.reason != self._last_reason:
             print(self._jog.reason)
-        self._told = self._jog.reason
+        self._last_reason = self._jog.reason
         return True
 
-    def _drive(self, axes: list[float], buttons: list[int]) -> None:
-        twist = twist_of(axes, buttons)
+    def _handle_gamepad(self, axes: list[float], buttons: list[int]) -> None:
+        twist = compute_twist(axes, buttons)
         if twist is None:
             return
         self._stop_controller()
-        with self._pad:
-            self._jog.twist(twist, time.monotonic())
+        with self._jog_lock:
+            self._jog.set_twist(twist, time.monotonic())
 
     def _stop_controller(self) -> None:
         """Once: a controller that servoes would command the joints as well."""
-        if self._stopped:
+        if self._has_stopped_controller:
             return
-        self._stopped = True
+        self._has_stopped_controller = True
         if stop_controller(self._space):
             print("the controller is stopped: its service start lets it go on")
 
     def _on_joints(self, message: JointState) -> None:
         with contextlib.suppress(MeasurementError):
-            self._measured = self._arm.sample(message.name, message.position).positions
-            self._heard.set()
+            self._measured = self._arm.read_joints(message.name, message.position).positions
+            self._has_joint_state.set()
 
     def _on_joy(self, message: Joy) -> None:
-        if self._heard.is_set():
-            self._drive(list(message.axes), list(message.buttons))
+        if self._has_joint_state.is_set():
+            self._handle_gamepad(list(message.axes), list(message.buttons))
 
 
 def main() -> int:

@@ -11,21 +11,21 @@ import numpy as np
 
 from aras_visual_servo_base.registry import Registry
 
-from ..arm.joint_sample import JointSample
-from ..arm.task import Task
 from ..errors import ConfigurationError
 from ..features.base import FEATURES, Feature
 from ..goals.goal import Goal
+from ..kinematics.joint_sample import JointSample
+from ..kinematics.task import Task
 from ..laws import Law
 from ..laws.proportional import Proportional
-from ..seeing.observation import Need, Observation
+from ..observation.observation import Need, Observation
 
 if TYPE_CHECKING:
-    from ..arm import Arm
+    from ..kinematics import Arm
 
 
 @dataclass(frozen=True, eq=False)
-class Decision:
+class SchemeOutput:
     """Answer to one image; k is the number of features.
 
     A `Scheme` answers with a task, L v = e_dot, from which the joint velocities are computed; a
@@ -52,9 +52,9 @@ class Decision:
     task: Task | None = None
     L: np.ndarray | None = None
     residual: np.ndarray | None = None
-    rate: np.ndarray | float = 0.0
+    error_drift: np.ndarray | float = 0.0
     filtered_error: np.ndarray | None = None
-    up_to: str = ""
+    ambiguity: str = ""
     notes: tuple[str, ...] = field(default=())
 
 
@@ -80,7 +80,7 @@ class SchemeBase(ABC):
             ConfigurationError: what the goal lacks.
         """
 
-    def needs_of(self, *cameras: str) -> frozenset[Need]:
+    def get_needs(self, *cameras: str) -> frozenset[Need]:
         """Of the image of the camera with these names: see Feature.needs_of."""
         return self.needs
 
@@ -108,13 +108,13 @@ class Scheme(SchemeBase):
         judges_camera: whether the errors have to move as L says if the camera is as believed.
     """
 
-    judges_camera: bool = True
+    can_check_camera: bool = True
 
     def __init__(self, law: Law | None = None) -> None:
         self.law = law if law is not None else Proportional()
 
     @abstractmethod
-    def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
+    def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
         """Compute the features of an image and the task that follows from them.
 
         Args:
@@ -138,20 +138,22 @@ class Scheme(SchemeBase):
 class JointController(SchemeBase):
     """A controller that answers the joints itself: MPC, second order. Constructed as `Yours()`.
 
-    `see` takes in an image, and `tick` returns positions, velocities or accelerations of the n
-    joints, in the order of `arm.names`, at every joint state between images. Limits of position,
+    `process_image` takes in an image, and `update` returns positions, velocities or accelerations
+    of the n joints, in the order of `arm.names`, at every joint state between images. Limits of
+    position,
     speed and acceleration and the watchdog apply as to any scheme.
 
-    A subclass implements `see` and `tick`. `self.arm` is set by `reset` before the first image.
+    A subclass implements `process_image` and `update`. `self.arm` is set by `reset` before the
+    first image.
 
     Attributes (of the class or of the instance), besides those of SchemeBase:
-        output: what `tick` answers: 'position' (rad, m), 'velocity' or 'acceleration'.
+        output: what `update` answers: 'position' (rad, m), 'velocity' or 'acceleration'.
     """
 
     output: str = "velocity"
 
     @abstractmethod
-    def see(self, observation: Observation, goal: Goal, t: float) -> Decision:
+    def process_image(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
         """Take in one image.
 
         Args:
@@ -167,7 +169,7 @@ class JointController(SchemeBase):
         """
 
     @abstractmethod
-    def tick(self, t: float, dt: float, joints: JointSample) -> np.ndarray:
+    def update(self, t: float, dt: float, joints: JointSample) -> np.ndarray:
         """Compute the positions, velocities or accelerations (n,) of the joints from now on.
 
         Args:

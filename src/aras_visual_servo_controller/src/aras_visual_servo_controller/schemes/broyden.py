@@ -16,13 +16,13 @@ import numpy as np
 
 from aras_visual_servo_base.poses import logarithm
 
-from ..features.base import Measured
-from ..seeing.observation import Observation
+from ..features.base import FeatureMeasurement
+from ..observation.observation import Observation
 
 # One radian weighs as much as this part of the translation that moves the features as far.
-TURNING = 0.5
-FLOOR = 1 / 600  # part of that translation: of a motion so small is half noise
-UNKNOWN = 0.6  # m: that translation where L is zero
+ROTATION_WEIGHT = 0.5
+MIN_STEP = 1 / 600  # part of that translation: of a motion so small is half noise
+UNKNOWN_MOTION = 0.6  # m: that translation where L is zero
 LONGEST_JUMP = 1.0  # of an error: more is an angle that wrapped round
 
 
@@ -48,27 +48,27 @@ class Broyden:
         """Forget what was seen."""
         self._L: np.ndarray | None = None
         self._weights, self._floor = np.ones(6), 0.0  # W and floor; with the first L
-        self._before: tuple[float, np.ndarray] | None = None  # stamp, error
+        self._last_measurement: tuple[float, np.ndarray] | None = None  # stamp, error
 
-    def __call__(self, observation: Observation, measured: Measured) -> np.ndarray:
+    def __call__(self, observation: Observation, measured: FeatureMeasurement) -> np.ndarray:
         """L (k, 6) at this view, after what this image adds."""
         error = np.asarray(measured.error, float)
-        before, self._before = self._before, (observation.stamp, error)
+        before, self._last_measurement = self._last_measurement, (observation.stamp, error)
         if self._L is None or len(self._L) != len(error):
             known = self.start if self.start is not None else measured.L
             self._L = np.array(known, float)
             # m that move the features as far as one radian: the distance, of points.
             moving, turning = (np.linalg.norm(part) for part in np.hsplit(self._L, 2))
-            length = turning / moving if moving > 0.0 and turning > 0.0 else UNKNOWN
-            self._weights = np.repeat((1.0, (TURNING * length) ** 2), 3)
-            self._floor = FLOOR * length if self.floor is None else self.floor
+            length = turning / moving if moving > 0.0 and turning > 0.0 else UNKNOWN_MOTION
+            self._weights = np.repeat((1.0, (ROTATION_WEIGHT * length) ** 2), 3)
+            self._floor = MIN_STEP * length if self.floor is None else self.floor
         moved = observation.previous_T_camera
         # The motion is that since the last image; where that was not measured, nothing is learnt.
         if before is None or moved is None or len(before[1]) != len(error):
             return self._L
         if abs(observation.stamp - observation.dt - before[0]) > 1e-6:
             return self._L
-        change = error - before[1] - np.asarray(measured.rate) * observation.dt
+        change = error - before[1] - np.asarray(measured.error_drift) * observation.dt
         if np.abs(change).max() > LONGEST_JUMP:
             return self._L
         v = logarithm(moved)

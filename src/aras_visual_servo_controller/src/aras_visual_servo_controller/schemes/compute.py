@@ -7,13 +7,13 @@ from math import inf
 
 import numpy as np
 
-from ..arm.algebra import finite
-from ..arm.task import Task
 from ..errors import SchemeError
 from ..goals.goal import Goal
-from ..seeing.observation import Observation
-from .answer_checks import as_numbers
-from .base import Decision, JointController, Scheme
+from ..kinematics.algebra import are_finite
+from ..kinematics.task import Task
+from ..observation.observation import Observation
+from .base import JointController, Scheme, SchemeOutput
+from .output_checks import to_float_array
 from .time_limit import call_user_code
 
 
@@ -24,7 +24,7 @@ def compute(
     t: float = 0.0,
     name: str = "",
     limit: float = inf,
-) -> Decision:
+) -> SchemeOutput:
     """Compute s, s*, the error e = s - s*, L and the task L v = e_dot of one image.
 
     Args:
@@ -43,27 +43,27 @@ def compute(
     """
     name = name or type(scheme).__name__
     is_controller = isinstance(scheme, JointController)
-    answer = scheme.see if is_controller else scheme.compute
+    answer = scheme.process_image if is_controller else scheme.compute
     decision = call_user_code(answer, observation, goal, t, limit=limit, scheme=name)
-    if not isinstance(decision, Decision):
+    if not isinstance(decision, SchemeOutput):
         raise SchemeError(
             f"scheme {name} answered {type(decision).__name__} instead of a Decision"
         )
     count = len(tuple(decision.names))
     arrays = {}
     for field in ("features", "desired", "error"):
-        array = as_numbers(getattr(decision, field))
+        array = to_float_array(getattr(decision, field))
         if array is None or array.shape != (count,):
             shape = "no numbers" if array is None else f"shape {array.shape}"
             raise SchemeError(f"scheme {name} answered {field} of {shape} for {count} names")
         arrays[field] = array
-    if not finite(*arrays.values()):
+    if not are_finite(*arrays.values()):
         for field, array in arrays.items():
             if not np.isfinite(array).all():
                 raise SchemeError(
                     f"scheme {name} answered {field} that are not finite: {array.tolist()}"
                 )
-    tolerances = as_numbers(getattr(scheme, "tolerances", None))
+    tolerances = to_float_array(getattr(scheme, "tolerances", None))
     if tolerances is None or tolerances.shape != (count,) or not all(
         tolerance > 0.0 for tolerance in tolerances.tolist()
     ):
@@ -71,10 +71,11 @@ def compute(
             f"scheme {name} has tolerances {getattr(scheme, 'tolerances', None)}: {count} numbers "
             "above 0 are needed, one for each name"
         )
-    rate = as_numbers(decision.rate)
+    rate = to_float_array(decision.error_drift)
     if rate is None or rate.shape not in ((), (count,)) or not np.isfinite(rate).all():
         raise SchemeError(
-            f"scheme {name} answered the rate {decision.rate}: one finite number for each name"
+            f"scheme {name} answered the rate {decision.error_drift}: one finite number for each "
+            "name"
         )
     if is_controller:
         return dataclasses.replace(decision, task=None, **arrays)

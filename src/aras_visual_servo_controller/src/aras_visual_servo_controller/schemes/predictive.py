@@ -6,20 +6,20 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..arm.task import Task
 from ..errors import MeasurementError
 from ..features.corners import NumberedPoints
 from ..goals.goal import Goal
+from ..kinematics.task import Task
 from ..laws import Law
-from ..seeing.observation import Observation
-from .base import SCHEMES, Decision
-from .of_feature import OfFeature
+from ..observation.observation import Observation
+from .base import SCHEMES, SchemeOutput
+from .feature_scheme_base import FeatureSchemeBase
 
 GAIN = 1.0  # 1/s, of a law that says none
 
 
 @SCHEMES.register("predictive")
-class Predictive(OfFeature):
+class Predictive(FeatureSchemeBase):
     """The twist whose predicted path of the points fits a decay best and never leaves the picture.
 
     Over `horizon` seconds the camera flies with one twist v; at each of `steps` instants the
@@ -32,7 +32,7 @@ class Predictive(OfFeature):
     Predictive control for constrained image-based visual servoing, IEEE T-RO 26(5), 2010.
     """
 
-    made_of = NumberedPoints
+    feature_class = NumberedPoints
     horizon: ClassVar[float] = 0.4
     steps: ClassVar[int] = 4
     effort: ClassVar[float] = 1e-4
@@ -45,28 +45,30 @@ class Predictive(OfFeature):
         from scipy.optimize import minimize
 
         self._minimize = minimize
-        self._last = np.zeros(6)
+        self._last_twist = np.zeros(6)
 
     def reset(self) -> None:
         """See Scheme.reset."""
         super().reset()
-        self._last = np.zeros(6)
+        self._last_twist = np.zeros(6)
 
-    def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
+    def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
         """See Scheme.compute."""
-        measured = self.checked(self.feature.measure(self.visible(observation), goal))
+        measured = self.check_measurement(
+            self.feature.measure(self.require_visible(observation), goal)
+        )
         scale = np.repeat((goal.distance, 1.0), 3)
-        self._last, note = self._planned(
+        self._last_twist, note = self._plan_twist(
             observation, measured.error, measured.s, measured.L * scale
         )
-        twist = scale * self._last
-        return Decision(
+        twist = scale * self._last_twist
+        return SchemeOutput(
             names=self.names, features=measured.s, desired=measured.desired,
-            error=measured.error, task=Task.of_twist(twist), L=measured.L,
-            up_to=measured.up_to, notes=(*measured.notes, note) if note else measured.notes,
+            error=measured.error, task=Task.from_twist(twist), L=measured.L,
+            ambiguity=measured.ambiguity, notes=(*measured.notes, note) if note else measured.notes,
         )  # fmt: skip
 
-    def _planned(
+    def _plan_twist(
         self, observation: Observation, error: np.ndarray, s: np.ndarray, L: np.ndarray
     ) -> tuple[np.ndarray, str]:
         """The twist (6,) that L (k, 6) is for, and a word where the constraints could not all be
@@ -78,10 +80,10 @@ class Predictive(OfFeature):
         wanted = np.concatenate([(np.exp(-gain * tau) - 1.0) * error for tau in times])
         H = rows.T @ rows + self.effort * np.eye(6)
         g = -rows.T @ wanted
-        low, high = self._borders(observation, s)
+        low, high = self._compute_borders(observation, s)
         ahead = self.horizon * L
         found = self._minimize(
-            lambda v: 0.5 * v @ H @ v + g @ v, self._last, jac=lambda v: H @ v + g,
+            lambda v: 0.5 * v @ H @ v + g @ v, self._last_twist, jac=lambda v: H @ v + g,
             method="SLSQP", bounds=[(-most, most) for most in self.speed],
             constraints=[
                 {"type": "ineq", "fun": lambda v: high - s - ahead @ v, "jac": lambda v: -ahead},
@@ -93,7 +95,9 @@ class Predictive(OfFeature):
             raise MeasurementError("the predicted path cannot be fitted")
         return found.x, "" if found.success else "visibility cannot be kept on this way"
 
-    def _borders(self, observation: Observation, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _compute_borders(
+        self, observation: Observation, s: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Least and greatest normalised coordinates (k,) of points in the picture."""
         camera, margin = observation.camera, self.margin
         middle_u, middle_v = 0.5 * (camera.width - 1), 0.5 * (camera.height - 1)

@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import jit, jit_inline
 from aras_visual_servo_base.settings import check, parameter
 
 from ...errors import CameraError
@@ -79,7 +79,7 @@ class AutoExposure:
                 f"{self.least:g} and most {self.most:g}; make room for it"
             )
 
-    def following(self, factor: float, mean: float) -> float:
+    def compute_factor(self, factor: float, mean: float) -> float:
         """The factor after a picture of this mean, grey levels, was taken with another."""
         missing = self.target / max(mean, 1.0)
         return float(np.clip(factor * missing**self.speed, self.least, self.most))
@@ -147,23 +147,23 @@ class EffectChain:
         """Prepare for pictures of `shape` (H, W) or (H, W, 3); `seed` is at least 0."""
         self.effects = e = effects
         self._seed = seed
-        self._shade = _vignette(shape, e.vignetting, e.exposure)
+        self._shade = _compute_vignette(shape, e.vignetting, e.exposure)
         # Of light in grey levels: its variance a level, what is added and lost, and what reading
         # adds before the gain.
-        self._shot, self._dark, self._full, self._read = e.shot_noise, 0.0, 255.0, 0.0
+        self._shot, self._dark, self._full, self._read_noise = e.shot_noise, 0.0, 255.0, 0.0
         if (model := e.sensor) is not None:
-            self._shot, self._read = model.gain, model.gain * model.read_noise
+            self._shot, self._read_noise = model.gain, model.gain * model.read_noise
             self._dark = model.gain * model.dark_current * e.exposure_time
             self._full = model.gain * model.full_well
-        self._curve = self._curve_of(1.0)
-        self._further = e.make_further()
+        self._curve = self._compute_curve(1.0)
+        self._registered_effects = e.make_further()
 
     def is_lost(self, stamp_ns: int) -> bool:
         """Whether the frame with this stamp, ns of simulated time, never comes."""
         p = self.effects.drop_probability
-        return bool(p) and self._random(stamp_ns, _DROP).random() < p
+        return bool(p) and self._make_generator(stamp_ns, _DROP).random() < p
 
-    def _curve_of(self, factor: float) -> np.ndarray | None:
+    def _compute_curve(self, factor: float) -> np.ndarray | None:
         """What each grey level of light, times a factor, becomes, (256,); None: itself."""
         exposure, gain = factor * self.effects.exposure, self.effects.gain
         if exposure == gain == 1.0:
@@ -177,29 +177,29 @@ class EffectChain:
         factor: on its light, of the auto exposure.
         """
         e = self.effects
-        for index, effect in enumerate(self._further, _FURTHER):
-            image = effect.apply(image, self._random(stamp_ns, index))
+        for index, effect in enumerate(self._registered_effects, _FURTHER):
+            image = effect.apply(image, self._make_generator(stamp_ns, index))
         if self._shot:
-            return self._with_shot_noise(image, stamp_ns, factor)
+            return self._apply_shot_noise(image, stamp_ns, factor)
         if self._shade is not None:
             # Gain in the same product: rounding before it would leave bands.
             image = cv2.multiply(image, self._shade, scale=factor * e.gain, dtype=cv2.CV_8U)
             if e.gain < 1.0:  # full wells
                 image = np.minimum(image, np.uint8(round(255.0 * e.gain)))
         else:
-            curve = self._curve if factor == 1.0 else self._curve_of(factor)
+            curve = self._curve if factor == 1.0 else self._compute_curve(factor)
             image = image if curve is None else cv2.LUT(image, curve)
         if e.noise_stddev or e.noise_mean:
             image = np.ascontiguousarray(image)  # it may be a part of a larger one
             out = np.empty_like(image)
             # Rounding to grey levels adds a variance of 1/12.
             stddev = math.sqrt(max(e.noise_stddev**2 - 1 / 12, (e.noise_stddev / 2)**2))
-            _add_noise(image.reshape(-1), e.noise_mean, stddev, self._key(stamp_ns),
+            _add_noise(image.reshape(-1), e.noise_mean, stddev, self._derive_key(stamp_ns),
                        out.reshape(-1))
             return out
         return image
 
-    def _with_shot_noise(self, image: np.ndarray, stamp_ns: int, factor: float) -> np.ndarray:
+    def _apply_shot_noise(self, image: np.ndarray, stamp_ns: int, factor: float) -> np.ndarray:
         """Variance = gain^2 (shot * light + read^2) + noise_stddev^2; full wells stay full."""
         e = self.effects
         if self._shade is not None:
@@ -210,25 +210,25 @@ class EffectChain:
             light = light + np.float32(self._dark)
         light = np.minimum(light, np.float32(self._full))
         spread = cv2.sqrt(light * np.float32(self._shot * e.gain**2)
-                          + np.float32((self._read * e.gain) ** 2 + e.noise_stddev**2))
+                          + np.float32((self._read_noise * e.gain) ** 2 + e.noise_stddev**2))
         noise = np.empty(image.shape, np.float32)
-        _fill_with_noise(self._key(stamp_ns), noise.reshape(-1))
+        _fill_with_noise(self._derive_key(stamp_ns), noise.reshape(-1))
         out = light * np.float32(e.gain) + cv2.multiply(spread, noise)
         if e.noise_mean:
             out += np.float32(e.noise_mean)
         return cv2.convertScaleAbs(np.maximum(out, np.float32(0.0)))
 
-    def _key(self, stamp_ns: int) -> np.uint64:
+    def _derive_key(self, stamp_ns: int) -> np.uint64:
         """Where the uniform numbers of a picture begin."""
         seeds = np.random.SeedSequence([self._seed, stamp_ns, _NOISE])
         return seeds.generate_state(1, np.uint64)[0]
 
-    def _random(self, stamp_ns: int, use: int) -> np.random.Generator:
+    def _make_generator(self, stamp_ns: int, use: int) -> np.random.Generator:
         return np.random.default_rng([self._seed, stamp_ns, use])
 
 
-@inlined
-def _deviate(key, n):
+@jit_inline
+def _draw_normal(key, n):
     """The n-th normal deviate from a key, float32; the uniform ones are splitmix64's (Steele, Lea
     and Flood 2014)."""
     z = key + np.uint64(n) * np.uint64(0x9E3779B97F4A7C15)
@@ -243,21 +243,21 @@ def _deviate(key, n):
     return s * (_C1 + q * (_C3 + q * (_C5 + q * _C7)))
 
 
-@compiled("u1[::1], f8, f8, u8, u1[::1]")
+@jit("u1[::1], f8, f8, u8, u1[::1]")
 def _add_noise(image, mean, stddev, key, out):
     scale, half = np.float32(stddev), np.float32(mean + 0.5)
     for i in range(len(image)):
-        grey = np.float32(image[i]) + half + scale * _deviate(key, i + 1)
+        grey = np.float32(image[i]) + half + scale * _draw_normal(key, i + 1)
         out[i] = np.uint8(min(max(grey, np.float32(0.0)), np.float32(255.0)))
 
 
-@compiled("u8, f4[::1]")
+@jit("u8, f4[::1]")
 def _fill_with_noise(key, out):
     for i in range(len(out)):
-        out[i] = _deviate(key, i + 1)
+        out[i] = _draw_normal(key, i + 1)
 
 
-def _vignette(shape: tuple[int, ...], loss: float, exposure: float) -> np.ndarray | None:
+def _compute_vignette(shape: tuple[int, ...], loss: float, exposure: float) -> np.ndarray | None:
     """float32 factors of `shape`, falling with the square of the distance from the centre."""
     if not loss:
         return None

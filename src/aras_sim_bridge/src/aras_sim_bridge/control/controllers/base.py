@@ -121,7 +121,7 @@ class Controller:
     command_kind: ClassVar[str | None] = None
     state_kind: ClassVar[str | None] = None
     action_kind: ClassVar[str | None] = None
-    compiled = looks = False
+    is_compilable = is_read_only = False
 
     def __init__(self) -> None:
         self.context = Context("")
@@ -138,7 +138,7 @@ class Controller:
         """
         self.context = context
 
-    def loop_gains(self) -> dict[str, tuple[float, float]]:
+    def get_loop_gains(self) -> dict[str, tuple[float, float]]:
         """By joint, for joints that it drives by efforts: how much the effort falls with the
         joint's position, and with its velocity."""
         return {}
@@ -159,7 +159,7 @@ class Controller:
         """The clock or the robot was put back: commands from before do not count any more."""
         self.slot.clear()
 
-    def begin_anew(self, time_ns: int) -> None:
+    def restart(self, time_ns: int) -> None:
         """The simulation began anew: the set point stays, integrals and last errors do not."""
         for pid in self.pids.values():
             pid.reset()
@@ -195,7 +195,7 @@ class Controller:
         return hardware.handles[joint]
 
 
-def names_of(parameters: Mapping, key: str, where: str) -> tuple[str, ...]:
+def read_joint_names(parameters: Mapping, key: str, where: str) -> tuple[str, ...]:
     """The joints that a parameter names: at least one, each once; ControllerError else."""
     found = read(parameters, key, tuple[str, ...], where, ControllerError)
     if not all(found) or not found or len(set(found)) < len(found):
@@ -206,7 +206,7 @@ def names_of(parameters: Mapping, key: str, where: str) -> tuple[str, ...]:
     return found
 
 
-def checked_number(value: object, controller: str, what: str = "command") -> float:
+def check_number(value: object, controller: str, what: str = "command") -> float:
     """`value` as float. Raises ControllerError if it is no finite number."""
     try:
         number = float(value)

@@ -12,14 +12,14 @@ from aras_sim_bridge.control.controllers.base import (
     Context,
     Controller,
     JointControllerState,
-    checked_number,
-    names_of,
+    check_number,
+    read_joint_names,
 )
 from aras_sim_bridge.control.controllers.joint_loops import (
     FORWARD,
     LOOP_COLUMNS,
     JointLoop,
-    follow,
+    update_loops,
 )
 from aras_sim_bridge.control.controllers.registry import register
 from aras_sim_bridge.control.hardware import RobotHardware
@@ -60,7 +60,7 @@ class CommandedController(Controller):
         """Raises ControllerError for a missing joint."""
         super().init(hardware, parameters, context)
         if self.is_group:
-            self.joints = names_of(parameters, "joints", context.where)
+            self.joints = read_joint_names(parameters, "joints", context.where)
         else:
             self.joints = (read(parameters, "joint", str, context.where, ControllerError),)
         handles = [self.take_handle(hardware, joint) for joint in self.joints]
@@ -69,15 +69,15 @@ class CommandedController(Controller):
         self.rows = np.zeros((len(handles), LOOP_COLUMNS))
         self.loops = [
             JointLoop(row, self.loop_kind, handle, known.index(handle.name), target, context.warn,
-                      context.name, **self._options(handle.name, parameters))
+                      context.name, **self._make_loop_options(handle.name, parameters))
             for row, handle in zip(self.rows, handles, strict=True)
         ]  # fmt: skip
 
-    def loop_gains(self) -> dict[str, tuple[float, float]]:
+    def get_loop_gains(self) -> dict[str, tuple[float, float]]:
         found = {loop.handle.name: loop.gains for loop in self.loops if loop.pid is not None}
         return found if self.interface == EFFORT else {}
 
-    def _options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
+    def _make_loop_options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
         """What else the joint's loop is made of."""
         return {}
 
@@ -92,7 +92,7 @@ class CommandedController(Controller):
         not finite."""
         name, joints = self.context.name, self.joints
         if not self.is_group:
-            self.slot.append([checked_number(value, name)])
+            self.slot.append([check_number(value, name)])
             return
         try:
             given = list(value)
@@ -104,7 +104,7 @@ class CommandedController(Controller):
                 f"joints ({', '.join(joints)}); it is dropped"
             )
         self.slot.append([
-            checked_number(number, name, f"command for {joint}")
+            check_number(number, name, f"command for {joint}")
             for number, joint in zip(given, joints, strict=True)
         ])  # fmt: skip
 
@@ -115,13 +115,13 @@ class CommandedController(Controller):
         for loop in self.loops:
             loop.start()
 
-    def take(self, time_ns: int) -> None:
+    def apply_pending_command(self, time_ns: int) -> None:
         """Take the command that waits, in the cycle at `time_ns`."""
         for loop, command in zip(self.loops, self.slot.pop(), strict=True):
             loop.take(command, time_ns)
 
     @property
-    def compiled(self) -> bool:
+    def is_compilable(self) -> bool:
         """Whether `update` is not a user's own."""
         return type(self).update is CommandedController.update
 
@@ -129,19 +129,19 @@ class CommandedController(Controller):
         """Command each loop's output."""
         told = self.loops[0].updates % STATE_EVERY == 0
         if self.slot:
-            self.take(time_ns)
+            self.apply_pending_command(time_ns)
         for pid in self.pids.values():
-            pid.take_gains()
-        follow(self.rows, self._handles, period)
+            pid.apply_gains()
+        update_loops(self.rows, self._handles, period)
         for pid in self.pids.values():
-            pid.tell(period)
+            pid.notify_listener(period)
         listener = self.on_state
         if listener is not None and told:
-            listener(self.state(time_ns, period))
+            listener(self.make_state(time_ns, period))
 
-    def state(self, time_ns: int, period: float) -> JointControllerState:
+    def make_state(self, time_ns: int, period: float) -> JointControllerState:
         """This cycle as the state topic shows it."""
-        return self.loops[0].state(time_ns, period)
+        return self.loops[0].make_state(time_ns, period)
 
 
 @register("effort_controllers/JointEffortController", interface=EFFORT)

@@ -30,10 +30,10 @@ class GoalHandle(Generic[Goal, Result]):
         self.result: Result | None = None
         self.on_feedback: Callable[[object], None] | None = None
         self._on_done: Callable[[GoalHandle], None] | None = None
-        self._announced = False
+        self._is_announced = False
 
     @property
-    def done(self) -> bool:
+    def is_done(self) -> bool:
         """Whether the goal has ended."""
         return self.status != ACTIVE
 
@@ -49,13 +49,13 @@ class GoalHandle(Generic[Goal, Result]):
 
     def finish(self, status: str, result: Result) -> None:
         """End the goal; announce() tells the listener. For the controller only."""
-        if not self.done:
+        if not self.is_done:
             self.result = result
             self.status = status
 
     def announce(self) -> None:
         """Call on_done if the goal has ended and it was not called yet."""
         callback = self._on_done
-        if callback is not None and self.done and not self._announced:
-            self._announced = True
+        if callback is not None and self.is_done and not self._is_announced:
+            self._is_announced = True
             callback(self)

@@ -68,12 +68,12 @@ class GripperActionController(Controller):
         self.joints = (self._handle.name,)
         self._tolerance = abs(given("goal_tolerance", float, default=0.01))
         self._default_effort = abs(given("max_effort", float, default=0.0))
-        self._still = given("stall_velocity_threshold", float, default=0.001)
-        self._patience_ns = round(given("stall_timeout", float, default=1.0) * _NS_PER_S)
+        self._stall_velocity = given("stall_velocity_threshold", float, default=0.001)
+        self._stall_timeout_ns = round(given("stall_timeout", float, default=1.0) * _NS_PER_S)
         self._init_output(parameters)
         self._running = False
         self._goal: GoalHandle[GripperGoal, GripperResult] | None = None
-        self._wanted = GripperGoal(0.0)
+        self._desired = GripperGoal(0.0)
 
     def _init_output(self, parameters: Mapping) -> None:
         """Read what turning a position into a command needs."""
@@ -89,9 +89,9 @@ class GripperActionController(Controller):
         """Hold the measured position."""
         super().starting(time_ns)
         ended = self._end_goal(PREEMPTED, GripperResult())
-        self._hold()
+        self._hold_position()
         self._effort = 0.0
-        self._moved_ns: int | None = None
+        self._last_motion_ns: int | None = None
         self._start_output()
         self._running = True
         _announce(ended)
@@ -104,22 +104,22 @@ class GripperActionController(Controller):
     def reset(self) -> None:
         """The clock was put back: the time of standing still counts anew."""
         super().reset()
-        self._moved_ns = None
+        self._last_motion_ns = None
 
     def update(self, time_ns: int, period: float) -> None:
         """See how the goal goes, command."""
-        ended = self._judge(time_ns) if self._goal is not None else None
+        ended = self._check_goal(time_ns) if self._goal is not None else None
         self._effort = self._command(period)
         _announce(ended)
 
-    def _judge(self, time_ns: int) -> GoalHandle | None:
+    def _check_goal(self, time_ns: int) -> GoalHandle | None:
         """Check the active goal; returns it if it has ended."""
         position, speed = self._handle.position, abs(self._handle.velocity)
-        if abs(self._wanted.position - position) < self._tolerance:
+        if abs(self._desired.position - position) < self._tolerance:
             return self._end_goal(SUCCEEDED, GripperResult(position, self._effort, False, True))
-        if speed > self._still or self._moved_ns is None:
-            self._moved_ns = time_ns
-        elif time_ns - self._moved_ns > self._patience_ns:
+        if speed > self._stall_velocity or self._last_motion_ns is None:
+            self._last_motion_ns = time_ns
+        elif time_ns - self._last_motion_ns > self._stall_timeout_ns:
             return self._end_goal(ABORTED, GripperResult(position, self._effort, True, False))
         return None
 
@@ -139,7 +139,7 @@ class GripperActionController(Controller):
             handle.finish(REJECTED, GripperResult(text=text))
             return handle
         ended = self._end_goal(PREEMPTED, GripperResult())
-        self._goal, self._wanted, self._moved_ns = handle, goal, None
+        self._goal, self._desired, self._last_motion_ns = handle, goal, None
         _announce(ended)
         return handle
 
@@ -148,12 +148,12 @@ class GripperActionController(Controller):
         if self._goal is not handle:
             return False
         ended = self._end_goal(PREEMPTED, GripperResult())
-        self._hold()
+        self._hold_position()
         _announce(ended)
         return True
 
-    def _hold(self) -> None:
-        self._wanted = GripperGoal(self._handle.position, self._default_effort)
+    def _hold_position(self) -> None:
+        self._desired = GripperGoal(self._handle.position, self._default_effort)
 
     def _end_goal(self, status: str, result: GripperResult) -> GoalHandle | None:
         goal, self._goal = self._goal, None
@@ -170,8 +170,8 @@ class PositionGripperController(GripperActionController):
         self._handle.position_command = self._handle.position
 
     def _command(self, period: float) -> float:
-        self._handle.position_command = self._wanted.position
-        return self._wanted.max_effort
+        self._handle.position_command = self._desired.position
+        return self._desired.max_effort
 
 
 @register("effort_controllers/GripperActionController", interface=EFFORT)
@@ -188,7 +188,7 @@ class EffortGripperController(GripperActionController):
         self._pid = Pid.from_parameters(own, f"{where}/gains/{joint}")
         self.pids = {f"gains/{joint}": self._pid}
 
-    def loop_gains(self) -> dict[str, tuple[float, float]]:
+    def get_loop_gains(self) -> dict[str, tuple[float, float]]:
         return {self._handle.name: (self._pid.gains.p, self._pid.gains.d)}
 
     def _start_output(self) -> None:
@@ -196,8 +196,8 @@ class EffortGripperController(GripperActionController):
         self._handle.effort_command = 0.0
 
     def _command(self, period: float) -> float:
-        error = self._wanted.position - self._handle.position
-        most = abs(self._wanted.max_effort)
+        error = self._desired.position - self._handle.position
+        most = abs(self._desired.max_effort)
         effort = self._pid.compute(error, period, -self._handle.velocity)
         self._handle.effort_command = effort = min(max(effort, -most), most)
         return effort

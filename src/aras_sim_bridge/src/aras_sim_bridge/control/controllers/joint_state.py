@@ -8,7 +8,7 @@ from aras_sim_bridge.control.controllers.base import (
     Context,
     Controller,
     JointStates,
-    names_of,
+    read_joint_names,
 )
 from aras_sim_bridge.control.controllers.registry import register
 from aras_sim_bridge.control.hardware import RobotHardware
@@ -42,14 +42,14 @@ class JointStateController(Controller):
         self.true_stamps = read(parameters, "true_stamps", bool, where, ControllerError, False)
         self._step_ns = _NS_PER_S / rate if rate > 0.0 else 0.0
         if "joints" in parameters:
-            names = list(names_of(parameters, "joints", where))
+            names = list(read_joint_names(parameters, "joints", where))
         else:
             # Sorting by code point is sorting by byte for UTF-8.
             names = sorted(hardware.interfaces[STATE])
         known = list(hardware.handles)
         self._order = [known.index(self.take_handle(hardware, name).name) for name in names]
         self._rows = hardware.handle_rows
-        extras = _extra_joints(parameters, where, set(names))
+        extras = _read_extra_joints(parameters, where, set(names))
         self.names = (*names, *(name for name, *_ in extras))
         self._extra = tuple([e[k] for e in extras] for k in (1, 2, 3))
         self._periods = 0
@@ -72,13 +72,13 @@ class JointStateController(Controller):
         return self._start_ns + (self._periods + 1) * self._step_ns
 
     @property
-    def looks(self) -> bool:
+    def is_read_only(self) -> bool:
         """Whether `update` is not a user's own."""
         return type(self).update is JointStateController.update
 
     def idle_until(self, time_ns: int) -> float:
         """Until the next sample is due."""
-        if not self.looks:
+        if not self.is_read_only:
             return -inf
         if self._rate <= 0.0:
             return inf
@@ -99,23 +99,23 @@ class JointStateController(Controller):
         self._periods += 1
         listener = self.on_state
         if listener is not None:
-            listener(self.sample(time_ns))
+            listener(self.sample_joints(time_ns))
 
-    def due_in(self, time_ns: int, until_ns: int, step_ns: int) -> list[int]:
+    def list_due_cycles(self, time_ns: int, until_ns: int, step_ns: int) -> list[int]:
         """The cycles in which it samples, of those every `step_ns` from `time_ns` to `until_ns`."""
         found: list[int] = []
         due_ns = self._due_ns
-        while (tick_ns := max(_after(due_ns, time_ns, step_ns), time_ns)) <= until_ns:
+        while (tick_ns := max(_find_next_cycle(due_ns, time_ns, step_ns), time_ns)) <= until_ns:
             found.append(tick_ns)
             due_ns = self._start_ns + (self._periods + 1 + len(found)) * self._step_ns
             time_ns = tick_ns + step_ns
         return found
 
-    def sampled(self, count: int) -> None:
-        """So many samples were taken of `handle_rows`, in cycles of `due_in`."""
+    def count_samples(self, count: int) -> None:
+        """So many samples were taken of `handle_rows`, in cycles of `list_due_cycles`."""
         self._periods += count
 
-    def sample(self, time_ns: int) -> JointStates:
+    def sample_joints(self, time_ns: int) -> JointStates:
         """All joints now."""
         measured = self._rows[self._order].T.tolist()
         positions, velocities, efforts = self._extra
@@ -128,13 +128,13 @@ class JointStateController(Controller):
         )
 
 
-def _after(due_ns: float, time_ns: int, step_ns: int) -> int:
+def _find_next_cycle(due_ns: float, time_ns: int, step_ns: int) -> int:
     """The first of the cycles every `step_ns` from `time_ns` on which is later than `due_ns`."""
     return time_ns + (int(due_ns - time_ns) // step_ns + 1) * step_ns
 
 
-def _extra_joints(
-    parameters: Mapping, where: str, taken: set[str]
+def _read_extra_joints(
+    parameters: Mapping, where: str, joint_names: set[str]
 ) -> list[tuple[str, float, float, float]]:
     """extra_joints as (name, position, velocity, effort); known names are skipped."""
     entries = parameters.get("extra_joints", [])
@@ -154,7 +154,7 @@ def _extra_joints(
                     f"parameter {place}/{key} must be a double, found {value!r}; write 0.0, not 0"
                 )
             values.append(read(entry, key, float, place, ControllerError, 0.0))
-        if name not in taken:
-            taken.add(name)
+        if name not in joint_names:
+            joint_names.add(name)
             extras.append((name, *values))
     return extras

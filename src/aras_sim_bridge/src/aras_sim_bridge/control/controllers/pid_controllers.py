@@ -18,7 +18,7 @@ class PidController(CommandedController):
 
     state_kind = "joint_controller_state"
 
-    def _options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
+    def _make_loop_options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
         """Raises ControllerError for a missing gain."""
         path, where = "pid", self.context.where
         if self.is_group:
@@ -40,15 +40,15 @@ class PidPositionController(PidController):
 
     loop_kind = POSITION_PID
 
-    def _options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
+    def _make_loop_options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
         where = self.context.where
         interpolate = read(parameters, "interpolate", bool, where, ControllerError, False)
-        return super()._options(joint, parameters) | {"interpolate": interpolate}
+        return super()._make_loop_options(joint, parameters) | {"interpolate": interpolate}
 
-    def begin_anew(self, time_ns: int) -> None:
+    def restart(self, time_ns: int) -> None:
         """Start from where the joints are towards the last commands."""
         for loop in self.loops:
-            loop.begin_anew(time_ns)
+            loop.restart(time_ns)
 
 
 @register("effort_controllers/JointGroupPositionController", interface=EFFORT)

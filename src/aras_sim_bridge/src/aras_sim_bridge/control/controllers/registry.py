@@ -13,7 +13,7 @@ from types import ModuleType
 
 from aras_sim_bridge.control.controllers.base import Controller
 from aras_sim_bridge.errors import ControllerError
-from aras_visual_servo_base.names import imported, subclass, unknown
+from aras_visual_servo_base.names import check_subclass, describe_unknown, import_object
 from aras_visual_servo_base.registry import Registry
 
 KIND = "controller type"
@@ -49,7 +49,7 @@ class ControllerTypes:
         self._imported: set[str] = set()
         self._reload: set[str] = set()
 
-    def types(self, extra: Mapping | None = None) -> list[str]:
+    def list_types(self, extra: Mapping | None = None) -> list[str]:
         """All type strings, sorted; `extra` is the parameter controller_classes."""
         return sorted({*BUILT_IN, *(extra or {})})
 
@@ -67,13 +67,14 @@ class ControllerTypes:
         if type_name in BUILT_IN:
             return BUILT_IN[type_name]
         raise ControllerError(
-            f"{unknown(KIND, type_name, self.types(extra))}. A class of your own is named in "
+            f"{describe_unknown(KIND, type_name, self.list_types(extra))}. A class of your own is "
+            "named in "
             "controller_classes as 'package.module:Class'"
         )
 
     def _import(self, type_name: str, path: object) -> type[Controller]:
-        found = imported(KIND, type_name, ControllerError, path, self._load)
-        return subclass(KIND, type_name, found, (Controller,), ControllerError)
+        found = import_object(KIND, type_name, ControllerError, path, self._load)
+        return check_subclass(KIND, type_name, found, (Controller,), ControllerError)
 
     def _load(self, module_name: str) -> ModuleType:
         if module_name in self._reload and module_name in sys.modules:

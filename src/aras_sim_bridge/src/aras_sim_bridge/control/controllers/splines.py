@@ -21,7 +21,7 @@ class Waypoint(NamedTuple):
 Coefficients = tuple[float, float, float, float, float, float]
 
 
-def spline(start: Waypoint, end: Waypoint, duration: float) -> Coefficients:
+def fit_spline(start: Waypoint, end: Waypoint, duration: float) -> Coefficients:
     """Coefficients c0..c5 of x(t) = sum c_k t^k on [0, duration], duration >= 0 in s.
 
     The lowest specification common to both ends counts; accelerations without velocities do not.
@@ -71,7 +71,7 @@ class Segment:
         self.start_ns = start_ns
         self.end_ns = end_ns
         self.duration = (end_ns - start_ns) / _NS_PER_S
-        self.coefficients = spline(start, end, self.duration)
+        self.coefficients = fit_spline(start, end, self.duration)
         self.time_from_start = 0.0
         self.goal: object | None = None
         self.path_tolerance = NO_TOLERANCE
@@ -101,7 +101,7 @@ class Tolerance(NamedTuple):
     velocity: float = 0.0
     acceleration: float = 0.0
 
-    def holds(self, position_error: float, velocity_error: float) -> bool:
+    def is_met(self, position_error: float, velocity_error: float) -> bool:
         """Whether the errors are within; the acceleration's is not measured and counts as 0."""
         return not (
             0.0 < self.position < abs(position_error) or 0.0 < self.velocity < abs(velocity_error)

@@ -41,7 +41,7 @@ class ClosedLoopTrajectoryController(JointTrajectoryController):
             factor = read(forward, joint, float, f"{where}/velocity_ff", ControllerError, 0.0)
             self._loops.append((handle, pid, factor))
 
-    def loop_gains(self) -> dict[str, tuple[float, float]]:
+    def get_loop_gains(self) -> dict[str, tuple[float, float]]:
         found = {handle.name: (pid.gains.p, pid.gains.d) for handle, pid, _ in self._loops}
         return found if self.interface == EFFORT else {}
 

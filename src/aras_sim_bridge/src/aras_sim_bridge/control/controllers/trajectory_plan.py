@@ -49,7 +49,7 @@ class Tolerances:
         time = given("goal_time", float, default=0.0)
         return cls(tuple(path), tuple(goal), round(time * _NS_PER_S))
 
-    def overridden(self, goal: TrajectoryGoal, joints: Sequence[str]) -> "Tolerances":
+    def override(self, goal: TrajectoryGoal, joints: Sequence[str]) -> "Tolerances":
         """With the goal's own tolerances. Raises TrajectoryError on an unknown joint or NaN."""
         path, at_goal = list(self.path), list(self.goal)
         for tolerances, overrides in ((path, goal.path_tolerance), (at_goal, goal.goal_tolerance)):
@@ -61,7 +61,7 @@ class Tolerances:
                         f"{', '.join(joints)}",
                     )
                 k = joints.index(override.name)
-                tolerances[k] = _overridden(tolerances[k], override)
+                tolerances[k] = _override_tolerance(tolerances[k], override)
         time_ns = self.goal_time_ns
         if not isfinite(goal.goal_time_tolerance):
             raise TrajectoryError(ErrorCode.INVALID_GOAL, "goal_time_tolerance is not finite")
@@ -69,7 +69,7 @@ class Tolerances:
             time_ns = round(max(goal.goal_time_tolerance, 0.0) * _NS_PER_S)
         return Tolerances(tuple(path), tuple(at_goal), time_ns)
 
-    def put_on(self, segment: Segment, goal: GoalHandle, joint: int) -> None:
+    def apply_to(self, segment: Segment, goal: GoalHandle, joint: int) -> None:
         """Have a segment of the controller's `joint`th serve a goal."""
         segment.goal = goal
         segment.path_tolerance = self.path[joint]
@@ -77,7 +77,7 @@ class Tolerances:
         segment.goal_time_ns = self.goal_time_ns
 
 
-def _overridden(default: Tolerance, override: JointTolerance) -> Tolerance:
+def _override_tolerance(default: Tolerance, override: JointTolerance) -> Tolerance:
     values = []
     for field in Tolerance._fields:
         wanted = getattr(override, field)
@@ -90,12 +90,12 @@ def _overridden(default: Tolerance, override: JointTolerance) -> Tolerance:
     return Tolerance(*values)
 
 
-def segment_at(segments: JointSegments, time_ns: int) -> int:
+def find_segment(segments: JointSegments, time_ns: int) -> int:
     """Index of the last segment that has begun at `time_ns`, -1 if none has."""
     return bisect_right(segments, time_ns, key=lambda segment: segment.start_ns) - 1
 
 
-def joint_columns(
+def find_joint_columns(
     names: Sequence[str], joints: Sequence[str], partial: bool
 ) -> list[int | None]:
     """Column in the message of each of the controller's joints, None where it has none.
@@ -147,7 +147,7 @@ def check_points(trajectory: Trajectory) -> None:
         previous = point.time_from_start_ns
 
 
-def plan(
+def plan_segments(
     trajectory: Trajectory,
     columns: Sequence[int | None],
     current: Sequence[JointSegments],
@@ -179,38 +179,38 @@ def plan(
     result = []
     for joint, column in enumerate(columns):
         present = current[joint]
-        first = segment_at(present, next_ns)
+        first = find_segment(present, next_ns)
         if column is None:  # as upstream, what it still has to do is the new goal's too
             for segment in present[max(first, 0) :]:
                 segment.goal = goal
             result.append(present)
             continue
-        last = segment_at(present, bridge_ns)
+        last = find_segment(present, bridge_ns)
         kept = present[max(first, 0) : last + 1] if start_ns > next_ns else []
-        new = _joint_segments(
+        new = _plan_joint(
             points, column, Waypoint(*present[max(last, 0)].sample(bridge_ns)), wraps[joint],
             start_ns, bridge_ns,
         )
         if goal is not None and tolerances is not None:
             for segment in new:
-                tolerances.put_on(segment, goal, joint)
+                tolerances.apply_to(segment, goal, joint)
         result.append([*kept, *new])
     return result, dropped
 
 
-def _joint_segments(
+def _plan_joint(
     points: Sequence[TrajectoryPoint],
     column: int,
-    begin: Waypoint,
+    start: Waypoint,
     wraps: bool,
     start_ns: int,
     bridge_ns: int,
 ) -> JointSegments:
-    """The bridge from `begin` and the segments between the points, for one joint."""
-    shift = _turns(begin.position, points[0].positions[column]) if wraps else 0.0
-    waypoints = [_waypoint(point, column, shift) for point in points]
+    """The bridge from `start` and the segments between the points, for one joint."""
+    shift = _count_turns(start.position, points[0].positions[column]) if wraps else 0.0
+    waypoints = [_make_waypoint(point, column, shift) for point in points]
     times = [start_ns + point.time_from_start_ns for point in points]
-    segments = [Segment(bridge_ns, begin, times[0], waypoints[0])]
+    segments = [Segment(bridge_ns, start, times[0], waypoints[0])]
     segments[0].time_from_start = (bridge_ns - start_ns) / _NS_PER_S
     for k in range(1, len(points)):
         segment = Segment(times[k - 1], waypoints[k - 1], times[k], waypoints[k])
@@ -219,7 +219,7 @@ def _joint_segments(
     return segments
 
 
-def _waypoint(point: TrajectoryPoint, column: int, shift: float) -> Waypoint:
+def _make_waypoint(point: TrajectoryPoint, column: int, shift: float) -> Waypoint:
     return Waypoint(
         point.positions[column] + shift,
         point.velocities[column] if len(point.velocities) else None,
@@ -227,10 +227,10 @@ def _waypoint(point: TrajectoryPoint, column: int, shift: float) -> Waypoint:
     )
 
 
-def _turns(present: float, wanted: float) -> float:
-    """Full turns to add to `wanted` so that it lies within half a turn of `present`."""
-    distance = angles.shortest(present, wanted)
+def _count_turns(present: float, desired: float) -> float:
+    """Full turns to add to `desired` so that it lies within half a turn of `present`."""
+    distance = angles.shortest_angular_distance(present, desired)
     # At exactly half a turn the direction of the plain difference is kept.
     if isclose(fabs(distance), pi, rel_tol=0.0, abs_tol=1e-9):
-        distance = fabs(distance) if wanted > present else -fabs(distance)
-    return round((present + distance - wanted) / (2.0 * pi)) * 2.0 * pi
+        distance = fabs(distance) if desired > present else -fabs(distance)
+    return round((present + distance - desired) / (2.0 * pi)) * 2.0 * pi

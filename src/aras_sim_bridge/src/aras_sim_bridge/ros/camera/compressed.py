@@ -15,8 +15,8 @@ from std_msgs.msg import Header
 
 from aras_sim_bridge.camera import SensorFrame
 from aras_sim_bridge.errors import CameraError
-from aras_sim_bridge.ros.runtime.publisher import Peers, connections
-from aras_visual_servo_ros.parameters import InvalidParameterError, Value, namespace_of
+from aras_sim_bridge.ros.runtime.publisher import SubscriberWatch, list_connections
+from aras_visual_servo_ros.parameters import InvalidParameterError, Value, get_namespace
 from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 
 # Names, defaults and limits are compressed_image_transport's.
@@ -73,31 +73,36 @@ class CompressedTopic:
     # are small, other than raw pictures.
     QUEUE = 30
 
-    def __init__(self, image_topic: str, peers: Peers) -> None:
-        """Advertise `<image_topic>/compressed` and its settings; `peers` hears of subscribers."""
+    def __init__(self, image_topic: str, subscriber_watch: SubscriberWatch) -> None:
+        """Advertise `<image_topic>/compressed` and its settings; `subscriber_watch` hears of
+        subscribers.
+        """
         topic = f"{image_topic}/compressed"
         self._topic = topic
-        self._settings = ReconfigureServer(topic, COMPRESSED_FIELDS, _given(topic), _checked)
+        self._settings = ReconfigureServer(
+            topic, COMPRESSED_FIELDS, _read_parameters(topic), _check_settings
+        )
         self._publisher = rospy.Publisher(
-            topic, CompressedImage, latch=True, queue_size=self.QUEUE, subscriber_listener=peers,
+            topic, CompressedImage, latch=True, queue_size=self.QUEUE,
+            subscriber_listener=subscriber_watch,
             tcp_nodelay=True,
         )  # fmt: skip
         # rospy's publish fails in its own code where the topic goes meanwhile.
         self._publishing = threading.Lock()
-        self._encoder = Encoder(self._send, self.BACKLOG, f"compress {topic}")
+        self._worker = BackgroundWorker(self._send, self.BACKLOG, f"compress {topic}")
 
     @property
-    def listeners(self) -> int:
+    def subscriber_count(self) -> int:
         """Number of listeners."""
-        return len(connections(self._publisher))
+        return len(list_connections(self._publisher))
 
     def publish(self, stamp: Time, frame_id: str, frame: SensorFrame) -> None:
         """Hand over one camera frame; its arrays must not change afterwards."""
-        self._encoder.put((Header(stamp=stamp, frame_id=frame_id), frame))
+        self._worker.put((Header(stamp=stamp, frame_id=frame_id), frame))
 
     def unregister(self) -> None:
         """Take topic and settings off the graph."""
-        self._encoder.stop()
+        self._worker.stop()
         self._settings.shutdown()
         with self._publishing:
             self._publisher.unregister()
@@ -111,10 +116,10 @@ class CompressedTopic:
         except (CameraError, cv2.error) as error:
             rospy.logerr_throttle(5.0, f"{self._topic}: {error}")
         except rospy.ROSException:  # the topic was closed meanwhile
-            self._encoder.stop()
+            self._worker.stop()
 
 
-class Encoder:
+class BackgroundWorker:
     """A thread that works off what it is given; of what waits too long the newest stay."""
 
     def __init__(
@@ -123,40 +128,40 @@ class Encoder:
         """Call `work` with each item in turn, `backlog` of which may wait."""
         self._work = work
         self._items = collections.deque[tuple[Header, SensorFrame]](maxlen=backlog)
-        self._something = threading.Event()
+        self._condition = threading.Event()
         self._stopped = False
         threading.Thread(target=self._run, name=name, daemon=True).start()
 
     def put(self, item: tuple[Header, SensorFrame]) -> None:
         """Hand over an item, without waiting."""
         self._items.append(item)
-        self._something.set()
+        self._condition.set()
 
     def stop(self) -> None:
         """Let what waits be and end, from any thread."""
         self._stopped = True
-        self._something.set()
+        self._condition.set()
 
     def _run(self) -> None:
         while True:
-            self._something.wait()
-            self._something.clear()
+            self._condition.wait()
+            self._condition.clear()
             while self._items and not self._stopped:
                 self._work(self._items.popleft())
             if self._stopped:
                 return
 
 
-def _given(topic: str) -> dict[str, Value]:
+def _read_parameters(topic: str) -> dict[str, Value]:
     """Settings that the parameter server holds already, as image_transport reads them at start."""
-    values = namespace_of(topic)
+    values = get_namespace(topic)
     found: dict[str, Value] = {}
     for field in COMPRESSED_FIELDS:
         if field.name not in values:
             continue
         try:
             found[field.name] = field.coerce(values[field.name])
-            _checked({**found, "format": found.get("format", "jpeg")})
+            _check_settings({**found, "format": found.get("format", "jpeg")})
         except (CameraError, InvalidParameterError, TypeError):
             rospy.logerr(
                 "%s/%s is %r; going on with %r", topic, field.name, values[field.name],
@@ -166,6 +171,6 @@ def _given(topic: str) -> dict[str, Value]:
     return found
 
 
-def _checked(values: dict[str, Value]) -> None:
+def _check_settings(values: dict[str, Value]) -> None:
     if values["format"] not in ("jpeg", "png"):
         raise CameraError(f"format '{values['format']}' is neither jpeg nor png")

@@ -8,15 +8,15 @@ import numpy as np
 from genpy import Time
 from sensor_msgs.msg import Image
 
-from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
+from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 
 
-class ImageTopic(QuickPublisher):
+class ImageTopic(NonBlockingPublisher):
     """Latched, as Gazebo's; to be published on from one thread."""
 
-    def __init__(self, topic: str, changed: Callable[[], None]) -> None:
-        """Advertise; `changed` is called, from any thread, when listeners came or went."""
-        super().__init__(topic, Image, queue_size=2, latch=True, changed=changed)
+    def __init__(self, topic: str, on_change: Callable[[], None]) -> None:
+        """Advertise; `on_change` is called, from any thread, when listeners came or went."""
+        super().__init__(topic, Image, queue_size=2, latch=True, on_change=on_change)
 
     def send(self, stamp: Time, frame_id: str, pixels: np.ndarray, encoding: str) -> None:
         """Send pixels (H, W) or (H, W, 3) of ROS encoding `encoding`; they must not change after.

@@ -13,7 +13,7 @@ from sensor_msgs.msg import CameraInfo
 from aras_sim_bridge.camera import CameraConfig, CameraIntrinsics
 from aras_sim_bridge.errors import CameraError
 
-SENSOR_HEAD = """\
+SENSOR_HEADER = """\
 # Row r of h is exposed for exposure_time about the stamp + (r - (h - 1) / 2) row_time, all in s;
 # sensor: gain in grey levels (of 255) an electron, full_well and read_noise in electrons,
 # dark_current in electrons a second. Keys of a camera's preset.
@@ -25,14 +25,14 @@ def to_camera_info(info: CameraIntrinsics) -> CameraInfo:
         height=info.height,
         width=info.width,
         distortion_model=info.model,
-        D=_flat(info.D),
-        K=_flat(info.K),
-        R=_flat(info.R),
-        P=_flat(info.P),
+        D=_flatten(info.D),
+        K=_flatten(info.K),
+        R=_flatten(info.R),
+        P=_flatten(info.P),
     )
 
 
-def prefixed(frame_id: str, namespace: str) -> str:
+def add_prefix(frame_id: str, namespace: str) -> str:
     """Return frame_id under the parameter tf_prefix, which is searched upward from namespace."""
     frame_id = frame_id.lstrip("/")
     parts = [part for part in namespace.split("/") if part]
@@ -43,7 +43,7 @@ def prefixed(frame_id: str, namespace: str) -> str:
     return frame_id
 
 
-def calibration_path(camera_name: str) -> Path:
+def find_calibration_path(camera_name: str) -> Path:
     """Return where camera_info_manager keeps a camera's calibration.
 
     Raises:
@@ -63,10 +63,10 @@ def save_calibration(info: CameraInfo, camera_name: str, config: CameraConfig) -
     Raises:
         CameraError, OSError: when that is not possible.
     """
-    path = calibration_path(camera_name)
+    path = find_calibration_path(camera_name)
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(f"{path.stem}_sensor.yaml")
-    texts = {path: _calibration_yaml(info, camera_name), beside: sensor_yaml(config)}
+    texts = {path: _format_calibration(info, camera_name), beside: format_sensor_yaml(config)}
     for file, text in texts.items():
         # Another reader never sees half a file.
         draft = file.with_name(file.name + ".new")
@@ -75,19 +75,19 @@ def save_calibration(info: CameraInfo, camera_name: str, config: CameraConfig) -
     return path
 
 
-def sensor_yaml(config: CameraConfig) -> str:
+def format_sensor_yaml(config: CameraConfig) -> str:
     """What CameraInfo has no place for, as a preset: it can be laid over a camera's settings."""
-    return SENSOR_HEAD + yaml.safe_dump(config.sensor_figures(), sort_keys=False)
+    return SENSOR_HEADER + yaml.safe_dump(config.sensor_settings(), sort_keys=False)
 
 
-def _flat(values: np.ndarray) -> list[float]:
+def _flatten(values: np.ndarray) -> list[float]:
     return np.asarray(values, float).ravel().tolist()
 
 
-def _calibration_yaml(info: CameraInfo, name: str) -> str:
+def _format_calibration(info: CameraInfo, name: str) -> str:
     """Return the text that camera_calibration_parsers reads."""
 
-    def matrix(rows: int, values: list[float]) -> dict[str, object]:
+    def format_matrix(rows: int, values: list[float]) -> dict[str, object]:
         data = [float(value) for value in values]
         return {"rows": rows, "cols": len(data) // rows, "data": data}
 
@@ -96,11 +96,11 @@ def _calibration_yaml(info: CameraInfo, name: str) -> str:
             "image_width": info.width,
             "image_height": info.height,
             "camera_name": name,
-            "camera_matrix": matrix(3, info.K),
+            "camera_matrix": format_matrix(3, info.K),
             "distortion_model": info.distortion_model,
-            "distortion_coefficients": matrix(1, info.D),
-            "rectification_matrix": matrix(3, info.R),
-            "projection_matrix": matrix(3, info.P),
+            "distortion_coefficients": format_matrix(1, info.D),
+            "rectification_matrix": format_matrix(3, info.R),
+            "projection_matrix": format_matrix(3, info.P),
         },
         sort_keys=False,
     )

@@ -7,24 +7,24 @@ from collections.abc import Callable
 import yaml
 from std_msgs.msg import String
 
-from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
+from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 from aras_sim_bridge.simulation import Simulation
-from aras_sim_bridge.world.labels import links_by_label
+from aras_sim_bridge.world.labels import list_links_by_label
 
 
-class LabelTopic(QuickPublisher):
+class LabelTopic(NonBlockingPublisher):
     """A latched YAML text `number: model::link`, sent anew when models come or go."""
 
-    def __init__(self, topic: str, changed: Callable[[], None]) -> None:
-        """Advertise; `changed` is called, from any thread, when listeners came or went."""
-        super().__init__(topic, String, queue_size=2, latch=True, changed=changed)
-        self._known: tuple[tuple[str, int], ...] | None = None
+    def __init__(self, topic: str, on_change: Callable[[], None]) -> None:
+        """Advertise; `on_change` is called, from any thread, when listeners came or went."""
+        super().__init__(topic, String, queue_size=2, latch=True, on_change=on_change)
+        self._labels: tuple[tuple[str, int], ...] | None = None
 
     def update(self, simulation: Simulation) -> None:
         """Look at the models; runs in the simulation's thread."""
         models = simulation.world.models
         known = tuple((name, model.body_id) for name, model in models.items())
-        if known == self._known:
+        if known == self._labels:
             return
-        self._known = known
-        self.publish(String(yaml.safe_dump(links_by_label(models))))
+        self._labels = known
+        self.publish(String(yaml.safe_dump(list_links_by_label(models))))

@@ -13,9 +13,9 @@ from aras_sim_bridge.ros.cli.controller_manager import (
     load_controller,
     start_controller,
 )
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
-WAIT = 5.0  # seconds of wall time for the controller manager
+SERVICE_TIMEOUT = 5.0  # seconds of wall time for the controller manager
 
 
 def read_groups() -> dict[str, list[str]]:
@@ -34,24 +34,24 @@ def list_groups(groups: dict[str, list[str]]) -> bool:
     return True
 
 
-def spawn(wanted: list[str]) -> bool:
+def spawn(controllers: list[str]) -> bool:
     """Load and start a group's controllers."""
-    loaded = all([load_controller(name) for name in wanted])
-    return loaded and all([start_controller(name) for name in wanted])
+    loaded = all([load_controller(name) for name in controllers])
+    return loaded and all([start_controller(name) for name in controllers])
 
 
-def switch(wanted: list[str], others: set[str]) -> None:
+def switch(group: list[str], other_groups: set[str]) -> None:
     """Start a group's controllers and stop those of the other groups, in one switch."""
     service = "controller_manager/list_controllers"
-    rospy.wait_for_service(service, WAIT)
+    rospy.wait_for_service(service, SERVICE_TIMEOUT)
     controllers = rospy.ServiceProxy(service, ListControllers)().controller
     running = {c.name: c.state == "running" for c in controllers}
-    for name in wanted:
+    for name in group:
         if name not in running and not load_controller(name):
             print("Cancel group switching")
             return
-    to_start = [name for name in wanted if not running.get(name)]
-    to_stop = [name for name, runs in running.items() if runs and name in others]
+    to_start = [name for name in group if not running.get(name)]
+    to_stop = [name for name, runs in running.items() if runs and name in other_groups]
     proxy = rospy.ServiceProxy("controller_manager/switch_controller", SwitchController)
     ok = proxy(to_start, to_stop, STRICT, False, 0.0).ok
     asked = {("starting", "Started"): to_start, ("stopping", "Stopped"): to_stop}
@@ -75,7 +75,7 @@ def main() -> int:
     for name in ("spawn", "switch"):
         commands.add_parser(name).add_argument("group", help="name of the group")
     args = parser.parse_args(rospy.myargv(sys.argv)[1:])
-    begin_node("controller_group", anonymous=True)
+    init_node("controller_group", anonymous=True)
     groups = read_groups()
     if args.command == "list":
         return 0 if list_groups(groups) else 1

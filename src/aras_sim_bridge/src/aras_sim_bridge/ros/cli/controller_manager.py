@@ -15,7 +15,7 @@ from controller_manager_msgs.srv import (
     UnloadController,
 )
 
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
 STRICT = 2
 ALIASES = {"sp": "spawn", "kl": "kill", "lc": "list", "lt": "list-types", "rl": "reload-libraries"}
@@ -140,7 +140,7 @@ def main() -> int:
     parser.add_argument("names", nargs="*", help="controller names")
     parser.add_argument("--restore", action="store_true", help="load them again after a reload")
     args = parser.parse_args(rospy.myargv(sys.argv)[1:])
-    begin_node("controller_manager", anonymous=True)
+    init_node("controller_manager", anonymous=True)
     try:
         ok = run(ALIASES.get(args.command, args.command), args.names, args.restore)
     except rospy.ROSInterruptException:

@@ -15,12 +15,12 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.ros.runtime import node
 
 # Accepted for Gazebo's sake: there are no other engines, plugins of the server, or logs to play.
-_WITH_VALUE = (
+_OPTIONS_WITH_VALUE = (
     ("-e", "--physics"), ("-o", "--profile"), ("-s", "--server-plugin"), ("-g", "--gui-plugin"),
     ("-p", "--play"), ("--iters",), ("--gui-client-plugin",), ("--initial_sim_time",),
     ("--record_path",), ("--record_encoding",), ("--record_period",),
 )  # fmt: skip
-_WITHOUT = (("-r", "--record"), ("-q", "--quiet"), ("--lockstep",), ("--minimal_comms",))
+_FLAGS = (("-r", "--record"), ("-q", "--quiet"), ("--lockstep",), ("--minimal_comms",))
 
 
 def parse(argv: list[str]) -> argparse.Namespace:
@@ -34,9 +34,9 @@ def parse(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("-u", "--pause", dest="paused", action="store_true", help="start paused")
     parser.add_argument("--verbose", action="store_true", help="log in detail")
     parser.add_argument("--seed", type=int, help="seed of the sensors' noise")
-    for names in _WITH_VALUE:
+    for names in _OPTIONS_WITH_VALUE:
         parser.add_argument(*names, action="append", help=argparse.SUPPRESS)
-    for names in _WITHOUT:
+    for names in _FLAGS:
         parser.add_argument(*names, action="store_true", help=argparse.SUPPRESS)
     return parser.parse_args(argv)
 

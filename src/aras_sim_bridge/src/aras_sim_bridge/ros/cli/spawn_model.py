@@ -20,7 +20,7 @@ from std_srvs.srv import Empty
 
 from aras_sim_bridge.ros.conversions import to_pose
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
 
 class UsageError(Exception):
@@ -104,7 +104,7 @@ def wait_for_model(namespace: str, name: str) -> None:
 
 
 @contextmanager
-def time_held(namespace: str) -> Iterator[None]:
+def pause_time(namespace: str) -> Iterator[None]:
     """Pause a simulation that runs, and let it go on afterwards."""
     rospy.wait_for_service(f"{namespace}/get_physics_properties")
     physics = rospy.ServiceProxy(f"{namespace}/get_physics_properties", GetPhysicsProperties)
@@ -144,7 +144,7 @@ def spawn(args: argparse.Namespace) -> None:
     rospy.loginfo("Waiting for service %s", service)
     rospy.wait_for_service(service)
     # A robot must not fall meanwhile, nor start with its links in each other.
-    with time_held(namespace) if joints else nullcontext():
+    with pause_time(namespace) if joints else nullcontext():
         response = rospy.ServiceProxy(service, SpawnModel)(
             args.model, xml, robot_namespace, to_pose(pose), args.reference_frame
         )
@@ -152,13 +152,13 @@ def spawn(args: argparse.Namespace) -> None:
             raise UsageError(response.status_message)
         rospy.loginfo("%s", response.status_message)
         if joints:
-            configure(args.model, joints, namespace)
+            set_joint_positions(args.model, joints, namespace)
     if args.unpause:
         rospy.wait_for_service(f"{namespace}/unpause_physics")
         rospy.ServiceProxy(f"{namespace}/unpause_physics", Empty)()
 
 
-def configure(model: str, joints: list[tuple[str, float]], namespace: str) -> None:
+def set_joint_positions(model: str, joints: list[tuple[str, float]], namespace: str) -> None:
     """Put joints of a model at positions (rad or m); UsageError where that fails.
 
     The model is in the world when its spawn call returns: no need for upstream's sleep.
@@ -185,7 +185,7 @@ def delete(args: argparse.Namespace) -> None:
 def main() -> int:
     """Entry point; returns the exit status."""
     args = parse(rospy.myargv(sys.argv)[1:])
-    begin_node("spawn_model", anonymous=True)
+    init_node("spawn_model", anonymous=True)
     try:
         spawn(args)
     except UsageError as error:

@@ -12,7 +12,7 @@ from controller_manager_msgs.srv import LoadController, SwitchController, Unload
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool
 
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
 STRICT = 2
 SERVICES = (
@@ -52,12 +52,12 @@ def wait_for_service(name: str, timeout: float | None) -> bool:
         except rospy.ROSInterruptException:
             return False
         except rospy.ROSException:
-            if not rospy.get_param("/use_sim_time", False) or clock_runs():
+            if not rospy.get_param("/use_sim_time", False) or is_clock_running():
                 return False
     return False
 
 
-def clock_runs() -> bool:
+def is_clock_running() -> bool:
     """Return whether /clock has been heard."""
     try:
         rospy.wait_for_message("/clock", Clock, timeout=1.0)
@@ -76,7 +76,7 @@ def wait_for_true(topic: str) -> None:
     subscriber.unregister()
 
 
-def controller_names(arguments: list[str], namespace: str) -> list[str]:
+def read_controller_names(arguments: list[str], namespace: str) -> list[str]:
     """Return the names to load; YAML files among the arguments are put on the parameter server."""
     names = []
     for argument in arguments:
@@ -149,7 +149,7 @@ def main() -> int:
     """Entry point; returns the exit status."""
     args = parse(rospy.myargv(sys.argv)[1:])
     # its waits are of wall time: hearing the clock all the while would be a thirtieth of a core
-    begin_node("spawner", anonymous=True, disable_rostime=True)
+    init_node("spawner", anonymous=True, disable_rostime=True)
     if args.shutdown_timeout is not None:
         rospy.logwarn("--shutdown-timeout has no effect; leave it out")
     namespace = args.namespace or ""
@@ -169,7 +169,7 @@ def main() -> int:
         wait_for_true(args.wait_for)
     rospy.on_shutdown(spawner.unload)
     try:
-        spawner.load(controller_names(args.controllers, namespace))
+        spawner.load(read_controller_names(args.controllers, namespace))
         if not args.stopped:
             spawner.start()
     except rospy.ServiceException as error:

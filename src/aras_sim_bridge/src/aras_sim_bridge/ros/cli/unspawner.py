@@ -12,7 +12,7 @@ from controller_manager_msgs.srv import (
     SwitchControllerRequest,
 )
 
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
 BEST_EFFORT = 1
 PERIOD = 3.0  # seconds of wall time between two looks
@@ -27,7 +27,7 @@ def main() -> int:
     )  # fmt: skip
     parser.add_argument("controllers", nargs="+", help="controller names")
     names = parser.parse_args(rospy.myargv(sys.argv)[1:]).controllers
-    begin_node("unspawner", anonymous=True)
+    init_node("unspawner", anonymous=True)
     try:
         for service in ("switch_controller", "list_controllers"):
             rospy.wait_for_service(f"controller_manager/{service}")

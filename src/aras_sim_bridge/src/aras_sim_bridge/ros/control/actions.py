@@ -75,8 +75,8 @@ class ControllerAction(ABC):
         self._server = _SimTimeActionServer(
             f"{namespace}/{self.topic}",
             self.action,
-            lambda goal: thread.post(lambda: self._begin(goal)),
-            lambda goal: thread.post(lambda: self._cancel(goal)),
+            lambda goal: thread.post(lambda: self._start_goal(goal)),
+            lambda goal: thread.post(lambda: self._cancel_goal(goal)),
             thread=thread,
         )
         self._server.start()
@@ -86,35 +86,35 @@ class ControllerAction(ABC):
         self._server.stop()
 
     @abstractmethod
-    def _request(self, message: Message) -> object:
+    def _make_goal(self, message: Message) -> object:
         """The controller's goal of a message."""
 
     @abstractmethod
-    def _result(self, handle: GoalHandle) -> tuple[Message, str]:
+    def _make_result(self, handle: GoalHandle) -> tuple[Message, str]:
         """Message and text of a goal that has ended."""
 
-    def _feedback(self, state: object) -> Message:
+    def _make_feedback(self, state: object) -> Message:
         """Message of a state of the controller's; for those that tell any."""
         raise NotImplementedError
 
-    def _begin(self, goal: ServerGoalHandle) -> None:
-        handle = self._controller.submit_goal(self._request(goal.get_goal()))
+    def _start_goal(self, goal: ServerGoalHandle) -> None:
+        handle = self._controller.submit_goal(self._make_goal(goal.get_goal()))
         if handle.status == REJECTED:
-            goal.set_rejected(*self._result(handle))
+            goal.set_rejected(*self._make_result(handle))
             return
         key = goal.get_goal_id().id
         self._goals[key] = handle
         goal.set_accepted()
 
-        def done(ended: GoalHandle) -> None:
+        def publish_end(handle: GoalHandle) -> None:
             self._goals.pop(key, None)
             ends = {SUCCEEDED: goal.set_succeeded, PREEMPTED: goal.set_canceled}
-            ends.get(ended.status, goal.set_aborted)(*self._result(ended))
+            ends.get(handle.status, goal.set_aborted)(*self._make_result(handle))
 
-        handle.on_feedback = lambda state: goal.publish_feedback(self._feedback(state))
-        handle.on_done = done
+        handle.on_feedback = lambda state: goal.publish_feedback(self._make_feedback(state))
+        handle.on_done = publish_end
 
-    def _cancel(self, goal: ServerGoalHandle) -> None:
+    def _cancel_goal(self, goal: ServerGoalHandle) -> None:
         handle = self._goals.get(goal.get_goal_id().id)
         if handle is not None:
             self._controller.cancel_goal(handle)

@@ -12,10 +12,10 @@ class GripperAction(ControllerAction):
 
     action, topic = GripperCommandAction, "gripper_cmd"
 
-    def _request(self, message: GripperCommandGoal) -> GripperGoal:
+    def _make_goal(self, message: GripperCommandGoal) -> GripperGoal:
         return GripperGoal(message.command.position, message.command.max_effort)
 
-    def _result(self, handle: GoalHandle) -> tuple[GripperCommandResult, str]:
+    def _make_result(self, handle: GoalHandle) -> tuple[GripperCommandResult, str]:
         found = handle.result
         told = GripperCommandResult(found.position, found.effort, found.stalled,
                                     found.reached_goal)

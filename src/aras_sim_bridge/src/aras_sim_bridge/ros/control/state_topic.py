@@ -7,11 +7,11 @@ from typing import Protocol
 
 from genpy import Message
 
-from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
+from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 
-class StatePort(Protocol):
+class StateSource(Protocol):
     """What tells of itself: a controller or a PID."""
 
     on_state: Callable[[object], None] | None
@@ -25,7 +25,7 @@ class StateTopic:
         topic: str,
         message: type[Message],
         queue_size: int,
-        port: StatePort,
+        source: StateSource,
         fill: Callable[[Message, object], object],
         thread: SimulationThread,
     ) -> None:
@@ -33,25 +33,27 @@ class StateTopic:
 
         The port is switched in the simulation's thread alone, by who listens then.
         """
-        self._port = port
+        self._source = source
         self._fill = fill
         self._thread = thread
         self._message = message()
-        self._publisher: QuickPublisher | None = None
-        self._publisher = QuickPublisher(topic, message, queue_size, changed=self._changed)
-        self._changed()
+        self._publisher: NonBlockingPublisher | None = None
+        self._publisher = NonBlockingPublisher(
+            topic, message, queue_size, on_change=self._on_subscribers
+        )
+        self._on_subscribers()
 
     def shutdown(self) -> None:
         """Take the topic off the graph."""
         self._publisher.unregister()
-        self._changed()
+        self._on_subscribers()
 
-    def _changed(self) -> None:
-        self._thread.post(self._switch)
+    def _on_subscribers(self) -> None:
+        self._thread.post(self._update_listener)
 
-    def _switch(self) -> None:
-        wanted = self._publisher is not None and self._publisher.listeners > 0
-        self._port.on_state = self._publish if wanted else None
+    def _update_listener(self) -> None:
+        wanted = self._publisher is not None and self._publisher.subscriber_count > 0
+        self._source.on_state = self._publish if wanted else None
 
     def _publish(self, state: object) -> None:
         self._fill(self._message, state)

@@ -50,7 +50,7 @@ class PidTopics:
             def fill(message: PidState, state: object) -> None:
                 message.header.stamp = to_time(thread.simulation.time_ns)
                 message.timestep = to_duration(state.time_step)
-                _copy(message, state, _PID_FIELDS)
+                _copy_fields(message, state, _PID_FIELDS)
 
             self._state = StateTopic(f"{namespace}/state", PidState, 1, pid, fill, thread)
 
@@ -99,7 +99,7 @@ class ControllerTopics:
             if controller.state_kind == "joint_states":
                 topic = f"{robot_namespace}/joint_states"
                 if getattr(controller, "true_stamps", False):
-                    fill = _stamped_before_the_step(fill, thread)
+                    fill = _restamp(fill, thread)
             self._parts.append(StateTopic(topic, message, queue_size, controller, fill, thread))
         for name, pid in controller.pids.items():
             self._parts.append(PidTopics(f"{where}/{name}", pid, thread))
@@ -115,7 +115,7 @@ class ControllerTopics:
 def fill_controller_state(message: JointControllerState, state: base.JointControllerState) -> None:
     """Write a PID controller's sample into its message."""
     message.header.stamp = to_time(state.stamp_ns)
-    _copy(message, state, _CONTROLLER_FIELDS)
+    _copy_fields(message, state, _CONTROLLER_FIELDS)
 
 
 def fill_joint_states(message: JointState, states: base.JointStates) -> None:
@@ -127,19 +127,19 @@ def fill_joint_states(message: JointState, states: base.JointStates) -> None:
     message.effort = states.efforts
 
 
-def _stamped_before_the_step(
+def _restamp(
     fill: Callable[[Message, object], None], thread: SimulationThread
 ) -> Callable[[Message, object], None]:
     """Return the same with the time of the measurement: the simulation's, which steps later."""
 
-    def filled(message: Message, state: object) -> None:
+    def fill_and_stamp(message: Message, state: object) -> None:
         fill(message, state)
         message.header.stamp = to_time(thread.simulation.time_ns)
 
-    return filled
+    return fill_and_stamp
 
 
-def _copy(message: Message, state: object, names: tuple[str, ...]) -> None:
+def _copy_fields(message: Message, state: object, names: tuple[str, ...]) -> None:
     for name in names:
         setattr(message, name, getattr(state, name))
 

@@ -24,7 +24,7 @@ from aras_sim_bridge.control.controllers.trajectory_types import (
 )
 from aras_sim_bridge.ros.control.actions import ControllerAction
 from aras_sim_bridge.ros.conversions import from_time, to_duration, to_time
-from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, serves
+from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, service_handler
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 
@@ -81,22 +81,22 @@ class TrajectoryAction(ControllerAction):
         super().shutdown()
         self._services.shutdown()
 
-    def _request(self, message: FollowJointTrajectoryGoal) -> TrajectoryGoal:
+    def _make_goal(self, message: FollowJointTrajectoryGoal) -> TrajectoryGoal:
         return TrajectoryGoal(
             from_trajectory(message.trajectory),
-            _tolerances(message.path_tolerance),
-            _tolerances(message.goal_tolerance),
+            _read_tolerances(message.path_tolerance),
+            _read_tolerances(message.goal_tolerance),
             message.goal_time_tolerance.to_sec(),
         )
 
-    def _result(self, handle: GoalHandle) -> tuple[FollowJointTrajectoryResult, str]:
+    def _make_result(self, handle: GoalHandle) -> tuple[FollowJointTrajectoryResult, str]:
         code, text = int(handle.result.error_code), handle.result.error_string
         return FollowJointTrajectoryResult(code, text), text
 
-    def _feedback(self, state: TrajectoryState) -> FollowJointTrajectoryFeedback:
+    def _make_feedback(self, state: TrajectoryState) -> FollowJointTrajectoryFeedback:
         return fill_state(FollowJointTrajectoryFeedback(), state)
 
-    @serves(QueryTrajectoryState, call_fails=True)
+    @service_handler(QueryTrajectoryState, call_fails=True)
     def query_state(self, _simulation: Simulation, request: QueryTrajectoryState) -> Fields:
         """Where the trajectory wants the joints to be at a time."""
         point = self._controller.query_state(from_time(request.time))
@@ -108,5 +108,5 @@ class TrajectoryAction(ControllerAction):
         }
 
 
-def _tolerances(messages: list[ToleranceMessage]) -> list[JointTolerance]:
+def _read_tolerances(messages: list[ToleranceMessage]) -> list[JointTolerance]:
     return [JointTolerance(m.name, m.position, m.velocity, m.acceleration) for m in messages]

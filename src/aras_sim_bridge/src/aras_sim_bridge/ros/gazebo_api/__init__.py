@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from aras_sim_bridge.ros.gazebo_api import attacher, lights, links, models, stepping, world
-from aras_sim_bridge.ros.gazebo_api.forces import Forces
+from aras_sim_bridge.ros.gazebo_api.forces import AppliedForces
 from aras_sim_bridge.ros.gazebo_api.models import Models
 from aras_sim_bridge.ros.gazebo_api.physics import Physics
 from aras_sim_bridge.ros.gazebo_api.states import StateTopics, subscribe_states
 from aras_sim_bridge.ros.gazebo_api.world import TimeReset
-from aras_sim_bridge.ros.runtime.graph import OnGraph
-from aras_sim_bridge.ros.runtime.services import ServiceTable, handlers_in
+from aras_sim_bridge.ros.runtime.graph_entities import GraphEntities
+from aras_sim_bridge.ros.runtime.services import ServiceTable, find_handlers
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 NAMESPACE = "/gazebo"
@@ -23,7 +23,7 @@ class GazeboApi:
     def __init__(
         self,
         thread: SimulationThread,
-        on_graph: OnGraph,
+        graph_entities: GraphEntities,
         on_time_reset: Callable[[], None],
         extra: bool = True,
         link_attacher: bool = False,
@@ -35,18 +35,18 @@ class GazeboApi:
         `on_time_reset` is called in the simulation's thread.
         """
         self.states = StateTopics(NAMESPACE, thread, extra)
-        forces = Forces(thread)
-        spawned = Models(forces, on_graph)
+        forces = AppliedForces(thread)
+        spawned = Models(forces, graph_entities)
         physics = Physics(NAMESPACE, thread)
         reset = TimeReset(on_time_reset)
         ServiceTable(
             NAMESPACE,
             thread,
-            *handlers_in(
+            *find_handlers(
                 lights, links, models, world, forces, spawned, physics, reset,
                 *([stepping] if extra else []),
             ),
         )
         if link_attacher:
-            ServiceTable(attacher.NAMESPACE, thread, *handlers_in(attacher))
+            ServiceTable(attacher.NAMESPACE, thread, *find_handlers(attacher))
         subscribe_states(NAMESPACE, thread)

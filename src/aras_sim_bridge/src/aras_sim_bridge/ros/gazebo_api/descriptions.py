@@ -17,7 +17,7 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 
 
-def root_of(text: str) -> Element:
+def parse_root(text: str) -> Element:
     """Return the root of a model's text; one without a name where there is no element at all.
 
     Raises:
@@ -26,12 +26,12 @@ def root_of(text: str) -> Element:
     return safe_xml.parse(text, "model") if "<" in text else Element("")
 
 
-def shown(root: Element) -> str:
+def describe_root(root: Element) -> str:
     """Return a root as messages name it."""
     return f"<{safe_xml.shorten(root.tag)}>" if root.tag else "no element"
 
 
-def named_packages(root: Element) -> list[str]:
+def find_packages(root: Element) -> list[str]:
     """Return the packages that package:// paths in the document name."""
     words = [*root.itertext(), *(text for part in root.iter() for text in part.attrib.values())]
     return sorted(set(re.findall(r"package://([^/\"'<\s]*)", "\n".join(words))))
@@ -51,7 +51,7 @@ def parse(root: Element) -> RobotDescription | Light:
             return content.lights[0]
         return parse_sdf(root)
     raise DescriptionError(
-        f"the model's root is {shown(root)}; give URDF (<robot>) or SDF (<sdf>)"
+        f"the model's root is {describe_root(root)}; give URDF (<robot>) or SDF (<sdf>)"
     )
 
 
@@ -62,7 +62,7 @@ def set_namespace(root: Element, requested: str) -> None:
             ElementTree.SubElement(plugin, "robotNamespace").text = requested
 
 
-def robot_namespace(description: RobotDescription, requested: str) -> str:
+def find_namespace(description: RobotDescription, requested: str) -> str:
     """Return the namespace of a model's controllers: the control plugin's, else the request's."""
     own = [plugin.robot_namespace for plugin in description.control_plugins]
     name = next((value for value in own if value), requested)

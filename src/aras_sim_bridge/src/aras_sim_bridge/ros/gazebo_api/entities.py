@@ -1,6 +1,7 @@
 """Finding models, links and joints by the names that Gazebo's clients use.
 
-A link is named `model::link`, or plainly `link` when that is enough (first hit in spawn order).
+A link is named `model::link`, or plainly `find_link` when that is enough (first hit in spawn
+order).
 """
 
 from __future__ import annotations
@@ -14,18 +15,18 @@ from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, conjugate, rotat
 WORLD_ALIASES = ("", "world", "map", "/map")
 
 
-def link(simulation: Simulation, name: str) -> tuple[Model, str]:
+def find_link(simulation: Simulation, name: str) -> tuple[Model, str]:
     """Return (model, plain link name); raises WorldError naming the link."""
-    found = _part(simulation, name, "links")
+    found = _find_part(simulation, name, "links")
     if found is None:
         raise WorldError(f"link '{name}' does not exist; name it as model::link")
     return found
 
 
-def joint(simulation: Simulation, name: str) -> tuple[Model, str]:
+def find_joint(simulation: Simulation, name: str) -> tuple[Model, str]:
     """Return (model, plain joint name); raises WorldError naming the joint."""
-    found = _part(simulation, name, "joints")
-    if found is None and loop(simulation, name) is not None:
+    found = _find_part(simulation, name, "joints")
+    if found is None and find_loop_joint(simulation, name) is not None:
         raise WorldError(f"joint '{name}' closes a chain of joints, and is only read; name another "
                          "joint of the chain")
     if found is None:
@@ -33,28 +34,28 @@ def joint(simulation: Simulation, name: str) -> tuple[Model, str]:
     return found
 
 
-def loop(simulation: Simulation, name: str) -> tuple[Model, LoopJoint] | None:
+def find_loop_joint(simulation: Simulation, name: str) -> tuple[Model, LoopJoint] | None:
     """Return (model, joint) where a name means a joint that closes a chain; None where it does
     not."""
     for candidate in simulation.world.models.values():
         for one in candidate.description.loops:
-            if name in (one.joint.name, candidate.scoped(one.joint.name)):
+            if name in (one.joint.name, candidate.get_scoped_name(one.joint.name)):
                 return candidate, one
     return None
 
 
-def _part(simulation: Simulation, name: str, kind: str) -> tuple[Model, str] | None:
+def _find_part(simulation: Simulation, name: str, kind: str) -> tuple[Model, str] | None:
     """(model, plain name) of the first link or joint, in world order, that a name means."""
     model_name, scope, plain = name.rpartition("::")
     for candidate in simulation.world.models.values():
-        if scope and candidate.whole.name != model_name:
+        if scope and candidate.main_model.name != model_name:
             continue
         if plain and plain in getattr(candidate.description, kind):
             return candidate, plain
     return None
 
 
-def frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
+def find_frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
     """Return pose and twist in the world of the model or link that serves as reference frame.
 
     Raises:
@@ -67,7 +68,7 @@ def frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
     if name in WORLD_ALIASES:  # also where a robot's root link is called 'world', as in Gazebo
         return IDENTITY, Twist()
     try:
-        entity, plain = link(simulation, name)
+        entity, plain = find_link(simulation, name)
     except WorldError:
         raise WorldError(
             f"reference frame '{name}' does not exist; give a model, model::link, or world"
@@ -75,7 +76,9 @@ def frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
     return entity.link_pose(plain), entity.link_twist(plain)
 
 
-def relative(pose: Pose, twist: Twist, frame: Pose, frame_twist: Twist) -> tuple[Pose, Twist]:
+def express_in_frame(
+    pose: Pose, twist: Twist, frame: Pose, frame_twist: Twist
+) -> tuple[Pose, Twist]:
     """Return a pose in a frame, and the twist less the frame's in its axes (no lever arm)."""
     back = conjugate(frame.quat)
     linear = rotate(back, subtract(twist.linear, frame_twist.linear))

@@ -16,7 +16,7 @@ from geometry_msgs.msg import Vector3
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.ros.conversions import from_vector
 from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
-from aras_sim_bridge.ros.runtime.services import Fields, serves
+from aras_sim_bridge.ros.runtime.services import Fields, service_handler
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 from aras_visual_servo_ros.parameters import Value
@@ -55,10 +55,10 @@ class Physics:
             "max_contacts": 20,
         }
         self._rate = thread.call(lambda: thread.pacer.factor / thread.simulation.world.time_step)
-        values = thread.call(self._values)
+        values = thread.call(self._read_values)
         self._server = ReconfigureServer(namespace, PHYSICS_FIELDS, values, self._reconfigure)
 
-    def _values(self) -> dict[str, Value]:
+    def _read_values(self) -> dict[str, Value]:
         """The present configuration under reconfigure's names; in the simulation's thread."""
         world = self._thread.simulation.world
         x, y, z = world.gravity
@@ -71,7 +71,7 @@ class Physics:
             **self._ode,
         }
 
-    @serves(GetPhysicsProperties, "got properties")
+    @service_handler(GetPhysicsProperties, "got properties")
     def get_physics_properties(
         self, simulation: Simulation, _request: GetPhysicsProperties
     ) -> Fields:
@@ -84,7 +84,7 @@ class Physics:
             "ode_config": ODEPhysics(**{name: self._ode[name] for name in ODE_FIELDS}),
         }
 
-    @serves(SetPhysicsProperties, "physics engine updated", outside=True)
+    @service_handler(SetPhysicsProperties, "physics engine updated", in_caller_thread=True)
     def set_physics_properties(
         self, _thread: SimulationThread, request: SetPhysicsProperties
     ) -> Fields:
@@ -94,12 +94,12 @@ class Physics:
         ode["sor_pgs_rms_error_tol"] = self._ode["sor_pgs_rms_error_tol"]  # upstream ignores it
         values = self._apply(request.time_step, request.max_update_rate, gravity, ode)
         self._server.set_values(values)
-        warning = self._thread.call(lambda: _outlook(self._thread.simulation))
+        warning = self._thread.call(lambda: _report_stability(self._thread.simulation))
         done = "SetPhysicsProperties: physics engine updated"
         return {"status_message": f"{done}; {warning}"} if warning else None
 
     def _reconfigure(self, values: dict[str, Value]) -> dict[str, Value]:
-        present = self._thread.call(self._values)
+        present = self._thread.call(self._read_values)
         if values == present:
             return present
         gravity = (values["gravity_x"], values["gravity_y"], values["gravity_z"])
@@ -126,14 +126,16 @@ class Physics:
             simulation.set_physics(time_step, gravity, max(int(ode["sor_pgs_iters"]), 1))
             self._thread.pacer.set_factor(rate * time_step, simulation.time_ns)
             self._rate, self._ode = rate, dict(ode)
-            if warning := _outlook(simulation):
+            if warning := _report_stability(simulation):
                 rospy.logwarn("%s", warning)
-            return self._values()
+            return self._read_values()
 
         return self._thread.call(job)
 
 
-def _outlook(simulation: Simulation) -> str:
+def _report_stability(simulation: Simulation) -> str:
     """What the present step will do to the PIDs of robots that do not bear it."""
     step = simulation.world.time_step
-    return "; ".join(filter(None, (robot.outlook(step) for robot in simulation.robots.values())))
+    return "; ".join(
+        filter(None, (robot.report_stability(step) for robot in simulation.robots.values()))
+    )

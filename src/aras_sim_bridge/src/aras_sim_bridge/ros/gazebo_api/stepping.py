@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.conversions import to_time
-from aras_sim_bridge.ros.runtime.services import Fields, serves
+from aras_sim_bridge.ros.runtime.services import Fields, service_handler
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.srv import StepWorld
 
@@ -12,7 +12,7 @@ STEP_LIMIT = 1_000_000  # steps in one call of step_world
 STEP_TIMEOUT = 600.0  # seconds of wall time for one call
 
 
-@serves(StepWorld, outside=True)
+@service_handler(StepWorld, in_caller_thread=True)
 def step_world(thread: SimulationThread, request: StepWorld) -> Fields:
     """Make steps while paused."""
     if not thread.paused:

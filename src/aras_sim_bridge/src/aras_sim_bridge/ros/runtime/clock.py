@@ -10,7 +10,7 @@ import struct
 
 from rosgraph_msgs.msg import Clock
 
-from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
+from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 
 _TIME = struct.Struct("<II")  # a serialised Clock: secs, nsecs
 
@@ -23,7 +23,7 @@ class ClockPublisher:
         self._period_ns = round(1e9 / rate) if rate > 0 else 0
         self._next_ns = 0
         self._last_ns = -1
-        self._publisher = QuickPublisher("/clock", Clock, queue_size=10)
+        self._publisher = NonBlockingPublisher("/clock", Clock, queue_size=10)
 
     def update(self, time_ns: int) -> None:
         """Publish when the period since the last multiple of it is over."""

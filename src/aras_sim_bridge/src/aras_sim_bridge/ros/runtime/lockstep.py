@@ -19,19 +19,21 @@ import rosgraph
 import rospy
 
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros.runtime.lane import DRAIN, Drain
+from aras_sim_bridge.ros.runtime.send_queue import QUEUE_FLUSHER, QueueFlusher
 
-_WAITED_FOR = (
+_TIMEOUT_WARNING = (
     "lockstep: simulated time waited %g s of wall time in vain for %s; it goes on without, until "
     "heard again"
 )
 
 
 class Lockstep:
-    """Says when simulated time may go on. `begin` and `remaining` are the simulation's thread's.
+    """Says when simulated time may go on. `start_round` and `compute_remaining` are the
+    simulation's thread's.
 
-    Who subscribes to a command topic himself claims it, and tells when a message was `heard`, after
-    it was handed on: so a command that counts is a command that acts. Other topics are listened to.
+    Who subscribes to a command topic himself claims it, and tells when a message was
+    `note_message`, after it was handed on: so a command that counts is a command that acts.
+    Other topics are listened to.
     """
 
     def __init__(
@@ -41,7 +43,7 @@ class Lockstep:
         wake: Callable[[], None],
         period: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
-        drain: Drain = DRAIN,
+        flusher: QueueFlusher = QUEUE_FLUSHER,
     ) -> None:
         """Wait for a message on each of `topics` a round.
 
@@ -70,23 +72,23 @@ class Lockstep:
         self._period_ns = round(period * 1e9)
         self._next_ns = self._period_ns
         self._lock = threading.Lock()
-        self._claimed: set[str] = set()
+        self._claimed_topics: set[str] = set()
         self._listeners: dict[str, rospy.Subscriber] = {}
-        self._missing: set[str] = set()
-        self._silent: set[str] = set()
+        self._missing_topics: set[str] = set()
+        self._silent_topics: set[str] = set()
         self._deadline: float | None = None  # of the wait that has begun
-        self._drain = drain
-        drain.on_taken = wake
+        self._flusher = flusher
+        flusher.on_progress = wake
 
     @property
-    def closed(self) -> bool:
+    def is_closed(self) -> bool:
         """Whether an answer is missing or a listener behind, so that no step may be made."""
-        return bool(self._missing or self._drain.behind())
+        return bool(self._missing_topics or self._flusher.list_behind())
 
     def claim(self, topic: str) -> None:
-        """Leave it to the caller to subscribe to `topic`, and to call `heard`."""
+        """Leave it to the caller to subscribe to `topic`, and to call `note_message`."""
         with self._lock:
-            self._claimed.add(topic)
+            self._claimed_topics.add(topic)
             listener = self._listeners.pop(topic, None)
         if listener is not None:
             listener.unregister()
@@ -94,16 +96,16 @@ class Lockstep:
     def release(self, topic: str) -> None:
         """The subscriber that claimed `topic` is gone."""
         with self._lock:
-            self._claimed.discard(topic)
+            self._claimed_topics.discard(topic)
 
-    def heard(self, topic: str) -> None:
+    def note_message(self, topic: str) -> None:
         """A message of `topic` was taken; from any thread."""
         with self._lock:
-            self._silent.discard(topic)
-            if topic not in self._missing:
+            self._silent_topics.discard(topic)
+            if topic not in self._missing_topics:
                 return
-            self._missing.discard(topic)
-            if self._missing:
+            self._missing_topics.discard(topic)
+            if self._missing_topics:
                 return
             self._deadline = None
         self._wake()
@@ -112,33 +114,33 @@ class Lockstep:
         """Begin a round when a period of simulated time is over."""
         if self._period_ns and time_ns >= self._next_ns:
             self._next_ns = (time_ns // self._period_ns + 1) * self._period_ns
-            self.begin()
+            self.start_round()
 
     def before_frame(self) -> None:
         """Begin a round, unless rounds go by periods: a frame is about to be published."""
         if not self._period_ns:
-            self.begin()
+            self.start_round()
 
-    def begin(self) -> None:
+    def start_round(self) -> None:
         """Begin a round: messages that came before do not count."""
         for topic in self.topics:
-            self._listen(topic)
+            self._subscribe(topic)
         with self._lock:
-            self._missing = set(self.topics) - self._silent
+            self._missing_topics = set(self.topics) - self._silent_topics
             self._deadline = self._clock() + self._timeout
 
-    def clear(self) -> None:
+    def end_round(self) -> None:
         """End the round: simulated time was set back."""
         with self._lock:
-            self._missing.clear()
+            self._missing_topics.clear()
             self._deadline = None
             self._next_ns = self._period_ns
 
-    def remaining(self) -> float | None:
+    def compute_remaining(self) -> float | None:
         """Seconds of wall time for which to wait on; None: go on. Complains when time is up."""
         with self._lock:
-            behind = self._drain.behind()
-            if not (self._missing or behind):
+            behind = self._flusher.list_behind()
+            if not (self._missing_topics or behind):
                 self._deadline = None
                 return None
             now = self._clock()
@@ -147,36 +149,36 @@ class Lockstep:
             if self._deadline > now:
                 return self._deadline - now
             self._deadline = None
-            late = sorted(self._missing)
-            self._missing.clear()
-            self._silent.update(late)
+            late = sorted(self._missing_topics)
+            self._missing_topics.clear()
+            self._silent_topics.update(late)
             for lane in behind:
-                lane.given_up = True
+                lane.is_abandoned = True
         # Asking the master who they are takes its time: not in the simulation's thread.
         slow = sorted(lane.name for lane in behind)
-        threading.Thread(target=self._complain, args=(late, slow), daemon=True).start()
+        threading.Thread(target=self._warn_late, args=(late, slow), daemon=True).start()
         return None
 
-    def _listen(self, topic: str) -> None:
+    def _subscribe(self, topic: str) -> None:
         with self._lock:
             # One process has one subscription a topic, of one type: never a second, of any type.
-            if topic not in self._claimed and topic not in self._listeners:
+            if topic not in self._claimed_topics and topic not in self._listeners:
                 self._listeners[topic] = rospy.Subscriber(
-                    topic, rospy.AnyMsg, lambda _message: self.heard(topic), tcp_nodelay=True
+                    topic, rospy.AnyMsg, lambda _message: self.note_message(topic), tcp_nodelay=True
                 )
 
-    def _complain(self, topics: list[str], slow: list[str]) -> None:
-        who = publishers(topics)
+    def _warn_late(self, topics: list[str], slow: list[str]) -> None:
+        who = find_publishers(topics)
         named = [
             f"{topic} (published by {', '.join(who[topic])})"
             if who.get(topic)
             else f"{topic} (nobody publishes it)"
             for topic in topics
         ]
-        rospy.logwarn(_WAITED_FOR, self._timeout, ", ".join(named + slow))
+        rospy.logwarn(_TIMEOUT_WARNING, self._timeout, ", ".join(named + slow))
 
 
-def publishers(topics: Sequence[str]) -> dict[str, list[str]]:
+def find_publishers(topics: Sequence[str]) -> dict[str, list[str]]:
     """Return the names of the nodes that publish each topic; empty when the master is gone."""
     try:
         published, _, _ = rosgraph.Master(rospy.get_name()).getSystemState()

@@ -13,7 +13,7 @@ from aras_visual_servo_ros.parameters import InvalidParameterError
 LOG_LEVELS = ("debug", "info", "warn", "error")
 SPEED_MODES = ("real_time", "max", "lockstep")
 # Written by the node itself, or by others who share the namespace with Gazebo.
-FOREIGN = {field.name for field in PHYSICS_FIELDS} | {"cameras", "robot_description"}
+OTHER_PARAMETERS = {field.name for field in PHYSICS_FIELDS} | {"cameras", "robot_description"}
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class NodeParameters:
     master_check_period: float = parameter(2.0, "s", above=0.0)
     log_level: str = parameter("info", choices=LOG_LEVELS)
     restore: bool = False
-    lockstep_topics: tuple[str, ...] = parameter((), words=True)
+    lockstep_topics: tuple[str, ...] = parameter((), splits_words=True)
     lockstep_period: float = 0.0
     lockstep_timeout: float = 5.0
 
@@ -54,7 +54,7 @@ class NodeParameters:
         given = {
             name: value
             for name, value in values.items()
-            if name in own or name not in FOREIGN and not isinstance(value, Mapping)
+            if name in own or name not in OTHER_PARAMETERS and not isinstance(value, Mapping)
         }
         return build(cls, given, f"parameter {namespace}/", InvalidParameterError)
 

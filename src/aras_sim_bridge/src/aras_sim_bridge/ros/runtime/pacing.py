@@ -25,7 +25,7 @@ class FactorMeter:
         """`clock` gives seconds of wall time."""
         self.value = 0.0
         self._clock = clock
-        self._warned = -WARN_PERIOD
+        self._last_warning = -WARN_PERIOD
         self.restart(0)
 
     def restart(self, time_ns: int) -> None:
@@ -33,21 +33,21 @@ class FactorMeter:
         self._wall = self._clock()
         self._time_ns = time_ns
 
-    def update(self, time_ns: int, wanted: float) -> None:
-        """Take note of the simulated time reached now; `wanted` 0 is content with anything."""
+    def update(self, time_ns: int, desired: float) -> None:
+        """Take note of the simulated time reached now; `desired` 0 is content with anything."""
         now = self._clock()
         elapsed = now - self._wall
         if elapsed < WINDOW:
             return
         self.value = (time_ns - self._time_ns) / 1e9 / elapsed
         self.restart(time_ns)
-        if self.value < WARN_BELOW * wanted and now - self._warned >= WARN_PERIOD:
-            self._warned = now
+        if self.value < WARN_BELOW * desired and now - self._last_warning >= WARN_PERIOD:
+            self._last_warning = now
             log.warning(
                 "cannot keep up: real-time factor %.2f instead of %g; free the processor, lower "
                 "the cameras' rate or size, or set speed_mode to max",
                 self.value,
-                wanted,
+                desired,
             )
 
 
@@ -85,7 +85,7 @@ class Pacer:
         self._start_ns = time_ns
         self._meter.restart(time_ns)
 
-    def due_until(
+    def find_due_time(
         self, time_ns: int, event_ns: int | None = None, group_ns: int = BATCH_NS
     ) -> int:
         """Simulated time [ns] up to which steps are due now, having reached `time_ns`.
@@ -97,7 +97,7 @@ class Pacer:
         self._meter.update(time_ns, self._factor)
         if self._factor <= 0.0:
             return (time_ns // group_ns + 1) * group_ns
-        target = self._target()
+        target = self._compute_target()
         lag = target - time_ns
         if lag > LARGEST_LAG_NS:
             self._start_ns -= lag - BATCH_NS
@@ -105,7 +105,7 @@ class Pacer:
         end = target // group_ns * group_ns
         return end if event_ns is None or event_ns > target else max(end, event_ns)
 
-    def wait(
+    def compute_wait(
         self, time_ns: int, event_ns: int | None = None, group_ns: int = BATCH_NS
     ) -> float:
         """Seconds of wall time until the next steps are due; may be negative."""
@@ -114,8 +114,8 @@ class Pacer:
         next_ns = (time_ns // group_ns + 1) * group_ns
         if event_ns is not None and event_ns > time_ns:
             next_ns = min(next_ns, event_ns)
-        return (next_ns - self._target()) / 1e9 / self._factor
+        return (next_ns - self._compute_target()) / 1e9 / self._factor
 
-    def _target(self) -> int:
+    def _compute_target(self) -> int:
         elapsed = self._clock() - self._wall
         return self._start_ns + round(elapsed * 1e9 * self._factor)

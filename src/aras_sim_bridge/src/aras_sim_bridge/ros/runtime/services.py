@@ -29,30 +29,30 @@ Handler = Callable[[object, Message], Fields]
 
 
 @dataclass(frozen=True)
-class Terms:
-    """How a handler is served; see `serves`."""
+class ServicePolicy:
+    """How a handler is served; see `service_handler`."""
 
     service: type
-    done: str
-    outside: bool
+    success_text: str
+    in_caller_thread: bool
     call_fails: bool
 
     @property
-    def kind(self) -> str:
+    def type_name(self) -> str:
         """The type's name without its package: gazebo_ros begins its texts with it."""
         return self.service._type.rpartition("/")[2]
 
-    def answer(self, fields: Fields) -> Message:
+    def make_response(self, fields: Fields) -> Message:
         """The answer of a call that went well."""
         response = self.service._response_class
-        text = f"{self.kind}: {self.done}" if self.done else ""
+        text = f"{self.type_name}: {self.success_text}" if self.success_text else ""
         well = {"success": True, "ok": True, "status_message": text}
         given = {name: well[name] for name in well if name in response.__slots__}
         return response(**{**given, **(fields or {})})
 
 
-def serves(
-    service: type, done: str = "", outside: bool = False, call_fails: bool = False
+def service_handler(
+    service: type, success_text: str = "", in_caller_thread: bool = False, call_fails: bool = False
 ) -> Callable[[Handler], Handler]:
     """Decorator: a function, or method, that serves `service` under its own name.
 
@@ -68,16 +68,16 @@ def serves(
     """
 
     def mark(handler: Handler) -> Handler:
-        handler.terms = Terms(service, done, outside, call_fails)
+        handler.terms = ServicePolicy(service, success_text, in_caller_thread, call_fails)
         return handler
 
     return mark
 
 
-def handlers_in(*places: object) -> list[Handler]:
+def find_handlers(*places: object) -> list[Handler]:
     """The handlers that modules and objects have."""
     found = (getattr(place, name) for place in places for name in dir(place))
-    return [member for member in found if isinstance(getattr(member, "terms", None), Terms)]
+    return [member for member in found if isinstance(getattr(member, "terms", None), ServicePolicy)]
 
 
 class ServiceTable:
@@ -88,7 +88,7 @@ class ServiceTable:
         namespace: str,
         thread: SimulationThread,
         *handlers: Handler,
-        turn: contextlib.AbstractContextManager | None = None,
+        call_lock: contextlib.AbstractContextManager | None = None,
     ) -> None:
         """Serve below `namespace`, an absolute name.
 
@@ -96,7 +96,7 @@ class ServiceTable:
         """
         self._namespace = namespace.rstrip("/")
         self._thread = thread
-        self._turn = turn or contextlib.nullcontext()
+        self._call_lock = call_lock or contextlib.nullcontext()
         self._services: list[rospy.Service] = []
         try:
             for handler in handlers:
@@ -107,11 +107,11 @@ class ServiceTable:
 
     def _advertise(self, handler: Handler) -> None:
         name = f"{self._namespace}/{handler.__name__}"
-        terms: Terms = handler.terms
+        terms: ServicePolicy = handler.terms
 
         def serve(request: Message) -> Message:
-            with self._turn:
-                return answered(handler, request, name, self._thread)
+            with self._call_lock:
+                return call_handler(handler, request, name, self._thread)
 
         self._services.append(rospy.Service(name, terms.service, serve))
 
@@ -122,7 +122,7 @@ class ServiceTable:
         self._services.clear()
 
 
-def answered(
+def call_handler(
     handler: Handler, request: Message, name: str, thread: SimulationThread
 ) -> Message:
     """Return a handler's answer, or that of its fault; `name` is the service's, for the log.
@@ -130,22 +130,22 @@ def answered(
     Raises:
         rospy.ServiceException: where the call itself shall fail.
     """
-    terms: Terms = handler.terms
+    terms: ServicePolicy = handler.terms
     try:
-        if terms.outside:
+        if terms.in_caller_thread:
             fields = handler(thread, request)
         else:
             fields = thread.call(lambda: handler(thread.simulation, request))
-        return terms.answer(fields)
+        return terms.make_response(fields)
     except SimError as error:
-        text = f"{terms.kind}: {error}"
+        text = f"{terms.type_name}: {error}"
         # Who ends at the same Ctrl-C, as spawners do, asks in vain: that is no fault.
         tell = rospy.logdebug if str(error) == SHUTTING_DOWN else rospy.logerr
         tell("%s: %s", name, error)
     except rospy.ServiceException:
         raise
     except USER_FAULTS as error:
-        text = f"{terms.kind}: internal error, {type(error).__name__}: {error}"
+        text = f"{terms.type_name}: internal error, {type(error).__name__}: {error}"
         rospy.logerr("%s: %s (please report it)", name, text)
         log.debug("%s", traceback.format_exc())
     if terms.call_fails:

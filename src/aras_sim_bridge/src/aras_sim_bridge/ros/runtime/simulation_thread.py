@@ -18,8 +18,8 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from typing import TypeVar
 
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros.runtime.inbox import Inbox
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
+from aras_sim_bridge.ros.runtime.message_receiver import MessageReceiver
 from aras_sim_bridge.ros.runtime.pacing import BATCH_NS, Pacer
 from aras_sim_bridge.simulation import Simulation
 
@@ -50,7 +50,7 @@ class SimulationThread:
         after_batch: Callable[[int], None] = lambda time_ns: None,
         on_fault: Callable[[BaseException], None] = lambda error: None,
         paused: bool = False,
-        inbox: Inbox | None = None,
+        receiver: MessageReceiver | None = None,
     ) -> None:
         """Prepare; nothing runs before `start`.
 
@@ -69,18 +69,18 @@ class SimulationThread:
         self._on_fault = on_fault
         self._paused = paused
         self._jobs: collections.deque[tuple[Callable[[], object], Future]] = collections.deque()
-        self._inbox = inbox or Inbox()
+        self._receiver = receiver or MessageReceiver()
         self._stream_until_ns = 0
-        self._flooded = False
+        self._is_flooded = False
         self._now_ns = 0
-        self._stopping = False
+        self._is_stopping = False
         self._ready: Future = Future()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
         self.simulation: Simulation | None = None  # None before `start`
         # Called with the time that the coming step ends at; to be set in the simulation's thread.
         self.before_step: Callable[[int], None] | None = None
         # Holds simulated time back while it runs; to be set before `start`. step() ignores it.
-        self.gate: Lockstep | None = None
+        self.lockstep: Lockstep | None = None
 
     def start(self, timeout: float = 60.0) -> None:
         """Build the simulation in the thread and begin.
@@ -102,23 +102,23 @@ class SimulationThread:
         return 0.0 if self._paused else self._pacer.real_time_factor
 
     @property
-    def held(self) -> bool:
+    def is_time_stopped(self) -> bool:
         """Whether no step will come by itself: paused, or a gate is closed."""
-        return self._paused or (self.gate is not None and self.gate.closed)
+        return self._paused or (self.lockstep is not None and self.lockstep.is_closed)
 
     @property
-    def stopping(self) -> bool:
+    def is_stopping(self) -> bool:
         """Whether the thread is told to end."""
-        return self._stopping
+        return self._is_stopping
 
     def wake(self) -> None:
         """Let the thread look again whether there is something to do; from any thread."""
-        self._inbox.ring()
+        self._receiver.wake()
 
     @property
-    def inbox(self) -> Inbox:
+    def receiver(self) -> MessageReceiver:
         """The streams of commands; for jobs only."""
-        return self._inbox
+        return self._receiver
 
     def now_ns(self) -> int:
         """Simulated time [ns] after the last step or job; from any thread, without waiting."""
@@ -139,8 +139,8 @@ class SimulationThread:
             return job()
         future: Future = Future()
         self._jobs.append((job, future))
-        self._inbox.ring()
-        if self._stopping:  # it runs no jobs any more, even where it still closes the simulation
+        self._receiver.wake()
+        if self._is_stopping:  # it runs no jobs any more, even where it still closes the simulation
             self._cancel_jobs()
         try:
             return future.result(timeout)
@@ -156,7 +156,7 @@ class SimulationThread:
         future: Future = Future()
         future.add_done_callback(_log_fault)
         self._jobs.append((job, future))
-        self._inbox.ring()
+        self._receiver.wake()
 
     def pause(self) -> None:
         """Let simulated time stand still; when this returns no step is under way."""
@@ -172,8 +172,8 @@ class SimulationThread:
         def job() -> None:
             if self._paused:
                 self._paused = False
-                if self.gate is not None:
-                    self.gate.clear()  # what step() closed holds for step() only
+                if self.lockstep is not None:
+                    self.lockstep.end_round()  # what step() closed holds for step() only
                 self._pacer.restart(self.simulation.time_ns)
 
         self.call(job)
@@ -198,32 +198,32 @@ class SimulationThread:
 
     def stop(self, timeout: float = 5.0) -> None:
         """End the thread and close the simulation; waiting callers get an exception."""
-        self._stopping = True
-        self._inbox.ring()
+        self._is_stopping = True
+        self._receiver.wake()
         if self._thread.is_alive() and threading.current_thread() is not self._thread:
             self._thread.join(timeout)
         self._cancel_jobs()
 
     def _advance(self, count: int) -> None:
         for _ in range(count):
-            if self._stopping:
+            if self._is_stopping:
                 raise SimulationBusyError(SHUTTING_DOWN)
             self._step(0)
         self._after_batch(self.simulation.time_ns)
 
     def _step(self, backlog: int) -> None:
         simulation = self.simulation
-        self._take(backlog)
+        self._deliver_commands(backlog)
         if self.before_step is not None:
             self.before_step(simulation.time_ns + simulation.step_ns)
         simulation.step()
         self._now_ns = simulation.time_ns
         self._after_step(simulation.time_ns)
 
-    def _take(self, backlog: int) -> bool:
+    def _deliver_commands(self, backlog: int) -> bool:
         """Let the commands act that came; `backlog`: how many of a topic may wait for theirs."""
         time_ns = self.simulation.time_ns
-        if not self._inbox.take(time_ns, backlog):
+        if not self._receiver.deliver(time_ns, backlog):
             return False
         self._stream_until_ns = time_ns + STREAM_NS
         return True
@@ -242,60 +242,60 @@ class SimulationThread:
         except BaseException as error:
             self._on_fault(error)
         finally:
-            self._stopping = True
+            self._is_stopping = True
             self._cancel_jobs()
-            self._inbox.close()
+            self._receiver.close()
             self.simulation.close()
 
     def _loop(self) -> None:
         inbox, jobs, pacer, simulation, gate = (
-            self._inbox, self._jobs, self._pacer, self.simulation, self.gate
+            self._receiver, self._jobs, self._pacer, self.simulation, self.lockstep
         )  # fmt: skip
         while True:
-            inbox.quiet()
-            if self._stopping:  # looked at after the quiet, or a stop in between would be lost
+            inbox.clear_wake()
+            if self._is_stopping:  # looked at after the quiet, or a stop in between would be lost
                 return
             if jobs:
                 self._run_jobs()
             if self._paused:
-                came = self._take(0)
+                came = self._deliver_commands(0)
                 if not jobs:
                     inbox.wait(PAUSED_PERIOD if came else None, commands=not came)
                 continue
-            if gate is not None and gate.closed:
-                self._take(LOCKSTEP_BACKLOG)
-                if (left := gate.remaining()) is not None:
+            if gate is not None and gate.is_closed:
+                self._deliver_commands(LOCKSTEP_BACKLOG)
+                if (left := gate.compute_remaining()) is not None:
                     if not jobs:
                         inbox.wait(left)
                     continue
-            event_ns = simulation.next_picture_ns()
-            end = pacer.due_until(simulation.time_ns, event_ns, self._group_ns())
+            event_ns = simulation.next_image_ns()
+            end = pacer.find_due_time(simulation.time_ns, event_ns, self._compute_group_ns())
             if simulation.time_ns < end:
                 self._make_steps(end)
-            streaming = self._streaming
-            delay = pacer.wait(
-                simulation.time_ns, simulation.next_picture_ns(), self._group_ns()
+            streaming = self._is_streaming
+            delay = pacer.compute_wait(
+                simulation.time_ns, simulation.next_image_ns(), self._compute_group_ns()
             )
             if delay > 0.0 and not jobs and inbox.wait(delay, commands=not streaming):
                 self._stream_until_ns = simulation.time_ns + STREAM_NS
 
     def _make_steps(self, end_ns: int) -> None:
         """Make the steps that are due until `end_ns`, fewer where something is to come between."""
-        simulation, gate, jobs = self.simulation, self.gate, self._jobs
+        simulation, gate, jobs = self.simulation, self.lockstep, self._jobs
         begin_ns = simulation.time_ns
-        while simulation.time_ns < end_ns and not (gate is not None and gate.closed):
+        while simulation.time_ns < end_ns and not (gate is not None and gate.is_closed):
             try:
-                self._step(self._backlog(end_ns))
+                self._step(self._compute_backlog(end_ns))
             except SimError as error:  # it diverged: whoever is there may reset it
                 self._paused = True
                 log.error("simulated time stands still: %s", error)
             if jobs or self._paused:
                 break
         made = max((simulation.time_ns - begin_ns) // simulation.step_ns, 1)
-        self._flooded = self._inbox.most_passed_over() >= FLOOD * made
+        self._is_flooded = self._receiver.take_skipped_count() >= FLOOD * made
         self._after_batch(simulation.time_ns)
 
-    def _backlog(self, end_ns: int) -> int:
+    def _compute_backlog(self, end_ns: int) -> int:
         """How many commands of a topic may wait for the steps after the coming one.
 
         In real time one for each step that is due, and one more: of a stream as fast as the steps
@@ -303,24 +303,24 @@ class SimulationThread:
         """
         if self._pacer.factor > 0.0:
             return -((self.simulation.time_ns - end_ns) // self.simulation.step_ns)
-        return 0 if self.gate is None else LOCKSTEP_BACKLOG
+        return 0 if self.lockstep is None else LOCKSTEP_BACKLOG
 
     @property
-    def _streaming(self) -> bool:
+    def _is_streaming(self) -> bool:
         # Beyond it lies what was set before a reset of time.
         return 0 < self._stream_until_ns - self.simulation.time_ns <= STREAM_NS
 
-    def _group_ns(self) -> int:
+    def _compute_group_ns(self) -> int:
         """Simulated time of the steps that are made together: few wake-ups, unless commands come
         that shall not wait for their step. Of a flood each step has a newer one in any case."""
-        one_by_one = self._streaming and not self._flooded
+        one_by_one = self._is_streaming and not self._is_flooded
         return self.simulation.step_ns if one_by_one else BATCH_NS
 
     def _run_jobs(self) -> None:
         """Run what has been asked for, for a while; at least one job, so that none is left."""
         jobs = self._jobs
         begin = time.monotonic()
-        while jobs and not self._stopping:
+        while jobs and not self._is_stopping:
             self._run_job(*jobs.popleft())
             self._now_ns = self.simulation.time_ns
             now = time.monotonic()

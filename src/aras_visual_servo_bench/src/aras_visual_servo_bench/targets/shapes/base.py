@@ -11,7 +11,7 @@ import numpy as np
 from aras_sim_bridge.description.types import Geometry
 from aras_visual_servo_base.registry import Registry
 from aras_visual_servo_base.settings import check, parameter
-from aras_visual_servo_controller.parameters import MODEL, OUTLINE
+from aras_visual_servo_controller.parameters import MODEL_TRACKER, OUTLINE_TRACKER
 
 from ...errors import ExperimentError
 from ..geometry import PolygonTarget, Target
@@ -33,7 +33,7 @@ class TargetShape(ABC):
     """
 
     name: ClassVar[str] = ""
-    tracker: ClassVar[str] = OUTLINE
+    tracker: ClassVar[str] = OUTLINE_TRACKER
     is_solid: ClassVar[bool] = False
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -54,7 +54,11 @@ class FlatShape(TargetShape):
     """A flat shape within a rectangle."""
 
     size: tuple[float, float] = parameter(
-        (0.2, 0.2), "m", above=0.0, wanted="two lengths, along x and y, m", help="along x and y, m"
+        (0.2, 0.2),
+        "m",
+        above=0.0,
+        expected="two lengths, along x and y, m",
+        help="along x and y, m",
     )
 
 
@@ -69,9 +73,9 @@ class OutlineShape(FlatShape):
 
     def make(self) -> Target:
         """Return the polygon."""
-        return PolygonTarget(self.scaled_corners())
+        return PolygonTarget(self.scale_corners())
 
-    def scaled_corners(self) -> Corners:
+    def scale_corners(self) -> Corners:
         """Return the corners (x, y), m."""
         return tuple((x * self.size[0], y * self.size[1]) for x, y in self.corners)
 
@@ -83,26 +87,26 @@ class SolidShape(TargetShape):
         unit: the solid of size 1 along x, y and z.
     """
 
-    tracker = MODEL
+    tracker = MODEL_TRACKER
     is_solid = True
     unit: ClassVar[Geometry]
 
     size: tuple[float, float, float] = parameter(
-        (0.2, 0.2, 0.2), "m", above=0.0, wanted="three lengths, along x, y and z, m",
+        (0.2, 0.2, 0.2), "m", above=0.0, expected="three lengths, along x, y and z, m",
         help="along x, y and z, m",
     )  # fmt: skip
 
     def make(self) -> Target:
         """Return the solid."""
-        from ..solids import scaled_solid
+        from ..solids import make_scaled_solid
 
-        return scaled_solid(self.unit, self.size, self.name)
+        return make_scaled_solid(self.unit, self.size, self.name)
 
 
 SHAPES = Registry("target shape", __package__, (TargetShape,), ExperimentError)
 
 
-def ring(count: int) -> Corners:
+def make_ring(count: int) -> Corners:
     """Return corners (x, y) of a regular polygon in a circle of diameter 1."""
     around = 2.0 * np.pi * np.arange(count) / count
     return tuple(zip((0.5 * np.cos(around)).tolist(), (0.5 * np.sin(around)).tolist(), strict=True))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry import FLIPPED, Target
+from ..geometry import IMAGE_FLIP, Target
 from .base import SHAPES, FlatShape
 
 
@@ -16,18 +16,18 @@ class FourDots(FlatShape):
 
     def make(self) -> Target:
         """Return the rectangle with the dots, whose middles are known."""
-        from ..textures import TexturedTarget, blank
+        from ..textures import TexturedTarget, make_blank_image
 
         w, h = size = self.size
         middles = 0.25 * np.array([[-w, -h], [w, -h], [w, h], [-w, h]])
-        pixels, per = blank(size)
+        pixels, per = make_blank_image(size)
         for x, y in middles:
             centre = ((x + 0.5 * w) * per - 0.5, (y + 0.5 * h) * per - 0.5)
-            _disc(pixels, centre, 0.05 * w * per)
-        return TexturedTarget(pixels, size, middles * FLIPPED)
+            _draw_disc(pixels, centre, 0.05 * w * per)
+        return TexturedTarget(pixels, size, middles * IMAGE_FLIP)
 
 
-def _disc(pixels: np.ndarray, centre: tuple[float, float], radius: float) -> None:
+def _draw_disc(pixels: np.ndarray, centre: tuple[float, float], radius: float) -> None:
     """A black disc with smooth edges, px."""
     left, top = (max(int(middle - radius) - 1, 0) for middle in centre)
     right, bottom = (int(middle + radius) + 3 for middle in centre)

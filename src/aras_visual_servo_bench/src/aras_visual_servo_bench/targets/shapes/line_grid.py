@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry import FLIPPED, Target
+from ..geometry import IMAGE_FLIP, Target
 from .base import SHAPES, FlatShape
 
 
@@ -16,10 +16,10 @@ class LineGrid(FlatShape):
 
     def make(self) -> Target:
         """Return the rectangle with the lines; the crossings of the outermost four are known."""
-        from ..textures import TexturedTarget, blank
+        from ..textures import TexturedTarget, make_blank_image
 
         w, h = size = self.size
-        pixels, per = blank(size)
+        pixels, per = make_blank_image(size)
         wide = max(int(round(0.01 * w * per)), 1)
         across = np.linspace(-0.4, 0.4, 5)
         for part in across:
@@ -31,4 +31,4 @@ class LineGrid(FlatShape):
             pixels[low_v : low_v + wide, first:last] = 0
         low, high = across[0], across[-1]
         crossings = np.array([(low, low), (high, low), (high, high), (low, high)]) * size
-        return TexturedTarget(pixels, size, crossings * FLIPPED)
+        return TexturedTarget(pixels, size, crossings * IMAGE_FLIP)

@@ -7,7 +7,7 @@ import numpy as np
 from aras_visual_servo_base.settings import parameter
 from aras_visual_servo_camera.markers import MarkerChoice
 
-from ..geometry import FLIPPED, Target
+from ..geometry import IMAGE_FLIP, Target
 from .base import SHAPES, FlatShape
 
 
@@ -21,16 +21,16 @@ class Marker(FlatShape):
 
     def make(self) -> Target:
         """Return the rectangle with the marker, whose corners are known."""
-        from ..textures import TexturedTarget, blank
+        from ..textures import TexturedTarget, make_blank_image
 
         choice = MarkerChoice.read(self.marker, "target.marker")
-        pixels, _ = blank(self.size)
+        pixels, _ = make_blank_image(self.size)
         cells = choice.cells + 2  # one of white on either side
         side = min(pixels.shape) // cells * choice.cells
-        tag = choice.image(side)
+        tag = choice.draw_marker(side)
         top, left = ((n - side) // 2 for n in pixels.shape)
         pixels[top : top + side, left : left + side] = tag
         per = pixels.shape[1] / self.size[0]
         corners = np.array([[0, 0], [side, 0], [side, side], [0, side]], float) + (left, top)
-        known = (corners / per - 0.5 * np.asarray(self.size)) * FLIPPED
+        known = (corners / per - 0.5 * np.asarray(self.size)) * IMAGE_FLIP
         return TexturedTarget(pixels, self.size, known)

@@ -18,10 +18,10 @@ class Poster(FlatShape):
         """Return the rectangle with the picture, which is the same every time."""
         import cv2
 
-        from ..textures import TexturedTarget, blank
+        from ..textures import TexturedTarget, make_blank_image
 
         random = np.random.default_rng(SEED)
-        pixels, _ = blank(self.size)
+        pixels, _ = make_blank_image(self.size)
         rows, columns = pixels.shape
         cloud = np.zeros((rows, columns), np.float32)
         for cells in (4, 8, 16, 32, 64):

@@ -16,15 +16,15 @@ import tornado.ioloop
 from aras_visual_servo_base.settings import build, parameter
 
 from ...errors import BenchError, RefusedError, StudyError
-from ...pictures.palette import REPORT, REPORT_DARK, css
-from ...study import compare
+from ...plots.palette import REPORT, REPORT_DARK, make_css
+from ...studies import compare
 from .. import SHARED
 from ..access import Access
 from ..messages import read_message
-from ..server import Guarded, WebServer, begin, is_local
-from ..uplot import SCRIPT, STYLE, uplot
+from ..server import AuthorizedHandler, WebServer, is_local, start_server
+from ..uplot import SCRIPT, STYLE, read_uplot
 from . import queries
-from .queries import GroupsAsked, MapAsked, PointsAsked, RowsAsked
+from .queries import GroupQuery, MapQuery, PointQuery, RowQuery
 from .reports import Reports
 from .studies import Snapshot, Studies
 
@@ -32,7 +32,7 @@ FILES = Path(__file__).parent / "page"
 
 
 @dataclass(frozen=True)
-class RunAsked:
+class RunQuery:
     """A run of a study."""
 
     study: str
@@ -40,7 +40,7 @@ class RunAsked:
 
 
 @dataclass(frozen=True)
-class CompareAsked:
+class ComparisonQuery:
     """Two studies. by: columns that make groups; empty: the settings that both have."""
 
     first: str
@@ -49,15 +49,15 @@ class CompareAsked:
 
 
 @dataclass(frozen=True)
-class StudiesAsked:
+class StudiesQuery:
     """All studies. now: look at the folders at once."""
 
     now: bool = False
 
 
 REQUESTS: Mapping[str, type] = {
-    "studies": StudiesAsked, "rows": RowsAsked, "groups": GroupsAsked, "map": MapAsked,
-    "points": PointsAsked, "run": RunAsked, "compare": CompareAsked,
+    "studies": StudiesQuery, "rows": RowQuery, "groups": GroupQuery, "map": MapQuery,
+    "points": PointQuery, "run": RunQuery, "compare": ComparisonQuery,
 }  # fmt: skip
 
 
@@ -65,7 +65,7 @@ class BrowseServer(WebServer):
     """The results browser's."""
 
     index = FILES / "index.html"
-    compress = False  # megabytes of points, to this machine most often
+    is_compressed = False  # megabytes of points, to this machine most often
 
     def __init__(
         self, studies: Studies, access: Access, sockets: list[socket.socket]
@@ -74,69 +74,73 @@ class BrowseServer(WebServer):
         super().__init__(access, sockets)
         self.studies, self.reports = studies, Reports()
         self._files = {
-            "uplot.js": uplot(SCRIPT),
-            "style.css": css(REPORT) + css(REPORT_DARK, "[data-theme=dark]") + uplot(STYLE)
+            "uplot.js": read_uplot(SCRIPT),
+            "style.css": make_css(REPORT) + make_css(REPORT_DARK,
+                "[data-theme=dark]") + read_uplot(STYLE)
             + (SHARED / "style.css").read_text(encoding="utf-8"),
             **{path.name: path.read_text(encoding="utf-8")
                for path in (*FILES.glob("*.js"), SHARED / "charts.js")},
         }  # fmt: skip
 
-    def routes(self) -> list[tuple[str, type[Guarded]]]:
+    def list_routes(self) -> list[tuple[str, type[AuthorizedHandler]]]:
         """See WebServer."""
-        return [(r"/ask", Questions), (r"/run", RunPage)]
+        return [(r"/ask", QueryHandler), (r"/run", RunReportHandler)]
 
-    def page_file(self, name: str) -> str | None:
+    def find_page_file(self, name: str) -> str | None:
         """See WebServer."""
         return self._files.get(name)
 
-    def ended(self) -> None:
+    def on_stop(self) -> None:
         """See WebServer."""
         self.reports.close()
 
-    def answer(self, text: str) -> dict[str, Any]:
+    def answer_query(self, text: str) -> dict[str, Any]:
         """To a question of the page; BenchError where it cannot be answered."""
-        do, fields = read_message(text, REQUESTS, self.largest)
+        do, fields = read_message(text, REQUESTS, self.max_message_bytes)
         asked = build(REQUESTS[do], fields, f"{do}: ", RefusedError)
-        look = self.studies.look(isinstance(asked, StudiesAsked) and asked.now)
-        return {"version": look.version, **_ANSWERS[do](look, asked)}
+        look = self.studies.read_snapshot(isinstance(asked, StudiesQuery) and asked.now)
+        return {"version": look.version, **_QUERY_FUNCTIONS[do](look, asked)}
 
 
-def _studies(look: Snapshot, asked: StudiesAsked) -> dict[str, Any]:
+def _list_studies(snapshot: Snapshot, query: StudiesQuery) -> dict[str, Any]:
     return {
-        "studies": [{"name": seen.name, "path": str(seen.path), "runs": seen.runs, "of": seen.of,
-                     "note": seen.note} for seen in look.studies],
-        "note": look.note,
-        "columns": queries.columns(look),
+        "studies": [{"name": seen.name, "path": str(seen.path), "runs": seen.stored_run_count,
+            "of": seen.run_count,
+                     "note": seen.note} for seen in snapshot.studies],
+        "note": snapshot.note,
+        "columns": queries.describe_columns(snapshot),
         "operators": queries.OPERATORS,
     }  # fmt: skip
 
 
-def _compared(look: Snapshot, asked: CompareAsked) -> dict[str, Any]:
+def _compare_studies(snapshot: Snapshot, query: ComparisonQuery) -> dict[str, Any]:
     """Differences of two studies, the surest first."""
-    first, second = (look.study(name) for name in (asked.first, asked.second))
+    first, second = (snapshot.find_study(name) for name in (query.first, query.second))
     for seen in (first, second):
         if seen.results is None:
             raise StudyError(f"{seen.name} has no rows yet")
-    found = compare.differences(first.results, second.results, asked.by)
+    found = compare.find_differences(first.results, second.results, query.by)
     return {
-        "level": compare.LEVEL,
+        "level": compare.SIGNIFICANCE_LEVEL,
         "differences": [
-            {"group": d.group, "metric": d.metric, "verdict": d.verdict, "p": queries.plain(d.p),
-             "before": queries.plain(d.found.before), "after": queries.plain(d.found.after),
-             "count": d.found.count, "paired": d.found.paired}
+            {"group": d.group, "metric": d.metric, "verdict": d.verdict,
+                "p": queries.to_json_value(d.p),
+             "before": queries.to_json_value(d.comparison.before),
+             "after": queries.to_json_value(d.comparison.after),
+             "count": d.comparison.count, "paired": d.comparison.paired}
             for d in sorted(found, key=lambda d: (d.verdict == compare.CHANCE, d.p))
         ],
     }  # fmt: skip
 
 
-_ANSWERS: Mapping[str, Callable[[Snapshot, Any], dict[str, Any]]] = {
-    "studies": _studies, "rows": queries.some_rows, "groups": queries.groups,
-    "map": queries.success_map, "points": queries.points, "compare": _compared,
-    "run": lambda look, asked: {"row": queries.run_row(look, asked.study, asked.run)},
+_QUERY_FUNCTIONS: Mapping[str, Callable[[Snapshot, Any], dict[str, Any]]] = {
+    "studies": _list_studies, "rows": queries.list_rows, "groups": queries.compute_groups,
+    "map": queries.compute_success_map, "points": queries.find_points, "compare": _compare_studies,
+    "run": lambda look, asked: {"row": queries.find_run_row(look, asked.study, asked.run)},
 }  # fmt: skip
 
 
-class Questions(Guarded):
+class QueryHandler(AuthorizedHandler):
     """What the page asks, each a JSON object by POST."""
 
     async def post(self) -> None:
@@ -144,7 +148,7 @@ class Questions(Guarded):
         text = self.request.body.decode(errors="replace")
         self.set_header("Content-Type", "application/json")
         try:
-            answer = await loop.run_in_executor(server.workers, server.answer, text)
+            answer = await loop.run_in_executor(server.workers, server.answer_query, text)
         except BenchError as error:
             self.set_status(400)
             answer = {"error": str(error)}
@@ -155,13 +159,13 @@ class Questions(Guarded):
         self.finish(json.dumps(answer, separators=(",", ":")))
 
 
-WAITING = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>
+WAITING_PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <link rel="stylesheet" href="/style.css"></head><body><header><h1>{title}</h1></header>
 <main><section><p id="waiting">{text}</p></section></main></body></html>"""
 
 
-class RunPage(Guarded):
+class RunReportHandler(AuthorizedHandler):
     """The report of a run; a page that asks again each second until it is computed."""
 
     async def get(self) -> None:
@@ -176,7 +180,7 @@ class RunPage(Guarded):
                 server.workers, server.reports.ask, seen, int(run)
             )
             if isinstance(found, Path):
-                self.give_report(found)
+                self.send_report(found)
                 return
             text, again = (f"Carried out once more, with its pictures, for the report: "
                            f"{found:.0f} s …"), True  # fmt: skip
@@ -185,7 +189,7 @@ class RunPage(Guarded):
             text = str(error)
         if again:
             self.set_header("Refresh", "1")
-        self.finish(WAITING.format(title=html.escape(title), text=html.escape(text)))
+        self.finish(WAITING_PAGE.format(title=html.escape(title), text=html.escape(text)))
 
 
 def serve(
@@ -198,8 +202,8 @@ def serve(
         BenchError: a folder that is none, no free port, or the library that draws is missing.
     """
     studies = Studies(folders)
-    studies.look()
-    server = begin(lambda access, sockets: BrowseServer(studies, access, sockets),
+    studies.read_snapshot()
+    server = start_server(lambda access, sockets: BrowseServer(studies, access, sockets),
                    "the results browser", address, port, token, say)  # fmt: skip
     if not is_local(address):
         say(f"it listens on {address}: whoever reads its address on the network sees the results; "

@@ -17,23 +17,23 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from ...asked.experiment_keys import unit_of
 from ...errors import StudyError
-from ...numbers import metrics
-from ...numbers.printing import legible
-from ...study import rows
-from ...study.folder import MANIFEST, PARTS, TIMES, Folder
-from ...study.results import Results
+from ...experiment.experiment_keys import find_unit
+from ...metrics import metrics
+from ...metrics.formatting import make_printable
+from ...studies import rows
+from ...studies.results import Results
+from ...studies.study_folder import MANIFEST, PARTS, TIMES, StudyFolder
 
-EVERY = 1.0  # s, at least, between two looks at the folders
-DEEPEST = 4  # folders below one that is given, in which studies are looked for
-MOST = 200  # studies
+READ_PERIOD = 1.0  # s, at least, between two looks at the folders
+MAX_FOLDER_DEPTH = 4  # folders below one that is given, in which studies are looked for
+MAX_STUDIES = 200  # studies
 STUDY, END = "study", "end"  # columns beside those of the rows
 SETTING, METRIC, OTHER = "setting", "metric", "run"
 
 
 @dataclass
-class FoundStudy:
+class StudyEntry:
     """A study that was found.
 
     Attributes:
@@ -43,14 +43,14 @@ class FoundStudy:
 
     name: str
     path: Path
-    of: int = 0
+    run_count: int = 0
     note: str = ""
     results: Results | None = None
-    folder: Folder | None = None
-    mark: tuple = ()
+    folder: StudyFolder | None = None
+    fingerprint: tuple = ()
 
     @property
-    def runs(self) -> int:
+    def stored_run_count(self) -> int:
         """Rows that are there."""
         return 0 if self.results is None else self.results.table.num_rows
 
@@ -67,13 +67,13 @@ class Snapshot:
     """
 
     version: int
-    studies: tuple[FoundStudy, ...]
+    studies: tuple[StudyEntry, ...]
     table: pa.Table
     units: dict[str, str] = field(default_factory=dict)
     roles: dict[str, str] = field(default_factory=dict)
     note: str = ""
 
-    def study(self, name: str) -> FoundStudy:
+    def find_study(self, name: str) -> StudyEntry:
         """That of a name; StudyError where there is none."""
         for seen in self.studies:
             if seen.name == name:
@@ -84,88 +84,90 @@ class Snapshot:
 class Studies:
     """Looks at folders, from any thread."""
 
-    def __init__(self, given: Sequence[Path]) -> None:
-        """`given`: folders of studies, or of folders of studies.
+    def __init__(self, folders: Sequence[Path]) -> None:
+        """`folders`: folders of studies, or of folders of studies.
 
         Raises:
             StudyError: one of them is none.
         """
-        for path in given:
+        for path in folders:
             if not path.is_dir():
                 raise StudyError(f"there is no folder {path}")
-        self._given = [path.resolve() for path in given]
-        self._known: dict[Path, FoundStudy] = {}
-        self._lock, self._when = threading.Lock(), float("-inf")
-        self._last = Snapshot(0, (), pa.table({}))
+        self._folders = [path.resolve() for path in folders]
+        self._entries: dict[Path, StudyEntry] = {}
+        self._lock, self._read_time = threading.Lock(), float("-inf")
+        self._snapshot = Snapshot(0, (), pa.table({}))
 
-    def look(self, now: bool = False) -> Snapshot:
-        """How they stand; read anew at most once a second, unless `now`."""
+    def read_snapshot(self, is_forced: bool = False) -> Snapshot:
+        """How they stand; read anew at most once a second, unless `is_forced`."""
         with self._lock:
-            if now or time.monotonic() - self._when > EVERY:
-                self._look()
-                self._when = time.monotonic()
-            return self._last
+            if is_forced or time.monotonic() - self._read_time > READ_PERIOD:
+                self._update()
+                self._read_time = time.monotonic()
+            return self._snapshot
 
-    def _look(self) -> None:
-        found = list(self._found())
+    def _update(self) -> None:
+        found = list(self._find_folders())
         note = ""
-        if len(found) > MOST:
-            note = f"only the first {MOST} studies are shown: name folders that hold fewer"
-        changed = note != self._last.note
-        for path in found[:MOST]:
-            if path not in self._known:
-                self._known[path] = FoundStudy(self._name(path), path)
+        if len(found) > MAX_STUDIES:
+            note = f"only the first {MAX_STUDIES} studies are shown: name folders that hold fewer"
+        changed = note != self._snapshot.note
+        for path in found[:MAX_STUDIES]:
+            if path not in self._entries:
+                self._entries[path] = StudyEntry(self._choose_name(path), path)
                 changed = True
-        for seen in self._known.values():
-            changed |= _read(seen)
+        for seen in self._entries.values():
+            changed |= _update_entry(seen)
         if changed:
-            studies = tuple(self._known.values())
-            table, units, roles = _joined(studies)
-            self._last = Snapshot(self._last.version + 1, studies, table, units, roles, note)
+            studies = tuple(self._entries.values())
+            table, units, roles = _join_tables(studies)
+            self._snapshot = Snapshot(
+                self._snapshot.version + 1, studies, table, units, roles, note
+            )
 
-    def _found(self) -> Iterator[Path]:
+    def _find_folders(self) -> Iterator[Path]:
         """Folders with a manifest, none of them by a link that leads elsewhere; one more than the
         most that are shown."""
         count = 0
-        for given in self._given:
+        for given in self._folders:
             for at, folders, files in os.walk(given):
                 if MANIFEST in files:
                     yield Path(at)
                     count += 1
-                deep = len(Path(at).relative_to(given).parts) >= DEEPEST
+                deep = len(Path(at).relative_to(given).parts) >= MAX_FOLDER_DEPTH
                 folders[:] = [] if MANIFEST in files or deep else sorted(folders)
-                if count > MOST:
+                if count > MAX_STUDIES:
                     return
 
-    def _name(self, path: Path) -> str:
+    def _choose_name(self, path: Path) -> str:
         """The folder's, with as many of those above as tell it from the others."""
-        taken = {seen.name for seen in self._known.values()}
+        taken = {seen.name for seen in self._entries.values()}
         for parts in range(1, len(path.parts) + 1):
-            name = legible("/".join(path.parts[-parts:]))
+            name = make_printable("/".join(path.parts[-parts:]))
             if name not in taken:
                 return name
-        return f"{legible(path)} ({len(taken) + 1})"
+        return f"{make_printable(path)} ({len(taken) + 1})"
 
 
-def _read(seen: FoundStudy) -> bool:
+def _update_entry(entry: StudyEntry) -> bool:
     """Read what has changed of a study; whether anything has."""
-    mark = _mark(seen.path)
-    if mark == seen.mark:
+    mark = _compute_fingerprint(entry.path)
+    if mark == entry.fingerprint:
         return False
-    before, seen.mark, seen.note = seen.mark, mark, ""
+    before, entry.fingerprint, entry.note = entry.fingerprint, mark, ""
     try:
-        if seen.folder is None or before[:1] != mark[:1]:  # another manifest
-            seen.folder = Folder.open(seen.path)
-            seen.of = seen.folder.study.runs
-        seen.results = Results.of(seen.folder)
+        if entry.folder is None or before[:1] != mark[:1]:  # another manifest
+            entry.folder = StudyFolder.open(entry.path)
+            entry.run_count = entry.folder.study.run_count
+        entry.results = Results.from_folder(entry.folder)
     except StudyError as error:  # the rows that were there before are shown on
-        seen.note = str(error)
+        entry.note = str(error)
         if not mark[0]:
-            seen.results, seen.folder, seen.note = None, None, f"{seen.path} is gone"
+            entry.results, entry.folder, entry.note = None, None, f"{entry.path} is gone"
     return True
 
 
-def _mark(path: Path) -> tuple:
+def _compute_fingerprint(path: Path) -> tuple:
     """What changes where the folder changes: of its manifest, and of each part."""
     try:
         manifest = (path / MANIFEST).stat()
@@ -184,7 +186,7 @@ def _mark(path: Path) -> tuple:
     return ((manifest.st_mtime_ns, manifest.st_size), *sorted(parts))
 
 
-def _joined(studies: Sequence[FoundStudy]) -> tuple[pa.Table, dict[str, str], dict[str, str]]:
+def _join_tables(studies: Sequence[StudyEntry]) -> tuple[pa.Table, dict[str, str], dict[str, str]]:
     """One table of all rows; and of its columns the units, and what they are."""
     tables, units, roles = [], {}, {}
     for seen in studies:
@@ -192,28 +194,28 @@ def _joined(studies: Sequence[FoundStudy]) -> tuple[pa.Table, dict[str, str], di
             continue
         results = seen.results
         table = results.table.drop_columns(
-            [name for name in rows.LABELS if name in results.table.column_names]
+            [name for name in rows.LABEL_COLUMNS if name in results.table.column_names]
         )
-        success = pa.array(results.successes(), pa.float64())
+        success = pa.array(results.compute_successes(), pa.float64())
         if metrics.success.name in table.column_names:
             table = table.drop_columns([metrics.success.name])
         columns = {
             STUDY: pa.repeat(seen.name, table.num_rows),
             **dict(zip(table.column_names, table.columns, strict=True)),
-            END: results.end_column(), metrics.success.name: success,
+            END: results.make_end_column(), metrics.success.name: success,
         }  # fmt: skip
         tables.append(pa.table(columns))
         roles |= {key: SETTING for key in results.study.keys if key in columns}
-        units |= {key: unit_of(key) for key in results.study.keys}
+        units |= {key: find_unit(key) for key in results.study.keys}
         roles |= {one.name: METRIC for one in results.metrics}
         units |= {one.name: one.unit for one in results.metrics}
         roles[metrics.success.name] = METRIC
     units |= {"simulated": "s"}
-    joined = _of_one_type(tables)
+    joined = _unify_types(tables)
     return joined, units, {name: roles.get(name, OTHER) for name in joined.column_names}
 
 
-def _of_one_type(tables: Sequence[pa.Table]) -> pa.Table:
+def _unify_types(tables: Sequence[pa.Table]) -> pa.Table:
     """The tables below each other; what is a number here and a word there is a word."""
     if not tables:
         return pa.table({})

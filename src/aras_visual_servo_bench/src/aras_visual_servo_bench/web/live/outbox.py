@@ -10,13 +10,13 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from .page import KEPT
+from .page import MAX_SAMPLES
 
-AHEAD = 3  # messages that are sent before the first of them has been seen
-SEEN = "seen"  # what a viewer says of each news and each picture
+MAX_UNACKNOWLEDGED = 3  # messages that are sent before the first of them has been seen
+ACKNOWLEDGED = "seen"  # what a viewer says of each news and each picture
 
 
-def merged(older: dict[str, Any], newer: dict[str, Any]) -> dict[str, Any]:
+def merge_updates(older: dict[str, Any], newer: dict[str, Any]) -> dict[str, Any]:
     """One news that tells what the two tell one after the other."""
     both = {**older, **newer}
     if "shapes" in older and "shapes" in newer:
@@ -25,13 +25,13 @@ def merged(older: dict[str, Any], newer: dict[str, Any]) -> dict[str, Any]:
         rows = older["samples"] + newer["samples"]
         clears = [i for i, row in enumerate(rows) if row[0] == "clear"]
         both["samples"] = rows[clears[-1]:] if clears else rows
-        if len(both["samples"]) > KEPT:
-            both["samples"] = [["clear"], *both["samples"][-KEPT:]]
+        if len(both["samples"]) > MAX_SAMPLES:
+            both["samples"] = [["clear"], *both["samples"][-MAX_SAMPLES:]]
     both["kind"] = older["kind"]  # everything, and then some news, is everything
     return both
 
 
-def text_of(message: dict[str, Any]) -> str:
+def to_json(message: dict[str, Any]) -> str:
     """As it is sent."""
     return json.dumps(message, separators=(",", ":"))
 
@@ -41,34 +41,34 @@ class Outbox:
 
     def __init__(self, send: Callable[[str | bytes], None]) -> None:
         self._send = send
-        self._unseen = 0
-        self._news: dict[str, Any] | None = None
-        self._picture: bytes | None = None
+        self._unacknowledged = 0
+        self._update: dict[str, Any] | None = None
+        self._image: bytes | None = None
 
-    def news(self, message: dict[str, Any], text: str = "") -> None:
+    def send_update(self, message: dict[str, Any], text: str = "") -> None:
         """Tell it, now or with what follows; `text` is the same, where it is there already."""
-        if self._unseen >= AHEAD:
-            self._news = message if self._news is None else merged(self._news, message)
+        if self._unacknowledged >= MAX_UNACKNOWLEDGED:
+            self._update = message if self._update is None else merge_updates(self._update, message)
             return
-        self._pass(text or text_of(message))
+        self._send_now(text or to_json(message))
 
-    def picture(self, picture: bytes) -> None:
+    def send_image(self, image: bytes) -> None:
         """Show it, now or, if no newer one comes before, later."""
-        if self._unseen >= AHEAD:
-            self._picture = picture
+        if self._unacknowledged >= MAX_UNACKNOWLEDGED:
+            self._image = image
             return
-        self._pass(picture)
+        self._send_now(image)
 
-    def seen(self) -> None:
+    def acknowledge(self) -> None:
         """The viewer has seen one of those that were sent."""
-        self._unseen = max(0, self._unseen - 1)
-        if self._news is not None:
-            news, self._news = self._news, None
-            self._pass(text_of(news))
-        if self._picture is not None and self._unseen < AHEAD:
-            picture, self._picture = self._picture, None
-            self._pass(picture)
+        self._unacknowledged = max(0, self._unacknowledged - 1)
+        if self._update is not None:
+            news, self._update = self._update, None
+            self._send_now(to_json(news))
+        if self._image is not None and self._unacknowledged < MAX_UNACKNOWLEDGED:
+            picture, self._image = self._image, None
+            self._send_now(picture)
 
-    def _pass(self, message: str | bytes) -> None:
-        self._unseen += 1
+    def _send_now(self, message: str | bytes) -> None:
+        self._unacknowledged += 1
         self._send(message)

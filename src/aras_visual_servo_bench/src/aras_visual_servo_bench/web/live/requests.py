@@ -8,58 +8,61 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, make_dataclass
 from typing import Any
 
-from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.setting_values import said
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.setting_values import format_value
 from aras_visual_servo_base.settings import build, parameter
 
 from ...errors import RefusedError
 
-STEPS = 10_000  # physics steps of one request: 10 s of simulated time
-OFFSET, TURN = 0.3, math.pi  # greatest shift (m) and turn (rad) of a goal by the page
-SPEED, TURN_RATE = 0.25, 1.0  # m/s and rad/s of a camera that is driven by hand
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
+MAX_STEPS = 10_000  # physics steps of one request: 10 s of simulated time
+MAX_OFFSET, MAX_TURN = 0.3, math.pi  # greatest shift (m) and turn (rad) of a goal by the page
+MAX_SPEED, MAX_TURN_RATE = 0.25, 1.0  # m/s and rad/s of a camera that is driven by hand
+NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
 
 
 @dataclass(frozen=True)
-class Taught:
+class GoalName:
     """The name of a goal, which becomes a file's."""
 
     name: str
 
     def __post_init__(self) -> None:
-        if not NAME.fullmatch(self.name):
-            raise RefusedError(f"teach: name is {said(self.name)}, must be letters, digits, - and "
+        if not NAME_PATTERN.fullmatch(self.name):
+            raise RefusedError(f"teach: name is {format_value(self.name)}, must be letters, "
+                               "digits, - and "
                                "_, 40 at most")  # fmt: skip
 
 
-def _asked(**fields: type | tuple[type, Any]) -> type:
+def _make_request_type(**fields: type | tuple[type, Any]) -> type:
     """A dataclass: each field's kind of value, with its rules where it has some."""
     found = [(name, *(kind if isinstance(kind, tuple) else (kind,)))
              for name, kind in fields.items()]  # fmt: skip
     return make_dataclass("Asked", found)
 
 
-def _up_to(most: float) -> tuple[type, Any]:
+def _limit_magnitude(most: float) -> tuple[type, Any]:
     return float, parameter(0.0, least=-most, most=most)
 
 
 # What may be asked for, and with what.
 REQUESTS: dict[str, type] = {
     **dict.fromkeys(("start", "stop", "hold", "reset", "pause", "resume", "record", "stop_record",
-                     "report"), _asked()),
-    "step": _asked(steps=(int, parameter(least=1, most=STEPS))),
-    "gain": _asked(name=str, value=(float, parameter(least=1e-3, most=100.0))),
-    "servo": _asked(scheme=str, law=str, start=str, goal=str),
-    "goal": _asked(x=_up_to(OFFSET), y=_up_to(OFFSET), z=_up_to(OFFSET), turn=_up_to(TURN)),
-    "camera": _asked(preset=str),
-    "target": _asked(name=str),
-    "teach": Taught,
-    "jog": _asked(vx=_up_to(SPEED), vy=_up_to(SPEED), vz=_up_to(SPEED), wx=_up_to(TURN_RATE),
-                  wy=_up_to(TURN_RATE), wz=_up_to(TURN_RATE)),
-    "jog_joint": _asked(joint=str, speed=(float, parameter(least=-1.0, most=1.0))),
+                     "report"), _make_request_type()),
+    "step": _make_request_type(steps=(int, parameter(least=1, most=MAX_STEPS))),
+    "gain": _make_request_type(name=str, value=(float, parameter(least=1e-3, most=100.0))),
+    "servo": _make_request_type(scheme=str, law=str, start=str, goal=str),
+    "goal": _make_request_type(x=_limit_magnitude(MAX_OFFSET), y=_limit_magnitude(MAX_OFFSET),
+        z=_limit_magnitude(MAX_OFFSET), turn=_limit_magnitude(MAX_TURN)),
+    "camera": _make_request_type(preset=str),
+    "target": _make_request_type(name=str),
+    "teach": GoalName,
+    "jog": _make_request_type(vx=_limit_magnitude(MAX_SPEED), vy=_limit_magnitude(MAX_SPEED),
+        vz=_limit_magnitude(MAX_SPEED), wx=_limit_magnitude(MAX_TURN_RATE),
+                  wy=_limit_magnitude(MAX_TURN_RATE), wz=_limit_magnitude(MAX_TURN_RATE)),
+    "jog_joint": _make_request_type(joint=str, speed=(float, parameter(least=-1.0, most=1.0))),
 }  # fmt: skip
 # Fields that hold one of the page's choices, and the kind of those.
-CHOSEN = {
+CHOICE_FIELDS = {
     "gain": {"name": "gains"}, "camera": {"preset": "cameras"}, "target": {"name": "targets"},
     "servo": {"scheme": "schemes", "law": "laws", "start": "starts", "goal": "goals"},
     "jog_joint": {"joint": "joints"},
@@ -71,7 +74,7 @@ class Request:
     """A checked request: what is to be done, and with what."""
 
     do: str
-    given: Mapping[str, Any]
+    arguments: Mapping[str, Any]
 
 
 def read_request(
@@ -83,9 +86,9 @@ def read_request(
         RefusedError: one of the fields is missing, unknown or wrong.
     """
     given = vars(build(REQUESTS[do], fields, f"{do}: ", RefusedError))
-    for name, kind in CHOSEN.get(do, {}).items():
+    for name, kind in CHOICE_FIELDS.get(do, {}).items():
         known = choices.get(kind, ())
         if given[name] not in known:
-            raise RefusedError(f"{do}: {name} is {said(given[name])}: "
-                               f"{nearest(given[name], known)}")  # fmt: skip
+            raise RefusedError(f"{do}: {name} is {format_value(given[name])}: "
+                               f"{suggest(given[name], known)}")  # fmt: skip
     return Request(do, given)

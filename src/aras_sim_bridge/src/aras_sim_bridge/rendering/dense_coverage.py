@@ -1,0 +1,154 @@
+"""Pixels with many triangles: samples say which hide which, exact widths how large each is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit_inline, jit_inline_numba
+
+from .areas import COPLANAR_TOLERANCE, PLANE
+
+FINE = 32  # samples in pixels with more than CROWD triangles
+UNIT = 1 << 20  # of widths, so that sums of them are whole numbers and need no order
+# The samples from the pixel's centre, px: each in a column and a row of its own, the rows by the
+# bits of the column turned round (Hammersley's points).
+SAMPLE_X = ((np.arange(FINE) + 0.5) / FINE - 0.5).astype(np.float32)
+SAMPLE_ROW = np.array([int(f"{n:05b}"[::-1], 2) for n in range(FINE)], np.int32)
+SAMPLE_Y = SAMPLE_X[SAMPLE_ROW]
+
+
+@jit_inline_numba
+def sample_pixel(triangles, line, lines, sliver, x0, y0, count, opaque_count, work, counts):
+    """counts (., 2): of each of the `count` triangles in the pixel at x0, y0 the samples in it, and
+    those that it shows, -1 for slivers; one over the distance of the farthest of those that samples
+    show. work: (3, FINE) float32."""
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for i in range(FINE):
+        work[0, i], work[2, i] = zero, -one  # nearest, and which that is
+    for n in range(count):
+        k = triangles[n]
+        counts[n, 0] = counts[n, 1] = 0.0
+        a0 = a1 = a2 = one  # lines that are not there are above everywhere
+        b0 = b1 = b2 = c0 = c1 = c2 = zero
+        if sliver[k]:
+            counts[n, 0] = -1.0
+            continue
+        if lines[k] > 0:
+            b0, c0 = np.float32(line[k, 0, 1]), np.float32(line[k, 0, 2])
+            b1, c1 = np.float32(line[k, 1, 1]), np.float32(line[k, 1, 2])
+            b2, c2 = np.float32(line[k, 2, 1]), np.float32(line[k, 2, 2])
+            a0 = np.float32(line[k, 0, 0] + line[k, 0, 1] * x0 + line[k, 0, 2] * y0)
+            a1 = np.float32(line[k, 1, 0] + line[k, 1, 1] * x0 + line[k, 1, 2] * y0)
+            a2 = np.float32(line[k, 2, 0] + line[k, 2, 1] * x0 + line[k, 2, 2] * y0)
+        a = np.float32(line[k, PLANE, 0] + line[k, PLANE, 1] * x0 + line[k, PLANE, 2] * y0)
+        b, c = np.float32(line[k, PLANE, 1]), np.float32(line[k, PLANE, 2])
+        name, hits, shown = np.float32(n), np.int32(0), np.int32(0)
+        if n < opaque_count and lines[k] <= 3:
+            for i in range(FINE):
+                x, y = SAMPLE_X[i], SAMPLE_Y[i]
+                l0, l1, l2 = a0 + b0 * x + c0 * y, a1 + b1 * x + c1 * y, a2 + b2 * x + c2 * y
+                depth = a + b * x + c * y
+                there = (l0 >= zero) & (l1 >= zero) & (l2 >= zero)
+                ahead = there & (depth > work[0, i])
+                work[1, i] = one if there else zero
+                work[0, i] = depth if ahead else work[0, i]
+                work[2, i] = name if ahead else work[2, i]
+        else:
+            for i in range(FINE):
+                x, y = SAMPLE_X[i], SAMPLE_Y[i]
+                there = min(a0 + b0 * x + c0 * y, a1 + b1 * x + c1 * y, a2 + b2 * x + c2 * y)
+                for j in range(3, lines[k]):
+                    there = min(there, np.float32(line[k, j, 0] + line[k, j, 1] * (x0 + x)
+                                                  + line[k, j, 2] * (y0 + y)))
+                depth = a + b * x + c * y
+                work[1, i] = one if there >= zero else zero
+                if there >= zero and depth > work[0, i]:
+                    shown += np.int32(1)
+                    if n < opaque_count:
+                        work[0, i], work[2, i] = depth, name
+        for i in range(FINE):
+            hits += np.int32(work[1, i] == one)
+        counts[n, 0], counts[n, 1] = hits, shown
+    for n in range(opaque_count):
+        name, shown = np.float32(n), np.int32(0)
+        for i in range(FINE):
+            shown += np.int32(work[2, i] == name)
+        counts[n, 1] = shown
+    half = FINE // 2
+    while half > 0:
+        for i in range(half):
+            other = work[0, i + half]
+            work[0, i] = other if other < work[0, i] else work[0, i]
+        half //= 2
+    return work[0, 0]
+
+
+@jit_inline
+def compute_sample_mean(work, n, visible_count, middle):
+    """Put the mean of the samples that show triangle n into middle[n]."""
+    name, x, y = np.float32(n), np.int32(0), np.int32(0)
+    for i in range(FINE):
+        x += np.int32(work[2, i] == name) * np.int32(i)
+        y += np.int32(work[2, i] == name) * np.int32(SAMPLE_ROW[i])
+    middle[n, 0] = (x / visible_count + 0.5) / FINE - 0.5
+    middle[n, 1] = (y / visible_count + 0.5) / FINE - 0.5
+
+
+@jit_inline_numba
+def integrate_rows(own, lines, work, middle, n):
+    """The area of a pixel above the lines own[0, :lines], as the mean of its exact width along FINE
+    rows, or columns where it is thinner along those; its middle into middle[n]. work: (3, FINE)
+    float32."""
+    across = down = 0.0
+    for k in range(lines):
+        across += abs(own[0, k, 1])
+        down += abs(own[0, k, 2])
+    i, j = (1, 2) if across >= down else (2, 1)
+    half, zero, unit = np.float32(0.5), np.float32(0.0), np.float32(UNIT)
+    for r in range(FINE):
+        work[0, r], work[1, r] = -half, half
+    for k in range(lines):
+        b, c = own[0, k, i], own[0, k, j]
+        b = b if abs(b) > 1e-9 * abs(c) else 1e-9 * abs(c)
+        a, c = np.float32(-own[0, k, 0] / b), np.float32(-c / b)
+        if b > 0.0:
+            for r in range(FINE):
+                at = a + c * SAMPLE_X[r]
+                work[0, r] = at if at > work[0, r] else work[0, r]
+        else:
+            for r in range(FINE):
+                at = a + c * SAMPLE_X[r]
+                work[1, r] = at if at < work[1, r] else work[1, r]
+    total, at, row = np.int32(0), np.int32(0), np.int32(0)
+    for r in range(FINE):
+        wide = max(work[1, r] - work[0, r], zero)
+        part = np.int32(wide * unit)
+        total += part
+        row += part * np.int32(r)
+        at += np.int32((work[1, r] + work[0, r]) * wide * unit)
+    if total > 0:
+        middle[n, i - 1] = 0.5 * at / total
+        middle[n, j - 1] = (row / total + 0.5) / FINE - 0.5
+    return total / (UNIT * FINE)
+
+
+@jit_inline
+def is_hidden(triangles, line, lines, counts, n, opaque_count, x, y):
+    """Whether one of the first `opaque_count` triangles, no sliver, lies before triangle n at a
+    point.
+    """
+    k = triangles[n]
+    depth = line[k, PLANE, 0] + line[k, PLANE, 1] * x + line[k, PLANE, 2] * y
+    hidden = False
+    for other in range(opaque_count):
+        k = triangles[other]
+        if counts[other, 0] >= 0.0 and (
+                line[k, PLANE, 0] + line[k, PLANE, 1] * x + line[k, PLANE, 2] * y
+                > depth * (1.0 + COPLANAR_TOLERANCE)):
+            i = 0
+            while i < lines[k] and line[k, i, 0] + line[k, i, 1] * x + line[k, i, 2] * y > 0.0:
+                i += 1
+            if i == lines[k]:
+                hidden = True
+                break
+    return hidden

@@ -1,0 +1,45 @@
+"""`bench dataset STUDY --out DIR`: pictures and numbers of a study's runs, for those who learn."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ..studies import engine, images
+from ..studies.study import Study
+from ..studies.study_folder import StudyFolder, count_stored_runs
+from . import run
+
+
+def add_parser(commands: Any) -> None:
+    """The command's own parser."""
+    one = commands.add_parser(
+        "dataset", help="a study's runs with pictures, joints, poses and twists of every image")
+    one.add_argument("study", type=Path, metavar="FILE|NAME",
+                     help="YAML file of a study, or a shipped study's name")
+    one.add_argument("overrides", nargs="*", metavar="key=value",
+                     help="other values, as in repeats=1000 or features=pictures")
+    one.add_argument("--out", type=Path, required=True,
+                     help="folder of the data set; new, or of the same one, which is gone on with")
+    one.add_argument("--views", action="store_true",
+                     help="the first image of each run alone: views from the study's starts")
+    one.add_argument("--depth", action="store_true", help="depth images too")
+    run.add_workers(one)
+    one.set_defaults(carry_out=_make_dataset, fail_fast=False, no_report=True, mix=False)
+
+
+def _make_dataset(options: argparse.Namespace) -> int:
+    from ..experiment.overrides import parse_overrides
+
+    given = run.find_study_file(options.study)
+    changed = {**parse_overrides(options.overrides), "pictures": "first" if options.views
+        else "all",
+               "depth": options.depth}  # fmt: skip
+    study = Study.from_yaml(given, changed)
+    engine.check_study(study)
+    print(images.check_room(study, options.out, count_stored_runs(options.out)))
+    text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
+    return run.carry_out(StudyFolder.create(options.out, study, text), options)

@@ -1,0 +1,108 @@
+"""Places of cameras that hand-eye calibrations give, as poses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from aras_visual_servo_base.camera_mounting import check_optical, find_camera_link
+from aras_visual_servo_base.errors import SimError
+from aras_visual_servo_base.poses import inverse, xyz_rpy_from_matrix
+
+from ..errors import ExperimentError
+from .cameras import WORLD, CalibrationOffset, CameraSpec, HandEyeSpec
+from .experiment import FREE_CAMERA_PLANTS, Experiment
+from .packages import PackagePath
+from .robots import Robot
+
+
+def with_fixed_cameras(experiment: Experiment, packages: PackagePath) -> Experiment:
+    """The experiment with a pose for each fixed camera that a hand-eye calibration places.
+
+    Raises:
+        ExperimentError: a file that cannot be used, or a camera in a hand that the plant has not.
+    """
+    cameras = dict(experiment.cameras)
+    for name, spec in experiment.cameras.items():
+        if spec.hand_eye is None:
+            continue
+        if spec.hand_eye.link == WORLD:
+            pose = tuple(np.concatenate(xyz_rpy_from_matrix(_read_pose(
+                spec.hand_eye, packages, f"cameras.{name}.hand_eye"))))
+            cameras[name] = replace(spec, hand_eye=None, pose=pose)
+        elif experiment.plant in FREE_CAMERA_PLANTS:
+            raise ExperimentError(
+                f"cameras.{name}.hand_eye says where an arm carries the camera, and plant "
+                f"'{experiment.plant}' has no arm: use chain or bullet, or set its link to {WORLD} "
+                "if the camera is fixed")
+    return replace(experiment, cameras=cameras) if cameras else experiment
+
+
+def with_calibration_offsets(experiment: Experiment, robot: Robot) -> Experiment:
+    """The experiment with how far each camera is believed from its true place, where a hand-eye
+    calibration says where it is believed.
+
+    Raises:
+        ExperimentError: a file that cannot be used, or a link that does not carry the camera.
+    """
+    if experiment.cameras:
+        return replace(
+            experiment,
+            cameras={
+                name: replace(
+                    spec,
+                    calibration_offset=_read_calibration_offset(
+                        spec.calibration_offset,
+                        spec,
+                        experiment,
+                        robot,
+                        f"cameras.{name}.believed.hand_eye",
+                        name,
+                    ),
+                )
+                for name, spec in experiment.cameras.items()
+            },
+        )
+    ((name, spec),) = experiment.camera_specs.items()
+    return replace(experiment, calibration_offset=_read_calibration_offset(
+        spec.calibration_offset, spec, experiment, robot, "believed.hand_eye", name))
+
+
+def _read_calibration_offset(
+    offset: CalibrationOffset,
+    spec: CameraSpec,
+    experiment: Experiment,
+    robot: Robot,
+    where: str,
+    name: str,
+) -> CalibrationOffset:
+    file = offset.hand_eye
+    if file is None:
+        return offset
+    if spec.pose is not None and file.link in ("", WORLD):
+        true, there = spec.compute_pose(), _read_pose(file, robot.packages, where)
+    elif experiment.plant in FREE_CAMERA_PLANTS:
+        raise ExperimentError(f"{where} says where an arm carries the camera, and plant "
+                              f"'{experiment.plant}' has no arm: give believed.xyz and rpy, off "
+                              "the camera's true place")
+    else:
+        try:
+            found = file.read(robot.packages)
+            check_optical(found)
+            link = find_camera_link(robot.urdf, found, file.link)
+            true, there = robot.compute_mounting(link, name), found.link_T_camera
+        except SimError as error:
+            raise ExperimentError(f"{where}: {error}") from None
+    xyz, rpy = xyz_rpy_from_matrix(inverse(true) @ there)
+    return replace(offset, hand_eye=None, xyz=tuple(map(float, xyz)), rpy=tuple(map(float, rpy)))
+
+
+def _read_pose(spec: HandEyeSpec, packages: PackagePath, where: str) -> np.ndarray:
+    """(4, 4) of the camera's optical frame in the world."""
+    try:
+        found = spec.read(packages)
+        check_optical(found)
+    except SimError as error:
+        raise ExperimentError(f"{where}: {error}") from None
+    return found.link_T_camera

@@ -1,0 +1,69 @@
+"""The keys that an experiment has, by dotted paths: which there are, and their units."""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from collections.abc import Mapping
+from typing import Any
+
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_controller.settings import Settings
+
+from ..errors import StudyError
+from .experiment import Experiment
+
+
+def find_unit(key: str) -> str:
+    """Unit of what stands under a dotted key; '' where it has none, or there is no such key.
+
+    Nor where it depends on the other keys: start.turn is in rad if drawn, in degrees if relative.
+    """
+    head, _, rest = key.partition(".")
+    kind, path = (Settings, rest) if head == "options" and rest else (Experiment, key)
+    try:
+        found = _find_fields(path, kind)
+    except StudyError:  # as the name of an axis of cases
+        return ""
+    units = {field.metadata.get("unit", "") for field in found}
+    return units.pop().partition(", the")[0].replace(", ", " or ") if len(units) == 1 else ""
+
+
+def check_key(key: str) -> None:
+    """StudyError with the nearest known key where an experiment has no such dotted key."""
+    _find_fields(key, Experiment)
+
+
+def _find_fields(key: str, kind: type) -> list[dataclasses.Field]:
+    """The fields that a dotted key of a dataclass may mean; none where its keys are free."""
+    kinds: tuple[type, ...] = (kind,)
+    so_far = ""
+    for part in key.split("."):
+        known = [f for kind in kinds for f in dataclasses.fields(kind)]
+        found = [f for f in known if f.name == part]
+        if not found:
+            near = suggest(part, [f.name for f in known]).replace("'", "")
+            said = near.replace("did you mean ", f"did you mean {so_far}")
+            raise StudyError(f"an experiment has no '{key}': {said}")
+        so_far += f"{part}."
+        hints = [typing.get_type_hints(kind) for kind in kinds]
+        hint = next(h[part] for h in hints if part in h)
+        options = _split_union(hint)
+        if any(_has_free_keys(option) for option in options):
+            return found if so_far == f"{key}." else []  # checked where they are used
+        kinds = tuple(option for option in options if dataclasses.is_dataclass(option))
+        if not kinds and so_far != f"{key}.":
+            raise StudyError(f"an experiment has no '{key}': {so_far[:-1]} has no keys below it")
+    return found
+
+
+def _split_union(hint: Any) -> tuple:
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return typing.get_args(hint)
+    return (hint,)
+
+
+def _has_free_keys(hint: Any) -> bool:
+    origin = typing.get_origin(hint)
+    return isinstance(origin, type) and issubclass(origin, Mapping)

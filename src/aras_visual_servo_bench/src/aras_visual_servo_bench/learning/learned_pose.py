@@ -1,0 +1,195 @@
+"""A feature that a network reads out of a whole picture: the camera's pose; and what teaches it.
+
+    python3 -m aras_visual_servo_bench.learning.learned_pose [--pictures 24000] [--out FILE]
+
+The picture, made small and free of brightness and contrast, goes through a small network that was
+taught by the simulator's pictures of the poster: whole, and perturbed as the convergence domain
+perturbs them. What it tells of the goal's own picture is compared with what it tells now, so that
+its bias at the goal is none. References: Q. Bateux and others, Training deep neural networks for
+visual servoing, IEEE ICRA 2018; S. Felton and others, Siame-se(3), IEEE ICRA 2021, whose domain it
+is taught in; ours is smaller by a thousand, and learns in minutes on a processor.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from aras_visual_servo_base.poses import (
+    exponential,
+    inverse,
+    logarithm,
+    matrix_from_xyz_rpy,
+    relative_pose,
+    rotation_vector,
+    rotation_vector_rate,
+)
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.features.base import Feature, FeatureMeasurement
+from aras_visual_servo_controller.features.luminance import get_grey_image
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.observation.observation import Need, Observation
+
+from .regressor import Regressor, fit_network, run_training
+
+COLUMNS, ROWS = 28, 21  # of the picture that the network sees
+HIDDEN_LAYERS = (160, 96)
+PROTOCOL, EPOCHS = "convergence_domain", 60
+TEXTURE_COUNT, PLACES_BETWEEN = 120, 3  # perturbed posters, and places on the way from each start
+PATH_DEVIATION = (0.02, 2.0)  # m and degrees by which such a place is off the straight way
+
+
+def make_inputs(grey: np.ndarray) -> np.ndarray:
+    """A picture (rows, columns) uint8 as (ROWS * COLUMNS,) numbers of mean 0 and deviation 1."""
+    return shrink_image(grey, COLUMNS, ROWS)
+
+
+def shrink_image(grey: np.ndarray, columns: int, rows: int) -> np.ndarray:
+    """A picture uint8 as rows * columns numbers of mean 0 and deviation 1."""
+    small = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA).astype(float).ravel()
+    return (small - small.mean()) / max(float(small.std()), 1.0)
+
+
+def relu(values: np.ndarray) -> np.ndarray:
+    """What of the values is above 0."""
+    return np.maximum(values, 0.0)
+
+
+class PoseNetwork(Regressor):
+    """Rectified layers; see Regressor for its arrays."""
+
+    user, module = "the learned feature", "learned_pictures"
+    activation = staticmethod(relu)
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Logarithm (6,) of the pose that an input shows: m and rad, see `make_training_data`."""
+        return self.predict(x)
+
+
+class LearnedPose(Feature):
+    """s = (g_t_c, theta u) of the poses that the network sees now and at the goal, m and rad.
+
+    L = diag(g_R_c, J), as of position-based servoing.
+    """
+
+    name, is_geometric = "learned_pose", False
+    needs = frozenset((Need.IMAGE,))
+    names = ("tx", "ty", "tz", "ux", "uy", "uz")
+    tolerances, units = (0.002,) * 3 + (0.005,) * 3, ("m",) * 3 + ("rad",) * 3
+
+    def __init__(self) -> None:
+        self._network = PoseNetwork.load()
+        self._goal: Goal | None = None
+
+    def teach(self, observation: Observation) -> Mapping[str, Any]:
+        """See Feature.teach: what the network says of the goal's picture."""
+        return {"pose": self._network(make_inputs(get_grey_image(observation))).tolist()}
+
+    def check(self, goal: Goal) -> None:
+        """See Feature.check."""
+        told = np.array(dict(goal.features.get(self.name, {})).get("pose", ()), float)
+        if told.shape != (6,) or not np.isfinite(told).all():
+            raise ConfigurationError(f"{goal.name} holds no {self.name}: teach it anew")
+        self._goal, self._goal_T_reference = goal, inverse(exponential(told))
+
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
+        """See Feature.measure."""
+        if self._goal is not goal:
+            self.check(goal)
+        seen = exponential(self._network(make_inputs(get_grey_image(observation))))
+        g_T_c = self._goal_T_reference @ seen
+        turn = rotation_vector(g_T_c[:3, :3])
+        s, L = np.concatenate([g_T_c[:3, 3], turn]), np.zeros((6, 6))
+        L[:3, :3], L[3:, 3:] = g_T_c[:3, :3], rotation_vector_rate(turn)
+        return FeatureMeasurement(s, np.zeros(6), s, L)
+
+
+def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs (n, ROWS * COLUMNS) and answers (n, 6) of pictures of the poster.
+
+    An answer is the logarithm of the camera's pose before the domain's goal. Places are the
+    domain's starts and others on their ways to the goal; every other picture is perturbed.
+    """
+    from ..cli.run import find_study_file
+    from ..experiment.experiment import Experiment
+    from ..setup.assembly import assemble
+    from ..studies.study import Study
+    from ..targets.rendering import render_target
+
+    study = Study.from_yaml(find_study_file(Path(PROTOCOL)))
+    starts = study.combinations[0].set["start"]
+    base = Experiment.from_mapping({**study.experiment, "scheme": "luminance", "start": starts})
+    parts = assemble(base)
+    poster, goal = parts.target.shape, parts.goal_pose
+    camera = _reduce_camera(parts.calibrated_camera)
+    random = np.random.default_rng((seed, 4711))
+    textures = [poster.perturb(100_000 * (seed + 1) + i) for i in range(TEXTURE_COUNT)]
+    x, y = [], []
+    for number in range(-(-count // (1 + PLACES_BETWEEN))):
+        # Seeds far from those that the protocol runs.
+        pose = base.with_changes(
+            seed=1_000_000 * (seed + 1) + number
+        ).with_absolute_start.start.compute_pose
+        way = logarithm(relative_pose(goal, matrix_from_xyz_rpy(pose[:3], pose[3:])))
+        for step in range(1 + PLACES_BETWEEN):
+            part = 1.0 if step == 0 else random.uniform(0.0, 1.0)
+            off = (
+                random.normal(size=6)
+                * part
+                * np.repeat((PATH_DEVIATION[0], np.radians(PATH_DEVIATION[1])), 3)
+            )
+            motion = part * way + (off if step else 0.0)
+            shape = poster if step % 2 == 0 else textures[random.integers(len(textures))]
+            grey = render_target(
+                shape, camera, parts.target.target_T_camera(goal @ exponential(motion))
+            )
+            x.append(make_inputs(grey))
+            y.append(motion)
+    return np.array(x[:count]), np.array(y[:count])
+
+
+def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
+    """Arrays of a PoseNetwork that answers y (n, 6) to x (n, k); ExperimentError: no library."""
+    return fit_network(
+        x, y, 1e-6, np.float16, hidden_layer_sizes=HIDDEN_LAYERS, activation="relu", solver="adam",
+        alpha=1e-4, batch_size=100, learning_rate_init=1e-3, max_iter=EPOCHS, tol=0.0,
+        n_iter_no_change=EPOCHS, random_state=seed,
+    )  # fmt: skip
+
+
+def _reduce_camera(camera: CameraModel) -> CameraModel:
+    """The same view in a quarter of the pixels each way: the network sees fewer still."""
+    fx, _, cx, _, fy, cy, *_ = camera.K
+    K = (fx / 4, 0.0, (cx + 0.5) / 4 - 0.5, 0.0, fy / 4, (cy + 0.5) / 4 - 0.5, 0.0, 0.0, 1.0)
+    return CameraModel(camera.width // 4, camera.height // 4, K)
+
+
+def compute_errors(predicted: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far (n,), m, and turned (n,), rad, what is found (n, 6) is from the answers (n, 6)."""
+    return tuple(
+        np.linalg.norm((predicted - y)[:, part], axis=1) for part in (np.s_[:3], np.s_[3:])
+    )
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Teach the network; returns the exit status."""
+    return run_training(
+        PoseNetwork,
+        argv,
+        __doc__.splitlines()[0],
+        24_000,
+        400,
+        make_training_data,
+        train,
+        compute_errors,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,401 @@
+"""The simulated arm: Bullet's physics, ros_control's controllers, rendered pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from aras_sim_bridge.description import (
+    CameraDescription,
+    RobotDescription,
+    parse_urdf,
+    world_file,
+)
+from aras_sim_bridge.description.types import is_present
+from aras_sim_bridge.description.world_file import WorldFile
+from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.rendering import EXPOSURES
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.world.labels import list_links_by_label
+from aras_sim_bridge.world.model import Model
+from aras_sim_bridge.world.overlaps import find_overlaps
+from aras_visual_servo_base.poses import (
+    Pose,
+    exponential,
+    inverse,
+    logarithm,
+    matrix_from_xyz_rpy,
+    optical_pose,
+    relative_pose,
+    xyz_rpy_from_matrix,
+)
+from aras_visual_servo_camera.errors import SegmentationError
+from aras_visual_servo_camera.labels import TargetLabels
+from aras_visual_servo_controller.observation.frame import Frame
+
+from ..errors import ExperimentError
+from ..experiment import cameras
+from ..experiment.robots import ROBOT, Robot, find_camera_name
+from ..targets.geometry import PlacedTarget, PoseHistory
+from .base import CAMERA, JointListener, JointReading, Plant, Reading
+from .imaging import ImagingSettings, collect_vibrations, make_exposure_schedules
+
+if TYPE_CHECKING:
+    from aras_visual_servo_controller.runner.loop_runner import LoopRunner
+
+TARGET, OCCLUDER = "target", "occluder"
+NS = 1_000_000_000
+HIDDEN_POSE = Pose((0.0, 0.0, -1e4), (0.0, 0.0, 0.0, 1.0))
+NO_CAMERAS: Mapping[str, Mapping[str, Any]] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class TargetModel:
+    """A target that is a model of its own in the simulated world, or what lies on it.
+
+    placed: where it lies. urdf: what is drawn of it.
+    lies_at: x, y, z (m) of the model's origin in the target's frame.
+    times: from when and until when it is there, s; None: always. name: of the model.
+    """
+
+    target: PlacedTarget
+    urdf: Path
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    visible_times: tuple[tuple[float, float], ...] | None = None
+    name: str = TARGET
+
+    @property
+    def is_static(self) -> bool:
+        """Whether it is always there, in one place."""
+        return self.visible_times is None and self.target.motion.is_static
+
+    def compute_pose(self, time: float) -> Pose:
+        """The model's in the world at `time` (s); out of sight while it is not there."""
+        if not is_present(self.visible_times, time):
+            return HIDDEN_POSE
+        world_T_target = self.target.world_T_target(time)
+        return Pose.from_matrix(world_T_target @ matrix_from_xyz_rpy(self.offset, (0.0,) * 3))
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedLink:
+    """A link of a model of the world that is the target; its poses are noted in `course`."""
+
+    model: str
+    link: str
+    pose_history: PoseHistory
+
+
+class DynamicArm(Plant):
+    """The robot in the bridge's Simulation, spawned at its start; one thousand steps a second."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        camera: Mapping[str, Any],
+        joints: Mapping[str, float],
+        seed: int = 0,
+        renderer: str = "auto",
+        record_peak_speeds: bool = False,
+        target_models: Sequence[TargetModel] = (),
+        imaging_settings: Sequence[ImagingSettings] = (),
+        surroundings: WorldFile = WorldFile(),  # noqa: B008 (frozen)
+        name: str = "",
+        other_cameras: Mapping[str, Mapping[str, Any]] = NO_CAMERAS,
+        exposure: str = EXPOSURES[0],
+        labelled_link: str = "",
+        tracked_link: TrackedLink | None = None,
+    ) -> None:
+        """Spawn the robot at these joints, controllers and camera running.
+
+        Args:
+            camera: settings of the control camera, laid over the description's camera.
+            joints: positions by name, rad or m.
+            traced: keep every step's joint velocities, for `peak_speed`.
+            shown: what is put into the world: the target, unless the robot brings its own, and what
+                lies on it.
+            sights: see in place of the cameras, the control camera first, from where the physics
+                has that at each exposure; nothing is drawn then. None: the cameras.
+            around: what stands and shines around the robot.
+            name: of the control camera; '': the robot's own, the only one.
+            others: settings of the other cameras, by name; `robot` says where they sit.
+            exposure: how the light becomes grey levels, one of EXPOSURES.
+            label: model, or 'model::link', of which the label images tell the pixels; '': none do.
+            followed: the target, where it is a link of the world's.
+
+        Raises:
+            ExperimentError: what of it is impossible.
+        """
+        description = robot.parse_description()
+        mounted = [c for c in description.cameras if robot.spec.camera in ("", find_camera_name(c))]
+        if robot.spec.camera and not mounted:
+            known = ", ".join(map(find_camera_name, description.cameras)) or "none"
+            raise ExperimentError(f"the robot has no camera '{robot.spec.camera}'; it has: {known}")
+        self._name, self._other_cameras = name or CAMERA, other_cameras
+        self.control_camera_name = self._name
+        first = mounted[0] if mounted else _make_default_camera(robot.find_optical_frame(""))
+        if not (name or mounted and robot.has_camera_on(first.link)):
+            name = CAMERA  # it sits at a frame of the description that has no sensor there
+        self._link = first.link
+        own: dict[str, Any] = {}
+        for part in reversed(find_camera_name(first).split("/")):
+            own = {part: own or dict(camera)}
+        for settings in (camera, *other_cameras.values()):
+            # the simulator would go on without an impossible camera
+            cameras.make_camera_model(settings)
+        if name:
+            described = [_rename_camera(first, eye, robot) for eye in (name, *other_cameras)]
+            own, self._link = {name: dict(camera), **other_cameras}, described[0].link
+            description = replace(description, cameras=tuple(described))
+        else:
+            name = find_camera_name(first)
+        self._arm = robot.make_arm(self._name)
+        self.joint_names = self._arm.names
+        controllers, kind = robot.find_controllers(self.joint_names)
+        self.outputs = frozenset((kind,))
+        self._controllers = list(controllers.values())
+        self._readings: list[Reading] = []
+        self._moving_models: list[tuple[TargetModel, Model]] = []
+        self._peak_speed = np.zeros(len(self.joint_names)) if record_peak_speeds else None
+        self._exposures = [] if not imaging_settings else make_exposure_schedules(
+            imaging_settings[0], imaging_settings[1:], np.random.default_rng(seed), seed
+        )
+        self.vibrations = collect_vibrations(*imaging_settings)
+        self._simulation = Simulation(
+            SimulationConfig(
+                renderer=renderer, seed=seed, lights=surroundings.lights, scene=surroundings.scene,
+                ground_plane=surroundings.ground_plane, exposure=exposure,
+            )
+        )
+        try:
+            world_file.populate(self._simulation.spawn, surroundings)
+            self._spawn(robot, description, name, own, joints)
+            for one in target_models:
+                self._place_target(one)
+            self._tracked_link = tracked_link
+            self._record_target_pose()
+            self._labels = None
+            if labelled_link:
+                self._labels = TargetLabels(labelled_link)
+                self._labels.set_links(list_links_by_label(self._simulation.world.models))
+                self._labels.find_target_labels()
+        except (SimError, SegmentationError) as error:
+            self.close()
+            raise ExperimentError(str(error)) from error
+
+    def _spawn(
+        self,
+        robot: Robot,
+        description: Any,
+        camera: str,
+        settings: Mapping[str, Any],
+        joints: Mapping[str, float],
+    ) -> None:
+        simulation, spec = self._simulation, robot.spec
+        simulation.spawn(
+            description, ROBOT, namespace=spec.namespace, parameters=robot.parameters,
+            joint_positions=joints, cameras=settings,
+        )  # fmt: skip
+        self._robot = simulation.robots[ROBOT]
+        self._model = self._robot.model
+        self._rows = [self._model.joint_names.index(name) for name in self.joint_names]
+        self._robot.start([spec.joint_states, *self._controllers])
+        # As the switching service does while time stands still: so controllers run, and commands
+        # count, from the first step on, and joint states come in the graph's rhythm.
+        self._robot.hardware.read()
+        self._robot.manager.carry_out_switches(simulation.time_ns)
+        self._joint_states, self._compiled_controller = spec.joint_states, None
+        self._robot.manager.get(spec.joint_states).on_state = self._on_joints
+        self._command_kind = [self._robot.manager.get(name) for name in self._controllers]
+        mounted = simulation.camera(f"/{camera}")
+        for name, one in {self._name: mounted, **{
+            name: simulation.camera(f"/{name}") for name in self._other_cameras
+        }}.items():
+            one.on_frame, one.enabled = partial(self._on_frame, name), not self._exposures
+            if one.sensor.vibration is not None and not self._exposures:
+                self.vibrations = {**self.vibrations, name: one.sensor.vibration}
+        self._link_T_camera = np.array(mounted.parent_T_optical)
+        self._carrier = robot.find_target_frame(self._name)
+        self.camera = cameras.read_camera_model(mounted.sensor.info)
+
+    def _place_target(self, target: TargetModel) -> None:
+        """Put a target into the world; one that moves is where it belongs at every step."""
+        described = _parse_target(target.urdf)
+        model = self._simulation.spawn(described, target.name, target.compute_pose(0.0))
+        if not target.is_static:
+            self._moving_models.append((target, model))
+
+    @property
+    def time_ns(self) -> int:
+        """Simulated time, ns."""
+        return self._simulation.time_ns
+
+    @property
+    def simulation(self) -> Simulation:
+        """The simulated world, with the models `robot` and `target`: for grippers and whatever an
+        experiment does not do itself."""
+        return self._simulation
+
+    def advance(self, until_ns: int) -> list[Reading]:
+        """Step until something was measured or `until_ns` is reached."""
+        simulation, readings = self._simulation, self._readings
+        step = partial(simulation.step, compiled_controller=self._compiled_controller)
+        if self._peak_speed is not None:
+            step = self._step_recording_speeds
+        if self._moving_models:
+            step = partial(self._step_moving_targets, step)
+        if self._exposures:
+            step = partial(self._step_exposing, step)
+        while not readings and simulation.time_ns < until_ns:
+            step(until_ns)
+            self._record_target_pose()
+        self._readings = []
+        return readings
+
+    def command(self, kind: str, values: Sequence[float]) -> None:
+        """Command all joints."""
+        if kind not in self.outputs:
+            raise ExperimentError(
+                f"the robot's controllers take {', '.join(self.outputs)} commands, not {kind}"
+            )
+        for controller, value in zip(self._command_kind, values, strict=True):
+            controller.set_command(value)
+
+    def attach_loop(
+        self, driver: LoopRunner, listener: JointListener, read_end_ns: Callable[[], float]
+    ) -> None:
+        """See Plant.join."""
+        from .compiled_arm_controller import (
+            CompiledArmController,  # here, because many plants are no arms
+        )
+
+        (kind,) = self.outputs
+        self._compiled_controller = CompiledArmController(
+            driver, listener, self._robot, self._joint_states, self.joint_names,
+            partial(self.command, kind), read_end_ns,
+        )  # fmt: skip
+
+    def read_rest_pose(self) -> np.ndarray:
+        """world_T_camera (4, 4) from the physics; in the target's link where the arm moves that."""
+        pose = self._model.link_pose(self._link).matrix() @ self._link_T_camera
+        if not self._carrier:
+            return pose
+        return relative_pose(self._model.link_pose(self._carrier).matrix(), pose)
+
+    def compute_rest_poses(self, positions: np.ndarray) -> np.ndarray:
+        """See Plant.poses; by the true robot's description, which spares Bullet being asked in
+        between."""
+        return self._model.pose().matrix() @ self._arm.poses(positions)
+
+    def joint_origins(self, positions: np.ndarray) -> np.ndarray:
+        """See Plant.places."""
+        world_T_base = self._model.pose().matrix()
+        return self._arm.joint_origins(positions) @ world_T_base[:3, :3].T + world_T_base[:3, 3]
+
+    def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities from the physics."""
+        positions, velocities = self._model.read_joints()[:2]
+        return np.array(positions)[self._rows], np.array(velocities)[self._rows]
+
+    def find_collision(self) -> tuple[str, str] | None:
+        """See Plant.touched; at the last step."""
+        for found in find_overlaps(self._simulation.world, self._model):
+            return found.link, found.model
+        return None
+
+    @property
+    def peak_speed(self) -> np.ndarray | None:
+        """Greatest speed (n,) of each joint at any step; None where it is not traced."""
+        return self._peak_speed
+
+    def close(self) -> None:
+        """End the simulation."""
+        self._simulation.close()
+
+    def _record_target_pose(self) -> None:
+        """Note where the target is that the simulation moves."""
+        if self._tracked_link is None:
+            return
+        pose = self._simulation.world.models[self._tracked_link.model].link_pose(
+            self._tracked_link.link
+        )
+        self._tracked_link.pose_history.add(self.time_ns / NS, pose.matrix())
+
+    def _step_recording_speeds(self, until_ns: int) -> None:
+        self._simulation.step()
+        np.maximum(self._peak_speed, np.abs(self.read_joints()[1]), out=self._peak_speed)
+
+    def _step_moving_targets(self, step: Callable[[int], None], until_ns: int) -> None:
+        """A step that ends with the target, and what lies on it, where they belong then."""
+        simulation = self._simulation
+        time_ns = simulation.time_ns + simulation.step_ns
+        for target, model in self._moving_models:
+            model.set_pose(target.compute_pose(time_ns / NS))
+        step(time_ns)
+
+    def _step_exposing(self, step: Callable[[int], None], until_ns: int) -> None:
+        """A step in whose course `imaging_settings` may look: from between the poses at its ends.
+        """
+        due, simulation = min(one.due_ns for one in self._exposures), self._simulation
+        began = simulation.time_ns
+        ended = began + simulation.step_ns
+        if ended < due:
+            step(min(until_ns, due - simulation.step_ns))
+            return
+        before = self.read_rest_pose()
+        step(ended)
+        moved = logarithm(relative_pose(before, self.read_rest_pose()))
+        for one in self._exposures:
+            while one.due_ns <= ended:
+                pose = before @ exponential((one.due_ns - began) / simulation.step_ns * moved)
+                if (seen := one.expose(pose)) is not None:
+                    self._readings.append(seen)
+
+    def _on_joints(self, state: Any) -> None:
+        self._readings.append(
+            JointReading(state.stamp_ns, tuple(state.names), state.positions, state.velocities)
+        )
+
+    def _on_frame(self, camera: str, frame: Any) -> None:
+        labelled = None
+        if self._labels is not None and frame.segmentation is not None:
+            labelled = self._labels.make_mask(frame.segmentation)
+        self._readings.append(Frame(
+            frame.stamp_ns, frame.image, frame.encoding, frame.depth, name=camera,
+            target_mask=labelled,
+        ))  # fmt: skip
+
+
+@lru_cache(maxsize=64)
+def _parse_target(urdf: Path) -> RobotDescription:
+    return parse_urdf(urdf.read_text(encoding="utf-8"))
+
+
+def _rename_camera(camera: CameraDescription, name: str, robot: Robot) -> CameraDescription:
+    """The described camera under another name, where that one sits."""
+    plugin = None if camera.plugin is None else replace(
+        camera.plugin, camera_name=name, robot_namespace="", trigger_topic=""
+    )
+    seated = replace(camera, name=name, plugin=plugin, shutter="")
+    frame = robot.find_optical_frame(name)
+    if frame == robot.find_optical_frame("") and robot.has_camera_on(camera.link):
+        return seated
+    return replace(seated, link=frame, pose=_compute_sensor_pose())
+
+
+def _make_default_camera(frame: str) -> CameraDescription:
+    """A camera at an optical frame of a robot without a camera, as SDF has it by default."""
+    return CameraDescription(
+        CAMERA, frame, _compute_sensor_pose(), "camera", 0.0, 1.047, 320, 240, "R8G8B8", 0.1, 100.0
+    )
+
+
+def _compute_sensor_pose() -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """xyz (m) and rpy (rad) in an optical frame of a sensor, which looks along its +x, z up."""
+    xyz, rpy = xyz_rpy_from_matrix(inverse(optical_pose(np.eye(4))))
+    return tuple(xyz), tuple(rpy)

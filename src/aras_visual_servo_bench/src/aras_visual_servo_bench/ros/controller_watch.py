@@ -1,0 +1,95 @@
+"""What the demo sees of the running graph: the controller's state, and that joints are told."""
+
+import contextlib
+import time
+import xmlrpc.client
+from dataclasses import dataclass
+from pathlib import Path
+
+import rosgraph
+
+
+@dataclass
+class RunProgress:
+    """Written by the subscriber, read by the demo; times in s.
+
+    Attributes:
+        phase, reason: latest of the controller, '' before its first word.
+        began: stamp at which servoing began, or None.
+        converged: stamp at which it counted as converged, or None while it does not.
+        stamp: latest stamp of the controller's state.
+        joints: joint states are arriving.
+    """
+
+    phase: str = ""
+    reason: str = ""
+    start_stamp: float | None = None
+    convergence_stamp: float | None = None
+    stamp: float = 0.0
+    has_joint_states: bool = False
+
+
+class ControllerWatch:
+    """Subscribes in this process, without following the simulated clock."""
+
+    def __init__(self) -> None:
+        import rospy
+        from aras_visual_servo_controller.msg import ServoState
+        from sensor_msgs.msg import JointState
+
+        from aras_visual_servo_ros.connections import find_publishers
+        from aras_visual_servo_ros.log_folder import check_log_folder
+
+        self.progress = RunProgress()
+        find_publishers()
+        check_log_folder("aras_visual_servo_demo")
+        rospy.init_node(
+            "aras_visual_servo_demo", anonymous=True, disable_signals=True, disable_rostime=True
+        )
+        rospy.Subscriber(
+            "/aras_visual_servo/controller/state", ServoState, self._on_state, queue_size=10
+        )
+        self._joints = rospy.Subscriber(
+            "/aras_visual_servo/joint_states", JointState, self._on_joints, queue_size=1
+        )
+
+    def _on_joints(self, message) -> None:
+        self.progress.has_joint_states = True
+        self._joints.unregister()
+
+    def _on_state(self, message) -> None:
+        progress, stamp = self.progress, message.header.stamp.to_sec()
+        progress.phase, progress.reason, progress.stamp = message.phase, message.reason, stamp
+        if progress.start_stamp is None and message.phase in ("servoing", "converged"):
+            progress.start_stamp = stamp
+        if message.phase != "converged":
+            progress.convergence_stamp = None
+        elif progress.convergence_stamp is None:
+            progress.convergence_stamp = stamp
+
+
+def wait_for_master(uri: str, is_alive, timeout: float) -> bool:
+    """Whether the master answers within timeout (s) while alive() holds."""
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline and is_alive():
+        with contextlib.suppress(OSError):
+            if rosgraph.is_master_online(uri):
+                return True
+        time.sleep(0.1)
+    return False
+
+
+def stop_recorder(uri: str, bag: Path, timeout: float = 15.0) -> bool:
+    """End the node `record` and wait until its bag is closed; whether it is."""
+    active = bag.with_name(bag.name + ".active")
+    if not active.exists():
+        return bag.exists()
+    with contextlib.suppress(OSError, rosgraph.MasterException, xmlrpc.client.Error):
+        node = rosgraph.Master("/aras_visual_servo_demo", uri).lookupNode("/record")
+        xmlrpc.client.ServerProxy(node).shutdown("/aras_visual_servo_demo", "the run has ended")
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline:
+        if bag.exists() and not active.exists():
+            return True
+        time.sleep(0.1)
+    return False

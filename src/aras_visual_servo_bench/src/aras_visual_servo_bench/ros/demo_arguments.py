@@ -1,0 +1,296 @@
+"""The demo's command line: its words, checked before anything is started."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from aras_visual_servo_base import safe_xml
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.poses import xyz_rpy_from_matrix
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.settings import Settings
+
+from ..errors import ExperimentError
+from ..experiment.cameras import HandEyeSpec, read_preset
+from ..experiment.experiment import CameraPose, Experiment
+from ..experiment.packages import PackagePath
+from ..experiment.robots import Robot, RobotSpec
+from ..targets.shapes import SHAPES
+from ..targets.target_factory import find_default_size, find_tracker
+from ..targets.target_spec import TargetSpec
+
+LAUNCH_FOLDER = "package://aras_visual_servo_gazebo/launch/"
+# The launch files that are started, and those of their arguments that are options here.
+LAUNCH_FILES = {
+    "aras_visual_servo.launch": {
+        "camera", "camera_xyz", "camera_rpy", "urdf", "target", "target_size", "show_rviz",
+        "record", "bag", "server_required",
+    },
+    "aras_visual_servo_nodes.launch": {"scheme", "law", "gain", "start", "goal", "desired"},
+}  # fmt: skip
+PLATES, NO_TARGET = "aras", "none"
+# of a target, as the launch file's target_place has it
+TARGET_POSE = (0.0, 0.0, 0.591, 0.0, 0.0, 0.0)
+DEFAULT_ROBOT = RobotSpec()
+
+
+def parse(argv: list[str] | None) -> argparse.Namespace:
+    """The words, and what follows from them.
+
+    `further`: arguments of each of STARTED, by name. `taught`: the goal before another target than
+    the plates, None where none had to be made. `tracker`: of the target's points.
+    """
+    parser = argparse.ArgumentParser(
+        prog="demo", description="Servo the ARAS robot to its target and report how it went.",
+        epilog="example: ./demo.sh --scheme points --start 2015 --out out/points",
+    )
+    _add_loop_options(parser)
+    _add_world_options(parser)
+    parser.add_argument(
+        "--out",
+        type=_parse_folder,
+        default=Path("out"),
+        help="folder of the results (default out/)",
+    )
+    parser.add_argument("--rviz", action="store_true", help="watch it in rviz (needs a display)")
+    parser.add_argument(
+        "--timeout", type=float, default=20.0, help="simulated s to converge in (default 20)"
+    )
+    parser.add_argument(
+        "launch", nargs="*", metavar="NAME:=VALUE",
+        help="any other argument of aras_visual_servo.launch or aras_visual_servo_nodes.launch, as "
+             "gains:=/my/controllers.yaml",
+    )
+    arguments = parser.parse_args(argv)
+    try:
+        _check(arguments)
+    except (ConfigurationError, ExperimentError) as error:
+        parser.error(str(error))
+    if arguments.rviz and not os.environ.get("DISPLAY"):
+        print("demo: --rviz needs a display, and DISPLAY is not set: it goes on without rviz",
+              file=sys.stderr)  # fmt: skip
+        arguments.rviz = False
+    if not arguments.timeout > 0.0:
+        parser.error(f"--timeout must be above 0, not {arguments.timeout}")
+    return arguments
+
+
+def _add_loop_options(parser: argparse.ArgumentParser) -> None:
+    """What decides how is servoed, and where to."""
+    parser.add_argument(
+        "--scheme", default="moments",
+        help="a feature or scheme by name, moments by default, several joined by +, or "
+             "package.module:Class of your own, on PYTHONPATH; a wrong name lists all",
+    )
+    parser.add_argument(
+        "--start", default="2016",
+        help="initial pose: 2015, 2016 (default), or gantry (m), J1, J2, J3, J5, J6 (rad), as "
+             "'0.1 0 0.17 -0.09 -0.09 2.09', or none: from where it stands; of another robot, its "
+             "own joints",
+    )
+    parser.add_argument(
+        "--goal", default="auto", help="2015, 2016, or a goal's YAML file (default: that of the "
+        "start)",
+    )
+    parser.add_argument(
+        "--law", default="", help="control law by name, proportional by default, or "
+        "package.module:Class; a wrong name lists all",
+    )
+    parser.add_argument(
+        "--gain", type=_parse_gain, help="of the law, 1/s (default: the controller's)"
+    )
+
+
+def _add_world_options(parser: argparse.ArgumentParser) -> None:
+    """What is simulated."""
+    parser.add_argument(
+        "--target", default=PLATES, help="what lies on the table: aras (the laboratory's plates, "
+        "default), another name of targets/, a picture, an SVG outline, a URDF, or none; where "
+        "--goal names no file, the goal is taught before it, where 2016 or 2015 has the camera",
+    )
+    parser.add_argument(
+        "--target-size",
+        type=_parse_size,
+        metavar="'X Y'",
+        help="along x and y, m (default: as it ships)",
+    )
+    parser.add_argument(
+        "--urdf", type=_parse_file, help="the robot's description (default: the ARAS robot's); "
+        "what another arm needs beside it follows as NAME:=VALUE (robot, gains, controllers)",
+    )
+    parser.add_argument("--camera", default="original", help="camera preset, or the path "
+                        "of a preset or a calibration (default original)")  # fmt: skip
+    for part, unit in (("xyz", "m"), ("rpy", "rad")):
+        parser.add_argument(
+            f"--camera-{part}", type=_parse_vector, metavar="'0 0 0'",
+            help=f"where the camera is mounted in camera_link, {unit} (default: not moved)",
+        )
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    """What roslaunch or a node would refuse later: ConfigurationError, ExperimentError."""
+    arguments.further = _parse_launch_arguments(arguments.launch)
+    _check_start(arguments.start, arguments.urdf is not None)
+    packages = PackagePath()
+    read_preset(arguments.camera, packages, DEFAULT_ROBOT.cameras)
+    if Path(arguments.camera).suffix:
+        arguments.camera = str(Path(arguments.camera).expanduser().resolve())
+    arguments.target = _parse_target(arguments.target)
+    arguments.tracker = find_tracker(arguments.target)
+    given = {"scheme": arguments.scheme, "desired": arguments.goal, "start": arguments.start}
+    for name in ("law", "gain", "tracker"):
+        if value := getattr(arguments, name):
+            given[name] = value
+    package = Path(packages.find("aras_visual_servo_controller"))
+    settings = Settings.from_mapping(given, package)
+    settings.make_scheme()
+    goal = settings.load_goal()
+    known = arguments.target in (PLATES, NO_TARGET) or arguments.target.endswith((".urdf", ".xml"))
+    own = Path(arguments.goal).suffix != ""
+    arguments.taught = None if own or known else _teach_goal(arguments, goal)
+
+
+def _parse_launch_arguments(arguments: list[str]) -> dict[str, dict[str, str]]:
+    """Arguments of the launch files, by file and name; ExperimentError for one of neither."""
+    declared = {
+        file: _read_argument_names(file) - options for file, options in LAUNCH_FILES.items()
+    }
+    known = sorted(set().union(*declared.values()))
+    found: dict[str, dict[str, str]] = {file: {} for file in LAUNCH_FILES}
+    for word in arguments:
+        name, given, value = word.partition(":=")
+        if not given:
+            raise ExperimentError(f"'{word}' is no argument: write NAME:=VALUE, or see --help")
+        if any(name in options for options in LAUNCH_FILES.values()):
+            raise ExperimentError(f"{name}:= is an option here, or the demo's own: see --help")
+        if name not in known:
+            raise ExperimentError(f"no argument '{name}' of the launch files: "
+                                  f"{suggest(name, known)}")  # fmt: skip
+        for file, names in declared.items():
+            if name in names:
+                found[file][name] = value
+    return found
+
+
+def _read_argument_names(file: str) -> set[str]:
+    """Names of a launch file's arguments."""
+    path = Path(PackagePath().resolve(LAUNCH_FOLDER + file))
+    root = safe_xml.parse(path.read_text(encoding="utf-8"), str(path))
+    return {argument.attrib["name"] for argument in root.findall("arg")}
+
+
+def _parse_target(text: str) -> str:
+    """A target's name, or the whole path of its file; ExperimentError where there is none."""
+    path = Path(text).expanduser()
+    if text in (*SHAPES, NO_TARGET):
+        return text
+    if not path.suffix:
+        raise ExperimentError(f"--target is '{text}': {suggest(text, (*SHAPES, NO_TARGET))}")
+    if not path.is_file():
+        raise ExperimentError(f"--target: there is no file {path}")
+    return str(path.resolve())
+
+
+def _teach_goal(arguments: argparse.Namespace, goal: Goal) -> Goal:
+    """What the camera sees of the target from where a shipped goal has it.
+
+    Raises:
+        ExperimentError: nothing that this scheme can servo to.
+    """
+    from ..setup.assembly import (
+        assemble,
+    )  # the physics: a second that the usual demo need not wait for
+
+    size = find_default_size(arguments.target)
+    if arguments.target_size:
+        size = tuple(map(float, arguments.target_size.split()))
+    moved = {
+        name: tuple(map(float, value.split()))
+        for name in ("camera_xyz", "camera_rpy") if (value := getattr(arguments, name))
+    }  # fmt: skip
+    given = arguments.further["aras_visual_servo.launch"]
+    spec = replace(
+        DEFAULT_ROBOT,
+        urdf=str(arguments.urdf or DEFAULT_ROBOT.urdf),
+        config=given.get("gains", DEFAULT_ROBOT.config),
+    )
+    mounting = (moved.get(name, (0.0,) * 3) for name in ("camera_xyz", "camera_rpy"))
+    hand_eye = None
+    if given.get("hand_eye"):
+        hand_eye = HandEyeSpec(
+            given["hand_eye"], given.get("hand_eye_units", ""), given.get("hand_eye_link", "")
+        )
+    robot = Robot(spec, *mounting, hand_eye=hand_eye)
+    xyz, rpy = xyz_rpy_from_matrix(goal.for_arm(robot.make_arm()).world_T_camera)
+    experiment = Experiment(
+        robot=spec, target=TargetSpec(arguments.target, size, TARGET_POSE), camera=arguments.camera,
+        goal=CameraPose((*xyz, *rpy)), start=CameraPose((*xyz, *rpy)), scheme=arguments.scheme,
+        hand_eye=hand_eye, **moved,
+    )  # fmt: skip
+    parts = assemble(experiment)
+    parts.plant.close()
+    return parts.goal
+
+
+def _parse_numbers(text: str, count: int, example: str) -> str:
+    """So many finite numbers, as one text for roslaunch."""
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise argparse.ArgumentTypeError(f"'{text}' must be {count} finite numbers, as '{example}'")
+    return text
+
+
+def _parse_vector(text: str) -> str:
+    return _parse_numbers(text, 3, "0 0.03 0")
+
+
+def _parse_size(text: str) -> str:
+    if not all(float(length) > 0.0 for length in _parse_numbers(text, 2, "0.1 0.1").split()):
+        raise argparse.ArgumentTypeError(f"'{text}' must be two lengths above 0 m")
+    return text
+
+
+def _parse_file(text: str) -> Path:
+    path = Path(text).expanduser()
+    if not path.is_file():
+        raise argparse.ArgumentTypeError(f"there is no file {path}")
+    return path.resolve()
+
+
+def _parse_folder(text: str) -> Path:
+    path = Path(text)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"cannot make {path}: {error.strerror}") from None
+    if not os.access(path, os.W_OK):
+        raise argparse.ArgumentTypeError(f"cannot write to {path}")
+    return path
+
+
+def _check_start(text: str, other: bool) -> None:
+    """ConfigurationError for no start; `other`: of another robot than ours."""
+    if text in ("2015", "2016", "none"):
+        return
+    count = len(text.split()) if other else 6
+    try:
+        _parse_numbers(text, max(count, 1), "0.1 0 0.17 -0.09 -0.09 2.09")
+    except argparse.ArgumentTypeError as error:
+        raise ConfigurationError(f"argument --start: {error}") from None
+
+
+def _parse_gain(text: str) -> float:
+    value = float(_parse_numbers(text, 1, "3"))
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f"{text} must be above 0")
+    return value

@@ -1,0 +1,132 @@
+"""The Bullet arm of a run: its cameras, the targets, and what is around it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
+from aras_visual_servo_controller.observation.frame import Frame
+
+from ..errors import ExperimentError
+from ..experiment.added_links import MountedTarget
+from ..experiment.experiment import Experiment
+from ..experiment.robots import TARGET_LINK_PREFIX
+from ..experiment.worlds import read_surroundings
+from ..plants.dynamic_arm import OCCLUDER, TARGET, DynamicArm, TargetModel, TrackedLink
+from ..targets.files import OCCLUDER_HEIGHT, write_description, write_occluder
+from .imaging_setup import make_imaging_settings, make_rendered_settings
+from .setup_context import SetupContext
+
+FIRST_IMAGE_TIMEOUT_NS = 1_000_000_000  # for the one picture that a goal is taught by
+# The demo's target as the launch files put it into the world: a model whose origin lies there.
+PLATES_FILE = "package://aras_visual_servo_gazebo/targets/aras.urdf"
+PLATES_OFFSET = (0.0, 0.0, 0.591)
+
+
+def find_mounted_targets(experiment: Experiment) -> dict[str, MountedTarget]:
+    """The targets that are put onto links of the Bullet arm, by the names of their own links; those
+    that its description has itself are none of them."""
+    looked_at = {TARGET: (experiment.target, experiment.robot.target_frame)}
+    for name, camera in experiment.cameras.items():
+        if camera.target is not None:
+            looked_at[TARGET_LINK_PREFIX + name] = (
+                camera.target,
+                experiment.robot.find_carrier(camera),
+            )
+    return {
+        name: MountedTarget(
+            link, matrix_from_xyz_rpy(spec.pose[:3], spec.pose[3:]), write_description(spec)
+        )
+        for name, (spec, link) in looked_at.items()
+        if experiment.plant == "bullet"
+        and link
+        and not spec.is_in_description
+        and spec.shape != "aras"
+    }
+
+
+def make_dynamic_arm(
+    context: SetupContext, start: np.ndarray, is_teaching: bool = False
+) -> DynamicArm:
+    """The arm at joints (n,), rad or m; `is_teaching`: as for teaching a goal, without noise."""
+    experiment, spec, control = (
+        context.experiment,
+        context.experiment.target,
+        context.control_camera,
+    )
+    return DynamicArm(
+        context.robot, make_rendered_settings(context, control, is_teaching),
+        dict(zip(context.arm.names, start.tolist(), strict=True)), experiment.seed,
+        experiment.renderer, experiment.record_peak_speeds,
+        _make_target_models(context, is_teaching),
+        () if experiment.has_images else [make_imaging_settings(context, eye)
+            for eye in context.cameras.values()],
+        read_surroundings(experiment, context.robot.packages, is_teaching),
+        control.name if experiment.cameras else "",
+        {name: make_rendered_settings(context, eye, is_teaching)
+         for name, eye in context.cameras.items() if eye is not control},
+        experiment.sun.exposure, context.labelled_link,
+        None if is_teaching or not spec.model else TrackedLink(
+            spec.model, spec.link, context.experiment_target.pose_history
+        ),
+    )  # fmt: skip
+
+
+def take_first_images(context: SetupContext, joints: np.ndarray) -> dict[str, Frame]:
+    """The first image of each camera that the loop reads, by name, of an arm at joints (n,).
+
+    Raises:
+        ExperimentError: no image comes.
+    """
+    plant = make_dynamic_arm(context, joints, is_teaching=True)
+    # An arm that efforts drive would sag until its controllers hold it, and the picture comes
+    # after some hundredths of a second.
+    plant.simulation.world.set_physics(gravity=(0.0, 0.0, 0.0))
+    found: dict[str, Frame] = {}
+    try:
+        while plant.time_ns < FIRST_IMAGE_TIMEOUT_NS:
+            for reading in plant.advance(FIRST_IMAGE_TIMEOUT_NS):
+                if isinstance(reading, Frame) and reading.name in context.needs:
+                    found.setdefault(reading.name, reading)
+            if len(found) == len(context.needs):
+                return found
+    finally:
+        plant.close()
+    raise ExperimentError("the camera delivers no picture within 1 s to teach the goal by")
+
+
+def _make_target_models(context: SetupContext, is_teaching: bool) -> tuple[TargetModel, ...]:
+    """What is put into the simulated world: the targets, unless the robot brings them, and what
+    comes and goes on the experiment's."""
+    experiment, robot = context.experiment, context.robot
+    spec = experiment.target
+    found = [
+        TargetModel(context.targets[name], write_description(eye.spec.target),
+            name=TARGET_LINK_PREFIX + name)
+        for name, eye in context.cameras.items()
+        if eye.spec.target is not None
+        and not robot.find_target_frame(name) and not eye.spec.target.is_in_description
+    ]  # fmt: skip
+    if spec.is_provided or experiment.robot.target_frame:
+        return tuple(found)
+    if spec.shape == "aras":
+        return (
+            TargetModel(
+                context.experiment_target, robot.packages.resolve(PLATES_FILE), PLATES_OFFSET
+            ),
+            *found,
+        )
+    seed = experiment.seed if spec.perturbed and not is_teaching else None
+    found.append(TargetModel(context.experiment_target, write_description(spec, seed)))
+    if spec.occluded is not None and not is_teaching:
+        cover = write_occluder(spec.occluder)
+        found.append(
+            TargetModel(
+                context.experiment_target,
+                cover,
+                (0.0, 0.0, OCCLUDER_HEIGHT),
+                spec.occluded,
+                OCCLUDER,
+            )
+        )
+    return tuple(found)

@@ -1,0 +1,93 @@
+"""Pictures of a target alone before white ground, by the renderer that the arm's cameras use."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from aras_sim_bridge.description import RobotDescription, parse_urdf
+from aras_sim_bridge.rendering import Lighting, View, create_renderer
+from aras_sim_bridge.rendering.renderer import Renderer
+from aras_sim_bridge.rendering.tiles import Tiles, get_shared_tiles
+from aras_visual_servo_base.poses import IDENTITY, Pose
+from aras_visual_servo_camera.undistortion import CameraModel
+
+from .files import write_target
+from .geometry import MIN_DEPTH, Target
+from .scratch import make_scratch_folder
+from .target_spec import Vector2
+
+MAX_DEPTH = 1e3  # m
+# colours as they are
+FLAT_LIGHT = Lighting(ambient=1.0, diffuse=0.0, background=(1.0, 1.0, 1.0, 1.0))
+# a solid is seen by the light on its faces
+SHADED_LIGHT = Lighting(background=(1.0, 1.0, 1.0, 1.0))
+CACHED_TARGETS = 2  # targets: a picture as the renderer reads it takes up to 11 MB
+CANVAS_BYTES = 1 << 22  # bytes for the cameras that see one of them; the last one stays in any case
+
+
+class _StaticWorld:
+    """What a renderer asks of a world and of its only model, which stands at the origin."""
+
+    revision, name, body_id = 0, "target", 0
+
+    def __init__(self, description: RobotDescription) -> None:
+        self.description = description
+        self.models = {self.name: self}
+
+    def link_index(self, _: str) -> int:
+        """Of the root, the only link."""
+        return -1
+
+    def pose(self) -> Pose:
+        """In the target's frame."""
+        return IDENTITY
+
+    def get_scoped_name(self, link: str) -> str:
+        """The name of the link with the model's before it."""
+        return f"{self.name}::{link}"
+
+
+def render_target(
+    target: Target, camera: CameraModel, target_T_camera: np.ndarray,
+    occluder: tuple[Vector2, Vector2] | None = None,
+) -> np.ndarray:
+    """(rows, columns) uint8 as a camera at target_T_camera (4, 4) sees a flat target and the white
+    rectangle on it, whose low and high corner (x, y), m, are `occluder`."""
+    return _make_renderer(target, occluder).render(_make_view(camera, target_T_camera))[..., 0]
+
+
+def render_mask(target: Target, camera: CameraModel, target_T_camera: np.ndarray) -> np.ndarray:
+    """(rows, columns) uint8, 255 where a camera at target_T_camera (4, 4) sees the target."""
+    label = _make_renderer(target, None).measure(_make_view(camera, target_T_camera))[1]
+    return (label >= 0).view(np.uint8) * 255
+
+
+def _make_view(camera: CameraModel, target_T_camera: np.ndarray) -> View:
+    size, K = (camera.width, camera.height), np.reshape(camera.K, (3, 3))
+    lens = None
+    if camera.is_distorted:
+        lens = get_shared_tiles(
+            *size,
+            camera,
+            lambda: Tiles.of_lens(*size, lambda pixels: _compute_rays(camera, pixels)),
+        )
+    return View(*size, target_T_camera, K, MIN_DEPTH, MAX_DEPTH, lens)
+
+
+def _compute_rays(camera: CameraModel, pixels: np.ndarray) -> np.ndarray:
+    """Unit rays (n, 3) of pixels (n, 2), NaN where there is none."""
+    x, y, valid = camera.normalise(*pixels.T)
+    rays = np.stack([x, y, np.ones_like(x)], axis=1)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    rays[~valid] = np.nan
+    return rays
+
+
+@lru_cache(maxsize=CACHED_TARGETS)
+def _make_renderer(target: Target, occluder: tuple[Vector2, Vector2] | None) -> Renderer:
+    urdf: Path = write_target(target, make_scratch_folder(), occluder=occluder)
+    light = SHADED_LIGHT if target.is_solid else FLAT_LIGHT
+    return create_renderer("exact", _StaticWorld(parse_urdf(urdf.read_text())), light, CANVAS_BYTES)

@@ -1,0 +1,99 @@
+"""Joints at which an arm stretches: an elbow between two axes parallel to its own.
+
+There the camera has no velocity along the arm to first order, and to second order bending moves it.
+The arm of the laboratory works at that place: its desired poses lie there or 0.1 mm before it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aras_visual_servo_base.names import suggest
+
+from ..errors import ConfigurationError
+from .arm import Arm
+
+PARALLEL_TOLERANCE = 1e-4  # rad; descriptions write pi as 3.1416
+MIN_LINK_LENGTH = 1e-3  # m; a link shorter than this does not stretch
+
+
+@dataclass(frozen=True)
+class Elbow:
+    """An elbow and the joints before and after it.
+
+    Attributes:
+        joint: index of the elbow.
+        straight: its position where the arm is stretched, rad.
+        side: +1 or -1: where it bends to when it is straight.
+        before, after: indices of the joints with parallel axes.
+        share_before, share_after: parts of a small bend that those joints turn by, so that the
+            arm keeps its direction and what it carries its attitude.
+    """
+
+    joint: int
+    straight_position: float
+    bend_side: float
+    joint_before: int
+    joint_after: int
+    share_before: float
+    share_after: float
+
+
+def find_elbows(arm: Arm, sides: dict[str, float] | None = None) -> tuple[Elbow, ...]:
+    """The elbows of an arm: three parallel axes in sequence, stretched within the limits.
+
+    Args:
+        arm: any.
+        sides: by name of the elbow, +1 or -1; +1 where nothing is said.
+
+    Raises:
+        ConfigurationError: a side of a joint that is no elbow, or neither +1 nor -1.
+    """
+    sides = sides or {}
+    places, axes = arm.joint_frames(np.zeros(len(arm.names)))
+    folds = []
+    for joint in range(1, len(arm.names) - 1):
+        fold = _make_elbow(arm, joint, places, axes, sides.get(arm.names[joint], 1.0))
+        if fold is not None:
+            folds.append(fold)
+    known = [arm.names[fold.joint] for fold in folds]
+    for name, side in sides.items():
+        if name not in known:
+            hint = suggest(name, known)
+            raise ConfigurationError(f"joint {name} is no elbow of this arm; {hint}")
+        if side not in (-1, 1):
+            raise ConfigurationError(f"side of the elbow {name} is {side!r}: use -1 or 1")
+    return tuple(folds)
+
+
+def _make_elbow(
+    arm: Arm, joint: int, origins: np.ndarray, axes: np.ndarray, side: float
+) -> Elbow | None:
+    before, after = joint - 1, joint + 1
+    if arm.is_prismatic[[before, joint, after]].any():
+        return None
+    axis = axes[joint]
+    parallel = [float(axis @ axes[other]) for other in (before, after)]
+    if min(abs(cosine) for cosine in parallel) < np.cos(PARALLEL_TOLERANCE) - 1e-12:
+        return None
+    upper, fore = (
+        step - axis * (axis @ step)
+        for step in (origins[joint] - origins[before], origins[after] - origins[joint])
+    )
+    lengths: Sequence[float] = [float(np.linalg.norm(link)) for link in (upper, fore)]
+    if min(lengths) < MIN_LINK_LENGTH:
+        return None
+    straight = -float(np.arctan2(axis @ np.cross(upper, fore), upper @ fore))
+    if not arm.lower[joint] < straight < arm.upper[joint]:
+        return None
+    whole = sum(lengths)
+    return Elbow(
+        joint=joint,
+        straight_position=straight,
+        bend_side=float(side),
+        joint_before=before,
+        joint_after=after,
+        share_before=-np.sign(parallel[0]) * lengths[1] / whole,
+        share_after=-np.sign(parallel[1]) * lengths[0] / whole,
+    )

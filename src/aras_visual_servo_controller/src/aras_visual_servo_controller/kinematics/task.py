@@ -1,0 +1,234 @@
+"""The task of the camera: a desired rate of the error, or a desired twist."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import TaskError
+from .algebra import ROUNDING_TOLERANCE, is_task_finite, solve_least_squares, svd
+
+ALL_DIRECTIONS = (True,) * 6
+DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
+UNITS = ("m/s",) * 3 + ("rad/s",) * 3
+# Standard deviation of the camera's offset by one image, in depths and rad, up to which a direction
+# is servoed: noise moves the camera by some tenths of it.
+MAX_UNCERTAINTY = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """L v = rate, v = (vx, vy, vz, wx, wy, wz) of the camera in its own optical frame.
+
+    A scheme returns a task for each image. `DifferentialIK` finds the joint velocities q_dot that
+    solve L J q_dot = rate in the least-squares sense, with the arm's Jacobian J. v is in m/s and
+    rad/s.
+
+    Attributes:
+        L: (k, 6) interaction matrix, all six columns as they are, k <= 6; of more rows six are
+            made with the same solution.
+        rate: (k,) desired rate of the error, e_dot, in 1/s times the unit of e.
+        modelled: (6,) bool; directions of the camera in which the task moves it. In the others the
+            resolver keeps the camera as it is at the goal.
+        depth: of the target, m: a translation by it counts as much as a rotation by 1 rad.
+        accuracy: how exactly the rows of L are measured: (k, m), the effects of m independent
+            errors, one standard deviation each; or one standard deviation of all rows; 0: exactly.
+        least: part of the greatest singular value up to which one counts as 0.
+    """
+
+    L: np.ndarray
+    desired_rate: np.ndarray
+    modelled: np.ndarray
+    depth: float = 1.0
+    accuracy: np.ndarray | float = 0.0
+    rank_tolerance: float = ROUNDING_TOLERANCE
+
+    def __post_init__(self) -> None:
+        """Check it; one taller than six rows is reduced to six with the same solution.
+
+        Raises:
+            TaskError: a wrong shape, or a number that is not finite.
+        """
+        L, rate, modelled = (
+            _read_array(self.L),
+            _read_array(self.desired_rate),
+            np.array(self.modelled, bool),
+        )
+        if L.ndim != 2 or L.shape[1] != 6 or rate.shape != (len(L),) or len(L) == 0:
+            raise TaskError(
+                f"a task needs L of shape (k, 6) and a rate of shape (k,), got {L.shape} and "
+                f"{rate.shape}"
+            )
+        if modelled.shape != (6,):
+            raise TaskError(f"modelled directions: six are needed, got {modelled.shape}")
+        if not is_task_finite(L, rate):
+            raise TaskError("the interaction matrix or the wanted rate is not finite")
+        accuracy = self.accuracy
+        if np.ndim(accuracy):
+            accuracy = _read_array(accuracy)
+            if accuracy.ndim != 2 or len(accuracy) != len(L) or not np.isfinite(accuracy).all():
+                raise TaskError(
+                    f"accuracy of shape {accuracy.shape} for {len(L)} features: (k, m) finite "
+                    "numbers are needed"
+                )
+        if len(L) > 6:
+            L, rate, accuracy = _reduce_rows(L, rate, accuracy)
+        object.__setattr__(self, "accuracy", accuracy)
+        for name, array in (("L", L), ("rate", rate), ("modelled", modelled)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @classmethod
+    def from_interaction(
+        cls,
+        L: ArrayLike,
+        desired_rate: ArrayLike,
+        modelled: ArrayLike = ALL_DIRECTIONS,
+        weights: ArrayLike | None = None,
+        depth: float = 1.0,
+        accuracy: ArrayLike | float = 0.0,
+        rank_tolerance: float = ROUNDING_TOLERANCE,
+    ) -> Task:
+        """The task of L (k, 6), any k, and rate (k,); TaskError as above.
+
+        Args:
+            modelled: (6,) bool.
+            weights: (k,) of the rows, >= 0: least squares weighted by their squares.
+            depth, accuracy, least: see Task.
+        """
+        if weights is not None:
+            L, desired_rate, weights = (
+                _read_array(L),
+                _read_array(desired_rate),
+                _read_array(weights),
+            )
+            if weights.shape != desired_rate.shape or L.ndim != 2 or not (weights >= 0.0).all():
+                raise TaskError(
+                    f"weights of shape {weights.shape} for {len(desired_rate)} features; they "
+                    "must be >= 0"
+                )
+            L, desired_rate = weights[:, None] * L, weights * desired_rate
+            accuracy = np.diag(accuracy * weights) if np.ndim(accuracy) == 0 else (
+                weights[:, None] * accuracy
+            )
+        return cls(L, desired_rate, modelled, depth, accuracy, rank_tolerance)
+
+    @classmethod
+    def from_twist(cls, twist: ArrayLike, modelled: ArrayLike = ALL_DIRECTIONS) -> Task:
+        """The twist (6,) itself; of it only the modelled directions are asked for."""
+        twist, modelled = _read_array(twist), np.array(modelled, bool)
+        if twist.shape != (6,):
+            raise TaskError(f"a twist has shape (6,), got {twist.shape}")
+        if modelled.shape != (6,):
+            raise TaskError(f"modelled directions: six are needed, got {modelled.shape}")
+        return cls.from_interaction(np.eye(6)[modelled], twist[modelled], modelled)
+
+    @cached_property
+    def singular_values(self) -> np.ndarray:
+        """Of L in its modelled directions, m and rad as they are, largest first."""
+        return svd(self.L[:, self.modelled])[1]
+
+    @cached_property
+    def _svd(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Singular value decomposition of L in its modelled directions, lengths in depths."""
+        return svd((self.L * self._scale)[:, self.modelled])
+
+    @property
+    def _scale(self) -> np.ndarray:
+        """(6,) units of a twist whose lengths are counted in depths."""
+        return np.array([self.depth] * 3 + [1.0] * 3)
+
+    @cached_property
+    def uncertainty(self) -> np.ndarray:
+        """(r,) for each singular direction of L: the standard deviation, in depths and rad, to
+        which one image tells the camera's offset along it; inf where no feature sees it."""
+        u, s, _ = self._svd
+        seen = s > self.rank_tolerance * s[0]
+        noise = np.full(len(s), float(self.accuracy)) if np.ndim(self.accuracy) == 0 else (
+            np.linalg.norm(u.T @ self.accuracy, axis=1)
+        )  # fmt: skip
+        return np.divide(noise, s, out=np.full(len(s), np.inf), where=seen)
+
+    @property
+    def rank(self) -> int:
+        """How many directions of the camera the features tell, see UNCERTAIN."""
+        return int((self.uncertainty <= MAX_UNCERTAINTY).sum())
+
+    @cached_property
+    def measurable_task(self) -> Task:
+        """The task without the directions that are less certain than UNCERTAIN; itself where there
+        are none. What rounding alone hides is left to the resolver."""
+        if not np.any(self.accuracy) and self.rank_tolerance == ROUNDING_TOLERANCE:
+            return self
+        kept = self.uncertainty <= MAX_UNCERTAINTY
+        if kept.all():
+            return self
+        u = self._svd[0][:, kept].T
+        if not len(u):
+            return Task(np.zeros((1, 6)), np.zeros(1), self.modelled, self.depth)
+        return Task(u @ self.L, u @ self.desired_rate, self.modelled, self.depth)
+
+    @property
+    def dropped_reason(self) -> str:
+        """Which part of the commanded twist is not servoed, and why, as text; empty: all is."""
+        kept = self.measurable_task
+        if kept is self:
+            return ""
+        given = kept.twist
+        lost = np.abs((self.twist - given) / self._scale)
+        main = np.flatnonzero(lost > 0.3 * lost.max())
+        parts = ", ".join(
+            f"{DIRECTIONS[i]} commanded {self.twist[i]:.3g}, achieved {given[i]:.3g} {UNITS[i]}"
+            for i in main
+        )
+        count = int((self.uncertainty > MAX_UNCERTAINTY).sum())
+        least = float(self.uncertainty[self.uncertainty > MAX_UNCERTAINTY].min())
+        known = "no feature shows more than noise there" if least == np.inf else (
+            f"one image tells the camera's place there to {100.0 * least:.0f} % of the depth"
+        )  # fmt: skip
+        return (
+            f"{count} direction{'s' if count > 1 else ''} of the camera not servoed ({parts}): "
+            f"{known}, more than {100.0 * MAX_UNCERTAINTY:.0f} % is not safe"
+        )
+
+    @cached_property
+    def twist(self) -> np.ndarray:
+        """(6,) least-squares twist of a camera that moves in the modelled directions alone."""
+        twist = np.zeros(6)
+        twist[self.modelled] = solve_least_squares(
+            (self.L * self._scale)[:, self.modelled], self.desired_rate, ROUNDING_TOLERANCE
+        )
+        return self._scale * twist
+
+
+def _read_array(values: ArrayLike) -> np.ndarray:
+    try:
+        return np.array(values, float)
+    except (TypeError, ValueError) as error:
+        raise TaskError(f"not an array of numbers: {error}") from error
+
+
+def _reduce_rows(
+    L: np.ndarray, desired_rate: np.ndarray, accuracy: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | float]:
+    """Six rows with the normal equations, and so the solutions and singular values, of L.
+
+    With L^T L = V S^2 V^T they are S V^T and S^-1 V^T L^T rate. A matrix that fits the cache is
+    orthogonalised instead, which keeps all digits. One accuracy of all rows stays as it is.
+    """
+    apart = np.ndim(accuracy) == 2
+    if len(L) <= 512:
+        Q, R = np.linalg.qr(L)
+        return R, Q.T @ desired_rate, Q.T @ accuracy if apart else accuracy
+    squares, V = np.linalg.eigh(L.T @ L)
+    kept = squares > 1e-13 * max(squares[-1], 0.0)
+    s = np.sqrt(np.where(kept, squares, 0.0))
+    kept &= s > 0.0
+    projected = V.T @ (L.T @ desired_rate)
+    if apart:
+        accuracy = V.T @ (L.T @ accuracy)
+        accuracy[kept] /= s[kept, None]
+    return s[:, None] * V.T, np.divide(projected, s, out=np.zeros(6), where=kept), accuracy

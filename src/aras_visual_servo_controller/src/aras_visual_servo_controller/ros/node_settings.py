@@ -1,0 +1,50 @@
+"""The node's private parameters, checked before anything begins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import rospkg
+import rospy
+
+from aras_visual_servo_base.urdf import read_robot_name
+
+from ..errors import ConfigurationError
+from ..kinematics import Arm
+from ..settings import Settings
+from .reconfigure import NAMESPACE as GAINS
+
+
+def read_node_settings() -> tuple[Settings, dict[str, object]]:
+    """What the parameter server holds for this node, and the same as it was given.
+
+    Raises:
+        ConfigurationError: one line for a parameter, scheme, law or goal that cannot be.
+    """
+    given = rospy.get_param("~", {})
+    given.pop(GAINS[1:], None)
+    given.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
+    settings = Settings.from_mapping(given, find_package_folder())
+    settings.list_cameras(settings.make_scheme())  # what is wrong with it needs no robot to be told
+    if settings.desired != "auto":
+        settings.load_goal()
+    return settings, given
+
+
+def find_package_folder() -> Path:
+    """Directory of this package."""
+    return Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
+
+
+def read_robot_settings(raw_settings: dict[str, object]) -> tuple[Settings, Arm]:
+    """Settings for the robot that is there now, with what is given of them, and its arm.
+
+    Raises:
+        ConfigurationError: there is no robot, or what cannot be of it.
+    """
+    settings = Settings.from_mapping(raw_settings, find_package_folder())
+    urdf = str(rospy.get_param(settings.description, ""))
+    if not urdf:
+        raise ConfigurationError(f"no robot description on parameter {settings.description}")
+    settings = settings.for_robot(read_robot_name(urdf), raw_settings)
+    return settings, settings.make_arm(urdf)

@@ -1,0 +1,229 @@
+"""The loop's ticks between two images, compiled: joint states in, commands out.
+
+What Driver.joints does with one joint state after another while the arm servoes and nothing is out
+of the ordinary: the same compiled functions, without the objects between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+from ..kinematics.algebra import are_finite
+from ..kinematics.arm import Arm, find_implausible_joint
+from ..kinematics.chain import CHAIN_SIGNATURE
+from ..kinematics.compiled_ik import REUSE_TIME, solve_velocities
+from ..kinematics.differential_ik import DifferentialIK
+from ..kinematics.joint_sample import JointSample
+from ..loop.command_integrator import has_jumped, integrate_command
+from ..loop.task_executor import ROUNDING
+
+if TYPE_CHECKING:
+    from .loop_runner import LoopRunner
+
+# Of `clock`: the last tick, the latest joint state, when the velocities were worked out and for how
+# long at least, when something was sent, s; which of the two tasks is pursued.
+NOW, NEWEST, SOLVED_AT, VALID_FOR, SENT_AT, TASK = range(6)
+# Of `rows`, (n,) each: command and its velocity, velocities that are kept, what was sent last;
+# positions and velocities of the latest joint state; whether a limit stopped a joint.
+COMMAND, VELOCITY, SOLUTION, SENT_COMMAND, Q, V, STOPPED = range(7)
+# Of `settings`: see ServoSettings; when the last image was answered and for how long that is fresh,
+# s; when the second task is taken up, and when a third would be.
+(
+    LONGEST_STEP,
+    WATCHDOG,
+    LAG,
+    SOLVE_PERIOD,
+    ANSWER_TIME,
+    ANSWER_LIFETIME,
+    SECOND_TASK_TIME,
+    THIRD_TASK_TIME,
+) = range(8)
+# What became of a joint state: not taken, as Python has to look at it; nothing new to send; sent.
+NEEDS_PYTHON, SAME_COMMAND, NEW_COMMAND = range(3)
+UPDATE_SIGNATURE = (
+    f"Tuple(({CHAIN_SIGNATURE})), f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], "
+    "f8[::1], "
+    "f8[:,:], f8[:,:,::1], f8[:,::1], b1[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], b1"
+)
+
+
+@jit(f"f8[:], f8[:], f8, {UPDATE_SIGNATURE}")
+def process_joint_state(
+    q,
+    v,
+    stamp,
+    chain,
+    clock,
+    rows,
+    last_velocities,
+    bounds,
+    lead,
+    settings,
+    setting_values,
+    goal,
+    L,
+    desired_rates,
+    modelled,
+    range_tasks,
+    elbows,
+    limits,
+    has_acceleration_limits,
+):
+    """One joint state and the tick it brings; where it is ODD, Python begins with it anew.
+
+    Args:
+        q, v, stamp: (n,), (n,) and s of the joint state. chain: see Chain.
+        clock, rows, settings: see above. last, numbers, goal, pulls, folds, limits: of
+            `resolved`. bounds: (3, n) of plausible joint states. lead: (n,).
+        L, rates, modelled: (2, k, 6), (2, k), (2, 6) of the task, and of the one after it.
+        accelerates: whether there are limits of acceleration.
+    """
+    t = max(stamp, clock[NOW])
+    gone, dt = stamp - clock[NEWEST], min(t - clock[NOW], settings[LONGEST_STEP])
+    if not dt > 0.0 or gone > settings[WATCHDOG]:
+        return NEEDS_PYTHON
+    if (
+        t - settings[ANSWER_TIME] > settings[ANSWER_LIFETIME]
+        or settings[THIRD_TASK_TIME] <= t + ROUNDING
+    ):
+        return NEEDS_PYTHON
+    if find_implausible_joint(q, v, bounds[0], bounds[1], bounds[2])[0] >= 0:
+        return NEEDS_PYTHON
+    if has_jumped(q, rows[Q], v, rows[V], lead, gone):
+        return NEEDS_PYTHON
+    task, period = 1 if settings[SECOND_TASK_TIME] <= t + ROUNDING else 0, settings[SOLVE_PERIOD]
+    lasts = max(clock[VALID_FOR], period) - 1e-9
+    if task != clock[TASK] or not t - clock[SOLVED_AT] < lasts:
+        found = solve_velocities(
+            *chain, q, np.empty((4, 4)), np.empty((6, len(q))), goal, L[task], desired_rates[task],
+            modelled[task], np.zeros(len(q)), range_tasks, elbows, limits, max(dt, period),
+            has_acceleration_limits,
+            rows[VELOCITY], last_velocities, setting_values,
+        )  # fmt: skip
+        if not are_finite(found[0], found[0], found[0]):
+            return NEEDS_PYTHON
+        velocities, primary = found[0], found[1]
+        for i in range(len(q)):
+            rows[SOLUTION, i], last_velocities[0, i], last_velocities[1, i] = (
+                velocities[i],
+                velocities[i],
+                primary[i],
+            )
+        clock[SOLVED_AT], clock[VALID_FOR], clock[TASK] = t, REUSE_TIME if found[10] else 0.0, task
+    after, speeds, stopped, late = integrate_command(
+        rows[COMMAND],
+        rows[VELOCITY],
+        rows[SOLUTION],
+        q,
+        limits[0],
+        limits[1],
+        lead,
+        settings[LAG],
+        dt,
+    )
+    if late.any() or not are_finite(after, after, after):
+        return NEEDS_PYTHON
+    clock[NOW] = clock[NEWEST] = stamp
+    same = True
+    for i in range(len(q)):
+        rows[COMMAND, i], rows[VELOCITY, i], rows[STOPPED, i] = after[i], speeds[i], stopped[i]
+        rows[Q, i], rows[V, i] = q[i], v[i]
+        same &= rows[SENT_COMMAND, i] == after[i]
+    if same:
+        return SAME_COMMAND
+    for i in range(len(q)):
+        rows[SENT_COMMAND, i] = after[i]
+    clock[SENT_AT] = t
+    return NEW_COMMAND
+
+
+class CompiledUpdates:
+    """A driver's state as `process_joint_state` takes it, and back."""
+
+    def __init__(self, runner: LoopRunner) -> None:
+        self._runner = runner
+        servo, resolver = runner.servo, runner.servo.differential_ik
+        arm, settings = servo.arm, servo.settings
+        # A resolver, tasks or an arm of somebody's own are asked in Python.
+        self._is_possible = (
+            type(arm) is Arm and type(resolver) is DifferentialIK and not resolver.other_tasks
+            and settings.output == "position"
+            and not (runner.settings.lockstep or runner.settings.dry)
+        )  # fmt: skip
+        if self._is_possible:
+            self._constant_arguments = (resolver.range_tasks, resolver.elbow_rows,
+                resolver.limit_rows,
+                           resolver.has_acceleration_limits)  # fmt: skip
+
+    def make_arguments(self) -> tuple[np.ndarray | tuple | bool, ...] | None:
+        """Arguments of `process_joint_state` from `chain` on; None where the next tick is not one
+        of them.
+        """
+        driver = self._runner
+        servo, newest = driver.servo, driver.history.newest
+        pursuit, motion, resolver = servo.executor, servo.integrator, servo.differential_ik
+        task, pending = pursuit.task, pursuit.pending_tasks
+        if (
+            not self._is_possible or newest is None or task is None or pursuit.is_joint_controlled
+            or not servo.is_only_executing or driver.sent_values is None
+            or resolver.goal is None or "resolve" in vars(resolver)
+        ):  # fmt: skip
+            return None
+        following = pending[0][1] if pending else task
+        if following.L.shape != task.L.shape:
+            return None
+        settings = servo.settings
+        kept = pursuit.cached_velocities or (-inf, np.zeros(len(motion.names)), 0.0, "")
+        self._clock = np.array([driver.update_time, newest.stamp, kept[0], kept[2], -inf, 0.0])
+        self._rows = np.array([
+            motion.command, motion.velocity, kept[1], driver.sent_values, newest.positions,
+            newest.velocities, np.zeros(len(motion.names)),
+        ])  # fmt: skip
+        due = [pending[k][0] if len(pending) > k else inf for k in range(2)]
+        numbers = np.array([
+            settings.longest_step, settings.watchdog, settings.lag, settings.resolve_period,
+            *servo.answer_timing, *due,
+        ])  # fmt: skip
+        both = task, following
+        return (
+            tuple(servo.arm.chain), self._clock, self._rows, resolver.last_velocities,
+            servo.arm.plausible_bounds, motion.lead, numbers, resolver.setting_values,
+            resolver.goal, np.array([t.L for t in both]), np.array([t.desired_rate for t in both]),
+            np.array([t.modelled for t in both]), *self._constant_arguments,
+        )  # fmt: skip
+
+    @property
+    def command(self) -> np.ndarray:
+        """(n,) where the command stands."""
+        return self._rows[COMMAND]
+
+    def apply_results(
+        self, stamps: Sequence[float], samples: np.ndarray, commands: np.ndarray
+    ) -> None:
+        """Take back what `process_joint_state` made of the first joint states (m, 2, n), at stamps
+        in s: commands (m, n)."""
+        driver, clock, rows = self._runner, self._clock, self._rows
+        servo = driver.servo
+        pursuit, names = servo.executor, servo.arm.names
+        if clock[TASK]:
+            pursuit.task = pursuit.pending_tasks.popleft()[1]
+        pursuit.cached_velocities = clock.item(SOLVED_AT), rows[SOLUTION], clock.item(VALID_FOR), ""
+        if not stamps:
+            return
+        for array in (samples, commands):
+            array.setflags(write=False)
+        taken = [
+            JointSample(stamp, names, *sample)
+            for stamp, sample in zip(stamps, samples, strict=False)
+        ]
+        servo.integrator.set_command(rows[COMMAND], rows[VELOCITY])
+        servo.apply_updates(
+            taken[-1], servo.integrator.describe_stops(np.flatnonzero(rows[STOPPED]))
+        )
+        driver.apply_updates(taken, commands, rows[SENT_COMMAND], clock.item(SENT_AT))

@@ -1,0 +1,203 @@
+"""Features and a law: what most schemes are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from aras_visual_servo_base.names import describe_unknown
+
+from ..errors import ConfigurationError
+from ..features.base import Feature, FeatureMeasurement, Stack
+from ..goals.goal import Goal
+from ..kinematics.algebra import ROUNDING_TOLERANCE, solve_least_squares
+from ..kinematics.task import Task
+from ..laws import Law
+from ..observation.observation import Observation
+from .base import SchemeOutput
+from .feature_scheme_base import FeatureSchemeBase
+from .output_checks import check_array
+
+INTERACTIONS = ("current", "desired", "mean", "estimated")
+# A gap after which a filter begins anew, s; a jump that no camera makes (an angle that wrapped).
+LONGEST_GAP, LONGEST_JUMP = 0.3, 1.0
+# Part of L's greatest singular value up to which one counts as noise, where features come from
+# pictures and do not say how exact they are.
+NOISE_RANK_TOLERANCE = 1e-4
+# Part of the greatest one from which on noise is no reason to let a direction go: the pose's, whose
+# L is always well conditioned, is servoed however noisy it is.
+WELL_CONDITIONED = 0.05
+Estimator = Callable[[Observation, FeatureMeasurement], np.ndarray]
+
+
+class FeatureScheme(FeatureSchemeBase):
+    """e_dot = law(e), with L at the current view, at the goal, their mean, or estimated.
+
+    Attributes:
+        feature: one feature, or the Stack of several.
+        law: see laws.
+        interaction: one of INTERACTIONS.
+        smoothing: time constant of a low-pass before the law, s; 0 for none. What it gives is
+            the decision's `filtered_error`; `error` stays as measured.
+        ratio: (k,) factors of the wanted rates, or None.
+        estimator: for 'estimated': answers L (k, 6) from the observation and what was measured,
+            and forgets at its `reset()`, if it has one; Broyden's rule where none is given.
+    """
+
+    def __init__(
+        self,
+        features: Feature | Sequence[Feature],
+        law: Law | None = None,
+        interaction: str = "current",
+        smoothing: float = 0.0,
+        weights: Sequence[float] | None = None,
+        ratio: Sequence[float] | None = None,
+        estimator: Estimator | None = None,
+    ) -> None:
+        parts = [features] if isinstance(features, Feature) else list(features)
+        alone = len(parts) == 1 and weights is None
+        super().__init__(law, parts[0] if alone else Stack(parts, weights))
+        if interaction not in INTERACTIONS:
+            raise ConfigurationError(describe_unknown("interaction", interaction, INTERACTIONS))
+        if estimator is not None and interaction != "estimated":
+            raise ConfigurationError(
+                f"an estimator is for interaction 'estimated', not '{interaction}'"
+            )
+        if interaction == "estimated" and estimator is None:
+            from .broyden import Broyden
+
+            estimator = Broyden()
+        if not (np.isfinite(smoothing) and smoothing >= 0.0):
+            raise ConfigurationError(f"smoothing is {smoothing}, it must be >= 0 s")
+        if ratio is not None and (
+            len(ratio) != len(self.feature.names) or not (np.asarray(ratio) > 0.0).all()
+        ):
+            raise ConfigurationError(
+                f"ratio {ratio}: one number above 0 for each of {', '.join(self.feature.names)}"
+            )
+        self.interaction, self.smoothing, self.estimator = interaction, float(smoothing), estimator
+        self.ratio = None if ratio is None else np.array(ratio, float)
+        # An L that is not of this view (desired, mean, estimated) says nothing of the camera.
+        self.can_check_camera = interaction == "current" and self.feature.is_geometric
+        self._filter_state: tuple[float, np.ndarray] | None = None
+
+    def reset(self) -> None:
+        """See Scheme.reset."""
+        super().reset()
+        if self.estimator is not None and hasattr(self.estimator, "reset"):
+            self.estimator.reset()
+        self._filter_state = None
+
+    def _describe(self) -> None:
+        super()._describe()
+        self._modelled = np.array(self.feature.directions, bool)
+
+    def check(self, goal: Goal) -> None:
+        """See Scheme.check."""
+        super().check(goal)
+        if self.interaction in ("desired", "mean"):
+            self.feature.desired_interaction(goal)
+
+    def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
+        """See Scheme.compute."""
+        measured = self.check_measurement(
+            self.feature.measure(self.require_visible(observation), goal)
+        )
+        L = measured.L
+        if self.interaction != "current":
+            L = self._choose_interaction(observation, measured, goal)
+        modelled = L * self._modelled
+        filtered = measured.error
+        if self.smoothing > 0.0:
+            filtered = self._filter_error(filtered, observation.stamp)
+        scale = np.repeat((goal.distance, 1.0), 3)
+        rotated = scale * _compute_pseudo_inverse_error(
+            modelled * scale, filtered, self.feature.weights
+        )
+        wanted = self.law.desired_error_rate(filtered, modelled, rotated, t, observation.dt)
+        wanted = check_array(self.law, "rate", wanted, filtered.shape)
+        if self.interaction == "mean":
+            # It takes a turn by theta for one by 2 tan(theta / 2), and none is longer than pi.
+            wanted = wanted * (np.pi / max(float(np.linalg.norm(rotated[3:])), np.pi))
+        if self.ratio is not None:
+            wanted = self.ratio * wanted
+        judged = measured.error_summary
+        return SchemeOutput(
+            names=self.names,
+            features=measured.s if judged is None else judged,
+            desired=measured.desired if judged is None else np.zeros_like(judged),
+            error=measured.error if judged is None else judged,
+            task=Task.from_interaction(
+                L,
+                wanted - measured.error_drift,
+                self._modelled,
+                self.feature.weights,
+                goal.distance,
+                **self._estimate_accuracy(L, observation, goal),
+            ),
+            L=L,
+            residual=None if judged is None else measured.error,
+            error_drift=measured.error_drift if judged is None else 0.0,
+            filtered_error=filtered if self.smoothing > 0.0 and judged is None else None,
+            ambiguity=measured.ambiguity,
+            notes=measured.notes,
+        )
+
+    def _estimate_accuracy(
+        self, L: np.ndarray, observation: Observation, goal: Goal
+    ) -> dict[str, Any]:
+        """Task.accuracy and Task.least of this image, where L (k, 6) sees some direction badly.
+
+        Rows are compared with each other whatever their units: each as if its length were 1, with
+        lengths in depths.
+        """
+        scaled = L[:, self._modelled] * np.repeat((goal.distance, 1.0), 3)[self._modelled]
+        lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
+        rows = np.divide(scaled, lengths, out=np.zeros_like(scaled), where=lengths > 0.0)
+        weak = np.linalg.eigvalsh(rows.T @ rows if len(rows) > len(rows.T) else rows @ rows.T)
+        if weak[0] > WELL_CONDITIONED**2 * weak[-1]:
+            return {}
+        accuracy = self.accuracy(observation.with_noise(), goal)
+        if accuracy is not None:
+            return {"accuracy": accuracy}
+        return {"least": NOISE_RANK_TOLERANCE} if observation.is_from_image else {}
+
+    def _choose_interaction(
+        self, observation: Observation, measured: FeatureMeasurement, goal: Goal
+    ) -> np.ndarray:
+        if self.interaction == "estimated":
+            L = self.estimator(observation, measured)
+            return check_array(self.estimator, "__call__", L, measured.L.shape)
+        desired = self.feature.desired_interaction(goal)
+        desired = check_array(self.feature, "desired_interaction", desired, measured.L.shape)
+        return desired if self.interaction == "desired" else 0.5 * (measured.L + desired)
+
+    def _filter_error(self, error: np.ndarray, stamp: float) -> np.ndarray:
+        """The error (k,) behind a first-order low-pass; after a gap or a jump it begins anew.
+
+        Edges of an image have finitely many grey levels: the angle of a near-square jumps by some
+        mrad from one image to the next, and a joint with friction turns that into a tremor.
+        """
+        if self._filter_state is not None:
+            before, value = self._filter_state
+            dt = stamp - before
+            same = np.shape(value) == np.shape(error)
+            wraps = [unit != "m" for unit in self.units] or slice(None)
+            jump = np.abs(error - value)[wraps].max(initial=0.0) if same else np.inf
+            if 0.0 <= dt <= LONGEST_GAP and jump < LONGEST_JUMP:
+                error = value + (1.0 - np.exp(-dt / self.smoothing)) * (error - value)
+        self._filter_state = (stamp, error)
+        return error
+
+
+def _compute_pseudo_inverse_error(
+    L: np.ndarray, error: np.ndarray, weights: np.ndarray | None
+) -> np.ndarray:
+    """L^+ error (6,), by the normal equations where L is tall."""
+    if weights is not None:
+        L, error = weights[:, None] * L, weights * error
+    if len(L) > 64:
+        L, error = L.T @ L, L.T @ error
+    return solve_least_squares(L, error, ROUNDING_TOLERANCE)

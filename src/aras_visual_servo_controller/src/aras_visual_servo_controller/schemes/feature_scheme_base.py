@@ -1,0 +1,92 @@
+"""What schemes share that are built on one feature: its names, needs, goal and measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..errors import MeasurementError
+from ..features.base import Feature, FeatureMeasurement, Stack, scale_tolerances
+from ..goals.goal import Goal
+from ..laws import Law
+from ..observation.observation import SEGMENTED, Need, Observation
+from .base import Scheme
+from .output_checks import check_accuracy, check_measurement, check_taught_entry
+
+
+class FeatureSchemeBase(Scheme):
+    """Base: give `compute`; s, s* and L are `check_measurement(feature.measure(visible(...),
+    goal))`.
+
+    Attributes:
+        feature: of the class `made_of`, or as given.
+    """
+
+    feature_class: ClassVar[type[Feature]]
+
+    def __init__(self, law: Law | None = None, feature: Feature | None = None) -> None:
+        super().__init__(law)
+        self.feature = self.feature_class() if feature is None else feature
+        self.needs, self.cameras = self.feature.needs, tuple(self.feature.cameras)
+        self._row_count = 0  # of L in the last image
+        self._describe()
+
+    def reset(self) -> None:
+        """See Scheme.reset."""
+        super().reset()
+        self.feature.reset()
+        self._row_count = 0
+
+    def check(self, goal: Goal) -> None:
+        """See Scheme.check."""
+        self.feature.check(goal)
+        self._describe()
+        self.tolerances = scale_tolerances(self.feature.tolerances, goal)
+
+    def get_needs(self, *cameras: str) -> frozenset[Need]:
+        """See Scheme.needs_of."""
+        return self.feature.get_needs(*cameras)
+
+    @property
+    def features(self) -> tuple[Feature, ...]:
+        """Those of a Stack, or the only one."""
+        return self.feature.features if isinstance(self.feature, Stack) else (self.feature,)
+
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """See Scheme.accuracy."""
+        found = self.feature.accuracy(observation, goal)
+        return None if found is None else check_accuracy(self.feature, found, self._row_count)
+
+    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
+        """See Scheme.teach."""
+        taught = {f.name: check_taught_entry(f, f.teach(observation)) for f in self.features}
+        # Feature.check looks for what a class's own `teach` returned, be it empty.
+        looked_for = {f.name for f in self.features if type(f).check is Feature.check
+                      and type(f).teach is not Feature.teach}  # fmt: skip
+        return {name: entry for name, entry in taught.items() if entry or name in looked_for}
+
+    def require_visible(self, observation: Observation) -> Observation:
+        """The observation; MeasurementError where a target that the feature needs is not in it."""
+        if not observation.other_cameras:
+            if self.needs & SEGMENTED and not observation.valid:
+                raise MeasurementError(observation.reason or "the target is not visible")
+            return observation
+        for name, view in observation.cameras.items():
+            own = (name,) if view.twist_from_control is not None else ("", name)
+            if self.get_needs(*own) & SEGMENTED and not view.valid:
+                reason = view.reason or "the target is not visible"
+                raise MeasurementError(f"camera {name}: {reason}")
+        return observation
+
+    def check_measurement(self, measurement: object) -> FeatureMeasurement:
+        """What `feature.measure` returned, with arrays in float64; SchemeError."""
+        measured = check_measurement(self.feature, measurement)
+        self._row_count = len(measured.error)
+        return measured
+
+    def _describe(self) -> None:
+        """Take the feature's names, tolerances and units; it may learn them from the goal."""
+        self.names, self.units = tuple(self.feature.names), tuple(self.feature.units)
+        self.tolerances = tuple(self.feature.tolerances)

@@ -9,7 +9,7 @@ function(compile_loops_when_installed)
     set(libraries \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/${CATKIN_GLOBAL_PYTHON_DESTINATION}:${beside}\")
     execute_process(
       COMMAND \"${CMAKE_COMMAND}\" -E env \"PYTHONPATH=\${libraries}\" \"${PYTHON_EXECUTABLE}\"
-        -m aras_visual_servo_base.loops --from \"${CMAKE_CURRENT_SOURCE_DIR}/src\" ${PROJECT_NAME}
+        -m aras_visual_servo_base.compile_packages --from \"${CMAKE_CURRENT_SOURCE_DIR}/src\" ${PROJECT_NAME}
       WORKING_DIRECTORY /
       RESULT_VARIABLE failed)
     if(failed)

@@ -90,7 +90,7 @@ def parameter(
     """
     rules = {
         "unit": unit, "least": least, "above": above, "most": most, "below": below,
-        "choices": tuple(choices), "wanted": expected, "name": name, "words": splits_words,
+        "choices": tuple(choices), "expected": expected, "name": name, "splits_words": splits_words,
         "infinite": infinite, "internal": internal, "shorthand": shorthand,
         "importable": importable, "help": help,
     }  # fmt: skip
@@ -226,7 +226,7 @@ def convert(
                 "the top level of a module"
             )
         value = f"{value.__module__}:{value.__qualname__}"
-    if rules.get("words") and isinstance(value, str):
+    if rules.get("splits_words") and isinstance(value, str):
         value = value.split()
     found = _convert(value, hint, where, fault, rules)
     if not dataclasses.is_dataclass(found):
@@ -263,7 +263,7 @@ def _convert(
         )
         if hint is str and rules.get("choices"):
             words = "one of " + ", ".join(rules["choices"])
-        raise fault(f"{where} is {format_value(value)}, must be {rules.get('wanted') or words}")
+        raise fault(f"{where} is {format_value(value)}, must be {rules.get('expected') or words}")
     return found
 
 
@@ -286,7 +286,7 @@ def _convert_union(
         with contextlib.suppress(fault):
             return _convert(value, kind, where, fault)
     raise fault(
-        f"{where} is {format_value(value)}, must be {rules.get('wanted') or describe_hint(hint)}"
+        f"{where} is {format_value(value)}, must be {rules.get('expected') or describe_hint(hint)}"
     )
 
 
@@ -313,7 +313,7 @@ def _convert_tuple(
     if not isinstance(items, list | tuple) or len(items) != len(parts):
         raise fault(
             f"{where} is {format_value(value)}, must be "
-            f"{rules.get('wanted') or describe_hint(hint)}"
+            f"{rules.get('expected') or describe_hint(hint)}"
         )
     return tuple(
         _convert(item, part, f"{where}[{i}]", fault)
@@ -406,4 +406,4 @@ def check_bounds(settings: Any, fault: Fault) -> None:
 
 
 def _describe_type(cls: type, field: dataclasses.Field) -> str:
-    return field.metadata.get("wanted") or describe_hint(list_annotations(cls)[field.name])
+    return field.metadata.get("expected") or describe_hint(list_annotations(cls)[field.name])

@@ -278,6 +278,6 @@ def _read_pose(value: object, name: str) -> Pose:
     if isinstance(value, Mapping):
         pose = build(CameraPlacementEntry, value, where, CameraError)
         return Pose.from_rpy(pose.xyz, pose.rpy)
-    wanted = {"wanted": "[x, y, z, roll, pitch, yaw] in m and rad"}
+    wanted = {"expected": "[x, y, z, roll, pitch, yaw] in m and rad"}
     numbers = convert(value, tuple[(float,) * 6], where, CameraError, wanted)
     return Pose.from_rpy(numbers[:3], numbers[3:])

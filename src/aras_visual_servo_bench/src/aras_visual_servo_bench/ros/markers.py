@@ -50,7 +50,7 @@ def make_markers(shapes: list[Shape], frame: str, previous: set[str]) -> MarkerA
     """All of them, and the end of those of `previous` that are no more."""
     array = MarkerArray([make_marker(shape, frame) for shape in shapes])
     for name in sorted(previous - {shape.name for shape in shapes}):
-        array.make_markers.append(Marker(ns=name, action=Marker.DELETE))
+        array.markers.append(Marker(ns=name, action=Marker.DELETE))
     return array
 
 

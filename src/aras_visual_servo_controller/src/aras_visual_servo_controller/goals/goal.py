@@ -11,7 +11,7 @@
     target: {surface: 0.5905, ground: 0.59, boxes: [[low, high], ...]}   # where it is known
     mounting: {xyz: [...], rpy: [...]}           # of the camera on its link, for the record
     marker: DICT_APRILTAG_36h11:0                # that is the target
-    seen_by: left                                # of several cameras the control camera
+    camera_name: left                                # of several cameras the control camera
     cameras: {right: {camera_pose: ..., plane: ..., moments: ..., camera: ...}}   # the others
 
 Moments do not depend on the lens; kernel features hold for one camera. All depend on where the
@@ -87,7 +87,7 @@ class Goal:
         features: what features taught, by their names.
         target: the target's geometry in the arm's base.
         mounting: (4, 4) of the camera on its link when it was taught.
-        seen_by: name of the camera, of a scheme of several.
+        camera_name: name of the camera, of a scheme of several.
         others: the goals of the other cameras, by name: what they see there, and from where.
         marker: `DICTIONARY:number` of the marker that is the target.
     """
@@ -414,7 +414,7 @@ class Goal:
             "target": None if self.target is None else self.target.to_mapping(),
             "mounting": make_pose_entry(self.mounting),
             "marker": self.marker or None,
-            "seen_by": self.camera_name if self.other_cameras else None,
+            "camera_name": self.camera_name if self.other_cameras else None,
             "cameras": {name: yaml.safe_load(goal.to_yaml()) for name,
                 goal in self.other_cameras.items()},
         }, heading)  # fmt: skip

@@ -98,7 +98,7 @@ def read_goal_fields(data: Any, name: str) -> dict[str, Any]:
         ),
         "mounting": _read_pose(given.mounting),
         "marker": _read_marker(given.marker, name),
-        "seen_by": given.camera_name,
+        "camera_name": given.camera_name,
     }
 
 

@@ -29,6 +29,6 @@ class StereoIBVS(Stack):
         places = (X[:3] / X[3]).T  # (n, 3), m, in the left
         in_the_right = places @ right_T_left[:3, :3].T + right_T_left[:3, 3]
         # Of each camera for its own twist, brought to the one twist that the loop decides.
-        L_left = left.brought(point_interaction(in_left, 1.0 / places[:, 2]))
-        L_right = right.brought(point_interaction(in_right, 1.0 / in_the_right[:, 2]))
+        L_left = left.transform_to_control(point_interaction(in_left, 1.0 / places[:, 2]))
+        L_right = right.transform_to_control(point_interaction(in_right, 1.0 / in_the_right[:, 2]))
         return replace(found, L=np.vstack([L_left, L_right]))

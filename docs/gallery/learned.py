@@ -10,4 +10,4 @@ learned, moments = keep_runs(
     {"learned": base.with_changes(scheme=taught), "moments": base.with_changes(scheme="moments")},
     "camera_path",
 )
-assert learned.verdict.reached and moments.is_success
+assert learned.verdict.is_reached and moments.is_success

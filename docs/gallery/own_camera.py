@@ -14,4 +14,4 @@ right, wrong = keep_runs(
     },
     "image_trajectory",
 )
-assert right.is_success and not wrong.verdict.reached
+assert right.is_success and not wrong.verdict.is_reached

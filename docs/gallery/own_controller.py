@@ -9,4 +9,4 @@ from aras_visual_servo_bench import Experiment
 sys.path.append(str(EXAMPLES))
 mine = Experiment(scheme="joint_mpc:JointMPC", start="2016", duration=5.0)
 run, = keep_runs({"joint MPC": mine}, "joint_positions")
-assert run.verdict.reached
+assert run.verdict.is_reached

@@ -9,4 +9,4 @@ from aras_visual_servo_bench import Experiment
 sys.path.append(str(EXAMPLES))
 mine = Experiment(scheme="own_corners:OwnCorners", start="2016", duration=5.0)
 run, = keep_runs({"own corners": mine}, "image_trajectory")
-assert run.verdict.reached
+assert run.verdict.is_reached

@@ -6,4 +6,4 @@ from aras_visual_servo_bench import Experiment
 
 names = ("moments", "points", "points_3d")
 runs = keep_runs({name: Experiment(scheme=name, start="2016") for name in names}, "camera_path")
-assert all(run.verdict.reached for run in runs)
+assert all(run.verdict.is_reached for run in runs)

@@ -186,7 +186,7 @@ def test_rviz_gets_the_same_shapes(viewer, ros_node):
     from visualization_msgs.msg import Marker, MarkerArray
 
     array = wait_for_message("/aras_visual_servo/markers", MarkerArray, 20.0)
-    by_name = {marker.ns: marker for marker in array.make_markers}
+    by_name = {marker.ns: marker for marker in array.markers}
     path = by_name["path"]
     assert (path.type, path.header.frame_id) == (Marker.LINE_STRIP, "base_link")
     assert len(path.points) * 3 == len(viewer.shapes["path"]["points"])

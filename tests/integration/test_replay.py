@@ -76,7 +76,7 @@ def contour(message: Image) -> np.ndarray:
 
 def target_at(message: MarkerArray, x: float) -> bool:
     """Whether the target's plate, 0.05 m wide, is drawn with its faces around x."""
-    faces = [m for m in message.make_markers if m.ns == "target face 0" and m.points]
+    faces = [m for m in message.markers if m.ns == "target face 0" and m.points]
     across = [point.x for m in faces for point in m.points]
     return bool(across) and abs(0.5 * (min(across) + max(across)) - x) < 1e-3
 

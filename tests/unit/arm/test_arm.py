@@ -82,7 +82,7 @@ def test_places_are_those_of_the_joints_from_the_base_on():
     places = turned.joint_origins(q[:, ::-1])
     for found, posture in zip(places, q, strict=True):
         np.testing.assert_array_equal(found, make("aras").joint_frames(posture)[0])
-    assert make("aras").places(q[:0]).shape == (0, 6, 3)
+    assert make("aras").joint_origins(q[:0]).shape == (0, 6, 3)
 
 
 def test_from_another_base():
@@ -205,14 +205,14 @@ def test_inverse_tells_how_far_beyond_reach_a_pose_is():
     far = arm.pose(np.full(6, 0.3)).copy()
     far[:3, 3] *= 2.0 / np.linalg.norm(far[:3, 3])
     with pytest.raises(UnreachableError, match="out of the arm's reach") as caught:
-        arm.inverse(far, np.full(6, 0.3))
+        arm.inverse_kinematics(far, np.full(6, 0.3))
     assert 0.7 < caught.value.distance < 1.4
     with pytest.raises(ValueError, match="rigid"):
-        arm.inverse(2.0 * far, np.full(6, 0.3))
+        arm.inverse_kinematics(2.0 * far, np.full(6, 0.3))
     nowhere = far.copy()
     nowhere[1, 3] = np.nan
     with pytest.raises(ValueError, match="rigid"):
-        arm.inverse(nowhere, np.full(6, 0.3))
+        arm.inverse_kinematics(nowhere, np.full(6, 0.3))
 
 
 def test_of_several_postures_the_cheapest_counts():
@@ -224,7 +224,7 @@ def test_of_several_postures_the_cheapest_counts():
         tried.append((1.0 + round(abs(joints[2] - 0.4) + abs(joints[4]), 1), joints))
         return tried[-1][0]
 
-    found = arm.inverse(arm.pose(q), q, cost=cost)
+    found = arm.inverse_kinematics(arm.pose(q), q, cost=cost)
     costs = [one[0] for one in tried]
     assert costs.count(min(costs)) > 1 and len(set(costs)) > 1
     # Of those that cost the same, the one found first.
@@ -235,11 +235,11 @@ def test_sample_finds_joints_by_name():
     arm = make("aras")
     names = sorted(ARAS_JOINTS) + ["gripper"]
     values = dict(zip(names, np.arange(7.0) / 10, strict=True))
-    sample = arm.sample(names, list(values.values()), [0.5] * 7, 2.5)
+    sample = arm.read_joints(names, list(values.values()), [0.5] * 7, 2.5)
     assert sample.names == ARAS_JOINTS and sample.stamp == 2.5
     assert sample.positions.tolist() == [values[name] for name in ARAS_JOINTS]
     assert sample.velocities.tolist() == [0.5] * 6
-    assert arm.sample(names, list(values.values())).velocities.tolist() == [0.0] * 6
+    assert arm.read_joints(names, list(values.values())).velocities.tolist() == [0.0] * 6
 
 
 @pytest.mark.parametrize(
@@ -258,12 +258,12 @@ def test_sample_finds_joints_by_name():
 )
 def test_measurements_that_cannot_be_are_refused(names, positions, velocities, words):
     with pytest.raises(MeasurementError, match=words):
-        make("aras").sample(names, positions, velocities)
+        make("aras").read_joints(names, positions, velocities)
 
 
 def test_a_joint_pushed_a_little_over_its_limit_is_still_measured():
     arm = make("aras")
-    assert arm.sample(ARAS_JOINTS, [0, 0, 2.3, -2.3, 0, 0]).positions[2] == 2.3
+    assert arm.read_joints(ARAS_JOINTS, [0, 0, 2.3, -2.3, 0, 0]).positions[2] == 2.3
 
 
 CHANGES = [

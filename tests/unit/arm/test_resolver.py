@@ -494,7 +494,7 @@ def planar(axes=("0 1 0",) * 3, bend=0.0, lengths=(0.3, 0.2), elbow="revolute", 
     return Arm.from_urdf(f"<robot name='planar'>{links}{joints}</robot>", "c")
 
 
-@pytest.mark.parametrize("signs", list(itertools.compute_third_product((1, -1), repeat=3)))
+@pytest.mark.parametrize("signs", list(itertools.product((1, -1), repeat=3)))
 @pytest.mark.parametrize("bend", [0.0, 0.4, -0.4])
 def test_an_elbow_is_one_whichever_way_its_axes_point(signs, bend):
     arm = planar([f"0 {sign} 0" for sign in signs], bend)

@@ -32,7 +32,7 @@ from aras_visual_servo_base.poses import (
 )
 
 ANGLES = list(
-    itertools.compute_third_product(
+    itertools.product(
         (-2.0, 0.0, 0.7), (-math.pi / 2, -0.4, 1.1, math.pi / 2), (-3.0, 0.0, 1.3)
     )
 )

@@ -129,11 +129,11 @@ def test_a_target_is_drawn_on_the_link_that_carries_it():
     changed = np.abs(drawn[1]["left"].astype(int) - alone[1]["left"]).max(axis=2) > 100
     rows, columns = np.nonzero(changed)
     parts = drawn[0]
-    place = parts.places["left"].at(parts.plant.at_rest())
-    shape = asked(left={"target": PLATE}).cameras["left"].target.placed.shape
+    place = parts.placements["left"].at(parts.plant.read_rest_pose())
+    shape = asked(left={"target": PLATE}).cameras["left"].target.placed_target.shape
     hand_T_plate = matrix_from_xyz_rpy(PLATE["pose"][:3], PLATE["pose"][3:])
     rim = shape.outline(np.linalg.inv(hand_T_plate) @ place)
-    camera = parts.eyes["left"].true_camera
+    camera = parts.cameras["left"].true_camera
     pixels = np.column_stack(camera.project(*rim.T)).astype(np.float32)
     mask = cv2.fillPoly(np.zeros((240, 320), np.uint8), [np.round(pixels).astype(int)], 255)
     there = np.array(np.nonzero(mask)).mean(axis=1)

@@ -258,7 +258,7 @@ def test_a_study_that_grows_is_followed_part_by_part(tmp_path, monkeypatch):
     assert (first.studies[0].stored_run_count, first.studies[0].run_count) == (10, 30)
     assert studies.read_snapshot(is_forced=True) is first
     for name in (".000002.parquet.new", "notes.txt"):  # on its way, and another's
-        (folder.part(0).parent / name).write_text("")
+        (folder.find_part(0).parent / name).write_text("")
     assert studies.read_snapshot(is_forced=True) is first
     write_chunk(folder, 2)
     read = []
@@ -276,7 +276,7 @@ def test_what_is_damaged_or_gone_is_said_and_the_rest_stays(tmp_path):
     bad = made_study(tmp_path / "bad", **{**GRID, "seed": 2})
     studies = Studies([tmp_path])
     assert studies.read_snapshot(is_forced=True).table.num_rows == 60
-    bad.part(1).write_bytes(b"PAR1 nothing")
+    bad.find_part(1).write_bytes(b"PAR1 nothing")
     look = studies.read_snapshot(is_forced=True)
     assert "not as it was written" in look.find_study("bad").note
     assert look.table.num_rows == 60  # as they were before
@@ -313,8 +313,8 @@ def test_whatever_stands_in_a_folder_the_page_goes_on(damage, tmp_path):
     if damage == "deep":
         (bad.path / "manifest.json").write_text("[" * 100_000)
     elif damage == "a pipe":
-        bad.part(0).unlink()
-        os.mkfifo(bad.part(0))
+        bad.find_part(0).unlink()
+        os.mkfifo(bad.find_part(0))
     else:
         (bad.path / CHECKSUM_FILE).unlink()
         if damage == "binary sums":

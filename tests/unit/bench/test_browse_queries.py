@@ -142,7 +142,7 @@ def test_rows_are_a_part_of_those_in_order(look, table):
     filters = (Filter("step", "<", 380),)
     mine = table[table.step < 380]
     at = look.table.column_names.index("step")
-    for column, descending in itertools.compute_third_product(
+    for column, descending in itertools.product(
         ("distance", "word", "step"), (False, True)
     ):
         told = rows(look, filters=filters, sort=column, descending=descending, first=4, count=9)
@@ -171,7 +171,7 @@ def test_few_values_have_a_cell_each_and_many_numbers_a_range(look, table):
         found = cut(np.r_[np.arange(count)[::-1], 0.5, np.nan][:count + 1].astype(float)[1:])
         assert len(found.labels) == (24 if count == 24 else 12)
     found = cut([3.0, None, 1.0, float("nan"), 3.0])
-    assert (found.labels, found.at.tolist(), found.left) == ([1.0, 3.0], [1, -1, 0, -1, 1], 2)
+    assert (found.labels, found.at.tolist(), found.uncounted_rows) == ([1.0, 3.0], [1, -1, 0, -1, 1], 2)
     assert found.bounds == [[("=", 1.0)], [("=", 3.0)]]
     angle = cut(table.angle)
     wanted = np.linspace(table.angle.min(), table.angle.max(), 13)
@@ -179,7 +179,7 @@ def test_few_values_have_a_cell_each_and_many_numbers_a_range(look, table):
     for k, bounds in enumerate(angle.bounds):  # each cell's filters choose its own rows
         own = chosen(look, *(("angle", *one) for one in bounds))
         assert own == where(angle.at == k)
-    assert [b[1][0] for b in angle.bounds] == ["<"] * 11 + ["≤"] and angle.left == 0
+    assert [b[1][0] for b in angle.bounds] == ["<"] * 11 + ["≤"] and angle.uncounted_rows == 0
     for high, grows in ((100.0, False), (101.0, True)):
         edges = [low for low, _ in cut(np.linspace(1.0, high, 30)).labels] + [high]
         step = np.diff(np.log(edges) if grows else edges)
@@ -196,7 +196,7 @@ def test_of_many_words_the_commonest_have_cells(table):
         sizes = np.bincount(found.at[found.at >= 0])
         assert sizes.tolist() == [counts[name] for name in found.labels]
         assert min(sizes) >= counts.drop(found.labels).max()
-        assert found.left == COUNT - sizes.sum()
+        assert found.uncounted_rows == COUNT - sizes.sum()
 
 
 def test_groups_are_those_of_pandas(look, table):
@@ -244,7 +244,7 @@ def test_a_map_s_cells_are_those_of_pandas(look, table):
         assert told["y"]["labels"] == [0.25, 1.5, 4.0]
         assert told["left"] == (table.word.isna() | table.gain.isna()).sum()
         places = (enumerate(told[axis]["labels"]) for axis in "yx")
-        for (i, gain), (j, word) in itertools.compute_third_product(*places):
+        for (i, gain), (j, word) in itertools.product(*places):
             own = table[(table.gain == gain) & (table.word == word)][value]
             assert told["runs"][i][j] == len(own)
             wanted = own.fillna(0).mean() if value == "success" else \

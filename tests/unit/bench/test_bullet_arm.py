@@ -127,7 +127,7 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     plant = bullet(robot, preset, camera={"segmentation": True, "depth": True}, shown=shown,
                    label="plate")
     try:
-        pose, found = plant.pose(), []
+        pose, found = plant.read_pose(), []
         while not found:
             found = [r for r in plant.advance(10**9) if isinstance(r, Frame)]
     finally:
@@ -169,9 +169,9 @@ def test_several_cameras_sit_where_the_robot_has_their_frames(preset):
     robot = Robot(RobotSpec(), cameras=specs)
     plant = bullet(robot, preset, name="left", others={"right": {**preset, "update_rate": 20.0}})
     try:
-        assert plant.control == "left"
-        simulation, q = plant.simulation, plant.joints()[0]
-        np.testing.assert_allclose(plant.at_rest(), robot.make_arm("left").pose(q), atol=1e-6)
+        assert plant.control_camera_name == "left"
+        simulation, q = plant.simulation, plant.read_joints()[0]
+        np.testing.assert_allclose(plant.read_rest_pose(), robot.make_arm("left").pose(q), atol=1e-6)
         model = simulation.world.models["robot"]
         seated = simulation.camera("/right")
         link = model.link_pose("camera_frame_of_right").matrix()

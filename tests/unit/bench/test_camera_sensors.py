@@ -66,7 +66,7 @@ def test_a_point_is_where_it_was_when_its_own_row_was_exposed():
 def test_a_picture_is_made_of_rows_of_the_pictures_of_their_instants(depth):
     rolling = sight(pictures=True, depth=depth)
     found, still = flying(rolling), replace(rolling, parts=(), effects=Effects())
-    for part in rolling.parts:
+    for part in rolling.row_bands:
         now = capture(still, pose_at(1e-9 * part.offset_ns), STAMP, np.random.default_rng(0)).image
         rows = slice(part.first, part.last)
         np.testing.assert_allclose(found.image[rows].astype(int), now[rows], atol=1)

@@ -88,21 +88,21 @@ def test_five_images_without_a_measurement_are_the_end():
     (1.5, 0.2, True), (1.51, 0.1, False), (1.4, 0.21, False), (0.6, -0.1, True)])
 def test_it_has_converged_within_a_part_of_the_first_distance_and_angle(z, turn, over):
     found = ending({"enough": 0.5}, first=looks_down(2.0, turn=0.400001))
-    found.image(state(), looks_down(z, turn=turn))
-    assert found.over is over
+    found.add_image(state(), looks_down(z, turn=turn))
+    assert found.is_over is over
     if over:
         assert found.outcome.kind == "converged"
 
 
 def test_it_has_failed_farther_from_the_goal_than_is_allowed():
     found = ending({"farthest": 1.5})
-    found.image(state(), looks_down(1.0, x=1.499))
-    assert not found.over
-    found.image(state(), looks_down(1.0, x=1.501))
-    assert found.over and found.outcome.kind == "no_progress"
+    found.add_image(state(), looks_down(1.0, x=1.499))
+    assert not found.is_over
+    found.add_image(state(), looks_down(1.0, x=1.501))
+    assert found.is_over and found.outcome.kind == "no_progress"
     assert found.outcome.reason.startswith("the camera is 1.50 m from its goal, more than at its s")
     both = ending({"enough": 0.1, "farthest": 5.0})
-    both.image(state(), looks_down(1.05, turn=0.01))
+    both.add_image(state(), looks_down(1.05, turn=0.01))
     assert both.outcome.kind == "converged"
 
 
@@ -112,7 +112,7 @@ def test_it_has_failed_farther_from_the_goal_than_is_allowed():
 def test_a_camera_that_went_far_back_has_retreated(first, goal, depths, word):
     found = ending(first=looks_down(first, turn=0.4), goal=looks_down(goal, x=0.3), duration=9.0)
     for depth in depths:
-        found.image(state(), looks_down(depth, x=0.2))
+        found.add_image(state(), looks_down(depth, x=0.2))
     said = found.decide_outcome(Outcome("timed_out", "late"))
     assert said.kind == word
     if word == "camera_retreat":
@@ -123,10 +123,10 @@ def test_a_camera_that_went_far_back_has_retreated(first, goal, depths, word):
 def test_a_retreat_is_from_a_target_that_moves():
     """It rises towards the camera, 1 m/s; at 3 s the camera is 3.5 m above it."""
     found = ending(motion=RISING, duration=9.0)
-    found.image(state(stamp=3.0), looks_down(6.5))
+    found.add_image(state(stamp=3.0), looks_down(6.5))
     assert found.decide_outcome(Outcome("timed_out", "late")).kind == "timed_out"
     found = ending({"stop": 9.0}, duration=9.0)
-    found.image(state(), looks_down(9.0))
+    found.add_image(state(), looks_down(9.0))
     assert found.decide_outcome(Outcome("timed_out", "late")).kind == "converged"  # its own word
 
 
@@ -184,9 +184,9 @@ def test_late_images_come_when_their_delay_is_over_in_the_order_they_were_made(
 ])  # fmt: skip
 def test_a_loop_is_over_when_its_time_is(keys, ends):
     loop = looped(**keys)
-    assert loop.servo_time == 0.0 and not loop.over
+    assert loop.servo_time == 0.0 and not loop.is_over
     converged = None
-    while not loop.over:
+    while not loop.is_over:
         state = loop.run_to_image()
         if state is not None and converged is None and state.phase == CONVERGED:
             converged = loop.plant.time_ns * 1e-9
@@ -198,7 +198,7 @@ def test_a_loop_is_over_when_its_time_is(keys, ends):
         assert end == pytest.approx(ends, abs=1e-8) and converged is None
     if loop.state is not None:
         assert loop.servo_time == pytest.approx(end - 1.0 / 30.0, abs=1e-8)
-    result = loop.result()
+    result = loop.make_run()
     assert result.outcome == "converged" if converged else result.outcome != "running"
     if keys.get("duration") == 0.25:
         assert result.outcome == "timed_out" and "0.2 s" in result.reason
@@ -246,12 +246,12 @@ def test_a_goal_goes_along_with_a_target_that_turns():
     then = loop.parts.target.world_T_target(loop.plant.time_ns * 1e-9)
     first = matrix_from_xyz_rpy((0, 0, 0.59), (0, 0, 0))
     goal = matrix_from_xyz_rpy(POSE["pose"][:3], POSE["pose"][3:])
-    np.testing.assert_allclose(np.linalg.inv(then) @ loop.goal_pose(), np.linalg.inv(first) @ goal,
+    np.testing.assert_allclose(np.linalg.inv(then) @ loop.compute_goal_pose(), np.linalg.inv(first) @ goal,
                                atol=1e-12)
-    found, verdict = loop.result(), loop.verdict()
-    off = np.linalg.norm(loop.goal_pose()[:3, 3] - loop.plant.at_rest()[:3, 3])
+    found, verdict = loop.make_run(), loop.compute_verdict()
+    off = np.linalg.norm(loop.compute_goal_pose()[:3, 3] - loop.plant.read_rest_pose()[:3, 3])
     assert found.verdict.distance == pytest.approx(off) == verdict.distance and off > 1e-4
-    np.testing.assert_array_equal(found.goal_pose, loop.goal_pose())
+    np.testing.assert_array_equal(found.goal_pose, loop.compute_goal_pose())
     assert found.joint_names == loop.plant.joint_names and found.peak_speed is None
 
 

@@ -47,14 +47,14 @@ def test_what_is_said_of_a_half_turn_is_true(scheme):
 def test_l_mean_says_so_where_it_loses_the_turn(corners):
     result = turned("numbered_points", np.pi, corners=corners, interaction="mean")
     lost = result.outcome == "target_lost" and "L mean" not in result.remedy
-    assert result.verdict.reached or lost or "two_and_half_d" in result.remedy, result.outcome
+    assert result.verdict.is_reached or lost or "two_and_half_d" in result.remedy, result.outcome
 
 
 @pytest.mark.parametrize("angle", [3.0, 3.13, np.pi - 1e-6])
 def test_l_mean_turns_by_no_more_than_the_gain_asks(angle):
     result = turned("numbered_points", angle, interaction="mean")
     assert result.verdict.angle < 0.005, (result.outcome, result.reason)
-    assert max(np.linalg.norm(state.twist[3:]) for state in result.states) < 2.0 * np.pi + 1e-6
+    assert max(np.linalg.norm(state.desired_twist[3:]) for state in result.states) < 2.0 * np.pi + 1e-6
 
 
 @pytest.mark.parametrize("period", [2.0 * np.pi, np.pi])

@@ -30,10 +30,10 @@ def ask(do, **given):
 def test_a_request_is_read_as_it_was_sent():
     request = ask("servo", scheme="moments", law="pi", start="2016", goal="auto")
     assert request.do == "servo"
-    assert request.given == {"scheme": "moments", "law": "pi", "start": "2016", "goal": "auto"}
-    assert ask("jog", wz=-0.5).given == {
+    assert request.arguments == {"scheme": "moments", "law": "pi", "start": "2016", "goal": "auto"}
+    assert ask("jog", wz=-0.5).arguments == {
         "vx": 0.0, "vy": 0.0, "vz": 0.0, "wx": 0.0, "wy": 0.0, "wz": -0.5}
-    assert ask("step", steps=5).given == {"steps": 5}
+    assert ask("step", steps=5).arguments == {"steps": 5}
 
 
 @pytest.mark.parametrize(("do", "given", "why"), [

@@ -56,17 +56,17 @@ DRAWN = {**FREE, "features": "pictures"}
 def test_a_sight_has_what_is_needed_and_asked_for():
     for needs, asked, wanted in ((MOMENTS, False, False), (MOMENTS, True, True), (
             frozenset({Need.DEPTH}), False, True)):
-        assert seen(context_of({"camera": needs}, depth=asked, **FREE)).depth is wanted
+        assert seen(context_of({"camera": needs}, depth=asked, **FREE)).has_depth is wanted
     for needs, label, wanted in ((MOMENTS, "m", True), (MOMENTS, "", False), (
             frozenset({Need.IMAGE}), "m", False)):
-        assert seen(context_of({"camera": needs}, label=label, **FREE)).labelled is wanted
+        assert seen(context_of({"camera": needs}, label=label, **FREE)).has_labels is wanted
     found = seen(context_of(**FREE, jitter=0.3))
     assert (found.rate, found.name, found.jitter, found.effects) == (20.0, "camera", 0.3, Effects())
-    assert (found.place, len(found.parts), found.vibration, found.unbounded) == (
+    assert (found.placement, len(found.row_bands), found.vibration, found.is_unbounded) == (
         None, 1, None, False)
-    assert not found.pictures and found.camera.K[0] == 300.0 and found.occluder is None
+    assert not found.has_images and found.camera.K[0] == 300.0 and found.occluder is None
     ideal = {"plant": "ideal", "ideal": {"unbounded": True}}
-    assert seen(context_of(**ideal)).unbounded and not seen(context_of(plant="ideal")).unbounded
+    assert seen(context_of(**ideal)).is_unbounded and not seen(context_of(plant="ideal")).is_unbounded
 
 
 def test_a_goal_is_taught_without_noise():
@@ -78,9 +78,9 @@ def test_a_goal_is_taught_without_noise():
     made = context_of(**{**pictured, "camera": eye})
     run, taught = seen(made), seen(made, exactly=True)
     assert run.effects == dataclasses.replace(
-        cameras.make_camera_config(eye).effects, noise_stddev=2.0) and run.pictures
-    assert taught.effects == Effects(rows_together=40) and taught.pictures
-    assert run.vibration is not None and taught.vibration is None and len(taught.parts) == 1
+        cameras.make_camera_config(eye).effects, noise_stddev=2.0) and run.has_images
+    assert taught.effects == Effects(rows_together=40) and taught.has_images
+    assert run.vibration is not None and taught.vibration is None and len(taught.row_bands) == 1
     quiet = seen(context_of(**DRAWN, camera=eye), exactly=True)  # also without noise of its own
     assert (quiet.effects, quiet.vibration) == (taught.effects, None)
     noisy = [
@@ -91,15 +91,15 @@ def test_a_goal_is_taught_without_noise():
     np.testing.assert_array_equal(*noisy[:2])
     assert (noisy[0] != noisy[2]).any() and noisy[0].shape == (240, 320)
     # Forty rows at once, each at the middle of its own.
-    opened = [p for p in run.parts if p.first == 0]
-    assert {(p.first, p.last) for p in run.parts} == {(k, k + 40) for k in range(0, 240, 40)}
+    opened = [p for p in run.row_bands if p.first == 0]
+    assert {(p.first, p.last) for p in run.row_bands} == {(k, k + 40) for k in range(0, 240, 40)}
     assert opened[2].offset_ns == round(1e9 * 1e-4 * (19.5 - 119.5)) and len(opened) == 5
     exact = context_of(**{**FREE, "jitter": 0.4})
     assert (seen(exact).jitter, seen(exact, True).jitter) == (0.4, 0.0)
     # A rendered goal is drawn only where the whole image counts.
     for needs, drawn in ((MOMENTS, False), (frozenset({Need.IMAGE}), True)):
-        assert seen(context_of({"camera": needs}), exactly=True).pictures is drawn
-    assert seen(context_of()).pictures
+        assert seen(context_of({"camera": needs}), exactly=True).has_images is drawn
+    assert seen(context_of()).has_images
 
 
 def test_noise_is_each_camera_s_and_each_seed_s():
@@ -107,7 +107,7 @@ def test_noise_is_each_camera_s_and_each_seed_s():
     found = {}
     for seed, own in ((1, {}), (2, {}), (1, {"seed": 77})):
         vibration = seen(context_of(**FREE, seed=seed, camera={**eye, **own})).vibration
-        found[seed, bool(own)] = vibration.at(10**9)
+        found[seed, bool(own)] = vibration.compute_pose(10**9)
     other = Vibration(cameras.make_camera_config(eye).shake, derive_seed(1, "camera"))
     np.testing.assert_array_equal(found[1, False], other.compute_pose(10**9))
     other = Vibration(cameras.make_camera_config(eye).shake, 77)
@@ -120,8 +120,8 @@ def test_what_covers_a_target_is_not_there_when_the_goal_is_taught():
     for times in (None, [[1.0, 2.0]]):
         made = context_of(**DRAWN, target={**FLAT, "occluder": cover, "occluded": times})
         kept = None if times is None else ((1.0, 2.0),)
-        assert (seen(made).occluder, seen(made).occluded) == (cover, kept)
-        assert seen(made, True).occluded == (None if times is None else ())
+        assert (seen(made).occluder, seen(made).occlusion_times) == (cover, kept)
+        assert seen(made, True).occlusion_times == (None if times is None else ())
     poster = {"shape": "poster", "size": [0.02, 0.01], "pose": FLAT["pose"], "perturbed": True}
     made = context_of(**DRAWN, target=poster, seed=3)
     assert seen(made, True).target is made.target
@@ -140,13 +140,13 @@ def test_a_camera_may_look_at_a_target_of_its_own():
     cover = {"occluder": ((-0.01, -0.02), (0.03, 0.04))}
     made = context_of({"left": MOMENTS}, **DRAWN, camera="original", cameras=TWO,
                  target={**FLAT, **cover})
-    assert [name for name in made.eyes if made.has_own_target(name)] == ["right"]
+    assert [name for name in made.cameras if made.has_own_target(name)] == ["right"]
     assert made.find_target_spec("right").shape == "square"
     assert made.find_target_spec("left").shape == "l_shape"
     np.testing.assert_allclose(
         made.targets["right"].pose, matrix_from_xyz_rpy(OWN["pose"][:3], OWN["pose"][3:]))
     assert made.targets["left"] is made.target
-    left, right = (make_imaging_settings(made, eye) for eye in made.eyes.values())
+    left, right = (make_imaging_settings(made, eye) for eye in made.cameras.values())
     assert (left.name, right.name) == ("left", "right")
     assert left.occluder is not None and right.occluder is None
     assert right.target.shape is made.targets["right"].shape
@@ -175,7 +175,7 @@ def test_the_bullet_arm_is_given_all_that_was_asked(built):
                  camera="original", seed=4, noise=1.5, traced=True, renderer="exact",
                  sun={"exposure": "gazebo", "diffuse": 0.5},
                  target={**FLAT, "occluder": ((0, 0), (0.01, 0.02)), "occluded": [[0.1, 0.2]]})
-    arm = made.robot.arm("left")
+    arm = made.robot.make_arm("left")
     assert make_plant(made, arm, START) == "DynamicArm"
     (robot, settings, joints, seed, renderer, traced, shown, sights, world, name, others, exposure,
      label, followed), _ = built["DynamicArm"]
@@ -287,7 +287,7 @@ def test_a_goal_is_shown_by_the_first_picture_of_each_camera_that_is_read(monkey
     monkeypatch.setattr(dynamic_arm_setup, "DynamicArm",
                         lambda *a, **k: plants.append(Filmed(*a, **k)) or plants[-1])
     Filmed.times = (("left", 0), ("other", 0), ("right", 750_000_000))
-    joints = dict(zip(made.robot.arm("left").names, START.tolist(), strict=True))
+    joints = dict(zip(made.robot.make_arm("left").names, START.tolist(), strict=True))
     found = take_first_images(made, START)
     assert {name: one.stamp_ns for name, one in found.items()} == {
         "left": 250_000_000, "right": 750_000_000}
@@ -329,10 +329,10 @@ def test_a_goal_holds_what_is_seen_there_as_it_is_believed():
     assert (goal.name, goal.joints) == ("home", JOINTS)
     np.testing.assert_allclose(goal.world_T_camera, ABOVE @ off, atol=1e-12)
     target = found.target
-    at = target.seen_from(ABOVE @ off)
+    at = target.target_T_camera(ABOVE @ off)
     assert goal.depth == pytest.approx(target.shape.depth(at))
     np.testing.assert_allclose(goal.plane, target.shape.plane(at), atol=1e-12)
-    x, y = target.shape.outline(target.seen_from(ABOVE)).T
+    x, y = target.shape.outline(target.target_T_camera(ABOVE)).T
     area = 0.5 * abs(x @ np.roll(y, -1) - y @ np.roll(x, -1))
     assert goal.moments.m00 == pytest.approx(area)
 

@@ -65,17 +65,17 @@ def test_the_simulated_arm_measures_when_a_graph_does(robot, preset):
 def test_the_simulated_arm_is_spawned_at_its_start_and_moves_as_told(robot, preset, arm):
     plant = bullet(robot, preset, traced=True)
     try:
-        np.testing.assert_allclose(plant.joints()[0], START, atol=1e-5)
-        np.testing.assert_allclose(plant.pose(), arm.pose(plant.joints()[0]), atol=1e-9)
-        np.testing.assert_allclose(plant.poses([plant.joints()[0]])[0], plant.pose(), atol=1e-9)
+        np.testing.assert_allclose(plant.read_joints()[0], START, atol=1e-5)
+        np.testing.assert_allclose(plant.read_pose(), arm.pose(plant.read_joints()[0]), atol=1e-9)
+        np.testing.assert_allclose(plant.compute_rest_poses([plant.read_joints()[0]])[0], plant.read_pose(), atol=1e-9)
         goal = START + [0.0, 0.0, 0.0, 0.0, 0.0, -0.2]  # one way alone, but for some swinging
         plant.command("position", goal)
         until(plant, 1_000_000_000)
-        q, _ = plant.joints()
+        q, _ = plant.read_joints()
         np.testing.assert_allclose(q, goal, atol=2e-2)
         assert q[5] - START[5] < -0.18
         # The pose is the physics', equal to the kinematics at the true joints.
-        np.testing.assert_allclose(plant.pose(), arm.pose(q), atol=1e-6)
+        np.testing.assert_allclose(plant.read_pose(), arm.pose(q), atol=1e-6)
         assert 1.0 < plant.peak_speed[5] < 20.0
         with pytest.raises(ExperimentError, match="take position commands, not velocity"):
             plant.command("velocity", goal)
@@ -90,9 +90,9 @@ def test_a_moved_camera_is_moved_in_the_physics_and_can_be_believed_elsewhere(pr
     plant = bullet(moved, preset)
     try:
         np.testing.assert_allclose(
-            plant.pose(), moved.make_arm().pose(plant.joints()[0]), atol=1e-9
+            plant.read_pose(), moved.make_arm().pose(plant.read_joints()[0]), atol=1e-9
         )
-        np.testing.assert_allclose(plant.poses([plant.joints()[0]])[0], plant.pose(), atol=1e-9)
+        np.testing.assert_allclose(plant.compute_rest_poses([plant.read_joints()[0]])[0], plant.read_pose(), atol=1e-9)
     finally:
         plant.close()
     shipped = Robot(RobotSpec())

@@ -95,20 +95,20 @@ def test_the_first_posture_is_taken_where_it_hides_nothing(experiment):
     for goal in ({"pose": [0.06, 0.01, 0.25, *DOWN]}, {"pose": [0.07, -0.02, 0.3, *DOWN]}):
         found = of(experiment(goal=goal, start=goal)).postures
         pose = matrix_from_xyz_rpy(goal["pose"][:3], goal["pose"][3:])
-        plain = found.arm.inverse(pose, np.zeros(5))
-        np.testing.assert_array_equal(found.at(pose), plain)
-        np.testing.assert_array_equal(found.start(pose, None), plain)
+        plain = found.arm.inverse_kinematics(pose, np.zeros(5))
+        np.testing.assert_array_equal(found.find_joints(pose), plain)
+        np.testing.assert_array_equal(found.find_start_joints(pose, None), plain)
 
 
 def test_a_posture_that_hides_nothing_is_preferred(experiment):
     parts = of(experiment())
     pose, found = matrix_from_xyz_rpy(GOAL["pose"][:3], DOWN), parts.postures
-    first = found.arm.inverse(pose, np.zeros(5))
-    assert found.hidden(first) > 0.95
-    chosen = found.at(pose)
-    assert found.hidden(chosen) == 0.0 and not parts.notes
+    first = found.arm.inverse_kinematics(pose, np.zeros(5))
+    assert found.compute_occlusion(first) > 0.95
+    chosen = found.find_joints(pose)
+    assert found.compute_occlusion(chosen) == 0.0 and not parts.notes
     np.testing.assert_allclose(found.arm.pose(chosen), pose, atol=1e-8)
-    begun = found.start(matrix_from_xyz_rpy(START["pose"][:3], START["pose"][3:]), chosen)
+    begun = found.find_start_joints(matrix_from_xyz_rpy(START["pose"][:3], START["pose"][3:]), chosen)
     assert abs(begun[3] - chosen[3]) < 0.5  # it comes to the goal as it began
     np.testing.assert_array_equal(parts.plant.joint_names, JOINTS)
 
@@ -122,7 +122,7 @@ def test_the_arm_servoes_there_and_sees(experiment):
 def test_where_the_arm_is_not_drawn_postures_are_as_before(experiment, keys):
     found = of(experiment(**keys)).postures
     pose = matrix_from_xyz_rpy(GOAL["pose"][:3], DOWN)
-    np.testing.assert_array_equal(found.at(pose), found.arm.inverse(pose, np.zeros(5)))
+    np.testing.assert_array_equal(found.find_joints(pose), found.arm.inverse_kinematics(pose, np.zeros(5)))
 
 
 def test_where_every_posture_hides_it_one_line_says_so(experiment, caplog):
@@ -136,9 +136,9 @@ def test_where_every_posture_hides_it_one_line_says_so(experiment, caplog):
     told = [r.getMessage() for r in caplog.records if "hides" in r.getMessage()]
     assert told == [note, at_start] and "at the goal" in note and "at the start" in at_start
     part = float(note.split("hides ")[1].split(" %")[0]) / 100
-    chosen = parts.postures.at(pose)
-    assert part == pytest.approx(parts.postures.hidden(chosen), abs=0.006)
-    others = [parts.postures.hidden([*chosen[:3], q, -q]) for q in np.linspace(-0.3, 0.3, 7)]
+    chosen = parts.postures.find_joints(pose)
+    assert part == pytest.approx(parts.postures.compute_occlusion(chosen), abs=0.006)
+    others = [parts.postures.compute_occlusion([*chosen[:3], q, -q]) for q in np.linspace(-0.3, 0.3, 7)]
     assert 0.3 < part < min(others) + 0.03 < max(others)
 
 
@@ -148,7 +148,7 @@ def test_what_the_chain_sees_through_is_said(experiment, caplog):
     assert result.converged
     (note,) = result.notes
     assert "hides" in note and "chain sees through it" in note and note in caplog.messages
-    hidden = of(experiment(plant="chain")).postures.hidden(result.measured_positions[-1])
+    hidden = of(experiment(plant="chain")).postures.compute_occlusion(result.measured_positions[-1])
     assert float(note.split("hides ")[1].split(" %")[0]) == pytest.approx(100 * hidden, abs=1.0)
     assert not run(experiment(plant="chain", duration=0.1)).notes  # it has not converged
     aside = {"pose": [0.06, 0.01, 0.25, *DOWN]}

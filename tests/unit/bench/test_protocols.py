@@ -104,7 +104,7 @@ def test_a_published_protocol_says_its_source_and_what_was_chosen(name):
     study = study_of(name)
     assert study.source
     assert study.chosen
-    assert study.experiment_of(0).seed == 0
+    assert study.make_experiment(0).seed == 0
 
 
 @pytest.mark.parametrize(

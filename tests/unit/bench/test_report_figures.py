@@ -794,7 +794,7 @@ def test_several_runs_show_their_speeds(runs):
             told = [s.resolution.told[at] for s in run.states]
             np.testing.assert_allclose(curve.values, [max(one) / min(one) for one in told])
     scale = ratios["factor by which limits slowed the task"]
-    assert scale.span == (-0.05, 1.1) and not scale.log and ratios["condition number of L"].log
+    assert scale.span == (-0.05, 1.1) and not scale.is_logarithmic and ratios["condition number of L"].is_logarithmic
 
 
 def test_what_goes_over_decades_has_a_logarithmic_axis_of_one_run_and_of_several(runs):
@@ -830,7 +830,7 @@ def test_joints_of_another_run_are_found_by_their_names(runs):
     np.testing.assert_array_equal(curve.values, turned.measured[shown, 0])
     np.testing.assert_array_equal(found["slide, speed"].curves[1].values,
                                   turned.measured_velocities[shown, 2])  # fmt: skip
-    assert (curve.name, curve.run, curve.shade) == (turned.name, 1, 1)
+    assert (curve.name, curve.run, curve.colour_index) == (turned.name, 1, 1)
     for bound, shows in ((99.9, 1), (100.0, 0), (-np.inf, 0), (-99.9, 1)):
         limits = (np.array([bound, 0.0, 0.0]), np.array([np.inf] * 3))
         assert len(panels.make_joint_panels([replace(runs[0], limits=limits)])[0].limits) == shows

@@ -84,14 +84,14 @@ def test_a_recorder_keeps_what_it_is_told_from_where_servoing_began():
     assert [state.stamp for state in run.states] == [2.5, 3.5]
     np.testing.assert_array_equal(run.pose, [pose(1), pose(2)])
     np.testing.assert_allclose(run.joint_stamp, [1.0, 1.5, 2.0, 2.5, 3.0])
-    np.testing.assert_allclose(run.measured, [[0.1 * i, -0.2] for i in range(5)])
+    np.testing.assert_allclose(run.measured_positions, [[0.1 * i, -0.2] for i in range(5)])
     np.testing.assert_allclose(run.measured_velocities, [[0.3, 0.4 + i] for i in range(5)])
     nan = np.nan
-    np.testing.assert_array_equal(run.commanded, [[nan, nan]] * 2 + [[0.7, 0.8]] * 3)
+    np.testing.assert_array_equal(run.joint_commands, [[nan, nan]] * 2 + [[0.7, 0.8]] * 3)
     np.testing.assert_allclose(run.true_pose, [pose(i) for i in range(5)])
     assert run.units == ("m", "", "rad") and run.tolerances == (0.1, 0.2, 0.3)
-    np.testing.assert_allclose(run.limits, [[-0.5, -1.5], [0.7, 2.0]])
-    assert run.joint_units == ("m", "rad") and list(run.speed) == [0.3, 1.9]
+    np.testing.assert_allclose(run.position_limits, [[-0.5, -1.5], [0.7, 2.0]])
+    assert run.joint_units == ("m", "rad") and list(run.speed_limits) == [0.3, 1.9]
     np.testing.assert_array_equal(run.centres, [[11.0, 9.0], [20.0, 18.0]])  # xg, yg
     assert (run.target, run.goal, run.outcome) == ("target", "goal", "converged")
     assert run.settings["gain"] == "3" and run.experiment.gain == 3.0
@@ -109,8 +109,8 @@ def test_a_recorder_keeps_what_it_is_told_from_where_servoing_began():
     assert shown.shape == (40, 80, 3) and np.abs(shown[20, 40] - [200.0, 100.0, 10.0]).max() < 9
     assert recorded(arm, filmed=False).cameras["wide"].film == ()
     whole = recorded(SimpleNamespace(), ("servoing",) * 3)
-    assert len(whole.states) == 3 and whole.joint_units == () and len(whole.speed) == 0
-    assert [side.size for side in whole.limits] == [0, 0]
+    assert len(whole.states) == 3 and whole.joint_units == () and len(whole.speed_limits) == 0
+    assert [side.size for side in whole.position_limits] == [0, 0]
     for names in (("yg", "an", "x"), ("y", "an", "xg")):
         assert recorded(arm, names=names).centres.shape == (0, 2)
     late = recorded(arm, ("servoing", "approaching", "servoing"))
@@ -145,7 +145,7 @@ def test_pictures_are_those_of_the_control_camera():
     assert found.control_record.model is LEFT and found.cameras["wide"] is run.cameras["wide"]
     for stamp, number in ((0.0, 0), (2.9, 0), (3.1, 1), (9.0, 1)):
         assert found.control_record.find_nearest_image(stamp) is kept[number][1]
-    assert run.images.nearest(0.0) is None
+    assert run.control_record.nearest(0.0) is None
     bare = with_images(replace(run, cameras={}), kept)
     assert list(bare.cameras) == ["camera"] and bare.control_record.film == ()
     np.testing.assert_array_equal(pad_rows([(1, 2), None, (3,)]),
@@ -260,23 +260,23 @@ def test_poses_and_films_are_those_that_were_known():
     poses[after[[0, 7]], 1, 2] = np.nan
     places = np.random.default_rng(1).normal(size=(len(poses), 3, 3))
     jpeg = films.encode_frame(np.zeros((40, 80, 3), np.uint8))
-    other = CameraRecord(WIDE, film=tuple((s, jpeg) for s in (1.0, run.began, run.began + 0.5)))
+    other = CameraRecord(WIDE, film=tuple((s, jpeg) for s in (1.0, run.start_stamp, run.start_stamp + 0.5)))
     early = CameraRecord(WIDE, film=((1.0, jpeg),))
     pictures = tuple((float(s), np.zeros((40, 64, 3), np.uint8)) for s in run.stamp[:3])
-    first = replace(run.images, pictures=((1.0, pictures[0][1]), *pictures), model=None)
+    first = replace(run.control_record, pictures=((1.0, pictures[0][1]), *pictures), model=None)
     run = replace(run, true_pose=poses, arm_places=places,
                   cameras={"camera": first, "early": early, "wide": other})  # fmt: skip
     told = make_contents([run], [])
     own = told["runs"][0]
     known = np.delete(after, [0, 7])
     np.testing.assert_allclose(read(told, own["poses"]["time"]),
-                               run.joint_stamp[known] - run.began, atol=1e-6)  # fmt: skip
+                               run.joint_stamp[known] - run.start_stamp, atol=1e-6)  # fmt: skip
     np.testing.assert_allclose(read(told, own["poses"]["rows"], 12).reshape(-1, 3, 4),
                                poses[known][:, :3], atol=1e-6)  # fmt: skip
     np.testing.assert_allclose(read(told, own["poses"]["arm"], 3, 3), places[known], atol=1e-6)
     assert own["poses"]["joints"] == 3 and told["end"] == run.time[-1]
     film = own["film"]
-    np.testing.assert_allclose(read(told, film["time"]), run.stamp[:3] - run.began, atol=1e-6)
+    np.testing.assert_allclose(read(told, film["time"]), run.stamp[:3] - run.start_stamp, atol=1e-6)
     assert (film["width"], film["height"], len(film["frames"])) == (64, 40, 3)
     assert film["wanted"] is None and film["tracks"] is None  # no camera is known
     assert film["milestones"][0] == 0.0 and film["milestones"][-1] == run.time[-1]
@@ -291,7 +291,7 @@ def test_poses_and_films_are_those_that_were_known():
     told = make_contents([never], [])["runs"][0]
     assert told["poses"] is told["film"] is None and told["others"] == []
     long = np.tile(GOAL, (5000, 1, 1))
-    stamps = run.began + 1e-3 * np.arange(5000)
+    stamps = run.start_stamp + 1e-3 * np.arange(5000)
     told = make_contents([replace(run, true_pose=long, joint_stamp=stamps,
                              arm_places=np.zeros((0, 0, 3)))], [])  # fmt: skip
     time = read(told, told["runs"][0]["poses"]["time"])

@@ -121,7 +121,7 @@ def test_an_open_shutter_blurs_what_moves():
     each = [capture(replace(sight, row_bands=(), effects=Effects()), pose, STAMP, drawn()).image
             for pose in ASIDE]
     np.testing.assert_array_equal(found.image, (np.sum(each, axis=0, dtype=int) + 1) // 3)
-    np.testing.assert_array_equal(found.labelled, np.where(found.image < 128, 255, 0))
+    np.testing.assert_array_equal(found.target_mask, np.where(found.image < 128, 255, 0))
 
 
 def test_the_auto_exposure_follows_the_images_that_were_delivered():
@@ -336,7 +336,7 @@ def test_a_picture_s_rows_are_of_their_own_instants():
         now = capture(still, pose, STAMP + part.offset_ns, drawn())
         rows = slice(part.first, part.last)
         np.testing.assert_array_equal(found.image[rows], now.image[rows])
-        np.testing.assert_array_equal(found.labelled[rows], now.target_mask[rows])
+        np.testing.assert_array_equal(found.target_mask[rows], now.target_mask[rows])
     # The part that is nearest to the stamp sees the depth.
     np.testing.assert_allclose(found.depth, capture(still, ASIDE[1], STAMP, drawn()).depth)
     assert (found.encoding, found.name, found.stamp_ns) == ("mono8", "left", STAMP)
@@ -345,10 +345,10 @@ def test_a_picture_s_rows_are_of_their_own_instants():
     off = grained[found.image == 0].astype(float)
     assert 0 < off.max() < 25 and (off > 0).mean() == pytest.approx(0.45, abs=0.1)
     plain = rolling(replace(moving, has_depth=False, has_labels=False), ASIDE, STAMP, drawn())
-    assert plain.depth is None and plain.labelled is None
+    assert plain.depth is None and plain.target_mask is None
     dim = rolling(replace(moving, effects=Effects(gain=0.5)), ASIDE, STAMP, drawn())
     np.testing.assert_array_equal(dim.image, np.round(0.5 * found.image))  # once, over the whole
-    np.testing.assert_array_equal(dim.labelled, found.labelled)
+    np.testing.assert_array_equal(dim.target_mask, found.target_mask)
 
 
 # -- what plants have in common ------------------------------------------------------------------
@@ -361,8 +361,8 @@ def test_readings_are_in_seconds_and_in_any_order_of_joints():
     assert (reading.stamp, q.tolist(), v.tolist()) == (1.5, [3.0, 1.0], [6.0, 4.0])
     image = np.zeros((2, 3), np.uint8)
     seen = Frame(1_500_000_000, image, "mono8", target_mask=image)
-    assert seen.stamp == 1.5 and seen.has_image and seen.picture.encoding == "mono8"
-    assert seen.picture.labelled is image and not Frame(3).has_image
+    assert seen.stamp == 1.5 and seen.has_image and ImageReader.decode_image(seen).encoding == "mono8"
+    assert ImageReader.decode_image(seen).target_mask is image and not Frame(3).has_image
 
 
 def test_another_camera_is_beside_the_control_camera_or_stands():

@@ -130,7 +130,7 @@ def test_each_camera_shakes_by_itself(plant):
     last = {reading.name: (reading, at_rest) for reading, at_rest in seen}
     for name, (reading, at_rest) in last.items():
         place = parts.placements.get(name)
-        pose = plant.shaken(
+        pose = plant.apply_vibration(
             at_rest if place is None else place.compute_pose(at_rest), reading.stamp_ns, name
         )
         points = parts.target.shape.points(parts.target.target_T_camera(pose, reading.stamp))
@@ -138,7 +138,7 @@ def test_each_camera_shakes_by_itself(plant):
         assert np.abs(reading.points - exact).max() < 0.06  # the arm moves on within its step
         if place is not None:
             np.testing.assert_allclose(records[name].pose[-1], pose, atol=1e-12)
-    one, two = (plant.vibrations[name].at(last[name][0].stamp_ns) for name in ("left", "right"))
+    one, two = (plant.vibrations[name].compute_pose(last[name][0].stamp_ns) for name in ("left", "right"))
     assert np.abs(one - two).max() > 1e-5
 
 

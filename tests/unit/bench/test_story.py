@@ -287,11 +287,11 @@ def test_a_target_stands_where_it_lies_and_is_taken_away_when_it_is_gone(story):
     pose = np.eye(4)
     pose[:3, 3] = 0.1, 0.2, 0.591
     plates = drawn("aras")
-    story.target = edges, faces = plates.shapes(pose)
+    story.target = edges, faces = plates.make_shapes(pose)
     assert (edges.name, edges.kind, faces.kind) == ("target", LINES, FACES)
     np.testing.assert_allclose(edges.points, plates.edges + pose[:3, 3])
     (corners,) = plates.faces.values()
     np.testing.assert_allclose(faces.points, corners + pose[:3, 3])
     assert shape(story, "target").points is edges.points
-    (gone,) = plates.shapes(None)
+    (gone,) = plates.make_shapes(None)
     assert gone.name == "target" and not len(gone.points)

@@ -156,16 +156,16 @@ def of(kind=Postures, **more):
 
 def test_what_speaks_against_a_posture_is_said_and_weighed():
     joints = (0.1, 0.2)
-    assert of(Told).against(joints) == 2.37 and of(Told, drawn=False).against(joints) == 2.0
-    assert of(Told).faults(joints, "goal", True) == [
+    assert of(Told).compute_cost(joints) == 2.37 and of(Told, drawn=False).compute_cost(joints) == 2.0
+    assert of(Told).list_faults(joints, "goal", True) == [
         "the arm runs into something at the goal, its link 'a' is in 'b': give it other joints",
         "the arm hides 37 % of the target at the goal: give it other joints"]
-    assert of(Told).faults(joints, "start", False) == [
+    assert of(Told).list_faults(joints, "start", False) == [
         "the arm runs into something at the start, its link 'a' is in 'b', and clear of all in no "
         "posture that was found: give another pose",
         "the arm hides 37 % of the target at the start, and less in no posture that was found: give"
         " another pose"]
-    assert len(of(Told, drawn=False).faults(joints, "goal", True)) == 1
+    assert len(of(Told, drawn=False).list_faults(joints, "goal", True)) == 1
 
 
 def test_what_is_asked_of_a_posed_arm(monkeypatch):
@@ -179,15 +179,15 @@ def test_what_is_asked_of_a_posed_arm(monkeypatch):
     found = of(solid=True)
     for part, counts in ((0.0099, 0.0), (0.01, 0.01), (0.8, 0.8)):
         posed.part = part
-        assert found.hidden((part, 0.2), 0.5) == counts
+        assert found.compute_occlusion((part, 0.2), 0.5) == counts
     joints, pose, shape, place, near = asked[-1]
-    assert joints == {"a": 0.8, "b": 0.2} and near == 0.02 and shape is found.target.placed.shape
+    assert joints == {"a": 0.8, "b": 0.2} and near == 0.02 and shape is found.target.placed_target.shape
     np.testing.assert_array_equal(pose, 0.8 * np.eye(4))
     np.testing.assert_allclose(place, matrix_from_xyz_rpy((0, 0, 0.6), (0, 0, 0)))
-    assert found.touched((0.3, 0.4)) == "it" and asked[-1] == {"a": 0.3, "b": 0.4}
-    assert of(solid=False).touched((0.3, 0.4)) == ""
+    assert found.find_collision((0.3, 0.4)) == "it" and asked[-1] == {"a": 0.3, "b": 0.4}
+    assert of(solid=False).find_collision((0.3, 0.4)) == ""
     monkeypatch.setattr(postures, "_make_static_arm", lambda given: None)
-    assert found.hidden((0.7, 0.7)) == 0.0 and found.touched((0.7, 0.7)) == ""
+    assert found.compute_occlusion((0.7, 0.7)) == 0.0 and found.find_collision((0.7, 0.7)) == ""
 
 
 @pytest.mark.parametrize(("solid", "carrier", "target", "placed", "bared"), [
@@ -238,18 +238,18 @@ def test_a_posture_is_looked_for_from_zero_and_a_start_from_the_goal_s(monkeypat
     for drawn, solid, weighs in ((True, False, True), (False, True, True), (False, False, False)):
         found = of(drawn=drawn, solid=solid, world=f"{drawn}{solid}")
         for _ in range(2):
-            np.testing.assert_array_equal(found.at(pose), [0.5, 0.6])
+            np.testing.assert_array_equal(found.find_joints(pose), [0.5, 0.6])
         np.testing.assert_array_equal(asked[-1][0], pose)
         np.testing.assert_array_equal(asked[-1][1], np.zeros(2))
-        assert (asked[-1][2] == found.against) is weighs
+        assert (asked[-1][2] == found.compute_cost) is weighs
     assert len(asked) == 3  # once a goal
     goal = np.array([0.1, 0.2])
-    found.start(pose, goal)
-    assert asked[-1][1] is goal and asked[-1][2] == found.against
-    np.testing.assert_array_equal(found.start(pose, None), [0.5, 0.6])
+    found.find_start_joints(pose, goal)
+    assert asked[-1][1] is goal and asked[-1][2] == found.compute_cost
+    np.testing.assert_array_equal(found.find_start_joints(pose, None), [0.5, 0.6])
     for _ in range(2):
         with pytest.raises(UnreachableError, match="too far") as told:
-            found.at(matrix_from_xyz_rpy((2.0, 0.0, 0.0), (0, 0, 0)))
+            found.find_joints(matrix_from_xyz_rpy((2.0, 0.0, 0.0), (0, 0, 0)))
         assert told.value.distance == 0.25
 
 
@@ -284,10 +284,10 @@ TWO = {"camera": "original", "cameras": {
 
 
 def test_the_cameras_that_watch_are_there_where_they_are_wanted():
-    assert list(parts(**TWO).eyes) == ["left", "right", "other"]
+    assert list(parts(**TWO).cameras) == ["left", "right", "other"]
     found = parts(**TWO, watched=False)
-    assert list(found.eyes) == ["left", "right"] == list(found.rig.observers)
-    assert list(found.places) == ["right"] and found.camera is found.eyes["left"].believed
+    assert list(found.cameras) == ["left", "right"] == list(found.rig.observers)
+    assert list(found.placements) == ["right"] and found.calibrated_camera is found.cameras["left"].believed
     assert found.needs == found.rig.control.needs and found.postures is None
     assert parts(depth=True).plant.sight.depth and not parts().plant.sight.depth
     wrapped = []
@@ -300,12 +300,12 @@ def test_each_camera_s_depth_is_as_it_is_believed():
         **TWO["cameras"], "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0]}}})
     assert found.goal.depth == plain.goal.depth
     np.testing.assert_allclose(found.goal.plane, plain.goal.plane)
-    deep, true = found.goal.others["right"], plain.goal.others["right"]
+    deep, true = found.goal.other_cameras["right"], plain.goal.other_cameras["right"]
     np.testing.assert_allclose(deep.plane, np.array(true.plane) / 2.0)
     believed = parts(believed={"depth": 1.5, "xyz": [0.01, 0, 0]})
     off = ABOVE @ matrix_from_xyz_rpy((0.01, 0, 0), (0, 0, 0))
     np.testing.assert_allclose(believed.goal.world_T_camera, off, atol=1e-12)
-    shape, at = believed.target.shape, believed.target.seen_from(off)
+    shape, at = believed.target.shape, believed.target.target_T_camera(off)
     assert believed.goal.depth == pytest.approx(1.5 * shape.depth(at))
     np.testing.assert_allclose(believed.goal.plane, np.array(shape.plane(at)) / 1.5, atol=1e-12)
     assert believed.goal.name == "goal" and believed.goal.joints == {}
@@ -315,12 +315,12 @@ def test_each_camera_s_depth_is_as_it_is_believed():
 def test_a_flying_camera_begins_at_its_start_about_the_goal():
     found = parts()
     np.testing.assert_allclose(
-        found.plant.at_rest(), matrix_from_xyz_rpy((0.03, 0, 0.9), (np.pi, 0, 0.2)), atol=1e-9
+        found.plant.read_rest_pose(), matrix_from_xyz_rpy((0.03, 0, 0.9), (np.pi, 0, 0.2)), atol=1e-9
     )
     np.testing.assert_allclose(found.servo.arm.pose(np.zeros(6)), ABOVE, atol=1e-12)
     robot = Robot(RobotSpec()).make_arm()
     q = np.array([0.05, 0.0, -0.09, 0.045, 0.045, 0.1])
-    np.testing.assert_allclose(parts(start=q.tolist()).plant.at_rest(), robot.pose(q), atol=1e-9)
+    np.testing.assert_allclose(parts(start=q.tolist()).plant.read_rest_pose(), robot.pose(q), atol=1e-9)
     shown = parts(goal=q.tolist(), target={}, start=q.tolist())
     np.testing.assert_allclose(shown.goal_pose, robot.pose(q), atol=1e-12)
     named = parts(goal="2016", scheme="moments", target={}, start="2016")
@@ -376,7 +376,7 @@ def test_another_camera_of_an_arm_is_where_it_is_believed():
     wrong = robot.make_camera_kinematics("right", robot.make_arm("left"), is_calibrated=True).pose(
         np.array(q)
     )
-    np.testing.assert_allclose(found.goal.others["right"].world_T_camera, wrong, atol=1e-9)
+    np.testing.assert_allclose(found.goal.other_cameras["right"].world_T_camera, wrong, atol=1e-9)
     assert np.abs(wrong - robot.make_arm("right").pose(np.array(q))).max() > 1e-3
 
 
@@ -384,7 +384,7 @@ def test_a_goal_that_is_worked_out_is_in_view_of_all_that_read_it():
     named = {"goal": "2016", "target": {}, "scheme": "moments@left+area@right", "start": "2016"}
     eyes = {"left": {"model": EYE}, "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0]}}
     asked = {**TWO, **named, "plant": "chain", "cameras": eyes}
-    assert parts(**asked).goal.others["right"].moments is not None
+    assert parts(**asked).goal.other_cameras["right"].moments is not None
     eyes["right"]["rpy"] = [0.0, 0.0, 1.0]
     with pytest.raises(ExperimentError, match="it is not in view of camera 'right'"):
         parts(**asked)
@@ -430,7 +430,7 @@ def test_what_can_be_passes():
 
 def test_the_ideal_camera_s_plane_counts_as_measured():
     found = parts(plant="ideal")
-    joints = found.servo.arm.sample(found.plant.joint_names, np.array([0.02, 0, 0.01, 0.1, 0, 0.3]))
+    joints = found.servo.arm.read_joints(found.plant.joint_names, np.array([0.02, 0, 0.01, 0.1, 0, 0.3]))
     pixels = np.array([[150.0, 90.0], [210.0, 95.0], [205.0, 140.0]])
     reading = Frame(40_000_000, outline=pixels, points=pixels, camera=found.plant.camera)
     plane = found.observe(reading, joints).plane

@@ -50,7 +50,7 @@ def test_another_pose_of_the_same_image_is_told_by_kinematics(keys, rate):
     goal = keys["goal"]["pose"]
     near = (np.array(goal) + [0.004, -0.003, 0.01, 0.01, 0.01, 0.02]).tolist()
     result, bound = ran(**{**keys, "start": {"pose": near}})
-    assert result.outcome == "converged" and result.verdict.reached
+    assert result.outcome == "converged" and result.verdict.is_reached
     assert result.verdict.distance <= bound[0] and result.verdict.angle <= bound[1]
 
 
@@ -173,6 +173,6 @@ def test_a_target_that_lies_elsewhere_is_what_the_camera_goes_by(goal, scheme, s
     result, bound = ran(plant="chain", scheme=scheme, goal=goal, gain=2.0,
                         start={"height": [0.22, 0.28], "side": 0.03, "turn": 0.5},
                         target={"motion": {"step": step, "begin": 0.2}}, seed=3)  # fmt: skip
-    assert result.verdict.distance <= bound[0] and result.verdict.reached
+    assert result.verdict.distance <= bound[0] and result.verdict.is_reached
     assert (result.outcome == "converged") is is_plain
     assert is_plain or "20.1 mm" in result.outcome

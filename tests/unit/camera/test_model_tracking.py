@@ -125,8 +125,8 @@ def test_of_an_edge_that_is_half_hidden_the_other_half_is_seen(seed):
         assert len(found.solid_points) > 80 and not hidden(solid, eye, found.solid_points).any()
         away = eye - solid.vertices[solid.faces[:, 0]]
         cosine = (away * solid.normals).sum(axis=1) / np.linalg.norm(away, axis=1)
-        for e in np.flatnonzero((cosine[solid.beside] > 0.05).any(axis=1)
-                                & (np.abs(cosine[solid.beside]) > 0.05).all(axis=1)):  # fmt: skip
+        for e in np.flatnonzero((cosine[solid.edge_faces] > 0.05).any(axis=1)
+                                & (np.abs(cosine[solid.edge_faces]) > 0.05).all(axis=1)):  # fmt: skip
             i, j = solid.vertices[solid.edges[e]]
             line = i + np.linspace(0.0, 1.0, 60)[:, None] * (j - i)
             at = line @ pose[:3, :3].T + pose[:3, 3]
@@ -191,8 +191,8 @@ def test_the_room_beside_a_point_is_that_to_the_nearest_edge_in_its_row_or_colum
     eye = inverse(pose)[:3, 3]
     away = eye - solid.vertices[solid.faces[:, 0]]
     cosine = (away * solid.normals).sum(axis=1) / np.linalg.norm(away, axis=1)
-    one, other = (cosine > 0.0)[solid.beside].T
-    edge_on = ((cosine > GRAZING_COSINES[0]) & (cosine < GRAZING_COSINES[1]))[solid.beside].any(
+    one, other = (cosine > 0.0)[solid.edge_faces].T
+    edge_on = ((cosine > GRAZING_COSINES[0]) & (cosine < GRAZING_COSINES[1]))[solid.edge_faces].any(
         axis=1
     )
     shown = np.flatnonzero(
@@ -431,7 +431,7 @@ def test_clicks_and_a_marker_start_it(folder):
     tracker = ModelTracker(solid_of(name), StartPose({"clicks": rough.tolist()}))
     told = tracker.track(picture, CAMERA)
     assert error_of(name, tracker.tracking.tracked_pose.camera_T_solid, true)[0] < 1e-4
-    section = solid_of(name).points() @ true[:3, :3].T + true[:3, 3]
+    section = solid_of(name).compute_section_corners() @ true[:3, :3].T + true[:3, 3]
     assert np.abs(told.points - section[:, :2] / section[:, 2:]).max() < 2e-4
     assert told.plane.inverse_depth(*told.points[2]) == pytest.approx(1.0 / section[2, 2], rel=1e-3)
     assert 0.0 < told.accuracy < 1e-3

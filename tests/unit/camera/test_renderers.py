@@ -103,8 +103,8 @@ def test_a_camera_inside_a_body_looks_out_of_it(bench, name):
     renderer = create_renderer(name, bench.world)
     pose = looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0))
     assert renderer.render(View(32, 24, pose, K, 0.02)).min() > 200
-    assert renderer.bodies_around([0, 0, 1.0]) == [f"{body.name}::link"]
-    assert renderer.bodies_around([0, 0, 1.5]) == []
+    assert renderer.find_bodies_around([0, 0, 1.0]) == [f"{body.name}::link"]
+    assert renderer.find_bodies_around([0, 0, 1.5]) == []
 
 
 @pytest.mark.parametrize(("kind", "off"), [("exact", 0.1), ("tiny", 0.6)])

@@ -62,8 +62,8 @@ def grid_and_noise():
     """(start, goal, lower, upper): a grid of eighths of a turn, then anything."""
     corners = [k * pi / 4 for k in range(-8, 9)]
     limits = [k * pi / 4 for k in range(-4, 5)]
-    yield from itertools.compute_third_product(corners, corners, limits[::2], limits[1::2])
-    yield from itertools.compute_third_product(corners[::3], corners[::3], limits, limits)
+    yield from itertools.product(corners, corners, limits[::2], limits[1::2])
+    yield from itertools.product(corners[::3], corners[::3], limits, limits)
     rng = random.Random(7)
     for _ in range(5000):
         yield rng.uniform(-10, 10), rng.uniform(-10, 10), rng.uniform(-pi, pi), rng.uniform(-pi, pi)

@@ -86,7 +86,7 @@ def test_pauses_and_a_clock_set_back_do_not_change_the_interval():
     for again_ms in (400, 700_000, -300):
         it = interpolation()
         values = follow(it, {k: 0.0 for k in range(1, 600, 10)}, 700)
-        it.take(0.01, 700 * MS + again_ms * MS)
+        it.set_target(0.01, 700 * MS + again_ms * MS)
         values = follow(it, {}, 40)
         # Over 10 ms, not over 33 or 100.
         assert values[8] == pytest.approx(0.01 * (9 - 3 * (1 - 0.75**9)) / 10.0, rel=0.01)
@@ -97,7 +97,7 @@ def test_starting_forgets_the_stream_and_rests():
     it = interpolation()
     follow(it, {k: 0.001 * k for k in range(1, 200, 10)}, 200)
     it.start(-1.0)
-    assert not it.moves
+    assert not it.is_moving
     assert follow(it, {}, 50) == [-1.0] * 50
     fresh = interpolation()
     fresh.start(-1.0)
@@ -125,11 +125,11 @@ def test_starting_forgets_how_uneven_the_stream_was():
 ])  # fmt: skip
 def test_an_uneven_stream_s_line_lasts_longer_by_its_changes(intervals, lasting):
     it, at = interpolation(), 1000
-    it.take(0.0, at * MS)
+    it.set_target(0.0, at * MS)
     for interval in intervals[:-1]:
         at += interval
-        it.take(0.0, at * MS)
-    it.take(0.1, (at + intervals[-1]) * MS)
+        it.set_target(0.0, at * MS)
+    it.set_target(0.1, (at + intervals[-1]) * MS)
     values = follow(it, {}, 20)
     # The corner's lag has died away after 15 ms: then it goes as fast as the line.
     assert values[-1] - values[-2] == pytest.approx(0.1 / lasting, rel=0.01)
@@ -159,7 +159,7 @@ def test_the_set_point_does_not_depend_on_the_control_period():
     """Lines in time, not in cycles: after 20 ms of 1 ms or 5 ms cycles, the same place."""
     fine, coarse = interpolation(), interpolation()
     for it, period in ((fine, 0.001), (coarse, 0.005)):
-        it.take(0.1, MS)
+        it.set_target(0.1, MS)
         for _ in range(round(0.020 / period)):
             it.advance(period)
     assert coarse.value == pytest.approx(fine.value, abs=0.1 * 0.002 / 0.033)

@@ -22,7 +22,7 @@ def test_a_model_or_one_of_its_links_is_told(wanted, pixels):
     assert not labels.has_links
     labels.set_links(NAMES)
     assert labels.has_links
-    assert labels.mask(NUMBERS).tolist() == pixels
+    assert labels.make_mask(NUMBERS).tolist() == pixels
 
 
 def test_a_name_that_there_is_not_is_said_with_the_nearest():

@@ -28,8 +28,8 @@ def fitted(stamp: np.ndarray, error: np.ndarray) -> float:
 def test_features_decay_as_gain_and_delay_predict():
     study = shipped("decay")
     gain = 2.0
-    (point,) = (p for p in range(study.points) if study.settings(p)["gain"] == gain)
-    result: Run = run(study.experiment_of(point))
+    (point,) = (p for p in range(study.point_count) if study.make_settings(p)["gain"] == gain)
+    result: Run = run(study.make_experiment(point))
     rate = metrics.find_metric("decay_predicted").measure(result)
     assert rate > gain
     assert metrics.find_metric("decay_rate").measure(result) == pytest.approx(rate, rel=0.05)
@@ -58,7 +58,7 @@ def test_the_prediction_is_that_of_a_simulated_delay():
 
 @pytest.mark.parametrize("number", range(2))
 def test_loop_and_physics_agree_from_any_start(number):
-    result = run(shipped("starts").experiment_of(number).with_changes(plant="chain"))
+    result = run(shipped("starts").make_experiment(number).with_changes(plant="chain"))
     assert metrics.find_metric("contradicts").measure(result) == 0.0, (
         result.outcome,
         result.verdict,
@@ -99,5 +99,5 @@ def test_the_contrary_feature_is_at_its_goal_nowhere():
 def test_a_provoked_failure_is_named(failure):
     study = shipped("failures")
     names = [case.names["failure"] for case in study.combinations]
-    result = run(study.experiment_of(study.repeats * names.index(failure) + 1))
+    result = run(study.make_experiment(study.repeats * names.index(failure) + 1))
     assert result.outcome == failure, result.reason

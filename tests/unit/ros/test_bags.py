@@ -142,10 +142,10 @@ def test_a_bag_s_run_has_every_number_that_was_recorded(graph, face, tmp_path):
         ("features", [s.scheme_output.features for s in states]),
         ("error", [s.error for s in states]),
         ("filtered", [s.scheme_output.filtered_error for s in states]),
-        ("asked", [s.twist for s in states]), ("achieved", [s.achieved_twist for s in states]),
+        ("asked", [s.desired_twist for s in states]), ("achieved", [s.achieved_twist for s in states]),
     ):  # fmt: skip
         same(getattr(run, name), wanted)
-    same([s.computation_time for s in run.states], [s.computing for s in states])
+    same([s.computation_time for s in run.states], [s.computation_time for s in states])
     stamp = np.arange(STAMPS[0] - 0.05, STAMPS[-1] + 0.02, 0.013)
     np.testing.assert_allclose(run.joint_stamp, stamp, atol=1.1e-9)
     np.testing.assert_allclose(run.measured_positions, [position(s) for s in stamp], atol=1e-9)
@@ -153,7 +153,7 @@ def test_a_bag_s_run_has_every_number_that_was_recorded(graph, face, tmp_path):
     last = np.searchsorted(STAMPS, stamp + 1e-8) - 1
     wanted = [position(STAMPS[i]) + 0.01 if i > 0 else (np.nan, np.nan) for i in last]
     np.testing.assert_allclose(run.joint_commands, wanted, atol=1e-8)
-    arm = SETTINGS.arm(ARM)
+    arm = SETTINGS.make_arm(ARM)
     np.testing.assert_allclose(run.true_pose, [arm.pose(position(s)) for s in stamp], atol=1e-8)
     at = np.searchsorted(run.joint_stamp, run.stamp)
     same(run.pose, run.true_pose[at])

@@ -115,14 +115,14 @@ def test_the_target_is_asked_for_where_there_is_one(graph, world):
     assert place.has_simulator is False
     found = place.read_pose("two")
     assert (found.header.frame_id, found.pose) == ("two", LAY) and place.has_simulator
-    assert place.of("three").header.frame_id == ""
+    assert place.read_pose("three").header.frame_id == ""
     assert world.asked == [("target", "two"), ("target", "")]
     world.success = False
-    assert place.of("two") is None and place.answered
+    assert place.read_pose("two") is None and place.has_simulator
     world.models.remove("target")
-    assert place.of("two") is None and place.answered and len(world.asked) == 3
+    assert place.read_pose("two") is None and place.has_simulator and len(world.asked) == 3
     graph.services.pop("/gazebo/get_world_properties")
-    assert place.of("two") is None and not place.answered
+    assert place.read_pose("two") is None and not place.has_simulator
 
 
 def test_a_model_has_moved_when_one_of_its_numbers_has():
@@ -244,9 +244,9 @@ def test_markers_are_published_for_who_looks_and_taken_away_again(graph, life, w
     assert set(life.slept) == {0.1} and world.asked == [("target", "two")]
     assert publisher().kind is markers.MarkerArray and publisher().options["queue_size"] == 1
     after, = publisher().sent
-    names = [(one.ns, one.action) for one in after.make_markers]
+    names = [(one.ns, one.action) for one in after.markers]
     assert names == [("target", Marker.DELETE), ("target face 0", Marker.DELETE)]
-    assert {one.header.frame_id for one in after.make_markers[:1]} == {"base"}
+    assert {one.header.frame_id for one in after.markers[:1]} == {"base"}
 
 
 # -- driving ---------------------------------------------------------------------------------------

@@ -428,7 +428,7 @@ def test_an_action_succeeds_when_the_loop_has_converged(asked):
     first = asked.server.feedback[0]
     assert (first.phase, first.outcome, first.rank) == ("servoing", "running", 2)
     np.testing.assert_allclose(first.error, state.scheme_output.error)
-    np.testing.assert_allclose(first.margins, state.resolution.margins)
+    np.testing.assert_allclose(first.margins, state.ik_solution.margins)
     assert list(first.feature_names) == list(state.scheme_output.names)
 
 

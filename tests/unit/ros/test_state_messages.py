@@ -36,14 +36,14 @@ def test_every_part_of_a_state_comes_back_from_its_two_messages(graph, face):
     for name in ("features", "desired", "filtered_error"):
         same(getattr(back.scheme_output, name), getattr(state.scheme_output, name))
     for name in ("velocities", "singular_values", "scale", "manipulability"):
-        same(getattr(back.ik_solution, name), getattr(state.resolution, name))
+        same(getattr(back.ik_solution, name), getattr(state.ik_solution, name))
     same(back.joints.positions, state.joints.positions)
-    assert back.joints.names == JOINTS and back.arrival_status == state.arrived
+    assert back.joints.names == JOINTS and back.arrival_status == state.arrival_status
     for name in ("margins", "null_direction"):
-        same(getattr(report, name), getattr(state.resolution, name))
+        same(getattr(report, name), getattr(state.ik_solution, name))
     lost = report.lost
     same([lost.linear.x, lost.linear.y, lost.linear.z, lost.angular.x, lost.angular.y,
-          lost.angular.z], state.resolution.lost)  # fmt: skip
+          lost.angular.z], state.ik_solution.lost)  # fmt: skip
     assert (report.rank, report.rank_lj) == (3, 2)
     same(report.singular_values_lj, message.singular_values)
     said = {topic: one for topic, one in graph.told().items() if "/controller/" in topic}

@@ -179,7 +179,7 @@ def test_noise_ends_nothing_that_has_converged():
         for error in noisy(400, seed=100 + seed):
             of_camera([error], L, begin=arrival)
             assert arrival.reached, seed
-        assert len(arrival._views) == arrival.kept == 120
+        assert len(arrival._view_check) == arrival.kept == 120
 
 
 @pytest.mark.parametrize(("axis", "limit", "unknown"), [(0, 1.6e-4, 1.2e-4), (4, 3.5e-3, 3e-3)])
@@ -335,7 +335,7 @@ def test_whether_errors_have_settled_is_judged_by_the_images_of_the_hold(seed, h
     errors[60 + seed :: 40, 1] = 4.5
     reached, said = False, set()
     for k in range(150):
-        told = shown(arrival, stamps[k], errors[k], tolerance=tolerances).reached
+        told = shown(arrival, stamps[k], errors[k], tolerance=tolerances).is_reached
         begun, least = np.flatnonzero(stamps[: k + 1] <= stamps[k] - hold + 1e-9), 3 if hold else 1
         full = len(begun) > 0 and k + 1 >= least
         if full:
@@ -858,7 +858,7 @@ def test_a_symmetric_target_is_the_same_from_round_its_axis(up_to, turn):
     left = left_by([np.zeros(6)] * 6, STRONG, up_to=up_to, goal=goal)
     assert left.up_to == up_to and left.angle == pytest.approx(min(turn + TURNS, np.pi))
     without = ArrivalCheck(0.3)  # the features' L is not known
-    left = [shown(without, 0.1 * i, [0.1], up_to=up_to, goal=goal) for i in range(6)][-1].open
+    left = [shown(without, 0.1 * i, [0.1], up_to=up_to, goal=goal) for i in range(6)][-1].pose_uncertainty
     assert (left.distance, left.angle) == bound_symmetry(up_to, goal)
     slope = np.array([0.3, -0.5, 4.0])
     place, normal = np.array([0.2, 0.1, 1.0]) / 4.01, slope / np.linalg.norm(slope)
@@ -901,7 +901,7 @@ def test_the_axis_of_a_symmetric_target_goes_through_its_middle(middle, plane, u
 def test_without_L_nothing_is_known():
     arrival = ArrivalCheck(0.3)
     last = [shown(arrival, 0.1 * i, [0.1]) for i in range(6)][-1]
-    assert last.reached and np.isnan(last.open.distance) and last.open.up_to == ""
+    assert last.is_reached and np.isnan(last.pose_uncertainty.distance) and last.pose_uncertainty.up_to == ""
 
 
 # -- is it the goal's own view? -----------------------------------------------------------------

@@ -253,7 +253,7 @@ def test_no_evidence_is_no_fault():
 def test_one_depth_for_all_translations_is_no_fault(noise, depth):
     for seed in range(8):
         scale = np.array([depth] * 3 + [1.0] * 3)
-        assert seen_by(scale, 30, noise, seed).fault() == ""
+        assert seen_by(scale, 30, noise, seed).find_fault() == ""
 
 
 @pytest.mark.parametrize("factor", [0.7, 1.3])
@@ -262,7 +262,7 @@ def test_the_direction_that_is_off_is_named(direction, factor):
     scale = ONE.copy()
     scale[direction] = factor
     for seed in range(3):
-        words = seen_by(scale, 30, 0.5, seed).fault()
+        words = seen_by(scale, 30, 0.5, seed).find_fault()
         if direction < 3:  # which of the three is off can only be told from the other two
             assert words.split()[1] in DIRECTIONS[:3]
         else:
@@ -309,19 +309,19 @@ def test_slow_motion_is_added_up_over_four_images_and_no_more():
 
 
 def test_a_little_off_is_within_what_can_be_measured():
-    assert seen_by(np.array([1.0, 1.0, 0.96, 1.0, 1.0, 1.04]), 30, 0.5).fault() == ""
+    assert seen_by(np.array([1.0, 1.0, 0.96, 1.0, 1.0, 1.04]), 30, 0.5).find_fault() == ""
 
 
 def test_motion_the_other_way_and_motion_of_its_own_are_faults():
-    assert "against the camera's translation" in seen_by(np.array([-1.0] * 3 + [1.0] * 3)).fault()
+    assert "against the camera's translation" in seen_by(np.array([-1.0] * 3 + [1.0] * 3)).find_fault()
     evidence = seen_by(ONE, 40, drift=20.0)
-    assert "of the motion is not explained" in evidence.fault()
-    assert "4 % of the motion is not explained" in seen_by(ONE, 40, drift=8.0).fault()
-    assert not seen_by(ONE, 40, drift=7.0).fault()
-    assert not seen_by(ONE, 40, noise=20.0).fault()  # which is as loud, and goes on in no row
+    assert "of the motion is not explained" in evidence.find_fault()
+    assert "4 % of the motion is not explained" in seen_by(ONE, 40, drift=8.0).find_fault()
+    assert not seen_by(ONE, 40, drift=7.0).find_fault()
+    assert not seen_by(ONE, 40, noise=20.0).find_fault()  # which is as loud, and goes on in no row
     for known in (60.0, np.array([60.0, -40.0, 20.0, 80.0])):  # as the scheme knows
-        assert not seen_by(ONE, 40, drift=known, rate=known * 30.0 * 1e-3).fault()
-    assert seen_by(ONE, 40, rate=20.0 * 30.0 * 1e-3).fault()
+        assert not seen_by(ONE, 40, drift=known, rate=known * 30.0 * 1e-3).find_fault()
+    assert seen_by(ONE, 40, rate=20.0 * 30.0 * 1e-3).find_fault()
 
 
 @pytest.mark.parametrize(("off", "goes_on"), [((3, 3, -3, -3), True), ((5, 1, -1, -5), False)])
@@ -337,8 +337,8 @@ def test_what_is_not_explained_has_to_go_on_from_one_row_to_the_next(off, goes_o
 def test_noise_hides_what_it_hides_and_is_no_fault():
     """A scale is judged by how well it is known."""
     scale = np.array([1.0, 1.0, 1.0, 1.0, 0.8, 1.0])
-    assert seen_by(scale, 30, noise=0.2).fault()
-    assert not seen_by(scale, 6, noise=4.0).fault()
+    assert seen_by(scale, 30, noise=0.2).find_fault()
+    assert not seen_by(scale, 6, noise=4.0).find_fault()
 
 
 @pytest.mark.parametrize(("step", "scale", "accused"), [
@@ -357,9 +357,9 @@ def test_steps_in_which_L_changes_much_accuse_no_camera(step, scale, accused):
 
 def test_little_motion_and_broken_sequences_are_no_evidence():
     wrong = np.array([0.5, 1.0, 0.5, 1.0, 0.5, 1.0])
-    assert seen_by(wrong, 30).fault()
-    assert not seen_by(wrong, 30, tolerance=0.5).fault()  # slower than 3 tolerances an image
-    assert not seen_by(wrong, 1).fault()
+    assert seen_by(wrong, 30).find_fault()
+    assert not seen_by(wrong, 30, tolerance=0.5).find_fault()  # slower than 3 tolerances an image
+    assert not seen_by(wrong, 1).find_fault()
     evidence = CameraCheck()
     for k in range(40):
         evidence.interrupt()
@@ -390,13 +390,13 @@ def believed_by_shaken_joints(shake, scale, jacobian, images=40, seed=0):
 def test_a_shaken_arm_is_no_evidence_against_its_camera(seed):
     """A loaded machine's demo was told to calibrate its camera: late commands shook J5, and between
     two joint states nobody knew where it was."""
-    assert not believed_by_shaken_joints(2.1, ONE, lambda q: np.eye(6), seed=seed).fault()
-    assert believed_by_shaken_joints(2.1, ONE, None, seed=seed).fault()
+    assert not believed_by_shaken_joints(2.1, ONE, lambda q: np.eye(6), seed=seed).find_fault()
+    assert believed_by_shaken_joints(2.1, ONE, None, seed=seed).find_fault()
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_an_arm_that_moves_steadily_is_evidence(seed):
     wrong = np.array([1.0, 1.0, 1.0, 0.6, 0.6, 0.6])
     for shake in (0.0, 0.01):
-        assert believed_by_shaken_joints(shake, wrong, lambda q: np.eye(6), seed=seed).fault()
-    assert not believed_by_shaken_joints(0.01, ONE, lambda q: np.eye(6), seed=seed).fault()
+        assert believed_by_shaken_joints(shake, wrong, lambda q: np.eye(6), seed=seed).find_fault()
+    assert not believed_by_shaken_joints(0.01, ONE, lambda q: np.eye(6), seed=seed).find_fault()

@@ -47,7 +47,7 @@ def near(seed, size=0.3):
         off = np.array([0.1, 0.1, 0.25, -0.3, 0.05, 1.0]) * random.uniform(0.3, 1.0, 6)
         signs = np.array([*random.choice([-1, 1], 2), 1, 1, 1, random.choice([-1, 1])])
         start = goal + off * signs * size / 0.3
-        if in_view(the_goal("2016").target.outline(the_arm().pose(start))):
+        if in_view(the_goal("2016").target.compute_outline(the_arm().pose(start))):
             return start
 
 
@@ -182,7 +182,7 @@ def test_a_focal_length_somewhat_wrong_is_told_by_a_camera_that_also_comes_down(
     goal, arm = the_goal("2016"), the_arm()
     pose = goal.world_T_camera.copy()
     pose[:3, 3] += (*side, 0.1)
-    start = arm.inverse(pose, np.array(goal.get_joints(arm.names)), tolerance=1e-4)
+    start = arm.inverse_kinematics(pose, np.array(goal.get_joints(arm.names)), tolerance=1e-4)
     rig = Rig(the_servo("2016"), start, lag=0.1)
 
     def look(observer, t, joints):
@@ -213,7 +213,7 @@ def test_a_camera_mounted_otherwise_than_believed(seed):
     def look(observer, t, joints):
         pose = rig.servo.arm.pose(rig.q) @ believed_T_true
         return observer.observe_exact_features(
-            t, CAMERA, joints, contour=rig.servo.goal.target.outline(pose)
+            t, CAMERA, joints, contour=rig.servo.goal.target.compute_outline(pose)
         )
 
     rig.look = look
@@ -258,7 +258,7 @@ def test_a_joint_that_stands_at_its_limit_is_the_cause_also_where_the_camera_loo
     start[0], start[1] = -0.1, 0.0
     limits = the_limits(upper={"gantry": -0.01, "J1": 0.02}, lower={"J1": -0.02})
     rig = Rig(the_servo("2016", limits=limits), start)
-    rig.servo.diagnosis.evidence.cameras["camera"] = doubtful("the features move otherwise")
+    rig.servo.diagnosis.evidence.camera_checks["camera"] = doubtful("the features move otherwise")
     rig.run(0.5)
     assert rig.servo.outcome.kind == "wrong_camera_model"
     rig.run(6.0)
@@ -271,7 +271,7 @@ def test_a_goal_out_of_reach(seed):
     goal = the_goal("2015")
     lower = goal.world_T_camera.copy()
     lower[2, 3] -= np.random.default_rng(seed).uniform(0.03, 0.08)
-    far = replace(goal.seen_from(lower), joints={})
+    far = replace(goal.predict_from_pose(lower), joints={})
     rig = Rig(the_servo("2015", goal=far), near(seed))
     rig.run(6.0)
     assert rig.servo.outcome.kind in ("out_of_reach",)
@@ -282,12 +282,12 @@ def lifted(height):
     goal = the_goal("2016")
     higher = goal.world_T_camera.copy()
     higher[2, 3] += height
-    return replace(goal.seen_from(higher), joints={})
+    return replace(goal.predict_from_pose(higher), joints={})
 
 
 def test_a_target_lost_on_the_way_to_a_goal_out_of_reach_is_the_goal_s_fault():
     rig = Rig(the_servo("2016", goal=lifted(2.5)), near(0))
-    assert rig.servo.beyond.startswith("goal_2016.yaml: camera position (0.0500, -0.0297, 3.2834)")
+    assert rig.servo.unreachable_reason.startswith("goal_2016.yaml: camera position (0.0500, -0.0297, 3.2834)")
     rig.look = lambda observer, t, joints: (
         rig.exact(observer, t, joints) if t < 0.3 else lost(rig.exact(observer, t, joints), "gone")
     )
@@ -304,10 +304,10 @@ def test_a_target_lost_on_the_way_to_a_goal_out_of_reach_is_the_goal_s_fault():
     rolled = [lifted(0.001), lifted(0.001)]
     for goal, roll in zip(rolled, (5e-3, 5e-2), strict=True):
         goal.world_T_camera[:] = goal.world_T_camera @ matrix_from_xyz_rpy((0, 0, 0), (0, roll, 0))
-    assert "degrees away" in the_servo("2016", goal=rolled[1]).beyond
+    assert "degrees away" in the_servo("2016", goal=rolled[1]).unreachable_reason
     for goal in (rolled[0], the_goal("2016")):
         near_by = the_servo("2016", goal=goal)
-        assert near_by.beyond == ""
+        assert near_by.unreachable_reason == ""
         near_by.time_out(3.0)
         assert near_by.outcome.kind == "timed_out"
 
@@ -394,8 +394,8 @@ def test_the_image_that_comes_when_the_time_is_over_is_the_last():
     for stamp in np.arange(2.0, 3.01, 0.125):
         assert rig.servo.phase in ("waiting", "servoing")
         joints = JointSample.from_values(stamp, rig.servo.arm.names, rig.q)
-        rig.servo.tick(stamp, joints)
-        rig.servo.see(rig.exact(rig.observer, stamp, joints))
+        rig.servo.update(stamp, joints)
+        rig.servo.process_image(rig.exact(rig.observer, stamp, joints))
     assert (rig.servo.phase, rig.servo.reason) == ("stopped", "the time for it is over")
 
 
@@ -429,7 +429,7 @@ def test_a_target_that_moves_steadily_is_no_wrong_camera(scheme, interaction):
     rig.run(6.0)
     found = rig.servo.outcome
     assert found.kind == "target_moves", found
-    assert "Measured.rate" in found.remedy and "calibrate" not in found.remedy
+    assert "FeatureMeasurement.rate" in found.remedy and "calibrate" not in found.remedy
     if interaction == "current":
         said = float(found.reason.split(" at ")[1].split(" mm/s")[0])
         assert said == pytest.approx(17.0, rel=0.1)
@@ -581,7 +581,7 @@ def test_held_is_an_outcome_of_its_own_until_start():
 def test_joints_that_are_not_told_are_no_lost_target():
     rig = Rig(the_servo("2016"), near(1))
     rig.run(0.3)
-    rig.servo.tick(rig.now, None, "no joint states for 0.30 s")
+    rig.servo.update(rig.now, None, "no joint states for 0.30 s")
     found = rig.servo.outcome
     assert found.kind == "no_joint_states" and "joint_state_controller" in found.remedy
     rig.run(0.3)
@@ -592,7 +592,7 @@ def test_joints_that_are_not_told_do_not_start_what_was_stopped():
     rig = Rig(the_servo("2016"), near(1))
     rig.run(0.3)
     rig.servo.stop("enough")
-    rig.servo.tick(rig.now, None, "no joint states for 0.30 s")
+    rig.servo.update(rig.now, None, "no joint states for 0.30 s")
     rig.run(0.5)
     assert rig.servo.phase == "stopped" and rig.servo.outcome.kind == "stopped"
 

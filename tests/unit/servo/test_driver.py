@@ -442,7 +442,7 @@ def test_a_robot_that_was_made_anew_is_taken_up_where_it_stands(silence, off):
     bench.q = bench.q + off * np.array([1.0, 0.5, 0.3, 0.2, -0.3, 0.4])
     bench.command = bench.q.copy()  # nobody told them anything yet
     count, stood = len(bench.sent), bench.q.copy()
-    bench.driver.joints(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
+    bench.driver.add_joint_state(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
     bench.step(1)
     bench.step(10)
     first = bench.sent[count][1].positions
@@ -551,7 +551,7 @@ def test_a_loop_without_images_that_is_stopped_stays_so_when_they_come_again(ord
     bench.images = False
     for _ in range(700):
         bench.wall += DT  # the simulator is paused
-        bench.driver.watch()
+        bench.driver.check_timeouts()
     assert "no answer for" in bench.servo.reason
     getattr(bench.driver, order)()
     bench.images = True
@@ -565,9 +565,9 @@ def test_joints_jump_by_parts_of_their_own_leads(joint, jumps):
     told = []
     bench.servo.mark_joint_jump = lambda: told.append(True)
     q, still = bench.q.copy(), np.zeros(6)
-    bench.driver.joints(bench.arm.names, q, still, bench.t + 0.01)
+    bench.driver.add_joint_state(bench.arm.names, q, still, bench.t + 0.01)
     q[joint] += 0.1  # two parts of three between half of the one's and half of the other's
-    bench.driver.joints(bench.arm.names, q, still, bench.t + 0.02)
+    bench.driver.add_joint_state(bench.arm.names, q, still, bench.t + 0.02)
     assert bool(told) is jumps
 
 
@@ -582,7 +582,7 @@ def test_a_late_image_is_told_from_an_answered_one_by_its_value():
     bench = servoing()
     latest = bench.servo.state
     assert latest.has_processed_image
-    late = bench.servo.see(bench.driver.rig.control.observe_moments(
+    late = bench.servo.process_image(bench.driver.camera_rig.control.observe_moments(
         bench.t - 5.0, None, False, "no target", CAMERA))  # fmt: skip
     assert not late.has_processed_image and "late" in late.reason and bench.servo.state is latest
     bench.images = False
@@ -813,7 +813,7 @@ def test_joint_states_of_no_numbers_stop_the_arm(positions):
     bench = servoing()
     count = len(bench.states)
     bench.t += 0.04
-    bench.driver.joints(bench.arm.names, positions, (), bench.t)
+    bench.driver.add_joint_state(bench.arm.names, positions, (), bench.t)
     assert bench.servo.phase == "holding" and bench.servo.outcome.kind == "no_joint_states"
     assert bench.states[count].joints is None and bench.states[count].reason
 
@@ -827,19 +827,19 @@ def test_time_goes_on_by_the_clock_for_a_moment_without_joint_states(watchdog, b
     bench.look(8.0)
     count = len(bench.sent)
     bench.t = 8.0499
-    bench.driver.watch()
+    bench.driver.check_timeouts()
     assert len(bench.sent) == count and bench.servo.phase == "servoing"
     if watchdog > 0.05:
         bench.t = 8.25
-        bench.driver.watch()
+        bench.driver.check_timeouts()
         assert bench.servo.phase == "servoing"
         assert [t for t, _ in bench.sent[count:]] == [bench.t]
-        assert bench.sent[-1][1].stamp == bench.t == bench.driver.time
+        assert bench.sent[-1][1].stamp == bench.t == bench.driver.update_time
         assert np.abs(bench.sent[-1][1].positions - bench.sent[-2][1].positions).max() > 1e-4
     bench.t = 8.0011 + blind
     count = len(bench.states)
     for _ in range(3):
-        bench.driver.watch()
+        bench.driver.check_timeouts()
     assert (bench.servo.phase, bench.servo.reason) == (
         "holding", f"no joint states for {blind:.2f} s")
     assert len(bench.states) == count + 1  # said once of one instant
@@ -877,11 +877,11 @@ def test_an_answer_moves_time_on_in_lockstep_alone(lockstep):
     joints = bench.driver.history.newest
     bench.t += 0.4 * DT
     bench.look(bench.t)
-    assert bench.driver.time == (bench.t if lockstep else joints.stamp)
+    assert bench.driver.update_time == (bench.t if lockstep else joints.stamp)
     # In lockstep alone a joint state that came meanwhile does not count.
     then = joints.stamp + 0.5 * DT
     bench.t = joints.stamp + DT
-    bench.driver.joints(bench.arm.names, bench.q + 0.01, np.zeros(6), bench.t)
+    bench.driver.add_joint_state(bench.arm.names, bench.q + 0.01, np.zeros(6), bench.t)
     bench.look(then)
     way = 0.5 * DT * joints.velocities if lockstep else 0.5 * (bench.q + 0.01 - joints.positions)
     np.testing.assert_allclose(bench.seen[-1][0].positions - joints.positions, way, atol=1e-12)
@@ -895,7 +895,7 @@ def test_in_lockstep_each_image_is_answered_though_the_arm_stands():
     bench.step(30)
     assert len(bench.sent) == count + 10 and bench.at_rest()
     bench.t += DT
-    bench.driver.joints(("J1",), (0.0,), (), bench.t)
+    bench.driver.add_joint_state(("J1",), (0.0,), (), bench.t)
     assert len(bench.sent) == count + 10 + 20 // 3  # of bad joints nothing is sent between
 
 
@@ -916,11 +916,11 @@ def test_images_are_told_what_was_commanded_since():
 
 def test_the_missing_camera_is_the_one_that_is_waited_for():
     bench = servoing()
-    bench.driver.comes_from("right", Source("pictures", "/right", "somebody"))
+    bench.driver.set_source("right", Source("pictures", "/right", "somebody"))
     for lacking, what in (("right", "pictures"), ("", "features"), ("left", "features")):
-        bench.driver.rig.missing_camera = lacking
+        bench.driver.camera_rig.missing_camera = lacking
         bench.step(3)
-        assert bench.servo.source.what == what
+        assert bench.servo.source.content == what
 
 
 def test_a_clock_that_has_stood_for_half_a_second_is_said_to_stand():
@@ -934,7 +934,7 @@ def test_a_clock_that_has_stood_for_half_a_second_is_said_to_stand():
         bench.images = True
         bench.look(bench.t)
         bench.wall = began + waited
-        bench.driver.watch()
+        bench.driver.check_timeouts()
         assert bench.servo.phase == "holding"
         assert ("time stands still" in bench.servo.reason) is said
 
@@ -944,10 +944,10 @@ def test_a_start_gives_images_their_time_anew():
     bench.wall += 4.9
     bench.driver.start()
     bench.wall += 4.9
-    bench.driver.watch()
+    bench.driver.check_timeouts()
     assert bench.servo.phase == "servoing"
     bench.wall += 0.2
-    bench.driver.watch()
+    bench.driver.check_timeouts()
     assert bench.servo.phase == "holding"
 
 

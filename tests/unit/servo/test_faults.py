@@ -91,8 +91,8 @@ FAULTS = {
     "system exit": (raising(SystemExit(3)), "raised SystemExit: 3"),
     "assertion": (raising(AssertionError()), "raised AssertionError"),
     "two lines": (raising(RuntimeError("one\ntwo")), "raised RuntimeError: one two"),
-    "nothing": (lambda scheme, decision: None, "NoneType instead of a Decision"),
-    "a number": (lambda scheme, decision: 3.0, "float instead of a Decision"),
+    "nothing": (lambda scheme, decision: None, "NoneType instead of a SchemeOutput"),
+    "a number": (lambda scheme, decision: 3.0, "float instead of a SchemeOutput"),
     "no task": (answering(task=None), "the task NoneType"),
     "a twist for a task": (answering(task=np.zeros(6)), "the task ndarray"),
     "short twist": (lambda s, d: answering(task=Task.from_twist(np.zeros(3)))(s, d), "shape (6,)"),
@@ -242,10 +242,10 @@ def test_joints_of_another_arm_hold_it():
     names = rig.servo.arm.names
     seen = rig.exact(rig.observer, rig.now, JointSample.from_values(rig.now, names, rig.q))
     short = JointSample.from_values(rig.now, names[:5], rig.q[:5])
-    state = rig.servo.see(replace(seen, joints=short))
+    state = rig.servo.process_image(replace(seen, joints=short))
     assert state.phase == HOLDING and "an arm of 6 joints" in state.reason
     fast = JointSample.from_values(rig.now, names, rig.q, 1e9 * np.eye(6)[2])
-    state = rig.servo.see(replace(seen, stamp=rig.now + 0.01, joints=fast))
+    state = rig.servo.process_image(replace(seen, stamp=rig.now + 0.01, joints=fast))
     assert state.phase == HOLDING and state.reason.startswith("J2 ")
 
 
@@ -254,8 +254,8 @@ def test_a_fault_is_told_once_more_after_the_clock_went_back():
     told = []
     for _ in range(2):
         joints = JointSample.from_values(GOOD_FROM, rig.servo.arm.names, rig.q)
-        rig.servo.tick(GOOD_FROM, joints)
-        told.append(rig.servo.see(rig.exact(rig.observer, GOOD_FROM, joints)))
+        rig.servo.update(GOOD_FROM, joints)
+        told.append(rig.servo.process_image(rig.exact(rig.observer, GOOD_FROM, joints)))
         rig.servo.reset()
     assert all("no such thing" in state.fault for state in told)
     assert {(s.outcome, s.remedy) for s in told} == {("scheme_fault", REMEDIES["scheme_fault"])}
@@ -264,8 +264,8 @@ def test_a_fault_is_told_once_more_after_the_clock_went_back():
 def test_joint_velocities_that_are_not_finite_are_not_commanded():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.1)
-    resolve = rig.servo.resolver.resolve
-    rig.servo.resolver.resolve = lambda *given: replace(
+    resolve = rig.servo.differential_ik.resolve
+    rig.servo.differential_ik.resolve = lambda *given: replace(
         resolve(*given), velocities=np.array([0.1, 0.0, np.nan, 0.0, 0.0, 0.0]))
     rig.run(0.2)
     assert rig.servo.phase == HOLDING
@@ -345,12 +345,12 @@ def test_a_compute_longer_than_the_image_period_is_named_with_its_time(seconds, 
     rig = Rig(servo, STARTS["2016"])
     first, *_, state = rig.run(0.3)
     assert "took" not in first.reason  # nobody knows the image period yet
-    assert state.computing == pytest.approx(seconds)
+    assert state.computation_time == pytest.approx(seconds)
     text = f"took {seconds:.3f} s, longer than the image period of {IMAGE_PERIOD:.3f} s"
     assert (text in state.reason) is slow
     assert state.phase == SERVOING
     rig.servo.stop("enough")
-    assert rig.run(0.1)[-1].computing == 0.0
+    assert rig.run(0.1)[-1].computation_time == 0.0
 
 
 class OwnJoints(JointController):
@@ -383,9 +383,9 @@ def test_a_controllers_time_begins_with_servoing():
     rig = controlled(answer, "velocity")
     for t in (2.0, 2.125):
         joints = JointSample.from_values(t, rig.servo.arm.names, rig.q)
-        rig.servo.tick(t, joints)
-        rig.servo.see(rig.exact(rig.observer, t, joints))
-    rig.servo.tick(2.1875, joints)
+        rig.servo.update(t, joints)
+        rig.servo.process_image(rig.exact(rig.observer, t, joints))
+    rig.servo.update(2.1875, joints)
     assert asked == [(0.125, 0.1), (0.1875, 0.0625)]  # no step is longer than 0.1 s
 
 

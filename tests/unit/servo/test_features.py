@@ -442,7 +442,7 @@ def test_accuracy_of_moments_is_that_of_the_outline(name):
     assert feature.accuracy(view, goal) is None
     found = feature.accuracy(replace(view, pixel_count=900), goal)
     assert found.shape == (len(feature.names), 9)
-    wider = goal.outline()
+    wider = goal.compute_outline()
     middle, d = wider.mean(axis=0), 0.03 / 30.0 / view.camera.K[0]
     area = goal.moments.m00
     length = np.linalg.norm(wider - np.roll(wider, -1, axis=0), axis=1).sum()
@@ -513,7 +513,7 @@ def test_accuracy_of_moments_is_what_the_waves_of_an_outline_make_of_each(shape)
         return np.array([an * xg, an * yg, an, 0.5 * np.arctan2(2.0 * mu11, mu20 - mu02)])
 
     slopes = [(values(raw + 1e-6 * d) - values(raw - 1e-6 * d)) / 2e-6
-              for d in compute_displacement_moments(goal.outline(), 2)]  # fmt: skip
+              for d in compute_displacement_moments(goal.compute_outline(), 2)]  # fmt: skip
     expected = 0.03 / 25.0 / view.camera.K[0] * np.transpose(slopes)
     found = feature.accuracy(view, goal)
     scale = np.abs(expected).max(axis=1, keepdims=True)

@@ -27,7 +27,7 @@ def delayed(gain, delay, duration=60.0, seconds=4.0, until=np.inf):
 
 @pytest.mark.parametrize("delay", [0.1, 0.25, 0.5])
 def test_a_target_that_is_lost_by_an_overshoot_is_lost_by_the_gain(delay):
-    found = delayed(1.4 / delay, delay, until=4.0 * delay)[0].lost("the target was lost")
+    found = delayed(1.4 / delay, delay, until=4.0 * delay)[0].explain_loss("the target was lost")
     assert found.kind == "gain_too_high" and found.reason.endswith("the target was lost")
     (change,) = found.remedy.changes
     check, error = delayed(change.value * 1.4 / delay, delay, seconds=20.0)
@@ -36,10 +36,10 @@ def test_a_target_that_is_lost_by_an_overshoot_is_lost_by_the_gain(delay):
 
 def test_one_that_suits_the_delay_loses_no_target():
     check, _ = delayed(0.3 / 0.25, 0.25)
-    assert check.delay_outcome is None and check.lost("lost") is None
+    assert check.delay_outcome is None and check.explain_loss("lost") is None
     before_any_overshoot, _ = delayed(6.0, 0.25, until=0.3)
     assert (
-        before_any_overshoot.delay_outcome is not None and before_any_overshoot.lost("lost") is None
+        before_any_overshoot.delay_outcome is not None and before_any_overshoot.explain_loss("lost") is None
     )
 
 

@@ -58,7 +58,7 @@ def taught():
     names = the_arm().names
     joints = JointSample.from_values(1.0, names, goal.get_joints(names) + 0.01)
     observer = FeatureObserver(the_arm(), scheme.needs)
-    outline = goal.target.outline(the_arm().pose(joints.positions))
+    outline = goal.target.compute_outline(the_arm().pose(joints.positions))
     seen = observer.observe_exact_features(1.0, CAMERA, joints, contour=outline)
     return scheme, seen, Goal.teach(scheme, seen, "mine", depth=0.2, target=goal.target)
 
@@ -274,17 +274,17 @@ def test_a_pose_that_is_the_joints_to_a_rounding_is_exactly_theirs():
 def test_the_posture_of_a_goal_is_its_joints_or_found_for_its_pose():
     arm, goal = the_arm(), the_goal("2016")
     q = goal.get_joints(arm.names)
-    np.testing.assert_array_equal(goal.posture(arm), q)
+    np.testing.assert_array_equal(goal.find_posture(arm), q)
     by_pose = replace(goal, joints={})
-    found = by_pose.posture(arm)
+    found = by_pose.find_posture(arm)
     np.testing.assert_allclose(arm.pose(found), goal.world_T_camera, atol=3e-3)
     away = matrix_from_xyz_rpy((9.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    assert replace(by_pose, world_T_camera=away).posture(arm) is None
-    assert replace(by_pose, world_T_camera=None).posture(arm) is None
-    assert goal.beyond(arm) == by_pose.beyond(arm) == ""
-    assert replace(by_pose, world_T_camera=away, name="mine").beyond(arm).startswith("mine: ")
+    assert replace(by_pose, world_T_camera=away).find_posture(arm) is None
+    assert replace(by_pose, world_T_camera=None).find_posture(arm) is None
+    assert goal.find_unreachable_reason(arm) == by_pose.find_unreachable_reason(arm) == ""
+    assert replace(by_pose, world_T_camera=away, name="mine").find_unreachable_reason(arm).startswith("mine: ")
     for told in (replace(goal, world_T_camera=away), replace(by_pose, world_T_camera=None)):
-        assert told.beyond(arm) == ""
+        assert told.find_unreachable_reason(arm) == ""
 
 
 def test_the_posture_is_looked_for_from_zero_to_two_millimetres():
@@ -366,7 +366,7 @@ def test_a_targets_geometry_with_other_keys_is_refused(data):
 
 def test_the_outline_to_be_seen_is_the_targets_where_its_geometry_is_known():
     goal = the_goal("2016").for_arm(the_arm())
-    np.testing.assert_array_equal(goal.outline(), goal.target.outline(goal.world_T_camera))
+    np.testing.assert_array_equal(goal.compute_outline(), goal.target.compute_outline(goal.world_T_camera))
 
 
 def test_where_only_moments_are_known_the_outline_is_the_ellipse_that_has_them():
@@ -374,14 +374,14 @@ def test_where_only_moments_are_known_the_outline_is_the_ellipse_that_has_them()
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     box = np.array([[-0.3, -0.1], [0.3, -0.1], [0.3, 0.1], [-0.3, 0.1]]) @ R.T + [0.05, -0.02]
     goal = replace(the_goal("2016"), target=None, moments=Moments.from_polygon(box, 4))
-    seen = Moments.from_polygon(goal.outline(), 2)
+    seen = Moments.from_polygon(goal.compute_outline(), 2)
     assert (seen.xg, seen.yg) == pytest.approx((0.05, -0.02))
     spread = [seen.mu(i, 2 - i) / seen.m00 for i in range(3)]
     # a polygon of 32 corners is a little smaller than its ellipse
     assert spread == pytest.approx(
         [goal.moments.mu(i, 2 - i) / goal.moments.m00 for i in range(3)], rel=0.03
     )
-    assert replace(goal, moments=None).outline().shape == (0, 2)
+    assert replace(goal, moments=None).compute_outline().shape == (0, 2)
 
 
 BOX = np.array([[[-0.1, -0.05, 0.0], [0.1, 0.05, 0.01]]])

@@ -87,7 +87,7 @@ def test_the_next_drive_is_as_the_first():
     twist = [0.05, -0.02, 0.01, 0.1, 0.0, -0.2]
     drive(used, lambda t: used.set_twist([-0.05, 0.05, 0.0, 0.0, 0.3, 0.0], t), 0.5)
     drive(used, lambda t: None, 1.0, t=0.5)
-    again, first = (drive(jog, lambda t, jog=jog: jog.twist(twist, t), 0.5, t=2.0)[1]
+    again, first = (drive(jog, lambda t, jog=jog: jog.set_twist(twist, t), 0.5, t=2.0)[1]
                     for jog in (used, fresh))
     np.testing.assert_array_equal(again, first)
     assert np.abs(np.diff(first[:2], axis=0)).max() <= 2 * 0.5 * DT * DT + 1e-9, "it starts at rest"
@@ -134,7 +134,7 @@ def test_a_joint_outside_its_limits_may_come_back_and_go_no_further(sign):
 def test_a_joint_that_is_blocked_has_no_command_that_runs_away():
     for sign in (1.0, -1.0):
         jog = Jog(the_arm(), the_limits())
-        _, commands = drive(jog, lambda t, s=sign, j=jog: j.joint("J3", 0.25 * s, t), 3.0,
+        _, commands = drive(jog, lambda t, s=sign, j=jog: j.set_joint_speed("J3", 0.25 * s, t), 3.0,
                             follow=0.0)  # fmt: skip
         ahead = sign * (commands[:, 3] - START[3])
         assert ahead.max() == pytest.approx(MAX_LEAD + 0.15 * 0.5)
@@ -167,13 +167,13 @@ def test_what_cannot_be_is_refused(ask):
 def test_servoing_begins_where_somebody_else_has_moved_the_arm(away, begins):
     servo, arm = the_servo(), the_arm()
     for i in range(10):
-        servo.tick(0.01 * i, arm.sample(arm.names, START))
+        servo.update(0.01 * i, arm.read_joints(arm.names, START))
     servo.stop()
-    servo.tick(0.2, arm.sample(arm.names, START))
+    servo.update(0.2, arm.read_joints(arm.names, START))
     after = START + away
-    servo.tick(0.3, arm.sample(arm.names, after))
+    servo.update(0.3, arm.read_joints(arm.names, after))
     servo.start()
-    command = servo.tick(0.31, arm.sample(arm.names, after)).positions
+    command = servo.update(0.31, arm.read_joints(arm.names, after)).positions
     np.testing.assert_allclose(command, after if begins == "there" else START, atol=1e-9)
     assert the_goal("2016") is not None
 

@@ -33,7 +33,7 @@ def joints(t, q=None):
 
 def outline(q=None):
     pose = the_arm().pose(np.array(STARTS["2016"] if q is None else q, float))
-    return the_goal("2016").target.outline(pose)
+    return the_goal("2016").target.compute_outline(pose)
 
 
 def picture(shape):

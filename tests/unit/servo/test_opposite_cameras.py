@@ -69,7 +69,7 @@ def together(control, other, q, other_q=None):
         return made.observers[name].observe_exact_features(1.0, CAMERA, joints, contour=SQUARE)
 
     seen = look("second", q if other_q is None else other_q)
-    return made.together(look("first", q), {"second": seen})
+    return made.merge_observations(look("first", q), {"second": seen})
 
 
 @pytest.mark.parametrize(("control", "other"), [(PALM, WALL), (WALL, PALM)], ids=["palm", "wall"])
@@ -101,7 +101,7 @@ def test_what_it_has_moved_since_its_exposure_is_its_own_motion():
         0.98, CAMERA, joints[0], contour=SQUARE
     )
     first = bound.control.observe_exact_features(1.0, CAMERA, joints[1], contour=SQUARE)
-    moved = bound.together(first, {"second": earlier}).others["second"].moved
+    moved = bound.merge_observations(first, {"second": earlier}).others["second"].moved
     np.testing.assert_allclose(moved, logarithm(relative_pose(WALL.pose(then), WALL.pose(now))))
 
 
@@ -134,7 +134,7 @@ def test_a_plane_of_its_own_that_nothing_tells_is_asked_for():
         observer.observe_exact_features(1.0, CAMERA, joints, contour=SQUARE)
         for observer in made.observers.values()
     )
-    observation = made.together(first, {"second": second})
+    observation = made.merge_observations(first, {"second": second})
     with pytest.raises(ConfigurationError, match="camera second looks at a target of its own"):
         Goal.teach(None, observation, depth=0.5)
 
@@ -154,17 +154,17 @@ def settings(first="palm", **second):
 @pytest.mark.parametrize("first", ["palm", "wall"])
 def test_a_nodes_cameras_say_which_link_carries_what_they_look_at(first):
     asked = settings(first)
-    arm = asked.arm(ROBOT)
+    arm = asked.make_arm(ROBOT)
     assert arm.target_frame == {"palm": "", "wall": "plate"}[first]
-    ((name, moved_by),) = asked.others(ROBOT, arm).items()
+    ((name, moved_by),) = asked.make_other_cameras(ROBOT, arm).items()
     assert name == {"palm": "wall", "wall": "palm"}[first]
     assert isinstance(moved_by, InverseCameraKinematics)
     np.testing.assert_allclose(moved_by.pose(Q), {"palm": PALM, "wall": WALL}[name].pose(Q))
 
 
 def test_a_camera_without_a_link_of_its_own_has_that_of_all():
-    assert settings().camera_of("palm").target_frame == ""
-    assert settings().camera_of("wall").target_frame == "plate"
+    assert settings().get_camera("palm").target_frame == ""
+    assert settings().get_camera("wall").target_frame == "plate"
     one = Settings.from_mapping({"scheme": "points", "target_frame": "plate"})
     assert one.get_camera("camera").target_frame == "plate"
 

@@ -43,9 +43,9 @@ def test_three_points_look_alike_from_other_poses():
             lengths = np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1)
             sides.append(np.sort(lengths))
         np.testing.assert_allclose(*sides, rtol=1e-6)
-        assert found.at(seen(TRIANGLE, Plane(*pose.plane)))[0] is pose
-    assert found.at(seen(TRIANGLE, PLANE)) == (None, ())
-    nearest, open_ = found.at(seen(TRIANGLE, None))  # nothing tells the plane
+        assert found.find_pose(seen(TRIANGLE, Plane(*pose.plane)))[0] is pose
+    assert found.find_pose(seen(TRIANGLE, PLANE)) == (None, ())
+    nearest, open_ = found.find_pose(seen(TRIANGLE, None))  # nothing tells the plane
     assert nearest is None and open_ == found.poses
     scaled = AmbiguousPoses(goal_of(TRIANGLE, k=7.0)).poses
     for one, other in zip(found.poses, scaled, strict=True):

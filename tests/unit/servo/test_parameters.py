@@ -42,7 +42,7 @@ def test_the_laboratory_s_robot_brings_its_own_parameters(arm):
     assert settings.start == "2016" and settings.posture == {"J1": 0.0}
     assert settings.max_velocity == 1.5  # what was given comes before
     assert settings.controllers["J5"] == "joint5_position_controller"
-    loop = settings.build(arm)
+    loop = settings.make_servo(arm)
     start = [-0.1, 0.0, *np.radians([20.0, -15.0, -5.0, 10.0])]
     assert loop.settings.start == pytest.approx(start)
     assert loop.resolver.elbows[0].side == -1.0
@@ -59,16 +59,16 @@ def test_the_laboratory_s_robot_brings_its_own_parameters(arm):
 
 def test_corners_of_a_shipped_goal_are_those_of_its_target(arm):
     """Its file holds moments alone; `./demo.sh --scheme points` is told on the first page."""
-    goal = of(scheme="points", desired="2016").build(arm).goal
+    goal = of(scheme="points", desired="2016").make_servo(arm).goal
     found = np.array(goal.features["points"]["points"])
     exact = goal.target.outline(goal.world_T_camera)
     nearest = np.linalg.norm(found[:, None] - exact[None], axis=2).min(axis=1)
     assert len(found) == 8  # a square with a patch at a side
     assert nearest.max() < 2e-3  # edges of plates that are seen are no corners, as in pictures
-    held = of(scheme="moments", desired="2016").build(arm).goal
+    held = of(scheme="moments", desired="2016").make_servo(arm).goal
     assert not held.features and goal.moments.m00 == held.moments.m00
     for scheme in ("segments", "polar_points", "pose", "partitioned"):
-        assert of(scheme=scheme, desired="2016").build(arm).goal.features
+        assert of(scheme=scheme, desired="2016").make_servo(arm).goal.features
 
 
 @pytest.mark.parametrize(("given", "why"), [
@@ -77,7 +77,7 @@ def test_corners_of_a_shipped_goal_are_those_of_its_target(arm):
 ])  # fmt: skip
 def test_what_an_outline_does_not_tell_is_still_to_be_taught(arm, given, why):
     with pytest.raises(ConfigurationError, match=f"goal_2016.yaml {why}.*teach"):
-        of(desired="2016", **given).build(arm)
+        of(desired="2016", **given).make_servo(arm)
 
 
 def test_the_goal_follows_the_start():
@@ -224,7 +224,7 @@ def test_settings_of_the_loop_alone_have_bounds_too():
 def test_what_cannot_be_built_is_named(given, words):
     with pytest.raises(ConfigurationError, match=words):
         settings = of(**given)
-        settings.build(settings.arm(URDF))
+        settings.make_servo(settings.make_arm(URDF))
 
 
 def test_starts_in_every_way_they_can_be_given(arm):
@@ -284,10 +284,10 @@ def test_a_start_of_two_joints_is_taken_as_words_or_by_name_or_by_the_camera_s_p
 
 def test_laws_and_schemes_get_their_numbers(arm):
     given = {"law": "adaptive", "law_options": {"zero": 6.0}, "continuous_start": 3.0}
-    loop = of(**given, start="none").build(arm)
+    loop = of(**given, start="none").make_servo(arm)
     law = loop.scheme.law
     assert law.mu == 3.0 and law.law.zero == 6.0 and law.law.slope == 30.0
-    assert of(hold_gain=2.5, start="none").build(arm).resolver.settings.hold_gain == 2.5
+    assert of(hold_gain=2.5, start="none").make_servo(arm).resolver.settings.hold_gain == 2.5
     diagonal = of(law="diagonal", law_options={"values": [1, 2, 3, 4]}).make_law()
     assert diagonal.values == (1.0, 2.0, 3.0, 4.0)
 
@@ -297,13 +297,13 @@ def test_of_joints_that_are_not_used_the_robot_s_parameters_say_nothing(arm):
     settings = of(joints=some, start="none").for_robot("aras_visual_servo", ("joints", "start"))
     assert settings.max_velocity == {"gantry": 1.0, "J1": 2.0, "J2": 2.0, "J3": 2.0}
     assert settings.posture == {"J1": 0.0} and set(settings.controllers) == set(some)
-    part = settings.arm(URDF)
-    assert settings.limits(part).velocity.tolist() == [1.0, 2.0, 2.0, 2.0]
-    assert settings.resolver(part, settings.limits(part)).elbows == ()
+    part = settings.make_arm(URDF)
+    assert settings.make_limits(part).velocity.tolist() == [1.0, 2.0, 2.0, 2.0]
+    assert settings.make_differential_ik(part, settings.make_limits(part)).elbows == ()
     with pytest.raises(ConfigurationError, match="joint J9 is no elbow"):
-        replace(settings, elbow={"J9": 1}).resolver(part, settings.limits(part))
+        replace(settings, elbow={"J9": 1}).make_differential_ik(part, settings.make_limits(part))
     whole = of(joints=list(arm.names), start="none").for_robot("aras_visual_servo", ("joints",))
-    assert whole.resolver(arm, whole.limits(arm)).elbows[0].side == -1.0
+    assert whole.make_differential_ik(arm, whole.make_limits(arm)).elbows[0].side == -1.0
     one = of(joints=["J2"]).for_robot("aras_visual_servo", ("joints",))
     assert (one.posture, one.elbow) == ({}, None)
 
@@ -313,15 +313,15 @@ def test_an_arm_whose_speed_nothing_limits_is_not_moved():
     urdf = re.sub(r'( name="J2"(?:.|\n)*?<limit[^>]*?) velocity="[^"]*"', r"\1", URDF, count=1)
     urdf = urdf.replace('name="J2" type="revolute"', 'name="J2" type="continuous"')
     settings = of(start="none", max_velocity={"J1": 1.0})
-    arm = settings.arm(urdf)
+    arm = settings.make_arm(urdf)
     assert np.isinf(arm.velocity).tolist() == [False, False, True, False, False, False]
     with pytest.raises(ConfigurationError, match="nothing limits the speed of J2: .* ~max_veloc"):
-        settings.build(arm)
-    replace(settings, max_velocity={"J2": 1.0}).build(arm)
+        settings.make_servo(arm)
+    replace(settings, max_velocity={"J2": 1.0}).make_servo(arm)
 
 
 def test_what_is_said_for_one_joint_leaves_the_others_theirs(arm):
-    loop = of(lead={"J1": 0.1}, stiffness={"J2": 3.0}, start="none").build(arm)
+    loop = of(lead={"J1": 0.1}, stiffness={"J2": 3.0}, start="none").make_servo(arm)
     assert loop.settings.lead == (0.05, 0.1, 0.05, 0.05, 0.05, 0.05)
     assert loop.settings.stiffness == (0.0, 0.0, 3.0, 0.0, 0.0, 0.0)
 
@@ -339,7 +339,7 @@ def test_a_user_s_own_law_takes_the_gain_that_is_given(tmp_path, monkeypatch):
     assert of(law="own_law:Fast").make_law().gain == 8.0
     assert of(law="own_law:Fast", gain=3.0).make_law().gain == 3.0
     assert of(law="own_law:Fast", gain=3.0, ramp=0.1).make_law().law.gain == 3.0
-    assert of(law="own_law:Plain").make_law().numbers() == {}
+    assert of(law="own_law:Plain").make_law().list_tunable_parameters() == {}
     with pytest.raises(ConfigurationError, match=r"'own_law:Plain' takes no 'gain'"):
         of(law="own_law:Plain", gain=3.0).make_law()
 
@@ -358,7 +358,7 @@ def test_a_user_s_own_feature_by_name(arm, tmp_path, monkeypatch):
         "class Theirs(ImageMoments):\n    pass\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    loop = of(scheme="their_package:Theirs", start="none").build(arm)
+    loop = of(scheme="their_package:Theirs", start="none").make_servo(arm)
     assert loop.scheme.names == ImageMoments.names and loop.name == "their_package:Theirs"
     sys.modules.pop("their_package")
 
@@ -377,15 +377,15 @@ def test_secondary_tasks_are_those_that_are_asked_for(arm):
         ({"singularity_avoidance": True}, [JointLimitAvoidance, SingularityAvoidance]),
     ):  # fmt: skip
         settings = of(**given)
-        assert [type(t) for t in settings.resolver(arm, settings.limits(arm)).tasks] == kinds
-    assert of(elbow=1).resolver(arm, of().limits(arm)).elbows[0].side == 1.0
+        assert [type(t) for t in settings.make_differential_ik(arm, settings.make_limits(arm)).tasks] == kinds
+    assert of(elbow=1).make_differential_ik(arm, of().make_limits(arm)).elbows[0].side == 1.0
 
 
 def test_controllers_of_joints_that_are_not_used_may_be_named():
     settings = of(joints=["J1", "J2"], controllers={"J5": "wrist"})
-    assert settings.arm(URDF).names == ("J1", "J2")
+    assert settings.make_arm(URDF).names == ("J1", "J2")
     with pytest.raises(ConfigurationError, match="names the joint J9: known are .*J5"):
-        of(joints=["J1", "J2"], controllers={"J9": "wrist"}).arm(URDF)
+        of(joints=["J1", "J2"], controllers={"J9": "wrist"}).make_arm(URDF)
 
 
 def test_a_start_by_a_pose_is_looked_for_from_the_posture_at_the_goal(arm, monkeypatch):
@@ -393,25 +393,25 @@ def test_a_start_by_a_pose_is_looked_for_from_the_posture_at_the_goal(arm, monke
     monkeypatch.setattr("aras_visual_servo_controller.settings.find_start_joints",
                         lambda start, *given: near.append(given[-1]))  # fmt: skip
     pose = {"xyz": [0.1, 0.02, 0.8], "rpy": [np.pi, 0.0, 0.5]}
-    goals = [of(start=start, desired="2016").build(arm).goal for start in (pose, "2016")]
+    goals = [of(start=start, desired="2016").make_servo(arm).goal for start in (pose, "2016")]
     np.testing.assert_array_equal(near[0], goals[0].get_joints(arm.names))
     assert near[1] is None
 
 
 def test_a_run_has_its_end(arm):
-    assert of(duration=2.5).build(arm).settings.duration == 2.5
-    assert of().build(arm).settings.duration == np.inf
+    assert of(duration=2.5).make_servo(arm).settings.duration == 2.5
+    assert of().make_servo(arm).settings.duration == np.inf
 
 
 def test_each_camera_s_observer_knows_what_it_needs_and_its_goal_s_plane(arm):
     settings = of(scheme="points@left+area@right", cameras={"left": {}, "right": {}})
     scheme, pose = settings.make_scheme(), arm.pose(np.zeros(6))
-    made = settings.rig({"left": arm, "right": None}, scheme)
+    made = settings.make_camera_rig({"left": arm, "right": None}, scheme)
     assert [o.needs for o in made.observers.values()] == [{Need.CORNERS}, {Need.MOMENTS}]
     assert made.control.arm is arm and made.observers["right"].arm is None
     assert made.control.compute_plane is None
     goal = of(desired="2016").load_goal().for_cameras({"left": arm})
-    made = replace(settings, depth_image=True).rig({"left": arm, "right": None}, scheme, goal)
+    made = replace(settings, depth_image=True).make_camera_rig({"left": arm, "right": None}, scheme, goal)
     assert made.control.needs == {Need.CORNERS, Need.DEPTH}
     assert made.control.compute_plane(pose) == goal.compute_plane(pose) is not None
     assert made.observers["right"].compute_plane is None

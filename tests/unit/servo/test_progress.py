@@ -99,7 +99,7 @@ def test_full_rank_is_that_of_the_features_or_of_the_modelled_directions(
 ])  # fmt: skip
 def test_what_the_arm_lacks_and_what_slows_it(told, twist, kind):
     """TWIST is 3 mm/s, a radian taken as 0.1 m; less than 0.2 mm/s is not worth a word."""
-    assert watched(STILL, twist=twist, told=lambda i: told)[0].stalled(
+    assert watched(STILL, twist=twist, told=lambda i: told)[0].explain_stall(
         ServoState(4.5, SERVOING)).kind == kind
 
 
@@ -107,7 +107,7 @@ def test_what_the_arm_lacks_and_what_slows_it(told, twist, kind):
 def test_an_error_that_shrinks_by_less_than_a_tenth_is_stalled(after, kind):
     errors = np.where(np.arange(20)[:, None] < 10, [1.0, -10.0], [1.0, -after])
     errors[[3, 15]] *= [[0.9], [0.5]]  # one small one is no less error
-    assert watched(errors, told=lambda i: STOPPED)[0].stalled(
+    assert watched(errors, told=lambda i: STOPPED)[0].explain_stall(
         ServoState(4.5, SERVOING)).kind == kind
 
 
@@ -118,7 +118,7 @@ def test_an_error_that_shrinks_by_less_than_a_tenth_is_stalled(after, kind):
 def test_a_stall_needs_a_window_of_images_of_a_loop_that_servoes(dt, phase, kind):
     """1.425 s of them; 1.33 s are less than nine tenths of 1.5 s."""
     progress, state = watched(STILL, dt=dt, told=lambda i: STOPPED)
-    assert progress.stalled(replace(state, phase=phase)).kind == kind
+    assert progress.explain_stall(replace(state, phase=phase)).kind == kind
 
 
 def test_a_limit_in_the_way_is_named_though_the_error_is_within_its_tolerances():
@@ -150,7 +150,7 @@ def test_an_error_that_no_motion_takes_away_is_a_local_minimum(reached, since, k
     progress, state = watched(
         STILL, L=lambda i: L if i >= since else np.diag(TOLERANCES) @ np.eye(2, 6),
         told=lambda i: {"jacobian": np.eye(6) - np.outer(direction, direction)})
-    found = progress.stalled(state)
+    found = progress.explain_stall(state)
     assert found.kind == kind
     if kind == "local_minimum":
         assert "10 times its tolerance: L v gives 9 %" in found.reason
@@ -204,7 +204,7 @@ def test_joints_that_were_slow_on_the_way_to_a_limit_are_known():
 
     errors = [[100.0 - 5.0 * min(i, 8), 0.0] for i in range(30)]
     progress, state = watched(errors, told=told)
-    assert progress.stalled(state).kind == "joint_limit"
+    assert progress.explain_stall(state).kind == "joint_limit"
     assert progress.saturation_outcome is None  # 8 of 30
     progress, state = watched(errors[:24], told=told)
     assert (

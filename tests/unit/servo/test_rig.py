@@ -139,7 +139,7 @@ def test_an_older_picture_gets_the_joints_of_its_own_exposure():
 
     pictures = [("left", 0.1 * k) for k in range(1, 9)] + [("right", 0.25 * k) for k in (1, 2, 3)]
     for name, stamp in sorted(pictures, key=lambda one: one[1]):
-        found = made.add(name, stamp, partial(look, name=name, stamp=stamp))
+        found = made.add_image(name, stamp, partial(look, name=name, stamp=stamp))
         if found is not None:
             # of the control camera's they are said to be a little later here
             found[1](JointSample.from_values(found[0] + 0.01, NAMES, np.zeros(6)), ())
@@ -202,7 +202,7 @@ def test_an_older_picture_is_brought_up_to_now():
     )
     for age, known in ((5e-4, True), (5e-10, False)):
         views = view(made.control, 1.0, now), view(made.observers["right"], 1.0 - age, then)
-        seen = made.together(views[0], {"right": views[1]}).cameras["right"]
+        seen = made.merge_observations(views[0], {"right": views[1]}).cameras["right"]
         assert (seen.moved is not None) is known
 
 
@@ -247,14 +247,14 @@ def goal_of(scheme, target=None):
         return Plane(*(n / (n @ p)).tolist())
 
     views = {n: view(o, 1.0, q, plane(o.arm.pose(q))) for n, o in made.observers.items()}
-    shown = made.together(views["left"], {"right": views["right"]})
+    shown = made.merge_observations(views["left"], {"right": views["right"]})
     return Goal.teach(scheme, shown, target=target)
 
 
 def test_the_goal_of_each_camera_is_kept_and_comes_back_from_a_file():
     target = the_goal("2016").target
     goal = goal_of(create_scheme("points@left+points@right"), target)
-    assert goal.target is goal.others["right"].target is target
+    assert goal.target is goal.other_cameras["right"].target is target
     assert list(goal.cameras) == ["left", "right"]
     assert set(goal.features) == {"points@left", "points@right"}
     again = Goal.from_mapping(yaml.safe_load(goal.to_yaml()))
@@ -318,7 +318,7 @@ def test_directions_of_another_camera_are_the_control_camera_s_that_move_it_so()
     level = RemoteCameraFeature(create_scheme("moments").feature, "right")
     goal = goal_of(create_scheme("points@left+points@right"))
     aside = matrix_from_xyz_rpy((0.05, 0.0, 0.0), (0.0, 0.0, 0.0))
-    right = goal.others["right"]
+    right = goal.other_cameras["right"]
     parallel = replace(goal, others={
         "right": replace(right, world_T_camera=goal.world_T_camera @ aside)
     })  # fmt: skip
@@ -336,7 +336,7 @@ def test_a_camera_where_the_target_is_lost_is_named():
     lost = made.observers["right"].observe_exact_features(
         1.0, CAMERA, JointSample.from_values(1.0, NAMES, np.zeros(6))
     )
-    seen = made.together(view(made.control, 1.0, np.zeros(6)), {"right": lost})
+    seen = made.merge_observations(view(made.control, 1.0, np.zeros(6)), {"right": lost})
     with pytest.raises(MeasurementError, match="camera right: the target is not in view"):
         scheme.compute(seen, goal, 0.0)
 
@@ -441,11 +441,11 @@ def test_accuracy_of_stereo_goes_through_the_feature(name):
             shown = view(observer, 1.0, np.zeros(6))
             corners = shown.corners + off.get(camera, 0.0)
             views[camera] = replace(shown, corners=corners, corner_accuracy=corner_accuracy[camera])
-        return made.together(views["left"], {"right": views["right"]})
+        return made.merge_observations(views["left"], {"right": views["right"]})
 
     assert feature.accuracy(seen({}, dict.fromkeys(size, 0.0)), goal) is None  # exact
     # What was taught through another lens shares nothing with what is seen now.
-    apart = replace(goal, camera=None, others={"right": replace(goal.others["right"], camera=None)})
+    apart = replace(goal, camera=None, others={"right": replace(goal.other_cameras["right"], camera=None)})
     found = feature.accuracy(seen({}, size), apart)
     offs = [(camera, off) for camera in feature.cameras for off in np.eye(8).reshape(8, 4, 2)]
     expected = [feature.measure(seen({c: size[c] * off}, size), goal).error for c, off in offs]
@@ -495,7 +495,7 @@ def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
         wrong = replace(goal, features={"stereo_pose": {"points": points}})
         with pytest.raises(ConfigurationError, match=words):
             scheme.check(wrong)
-    right, depth = goal.others["right"], 1.0 / goal.plane.C
+    right, depth = goal.other_cameras["right"], 1.0 / goal.plane.C
     for apart, refused in ((1.9e-3 * depth, True), (2.1e-3 * depth, False)):
         there = goal.world_T_camera @ matrix_from_xyz_rpy((0.0, apart, 0.0), (0.0, 0.0, 0.0))
         close = replace(goal, others={"right": replace(right, world_T_camera=there)})
@@ -562,13 +562,13 @@ def test_two_cameras_forget_the_turn_to_which_a_square_was_followed(monkeypatch)
     def places(turn):
         q = (0.0, 0.0, 0.0, 0.0, 0.0, turn)
         left, right = (replace(view(o, 1.0, q), numbered=False) for o in made.observers.values())
-        return scheme.feature.measure(made.together(left, {"right": right}), goal).s
+        return scheme.feature.measure(made.merge_observations(left, {"right": right}), goal).s
 
     made_of = {n: replace(view(o, 1.0, np.zeros(6)), numbered=False)
                for n, o in made.observers.items()}  # fmt: skip
     for which, open_ in (("", "90°"), ("left", ""), ("right", "")):  # where one knows its corners
         views = {n: replace(v, numbered=None if n == which else False) for n, v in made_of.items()}
-        seen = made.together(views["left"], {"right": views["right"]})
+        seen = made.merge_observations(views["left"], {"right": views["right"]})
         assert scheme.feature.measure(seen, goal).up_to == open_
     scheme.reset()
     begun = places(1.0)  # a square that is turned by less than half a quarter back
@@ -606,7 +606,7 @@ def test_the_mean_of_views_of_two_cameras_is_that_of_each():
 def test_a_goal_of_two_cameras_is_either_s_as_the_control_camera():
     target = the_goal("2016").target
     goal = replace(goal_of(create_scheme("points@left+points@right"), target), name="mine")
-    right = goal.others["right"]
+    right = goal.other_cameras["right"]
     goal = replace(goal, others={"right": replace(right, seen_by="", others={"left": goal})})
     arms = {"left": Known(np.eye(4)), "right": Known(SEAT)}
     for first, second in (("left", "right"), ("right", "left")):
@@ -615,16 +615,16 @@ def test_a_goal_of_two_cameras_is_either_s_as_the_control_camera():
         assert found.joints == goal.joints and found.features == goal.features
         for name, own in found.cameras.items():
             held = goal.cameras[name]
-            assert (own.seen_by, own.joints, own.plane) == (name, goal.joints, held.plane)
+            assert (own.camera_name, own.joints, own.plane) == (name, goal.joints, held.plane)
             np.testing.assert_allclose(own.world_T_camera, arms[name].pose(np.zeros(6)))
             assert own.moments is held.moments and own.camera is held.camera
-        assert found.others[second].others == {}
+        assert found.other_cameras[second].others == {}
     standing = goal.for_cameras(
         {"left": arms["left"], "right": FixedCameraKinematics(RIGHT.pose(Q0))}
     )
-    assert standing.others["right"].joints == {}  # it is moved by none
+    assert standing.other_cameras["right"].joints == {}  # it is moved by none
     one = goal.for_cameras({"right": arms["right"]})
-    assert list(one.cameras) == ["right"] and one.others == {}
+    assert list(one.cameras) == ["right"] and one.other_cameras == {}
 
 
 def test_a_feature_of_another_camera_is_that_of_the_goal_that_it_is_asked_for():
@@ -650,15 +650,15 @@ def test_a_goal_of_one_camera_tells_the_others_views_by_the_target_s_geometry():
     )
     alone = the_goal("2016")
     goal = alone.for_cameras({"left": arm, "wall": wall})
-    assert list(goal.cameras) == ["left", "wall"] and goal.others["wall"].seen_by == "wall"
+    assert list(goal.cameras) == ["left", "wall"] and goal.other_cameras["wall"].seen_by == "wall"
     q = alone.get_joints(arm.names)
     np.testing.assert_allclose(goal.world_T_camera, arm.pose(q), atol=1e-12)
-    there = goal.others["wall"]
+    there = goal.other_cameras["wall"]
     np.testing.assert_allclose(there.world_T_camera, wall.pose(q), atol=1e-12)
-    np.testing.assert_allclose(there.outline(), alone.target.outline(wall.pose(q)))
+    np.testing.assert_allclose(there.outline(), alone.target.compute_outline(wall.pose(q)))
     assert (goal.joints, there.joints, there.camera) == (alone.joints, {}, None)
     unknown = replace(alone, target=None).for_cameras({"left": arm, "wall": wall})
-    assert unknown.others == {}  # nothing tells what the other sees
+    assert unknown.other_cameras == {}  # nothing tells what the other sees
 
 
 def test_an_arm_of_one_camera_is_known_without_its_scheme():
@@ -712,10 +712,10 @@ def test_a_camera_elsewhere_on_the_arm_is_refused_and_one_that_stands_may_be_rea
 
     both = of("points@left+points@right")
     with pytest.raises(ConfigurationError, match="camera 'right' is moved by j and the control"):
-        both.others(ELBOW, both.arm(ELBOW))
+        both.make_other_cameras(ELBOW, both.make_arm(ELBOW))
     wall = of("points@left+points@wall")
     with pytest.raises(ConfigurationError, match="points@wall: camera 'wall' stands still, and"):
-        wall.others(ELBOW, wall.arm(ELBOW))
+        wall.make_other_cameras(ELBOW, wall.make_arm(ELBOW))
     stereo = of("stereo_points@left,wall")
-    others = stereo.others(ELBOW, stereo.arm(ELBOW))
+    others = stereo.make_other_cameras(ELBOW, stereo.make_arm(ELBOW))
     np.testing.assert_allclose(others["wall"].pose(np.zeros(2))[:3, 3], [1, 2, 3])

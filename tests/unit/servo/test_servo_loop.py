@@ -88,7 +88,7 @@ def test_the_other_schemes_reach_it_too(scheme):
     if scheme == "points":
         rig.look = lambda observer, t, joints: observer.observe_exact_features(
             t, CAMERA, joints, points=points(servo.arm.pose(rig.q)),
-            plane=goal.target.plane(servo.arm.pose(rig.q)),
+            plane=goal.target.compute_plane(servo.arm.pose(rig.q)),
         )  # fmt: skip
     last = rig.run(9.0)[-1]
     # four corners of a square look alike from four sides
@@ -101,7 +101,7 @@ def test_the_other_schemes_reach_it_too(scheme):
 def test_every_scheme_heeds_its_law(scheme, law):
     def first_twists(law):
         states = Rig(the_servo("2016", scheme, law), STARTS["2016"]).run(0.2)
-        return np.array([s.twist for s in states])
+        return np.array([s.desired_twist for s in states])
 
     plain, other = first_twists(Proportional(5.0)), first_twists(law)
     assert np.abs(plain[1] - other[1]).max() > 0.1 * np.abs(plain[1]).max()
@@ -189,7 +189,7 @@ def test_converged_is_left_when_the_target_moves():
     rig.servo.goal.world_T_camera.setflags(write=False)
     rig.q[0] += 0.01
     rig.target[0] += 0.01
-    rig.servo.motion.command[0] += 0.01
+    rig.servo.integrator.command[0] += 0.01
     after = [s for s in rig.run(2.0) if s.stamp > 3.0]
     assert SERVOING in phases(after)
     assert after[-1].phase == CONVERGED
@@ -244,9 +244,9 @@ def test_the_continuous_start_comes_back_after_the_target_was_lost():
     states = rig.run(2.0)
     back = next(s for s in states if s.stamp >= 1.2)
     assert np.abs(back.scheme_output.error).max() > 0.02
-    assert np.abs(back.twist).max() < 1e-9
+    assert np.abs(back.desired_twist).max() < 1e-9
     later = next(s for s in states if s.stamp >= 1.5)
-    assert np.abs(later.twist).max() > 0.005
+    assert np.abs(later.desired_twist).max() > 0.005
 
 
 def test_the_watchdog_stops_the_arm_when_no_images_come():
@@ -282,7 +282,7 @@ def test_joints_that_cannot_be_measured_stop_the_arm_and_the_command_says_why():
     rig.run(0.3)
     assert rig.states[-1].achieved_twist.any()
     assert ServoState(0.0, WAITING).achieved_twist.tolist() == [0.0] * 6
-    command = rig.servo.tick(rig.now + TICK, unmeasured="no word of J2")
+    command = rig.servo.update(rig.now + TICK, unmeasured="no word of J2")
     assert (command.reason, command.phase) == ("no word of J2", HOLDING)
     assert command.positions.shape == (6,)
 
@@ -306,7 +306,7 @@ def test_late_images_and_stamps_of_zero_change_nothing():
     names = rigs[0].servo.arm.names
     for stamp in (now - 0.005, 0.0, now, np.nan):
         seen = rigs[0].exact(rigs[0].observer, now, JointSample.from_values(now, names, rigs[0].q))
-        state = rigs[0].servo.see(spoiled(seen, stamp=stamp))
+        state = rigs[0].servo.process_image(spoiled(seen, stamp=stamp))
         assert "ignored" in state.reason
         assert state.phase == SERVOING
     for rig in rigs:
@@ -319,11 +319,11 @@ def test_an_image_from_before_the_clock_went_back_is_left_over():
     rig.run(0.1)
     names = rig.servo.arm.names
     seen = rig.exact(rig.observer, 50.0, JointSample.from_values(50.0, names, rig.q))
-    assert "ignored" in rig.servo.see(seen).reason
+    assert "ignored" in rig.servo.process_image(seen).reason
     rig.run(0.1)
     assert rig.servo.phase == SERVOING
-    rig.servo.tick(2.0, JointSample.from_values(2.0, names, rig.q))
-    told = [rig.servo.see(spoiled(seen, stamp=stamp)).has_processed_image for stamp in (3.01, 3.0)]
+    rig.servo.update(2.0, JointSample.from_values(2.0, names, rig.q))
+    told = [rig.servo.process_image(spoiled(seen, stamp=stamp)).has_processed_image for stamp in (3.01, 3.0)]
     assert told == [False, True]  # a second ahead at most
 
 
@@ -347,7 +347,7 @@ def test_stop_start_and_hold():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.3)
     rig.servo.stop("the operator")
-    rig.servo.tick(rig.now, unmeasured="no word of J2")
+    rig.servo.update(rig.now, unmeasured="no word of J2")
     assert (rig.servo.phase, rig.servo.outcome.kind) == (STOPPED, "running")
     states = [s for s in rig.run(0.5) if s.stamp >= 0.3]
     assert set(phases(states)) == {STOPPED}
@@ -360,7 +360,7 @@ def test_stop_start_and_hold():
     rig.servo.hold("look at this")
     assert rig.servo.outcome.kind == "held"
     for word in ("a", "b"):  # nor do bad joints end it
-        command = rig.servo.tick(rig.now, unmeasured=word)
+        command = rig.servo.update(rig.now, unmeasured=word)
         assert (command.reason, rig.servo.phase) == (word, HOLDING)
         assert rig.servo.outcome.reason == "look at this"
     states = [s for s in rig.run(0.5) if s.stamp >= 1.1]
@@ -375,13 +375,13 @@ def test_stop_start_and_hold():
 def test_waits_without_joints_and_sends_nothing():
     servo = the_servo("2016")
     rig = Rig(servo, STARTS["2016"])
-    command = servo.tick(0.0)
+    command = servo.update(0.0)
     assert command.positions is None
     assert command.reason == "no joint states yet"
     seen = rig.exact(rig.observer, 0.0, JointSample.from_values(0.0, servo.arm.names, rig.q))
-    state = servo.see(spoiled(seen, joints=None))
+    state = servo.process_image(spoiled(seen, joints=None))
     assert (state.phase, state.reason) == (WAITING, "no joint states yet")
-    assert servo.tick(0.01).positions is None
+    assert servo.update(0.01).positions is None
 
 
 @pytest.mark.parametrize("value", [-1e308, np.nan, 50.0])
@@ -452,14 +452,14 @@ def test_the_arm_is_resolved_where_it_stands_and_not_where_it_was_sent(period):
     """Held by friction, joints stand elsewhere: the camera is where they are."""
     servo = the_servo("2016", resolve_period=period)
     rig = Rig(servo, STARTS["2016"], friction=0.02)
-    asked, resolve = [], servo.resolver.resolve
+    asked, resolve = [], servo.differential_ik.resolve
 
     def watched(q, *rest):
         asked.append(np.abs(rig.q - servo.command).max())
         np.testing.assert_array_equal(q, rig.q)
         return resolve(q, *rest)
 
-    servo.resolver.resolve = watched
+    servo.differential_ik.resolve = watched
     rig.run(0.5)
     assert len(asked) > 15 and max(asked) > 0.01
 
@@ -547,17 +547,17 @@ def test_what_is_off_by_just_what_counts_as_arrived_is_there():
     approach.compute_command(64.25, 0.25, np.array([0.625, -0.375]))
     assert approach.is_done
     approach.reset()
-    approach.command(0.0, 0.0, np.zeros(2))
+    approach.compute_command(0.0, 0.0, np.zeros(2))
     for t, off in ((64.0, 0.125), (64.125, 0.126), (64.25, 0.0625), (64.375, 0.0625)):
-        command = approach.command(t, 1.0, np.array([0.5, -0.25 - off]))
-    assert not approach.done  # it stood there since 64.25 s
-    before = approach.command(64.5, 1.0, np.array([0.5, -0.1875]))
-    assert approach.done and before[1] < command[1]  # what is half as far off is pushed too
-    approach.command(65.0, 0.0, np.array([0.625, -0.3751]))
+        command = approach.compute_command(t, 1.0, np.array([0.5, -0.25 - off]))
+    assert not approach.is_done  # it stood there since 64.25 s
+    before = approach.compute_command(64.5, 1.0, np.array([0.5, -0.1875]))
+    assert approach.is_done and before[1] < command[1]  # what is half as far off is pushed too
+    approach.compute_command(65.0, 0.0, np.array([0.625, -0.3751]))
     assert approach.reason == "waiting at the start pose for b (-0.3751, to be -0.2500)"
     approach.reset()  # nor is it pushed any more
-    approach.command(70.0, 0.0, np.zeros(2))
-    assert approach.command(134.0, 0.0, np.array([0.625, -0.375])).tolist() == [0.5, -0.25]
+    approach.compute_command(70.0, 0.0, np.zeros(2))
+    assert approach.compute_command(134.0, 0.0, np.array([0.625, -0.375])).tolist() == [0.5, -0.25]
 
 
 def test_joints_that_stay_behind_at_the_start_are_each_pushed_by_their_own_lead():
@@ -587,7 +587,7 @@ def test_a_joint_on_the_way_waits_where_it_hangs_and_velocities_are_those_of_the
     servo, start = the_servo("2016", start=STARTS["2016"], output="velocity"), STARTS["2016"]
     names, q, asked = servo.arm.names, np.zeros(6), []
     for t in np.arange(0.0, 3.0, 0.01):
-        command = servo.tick(t, JointSample.from_values(t, names, np.zeros(6)))
+        command = servo.update(t, JointSample.from_values(t, names, np.zeros(6)))
         q = q + 0.01 * command.values
         asked.append(servo.is_waiting_for_joints)
     assert not asked[0] and asked[-1] and servo.phase == APPROACHING
@@ -595,7 +595,7 @@ def test_a_joint_on_the_way_waits_where_it_hangs_and_velocities_are_those_of_the
     near = np.array(start) - 0.004  # there, and pushed on all the same
     moved = []
     for t in np.arange(3.0, 4.0, 0.01):
-        moved.append(servo.tick(t, JointSample.from_values(t, names, near)).values.any())
+        moved.append(servo.update(t, JointSample.from_values(t, names, near)).values.any())
         if not servo.is_approaching:
             break
     assert moved[0] and not moved[-1] and servo.phase == WAITING
@@ -609,8 +609,8 @@ def test_reset_forgets_what_held_it_and_the_image_period():
     rig.servo.hold("by hand")
     rig.servo.reset()
     joints = JointSample.from_values(0.0, rig.servo.arm.names, rig.q)
-    rig.servo.tick(0.0, joints)
-    state = rig.servo.see(rig.exact(rig.observer, 0.0, joints))
+    rig.servo.update(0.0, joints)
+    state = rig.servo.process_image(rig.exact(rig.observer, 0.0, joints))
     assert state.phase == "servoing" and "image period" not in state.reason
 
 
@@ -621,10 +621,10 @@ def test_a_state_without_an_answer_has_no_singular_values():
 
 def test_a_time_that_is_not_finite_moves_nothing_and_is_said():
     servo = the_servo("2016")
-    told = servo.tick(np.nan)
+    told = servo.update(np.nan)
     assert (told.stamp, told.values, told.reason) == (0.0, None, "time is not finite")
-    servo.tick(1.5, JointSample.from_values(1.5, servo.arm.names, STARTS["2016"]))
-    told = servo.tick(np.inf)
+    servo.update(1.5, JointSample.from_values(1.5, servo.arm.names, STARTS["2016"]))
+    told = servo.update(np.inf)
     assert (told.stamp, told.values, told.reason) == (1.5, None, "time is not finite")
 
 
@@ -632,11 +632,11 @@ def test_what_sags_before_the_first_image_is_held_where_it_was():
     """The command stays where the joints stood first, and servoing goes on from there."""
     rig = Rig(the_servo("2016", law=Proportional(0.2)), STARTS["2016"])
     names = rig.servo.arm.names
-    first = rig.servo.tick(0.0, JointSample.from_values(0.0, names, rig.q))
+    first = rig.servo.update(0.0, JointSample.from_values(0.0, names, rig.q))
     sagged = JointSample.from_values(0.1, names, rig.q - 0.02 * np.eye(6)[0])
-    rig.servo.tick(0.1, sagged)
-    rig.servo.see(rig.exact(rig.observer, 0.1, sagged))
-    command = rig.servo.tick(0.11, sagged)
+    rig.servo.update(0.1, sagged)
+    rig.servo.process_image(rig.exact(rig.observer, 0.1, sagged))
+    command = rig.servo.update(0.11, sagged)
     assert 0.0 < np.abs(command.positions - first.positions)[0] < 0.01
 
 
@@ -867,10 +867,10 @@ def test_velocity_and_effort_outputs():
         rig, twin = Rig(servo, STARTS["2016"]), Rig(plain, STARTS["2016"])
         for t in np.arange(0.0, 0.3, 0.01):
             joints = JointSample.from_values(t, servo.arm.names, rig.q, 0.1 * np.ones(6))
-            one, two = servo.tick(t, joints), plain.tick(t, joints)
+            one, two = servo.update(t, joints), plain.update(t, joints)
             if t == 0.0:
-                servo.see(rig.exact(rig.observer, t, joints))
-                plain.see(twin.exact(twin.observer, t, joints))
+                servo.process_image(rig.exact(rig.observer, t, joints))
+                plain.process_image(twin.exact(twin.observer, t, joints))
                 before = two.positions
                 continue
             assert one.positions is None and one.kind == output
@@ -906,7 +906,7 @@ def test_the_start_is_reached_smoothly_before_the_eyes_open(begin):
     opened = next(s for s in states if s.phase == SERVOING)
     np.testing.assert_allclose(opened.joints.positions, start, atol=5e-3)
     first = int((opened.stamp - begin) / TICK) - 2
-    limit = 0.3 * rig.servo.resolver.limits.velocity
+    limit = 0.3 * rig.servo.differential_ik.limits.velocity
     assert (np.abs(speeds(rig)[:first]) <= limit * 1.01).all()
 
 
@@ -923,17 +923,17 @@ def test_the_way_to_the_start_keeps_to_the_limit_of_acceleration(acceleration):
 
 def test_what_hangs_at_the_start_is_pushed_no_faster_than_it_was_driven():
     servo = the_servo("2016", start=STARTS["2016"], lead=0.5, push=50.0)
-    sent = [servo.tick(t, JointSample.from_values(t, servo.arm.names, np.zeros(6))).positions
+    sent = [servo.update(t, JointSample.from_values(t, servo.arm.names, np.zeros(6))).positions
             for t in np.arange(0.0, 4.0, 0.01)]  # fmt: skip
     speed = np.abs(np.diff(sent, axis=0)).max(axis=0) / 0.01
-    assert (speed <= 1.01 * 0.3 * servo.resolver.limits.velocity).all()
+    assert (speed <= 1.01 * 0.3 * servo.differential_ik.limits.velocity).all()
 
 
 def test_the_joint_that_does_not_arrive_at_the_start_is_named():
     servo, start = the_servo("2016", start=STARTS["2016"]), np.array(STARTS["2016"])
     off = np.array([0.1, -0.3, 0.006, 0.0027, 0.0023, 0.0])
     for t in np.arange(0.0, 4.0, 0.01):
-        command = servo.tick(t, JointSample.from_values(t, servo.arm.names, start + off))
+        command = servo.update(t, JointSample.from_values(t, servo.arm.names, start + off))
     assert command.reason == (
         "waiting at the start pose for gantry (0.0000, to be -0.1000), J1 (-0.3000, to be 0.0000), "
         "J2 (0.3551, to be 0.3491)")
@@ -942,7 +942,7 @@ def test_the_joint_that_does_not_arrive_at_the_start_is_named():
     assert pushed == pytest.approx([-0.05, 0.05, *pushed[2:4], 0.0, 0.0], abs=1e-12)
     assert (pushed[2:4] < -0.01).all() and (pushed[2:4] >= -0.05).all()
     assert servo.is_approaching
-    assert servo.tick(4.0, JointSample.from_values(4.0, servo.arm.names, start)).reason == ""
+    assert servo.update(4.0, JointSample.from_values(4.0, servo.arm.names, start)).reason == ""
     assert servo.is_approaching  # until it has settled
 
 
@@ -952,8 +952,8 @@ def test_the_joint_that_does_not_arrive_at_the_start_is_named():
 def test_an_image_without_joints_meets_the_latest():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     joints = JointSample.from_values(0.5, rig.servo.arm.names, rig.q)
-    rig.servo.tick(0.5, joints)
-    state = rig.servo.see(spoiled(rig.exact(rig.observer, 0.5, joints), joints=None))
+    rig.servo.update(0.5, joints)
+    state = rig.servo.process_image(spoiled(rig.exact(rig.observer, 0.5, joints), joints=None))
     assert state.phase == SERVOING and state.joints is joints and rig.servo.state is state
     np.testing.assert_array_equal(state.command, rig.q)
     rig.servo.command[:] = 9.0
@@ -963,12 +963,12 @@ def test_an_image_without_joints_meets_the_latest():
 def test_a_start_while_it_servoes_begins_anew():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.3)
-    assert rig.servo.executor.task is not None and rig.servo.goes_on
+    assert rig.servo.executor.task is not None and rig.servo.is_only_executing
     rig.servo.start()
     assert rig.servo.executor.task is None and rig.servo.phase == SERVOING
-    before = np.abs(rig.servo.motion.velocity).max()
-    rig.servo.tick(rig.now, JointSample.from_values(rig.now, rig.servo.arm.names, rig.q))
-    assert 0.0 < np.abs(rig.servo.motion.velocity).max() < before
+    before = np.abs(rig.servo.integrator.velocity).max()
+    rig.servo.update(rig.now, JointSample.from_values(rig.now, rig.servo.arm.names, rig.q))
+    assert 0.0 < np.abs(rig.servo.integrator.velocity).max() < before
 
 
 def test_velocities_that_fail_between_images_hold_the_arm_at_once():
@@ -978,12 +978,12 @@ def test_velocities_that_fail_between_images_hold_the_arm_at_once():
         def fail(*given, error=error):
             raise error
 
-        rig.servo.resolver.resolve, resolve = fail, rig.servo.resolver.resolve
+        rig.servo.differential_ik.resolve, resolve = fail, rig.servo.differential_ik.resolve
         joints = JointSample.from_values(rig.now + 0.02, rig.servo.arm.names, rig.q)
-        command = rig.servo.tick(rig.now + 0.02, joints)
+        command = rig.servo.update(rig.now + 0.02, joints)
         assert (command.phase, command.reason) == (HOLDING, str(error))
-        assert rig.servo.motion.command is not None and rig.servo.executor.task is None
-        rig.servo.resolver.resolve = resolve
+        assert rig.servo.integrator.command is not None and rig.servo.executor.task is None
+        rig.servo.differential_ik.resolve = resolve
         rig.run(0.3)
         assert rig.servo.phase == SERVOING
 
@@ -995,8 +995,8 @@ def test_a_scheme_may_take_a_whole_image_period(seconds, slow):
     rig = Rig(servo, STARTS["2016"])
     for t in (1.0, 1.25):
         joints = JointSample.from_values(t, servo.arm.names, rig.q)
-        servo.tick(t, joints)
-        state = servo.see(rig.exact(rig.observer, t, joints))
+        servo.update(t, joints)
+        state = servo.process_image(rig.exact(rig.observer, t, joints))
     assert ("longer than the image period" in state.reason) is slow
 
 
@@ -1004,10 +1004,10 @@ def test_the_watchdog_s_time_is_over_when_it_is_longer():
     servo = the_servo("2016", watchdog=0.25, longest_step=9.0)
     rig = Rig(servo, STARTS["2016"])
     joints = JointSample.from_values(1.0, servo.arm.names, rig.q)
-    servo.tick(1.0, joints)
-    servo.see(rig.exact(rig.observer, 1.0, joints))
+    servo.update(1.0, joints)
+    servo.process_image(rig.exact(rig.observer, 1.0, joints))
     for t, phase in ((1.0625, SERVOING), (1.3125, SERVOING), (1.328125, WAITING)):
-        servo.tick(t, JointSample.from_values(t, servo.arm.names, rig.q))  # answered at the first
+        servo.update(t, JointSample.from_values(t, servo.arm.names, rig.q))  # answered at the first
         assert servo.phase == phase
 
 

@@ -38,14 +38,14 @@ def followed(images, error_of, check=None, rests=0):
 def test_features_that_move_as_the_camera_says_are_no_one_s_fault():
     draw = np.random.default_rng(5)
     check = followed(60, lambda k, told: told + 1e-3 * draw.normal(size=COUNT))
-    assert check.together > 0.98 and check.contrary.min() > 0.9
-    assert check.unchanged is None and check.first_jump is None and not check.has_frequent_jumps
+    assert check.correlation > 0.98 and check.feature_correlations.min() > 0.9
+    assert check.unchanged_since is None and check.first_jump is None and not check.has_frequent_jumps
 
 
 def test_features_that_stay_the_same_before_a_camera_that_moves_are_noted_with_their_beginning():
     check = followed(30, lambda k, told: told if k < 10 else np.full(COUNT, 0.05))
-    assert check.unchanged == pytest.approx(10 * DT)
-    assert followed(31, lambda k, told: told, check).unchanged is None
+    assert check.unchanged_since == pytest.approx(10 * DT)
+    assert followed(31, lambda k, told: told, check).unchanged_since is None
 
 
 def test_a_jump_is_reported_with_its_feature_its_size_and_its_time():
@@ -60,25 +60,25 @@ def test_a_jump_is_reported_with_its_feature_its_size_and_its_time():
 def test_the_motion_of_a_target_that_runs_away_is_known_also_once_it_is_lost():
     check = followed(20, lambda k, told: told + [0.4 * max(k - 12, 0), 0.0, 0.0])
     check.interrupt()
-    assert check.own > 0.9
-    assert followed(20, lambda k, told: told).own == 0.0
-    assert followed(1, lambda k, told: told, check).own == 0.0  # it is visible again
+    assert check.target_motion_part > 0.9
+    assert followed(20, lambda k, told: told).target_motion_part == 0.0
+    assert followed(1, lambda k, told: told, check).target_motion_part == 0.0  # it is visible again
 
 
 def test_features_that_move_on_before_a_camera_at_rest_drift():
     drifting = followed(30, lambda k, told: told + 1e-3 * k, rests=8)
-    assert drifting.drifts
+    assert drifting.has_drift
     draw = np.random.default_rng(5)
     noisy = followed(30, lambda k, told: told + 5e-3 * draw.normal(size=COUNT), rests=30)
-    assert not noisy.drifts
-    assert not followed(30, lambda k, told: told, rests=8).drifts
-    assert not followed(30, lambda k, told: told + 1e-3 * k).drifts  # it never rested
+    assert not noisy.has_drift
+    assert not followed(30, lambda k, told: told, rests=8).has_drift
+    assert not followed(30, lambda k, told: told + 1e-3 * k).has_drift  # it never rested
 
 
 @pytest.mark.parametrize("feature", range(COUNT))
 def test_a_feature_with_the_wrong_sign_moves_against_its_l(feature):
     signs = np.where(np.arange(COUNT) == feature, -1.0, 1.0)
-    against = followed(60, lambda k, told: signs * told).contrary
+    against = followed(60, lambda k, told: signs * told).feature_correlations
     assert against[feature] < -0.95 and np.delete(against, feature).min() > 0.95
 
 

@@ -33,7 +33,7 @@ from aras_visual_servo_controller.settings import Settings
 
 
 def view_at(observer, stamp, joints):
-    outline = the_goal("2016").target.outline(the_arm().pose(joints.positions))
+    outline = the_goal("2016").target.compute_outline(the_arm().pose(joints.positions))
     return observer.observe_exact_features(stamp, CAMERA, joints, contour=outline)
 
 
@@ -95,7 +95,7 @@ def test_views_of_an_arm_that_was_moved_away_from_the_pose_do_not_count():
     assert not teacher.is_ready and not teacher.views
     for i in range(600):
         step(6.01 + 0.01 * i, sent[-1])
-    assert teacher.there and teacher.views
+    assert teacher.is_ready and teacher.views
     assert np.abs(np.diff(sent[count:], axis=0)).max() < 0.01
 
 
@@ -141,7 +141,7 @@ def test_what_a_users_feature_keeps_of_the_plane_is_told_by_the_target_s_geometr
 
     goal, seen = replace(the_goal("2016").for_arm(the_arm()), camera=CAMERA), []
     known = complete_by_geometry(goal, Own())
-    outline = goal.target.outline(goal.world_T_camera)
+    outline = goal.target.compute_outline(goal.world_T_camera)
     np.testing.assert_array_equal(seen[0].contour, _sample_sides(outline))
     np.testing.assert_allclose(seen[0].corners, find_corners(_sample_sides(outline)))
     np.testing.assert_array_equal(seen[0].world_T_camera, goal.world_T_camera)
@@ -342,7 +342,7 @@ def test_moments_of_a_model_are_taught_with_the_plane_of_its_outline():
     scheme = settings.make_scheme()
     rig = settings.make_camera_rig({"camera": arm}, scheme)
     outline = box.outline(inverse(matrix_from_xyz_rpy(place[:3], place[3:])) @ pose)
-    joints = arm.sample(arm.names, q)
+    joints = arm.read_joints(arm.names, q)
     view = rig.control.observe_exact_features(0.0, CAMERA, joints, contour=outline)
     goal = make_mean_goal([view], scheme, arm, "mine")
     upper = pose[2, 3] - 0.3 + 0.03

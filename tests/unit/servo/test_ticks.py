@@ -18,8 +18,8 @@ class Joined(Bench):
 
     def __init__(self, **given):
         super().__init__(**given)
-        self.ticks, self.one_by_one = CompiledUpdates(self.driver), self.driver.joints
-        self.driver.joints, self.answered = self.answer, 0
+        self.ticks, self.one_by_one = CompiledUpdates(self.driver), self.driver.add_joint_state
+        self.driver.add_joint_state, self.answered = self.answer, 0
 
     def answer(self, names, positions, velocities, stamp):
         state = self.ticks.make_arguments()

@@ -41,7 +41,7 @@ def picture(outline):
 
 def look(observer, stamp, joints):
     """As the camera does: pictures where they are asked for, exact features else."""
-    outline = the_goal("2016").target.outline(the_arm().pose(joints.positions))
+    outline = the_goal("2016").target.compute_outline(the_arm().pose(joints.positions))
     if Need.IMAGE in observer.needs:
         return observer.observe_image(stamp, picture(outline), CAMERA, joints)
     return observer.observe_exact_features(stamp, CAMERA, joints, contour=outline)
@@ -137,4 +137,4 @@ def test_the_second_orders_limits_hold():
     rig = closed("second_order:SecondOrder", STARTS["2016"])
     rig.run(1.0)
     speed = np.diff([c.positions for c in rig.commands], axis=0) / 0.01
-    assert (np.abs(speed) <= rig.servo.resolver.limits.velocity * (1 + 1e-9)).all()
+    assert (np.abs(speed) <= rig.servo.differential_ik.limits.velocity * (1 + 1e-9)).all()

@@ -179,7 +179,7 @@ def test_each_camera_has_columns_of_its_own():
     assert images.make_schema(study_of(SEVERAL, depth=True)).names[-4:] == [
         "picture_left", "depth_left", "picture_right", "depth_right"]
     run = replay.run_with_images(
-        study.experiment_of(0).with_changes(duration=0.05), "again", "here")
+        study.make_experiment(0).with_changes(duration=0.05), "again", "here")
     assert (run.name, run.source) == ("again", "here")
     assert run.cameras["left"].film and not run.cameras["left"].images
     assert len(run.control_record.images) == len(run.stamp)

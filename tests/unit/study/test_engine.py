@@ -138,7 +138,7 @@ class Forked:
 def test_every_run_is_a_row_with_what_was_set_and_measured(tiny, tmp_path):
     study = tiny()
     made = carried(study, tmp_path / "out")
-    table = made.results()
+    table = made.read_results()
     assert table["run"].to_pylist() == list(range(6))
     assert table["gain"].to_pylist() == [1.0, 1.0, 2.0, 2.0, 4.0, 4.0]
     assert table["repeat"].to_pylist() == [0, 1] * 3
@@ -149,7 +149,7 @@ def test_every_run_is_a_row_with_what_was_set_and_measured(tiny, tmp_path):
     assert all(0.1 < s < 0.3 for s in table["simulated"].to_pylist())
     assert set(table["images"].to_pylist()) == {5}
     assert "numpy=" in table["versions"][0].as_py() and table["code"][0].as_py()
-    times = made.results(study_folder.TIMES)
+    times = made.read_results(study_folder.TIMES)
     assert times["run"].to_pylist() == list(range(6))
     for kind in ("wall", "processor"):
         assert all(0.0 < seconds < 60.0 for seconds in times[kind].to_pylist())
@@ -189,25 +189,25 @@ def test_a_part_of_other_runs_is_run_again_and_not_taken_for_its_own(tiny, tmp_p
 def test_the_last_part_is_counted_by_its_own_runs_and_read_as_it_is_now(tiny, tmp_path):
     study = tiny(repeats=1)  # parts of two runs and of one
     made = carried(study, tmp_path)
-    before = made.results()
-    made.part(1).unlink()
-    assert made.done() == 2
+    before = made.read_results()
+    made.find_part(1).unlink()
+    assert made.count_stored_runs() == 2
     done = work.carry_out(work.StudyTask(json.dumps(study.to_mapping()), 1))
     done.values[0]["reason"] = "of another day"
-    made.write(1, done)
-    assert made.results()["reason"].to_pylist() == [
+    made.write_chunk(1, done)
+    assert made.read_results()["reason"].to_pylist() == [
         *before["reason"].to_pylist()[:2], "of another day"]
 
 
 def test_a_part_that_is_no_table_is_run_again_whatever_its_hash_says(tiny, tmp_path):
     made = carried(tiny(), tmp_path)
     for content, told in ((b"no table", "^cannot read .*000001.parquet: "),
-                          (made.part(0).read_bytes(), ""), (None, "000001.parquet is no file: ")):
-        made.part(1).unlink()
+                          (made.find_part(0).read_bytes(), ""), (None, "000001.parquet is no file: ")):
+        made.find_part(1).unlink()
         if content is None:
-            made.part(1).mkdir()
+            made.find_part(1).mkdir()
         else:
-            made.part(1).write_bytes(content)
+            made.find_part(1).write_bytes(content)
             with open(tmp_path / study_folder.CHECKSUM_FILE, "a") as sums:
                 print(f"{hashlib.sha256(content).hexdigest()}  parts/000001.parquet", file=sums)
         assert StudyFolder.open(tmp_path).find_missing_chunks() == [1]
@@ -249,7 +249,7 @@ def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, m
     rows.compute_row(tiny(), 0)  # what the first run of a process loads counts for none
     for name, pool, limit in (("hanging", InProcessPool(), 2.0), ("deaf", Dying(), 600.0)):
         study = tiny(metrics=["success", f"test_engine:{name}"], chunk=3, repeats=1, limit=limit)
-        table = carried(study, tmp_path / name, pool).results()
+        table = carried(study, tmp_path / name, pool).read_results()
         assert table["outcome"].to_pylist() == ["timed_out", rows.LATE, "timed_out"]
         assert table["reason"][1].as_py() == f"not done after {limit:g} s of wall time"
         assert "limit" in table["remedy"][1].as_py()
@@ -483,13 +483,13 @@ def test_what_goes_wrong_in_a_run_is_its_outcome_and_the_others_go_on(tiny, tmp_
     study = tiny(metrics=["success", f"{__name__}:failing"], chunk=6)
     assert rows._to_cell(MappingProxyType({"b": [1], "a": 2})) == '{"a": 2, "b": [1]}'
     assert rows._to_line("two\n lines " + "x" * 600) == "two lines " + "x" * 490
-    table = carried(study, tmp_path).results()
+    table = carried(study, tmp_path).read_results()
     assert table["outcome"].to_pylist() == ["timed_out"] * 4 + [rows.FAULT] * 2
     assert table["reason"][5].as_py() == "ZeroDivisionError: two lines"
     assert table["failing"].to_pylist()[:4] == [1.0] * 4
     starts = {"height": [0.15, 0.2], "side": 5.0, "attempts": 1}
     refused = tiny(experiment={"plant": "free", "start": starts})
-    table = carried(refused, tmp_path / "refused").results()
+    table = carried(refused, tmp_path / "refused").read_results()
     assert set(table["outcome"].to_pylist()) == {rows.REFUSED}
     assert set(table["images"].to_pylist()) == set(table["simulated"].to_pylist()) == {0}
     assert "no start found" in table["reason"][0].as_py()
@@ -638,9 +638,9 @@ def test_cameras_that_no_scheme_reads_see_nothing_where_no_pictures_are_kept(
 
 def test_traces_are_beside_the_results(tiny, tmp_path):
     made = carried(tiny(traces=True), tmp_path)
-    traces = made.results(study_folder.TRACES)
+    traces = made.read_results(study_folder.TRACES)
     first = traces.filter([run == 0 for run in traces["run"].to_pylist()])
-    assert first.num_rows == made.results()["images"][0].as_py()
+    assert first.num_rows == made.read_results()["images"][0].as_py()
     assert len(first["pose"][0].as_py()) == 16 and len(first["asked"][0].as_py()) == 6
     size = [sum(e * e for e in errors) for errors in first["error"].to_pylist()]
     assert size[2] < size[0]

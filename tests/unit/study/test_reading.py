@@ -182,7 +182,7 @@ def test_differences_that_are_more_than_chance_are_told_with_their_direction():
                for d in compare.find_differences(prompt, late, by=["gain"]))
     other_seeds = made([1] * 40, faster, "two", seeds=range(100, 140))
     found = compare.find_differences(one, other_seeds)
-    assert not any(d.found.paired for d in found)
+    assert not any(d.comparison.paired for d in found)
     for shift, paired in ((1, True), (2, False)):  # nine of ten must have a partner
         found = [made([1] * 10, range(10), name, range(first, first + 10), gains=[1.0])
                  for name, first in (("one", 0), ("two", shift))]  # fmt: skip
@@ -246,7 +246,7 @@ def test_nothing_of_a_picture_is_cut_off_or_lies_on_something_else():
 def test_sensitivity_is_the_rank_correlation():
     gains = (1.0, 2.0, 3.0, 4.0)
     results = made([1] * 8, [8, 8, 7, 7, 3, 3, 1, 1], gains=gains)
-    figure = study_figures.draw_sensitivity(results, results.chosen(["settled"]))
+    figure = study_figures.draw_sensitivity(results, results.select_metrics(["settled"]))
     assert figure.axes[0].images[0].get_array()[0, 0] == pytest.approx(-1.0)
 
 

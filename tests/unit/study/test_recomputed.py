@@ -423,7 +423,7 @@ def test_the_browser_s_groups_cells_and_points_are_recomputed(path, one):
         found = queries.compute_success_map(
             look, queries.MapQuery(("one",), x="delay", y="gain", value=value))
         places = (enumerate(found[axis]["labels"]) for axis in "yx")
-        for (i, gain), (j, delay) in itertools.compute_third_product(*places):
+        for (i, gain), (j, delay) in itertools.product(*places):
             cell = one[(one.gain == gain) & (one.delay == delay)]
             wanted = cell.hit.mean() if value == "success" else cell[value].median()
             assert found["runs"][i][j] == len(cell)

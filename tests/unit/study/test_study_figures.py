@@ -71,7 +71,7 @@ def test_maps_of_several_studies_stand_beside_each_other():
         assert not has_grid([*axis.get_xgridlines(), *axis.get_ygridlines()])
         assert texts(axis.get_xticklabels()) == ["0.03", "0.11"]
         told = {text.get_position(): text for text in axis.texts}
-        hits = np.reshape(results.column("success"), (2, 2, 3))
+        hits = np.reshape(results.read_column("success"), (2, 2, 3))
         for (j, i), text in told.items():
             assert text.get_text() == f"{int(hits[i, j].sum())}/3" and in_the_middle(text)
             assert image.get_array()[i, j] == pytest.approx(100 * hits[i, j].mean())
@@ -109,7 +109,7 @@ def test_bars_have_the_names_of_what_differs():
         wanted = binomtest(hits, 3).proportion_ci(0.95, "wilson")
         assert (low, high) == pytest.approx((100 * wanted.low, 100 * wanted.high))
     assert [path[0, 1] for path in spans] == [1.0, 0.0]
-    assert [axis.draw_figure.get_figheight() for *_, axis in (
+    assert [axis.figure.get_figheight() for *_, axis in (
         bars([made(gains=tuple(1.0 + np.arange(n)), delays=(0.03,))]) for n in (2, 7))
     ] == pytest.approx([0.42 * n + 1.5 for n in (2, 7)])
     names, rates, axis = bars([made(gains=(1.0,), delays=(0.03,), each=4)])
@@ -122,7 +122,7 @@ def test_bars_have_the_names_of_what_differs():
 
 def test_groups_beside_each_other_are_named_and_few():
     results = made()
-    metrics = results.chosen([SETTLED, DISTANCE])
+    metrics = results.select_metrics([SETTLED, DISTANCE])
     figure = study_figures.draw_distributions([results], metrics)
     names = [f"gain {g} 1/s, delay {d} s" for g in ("1", "2.5") for d in ("0.03", "0.11")]
     assert texts(figure.legends[0].get_texts()) == names
@@ -132,21 +132,21 @@ def test_groups_beside_each_other_are_named_and_few():
     assert (first.get_ylabel(), second.get_ylabel()) == ("runs below (%)", "")
     assert (first.get_xscale(), second.get_xscale()) == ("linear", "log")
     assert first.get_ylim() == (0.0, 103.0)
-    for line, (_, rows) in zip(first.lines, results.groups(("gain", "delay")).items(), strict=True):
-        known = np.sort(results.numbers(SETTLED)[rows])
+    for line, (_, rows) in zip(first.lines, results.group_rows(("gain", "delay")).items(), strict=True):
+        known = np.sort(results.read_numbers(SETTLED)[rows])
         np.testing.assert_array_equal(line.get_xdata(), [known[0], *known])
         assert line.get_drawstyle() == "steps-post"
     for gains, count in ((4, 8), (5, 5)):  # more than eight curves are of one key
         many = made(gains=tuple(np.arange(gains) + 1.0), each=1)
-        drawn = study_figures.draw_distributions([many], many.chosen([SETTLED]))
+        drawn = study_figures.draw_distributions([many], many.select_metrics([SETTLED]))
         looks = {(line.get_color(), line.get_linestyle()) for line in drawn.axes[0].lines}
         assert len(drawn.axes[0].lines) == len(looks) == count
     alone = made(gains=(1.0,), delays=(0.03,))
-    assert not study_figures.draw_distributions([alone], alone.chosen([SETTLED])).legends
+    assert not study_figures.draw_distributions([alone], alone.select_metrics([SETTLED])).legends
     assert study_figures.draw_distributions([alone], ()) is None
     for gains, count in ((12, 24), (13, 13)):
         many = made(gains=tuple(np.arange(gains) + 1.0), each=2)
-        figure = study_figures.draw_boxes([many], many.chosen([SETTLED, DISTANCE]))
+        figure = study_figures.draw_boxes([many], many.select_metrics([SETTLED, DISTANCE]))
         assert len(figure.axes[0].patches) == count
         named = [list(filter(None, texts(axis.get_yticklabels()))) for axis in figure.axes]
         assert len(named[0]) == count and named[1] == []
@@ -157,18 +157,18 @@ def test_groups_beside_each_other_are_named_and_few():
         assert has_grid(axis.get_xgridlines()) and not has_grid(axis.get_ygridlines())
     first = figure.axes[0]
     medians = [line.get_xdata()[0] for line in first.lines if line.get_color() == palette.VERMILION]
-    parts = [results.numbers(SETTLED)[rows] for rows in results.groups(("gain", "delay")).values()]
+    parts = [results.read_numbers(SETTLED)[rows] for rows in results.group_rows(("gain", "delay")).values()]
     assert medians == pytest.approx([np.median(part) for part in parts][::-1])
     assert {to_hex(box.get_facecolor()) for box in first.patches} == {palette.PALE_BLUE}
     outside = made(gains=(1.0, 2.0), delays=(0.03,), each=12, **{
         SETTLED: [1.0 + 0.01 * i for i in range(11)] + [9.0] + [2.0] * 12})  # fmt: skip
-    shown = study_figures.draw_boxes([outside], outside.chosen([SETTLED])).axes[0]
+    shown = study_figures.draw_boxes([outside], outside.select_metrics([SETTLED])).axes[0]
     (dot,) = [line for line in shown.lines if line.get_marker() == "." and len(line.get_xdata())]
     assert (dot.get_xdata().tolist(), dot.get_ydata().tolist()) == ([9.0], [2.0])
     assert dot.get_markeredgecolor() == palette.SOFT_INK
     assert texts(figure.axes[0].get_yticklabels()) == names[::-1]
     assert [axis.get_xlabel() for axis in figure.axes] == ["settled (s)", "final distance (m)"]
-    assert study_figures.draw_boxes([alone], alone.chosen([SETTLED])) is None
+    assert study_figures.draw_boxes([alone], alone.select_metrics([SETTLED])) is None
     assert study_figures.draw_boxes([results], ()) is None
 
 
@@ -192,7 +192,7 @@ def test_correlations_are_of_settings_that_take_three_values():
     settled = [1.0, 2.0, 2.5, 3.0, 4.0, 5.0]
     results = made(gains=gains, each=1, **{
         SETTLED: settled, DISTANCE: [6.0, np.nan, np.nan, np.nan, 2.0, 3.0]})  # fmt: skip
-    figure = study_figures.draw_sensitivity(results, results.chosen([]))
+    figure = study_figures.draw_sensitivity(results, results.select_metrics([]))
     axis, bar = figure.axes
     assert texts(axis.get_xticklabels()) == ["gain"]  # of delays there are two
     assert texts(axis.get_yticklabels()) == [SETTLED, DISTANCE]
@@ -209,9 +209,9 @@ def test_correlations_are_of_settings_that_take_three_values():
     ground = axis.images[0].cmap(0.5 + 0.5 * rank)
     assert palette.contrast_ratio(palette.to_rgb(text.get_color()), ground) >= 4.5
     assert study_figures.draw_sensitivity(results, ()) is None
-    assert study_figures.draw_sensitivity(made(), made().chosen([])) is None
+    assert study_figures.draw_sensitivity(made(), made().select_metrics([])) is None
     few = made(gains=gains, delays=(0.03,), each=1)
-    assert study_figures.draw_sensitivity(few, few.chosen([])) is None  # three runs
+    assert study_figures.draw_sensitivity(few, few.select_metrics([])) is None  # three runs
 
 
 def traced(name, run, count, seed, lost=()):
@@ -300,10 +300,10 @@ def test_bars_and_boxes_have_room_between_them_and_fine_lines_around():
     caps = [line for line in axis.lines if line.get_marker() == "|"]
     assert len(caps) == 2 and {line.get_markersize() for line in caps} == {6.0}  # 3 to each side
     assert axis.get_xlabel() == "runs with success (%), Wilson's 95 % interval"
-    assert axis.draw_figure.get_figwidth() == 6.5
+    assert axis.figure.get_figwidth() == 6.5
 
     results = made()
-    axis = study_figures.draw_boxes([results], results.chosen([SETTLED])).axes[0]
+    axis = study_figures.draw_boxes([results], results.select_metrics([SETTLED])).axes[0]
     assert [np.ptp(box.get_path().vertices[:, 1]) for box in axis.patches] == [
         pytest.approx(0.6)] * 4  # fmt: skip
     assert {to_hex(box.get_edgecolor()) for box in axis.patches} == {palette.BLUE}
@@ -319,7 +319,7 @@ def test_colour_bars_are_a_little_shorter_than_their_maps():
     results = made(gains=(1.0, 2.0, 3.0))
     for figure in (
         study_figures.draw_success([results]),
-        study_figures.draw_sensitivity(results, results.chosen([])),
+        study_figures.draw_sensitivity(results, results.select_metrics([])),
     ):
         figure.draw_without_rendering()
         axis, bar = (one.get_position().height for one in figure.axes)
@@ -329,25 +329,25 @@ def test_colour_bars_are_a_little_shorter_than_their_maps():
 def test_correlations_want_four_runs_and_numbers_that_vary():
     gains = (1.0, 2.0, 3.0, 5.0)
     four = made(gains=gains, delays=(0.03,), each=1, **{SETTLED: [1.0, 4.0, 3.0, 7.0]})
-    axis = study_figures.draw_sensitivity(four, four.chosen([SETTLED])).axes[0]
+    axis = study_figures.draw_sensitivity(four, four.select_metrics([SETTLED])).axes[0]
     assert [text.get_text() for text in axis.texts] == ["+0.80"]  # 1 - 6 (1 + 1) / (4 * 15)
     same = made(gains=gains, delays=(0.03,), each=1, **{SETTLED: [2.0] * 4})
-    assert not study_figures.draw_sensitivity(same, same.chosen([SETTLED])).axes[0].texts
+    assert not study_figures.draw_sensitivity(same, same.select_metrics([SETTLED])).axes[0].texts
 
     # Both settings are numbers of four values; one metric a line, one setting a column.
     both = made(gains=gains, delays=(0.01, 0.02, 0.04, 0.08), each=1)
-    figure = study_figures.draw_sensitivity(both, both.chosen([SETTLED, DISTANCE]))
+    figure = study_figures.draw_sensitivity(both, both.select_metrics([SETTLED, DISTANCE]))
     assert figure.get_size_inches() == pytest.approx((2 * 1.1 + 3.6, 2 * 0.38 + 1.6))
     axis = figure.axes[0]
     assert texts(axis.get_xticklabels()) == ["gain", "delay"]
     told = {text.get_position(): text.get_text() for text in axis.texts}
     for i, name in enumerate((SETTLED, DISTANCE)):
         for j, key in enumerate(("gain", "delay")):
-            rank = spearmanr(both.column(key), both.column(name)).statistic
+            rank = spearmanr(both.read_column(key), both.read_column(name)).statistic
             assert told[j, i] == f"{rank:+.2f}"
     assert axis.get_title("left") == "What follows what"
     words = made(gains=("a", "b", "c", "d"), delays=(0.03,), each=1)
-    assert study_figures.draw_sensitivity(words, words.chosen([SETTLED])) is None
+    assert study_figures.draw_sensitivity(words, words.select_metrics([SETTLED])) is None
 
 
 @pytest.mark.parametrize(("count", "turn"), [(3, 0.0), (4, 20.0)])

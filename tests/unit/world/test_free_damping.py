@@ -61,7 +61,7 @@ def test_joints_are_damped_by_motors_where_the_coupled_problem_is_stiff():
         for told in (True, False):
             joints.motors.clear()
             if told:
-                applied.changed()
+                applied.invalidate()
                 applied.before_step(dt)
                 assert sorted(joints.restored) == stiff
                 joints.inverse = inverse

@@ -385,7 +385,7 @@ def test_what_has_nothing_near_is_looked_at_every_seventh_step(make, monkeypatch
                                                        real(low, high, client))[1])
         looked = []
         for k in range(20):
-            impacts.watch(body.body_id, *body.twist(), 1e-3)
+            impacts.place_at_impact(body.body_id, *body.twist(), 1e-3)
             if boxes:
                 looked.append(k)
                 low, high = np.array(pybullet.getAABB(body.body_id, -1, world.client))
@@ -394,12 +394,12 @@ def test_what_has_nothing_near_is_looked_at_every_seventh_step(make, monkeypatch
                 assert boxes[0][1] == pytest.approx(high + 10 * speed * 1e-3)
                 boxes.clear()
         assert looked == [0, 7, 14]
-        impacts.pushed()
-        impacts.watch(body.body_id, *body.twist(), 1e-3)
+        impacts.check_all()
+        impacts.place_at_impact(body.body_id, *body.twist(), 1e-3)
         assert boxes
         boxes.clear()
-        impacts.pushed()
-        impacts.watch(body.body_id, (0.0, 0.0, 0.049), (0.0, 0.0, 0.0), 1e-3)  # too slow to strike
+        impacts.check_all()
+        impacts.place_at_impact(body.body_id, (0.0, 0.0, 0.049), (0.0, 0.0, 0.0), 1e-3)  # too slow to strike
         assert not boxes
 
 

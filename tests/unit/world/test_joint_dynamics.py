@@ -125,7 +125,7 @@ def test_gravity_is_turned_into_a_tilted_root(make):
     text = tree_xml(make, 3)
     space, described = space_of(text)
     tilt = Pose.from_rpy((1.0, 2.0, 3.0), (0.5, -0.8, 2.0))
-    space.place(tilt, tuple(GRAVITY))
+    space.set_root(tilt, tuple(GRAVITY))
     reference = Reference(text, described.list_moving_joints())
     reference.model.gravity.linear = tilt.matrix()[:3, :3].T @ GRAVITY
     q = np.linspace(-1, 1, 8)
@@ -140,13 +140,13 @@ def test_a_push_from_outside_acts_through_the_link_s_jacobian(make):
     names = described.list_moving_joints()
     reference = Reference(text, names)
     root = Pose.from_rpy((0.3, -0.2, 0.7), (0.4, 0.2, -1.0))
-    space.place(root, (0.0, 0.0, 0.0))
+    space.set_root(root, (0.0, 0.0, 0.0))
     turn = root.matrix()[:3, :3]
     q = np.linspace(-0.7, 0.9, 8)
     force, torque, point = (3.0, -4.0, 5.0), (0.5, 1.0, -2.0), (0.4, 0.6, 1.1)
     space.state[0] = q
-    space.push("world", (1e3, 0, 0), (1, 1, 1), (0, 1e3, 0))
-    space.push("tool4", force, point, torque)
+    space.apply_force("world", (1e3, 0, 0), (1, 1, 1), (0, 1e3, 0))
+    space.apply_force("tool4", force, point, torque)
     assert space.advance(DT) == -1
     # Pinocchio: the spatial force about the root's origin, in the root's axes, to the joint's.
     pull, arm = turn.T @ force, turn.T @ (np.array(point) - root.xyz)
@@ -180,12 +180,12 @@ def test_what_the_root_has_to_bear_is_pinocchio_s(make):
         load, kept = with_bounds(np.full(6, math.nan))
         space.state[:] = q, before, effort
         assert space.advance(1e-6) == -1
-        rate = (space.state[1] - space.before) / 1e-6
+        rate = (space.state[1] - space.previous_speeds) / 1e-6
         resting_base.is_supported(
             space.tree,
             space.frames,
             space.state,
-            space.before,
+            space.previous_speeds,
             space.gravity,
             np.array([1.0, *[0.0] * 5, 1.0, *[0.0] * 4]),
             np.zeros((3, 6)),
@@ -433,7 +433,7 @@ def test_a_mimicking_joint_s_losses_are_its_leader_s_too(make):
                                                             'lower="-99" upper="99"')
     text = text.replace('lower="-1.6" upper="1.9"', 'lower="-99" upper="99"')
     space, _ = space_of(text)
-    space.place(Pose(), (0.0, 0.0, 0.0))
+    space.set_root(Pose(), (0.0, 0.0, 0.0))
     for slot in (0, 1):
         space.set_motor(slot, 0.0, 0.5)
     for _ in range(3000):
@@ -669,7 +669,7 @@ def test_the_tighter_of_two_coupled_joints_stops_counts(make, multiplier):
 def test_a_stop_bears_what_friction_and_motors_leave_to_it(make, goal, effort, push, side):
     """3 N m of them: they help against it, or drive the joint into it."""
     space, _ = space_of(make.pendulum(kind="revolute", lower=-1.0, upper=1.0))
-    space.place(Pose(), (0.0, 0.0, 0.0))
+    space.set_root(Pose(), (0.0, 0.0, 0.0))
     space.set_motor(0, side * goal, 3.0)
     space.state[:, 0] = side, 0.0, side * 50.0
     assert space.compute_reactions(DT) == pytest.approx([side * (-53.0 if goal > 0.0 else -47.0)])

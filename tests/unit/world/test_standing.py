@@ -69,7 +69,7 @@ def test_a_base_at_rest_is_held_where_it_stands(world, make):
 
 def cube_mesh(folder, half=0.5) -> str:
     """A <mesh> of a cube about the origin, by its corners and faces."""
-    corners = list(itertools.compute_third_product((-half, half), repeat=3))
+    corners = list(itertools.product((-half, half), repeat=3))
     faces = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"]
     path = folder / f"cube{half}.obj"
     path.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners)
@@ -85,7 +85,7 @@ def test_a_base_on_feet_that_are_links_is_held(world, make):
     """Bullet leaves a millimetre around the hulls of links: it stands on that."""
     feet = [
         (f"foot{k}", x, y)
-        for k, (x, y) in enumerate(itertools.compute_third_product((-0.3, 0.3), repeat=2))
+        for k, (x, y) in enumerate(itertools.product((-0.3, 0.3), repeat=2))
     ]
     shape = collision('<cylinder radius="0.03" length="0.2"/>', "0 0 0.1")
     model = world.spawn(parse_urdf(make.robot(
@@ -622,7 +622,7 @@ def test_a_push_along_the_ground_is_borne_up_to_nine_tenths_of_its_friction():
     """And a weight up to nine tenths of the way to a side; on ground of any slant, along axes and
     diagonals of the root too, where all is known exactly."""
     rng = np.random.default_rng(8)
-    grid = [one for one in itertools.compute_third_product((-1.0, 0.0, 1.0), repeat=3) if any(one)]
+    grid = [one for one in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(one)]
     for normal in (*grid, *rng.normal(size=(14, 3))):
         normal /= np.linalg.norm(normal)
         aside = np.cross(normal, rng.normal(size=3))

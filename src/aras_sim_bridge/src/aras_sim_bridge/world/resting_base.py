@@ -316,9 +316,9 @@ class RestingBases:
         found = [one for one in found if one.mass >= _LEAST_MASS_RATIO * heaviest]
         if not found:
             return False
-        for standing in found:
-            standing.hold()
-            standing.model.let_go = self.release
+        for base in found:
+            base.fix()
+            base.model.release = self.release
         self.fixed_bases = self.fixed_bases + found
         self._on_change()
         self.is_new = False

@@ -434,4 +434,4 @@ def make_plant(context: SetupContext, arm: Arm | FreeBody, start: np.ndarray) ->
         )
     kind = FreeCamera if experiment.plant == "free" else KinematicArm
     sight, *others = (make_imaging_settings(context, eye) for eye in context.cameras.values())
-    return kind(arm, start, sight, lag=experiment.lag, seed=experiment.seed, others=others)
+    return kind(arm, start, sight, lag=experiment.lag, seed=experiment.seed, other_imaging=others)

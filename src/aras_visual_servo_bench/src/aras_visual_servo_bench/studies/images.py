@@ -51,9 +51,9 @@ NUMBER_COLUMNS: Mapping[str, Column] = {
     "phase": Column(pa.string(), "of the loop"),
     "features": Column(_LIST, "s, as measured; NaN where there is no answer"),
     "error": Column(_LIST, "s - s*"),
-    "asked": Column(_LIST, "twist that the scheme asks of the camera (6), in its optical frame, "
+    "desired_twist": Column(_LIST, "twist that the scheme requests of the camera (6), in its optical frame, "
                            "m/s and rad/s"),
-    "achieved": Column(_LIST, "twist that the joints' velocities give (6), likewise"),
+    "achieved_twist": Column(_LIST, "twist that the joints' velocities give (6), likewise"),
     "joints": Column(_LIST, "measured at the exposure, rad or m"),
     "pose": Column(_LIST, "true world_T_camera at the exposure (16), 4 x 4 row by row, m"),
     "camera_T_goal": Column(_LIST, "true pose of the goal in the camera's frame (16), likewise"),
@@ -181,7 +181,7 @@ class ImageRecorder:
             found.append({
                 "run": number, "image": i, "stamp": stamp, "phase": run.phases[i],
                 **{name: getattr(run, name)[i].tolist()
-                   for name in ("features", "error", "asked", "achieved", "joints")},
+                   for name in ("features", "error", "desired_twist", "achieved_twist", "joints")},
                 "pose": pose.ravel().tolist(),
                 "camera_T_goal": (camera_T_target @ at_end).ravel().tolist(),
                 "camera_T_target": camera_T_target.ravel().tolist(),

@@ -23,7 +23,8 @@ PACKAGES = (
     "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller",
     "aras_visual_servo_bench", "aras_visual_servo_gazebo",
 )  # fmt: skip
-EXCLUDED_FOLDER = "studies"  # folder of what is run, which tells itself apart
+# Studies' settings: a study stores its own with its digest.
+EXCLUDED_FOLDER = ("config", "studies")
 SOURCE_SUFFIXES = (
     ".py", ".yaml", ".urdf", ".world", ".dae", ".glb", ".gltf", ".stl", ".obj", ".mtl", ".png",
     ".npz",
@@ -43,7 +44,7 @@ def compute_source_digest() -> str:
             for path in sorted(folder.rglob("*")):
                 if (
                     path.suffix in SOURCE_SUFFIXES
-                    and path.parent.name != EXCLUDED_FOLDER
+                    and path.parts[-3:-1] != EXCLUDED_FOLDER
                     and path.is_file()
                 ):
                     digest.update(f"{package}/{path.relative_to(folder)}".encode())

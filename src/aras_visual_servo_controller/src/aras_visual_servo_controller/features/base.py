@@ -90,7 +90,7 @@ class Feature(ABC):
         geometric: whether s follows from the image positions of the target's points. The output of
             a network does not, so that a deviation from L says nothing about the camera.
         stackable: whether it can be a part of a Stack. False if it is judged by other numbers than
-            those that the law gets (Measured.judged).
+            those that the law gets (FeatureMeasurement.judged).
     """
 
     name: ClassVar[str] = ""

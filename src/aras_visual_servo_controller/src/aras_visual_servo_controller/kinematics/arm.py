@@ -373,4 +373,4 @@ def _make_read_only(array: np.ndarray) -> np.ndarray:
 
 def is_free_camera(arm: Arm) -> bool:
     """Whether it is a camera that flies, without joints of an arm."""
-    return getattr(arm, "free", False)
+    return getattr(arm, "is_free", False)

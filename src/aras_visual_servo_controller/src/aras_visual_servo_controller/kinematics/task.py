@@ -77,7 +77,7 @@ class Task:
         if len(L) > 6:
             L, rate, accuracy = _reduce_rows(L, rate, accuracy)
         object.__setattr__(self, "accuracy", accuracy)
-        for name, array in (("L", L), ("rate", rate), ("modelled", modelled)):
+        for name, array in (("L", L), ("desired_rate", rate), ("modelled", modelled)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 

@@ -76,11 +76,11 @@ class ImageReader:
                 found = self.tracker.track(image.grey, camera, pose, depth)
                 seen["corners"] = make_read_only_copy(found.points)
                 seen["corner_accuracy"] = found.accuracy
-                seen["corner_unshared"] = found.repeatability
+                seen["corner_repeatability"] = found.repeatability
                 seen["corner_spread"] = (
                     None if found.spread is None else make_read_only_copy(found.spread)
                 )
-                seen["numbered"] = self.tracker.is_numbered
+                seen["is_numbered"] = self.tracker.is_numbered
                 seen["marker"] = found.marker
                 plane = found.plane if plane is None else plane
             except VisionError as error:
@@ -108,7 +108,7 @@ class ImageReader:
         target = measured.target
         seen: MeasuredFields = {
             "pixel_count": target.pixel_count,
-            "touches": target.touched_borders,
+            "touched_borders": target.touched_borders,
         }
         if not measured.valid:
             return False, measured.reason, seen
@@ -126,7 +126,7 @@ class ImageReader:
                     seen["corner_accuracy"] = hypot(
                         CORNER_ACCURACY / camera.K[0], compute_rms_deviation(spread)
                     )
-                    seen["numbered"] = False
+                    seen["is_numbered"] = False
             if Need.KERNEL in needs:
                 from aras_visual_servo_camera.kernel import compute_kernel_features
 

@@ -13,7 +13,7 @@ CALIBRATE_CAMERA = Remedy(
     remove("believed"),
 )
 KEEP_TARGET_AT_REST = Remedy(
-    "keep the target at rest, or use a scheme that knows its motion (Measured.rate)",
+    "keep the target at rest, or use a scheme that knows its motion (FeatureMeasurement.rate)",
     remove("target.motion"),
 )
 UNCOVER_TARGET = Remedy(

@@ -172,7 +172,7 @@ class CompiledUpdates:
         if (
             not self._is_possible or newest is None or task is None or pursuit.is_joint_controlled
             or not servo.is_only_executing or driver.sent_values is None
-            or resolver.goal is None or "resolve" in vars(resolver)
+            or resolver.goal is None or "solve" in vars(resolver)
         ):  # fmt: skip
             return None
         following = pending[0][1] if pending else task

@@ -47,7 +47,7 @@ def compute(
     decision = call_user_code(answer, observation, goal, t, limit=limit, scheme=name)
     if not isinstance(decision, SchemeOutput):
         raise SchemeError(
-            f"scheme {name} answered {type(decision).__name__} instead of a Decision"
+            f"scheme {name} answered {type(decision).__name__} instead of a SchemeOutput"
         )
     count = len(tuple(decision.names))
     arrays = {}

@@ -117,7 +117,7 @@ class FeatureScheme(FeatureSchemeBase):
             modelled * scale, filtered, self.feature.weights
         )
         wanted = self.law.desired_error_rate(filtered, modelled, rotated, t, observation.dt)
-        wanted = check_array(self.law, "rate", wanted, filtered.shape)
+        wanted = check_array(self.law, "desired_error_rate", wanted, filtered.shape)
         if self.interaction == "mean":
             # It takes a turn by theta for one by 2 tan(theta / 2), and none is longer than pi.
             wanted = wanted * (np.pi / max(float(np.linalg.norm(rotated[3:])), np.pi))
@@ -162,7 +162,7 @@ class FeatureScheme(FeatureSchemeBase):
         accuracy = self.accuracy(observation.with_noise(), goal)
         if accuracy is not None:
             return {"accuracy": accuracy}
-        return {"least": NOISE_RANK_TOLERANCE} if observation.is_from_image else {}
+        return {"rank_tolerance": NOISE_RANK_TOLERANCE} if observation.is_from_image else {}
 
     def _choose_interaction(
         self, observation: Observation, measured: FeatureMeasurement, goal: Goal

@@ -45,7 +45,7 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
     where = f"{type(feature).__name__}.measure returned"
     if not isinstance(measurement, FeatureMeasurement):
         if not all(hasattr(measurement, field) for field in ("s", "desired", "error", "L")):
-            raise SchemeError(f"{where} {_describe(measurement)}: a Measured is needed")
+            raise SchemeError(f"{where} {_describe(measurement)}: a FeatureMeasurement is needed")
         fields = (field.name for field in dataclasses.fields(FeatureMeasurement))
         measurement = FeatureMeasurement(
             **{name: getattr(measurement, name) for name in fields if hasattr(measurement, name)}
@@ -59,13 +59,13 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
     arrays["L"] = _read_shaped(where, "L", measurement.L, (count, 6))
     if np.ndim(measurement.error_drift) or not isinstance(measurement.error_drift, float):
         shape = () if np.ndim(measurement.error_drift) == 0 else (count,)
-        arrays["rate"] = _read_shaped(where, "rate", measurement.error_drift, shape)
+        arrays["error_drift"] = _read_shaped(where, "error_drift", measurement.error_drift, shape)
     if judged is not None:
-        arrays["judged"] = _read_shaped(where, "judged", judged, (names,))
+        arrays["error_summary"] = _read_shaped(where, "error_summary", judged, (names,))
     if isinstance(measurement.notes, str):
         arrays["notes"] = (measurement.notes,)
     if not isinstance(measurement.ambiguity, str):
-        raise SchemeError(f"{where} up_to {_describe(measurement.up_to)}: a text is needed")
+        raise SchemeError(f"{where} ambiguity {_describe(measurement.ambiguity)}: a text is needed")
     if all(value is getattr(measurement, field) for field, value in arrays.items()):
         return measurement  # as most are
     return dataclasses.replace(measurement, **arrays)

@@ -247,7 +247,7 @@ def _set_shared_report(report: _ReportWriter) -> None:
 
 
 def _draw_row(number: int) -> tuple[int, list[Path]]:
-    return number, _shared.row(number)
+    return number, _shared.draw_row(number)
 
 
 def _encode_figure(figure: Figure, kind: str) -> bytes:

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from arms import bent, make
 
-from aras_visual_servo_controller.kinematics import algebra, chain, compiled_ik, held_directions
+from aras_visual_servo_controller.kinematics import (
+    algebra,
+    chain,
+    compiled_ik,
+    held_directions,
+    limits,
+)
 from aras_visual_servo_controller.kinematics.differential_ik import DifferentialIK
 from aras_visual_servo_controller.kinematics.elbow import find_elbows
 from aras_visual_servo_controller.kinematics.limits import Limits
@@ -76,7 +82,9 @@ def test_ranges_leave_room_to_stop_on_either_side():
     q = np.array([0.5, 0.9, -1.2, 1.3, 4.0])  # the third and fourth outside
     lower, upper = np.array([-1.0, -2.0, -1.0, -1.0, -np.inf]), np.array([1.0, 1.0, 1.0, 1.0, 5.0])
     acceleration, dt = np.array([2.0, 3.0, 4.0, 5.0, np.inf]), 0.1
-    low, high = limits.compute_velocity_ranges(q, np.array([lower, upper, np.ones(5), acceleration]), dt)
+    low, high = limits.compute_velocity_ranges(
+        q, np.array([lower, upper, np.ones(5), acceleration]), dt
+    )
     assert low[3] < 0.0 == high[3] and low[2] == 0.0 < high[2]
     for speeds, rooms in ((-low, q - lower), (high, upper - q)):
         stopped = speeds[:4] * dt + speeds[:4] ** 2 / (2.0 * acceleration[:4])

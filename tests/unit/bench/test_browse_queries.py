@@ -171,7 +171,11 @@ def test_few_values_have_a_cell_each_and_many_numbers_a_range(look, table):
         found = cut(np.r_[np.arange(count)[::-1], 0.5, np.nan][:count + 1].astype(float)[1:])
         assert len(found.labels) == (24 if count == 24 else 12)
     found = cut([3.0, None, 1.0, float("nan"), 3.0])
-    assert (found.labels, found.at.tolist(), found.uncounted_rows) == ([1.0, 3.0], [1, -1, 0, -1, 1], 2)
+    assert (found.labels, found.at.tolist(), found.uncounted_rows) == (
+        [1.0, 3.0],
+        [1, -1, 0, -1, 1],
+        2,
+    )
     assert found.bounds == [[("=", 1.0)], [("=", 3.0)]]
     angle = cut(table.angle)
     wanted = np.linspace(table.angle.min(), table.angle.max(), 13)

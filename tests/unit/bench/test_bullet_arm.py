@@ -171,7 +171,9 @@ def test_several_cameras_sit_where_the_robot_has_their_frames(preset):
     try:
         assert plant.control_camera_name == "left"
         simulation, q = plant.simulation, plant.read_joints()[0]
-        np.testing.assert_allclose(plant.read_rest_pose(), robot.make_arm("left").pose(q), atol=1e-6)
+        np.testing.assert_allclose(
+            plant.read_rest_pose(), robot.make_arm("left").pose(q), atol=1e-6
+        )
         model = simulation.world.models["robot"]
         seated = simulation.camera("/right")
         link = model.link_pose("camera_frame_of_right").matrix()

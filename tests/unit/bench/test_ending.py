@@ -246,8 +246,9 @@ def test_a_goal_goes_along_with_a_target_that_turns():
     then = loop.parts.target.world_T_target(loop.plant.time_ns * 1e-9)
     first = matrix_from_xyz_rpy((0, 0, 0.59), (0, 0, 0))
     goal = matrix_from_xyz_rpy(POSE["pose"][:3], POSE["pose"][3:])
-    np.testing.assert_allclose(np.linalg.inv(then) @ loop.compute_goal_pose(), np.linalg.inv(first) @ goal,
-                               atol=1e-12)
+    np.testing.assert_allclose(
+        np.linalg.inv(then) @ loop.compute_goal_pose(), np.linalg.inv(first) @ goal, atol=1e-12
+    )
     found, verdict = loop.make_run(), loop.compute_verdict()
     off = np.linalg.norm(loop.compute_goal_pose()[:3, 3] - loop.plant.read_rest_pose()[:3, 3])
     assert found.verdict.distance == pytest.approx(off) == verdict.distance and off > 1e-4

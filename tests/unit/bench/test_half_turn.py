@@ -54,7 +54,9 @@ def test_l_mean_says_so_where_it_loses_the_turn(corners):
 def test_l_mean_turns_by_no_more_than_the_gain_asks(angle):
     result = turned("numbered_points", angle, interaction="mean")
     assert result.verdict.angle < 0.005, (result.outcome, result.reason)
-    assert max(np.linalg.norm(state.desired_twist[3:]) for state in result.states) < 2.0 * np.pi + 1e-6
+    assert (
+        max(np.linalg.norm(state.desired_twist[3:]) for state in result.states) < 2.0 * np.pi + 1e-6
+    )
 
 
 @pytest.mark.parametrize("period", [2.0 * np.pi, np.pi])

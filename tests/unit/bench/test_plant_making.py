@@ -66,7 +66,9 @@ def test_a_sight_has_what_is_needed_and_asked_for():
         None, 1, None, False)
     assert not found.has_images and found.camera.K[0] == 300.0 and found.occluder is None
     ideal = {"plant": "ideal", "ideal": {"unbounded": True}}
-    assert seen(context_of(**ideal)).is_unbounded and not seen(context_of(plant="ideal")).is_unbounded
+    assert (
+        seen(context_of(**ideal)).is_unbounded and not seen(context_of(plant="ideal")).is_unbounded
+    )
 
 
 def test_a_goal_is_taught_without_noise():

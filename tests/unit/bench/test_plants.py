@@ -67,7 +67,9 @@ def test_the_simulated_arm_is_spawned_at_its_start_and_moves_as_told(robot, pres
     try:
         np.testing.assert_allclose(plant.read_joints()[0], START, atol=1e-5)
         np.testing.assert_allclose(plant.read_pose(), arm.pose(plant.read_joints()[0]), atol=1e-9)
-        np.testing.assert_allclose(plant.compute_rest_poses([plant.read_joints()[0]])[0], plant.read_pose(), atol=1e-9)
+        np.testing.assert_allclose(
+            plant.compute_rest_poses([plant.read_joints()[0]])[0], plant.read_pose(), atol=1e-9
+        )
         goal = START + [0.0, 0.0, 0.0, 0.0, 0.0, -0.2]  # one way alone, but for some swinging
         plant.command("position", goal)
         until(plant, 1_000_000_000)
@@ -92,7 +94,9 @@ def test_a_moved_camera_is_moved_in_the_physics_and_can_be_believed_elsewhere(pr
         np.testing.assert_allclose(
             plant.read_pose(), moved.make_arm().pose(plant.read_joints()[0]), atol=1e-9
         )
-        np.testing.assert_allclose(plant.compute_rest_poses([plant.read_joints()[0]])[0], plant.read_pose(), atol=1e-9)
+        np.testing.assert_allclose(
+            plant.compute_rest_poses([plant.read_joints()[0]])[0], plant.read_pose(), atol=1e-9
+        )
     finally:
         plant.close()
     shipped = Robot(RobotSpec())

@@ -108,7 +108,9 @@ def test_a_posture_that_hides_nothing_is_preferred(experiment):
     chosen = found.find_joints(pose)
     assert found.compute_occlusion(chosen) == 0.0 and not parts.notes
     np.testing.assert_allclose(found.arm.pose(chosen), pose, atol=1e-8)
-    begun = found.find_start_joints(matrix_from_xyz_rpy(START["pose"][:3], START["pose"][3:]), chosen)
+    begun = found.find_start_joints(
+        matrix_from_xyz_rpy(START["pose"][:3], START["pose"][3:]), chosen
+    )
     assert abs(begun[3] - chosen[3]) < 0.5  # it comes to the goal as it began
     np.testing.assert_array_equal(parts.plant.joint_names, JOINTS)
 
@@ -122,7 +124,9 @@ def test_the_arm_servoes_there_and_sees(experiment):
 def test_where_the_arm_is_not_drawn_postures_are_as_before(experiment, keys):
     found = of(experiment(**keys)).postures
     pose = matrix_from_xyz_rpy(GOAL["pose"][:3], DOWN)
-    np.testing.assert_array_equal(found.find_joints(pose), found.arm.inverse_kinematics(pose, np.zeros(5)))
+    np.testing.assert_array_equal(
+        found.find_joints(pose), found.arm.inverse_kinematics(pose, np.zeros(5))
+    )
 
 
 def test_where_every_posture_hides_it_one_line_says_so(experiment, caplog):
@@ -138,7 +142,9 @@ def test_where_every_posture_hides_it_one_line_says_so(experiment, caplog):
     part = float(note.split("hides ")[1].split(" %")[0]) / 100
     chosen = parts.postures.find_joints(pose)
     assert part == pytest.approx(parts.postures.compute_occlusion(chosen), abs=0.006)
-    others = [parts.postures.compute_occlusion([*chosen[:3], q, -q]) for q in np.linspace(-0.3, 0.3, 7)]
+    others = [
+        parts.postures.compute_occlusion([*chosen[:3], q, -q]) for q in np.linspace(-0.3, 0.3, 7)
+    ]
     assert 0.3 < part < min(others) + 0.03 < max(others)
 
 

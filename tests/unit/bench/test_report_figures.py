@@ -794,7 +794,11 @@ def test_several_runs_show_their_speeds(runs):
             told = [s.resolution.told[at] for s in run.states]
             np.testing.assert_allclose(curve.values, [max(one) / min(one) for one in told])
     scale = ratios["factor by which limits slowed the task"]
-    assert scale.span == (-0.05, 1.1) and not scale.is_logarithmic and ratios["condition number of L"].is_logarithmic
+    assert (
+        scale.span == (-0.05, 1.1)
+        and not scale.is_logarithmic
+        and ratios["condition number of L"].is_logarithmic
+    )
 
 
 def test_what_goes_over_decades_has_a_logarithmic_axis_of_one_run_and_of_several(runs):

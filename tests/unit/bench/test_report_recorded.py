@@ -260,7 +260,9 @@ def test_poses_and_films_are_those_that_were_known():
     poses[after[[0, 7]], 1, 2] = np.nan
     places = np.random.default_rng(1).normal(size=(len(poses), 3, 3))
     jpeg = films.encode_frame(np.zeros((40, 80, 3), np.uint8))
-    other = CameraRecord(WIDE, film=tuple((s, jpeg) for s in (1.0, run.start_stamp, run.start_stamp + 0.5)))
+    other = CameraRecord(
+        WIDE, film=tuple((s, jpeg) for s in (1.0, run.start_stamp, run.start_stamp + 0.5))
+    )
     early = CameraRecord(WIDE, film=((1.0, jpeg),))
     pictures = tuple((float(s), np.zeros((40, 64, 3), np.uint8)) for s in run.stamp[:3])
     first = replace(run.control_record, pictures=((1.0, pictures[0][1]), *pictures), model=None)

@@ -24,6 +24,7 @@ from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, Polyg
 from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.observation.frame import Frame
+from aras_visual_servo_controller.observation.image_reader import ImageReader
 
 CAMERA = CameraModel(60, 40, (50.0, 0, 31.0, 0, 40.0, 18.0, 0, 0, 1))
 SHAPE = PolygonTarget(((-0.2, -0.15), (0.25, -0.1), (0.2, 0.2), (-0.1, 0.1)))
@@ -361,7 +362,9 @@ def test_readings_are_in_seconds_and_in_any_order_of_joints():
     assert (reading.stamp, q.tolist(), v.tolist()) == (1.5, [3.0, 1.0], [6.0, 4.0])
     image = np.zeros((2, 3), np.uint8)
     seen = Frame(1_500_000_000, image, "mono8", target_mask=image)
-    assert seen.stamp == 1.5 and seen.has_image and ImageReader.decode_image(seen).encoding == "mono8"
+    assert (
+        seen.stamp == 1.5 and seen.has_image and ImageReader.decode_image(seen).encoding == "mono8"
+    )
     assert ImageReader.decode_image(seen).target_mask is image and not Frame(3).has_image
 
 

@@ -138,7 +138,9 @@ def test_each_camera_shakes_by_itself(plant):
         assert np.abs(reading.points - exact).max() < 0.06  # the arm moves on within its step
         if place is not None:
             np.testing.assert_allclose(records[name].pose[-1], pose, atol=1e-12)
-    one, two = (plant.vibrations[name].compute_pose(last[name][0].stamp_ns) for name in ("left", "right"))
+    one, two = (
+        plant.vibrations[name].compute_pose(last[name][0].stamp_ns) for name in ("left", "right")
+    )
     assert np.abs(one - two).max() > 1e-5
 
 

@@ -25,7 +25,7 @@ from aras_visual_servo_bench.plants.static_arm import StaticArm
 from aras_visual_servo_bench.setup import postures
 from aras_visual_servo_bench.setup.assembly import assemble, check
 from aras_visual_servo_bench.setup.postures import Postures
-from aras_visual_servo_bench.targets.solids import read_solid
+from aras_visual_servo_bench.targets.solids import read_solid_target
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 from aras_visual_servo_controller.errors import UnreachableError
 from aras_visual_servo_controller.observation.frame import Frame
@@ -88,7 +88,7 @@ def test_a_link_of_a_world_is_a_solid_at_its_place(world):
     path, pose, link = find_world_link(world, PACKAGES, "crate", "")
     assert link == "body"
     np.testing.assert_allclose(pose, [0.02, 0.01, 0.6, 0.0, 0.0, 0.4], atol=1e-9)
-    corners = read_solid(Path(path)).solid.vertices
+    corners = read_solid_target(Path(path)).solid.vertices
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)],
                                [(-0.04, -0.025, 0.02), (0.04, 0.025, 0.08)], atol=1e-9)
     for name, wanted, why in (
@@ -121,7 +121,7 @@ def test_a_link_of_the_robot_s_that_stands_is_one_too(tmp_path):
 
     found = asked("post")
     np.testing.assert_allclose(found.pose, [1, 2, 3, 0, 0, 0.5], atol=1e-9)
-    corners = read_solid(Path(found.shape)).solid.vertices
+    corners = read_solid_target(Path(found.shape)).solid.vertices
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)],
                                [(-0.05, -0.1, -0.05), (0.05, 0.1, 0.25)], atol=1e-9)
     for link, why in (("tool", "^target.link: a joint of the robot moves 'tool': where the arm "),
@@ -156,7 +156,9 @@ def of(kind=Postures, **more):
 
 def test_what_speaks_against_a_posture_is_said_and_weighed():
     joints = (0.1, 0.2)
-    assert of(Told).compute_cost(joints) == 2.37 and of(Told, drawn=False).compute_cost(joints) == 2.0
+    assert (
+        of(Told).compute_cost(joints) == 2.37 and of(Told, drawn=False).compute_cost(joints) == 2.0
+    )
     assert of(Told).list_faults(joints, "goal", True) == [
         "the arm runs into something at the goal, its link 'a' is in 'b': give it other joints",
         "the arm hides 37 % of the target at the goal: give it other joints"]
@@ -181,7 +183,11 @@ def test_what_is_asked_of_a_posed_arm(monkeypatch):
         posed.part = part
         assert found.compute_occlusion((part, 0.2), 0.5) == counts
     joints, pose, shape, place, near = asked[-1]
-    assert joints == {"a": 0.8, "b": 0.2} and near == 0.02 and shape is found.target.placed_target.shape
+    assert (
+        joints == {"a": 0.8, "b": 0.2}
+        and near == 0.02
+        and shape is found.target.placed_target.shape
+    )
     np.testing.assert_array_equal(pose, 0.8 * np.eye(4))
     np.testing.assert_allclose(place, matrix_from_xyz_rpy((0, 0, 0.6), (0, 0, 0)))
     assert found.find_collision((0.3, 0.4)) == "it" and asked[-1] == {"a": 0.3, "b": 0.4}
@@ -287,7 +293,10 @@ def test_the_cameras_that_watch_are_there_where_they_are_wanted():
     assert list(parts(**TWO).cameras) == ["left", "right", "other"]
     found = parts(**TWO, watched=False)
     assert list(found.cameras) == ["left", "right"] == list(found.rig.observers)
-    assert list(found.placements) == ["right"] and found.calibrated_camera is found.cameras["left"].believed
+    assert (
+        list(found.placements) == ["right"]
+        and found.calibrated_camera is found.cameras["left"].believed
+    )
     assert found.needs == found.rig.control.needs and found.postures is None
     assert parts(depth=True).plant.sight.depth and not parts().plant.sight.depth
     wrapped = []
@@ -315,12 +324,16 @@ def test_each_camera_s_depth_is_as_it_is_believed():
 def test_a_flying_camera_begins_at_its_start_about_the_goal():
     found = parts()
     np.testing.assert_allclose(
-        found.plant.read_rest_pose(), matrix_from_xyz_rpy((0.03, 0, 0.9), (np.pi, 0, 0.2)), atol=1e-9
+        found.plant.read_rest_pose(),
+        matrix_from_xyz_rpy((0.03, 0, 0.9), (np.pi, 0, 0.2)),
+        atol=1e-9,
     )
     np.testing.assert_allclose(found.servo.arm.pose(np.zeros(6)), ABOVE, atol=1e-12)
     robot = Robot(RobotSpec()).make_arm()
     q = np.array([0.05, 0.0, -0.09, 0.045, 0.045, 0.1])
-    np.testing.assert_allclose(parts(start=q.tolist()).plant.read_rest_pose(), robot.pose(q), atol=1e-9)
+    np.testing.assert_allclose(
+        parts(start=q.tolist()).plant.read_rest_pose(), robot.pose(q), atol=1e-9
+    )
     shown = parts(goal=q.tolist(), target={}, start=q.tolist())
     np.testing.assert_allclose(shown.goal_pose, robot.pose(q), atol=1e-12)
     named = parts(goal="2016", scheme="moments", target={}, start="2016")
@@ -430,7 +443,9 @@ def test_what_can_be_passes():
 
 def test_the_ideal_camera_s_plane_counts_as_measured():
     found = parts(plant="ideal")
-    joints = found.servo.arm.read_joints(found.plant.joint_names, np.array([0.02, 0, 0.01, 0.1, 0, 0.3]))
+    joints = found.servo.arm.read_joints(
+        found.plant.joint_names, np.array([0.02, 0, 0.01, 0.1, 0, 0.3])
+    )
     pixels = np.array([[150.0, 90.0], [210.0, 95.0], [205.0, 140.0]])
     reading = Frame(40_000_000, outline=pixels, points=pixels, camera=found.plant.camera)
     plane = found.observe(reading, joints).plane

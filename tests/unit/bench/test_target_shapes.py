@@ -25,7 +25,7 @@ from aras_visual_servo_bench.targets.geometry import (
 )
 from aras_visual_servo_bench.targets.rendering import render_mask, render_target
 from aras_visual_servo_bench.targets.scratch import make_scratch_folder
-from aras_visual_servo_bench.targets.solids import make_solid, read_solid
+from aras_visual_servo_bench.targets.solids import make_solid, read_solid_target
 from aras_visual_servo_bench.targets.target_factory import (
     find_tracker,
     is_solid,
@@ -150,7 +150,7 @@ def test_a_primitive_fills_its_size_about_its_origin(name, share, rel):
     np.testing.assert_allclose(corners.min(axis=0), -0.5 * np.array(size), rtol=0.01)
     assert ConvexHull(corners).volume == pytest.approx(share * np.prod(size), rel=rel)
     assert target.is_temporary and not target.has_colour and make_target(name, size) is target
-    again = read_solid(target.path)  # what was written is what it is
+    again = read_solid_target(target.path)  # what was written is what it is
     assert not again.is_temporary
     np.testing.assert_allclose(ConvexHull(again.solid.vertices).volume, ConvexHull(corners).volume)
     with pytest.raises(ExperimentError, match=r"target.size is \[0.3, 0.2\], must be three"):
@@ -185,10 +185,10 @@ def test_what_is_no_closed_solid_is_refused(tmp_path):
     with pytest.raises(ExperimentError, match="^target: m::l is open"):
         make_solid(np.array([[(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)]], float), "m::l")
     with pytest.raises(ExperimentError, match=f"there is no file {tmp_path}/a.stl"):
-        read_solid(tmp_path / "a.stl")
+        read_solid_target(tmp_path / "a.stl")
     (tmp_path / "b.stl").write_text("nothing")
     with pytest.raises(ExperimentError, match="^target.shape: .*b.stl"):
-        read_solid(tmp_path / "b.stl")
+        read_solid_target(tmp_path / "b.stl")
 
 
 def test_a_solid_s_description_names_its_mesh_and_makes_what_has_no_colour_grey(tmp_path):
@@ -202,7 +202,7 @@ def test_a_solid_s_description_names_its_mesh_and_makes_what_has_no_colour_grey(
     assert (tmp_path / "new" / "a" / "crate.obj").read_text() == made.path.read_text()
     (tmp_path / "own.mtl").write_text("newmtl red\nKd 0.7 0.1 0.1\n")
     (tmp_path / "own.obj").write_text("mtllib own.mtl\nusemtl red\n" + made.path.read_text())
-    own = read_solid(tmp_path / "own.obj")
+    own = read_solid_target(tmp_path / "own.obj")
     text = write_target(own, tmp_path / "b", "mine").read_text()
     assert own.has_colour and "Grey" not in text and f"file://{tmp_path}/own.obj" in text
     assert not (tmp_path / "b" / "mine.obj").exists()

@@ -125,8 +125,8 @@ def test_of_an_edge_that_is_half_hidden_the_other_half_is_seen(seed):
         assert len(found.solid_points) > 80 and not hidden(solid, eye, found.solid_points).any()
         away = eye - solid.vertices[solid.faces[:, 0]]
         cosine = (away * solid.normals).sum(axis=1) / np.linalg.norm(away, axis=1)
-        for e in np.flatnonzero((cosine[solid.edge_faces] > 0.05).any(axis=1)
-                                & (np.abs(cosine[solid.edge_faces]) > 0.05).all(axis=1)):  # fmt: skip
+        facing = cosine[solid.edge_faces]
+        for e in np.flatnonzero((facing > 0.05).any(axis=1) & (np.abs(facing) > 0.05).all(axis=1)):
             i, j = solid.vertices[solid.edges[e]]
             line = i + np.linspace(0.0, 1.0, 60)[:, None] * (j - i)
             at = line @ pose[:3, :3].T + pose[:3, 3]

@@ -858,7 +858,9 @@ def test_a_symmetric_target_is_the_same_from_round_its_axis(up_to, turn):
     left = left_by([np.zeros(6)] * 6, STRONG, up_to=up_to, goal=goal)
     assert left.up_to == up_to and left.angle == pytest.approx(min(turn + TURNS, np.pi))
     without = ArrivalCheck(0.3)  # the features' L is not known
-    left = [shown(without, 0.1 * i, [0.1], up_to=up_to, goal=goal) for i in range(6)][-1].pose_uncertainty
+    left = [shown(without, 0.1 * i, [0.1], up_to=up_to, goal=goal) for i in range(6)][
+        -1
+    ].pose_uncertainty
     assert (left.distance, left.angle) == bound_symmetry(up_to, goal)
     slope = np.array([0.3, -0.5, 4.0])
     place, normal = np.array([0.2, 0.1, 1.0]) / 4.01, slope / np.linalg.norm(slope)
@@ -901,7 +903,11 @@ def test_the_axis_of_a_symmetric_target_goes_through_its_middle(middle, plane, u
 def test_without_L_nothing_is_known():
     arrival = ArrivalCheck(0.3)
     last = [shown(arrival, 0.1 * i, [0.1]) for i in range(6)][-1]
-    assert last.is_reached and np.isnan(last.pose_uncertainty.distance) and last.pose_uncertainty.up_to == ""
+    assert (
+        last.is_reached
+        and np.isnan(last.pose_uncertainty.distance)
+        and last.pose_uncertainty.up_to == ""
+    )
 
 
 # -- is it the goal's own view? -----------------------------------------------------------------

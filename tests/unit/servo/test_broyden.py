@@ -149,6 +149,8 @@ def test_an_estimator_of_ones_own_and_for_nothing_else():
     scheme = FeatureScheme(ImageMoments(), Proportional(5.0), "estimated", estimator=mine)
     states = Rig(the_servo(scheme=scheme), STARTS["2016"]).run(0.2)
     plain = Rig(the_servo(), STARTS["2016"]).run(0.2)
-    np.testing.assert_allclose(2.0 * states[0].desired_twist[:3], plain[0].desired_twist[:3], rtol=0.05)
+    np.testing.assert_allclose(
+        2.0 * states[0].desired_twist[:3], plain[0].desired_twist[:3], rtol=0.05
+    )
     with pytest.raises(ConfigurationError, match="an estimator is for interaction 'estimated'"):
         FeatureScheme(ImageMoments(), estimator=mine)

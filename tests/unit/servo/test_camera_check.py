@@ -313,7 +313,9 @@ def test_a_little_off_is_within_what_can_be_measured():
 
 
 def test_motion_the_other_way_and_motion_of_its_own_are_faults():
-    assert "against the camera's translation" in seen_by(np.array([-1.0] * 3 + [1.0] * 3)).find_fault()
+    assert (
+        "against the camera's translation" in seen_by(np.array([-1.0] * 3 + [1.0] * 3)).find_fault()
+    )
     evidence = seen_by(ONE, 40, drift=20.0)
     assert "of the motion is not explained" in evidence.find_fault()
     assert "4 % of the motion is not explained" in seen_by(ONE, 40, drift=8.0).find_fault()

@@ -287,7 +287,9 @@ def lifted(height):
 
 def test_a_target_lost_on_the_way_to_a_goal_out_of_reach_is_the_goal_s_fault():
     rig = Rig(the_servo("2016", goal=lifted(2.5)), near(0))
-    assert rig.servo.unreachable_reason.startswith("goal_2016.yaml: camera position (0.0500, -0.0297, 3.2834)")
+    assert rig.servo.unreachable_reason.startswith(
+        "goal_2016.yaml: camera position (0.0500, -0.0297, 3.2834)"
+    )
     rig.look = lambda observer, t, joints: (
         rig.exact(observer, t, joints) if t < 0.3 else lost(rig.exact(observer, t, joints), "gone")
     )

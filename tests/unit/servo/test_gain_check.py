@@ -39,7 +39,8 @@ def test_one_that_suits_the_delay_loses_no_target():
     assert check.delay_outcome is None and check.explain_loss("lost") is None
     before_any_overshoot, _ = delayed(6.0, 0.25, until=0.3)
     assert (
-        before_any_overshoot.delay_outcome is not None and before_any_overshoot.explain_loss("lost") is None
+        before_any_overshoot.delay_outcome is not None
+        and before_any_overshoot.explain_loss("lost") is None
     )
 
 

@@ -282,7 +282,11 @@ def test_the_posture_of_a_goal_is_its_joints_or_found_for_its_pose():
     assert replace(by_pose, world_T_camera=away).find_posture(arm) is None
     assert replace(by_pose, world_T_camera=None).find_posture(arm) is None
     assert goal.find_unreachable_reason(arm) == by_pose.find_unreachable_reason(arm) == ""
-    assert replace(by_pose, world_T_camera=away, name="mine").find_unreachable_reason(arm).startswith("mine: ")
+    assert (
+        replace(by_pose, world_T_camera=away, name="mine")
+        .find_unreachable_reason(arm)
+        .startswith("mine: ")
+    )
     for told in (replace(goal, world_T_camera=away), replace(by_pose, world_T_camera=None)):
         assert told.find_unreachable_reason(arm) == ""
 
@@ -366,7 +370,9 @@ def test_a_targets_geometry_with_other_keys_is_refused(data):
 
 def test_the_outline_to_be_seen_is_the_targets_where_its_geometry_is_known():
     goal = the_goal("2016").for_arm(the_arm())
-    np.testing.assert_array_equal(goal.compute_outline(), goal.target.compute_outline(goal.world_T_camera))
+    np.testing.assert_array_equal(
+        goal.compute_outline(), goal.target.compute_outline(goal.world_T_camera)
+    )
 
 
 def test_where_only_moments_are_known_the_outline_is_the_ellipse_that_has_them():

@@ -377,7 +377,9 @@ def test_secondary_tasks_are_those_that_are_asked_for(arm):
         ({"singularity_avoidance": True}, [JointLimitAvoidance, SingularityAvoidance]),
     ):  # fmt: skip
         settings = of(**given)
-        assert [type(t) for t in settings.make_differential_ik(arm, settings.make_limits(arm)).tasks] == kinds
+        assert [
+            type(t) for t in settings.make_differential_ik(arm, settings.make_limits(arm)).tasks
+        ] == kinds
     assert of(elbow=1).make_differential_ik(arm, of().make_limits(arm)).elbows[0].side == 1.0
 
 
@@ -411,7 +413,9 @@ def test_each_camera_s_observer_knows_what_it_needs_and_its_goal_s_plane(arm):
     assert made.control.arm is arm and made.observers["right"].arm is None
     assert made.control.compute_plane is None
     goal = of(desired="2016").load_goal().for_cameras({"left": arm})
-    made = replace(settings, depth_image=True).make_camera_rig({"left": arm, "right": None}, scheme, goal)
+    made = replace(settings, depth_image=True).make_camera_rig(
+        {"left": arm, "right": None}, scheme, goal
+    )
     assert made.control.needs == {Need.CORNERS, Need.DEPTH}
     assert made.control.compute_plane(pose) == goal.compute_plane(pose) is not None
     assert made.observers["right"].compute_plane is None

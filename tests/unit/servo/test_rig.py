@@ -445,7 +445,9 @@ def test_accuracy_of_stereo_goes_through_the_feature(name):
 
     assert feature.accuracy(seen({}, dict.fromkeys(size, 0.0)), goal) is None  # exact
     # What was taught through another lens shares nothing with what is seen now.
-    apart = replace(goal, camera=None, others={"right": replace(goal.other_cameras["right"], camera=None)})
+    apart = replace(
+        goal, camera=None, others={"right": replace(goal.other_cameras["right"], camera=None)}
+    )
     found = feature.accuracy(seen({}, size), apart)
     offs = [(camera, off) for camera in feature.cameras for off in np.eye(8).reshape(8, 4, 2)]
     expected = [feature.measure(seen({c: size[c] * off}, size), goal).error for c, off in offs]

@@ -323,7 +323,10 @@ def test_an_image_from_before_the_clock_went_back_is_left_over():
     rig.run(0.1)
     assert rig.servo.phase == SERVOING
     rig.servo.update(2.0, JointSample.from_values(2.0, names, rig.q))
-    told = [rig.servo.process_image(spoiled(seen, stamp=stamp)).has_processed_image for stamp in (3.01, 3.0)]
+    told = [
+        rig.servo.process_image(spoiled(seen, stamp=stamp)).has_processed_image
+        for stamp in (3.01, 3.0)
+    ]
     assert told == [False, True]  # a second ahead at most
 
 

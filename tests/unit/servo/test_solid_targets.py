@@ -17,7 +17,7 @@ from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.rendering import render_target
-from aras_visual_servo_bench.targets.solids import read_solid
+from aras_visual_servo_bench.targets.solids import read_solid_target
 from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_camera.model_tracker import ModelTracking
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -82,7 +82,7 @@ def test_a_start_that_is_rough_and_depth_images_do(meshes):
 
 
 def test_a_lens_is_taken_off(meshes):
-    target, tracking = read_solid(Path(meshes["bracket"])), None
+    target, tracking = read_solid_target(Path(meshes["bracket"])), None
     tracking = ModelTracking(target.solid)
     # far from the middle
     target_T_camera = matrix_from_xyz_rpy((0.14, -0.24, 0.28), (-2.45, 0.1, 0.3))
@@ -100,7 +100,7 @@ def test_a_wrong_pose_with_which_most_edges_agree_is_left(meshes, off):
     """Square from above all but the edges along x agree with a shift along x."""
     small = CameraModel(320, 240, (102.7, 0, 159.5, 0, 102.7, 119.5, 0, 0, 1))
     target_T_camera = matrix_from_xyz_rpy((0.0, 0.0, 0.25), (np.pi, 0.0, 0.0))
-    target, true = read_solid(Path(meshes["box"])), inverse(target_T_camera)
+    target, true = read_solid_target(Path(meshes["box"])), inverse(target_T_camera)
     picture = np.ascontiguousarray(render_target(target, small, target_T_camera))
     tracking = ModelTracking(target.solid)
     tracking.start(true)

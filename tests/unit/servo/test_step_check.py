@@ -39,7 +39,9 @@ def test_features_that_move_as_the_camera_says_are_no_one_s_fault():
     draw = np.random.default_rng(5)
     check = followed(60, lambda k, told: told + 1e-3 * draw.normal(size=COUNT))
     assert check.correlation > 0.98 and check.feature_correlations.min() > 0.9
-    assert check.unchanged_since is None and check.first_jump is None and not check.has_frequent_jumps
+    assert (
+        check.unchanged_since is None and check.first_jump is None and not check.has_frequent_jumps
+    )
 
 
 def test_features_that_stay_the_same_before_a_camera_that_moves_are_noted_with_their_beginning():

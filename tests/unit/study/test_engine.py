@@ -201,8 +201,11 @@ def test_the_last_part_is_counted_by_its_own_runs_and_read_as_it_is_now(tiny, tm
 
 def test_a_part_that_is_no_table_is_run_again_whatever_its_hash_says(tiny, tmp_path):
     made = carried(tiny(), tmp_path)
-    for content, told in ((b"no table", "^cannot read .*000001.parquet: "),
-                          (made.find_part(0).read_bytes(), ""), (None, "000001.parquet is no file: ")):
+    for content, told in (
+        (b"no table", "^cannot read .*000001.parquet: "),
+        (made.find_part(0).read_bytes(), ""),
+        (None, "000001.parquet is no file: "),
+    ):
         made.find_part(1).unlink()
         if content is None:
             made.find_part(1).mkdir()

@@ -129,7 +129,8 @@ def test_what_is_summed_over_time_needs_two_joint_states(count):
     found = run(joints=np.full(len(TIME), 2.0), speed=np.full(len(TIME), 3.0))
     cut = slice(0, began + count)
     found = replace(found, joint_stamp=TIME[cut], measured=found.measured_positions[cut],
-                    measured_speed=found.measured_velocities[cut], commanded=found.joint_commands[cut],
+                    measured_speed=found.measured_velocities[cut],
+                    commanded=found.joint_commands[cut],
                     true_pose=found.true_pose[cut])  # fmt: skip
     lasted = 0.01 * (count - 1) if count > 1 else np.nan
     assert measured("limit_time", found) == pytest.approx(lasted, nan_ok=True)

@@ -132,7 +132,9 @@ def test_groups_beside_each_other_are_named_and_few():
     assert (first.get_ylabel(), second.get_ylabel()) == ("runs below (%)", "")
     assert (first.get_xscale(), second.get_xscale()) == ("linear", "log")
     assert first.get_ylim() == (0.0, 103.0)
-    for line, (_, rows) in zip(first.lines, results.group_rows(("gain", "delay")).items(), strict=True):
+    for line, (_, rows) in zip(
+        first.lines, results.group_rows(("gain", "delay")).items(), strict=True
+    ):
         known = np.sort(results.read_numbers(SETTLED)[rows])
         np.testing.assert_array_equal(line.get_xdata(), [known[0], *known])
         assert line.get_drawstyle() == "steps-post"
@@ -157,7 +159,10 @@ def test_groups_beside_each_other_are_named_and_few():
         assert has_grid(axis.get_xgridlines()) and not has_grid(axis.get_ygridlines())
     first = figure.axes[0]
     medians = [line.get_xdata()[0] for line in first.lines if line.get_color() == palette.VERMILION]
-    parts = [results.read_numbers(SETTLED)[rows] for rows in results.group_rows(("gain", "delay")).values()]
+    parts = [
+        results.read_numbers(SETTLED)[rows]
+        for rows in results.group_rows(("gain", "delay")).values()
+    ]
     assert medians == pytest.approx([np.median(part) for part in parts][::-1])
     assert {to_hex(box.get_facecolor()) for box in first.patches} == {palette.PALE_BLUE}
     outside = made(gains=(1.0, 2.0), delays=(0.03,), each=12, **{

@@ -399,7 +399,8 @@ def test_what_has_nothing_near_is_looked_at_every_seventh_step(make, monkeypatch
         assert boxes
         boxes.clear()
         impacts.check_all()
-        impacts.place_at_impact(body.body_id, (0.0, 0.0, 0.049), (0.0, 0.0, 0.0), 1e-3)  # too slow to strike
+        # too slow to strike
+        impacts.place_at_impact(body.body_id, (0.0, 0.0, 0.049), (0.0, 0.0, 0.0), 1e-3)
         assert not boxes
 
 

@@ -65,7 +65,8 @@ class SegmentedTarget:
             return f"all of target colour is taken together, {place}"
         if self.component_count == 1:
             return f"the only object of target colour, {place}"
-        return f"of {self.component_count} objects of target colour {COMPONENT_DESCRIPTIONS[self.component]}, {place}"
+        chosen = COMPONENT_DESCRIPTIONS[self.component]
+        return f"of {self.component_count} objects of target colour {chosen}, {place}"
 
 
 def threshold_image(

@@ -77,7 +77,9 @@ class PageCommands:
         given = self.read_selection()
         more = {kind: [given[key]] if given.get(key) else [] for kind, key in (
             ("schemes", "scheme"), ("laws", "law"), ("starts", "start"), ("goals", "goal"))}
-        of_one_camera = sorted(n for n, made in SCHEMES.items() if getattr(made, "camera_count", 1) == 1)
+        of_one_camera = sorted(
+            n for n, made in SCHEMES.items() if getattr(made, "camera_count", 1) == 1
+        )
         return {
             "schemes": _remove_duplicates([*of_one_camera, *more["schemes"]]),
             "laws": _remove_duplicates([*sorted(LAWS), *more["laws"]]),

@@ -51,7 +51,8 @@ NUMBER_COLUMNS: Mapping[str, Column] = {
     "phase": Column(pa.string(), "of the loop"),
     "features": Column(_LIST, "s, as measured; NaN where there is no answer"),
     "error": Column(_LIST, "s - s*"),
-    "desired_twist": Column(_LIST, "twist that the scheme requests of the camera (6), in its optical frame, "
+    "desired_twist": Column(_LIST, "twist that the scheme requests of the camera (6), in its "
+                                   "optical frame, "
                            "m/s and rad/s"),
     "achieved_twist": Column(_LIST, "twist that the joints' velocities give (6), likewise"),
     "joints": Column(_LIST, "measured at the exposure, rad or m"),

@@ -95,7 +95,7 @@ def make_solid(corners: np.ndarray, name: str) -> SolidTarget:
 
 
 @lru_cache(maxsize=4)  # meshes are large
-def read_solid(
+def read_solid_target(
     path: Path, size: tuple[float, ...] | None = None, scale: float | None = None
 ) -> SolidTarget:
     """The target of a mesh file.

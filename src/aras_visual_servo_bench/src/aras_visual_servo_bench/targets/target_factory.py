@@ -117,9 +117,9 @@ def _make_target(
         return _make_shape(shape, {"size": size and list(size), "marker": marker})
     path = Path(shape).expanduser()
     if is_mesh(shape):
-        from .solids import read_solid
+        from .solids import read_solid_target
 
-        return read_solid(path, size, scale)
+        return read_solid_target(path, size, scale)
     require(
         size is None or len(size) == 2,
         f"target.size of {shape} is {list(size or ())}, must be two lengths, along x and y, m",

@@ -169,7 +169,8 @@ class ServoState:
         scheme: its name; empty where the loop has not told it.
         decision: of the scheme; None where there is none.
         resolution: of the resolver for it: joint velocities, singular values of L J, and so on.
-            A state that was read from messages has SchemeOutput.task None: see Resolution.read_back.
+            A state that was read from messages has SchemeOutput.task None: see
+            Resolution.read_back.
         joints: measured, at the exposure.
         command: (n,) positions that the integration stands at; None before the first.
         computing: s that the scheme took, where a clock was handed in.

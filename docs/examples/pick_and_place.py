@@ -100,7 +100,7 @@ def experiment(robot: dict[str, str], seed: int) -> Experiment:
     return Experiment(
         # A longer lens: the L is 100 pixels wide from 0.2 m, and the fingers are out of view.
         plant="bullet", robot=robot, camera={"horizontal_fov": 0.5}, target=target,
-        features="pictures", scheme="points", gain=2.0, duration=20.0, goal={"pose": goal},
+        features="images", scheme="points", gain=2.0, duration=20.0, goal={"pose": goal},
         start={"pose": (np.array(goal) + (*away[:2], away[2] + 0.03, *away[3:])).tolist()},
     )  # fmt: skip
 

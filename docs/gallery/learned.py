@@ -5,7 +5,7 @@ from keeping import keep_runs
 from aras_visual_servo_bench import Experiment
 
 taught = "aras_visual_servo_bench.learning.learned:LearnedScheme"
-base = Experiment(plant="chain", features="pictures", start="2016", goal="2016", duration=5.0)
+base = Experiment(plant="chain", features="images", start="2016", goal="2016", duration=5.0)
 learned, moments = keep_runs(
     {"learned": base.with_changes(scheme=taught), "moments": base.with_changes(scheme="moments")},
     "camera_path",

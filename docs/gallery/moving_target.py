@@ -6,7 +6,7 @@ from aras_visual_servo_bench import Experiment
 
 target = {"shape": "l_shape", "size": [0.15, 0.1], "motion": {"velocity": [0.02, 0, 0, 0, 0, 0]}}
 drifts = Experiment(
-    plant="free", features="pictures", target=target, duration=8.0, time_after_convergence=None,
+    plant="free", features="images", target=target, duration=8.0, time_after_convergence=None,
     gain=5.0,
     goal={"pose": [0, 0, 0.4, 3.14159, 0, 0]}, start={"pose": [0.06, -0.04, 0.5, 3.1, 0.05, 0.4]},
 )  # fmt: skip

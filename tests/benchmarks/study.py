@@ -33,7 +33,7 @@ from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import TIMES, StudyFolder
 from aras_visual_servo_bench.studies.work import limit_threads
 
-LONG = {"experiment": {"plant": "bullet", "duration": 3.0, "linger": None,
+LONG = {"experiment": {"plant": "bullet", "duration": 3.0, "time_after_convergence": None,
                        "start": {"height": [0.15, 0.4], "side": 0.05}}}  # fmt: skip
 SHORT = {"experiment": {"plant": "free", "duration": 0.1}}
 

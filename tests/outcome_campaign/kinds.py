@@ -139,7 +139,7 @@ def healthy(random: Draw, plants: tuple[str, ...] = PLANTS,
     plant, scheme = str(random.choice(plants)), str(random.choice(schemes))
     keys: Changes = {
         "plant": plant, "scheme": scheme, "start": sampler(random),
-        "duration": 12.0, "linger": 0.3, "gain": float(random.uniform(1.5, 3.0)),
+        "duration": 12.0, "time_after_convergence": 0.3, "gain": float(random.uniform(1.5, 3.0)),
     }  # fmt: skip
     leans = plant != "free" and scheme != "moments"
     if own or leans or scheme not in ("points", "moments") or random.random() < 0.5:
@@ -151,7 +151,7 @@ def healthy(random: Draw, plants: tuple[str, ...] = PLANTS,
 def pictured(random: Draw, **given: Any) -> Changes:
     """The same by pictures; `pose` is left to targets that are large enough for it, or markers."""
     given.setdefault("schemes", ("points", "moments", "segments"))
-    return {**healthy(random, **given), "features": "pictures"}
+    return {**healthy(random, **given), "features": "images"}
 
 
 # -- nothing wrong -----------------------------------------------------------------------------
@@ -205,7 +205,7 @@ def marker_target(random: Draw) -> Changes:
 def wrong_depth(random: Draw) -> Changes:
     """A believed depth between 0.6 and 1.6 times the true one."""
     keys = healthy(random, ("chain", "free"))
-    return {**keys, "believed": {"depth": float(random.choice([0.6, 0.75, 1.3, 1.6]))}}
+    return {**keys, "calibration_offset": {"depth": float(random.choice([0.6, 0.75, 1.3, 1.6]))}}
 
 
 @kind("converged", faults=0)
@@ -215,7 +215,7 @@ def rate_known(random: Draw) -> Changes:
         "plant": str(random.choice(["chain", "free"])), "features": "exact",
         "scheme": "outcome_campaign.schemes:Following", "target": {
             **placed(random), "motion": {"velocity": [0.03, 0, 0, 0, 0, 0]}},
-        "goal": goal_above(random), "start": sampler(random), "duration": 6.0, "linger": 0.5,
+        "goal": goal_above(random), "start": sampler(random), "duration": 6.0, "time_after_convergence": 0.5,
         "gain": 3.0,
     }  # fmt: skip
 
@@ -227,14 +227,14 @@ def rate_known(random: Draw) -> Changes:
 def goal_shown_by_wrong_focal(random: Draw) -> Changes:
     """The goal shown by the camera itself; its focal length is believed 5 to 30 % off."""
     focal = float(random.choice([0.8, 0.95, 1.05, 1.15, 1.3]))
-    return {**pictured(random, own=True), "believed": {"focal": focal}}
+    return {**pictured(random, own=True), "calibration_offset": {"focal": focal}}
 
 
 @kind("converged")
 def goal_shown_by_wrong_centre(random: Draw) -> Changes:
     """The goal shown by the camera itself; its principal point is believed 10 px off."""
     return {**pictured(random, own=True),
-            "believed": {"centre": [float(random.choice([-10, 10])), 6.0]}}  # fmt: skip
+            "calibration_offset": {"centre": [float(random.choice([-10, 10])), 6.0]}}  # fmt: skip
 
 
 @kind("converged", "wrong_camera_model")
@@ -243,15 +243,15 @@ def goal_shown_by_wrong_mounting(random: Draw) -> Changes:
     keys = healthy(random, ("chain", "bullet"))
     turn = float(np.radians(random.uniform(3.0, 8.0)))
     axis = random.choice(3)
-    return {**keys, "believed": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
+    return {**keys, "calibration_offset": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
 
 
 @kind("wrong_camera_model")
 def goal_of_another_camera(random: Draw) -> Changes:
     """A goal worked out for the camera as it is; its focal length is believed 1.5 to 1.7."""
-    return {"plant": "chain", "features": "pictures", "scheme": "moments", "duration": 8.0,
-            "goal": "2016", "start": sampler(random), "linger": 0.3,
-            "believed": {"focal": float(random.uniform(1.5, 1.7))}}  # fmt: skip
+    return {"plant": "chain", "features": "images", "scheme": "moments", "duration": 8.0,
+            "goal": "2016", "start": sampler(random), "time_after_convergence": 0.3,
+            "calibration_offset": {"focal": float(random.uniform(1.5, 1.7))}}  # fmt: skip
 
 
 @kind("converged", "wrong_camera_model")
@@ -261,7 +261,7 @@ def camera_turned_in_its_mount(random: Draw) -> Changes:
     keys = healthy(random, ("chain",), ("points",))
     turn = float(np.radians(random.uniform(35.0, 50.0)) * random.choice([-1, 1]))
     return {**keys, "features": "exact", "duration": 14.0,
-            "believed": {"rpy": [turn, 0.0, 0.0]}}  # fmt: skip
+            "calibration_offset": {"rpy": [turn, 0.0, 0.0]}}  # fmt: skip
 
 
 # -- the target --------------------------------------------------------------------------------
@@ -320,7 +320,7 @@ def other_object(random: Draw) -> Changes:
     width = random.uniform(0.05, 0.07)
     strip = [[-width, -0.008], [width, -0.008], [width, 0.008], [-width, 0.02]]
     return {"plant": "chain", "scheme": "moments", "start": sampler(random), "duration": 8.0,
-            "linger": 0.3, "goal": "2016",
+            "time_after_convergence": 0.3, "goal": "2016",
             "target": {"shape": strip, "pose": [0.0, 0.0, 0.59, 0.0, 0.0, 0.0]}}  # fmt: skip
 
 
@@ -349,7 +349,7 @@ def goal_at_a_singular_posture(random: Draw) -> Changes:
     """A level goal of points or segments, by pictures: the arm cannot turn the camera about its y
     axis there."""
     keys = healthy(random, ("chain", "bullet"), ("points", "segments"))
-    return {**keys, "features": "pictures", "goal": goal_above(random)}
+    return {**keys, "features": "images", "goal": goal_above(random)}
 
 
 @kind("joint_limit")
@@ -357,16 +357,16 @@ def limit_in_the_way(random: Draw) -> Changes:
     """The gantry's limit lies before the goal."""
     upper = float(random.uniform(-0.12, -0.08))
     return {"plant": "chain", "scheme": str(random.choice(["moments", "points"])),
-            "options": {"upper": {"gantry": upper}}, "goal": "2016",
+            "controller_parameters": {"upper": {"gantry": upper}}, "goal": "2016",
             "start": {"height": [0.2, 0.32], "side": 0.02, "turn": 0.8},
-            "duration": 8.0, "linger": 0.3}  # fmt: skip
+            "duration": 8.0, "time_after_convergence": 0.3}  # fmt: skip
 
 
 @kind("saturation")
 def joints_too_slow(random: Draw) -> Changes:
     """Joints that may move at 5 to 12 mrad/s only."""
     return {**healthy(random, ("chain",)), "duration": 8.0,
-            "options": {"max_velocity": float(random.uniform(0.005, 0.012))}}  # fmt: skip
+            "controller_parameters": {"max_velocity": float(random.uniform(0.005, 0.012))}}  # fmt: skip
 
 
 @kind("joints_do_not_follow")
@@ -480,6 +480,6 @@ def half_turn_by_points(random: Draw) -> Changes:
     x, y, z, *_ = goal["pose"]
     turn = float(np.radians(random.uniform(174.0, 180.0)))
     return {"plant": "free", "features": "exact", "scheme": "points", "goal": goal,
-            "options": {"interaction": "current"}, "target": placed(random),
-            "start": {"pose": [x, y, z, DOWN, 0.0, turn]}, "duration": 10.0, "linger": 0.3,
+            "controller_parameters": {"interaction": "current"}, "target": placed(random),
+            "start": {"pose": [x, y, z, DOWN, 0.0, turn]}, "duration": 10.0, "time_after_convergence": 0.3,
             "gain": 2.0}  # fmt: skip

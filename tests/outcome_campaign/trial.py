@@ -22,7 +22,7 @@ from .kinds import Event, Trial
 
 ONCE = ("hold", "stop")
 REFUSED = "refused"  # the experiment could not be made; right where that names what is believed
-BELIEVED = "believed"
+BELIEVED = "calibration_offset"
 EXCESS = 1.5  # times what is left open that a run may be off whose outcome counts as right
 
 

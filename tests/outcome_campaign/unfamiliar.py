@@ -25,7 +25,7 @@ def loop(random: Draw, keys: Changes, schemes: tuple[str, ...] = SIX) -> Changes
     delay = float(random.uniform(0.0, 0.03))
     gain = float(random.uniform(0.8, min(3.0, 0.25 / (delay + 1.0 / rate))))
     return {**keys, "features": keys.get("features", "exact"), "delay": round(delay, 4),
-            "scheme": str(random.choice(schemes)), "gain": round(gain, 3), "linger": 0.3,
+            "scheme": str(random.choice(schemes)), "gain": round(gain, 3), "time_after_convergence": 0.3,
             "duration": round(8.0 + 14.0 / gain, 1)}  # fmt: skip
 
 
@@ -56,7 +56,7 @@ def any_attitude(random: Draw) -> Changes:
 def any_attitude_by_pictures(random: Draw) -> Changes:
     """Nothing wrong, a free camera anywhere, pictures."""
     keys = flying(random, lens(random), pixels=(70, 120))
-    return loop(random, {**keys, "features": "pictures"}, BY_IMAGES)
+    return loop(random, {**keys, "features": "images"}, BY_IMAGES)
 
 
 @kind("converged", "ambiguous", faults=0)
@@ -93,7 +93,7 @@ def triangle(random: Draw) -> Changes:
 def solid(random: Draw) -> Changes:
     """A box, by the edges of its model, in pictures; it looks the same after half a turn."""
     keys = flying(random, lens(random, (0.6, 1.1)), thickness=0.5, pixels=(80, 120), lean=0.6)
-    return loop(random, {**keys, "features": "pictures"}, ("model",))
+    return loop(random, {**keys, "features": "images"}, ("model",))
 
 
 @kind("converged", faults=0)
@@ -106,7 +106,7 @@ def unfamiliar_arm(random: Draw) -> Changes:
 def unfamiliar_arm_by_noisy_pictures(random: Draw) -> Changes:
     """The same by pictures with noise of 1 to 4 grey levels."""
     keys = any_arm(random, schemes=BY_IMAGES)
-    return {**keys, "features": "pictures", "noise": float(random.uniform(1.0, 4.0))}
+    return {**keys, "features": "images", "noise": float(random.uniform(1.0, 4.0))}
 
 
 # -- a target that moves -------------------------------------------------------------------------
@@ -150,7 +150,7 @@ def turned_mounting(random: Draw) -> Changes:
     keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
     turn = float(random.uniform(0.5, 1.0) * np.pi)
     axis = random.choice(3)
-    return {**keys, "believed": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
+    return {**keys, "calibration_offset": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
 
 
 @kind("converged", "wrong_camera_model")
@@ -160,9 +160,9 @@ def mounting_somewhat_off(random: Draw) -> Changes:
     axis = random.choice(3)
     if random.random() < 0.5:
         turn = float(np.radians(random.uniform(2.0, 30.0)))
-        return {**keys, "believed": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
+        return {**keys, "calibration_offset": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
     offset = float(random.uniform(0.005, 0.06))
-    return {**keys, "believed": {"xyz": [offset if i == axis else 0.0 for i in range(3)]}}
+    return {**keys, "calibration_offset": {"xyz": [offset if i == axis else 0.0 for i in range(3)]}}
 
 
 @kind("wrong_camera_model", "converged")
@@ -171,7 +171,7 @@ def computed_goal_and_wrong_focal_length(random: Draw) -> Changes:
     the true one; converged where it is within the bound."""
     keys = either(random)
     factor = float(random.uniform(1.3, 1.8) ** random.choice([-1, 1]))
-    return {**keys, "goal": computed_goal(keys), "believed": {"focal": factor}}
+    return {**keys, "goal": computed_goal(keys), "calibration_offset": {"focal": factor}}
 
 
 def computed_goal(keys: Changes) -> str:
@@ -202,7 +202,7 @@ def covered_from_a_moment_on(random: Draw) -> Changes:
     keys["target"] |= {"occluder": [[float(low[0]) - 1e-3, float(low[1]) - 1e-3],
                                     [float(edge), float(high[1]) + 1e-3]],
                        "occluded": [[begin, 60.0]]}  # fmt: skip
-    return {**keys, "features": "pictures"}
+    return {**keys, "features": "images"}
 
 
 @kind("joint_limit", "converged", "singular")
@@ -213,7 +213,7 @@ def limit_of_an_unfamiliar_arm(random: Draw) -> Changes:
     i = int(np.argmax(np.abs(goal - start)))
     limit = float(goal[i] - 0.3 * (goal[i] - start[i]))
     side = "upper" if goal[i] > start[i] else "lower"
-    return {**keys, "options": {side: {f"q{i + 1}": limit}}}
+    return {**keys, "controller_parameters": {side: {f"q{i + 1}": limit}}}
 
 
 @kind("gain_too_high", "converged")
@@ -235,7 +235,7 @@ def jitter_of_any_size(random: Draw) -> Changes:
 def slow_joints(random: Draw) -> Changes:
     """Joints of an unfamiliar arm that may move at 2 to 40 mrad/s."""
     speed = float(10.0 ** random.uniform(-2.7, -1.4))
-    return {**any_arm(random), "options": {"max_velocity": speed}, "duration": 8.0}
+    return {**any_arm(random), "controller_parameters": {"max_velocity": speed}, "duration": 8.0}
 
 
 # -- two faults at once --------------------------------------------------------------------------
@@ -258,7 +258,7 @@ def mounting_off_and_jitter(random: Draw) -> Changes:
     turn = float(np.radians(random.uniform(5.0, 25.0)))
     axis = random.choice(3)
     return {**keys, "jitter": float(random.uniform(0.3, 2.0)),
-            "believed": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}  # fmt: skip
+            "calibration_offset": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}  # fmt: skip
 
 
 @kind("target_moves", "wrong_camera_model", "converged", faults=2)
@@ -269,7 +269,7 @@ def moving_target_and_mounting_off(random: Draw) -> Changes:
     velocity *= random.uniform(0.003, 0.02) / np.linalg.norm(velocity)
     turn = float(np.radians(random.uniform(5.0, 25.0)))
     keys["target"]["motion"] = {"velocity": [*velocity.tolist(), 0.0, 0.0, 0.0]}
-    return {**keys, "believed": {"rpy": [turn, 0.0, 0.0]}}
+    return {**keys, "calibration_offset": {"rpy": [turn, 0.0, 0.0]}}
 
 
 @kind("saturation", "joint_limit", "converged", "singular", faults=2)
@@ -277,7 +277,7 @@ def slow_joints_and_a_limit(random: Draw) -> Changes:
     """Slow joints, one of which cannot get to its goal."""
     keys = limit_of_an_unfamiliar_arm(random)
     speed = float(10.0 ** random.uniform(-2.5, -1.2))
-    return {**keys, "options": {**keys["options"], "max_velocity": speed}, "duration": 10.0}
+    return {**keys, "controller_parameters": {**keys["controller_parameters"], "max_velocity": speed}, "duration": 10.0}
 
 
 # -- schemes that a start is too far for -------------------------------------------------------
@@ -291,11 +291,11 @@ def scheme_leads_astray(random: Draw) -> Changes:
     scheme = str(random.choice(["numbered_points", "partitioned", "moments_six", "points_3d"]))
     kinds = ("current",) if scheme == "partitioned" else ("current", "desired", "mean")
     interaction = str(random.choice(kinds))
-    plants = [{"plant": "free", "features": "pictures"}, {"plant": "ideal", "features": "exact",
+    plants = [{"plant": "free", "features": "images"}, {"plant": "ideal", "features": "exact",
               "ideal": {"speed": [1.0, 1.5], "unbounded": True}}]  # fmt: skip
     options = {} if interaction == "current" else {"interaction": interaction}
     return {
-        **plants[int(random.integers(2))], "scheme": scheme, "options": options,
+        **plants[int(random.integers(2))], "scheme": scheme, "controller_parameters": options,
         "camera": {"width": 320, "height": 240, "horizontal_fov": 0.761, "update_rate": 25.0},
         "target": {"shape": [[-0.1, -0.1], [0.1, -0.08], [0.08, 0.1], [-0.06, 0.06]]},
         "goal": {"pose": [0.0, 0.0, -0.6, 0.0, 0.0, 0.0]}, "gain": 2.0, "duration": 6.0,
@@ -321,7 +321,7 @@ def scheme_hangs(random: Draw) -> Changes:
     keys = either(random)
     name = random.choice(["Hanging", "Sleeping", "Waiting"])
     options = {**keys.get("options", {}), "scheme_timeout": 0.5}
-    return {**keys, "scheme": f"{SCHEMES}{name}", "options": options}
+    return {**keys, "scheme": f"{SCHEMES}{name}", "controller_parameters": options}
 
 
 @kind("scheme_fault")

@@ -141,12 +141,12 @@ def _keys(number: int) -> dict[str, Any]:
     start = np.array(goal) + [*random.uniform(-0.03, 0.03, 3), *random.uniform(-0.12, 0.12, 3)]
     return {
         "plant": "free" if flies else "chain", "scheme": SCHEMES[number % len(SCHEMES)],
-        "features": "pictures" if number % 8 > 5 else "exact",
+        "features": "images" if number % 8 > 5 else "exact",
         "target": {"shape": shape.tolist(),
                    "pose": [*random.uniform(-0.02, 0.02, 2).tolist(), TABLE, 0.0, 0.0,
                             float(random.uniform(-0.5, 0.5))]},
         "goal": {"pose": goal}, "start": {"pose": start.tolist()}, "seed": number,
-        "gain": float(random.uniform(1.5, 3.0)), "duration": 14.0, "linger": 1.0,
+        "gain": float(random.uniform(1.5, 3.0)), "duration": 14.0, "time_after_convergence": 1.0,
     }  # fmt: skip
 
 

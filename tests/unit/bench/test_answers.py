@@ -13,19 +13,19 @@ ODD = {
     "at once": {"delay": 0.0},
     "two answers under way": {"delay": 0.06},
     "two features": {"scheme": "gravity_centre", "delay": 0.02},
-    "limited": {"options": {"max_acceleration": 2.0}},
-    "late joints": {"options": {"lead": 0.002, "lag": 0.001}},
-    "fewer joints than it has": {"options": {"joints": ["J1", "J2", "J3", "J6"]}},
+    "limited": {"controller_parameters": {"max_acceleration": 2.0}},
+    "late joints": {"controller_parameters": {"lead": 0.002, "lag": 0.001}},
+    "fewer joints than it has": {"controller_parameters": {"joints": ["J1", "J2", "J3", "J6"]}},
     "no pictures": {"features": "exact", "delay": 0.01},
     "another plane": {"target": TargetSpec(shape="square", pose=(0.05, 0, 0.591, 0, 0, 0.4))},
-    "it ends on the way": {"duration": 4.0, "linger": 0.1, "options": {"hold": 0.2}},
+    "it ends on the way": {"duration": 4.0, "time_after_convergence": 0.1, "controller_parameters": {"hold": 0.2}},
 }
 
 
 @pytest.mark.parametrize("options", ODD.values(), ids=ODD)
 def test_a_run_is_the_same_whoever_answers_the_joint_states(options, monkeypatch):
     """To the bit: what is measured, sent, and seen."""
-    experiment = Experiment(**{"duration": 0.8, "linger": None, **options})
+    experiment = Experiment(**{"duration": 0.8, "time_after_convergence": None, **options})
     joined, heard = run(experiment), []
     listen = DynamicArm._on_joints
     monkeypatch.setattr(DynamicArm, "attach_loop", Plant.attach_loop)

@@ -43,7 +43,7 @@ def flying(away=NEAR, **changes):
     return Experiment.from_mapping({
         "plant": "free", "features": "exact", "camera": CAMERA, "scheme": "points",
         "target": {"shape": [list(corner) for corner in SHAPE]}, "goal": posed(GOAL),
-        "start": posed(GOAL @ exponential(away)), "duration": 12.0, "linger": 0.0,
+        "start": posed(GOAL @ exponential(away)), "duration": 12.0, "time_after_convergence": 0.0,
         "gain": 2.0, **changes,
     })  # fmt: skip
 
@@ -57,7 +57,7 @@ WRONG = {"focal": {"focal": 1.3}, "centre": {"centre": [10.0, -6.0]},
     for i, scheme in enumerate(("points", "moments", "pose")) for j, wrong in enumerate(WRONG)
 ])
 def test_a_goal_that_is_shown_is_reached_whatever_is_believed(plant, scheme, wrong):
-    result = run(flying(plant=plant, scheme=scheme, believed=WRONG[wrong]))
+    result = run(flying(plant=plant, scheme=scheme, calibration_offset=WRONG[wrong]))
     assert result.verdict.is_reached, (result.outcome, result.reason, result.verdict)
     assert result.converged
 
@@ -65,7 +65,7 @@ def test_a_goal_that_is_shown_is_reached_whatever_is_believed(plant, scheme, wro
 @pytest.mark.parametrize("scheme", ["points", "moments"])
 def test_a_pictured_goal_is_reached_whatever_is_believed(scheme):
     start = (0.01, 0.005, -0.02, 0.0, 0.0, 0.15)
-    result = run(flying(start, scheme=scheme, features="pictures", believed={"focal": 1.3}))
+    result = run(flying(start, scheme=scheme, features="images", calibration_offset={"focal": 1.3}))
     assert result.converged
     assert result.verdict.distance < 2e-4
 
@@ -75,8 +75,8 @@ def test_a_pictured_goal_is_reached_whatever_is_believed(scheme):
 def test_the_goal_is_where_the_true_camera_stood_when_it_was_shown(plant, goal):
     belief = {"xyz": [0.02, 0.0, -0.01], "rpy": [0.02, np.radians(5), -0.1]}
     parts = assemble(Experiment.from_mapping({
-        "plant": plant, "scheme": "points", "goal": goal, "start": list(START), "believed": belief,
-        "features": "pictures",
+        "plant": plant, "scheme": "points", "goal": goal, "start": list(START), "calibration_offset": belief,
+        "features": "images",
     }))  # fmt: skip
     parts.plant.close()
     robot = Robot(Experiment().robot)
@@ -94,7 +94,7 @@ def test_the_goal_is_where_the_true_camera_stood_when_it_was_shown(plant, goal):
 def test_a_mounting_that_is_believed_elsewhere_misses_no_goal_that_was_shown(plant, scheme):
     result = run(Experiment.from_mapping({
         "plant": plant, "scheme": scheme, "goal": list(JOINTS), "start": list(START),
-        "believed": {"rpy": [0.0, 0.0, np.radians(10.0)]}, "duration": 12.0, "features": "exact",
+        "calibration_offset": {"rpy": [0.0, 0.0, np.radians(10.0)]}, "duration": 12.0, "features": "exact",
     }))  # fmt: skip
     assert result.verdict.is_reached, (result.outcome, result.reason, result.verdict)
 
@@ -105,7 +105,7 @@ def test_a_flying_camera_moves_as_its_believed_mounting_says(plant):
     mounting = matrix_from_xyz_rpy((0.02, -0.01, 0.03), (0.0, 0.1, 0.3))
     askew = flying(
         plant=plant, lag=0.0, delay=0.0, duration=1.0,
-        believed={"xyz": [0.02, -0.01, 0.03], "rpy": [0.0, 0.1, 0.3]},
+        calibration_offset={"xyz": [0.02, -0.01, 0.03], "rpy": [0.0, 0.1, 0.3]},
     )  # fmt: skip
     parts = assemble(askew)
     q = np.array([0.02, -0.01, 0.03, 0.1, -0.2, 0.3])
@@ -127,7 +127,7 @@ def test_a_flying_camera_moves_as_its_believed_mounting_says(plant):
 def test_exact_features_are_seen_through_the_believed_camera(plant, scheme):
     seen = {}
     for wrong in ("none", *WRONG):
-        parts = assemble(flying(plant=plant, scheme=scheme, believed=WRONG.get(wrong, {}), **(
+        parts = assemble(flying(plant=plant, scheme=scheme, calibration_offset=WRONG.get(wrong, {}), **(
             {"goal": list(JOINTS), "start": list(START), "target": {}} if plant == "chain" else {}
         )))  # fmt: skip
         joints = parts.servo.arm.read_joints(parts.plant.joint_names, parts.plant.read_joints()[0])
@@ -171,11 +171,11 @@ def test_jitter_is_the_same_number_of_pixels_along_both_axes():
 @pytest.mark.parametrize("plant", ["free", "chain", "ideal"])
 @pytest.mark.parametrize("depth", [1.0, 1.25])
 def test_every_observation_has_the_plane_of_goal_and_kinematics(plant, depth):
-    experiment = flying(plant=plant, believed={"depth": depth})
+    experiment = flying(plant=plant, calibration_offset={"depth": depth})
     if plant == "chain":
         experiment = Experiment.from_mapping({
             "plant": "chain", "scheme": "points", "goal": list(JOINTS), "start": list(START),
-            "believed": {"depth": depth},
+            "calibration_offset": {"depth": depth},
         })  # fmt: skip
     parts = assemble(experiment)
     joints = None
@@ -213,8 +213,8 @@ def test_the_plane_comes_from_the_depth_image_where_that_is_asked_for(scheme):
     """A target that has been carried 4 cm away since the goal was shown: kinematics is wrong."""
     away = {"shape": [list(corner) for corner in SHAPE],
             "motion": {"step": [0.01, 0.0, 0.04], "begin": 0.01}}  # fmt: skip
-    experiment = flying(scheme=scheme, features="pictures", target=away, duration=6.0)
-    result = run(experiment.with_changes(options={"depth_image": True}))
+    experiment = flying(scheme=scheme, features="images", target=away, duration=6.0)
+    result = run(experiment.with_changes(controller_parameters={"depth_image": True}))
     assert result.verdict.distance < 1e-3, (result.outcome, result.verdict)
     if scheme == "points_3d":
         assert run(experiment).verdict.distance > 0.005
@@ -223,7 +223,7 @@ def test_the_plane_comes_from_the_depth_image_where_that_is_asked_for(scheme):
 # -- bad input ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("features", ["pictures", "exact"])
+@pytest.mark.parametrize("features", ["images", "exact"])
 @pytest.mark.parametrize("scheme", ["points", "luminance"])
 def test_a_goal_is_not_shown_where_the_target_is_not_in_view(features, scheme):
     away = posed(GOAL @ matrix_from_xyz_rpy((0.5, 0.0, 0.0), (0.0, 0.0, 0.0)))
@@ -245,7 +245,7 @@ def test_a_goal_behind_the_target_is_refused():
 
 @pytest.mark.parametrize("plant", ["bullet", "chain", "free", "ideal"])
 def test_a_scheme_of_pictures_is_refused_on_exact_features(plant):
-    with pytest.raises(ExperimentError, match="give features: pictures"):
+    with pytest.raises(ExperimentError, match="give features: images"):
         check(Experiment(plant=plant, scheme="luminance", features="exact"))
 
 

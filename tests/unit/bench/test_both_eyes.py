@@ -36,7 +36,7 @@ def asked(order=BOTH, left=None, **changes):
     """The example, or with the cameras in another order, or with another left camera."""
     cameras = {**ASKED["cameras"], "left": {**ASKED["cameras"]["left"], **(left or {})}}
     changes.setdefault("cameras", {name: cameras[name] for name in order})
-    return Experiment.from_mapping({**ASKED, "linger": 0.0, **changes})
+    return Experiment.from_mapping({**ASKED, "time_after_convergence": 0.0, **changes})
 
 
 @pytest.mark.parametrize("scheme", ["points@palm+points@left", "points@left", "moments@left"])
@@ -49,7 +49,7 @@ def test_the_arm_comes_to_the_goal_by_either_and_by_both(order, scheme):
 
 
 def test_poses_are_those_before_each_cameras_own_target():
-    result = run(asked(plant="chain", features="exact", duration=0.5, linger=0.1))
+    result = run(asked(plant="chain", features="exact", duration=0.5, time_after_convergence=0.1))
     at = 12  # the palm's picture is of the same stamp
     seen = result.cameras["left"]
     assert seen.stamp[at] == result.stamp[at]
@@ -77,7 +77,7 @@ def test_a_hand_camera_believed_elsewhere_beside_one_that_the_experiment_puts_so
     cameras = {
         "wall": {"model": "calibrated", "pose": [0.55, 0.03, 0.88, -np.pi / 2, 0, np.pi / 2],
                  "target_frame": "camera_link", "target": plate},
-        "hand": {"model": "wide", "believed": {"rpy": [0.0, 0.02, 0.03]}},
+        "hand": {"model": "wide", "calibration_offset": {"rpy": [0.0, 0.02, 0.03]}},
     }  # fmt: skip
     result = run(Experiment.from_mapping({
         "plant": "chain", "target": {"shape": L, "pose": [0, 0, 0.591, 0, 0, 0.2]}, "gain": 2.0,
@@ -164,7 +164,7 @@ def test_an_arm_carries_a_target_that_is_not_part_of_its_description():
     result = run(Experiment.from_mapping({
         "robot": robot, "target": PLATE, "camera": ASKED["cameras"]["left"]["model"],
         "goal": ASKED["goal"], "start": ASKED["start"], "scheme": "points",
-        "options": {"segmentation": {"component": "nearest"}},
+        "controller_parameters": {"segmentation": {"component": "nearest"}},
     }))  # fmt: skip
     assert result.verdict.is_reached, result.reason
 
@@ -186,7 +186,7 @@ CARRIED, STANDS = {"target": PLATE}, {"target_frame": "", "target": PLATE}
         (CARRIED, {"plant": "free", "features": "exact"}, "cameras.left.target_frame is a link"),
         (STANDS, {}, "camera 'left' stands in the world"),
         ({"target_frame": "y"}, {}, "look at what it carries"),
-        ({}, {"options": {"segmentation": {"method": "label", "label": "target"}}},
+        ({}, {"controller_parameters": {"segmentation": {"method": "label", "label": "target"}}},
          "camera 'left' looks at one of its own"),
     ],
 )  # fmt: skip

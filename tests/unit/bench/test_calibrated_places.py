@@ -39,15 +39,15 @@ def poses(arm):
 def test_a_camera_is_believed_where_a_file_says(tmp_path):
     """As by xyz and rpy off its true place, whatever link and unit the file has."""
     xyz, rpy = xyz_rpy_from_matrix(OFF)
-    expected = poses(believed_arm(believed={"xyz": xyz, "rpy": rpy}))
+    expected = poses(believed_arm(calibration_offset={"xyz": xyz, "rpy": rpy}))
     robot = Robot(Experiment().robot)
     carriers = [joint.parent for joint in parse_tree(robot.urdf).find_path("", "camera_link")]
     for link in ("camera_link", carriers[-1]):
         mounted = robot.compute_mounting(link)
         file = written(tmp_path / f"{link}.txt", mounted @ OFF, 1e3)
-        found = believed_arm(believed={"hand_eye": {"file": file, "link": link, "units": "mm"}})
+        found = believed_arm(calibration_offset={"hand_eye": {"file": file, "link": link, "units": "mm"}})
         np.testing.assert_allclose(poses(found), expected, atol=1e-9)
-    two = {"own": {"believed": {"hand_eye": {"file": file, "link": link, "units": "mm"}}}}
+    two = {"own": {"calibration_offset": {"hand_eye": {"file": file, "link": link, "units": "mm"}}}}
     found = believed_arm(cameras=two, scheme="points@own")
     np.testing.assert_allclose(poses(found), expected, atol=1e-9)
 
@@ -70,18 +70,18 @@ def test_a_fixed_camera_is_where_a_file_says(tmp_path, plant):
         )
 
     given = places(hand_eye={"file": file, "link": "world"},
-                   believed={"hand_eye": {"file": off, "link": "world"}})
+                   calibration_offset={"hand_eye": {"file": off, "link": "world"}})
     expected = places(pose=[*np.concatenate(xyz_rpy_from_matrix(PLACE))],
-                      believed={"xyz": xyz, "rpy": rpy})
+                      calibration_offset={"xyz": xyz, "rpy": rpy})
     for one, other in zip(given, expected, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-9)
 
 
 @pytest.mark.parametrize(("keys", "reason"), [
-    ({"believed": {"hand_eye": {"file": "{}", "link": "J1"}}}, "believed.hand_eye: "),
-    ({"believed": {"hand_eye": {"file": "{}"}}}, "the file does not name the link"),
-    ({"believed": {"hand_eye": "{}", "xyz": [0.1, 0, 0]}}, "believed has xyz and rpy, or a hand_"),
-    ({"believed": {"hand_eye": "{}"}, "plant": "free"}, "plant 'free' has no arm: give believed"),
+    ({"calibration_offset": {"hand_eye": {"file": "{}", "link": "J1"}}}, "calibration_offset.hand_eye: "),
+    ({"calibration_offset": {"hand_eye": {"file": "{}"}}}, "the file does not name the link"),
+    ({"calibration_offset": {"hand_eye": "{}", "xyz": [0.1, 0, 0]}}, "calibration_offset has xyz and rpy, or a hand_"),
+    ({"calibration_offset": {"hand_eye": "{}"}, "plant": "free"}, "plant 'free' has no arm: give calibration_offset"),
     ({"cameras": {"a": {"hand_eye": "{}"}}, "plant": "free", "scheme": "points"},
      "plant 'free' has no arm: use chain or bullet, or set its link to world"),
     ({"cameras": {"a": {}, "b": {"hand_eye": {"file": "missing.txt", "link": "world"}}}},

@@ -17,7 +17,7 @@ OCCLUDER = ((0.01, -0.01), (0.06, 0.05))
 
 def experiment(plant, **target):
     return Experiment(
-        plant=plant, features="pictures", duration=0.42, time_after_convergence=None,
+        plant=plant, features="images", duration=0.42, time_after_convergence=None,
         scheme="moments",
         goal={"pose": [0.0, 0.0, 0.85, 3.14159265, 0.0, 0.0]},
         start={"pose": [0.01, 0.0, 0.87, 3.14159265, 0.0, 0.05]},

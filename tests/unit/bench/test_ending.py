@@ -31,7 +31,7 @@ def ending(ideal=None, first=None, goal=None, motion=None, **keys):
         goal_pose=looks_down(1.0) if goal is None else goal,
         target=PlacedTarget(SQUARE, np.eye(4), motion or Motion()),
     )  # fmt: skip
-    keys = {"duration": 0.5, "linger": None, **keys}
+    keys = {"duration": 0.5, "time_after_convergence": None, **keys}
     return RunTermination(Experiment(plant="ideal", ideal=ideal or {}, **keys), parts)
 
 
@@ -54,13 +54,13 @@ def test_it_is_over_after_its_duration_or_some_time_after_it_has_converged():
     found = ending()
     assert images_until_over(found, [state()] * 9) == 6 and found.outcome is None  # at 0.5 s
     there = state(phase=CONVERGED)
-    found = ending(linger=0.3, duration=9.0)
+    found = ending(time_after_convergence=0.3, duration=9.0)
     assert images_until_over(found, [state()] * 2 + [there] * 9) == 6  # at 0.2 s and 0.3 s more
-    found = ending(linger=0.3, duration=9.0)
+    found = ending(time_after_convergence=0.3, duration=9.0)
     assert images_until_over(found, [there] * 3 + [state()] + [there] * 9) == 8
     assert found.outcome is None
     assert images_until_over(ending(duration=1.0), [there] * 20) == 11
-    assert images_until_over(ending({"stop": 1e-9}, linger=0.1, duration=1.0), [there] * 20) == 11
+    assert images_until_over(ending({"stop": 1e-9}, time_after_convergence=0.1, duration=1.0), [there] * 20) == 11
 
 
 def test_it_is_over_where_errors_are_below_what_is_asked_for():
@@ -175,10 +175,10 @@ def test_late_images_come_when_their_delay_is_over_in_the_order_they_were_made(
 
 @pytest.mark.parametrize(("keys", "ends"), [
     # 0.05 s and one measurement more than the duration after the first image, at 1/30 s
-    ({"duration": 0.5, "linger": None}, 0.591), ({"duration": 0.25, "linger": 0.1}, 0.341),
-    ({"duration": 0.5, "linger": None, "start": {"pose": [3.0, 0.0, 0.9, np.pi, 0.0, 0.2]}}, 0.591),
+    ({"duration": 0.5, "time_after_convergence": None}, 0.591), ({"duration": 0.25, "time_after_convergence": 0.1}, 0.341),
+    ({"duration": 0.5, "time_after_convergence": None, "start": {"pose": [3.0, 0.0, 0.9, np.pi, 0.0, 0.2]}}, 0.591),
     # 0.5 s after the first image that shows it to have converged: hold is 0.1 s of images
-    ({"duration": 9.0, "linger": 0.5, "start": POSE, "options": {"hold": 0.1}}, None),
+    ({"duration": 9.0, "time_after_convergence": 0.5, "start": POSE, "controller_parameters": {"hold": 0.1}}, None),
     # no image comes within 5 s
     ({"camera": {**EYE, "update_rate": 0.15}}, 5.001),
 ])  # fmt: skip
@@ -229,13 +229,13 @@ def test_who_watches_is_told_of_every_image_as_it_is_made():
     np.testing.assert_allclose(place[:3, 3], [0.02, 0.0, 0.0], atol=1e-9)
 
 
-@pytest.mark.parametrize("features", ["pictures", "exact"])
+@pytest.mark.parametrize("features", ["images", "exact"])
 def test_a_run_by_pictures_keeps_a_film_of_what_other_cameras_see(features):
     asked = {**BASE, "features": features, "camera": "original", "scheme": "points@left",
              "duration": 0.1, "cameras": eyes({}, {})}
     film = run(Experiment.from_mapping(asked)).cameras["right"].film
     assert [round(stamp, 9) for stamp, _ in film][:2] == [0.05, 0.1][:len(film)]
-    assert bool(film) is (features == "pictures")
+    assert bool(film) is (features == "images")
 
 
 def test_a_goal_goes_along_with_a_target_that_turns():

@@ -95,13 +95,13 @@ def test_what_is_no_action_or_no_environment_is_refused(env):
 
 
 def test_pictures_can_be_looked_at():
-    env = ServoEnv(Experiment(plant="free", features="pictures"), render_mode="rgb_array")
+    env = ServoEnv(Experiment(plant="free", features="images"), render_mode="rgb_array")
     env.reset(seed=0)
     assert env.render().shape == (240, 320, 3)
     assert ServoEnv().render() is None
 
 
-PICTURED = Experiment(plant="free", features="pictures", lag=0.0, delay=0.0, start=Sampler())
+PICTURED = Experiment(plant="free", features="images", lag=0.0, delay=0.0, start=Sampler())
 
 
 def test_a_picture_and_where_the_goal_is_belong_together():
@@ -146,8 +146,8 @@ def test_many_are_stepped_at_once():
 
 
 @pytest.mark.parametrize(("options", "complaint"), [
-    ({"observes": "pictures"}, "did you mean 'picture'"),
-    ({"observes": "picture"}, "features: pictures"),
+    ({"observes": "images"}, "did you mean 'picture'"),
+    ({"observes": "picture"}, "features: images"),
 ])  # fmt: skip
 def test_what_cannot_be_observed_is_refused(options, complaint):
     with pytest.raises(ExperimentError, match=complaint):

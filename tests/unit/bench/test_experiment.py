@@ -25,12 +25,12 @@ def test_an_experiment_is_read_from_yaml(tmp_path):
     path.write_text(yaml.safe_dump({
         "plant": "free",
         "camera": {"horizontal_fov": 2, "width": 640, "height": 480},
-        "believed": {"focal": 1.1, "centre": [3, -2]},
+        "calibration_offset": {"focal": 1.1, "centre": [3, -2]},
         "target": {"shape": [[0, 0], [1, 0], [1, 1]], "motion": {"velocity": [0.1, 0, 0, 0, 0, 0]}},
         "start": {"height": [0.2, 0.3], "tilt": 0.1},
         "goal": {"pose": [0, 0, 0.8, 3.14, 0, 0]},
         "gain": 2,
-        "linger": None,
+        "time_after_convergence": None,
     }))  # fmt: skip
     experiment = Experiment.from_yaml(path)
     assert experiment.start == Sampler(height=(0.2, 0.3), tilt=0.1)
@@ -42,10 +42,10 @@ def test_an_experiment_is_read_from_yaml(tmp_path):
 
 
 def test_keys_with_values_are_taken_by_the_constructor_as_from_a_file():
-    values = {"plant": "free", "believed": {"focal": 0.9}, "start": {"height": [0.2, 0.3]},
+    values = {"plant": "free", "calibration_offset": {"focal": 0.9}, "start": {"height": [0.2, 0.3]},
               "target": {"shape": [[0, 0], [1, 0], [1, 1]]}}  # fmt: skip
     assert Experiment(**values) == Experiment.from_mapping(values)
-    with pytest.raises(ExperimentError, match="unknown key 'believed.fokal': did you mean 'focal'"):
+    with pytest.raises(ExperimentError, match="unknown key 'calibration_offset.fokal': did you mean 'focal'"):
         Experiment(calibration_offset={"fokal": 0.9})
 
 
@@ -73,7 +73,7 @@ class Own:
         ({"gain": np.float32(2)}, {"gain": 2.0}),
         ({"seed": np.int64(3)}, {"seed": 3}),
         ({"scheme": Own}, {"scheme": f"{__name__}:Own"}),
-        ({"options": {"max_velocity": np.ones(2)}}, {"options": {"max_velocity": [1.0, 1.0]}}),
+        ({"controller_parameters": {"max_velocity": np.ones(2)}}, {"controller_parameters": {"max_velocity": [1.0, 1.0]}}),
     ],
 )  # fmt: skip
 def test_values_of_python_stand_for_those_of_a_file(given, meant):
@@ -110,7 +110,7 @@ def test_a_changed_experiment_is_checked_again():
 
 def test_with_changes_the_keys_that_it_names_and_nothing_else():
     base = Experiment(
-        plant="free", features="pictures", camera="noisy", scheme="points", seed=3,
+        plant="free", features="images", camera="noisy", scheme="points", seed=3,
         target={"shape": "l_shape", "motion": {"velocity": [0.1, 0, 0, 0, 0, 0]}},
         controller_parameters={"max_velocity": 0.5},
     )  # fmt: skip
@@ -138,15 +138,15 @@ def test_with_names_a_key_that_there_is_not(changes, text):
 @pytest.mark.parametrize(
     ("values", "complaint"),
     [
-        ({"believed": {"focal": 400}}, "believed.focal is 400.0, must be <= 10, the factor on the"),
-        ({"believed": {"rpy": [5, 0, 0]}}, r"believed.rpy\[0\] is 5.0.*5 degrees are 0.08727 rad"),
+        ({"calibration_offset": {"focal": 400}}, "calibration_offset.focal is 400.0, must be <= 10, the factor on the"),
+        ({"calibration_offset": {"rpy": [5, 0, 0]}}, r"calibration_offset.rpy\[0\] is 5.0.*5 degrees are 0.08727 rad"),
         ({"camera_rpy": [0, 10, 0]}, r"camera_rpy\[1\] is 10.0, must be <= 3.142 rad"),
         ({"start": {"turn": 45}}, "start.turn is 45.0, must be <= 3.142 rad"),
         ({"delay": 15}, r"delay is 15.0, must be <= 10 s \(15 ms are 0.015 s\)"),
         ({"features": True}, "features is True, must be one of auto, pictures, exact"),
-        ({"options": {"gain": 2}}, "options.gain: gain is a key of the experiment itself"),
+        ({"controller_parameters": {"gain": 2}}, "controller_parameters.gain: gain is a key of the experiment itself"),
         ({"plnt": "free"}, r"unknown key 'plnt': did you mean 'plant'\?"),
-        ({"believed": {"focall": 1.0}}, r"'believed.focall': did you mean 'focal'\?"),
+        ({"calibration_offset": {"focall": 1.0}}, r"'calibration_offset.focall': did you mean 'focal'\?"),
         ({"start": {"heigth": [0.2, 0.3]}}, r"'start.heigth': did you mean 'height'\?"),
         ({"plant": "bulet"}, r"plant is 'bulet': did you mean 'bullet'\?"),
         ({"renderer": "exakt"}, r"renderer is 'exakt': did you mean 'exact'\?"),
@@ -174,7 +174,7 @@ def test_with_names_a_key_that_there_is_not(changes, text):
         ({"target": {"shape": "square", "size": [9, 9], "pose": [0, 0, 0.591, 0, 0, 0]}},
          r"target.size\[0\] is 9.0, must be <= 2 m, the table's"),
         ({"plant": "free", "traced": True}, "no steps"),
-        ({"believed": {"focal": 0}}, "believed.focal is 0"),
+        ({"calibration_offset": {"focal": 0}}, "calibration_offset.focal is 0"),
         ({"robot": 5}, "robot.urdf is 5, must be a text"),
         ([], "must be keys with values"),
     ],

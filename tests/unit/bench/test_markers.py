@@ -143,7 +143,7 @@ def test_the_loop_keeps_to_its_marker(tmp_path, given, number):
     cv2.imwrite(str(path), drawn((f"{APRIL}:5", 300, 100, 100), (f"{APRIL}:0", 300, 600, 100),
                                  shape=(500, 1000)))  # fmt: skip
     experiment = Experiment(
-        plant="free", features="pictures", controller_parameters={"tracker": "marker"},
+        plant="free", features="images", controller_parameters={"tracker": "marker"},
         scheme="numbered_points",
         camera={"width": 640, "height": 480, "horizontal_fov": 1.05}, gain=2.0, duration=6.0,
         target={"shape": str(path), "size": [0.24, 0.12], **given},
@@ -160,7 +160,7 @@ def test_the_loop_keeps_to_its_marker(tmp_path, given, number):
 
 
 def test_the_target_marker_is_drawn_as_the_one_that_is_chosen():
-    keys = {"plant": "free", "features": "pictures", "scheme": "pose", "duration": 3.0, "gain": 3.0,
+    keys = {"plant": "free", "features": "images", "scheme": "pose", "duration": 3.0, "gain": 3.0,
             "goal": {"pose": [0, 0, 0.4, np.pi, 0, 0]},
             "start": {"pose": [0.02, -0.02, 0.45, 3.1, 0.05, 0.3]}}  # fmt: skip
     for given in ("6X6_250:17", "ARUCO_ORIGINAL:1023", "APRILTAG_16h5:29", 12):

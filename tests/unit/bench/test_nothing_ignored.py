@@ -27,7 +27,7 @@ from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.target_spec import BoxSpec, TargetSpec
 from aras_visual_servo_controller.laws import LAWS
 
-BOTH, IMAGES, EXACT = ("exact", "pictures"), ("pictures",), ("exact",)
+BOTH, IMAGES, EXACT = ("exact", "images"), ("images",), ("exact",)
 ARMS, LOOPS, FLYING = ("bullet", "chain"), ("bullet", "chain", "free"), ("free", "ideal")
 GOAL, START = [0.0, 0.0, 0.82, 3.14159, 0.0, 0.3], [0.008, -0.006, 0.84, 3.14159, 0.0, 0.2]
 BASE = {
@@ -108,10 +108,10 @@ KEYS = {
             "frequency": 9.0, "xyz": [0.0, 0.002, 0.0], "rpy": [0.01, 0.0, 0.0],
             "bandwidth": 4.0}.items()},
     # -- what is believed of it ----------------------------------------------------------------
-    "believed.focal": Key(1.1), "believed.centre": Key([2.0, 1.0]),
-    "believed.distortion": Key([-0.1, 0.0, 0.0, 0.0, 0.0]),
-    "believed.xyz": Key([0.01, 0.0, 0.0]), "believed.rpy": Key([0.0, 0.0, 0.1]),
-    "believed.depth": Key(1.2),
+    "calibration_offset.focal": Key(1.1), "calibration_offset.centre": Key([2.0, 1.0]),
+    "calibration_offset.distortion": Key([-0.1, 0.0, 0.0, 0.0, 0.0]),
+    "calibration_offset.xyz": Key([0.01, 0.0, 0.0]), "calibration_offset.rpy": Key([0.0, 0.0, 0.1]),
+    "calibration_offset.depth": Key(1.2),
     # -- the target ----------------------------------------------------------------------------
     "target.shape": Key([[0.0, 0.0], [0.05, 0.0], [0.04, 0.03], [0.0, 0.05]]),
     "target.marker": Key(
@@ -138,7 +138,7 @@ KEYS = {
     "goal": Key({"pose": [0.0, 0.01, *GOAL[2:]]}), "scheme": Key("pose"), "law": Key("pi"),
     "gain": Key(3.0), "duration": Key(0.1), "reached": Key([1.0, 1.0]),
     "seed": Key(5, {"camera": {"effects": {"drop_probability": 0.5}}}),
-    "options": Key({"interaction": "desired"}), "features": Key("pictures", features=EXACT),
+    "controller_parameters": Key({"interaction": "desired"}), "features": Key("images", features=EXACT),
     "sun": Key({"diffuse": 0.2}, plants=("bullet",), **LIGHT),
     "sun.diffuse": Key(0.2, plants=("bullet",), **LIGHT),
     "sun.direction": Key([0.5, 0.0, -0.5], plants=("bullet",), **LIGHT),
@@ -152,7 +152,7 @@ KEYS = {
     "ideal": Key({"speed": [1e-3, 1e-3]}, plants=("ideal",)),
     "robot": Key({"camera_frame": "tool0"}, plants=ARMS, tried=()),  # test_robots has its keys
     # -- the laws' parameters ------------------------------------------------------------------
-    **{f"options.law_options.{one.name}": Key({"zero": 3.0, "bound": 1e-3}.get(one.name, 0.7),
+    **{f"controller_parameters.law_options.{one.name}": Key({"zero": 3.0, "bound": 1e-3}.get(one.name, 0.7),
                                               {"law": law, "gain": None})
        for law in LAWS for one in LAWS.list_parameters(law) if one.name not in ("gain", "values")},
 }
@@ -166,22 +166,22 @@ EXEMPT = {
         "shutter",  # of triggered cameras
     },
     "Belief": {"hand_eye"},  # test_calibrated_places
-    "CameraSpec": {"model", "rate", "xyz", "rpy", "pose", "frame", "delay", "believed", "target",
+    "CameraSpec": {"model", "rate", "xyz", "rpy", "pose", "frame", "delay", "calibration_offset", "target",
                    "target_frame", "hand_eye"},  # test_several_cameras, test_robots
     # Keys of motion are here; of meshes, and of links: test_links_as_targets.
     "TargetSpec": {"motion", "model", "link", "scale"},
     "BoxSpec": {"size", "mass", "friction"},  # of target.box
     "Experiment": {
-        "cameras", "target", "believed",  # their own keys are here
+        "cameras", "target", "calibration_offset",  # their own keys are here
         "world", "hand_eye",  # test_robots, test_worlds
-        "linger", "renderer",  # an end after convergence; all names mean one
+        "time_after_convergence", "renderer",  # an end after convergence; all names mean one
     },
     "Ideal": {f.name for f in fields(IdealSpec)},  # test_ending
 }
 PREFIXES = {
     CameraConfig: "camera.", Effects: "camera.effects.", SensorModel: "camera.effects.sensor.",
     AutoExposure: "camera.effects.auto_exposure.", Shake: "camera.shake.",
-    CalibrationOffset: "believed.",
+    CalibrationOffset: "calibration_offset.",
     CameraSpec: "cameras.a.", TargetSpec: "target.", Motion: "target.motion.",
     BoxSpec: "target.box.", SunSpec: "sun.", IdealSpec: "ideal.", Experiment: "",
 }  # fmt: skip
@@ -240,7 +240,7 @@ def test_a_key_acts_or_is_refused(key, plant, features):
     changed = with_override(values, key, one.value)
     if plant in one.plants and features in one.features:
         tried = one.tried
-        if plant == "bullet" and "pictures" in one.features and "pictures" in tried:
+        if plant == "bullet" and "images" in one.features and "images" in tried:
             tried = IMAGES  # its exact features are those of the other arm, and it is slow
         assert features not in tried or fingerprint(changed) != fingerprint(values)
         return

@@ -70,7 +70,7 @@ def test_it_gets_its_parameters_and_its_tracker():
     settings = make_loop_settings(Experiment(plant="free", target={"shape": BLOB}))
     assert settings.tracker == "dots"
     marked = {"shape": BLOB, "marker": "5"}
-    experiment = Experiment(plant="free", features="pictures", target=marked)
+    experiment = Experiment(plant="free", features="images", target=marked)
     assert experiment.target.placed_target.shape.corners[2] == (0.0, 5.0)
 
 
@@ -83,7 +83,7 @@ def test_it_gets_its_parameters_and_its_tracker():
 ])  # fmt: skip
 def test_a_wrong_name_is_told_before_anything_runs(target, why):
     with pytest.raises(ExperimentError, match=why):
-        Experiment(plant="free", features="pictures", target=target)
+        Experiment(plant="free", features="images", target=target)
 
 
 @pytest.mark.parametrize(("shape", "size", "why"), [

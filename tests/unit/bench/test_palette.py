@@ -59,7 +59,7 @@ def test_the_goal_is_the_overlays_blue():
 
 
 @pytest.mark.parametrize("path", [
-    path for folder in ("pictures", "drawing", "web")
+    path for folder in ("images", "drawing", "web")
     for path in (BENCH / folder).rglob("*")
     if path.suffix in (".py", ".js", ".css", ".html") and path.name != "palette.py"
 ], ids=lambda path: path.name)  # fmt: skip

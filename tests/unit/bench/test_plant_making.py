@@ -50,7 +50,7 @@ def seen(context, exactly=False):
 
 
 FREE = {"plant": "free"}
-DRAWN = {**FREE, "features": "pictures"}
+DRAWN = {**FREE, "features": "images"}
 
 
 def test_a_sight_has_what_is_needed_and_asked_for():
@@ -236,7 +236,7 @@ def test_other_plants_have_their_lag_seed_and_cameras(built):
         assert (more["lag"], more["seed"]) == (0.07, 6)
         assert [one.name for one in more["others"]] == ["right"]
     believed = {"xyz": [0.01, 0.02, 0.03], "rpy": [0.1, 0.2, 0.3]}
-    made = context_of(plant="ideal", believed=believed, seed=8)
+    made = context_of(plant="ideal", calibration_offset=believed, seed=8)
     make_plant(made, FreeBody(ABOVE), np.zeros(6))
     (arm, body, start, sight, seed), _ = built["IdealCamera"]
     np.testing.assert_allclose(
@@ -372,7 +372,7 @@ def test_a_described_target_has_the_size_of_its_corners():
     for size, told in ((1.06, "1.12"), (0.94, "0.88")):
         with pytest.raises(ExperimentError, match=f"target is {told} times as large in the pict"):
             taught(found, size=size)
-    seen_larger = views(MOMENTS, target=BENT, believed={"focal": 0.8})  # and so are its corners
+    seen_larger = views(MOMENTS, target=BENT, calibration_offset={"focal": 0.8})  # and so are its corners
     taught(seen_larger)
     other = views(MOMENTS, label="target")  # it is not described
     taught(other, size=1.06)

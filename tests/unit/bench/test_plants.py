@@ -422,7 +422,7 @@ def test_an_exact_resolver_reaches_with_the_next_image_what_the_twist_reaches(sp
 
 def test_the_truth_of_the_arm_s_features_comes_without_pictures():
     """At the stamps of the pictures, of what they show, and the loop comes as near as it can."""
-    exact, seen = (run(Experiment(duration=0.4, features=kind)) for kind in ("exact", "pictures"))
+    exact, seen = (run(Experiment(duration=0.4, features=kind)) for kind in ("exact", "images"))
     assert exact.stamp == pytest.approx(seen.stamp, abs=1e-9)
     np.testing.assert_allclose(exact.features[0], seen.features[0], atol=3e-4)
     whole = run(Experiment(features="exact", scheme="points"))

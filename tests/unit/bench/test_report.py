@@ -66,7 +66,7 @@ def points():
         "plant": "free", "target": {"shape": "square", "size": [0.1, 0.1]},
         "scheme": "numbered_points", "start": {"pose": [0.05, -0.03, 0.4, 3.14159, 0.0, 0.5]},
         "goal": {"pose": [0.0, 0.0, 0.25, 3.14159, 0.0, 0.0]}, "duration": SECONDS,
-        "linger": None,
+        "time_after_convergence": None,
     }, "points")  # fmt: skip
 
 
@@ -608,7 +608,7 @@ def test_a_full_disk_is_one_clear_line(points, tmp_path, monkeypatch):
 def test_an_experiments_file_is_run_and_reported(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(write, "CHAPTERS", FEW)
     file = tmp_path / "quick.yaml"
-    file.write_text("{plant: free, duration: 0.4, linger: null}\n")
+    file.write_text("{plant: free, duration: 0.4, time_after_convergence: null}\n")
     out = tmp_path / "out"
     assert main(["analyze", str(file), "--out", str(out), "--formats", "svg"]) == 0
     told = capsys.readouterr().out

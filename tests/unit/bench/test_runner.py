@@ -56,8 +56,8 @@ class Failing(Scheme):
 @pytest.mark.parametrize("experiment", [
     CHAIN,
     FREE,
-    CHAIN.with_changes(features="pictures"),
-    FREE.with_changes(features="pictures", camera="fisheye"),
+    CHAIN.with_changes(features="images"),
+    FREE.with_changes(features="images", camera="fisheye"),
     CHAIN.with_changes(scheme="points"),
     FREE.with_changes(scheme="points"),
     FREE.with_changes(scheme="points", target={"pose": [0, 0, 0.59, 0, 0, 0], "shape": [
@@ -132,7 +132,7 @@ def test_true_poses_are_the_plants_and_not_the_controllers_belief():
 
 def test_a_believed_camera_measures_what_it_believes():
     believed = {"focal": 1.1, "centre": [4.0, -2.0]}
-    experiment = FREE.with_changes(features="pictures", calibration_offset=believed, duration=0.2)
+    experiment = FREE.with_changes(features="images", calibration_offset=believed, duration=0.2)
     parts = assemble(experiment)
     true = parts.plant.camera
     assert parts.calibrated_camera.K[0] == pytest.approx(1.1 * true.K[0])
@@ -153,7 +153,7 @@ def test_a_believed_camera_measures_what_it_believes():
 def test_a_believed_focal_length_that_is_wrong_is_diagnosed(start):
     """The loop comes to rest with no error left, and to the wrong place: it has to say why."""
     experiment = CHAIN.with_changes(
-        features="pictures",
+        features="images",
         calibration_offset={"focal": 0.7},
         start=start,
         time_after_convergence=0.1,
@@ -167,7 +167,7 @@ def test_a_believed_focal_length_that_is_wrong_is_diagnosed(start):
 def test_a_believed_depth_that_is_wrong_does_no_harm(depth):
     result = run(
         CHAIN.with_changes(
-            features="pictures", calibration_offset={"depth": depth}, time_after_convergence=0.1
+            features="images", calibration_offset={"depth": depth}, time_after_convergence=0.1
         )
     )
     assert result.verdict.is_reached and result.outcome == "converged"
@@ -299,7 +299,7 @@ def test_starts_in_every_form_are_one():
         ({"scheme": "momments"}, "unknown scheme 'momments': did you mean 'moments'"),
         ({"scheme": "nowhere.at_all:Class"}, "nowhere"),
         ({"law": "proportionel"}, "unknown law 'proportionel': did you mean 'proportional'"),
-        ({"options": {"gian": 2.0}}, "unknown parameter ~gian.*gain"),
+        ({"controller_parameters": {"gian": 2.0}}, "unknown parameter ~gian.*gain"),
         ({"start": "2017"}, "start is '2017'"),
         ({"start": "none"}, "has to begin somewhere"),
         ({"start": [0.0, 0.0]}, "start is .0.0, 0.0.*for each of gantry, J1"),

@@ -29,7 +29,7 @@ def scaled(scheme, plant, k):
         "plant": plant, "scheme": scheme, "gain": 8.0, "duration": 0.8, "camera": CAMERA,
         "target": {"shape": (k * CORNERS).tolist()}, "goal": {"pose": [0, 0, 0.6 * k, np.pi, 0, 0]},
         "start": {"pose": [0.03 * k, -0.02 * k, 0.66 * k, np.pi + 0.05, 0.04, 0.2]},
-        "features": "pictures" if pictured else "exact", "options": {"hold": 0.1},
+        "features": "images" if pictured else "exact", "controller_parameters": {"hold": 0.1},
     }  # fmt: skip
     if pictured:
         values |= {"camera": SMALL, "duration": 0.3}
@@ -131,7 +131,7 @@ def test_more_time_is_no_advice_where_a_direction_is_not_servoed():
 
 
 def test_pictures_of_a_small_tag_are_servoed_to_their_accuracy():
-    result = tag(0.05, 0.9, features="pictures", noise=10.0, duration=4.0)
+    result = tag(0.05, 0.9, features="images", noise=10.0, duration=4.0)
     assert (
         result.verdict.distance < 0.02 * 0.9 and np.max(result.pose_error_history()[0]) < 0.15 * 0.9
     )

@@ -107,7 +107,7 @@ def test_what_a_run_needs_is_imported_then() -> None:
     """A scheme by name brings its own module, images of a poster bring the renderer."""
     found = modules_of(plant="free", scheme="predictive", duration=0.5)
     assert "aras_visual_servo_controller.schemes.predictive" in found
-    found = modules_of(plant="free", features="pictures", target="poster", duration=0.5)
+    found = modules_of(plant="free", features="images", target="poster", duration=0.5)
     assert "aras_sim_bridge.rendering.renderer" in found and "pybullet" not in found
 
 

@@ -19,10 +19,10 @@ DEFAULTS = {
         "plant": "bullet", "ideal": IdealSpec(), "robot": RobotSpec(), "friction": True,
         "lag": 0.04,
         "target": TargetSpec(), "sun": SunSpec(), "world": "", "camera": "original",
-        "camera_xyz": ZERO, "camera_rpy": ZERO, "believed": CalibrationOffset(), "cameras": {},
+        "camera_xyz": ZERO, "camera_rpy": ZERO, "calibration_offset": CalibrationOffset(), "cameras": {},
         "features": "auto", "noise": 0.0, "jitter": 0.0, "delay": 0.015,
         "commands": "joint_states", "start": "2016", "goal": "auto", "scheme": "moments",
-        "law": "proportional", "gain": None, "options": {}, "duration": 8.0, "linger": 0.5,
+        "law": "proportional", "gain": None, "controller_parameters": {}, "duration": 8.0, "time_after_convergence": 0.5,
         "reached": None, "seed": 0, "renderer": "auto", "traced": False,
     },
     IdealSpec: {"speed": None, "stop": None, "unbounded": False, "enough": None, "farthest": None},
@@ -33,7 +33,7 @@ DEFAULTS = {
         "rpy": ZERO,
              "depth": 1.0},
     CameraSpec: {"model": "original", "rate": None, "xyz": ZERO, "rpy": ZERO, "pose": None,
-                 "frame": "", "delay": 0.0, "believed": CalibrationOffset(), "target": None,
+                 "frame": "", "delay": 0.0, "calibration_offset": CalibrationOffset(), "target": None,
                  "target_frame": ""},
     TargetSpec: {"shape": "aras", "size": None, "scale": None, "marker": "",
                  "pose": (*ZERO, *ZERO), "motion": Motion(), "occluder": None, "occluded": None,
@@ -60,7 +60,7 @@ PLACED = (0.0, 0.0, 0.591, 0.0, 0.0, 0.0)
 BOX = {"size": (0.1, 0.1, 0.1)}
 # The last value that is taken, and the first that is not.
 BOUNDS = [
-    *((Experiment, {}, key, 0.0, -SMALL) for key in ("lag", "noise", "delay", "linger")),
+    *((Experiment, {}, key, 0.0, -SMALL) for key in ("lag", "noise", "delay", "time_after_convergence")),
     (Experiment, {"plant": "free"}, "jitter", 0.0, -SMALL),
     (Experiment, {}, "seed", 0, -1),
     *((Experiment, {}, key, SMALL, 0.0) for key in ("gain", "duration")),
@@ -138,14 +138,14 @@ BOUNDS = [
     (Experiment, {"plant": "free"}, "world", "", "workbench"),
     (Experiment, {"plant": "free"}, "traced", False, True),
     (Experiment, {"plant": "free"}, "noise", 0.0, 1.0),
-    (Experiment, {"plant": "free", "features": "pictures"}, "noise", 1.0, -1.0),
-    (Experiment, {"plant": "free", "features": "pictures"}, "jitter", 0.0, 1.0),
+    (Experiment, {"plant": "free", "features": "images"}, "noise", 1.0, -1.0),
+    (Experiment, {"plant": "free", "features": "images"}, "jitter", 0.0, 1.0),
     (Experiment, {"features": "exact"}, "jitter", 1.0, -1.0),
     (Experiment, {"cameras": {"a": {}}}, "camera", "original", "wide"),
     (
         Experiment,
         {"cameras": {"a": {}}},
-        "believed",
+        "calibration_offset",
         CalibrationOffset(),
         CalibrationOffset(focal=1.1),
     ),
@@ -225,9 +225,9 @@ def test_what_kind_of_target_it_is(target, plain, carried, brought, described):
     assert spec.is_link is ("model" in target or "link" in target)
 
 
-@pytest.mark.parametrize(("plant", "features", "pictures"), [
+@pytest.mark.parametrize(("plant", "features", "images"), [
     ("bullet", "auto", True), ("bullet", "exact", False), ("free", "auto", False),
-    ("ideal", "pictures", True), ("chain", "auto", False)])
+    ("ideal", "images", True), ("chain", "auto", False)])
 def test_pictures_are_the_bullet_arms_unless_something_else_is_said(plant, features, pictures):
     assert Experiment(plant=plant, features=features).has_images is pictures
 

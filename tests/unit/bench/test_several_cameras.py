@@ -50,7 +50,7 @@ def flying(**changes):
     return Experiment.from_mapping({
         "plant": "free", "features": "exact", "target": {"shape": SHAPE}, "goal": posed(GOAL),
         "start": posed(GOAL @ exponential((0.01, 0.005, -0.03, 0.02, 0.03, 0.2))),
-        "duration": 8.0, "linger": 0.0, "gain": 2.0, "scheme": BOTH, "cameras": two(), **changes,
+        "duration": 8.0, "time_after_convergence": 0.0, "gain": 2.0, "scheme": BOTH, "cameras": two(), **changes,
     })  # fmt: skip
 
 
@@ -66,13 +66,13 @@ def armed(**changes):
 
 @pytest.mark.parametrize("scheme", [BOTH, "points+points@right", "moments@left+area@right"])
 def test_two_cameras_of_a_flying_rig_reach_their_goal(scheme):
-    result = run(flying(scheme=scheme, features="pictures"))
+    result = run(flying(scheme=scheme, features="images"))
     assert result.converged and result.verdict.is_reached, (result.outcome, result.reason)
     assert set(result.outcomes) <= {"running", result.outcome}
     assert result.compute_settling_time() < 2.0
 
 
-@pytest.mark.parametrize(("plant", "features"), [("chain", "pictures"), ("bullet", "exact")])
+@pytest.mark.parametrize(("plant", "features"), [("chain", "images"), ("bullet", "exact")])
 def test_two_cameras_of_an_arm_reach_their_goal(plant, features):
     result = run(armed(plant=plant, features=features))
     assert result.outcome == "converged" and result.verdict.is_reached, result.reason
@@ -93,7 +93,7 @@ def test_both_cameras_tell_more_of_the_pose_than_one():
     """Noise of 0.3 px in each: two see the camera's place more exactly."""
 
     def scatter(scheme):
-        result = run(flying(scheme=scheme, jitter=0.3, duration=4.0, linger=None))
+        result = run(flying(scheme=scheme, jitter=0.3, duration=4.0, time_after_convergence=None))
         return np.sqrt(np.mean(result.pose_error_history()[0][-200:] ** 2))
 
     assert scatter(BOTH) < 0.6 * scatter("points@left")
@@ -127,9 +127,9 @@ def test_a_control_camera_that_is_late_answers_later():
 
 
 def test_a_dictionary_of_one_camera_is_that_camera():
-    one = {"model": LEFT, "believed": {"focal": 1.1, "rpy": [0.0, 0.05, 0.1]}}
+    one = {"model": LEFT, "calibration_offset": {"focal": 1.1, "rpy": [0.0, 0.05, 0.1]}}
     named = run(armed(cameras={"only": one}, scheme="points"))
-    plain = run(armed(cameras={}, camera=LEFT, believed=one["believed"], scheme="points"))
+    plain = run(armed(cameras={}, camera=LEFT, calibration_offset=one["calibration_offset"], scheme="points"))
     assert list(named.cameras) == ["only"] and list(plain.cameras) == ["camera"]
     for name in ("stamp", "pose", "measured", "commanded", "error"):
         np.testing.assert_array_equal(getattr(named, name), getattr(plain, name))
@@ -202,15 +202,15 @@ def portal(tmp_path):
     return Experiment.from_mapping({
         "plant": "chain", "target": {"shape": CARRIED}, "scheme": "points@above+points@beside",
         "robot": {"urdf": str(path), "target_frame": "hand"}, "goal": [0.02, -0.03, 0.1, 0.3],
-        "start": [0.1, 0.05, -0.02, -0.4], "linger": 0.0,
+        "start": [0.1, 0.05, -0.02, -0.4], "time_after_convergence": 0.0,
         "cameras": {"above": {"model": LEFT, "pose": [0, 0, 1.0, 3.141592653589793, 0, 0.4]},
                     "beside": BESIDE},
     })  # fmt: skip
 
 
 @pytest.mark.parametrize(("scheme", "features"), [
-    ("points@above", "pictures"), ("points@beside", "exact"),
-    ("points@above+points@beside", "pictures"),
+    ("points@above", "images"), ("points@beside", "exact"),
+    ("points@above+points@beside", "images"),
 ])
 def test_cameras_that_stand_servo_the_arm_that_moves_their_target(portal, scheme, features):
     result = run(portal.with_changes(scheme=scheme, features=features))
@@ -256,8 +256,8 @@ def test_a_camera_that_watches_changes_nothing_and_is_recorded(plant):
 )
 @pytest.mark.parametrize("name", ["left", "right"])
 def test_the_camera_that_is_not_as_believed_is_named(name, wrong):
-    cameras = two(**{name: {"believed": wrong}})
-    result = run(flying(start=posed(FAR), cameras=cameras, linger=0.5))
+    cameras = two(**{name: {"calibration_offset": wrong}})
+    result = run(flying(start=posed(FAR), cameras=cameras, time_after_convergence=0.5))
     assert "wrong_camera_model" in result.outcomes
     assert result.verdict.is_reached  # a goal that was shown is
     assert "yet camera " in result.reason
@@ -311,7 +311,7 @@ def test_what_cannot_be_is_refused_before_the_first_run(changes, words):
     assert "\n" not in str(told.value)
 
 
-@pytest.mark.parametrize("features", ["exact", "pictures"])
+@pytest.mark.parametrize("features", ["exact", "images"])
 def test_a_report_has_the_film_of_every_camera(features):
     experiment = armed(duration=0.6, features=features, cameras=two(overview=OVERVIEW))
     result = run_with_all_images(experiment)
@@ -337,9 +337,9 @@ def test_a_run_keeps_what_its_watching_camera_saw_and_a_study_does_without():
 
 
 @pytest.mark.parametrize(("scheme", "changes"), [
-    ("stereo_points@left,right", {"features": "pictures"}),
-    ("stereo_points@left,right", {"cameras": two(left={"believed": {"depth": 1.6}})}),
-    ("stereo_pose@right,left", {"features": "pictures"}),
+    ("stereo_points@left,right", {"features": "images"}),
+    ("stereo_points@left,right", {"cameras": two(left={"calibration_offset": {"depth": 1.6}})}),
+    ("stereo_pose@right,left", {"features": "images"}),
     ("stereo_pose@right,left", {"cameras": two(right={"rate": 20.0, "delay": 0.03})}),
 ])
 def test_two_cameras_tell_the_depth(scheme, changes):

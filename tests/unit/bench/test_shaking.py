@@ -51,7 +51,7 @@ def test_points_are_seen_from_where_the_camera_is(plant):
         assert np.abs(reading.points - np.column_stack(still.camera.project(*bare.T))).max() > 0.04
 
 
-@pytest.mark.parametrize("keys", [{"features": "exact"}, {"features": "pictures"}])
+@pytest.mark.parametrize("keys", [{"features": "exact"}, {"features": "images"}])
 def test_nobody_is_told_and_goals_are_taught_at_rest(keys):
     keys["scheme"] = "points"  # which is taught from a picture, where there are any
     shaken, still = (assemble(experiment("bullet", shake, **keys)) for shake in (SHAKE, None))
@@ -64,7 +64,7 @@ def test_nobody_is_told_and_goals_are_taught_at_rest(keys):
 
 
 def test_a_run_repeats_and_says_that_the_camera_shakes():
-    asked = experiment("chain", features="pictures", duration=3.0, linger=None)
+    asked = experiment("chain", features="images", duration=3.0, time_after_convergence=None)
     one, two, other = run(asked), run(asked), run(asked.with_changes(seed=1))
     for a, b in ((one.features, two.features), (one.pose, two.pose)):
         np.testing.assert_array_equal(a, b)
@@ -81,7 +81,7 @@ def test_a_run_repeats_and_says_that_the_camera_shakes():
 
 def test_a_data_sets_poses_are_true():
     """They explain what was seen, of an arm that moves and a camera that shakes."""
-    asked = experiment("chain", duration=0.5, linger=None)
+    asked = experiment("chain", duration=0.5, time_after_convergence=None)
     keeper, seen = ImageRecorder(records_images=False), []
     def watch(loop, reading):
         keeper.add_frame(loop, reading)
@@ -99,7 +99,7 @@ def test_rendered_cameras_are_where_their_pictures_are_taken_from():
     eyes = {"left": {"model": {**CAMERA, "shake": SHAKE}}, "still": {"model": CAMERA},
             "right": {"model": {**CAMERA, "shake": SHAKE}, "xyz": [0.0, -0.03, 0.0]}}
     plant = assemble(experiment("bullet", camera="original", cameras=eyes, scheme="points@left",
-                                features="pictures")).plant  # fmt: skip
+                                features="images")).plant  # fmt: skip
     with contextlib.closing(plant):
         assert set(plant.vibrations) == {"left", "right"}
         for name, vibration in plant.vibrations.items():
@@ -116,7 +116,7 @@ def test_each_camera_shakes_by_itself(plant):
         "watcher": {"model": CAMERA, "pose": [0.1, 0.1, 1.0, *DOWN]},
     }
     asked = experiment(plant, camera="original", cameras=eyes, scheme="points@left+points@right",
-                       duration=0.2, linger=None)
+                       duration=0.2, time_after_convergence=None)
     seen = []
     parts = assemble(asked)
     loop = Loop(

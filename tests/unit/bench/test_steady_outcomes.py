@@ -13,7 +13,7 @@ def reported(**keys):
     """The states of a run before the 2016 goal whose target is moved after 3 s."""
     experiment = Experiment.from_mapping({
         "plant": "chain", "features": "exact", "goal": "2016", "start": "2016", "duration": 9.0,
-        "linger": None, **keys,
+        "time_after_convergence": None, **keys,
     })  # fmt: skip
     loop, states = Loop(experiment, assemble(experiment)), []
     while not loop.is_over:

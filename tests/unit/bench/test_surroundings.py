@@ -285,7 +285,7 @@ def parts(**keys):
 
 TWO = {"camera": "original", "cameras": {
     "left": {"model": EYE}, "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0], "delay": 0.03,
-                                      "believed": {"depth": 2.0}}, "other": {"model": EYE}},
+                                      "calibration_offset": {"depth": 2.0}}, "other": {"model": EYE}},
     "scheme": "points@left+points@right"}  # fmt: skip
 
 
@@ -311,7 +311,7 @@ def test_each_camera_s_depth_is_as_it_is_believed():
     np.testing.assert_allclose(found.goal.plane, plain.goal.plane)
     deep, true = found.goal.other_cameras["right"], plain.goal.other_cameras["right"]
     np.testing.assert_allclose(deep.plane, np.array(true.plane) / 2.0)
-    believed = parts(believed={"depth": 1.5, "xyz": [0.01, 0, 0]})
+    believed = parts(calibration_offset={"depth": 1.5, "xyz": [0.01, 0, 0]})
     off = ABOVE @ matrix_from_xyz_rpy((0.01, 0, 0), (0, 0, 0))
     np.testing.assert_allclose(believed.goal.world_T_camera, off, atol=1e-12)
     shape, at = believed.target.shape, believed.target.target_T_camera(off)
@@ -381,7 +381,7 @@ def test_an_arm_is_shown_its_goal_where_it_can_be(monkeypatch):
 
 def test_another_camera_of_an_arm_is_where_it_is_believed():
     q = [0.05, 0.0, -0.09, 0.045, 0.045, 0.1]
-    eyes = {"left": {"model": EYE}, "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0], "believed": {
+    eyes = {"left": {"model": EYE}, "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0], "calibration_offset": {
         "xyz": [0.002, 0.0, 0.001], "rpy": [0.01, 0.02, 0.03]}}}
     asked = {**TWO, "plant": "chain", "target": {}, "goal": q, "start": q, "cameras": eyes}
     found = parts(**asked)
@@ -418,7 +418,7 @@ LABEL = {"segmentation": {"method": "label", "label": "target"}}
 @pytest.mark.parametrize(("keys", "why"), [
     ({"plant": "ideal", "scheme": f"{__name__}:Joints"}, "answers joints, the ideal camera has no"),
     ({"scheme": "luminance"}, "looks at pictures, and there are none with exact features"),
-    ({"features": "pictures", "scheme": "moments", "options": {"segmentation": {
+    ({"features": "images", "scheme": "moments", "controller_parameters": {"segmentation": {
         "method": "colour", "colour_low": [0, 0, 0], "colour_high": [9, 9, 9]}}},
      "segmentation 'colour' needs colours, and the pictures of plant 'free' are grey"),
     ({"target": {"shape": "circle"}}, "target 'circle' has no corners, which scheme 'points' n"),

@@ -552,11 +552,11 @@ def test_a_file_that_cannot_be_used_is_one_line(tmp_path, name, content, told):
 # -- in the loop -----------------------------------------------------------------------------------
 
 RUN = {
-    "plant": "ideal", "features": "pictures", "gain": 4.0, "duration": 4.0, "linger": 0.0,
+    "plant": "ideal", "features": "images", "gain": 4.0, "duration": 4.0, "time_after_convergence": 0.0,
     "camera": {"width": 320, "height": 240, "horizontal_fov": 0.98, "update_rate": 25.0},
     "goal": {"pose": [0.0, 0.0, -0.35, 0.0, 0.0, 0.0]},
     "start": {"pose": [0.02, -0.015, -0.4, 0.05, -0.04, 0.2]},
-    "options": {"hold": 0.2}, "reached": [1e-3, 0.01],
+    "controller_parameters": {"hold": 0.2}, "reached": [1e-3, 0.01],
 }  # fmt: skip
 TURNED = [0.0, 0.0, 0.0, 3.141592653589793, 0.0, 0.0]
 
@@ -576,7 +576,7 @@ TURNED = [0.0, 0.0, 0.0, 3.141592653589793, 0.0, 0.0]
 def test_it_is_servoed_on_by_pictures(shape, scheme, options, size):
     result = run(Experiment.from_mapping({
         **RUN, "target": {"shape": shape, "size": size, "pose": TURNED}, "scheme": scheme,
-        "options": {**RUN["options"], **options},
+        "controller_parameters": {**RUN["controller_parameters"], **options},
     }))  # fmt: skip
     assert result.verdict.is_reached, (result.outcome, result.reason, result.verdict)
 
@@ -652,7 +652,7 @@ def test_a_target_brings_the_tracker_of_its_points():
             continue
         spec = {**RUN, "target": {"shape": shape, "pose": TURNED}}
         assert make_loop_settings(Experiment.from_mapping(spec)).tracker == tracker
-        own = Experiment.from_mapping({**spec, "options": {"tracker": "outline"}})
+        own = Experiment.from_mapping({**spec, "controller_parameters": {"tracker": "outline"}})
         assert make_loop_settings(own).tracker == "outline"
     assert find_tracker("/some/where/marker.urdf") == "marker"
     assert find_tracker(((0.0, 0.0), (0.1, 0.0), (0.0, 0.1))) == "outline"
@@ -661,13 +661,13 @@ def test_a_target_brings_the_tracker_of_its_points():
 def test_an_unknown_tracker_names_those_there_are():
     spec = {**RUN, "target": {"shape": "square", "pose": TURNED}, "scheme": "numbered_points"}
     with pytest.raises(ExperimentError, match="did you mean 'dots'"):
-        run(Experiment.from_mapping({**spec, "options": {"tracker": "dot"}}))
+        run(Experiment.from_mapping({**spec, "controller_parameters": {"tracker": "dot"}}))
 
 
 def test_a_picture_is_taught_by_the_camera_as_it_is_believed():
     """The controller's own camera_info told it so then; else it refused the goal as another's."""
     there = {"shape": "poster", "size": [0.8, 0.6], "pose": TURNED}
-    spec = {**RUN, "target": there, "scheme": "luminance", "believed": {"focal": 0.9}}
+    spec = {**RUN, "target": there, "scheme": "luminance", "calibration_offset": {"focal": 0.9}}
     parts = assemble(Experiment.from_mapping(spec))
     assert parts.goal.camera == parts.calibrated_camera
 
@@ -716,7 +716,7 @@ def test_the_arm_s_camera_draws_a_marker_where_it_is():
 def test_a_marker_is_servoed_to_as_it_lies_however_it_was_turned(scheme):
     """Its corners are known by themselves: nothing is matched, and nothing stays open."""
     result = run(Experiment.from_mapping({
-        "plant": "free", "features": "pictures", "scheme": scheme, "gain": 4.0, "linger": 0.1,
+        "plant": "free", "features": "images", "scheme": scheme, "gain": 4.0, "time_after_convergence": 0.1,
         "camera": {"width": 320, "height": 240, "horizontal_fov": 1.0, "update_rate": 20.0},
         "target": {"shape": "marker", "size": [0.06, 0.06], "pose": [0, 0, 0, 0, 0, 0.2]},
         "goal": {"pose": [0.0, 0.01, 0.25, np.pi, 0.05, 0.1]},

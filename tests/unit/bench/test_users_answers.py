@@ -66,7 +66,7 @@ def servoed(scheme, **changes):
         "plant": "free", "features": "exact", "scheme": scheme, "gain": 4.0, "duration": 1.5,
         "camera": {"width": 320, "height": 240, "horizontal_fov": 1.05},
         "target": {"shape": [[-A, -A], [-A, A], [A, A], [A, -A]]},
-        "goal": {"pose": [0, 0, 0.5, np.pi, 0, 0]}, "options": {"hold": 0.2},
+        "goal": {"pose": [0, 0, 0.5, np.pi, 0, 0]}, "controller_parameters": {"hold": 0.2},
         "start": {"pose": [0.02, 0.01, 0.52, np.pi + 0.03, 0.02, 0.1]}, **changes,
     }))  # fmt: skip
 

@@ -30,7 +30,7 @@ LONG_LENS = {
 
 
 def ran(**keys):
-    values = {"plant": "free", "features": "exact", "duration": 16.0, "linger": 0.0, **keys}
+    values = {"plant": "free", "features": "exact", "duration": 16.0, "time_after_convergence": 0.0, **keys}
     result = run(Experiment.from_mapping(values))
     left = result.states[-1].arrival_status.pose_uncertainty
     bound = (np.nan, np.nan) if left is None else (left.distance, left.angle)
@@ -153,7 +153,7 @@ def test_a_goal_that_was_worked_out_is_compared_with_kinematics():
     """A focal length that is 0.9 of the true one: the camera stops short of the goal."""
     keys = {"plant": "chain", "scheme": "moments", "goal": "2016", "gain": 2.0, "duration": 8.0,
             "start": {"height": [0.2, 0.3], "side": 0.04, "turn": 0.7}}  # fmt: skip
-    result, bound = ran(**keys, believed={"focal": 0.9})
+    result, bound = ran(**keys, calibration_offset={"focal": 0.9})
     assert result.verdict.distance > 0.015
     if result.outcome.startswith("converged"):
         assert result.verdict.distance <= bound[0]

@@ -27,7 +27,7 @@ from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.web.report import video
 from aras_visual_servo_bench.web.report import write as reports
 
-STUDY = """experiment: {plant: free, features: pictures}
+STUDY = """experiment: {plant: free, features: images}
 repeats: 4
 seed: 10
 vary: {gain: [1.0, 2.0], delay: [0.0, 0.1]}

@@ -48,7 +48,7 @@ def test_worlds_that_cannot_be_are_refused(asked, said):
 def test_grey_levels_lead_the_arm_home_on_the_workbench():
     poster = {"shape": "poster", "size": [0.12, 0.12], "pose": [0.05, 0.02, 0.5915, 0, 0, 0.3]}
     result = run(Experiment.from_mapping({
-        "world": "workbench", "scheme": "luminance", "target": poster, "linger": 0.0,
+        "world": "workbench", "scheme": "luminance", "target": poster, "time_after_convergence": 0.0,
         "friction": False,  # with it the arm stands where rounding lets it, up to 0.7 mm off
         "camera": {**SMALL, "width": 80, "height": 60},
         "goal": [0.05, 0.0, -0.09, 0.045, 0.045, 0.0],

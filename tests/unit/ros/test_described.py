@@ -102,7 +102,7 @@ def test_a_run_s_experiment_says_what_differs():
                                "joint_friction": "False"}
     wanted = {"scheme": "points", "law": "pi", "gain": 2.5, "start": [0.1, 0.0, 0.2, 0.0, 0.0, 0.3],
               "goal": "2015", "camera": "wide", "camera_xyz": [0.0, 0.1, 0.0], "friction": False,
-              "seed": 7, "duration": 4.0, "options": {"stop_time": 0.3}}
+              "seed": 7, "duration": 4.0, "controller_parameters": {"stop_time": 0.3}}
     assert found.make_mapping() == wanted and yaml.safe_load(found.make_yaml()) == wanted
     assert found.make_yaml().startswith("scheme: points\nlaw: pi\n")  # as people write it
     assert "\nstart: [0.1, 0.0, 0.2, 0.0, 0.0, 0.3]\n" in found.make_yaml()

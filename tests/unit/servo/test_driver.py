@@ -916,8 +916,8 @@ def test_images_are_told_what_was_commanded_since():
 
 def test_the_missing_camera_is_the_one_that_is_waited_for():
     bench = servoing()
-    bench.driver.set_source("right", Source("pictures", "/right", "somebody"))
-    for lacking, what in (("right", "pictures"), ("", "features"), ("left", "features")):
+    bench.driver.set_source("right", Source("images", "/right", "somebody"))
+    for lacking, what in (("right", "images"), ("", "features"), ("left", "features")):
         bench.driver.camera_rig.missing_camera = lacking
         bench.step(3)
         assert bench.servo.source.content == what

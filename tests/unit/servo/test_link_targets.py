@@ -46,7 +46,7 @@ def world(tmp_path):
 def before(world, **more):
     return Experiment(**{
         "world": world, "target": {"model": "crate"}, "gain": 2.0, "duration": 10.0,
-        "scheme": "moments", "options": {"segmentation": {"method": "label"}},
+        "scheme": "moments", "controller_parameters": {"segmentation": {"method": "label"}},
         "goal": {"pose": [0.03, -0.02, 0.89, np.pi, 0.0, 0.0]}, "seed": 2,
         "start": {"height": [0.28, 0.4], "side": 0.05, "turn": 0.6, "margin": 4}, **more,
     })  # fmt: skip

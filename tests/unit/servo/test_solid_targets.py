@@ -45,7 +45,7 @@ def meshes(tmp_path_factory):
 def flying(mesh, **more):
     """A flying camera that sees the solid aslant."""
     return Experiment(
-        plant="free", features="pictures", scheme="pose", target={"shape": mesh},
+        plant="free", features="images", scheme="pose", target={"shape": mesh},
         camera={"width": 640, "height": 480, "horizontal_fov": 0.9},
         goal={"pose": [0.05, -0.2, 0.33, -2.6, 0.0, 0.0]},
         start={"pose": [0.09, -0.22, 0.4, -2.45, 0.06, 0.4]}, **more,
@@ -55,7 +55,7 @@ def flying(mesh, **more):
 @pytest.mark.parametrize("scheme", ["model", "numbered_points"])
 def test_schemes_of_poses_and_points_go_to_a_solid(meshes, scheme):
     result = run(
-        flying(meshes["bracket"], believed={"centre": [0.4, -0.3]}).with_changes(scheme=scheme)
+        flying(meshes["bracket"], calibration_offset={"centre": [0.4, -0.3]}).with_changes(scheme=scheme)
     )
     assert result.converged
     assert result.verdict.distance < 3e-4
@@ -181,7 +181,7 @@ def marked(tmp_path_factory):
 
 def test_a_marker_on_it_tells_where_it_is_at_first(marked):
     start = {"marker": {"size": 0.8 * MARKED, "pose": [*TAG[0], *TAG[1]]}}
-    asked = flying(marked, options={"model_start": start})
+    asked = flying(marked, controller_parameters={"model_start": start})
     result = run(asked)
     assert result.converged
     assert result.verdict.distance < 3e-4

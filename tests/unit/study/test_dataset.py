@@ -27,7 +27,7 @@ from aras_visual_servo_camera.images import Image
 MOVING = {"pose": [0.01, 0.02, 0.591, 0.0, 0.0, 0.3], "shape": "l_shape", "size": [0.08, 0.06],
           "motion": {"velocity": [0.01, 0.004, 0.0, 0.0, 0.0, 0.0]}}  # fmt: skip
 SEVERAL = {
-    "plant": "free", "features": "pictures", "duration": 0.2, "scheme": "points@right",
+    "plant": "free", "features": "images", "duration": 0.2, "scheme": "points@right",
     "target": {"shape": "square", "size": [0.1, 0.1]},
     "goal": {"pose": [0.0, 0.0, 0.4, 3.14159265, 0.0, 0.0]},
     "start": {"pose": [0.01, 0.02, 0.45, 3.14159265, 0.0, 0.1]},
@@ -47,7 +47,7 @@ def pixels(png):
 @pytest.fixture(scope="module")
 def arm():
     """A run of the arm before a target that moves, whose answers come late: its images."""
-    study = study_of({"plant": "bullet", "duration": 0.5, "linger": None, "target": MOVING,
+    study = study_of({"plant": "bullet", "duration": 0.5, "time_after_convergence": None, "target": MOVING,
                       "delay": 0.1, "scheme": "points",
                       "goal": {"pose": [0.01, 0.02, 0.85, 3.14159265, 0.0, 0.0]},
                       "start": {"pose": [0.03, 0.0, 0.9, 3.14159265, 0.0, 0.2]}}, depth=True)
@@ -225,7 +225,7 @@ def test_the_card_says_of_each_camera_what_it_is_and_where(
 
 def test_first_keeps_a_view_of_each_start():
     start = {"height": [0.2, 0.3], "side": 0.05}
-    study = study_of({"plant": "free", "features": "pictures", "start": start}, repeats=3,
+    study = study_of({"plant": "free", "features": "images", "start": start}, repeats=3,
                      pictures="first")  # fmt: skip
     found = [rows.compute_row(study, run) for run in range(3)]
     assert [len(one.images) for one in found] == [1, 1, 1]
@@ -236,9 +236,9 @@ def test_first_keeps_a_view_of_each_start():
 
 
 @pytest.mark.parametrize(("changes", "complaint"), [
-    ({"experiment": {"plant": "free"}}, "features: pictures"),
+    ({"experiment": {"plant": "free"}}, "features: images"),
     ({"pictures": "none", "depth": True}, "pictures: all, or first"),
-    ({"pictures": "some"}, "pictures"),
+    ({"pictures": "some"}, "images"),
     ({"experiment": SEVERAL, "vary": {"cameras": [SEVERAL["cameras"], {"right": {}}]}},
      "left, right in one, right in another"),
 ])  # fmt: skip
@@ -248,7 +248,7 @@ def test_what_cannot_be_kept_is_refused(changes, complaint):
 
 
 def test_a_data_set_larger_than_the_disk_is_refused(monkeypatch, tmp_path):
-    study = study_of({"plant": "free", "features": "pictures", "duration": 0.99}, repeats=100)
+    study = study_of({"plant": "free", "features": "images", "duration": 0.99}, repeats=100)
     told = images.check_room(study, tmp_path / "not" / "there")
     size = float(re.match(r"([\d.]+) MB at most: 100 runs of up to 32 images", told).group(1))
     assert 3.0 < size < 20.0
@@ -269,7 +269,7 @@ def test_a_data_set_larger_than_the_disk_is_refused(monkeypatch, tmp_path):
 
 def test_the_command_makes_a_data_set_and_its_card(tmp_path, monkeypatch, capsys):
     file, out = tmp_path / "study.yaml", tmp_path / "out"
-    file.write_text("experiment: {plant: free, features: pictures, duration: 0.2}\n"
+    file.write_text("experiment: {plant: free, features: images, duration: 0.2}\n"
                     "vary: {gain: [1.0, 2.0]}\n")  # fmt: skip
     words = ["dataset", str(file), "--out", str(out), "--in-process"]
     assert main(words) == 0
@@ -305,4 +305,4 @@ def test_the_command_makes_a_data_set_and_its_card(tmp_path, monkeypatch, capsys
     assert main([*words, "--views"]) == 1
     assert "pictures was all, is first" in capsys.readouterr().err
     assert main(["dataset", str(file), "features=exact", "--out", str(tmp_path / "no")]) == 1
-    assert "features: pictures" in capsys.readouterr().err and not (tmp_path / "no").exists()
+    assert "features: images" in capsys.readouterr().err and not (tmp_path / "no").exists()

@@ -621,11 +621,11 @@ def test_a_thread_s_run_that_takes_too_long_ends_its_process():
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == code
 
 
-@pytest.mark.parametrize(("pictures", "eyes"), [("none", {"right"}), ("all", {"left", "right"})])
+@pytest.mark.parametrize(("images", "eyes"), [("none", {"right"}), ("all", {"left", "right"})])
 def test_cameras_that_no_scheme_reads_see_nothing_where_no_pictures_are_kept(
     monkeypatch, pictures, eyes
 ):  # fmt: skip
-    experiment = {"plant": "free", "features": "pictures", "scheme": "points@right",
+    experiment = {"plant": "free", "features": "images", "scheme": "points@right",
                   "cameras": {"left": {}, "right": {"xyz": [0.05, 0.0, 0.0]}}}  # fmt: skip
     seen, real = [], rows.assemble
 

@@ -132,10 +132,10 @@ def test_a_map_has_the_units_of_its_settings():
 
 @pytest.mark.parametrize(("key", "unit"), [
     ("delay", "s"), ("gain", "1/s"), ("start.side", "m"), ("target.size", "m"),
-    ("target.motion.frequency", "Hz"), ("options.max_velocity", "m/s or rad/s"),
-    ("options.smoothing", "s"), ("believed.focal", ""), ("law", ""), ("no_such_key", ""),
+    ("target.motion.frequency", "Hz"), ("controller_parameters.max_velocity", "m/s or rad/s"),
+    ("controller_parameters.smoothing", "s"), ("calibration_offset.focal", ""), ("law", ""), ("no_such_key", ""),
     ("start.turn", ""),  # rad of a drawn start, degrees of a relative one
-    ("camera.width", ""), ("options", ""), ("options.none", ""),
+    ("camera.width", ""), ("options", ""), ("controller_parameters.none", ""),
 ])  # fmt: skip
 def test_a_setting_has_the_unit_that_its_class_says(key, unit):
     assert find_unit(key) == unit
@@ -213,11 +213,11 @@ def test_nothing_of_a_picture_is_cut_off_or_lies_on_something_else():
     study = Study.from_mapping({
         "experiment": {"plant": "free"}, "metrics": ["success", "settled", "final_distance"],
         "vary": {"start.height": [[0.1, 0.2], [0.2, 0.3], [0.3, 0.4]],
-                 "options.max_velocity": [1.0, 2.0, 4.0, 8.0]}})  # fmt: skip
+                 "controller_parameters.max_velocity": [1.0, 2.0, 4.0, 8.0]}})  # fmt: skip
     rng = np.random.default_rng(0)
     table = pa.table({
         "start.height": [f"[{k}, 0.4]" for k in range(3) for _ in range(4)],
-        "options.max_velocity": [1.0, 2.0, 4.0, 8.0] * 3, "outcome": ["x"] * 12,
+        "controller_parameters.max_velocity": [1.0, 2.0, 4.0, 8.0] * 3, "outcome": ["x"] * 12,
         "success": [1.0, 0.0, 1.0] * 4, "settled": rng.uniform(1, 2, 12),
         "final_distance": rng.uniform(1, 2, 12), "real_time_multiple": [10.0] * 12,
     })  # fmt: skip

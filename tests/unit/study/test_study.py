@@ -116,7 +116,7 @@ def test_chunks_cover_all_runs_once(tiny):
         covered = [run for c in range(study.chunk_count) for run in study.list_chunk_runs(c)]
         assert covered == list(range(study.runs))
     assert [tiny(repeats=n, chunk=None).chunk_size for n in (1, 410, 100_000)] == [1, 31, 100]
-    pictured = {"experiment": {**FREE, "features": "pictures"}, "repeats": 400, "chunk": None}
+    pictured = {"experiment": {**FREE, "features": "images"}, "repeats": 400, "chunk": None}
     for pictures, size in (("all", 4), ("first", 30)):  # pictures are kept in memory
         assert tiny(**pictured, pictures=pictures).chunk_size == size
 
@@ -128,8 +128,8 @@ def test_chunks_cover_all_runs_once(tiny):
     ({"choice": [[1], [2]]}, pa.string()), ([np.int64(1), np.int64(2)], pa.int64()),
 ])  # fmt: skip
 def test_a_column_has_the_type_of_what_varies(tiny, values, kind):
-    study = tiny(vary={"options.mine": values})
-    assert rows.make_schema(study, {}).field("options.mine").type == kind
+    study = tiny(vary={"controller_parameters.mine": values})
+    assert rows.make_schema(study, {}).field("controller_parameters.mine").type == kind
 
 
 def test_a_mapping_makes_the_same_study_again(tiny):
@@ -174,7 +174,7 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     ({"repeats": 10**12}, "e.12 runs are more than 1e.08"),
     ({"vary": {"gian": [1.0]}}, "no 'gian': did you mean gain"),
     ({"vary": {"start.heigth": [1.0]}}, "no 'start.heigth': did you mean start.height"),
-    ({"vary": {"believed.focus": [1.0]}}, "no 'believed.focus'"),
+    ({"vary": {"calibration_offset.focus": [1.0]}}, "no 'calibration_offset.focus'"),
     ({"vary": {"gain.deeper": [1.0]}}, "gain has no keys below it"),
     ({"cases": [{"laws": "PI"}], "vary": {}}, "no 'laws': did you mean law"),
     ({"cases": {"it": [{"name": "a", "set": {"laws": "PI"}}]}, "vary": {}}, "no 'laws': did you"),
@@ -230,7 +230,7 @@ def test_what_yaml_has_and_no_study_is_refused_before_it_is_begun(tiny, tmp_path
     ({"vary": {"gain": [1.0, "high"]}}, "gain is 'high'"),
     ({"vary": {"gain": [1.0, float("nan")]}}, "gain is nan"),
     ({"vary": {"scheme": ["moments", "momments"]}}, "momments.*did you mean 'moments'"),
-    ({"vary": {"options.max_velocty": [0.1]}}, "max_velocty.*max_velocity"),
+    ({"vary": {"controller_parameters.max_velocty": [0.1]}}, "max_velocty.*max_velocity"),
     ({"vary": {"camera": ["original", "fisheys"]}}, "fisheys.*did you mean 'fisheye'"),
     ({"vary": {"goal": ["2015", "/nowhere.yaml"]}}, "cannot read the goal /nowhere.yaml"),
     ({"vary": {"start": ["2015", "2051"]}}, "2051"),
@@ -288,11 +288,11 @@ POSE, OTHER = {"pose": [0, 0, 0.3, 3.1, 0, 0]}, {"pose": [0, 0, 0.4, 3.1, 0, 0]}
     ({"cameras": {"a": {}, "b": {}}}, {"cameras.b": {"rate": 9.0}},
      {"cameras": {"a": {}, "b": {"rate": 9.0}}}),
     # Any mapping.
-    ({"believed": {"focal": 0.9, "xyz": [0, 0, 1]}}, {"believed": {"focal": 1.1}},
-     {"believed": {"focal": 1.1, "xyz": [0, 0, 1]}}),
+    ({"calibration_offset": {"focal": 0.9, "xyz": [0, 0, 1]}}, {"calibration_offset": {"focal": 1.1}},
+     {"calibration_offset": {"focal": 1.1, "xyz": [0, 0, 1]}}),
     ({"target": {"shape": "square", "motion": {"begin": 1.0}}}, {"target": {"motion": {"turn": 2}}},
      {"target": {"shape": "square", "motion": {"begin": 1.0, "turn": 2}}}),
-    ({"options": {"lag": 1}}, {"options": {"lead": 2}}, {"options": {"lag": 1, "lead": 2}}),
+    ({"controller_parameters": {"lag": 1}}, {"controller_parameters": {"lead": 2}}, {"controller_parameters": {"lag": 1, "lead": 2}}),
     # A start of another kind, and one of the same.
     ({"start": {"side": 0.1, "turn": 0.2}}, {"start": POSE}, {"start": POSE}),
     ({"start": {"side": 0.1, "turn": 0.2}}, {"start": {"turn": 1}},

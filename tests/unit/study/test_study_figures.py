@@ -357,7 +357,7 @@ def test_correlations_want_four_runs_and_numbers_that_vary():
 
 @pytest.mark.parametrize(("count", "turn"), [(3, 0.0), (4, 20.0)])
 def test_names_of_many_settings_are_turned(count, turn):
-    keys = ("gain", "delay", "duration", "linger")[:count]
+    keys = ("gain", "delay", "duration", "time_after_convergence")[:count]
     rng = np.random.default_rng(3)
     study = Study.from_mapping({
         "experiment": {"plant": "free"}, "repeats": 5, "metrics": [SETTLED],

@@ -87,7 +87,7 @@ FLOORS = {
         {"recording"},
         {"numbers", "running"},
         {"study"},
-        {"pictures"},
+        {"images"},
         {"drawing"},
         {"web"},
         {"web/report"},

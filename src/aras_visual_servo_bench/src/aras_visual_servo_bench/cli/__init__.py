@@ -19,7 +19,7 @@ EXAMPLES = {
     "browse": "browse out",
     "diff": "diff out/before out/after",
     "show": "show out/first 12",
-    "dataset": "dataset first features=pictures --views --out out/views",
+    "dataset": "dataset first features=images --views --out out/views",
     "tune": "tune first --over gain=0.5:4 --out out/tuned",
     "analyze": "analyze out/first:12 --out out/report",
     "convert": "convert out/run.bag",

@@ -21,7 +21,7 @@ def add_parser(commands: Any) -> None:
     one.add_argument("study", type=Path, metavar="FILE|NAME",
                      help="YAML file of a study, or a shipped study's name")
     one.add_argument("overrides", nargs="*", metavar="key=value",
-                     help="other values, as in repeats=1000 or features=pictures")
+                     help="other values, as in repeats=1000 or features=images")
     one.add_argument("--out", type=Path, required=True,
                      help="folder of the data set; new, or of the same one, which is gone on with")
     one.add_argument("--views", action="store_true",

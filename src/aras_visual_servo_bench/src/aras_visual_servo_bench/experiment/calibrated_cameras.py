@@ -57,7 +57,7 @@ def with_calibration_offsets(experiment: Experiment, robot: Robot) -> Experiment
                         spec,
                         experiment,
                         robot,
-                        f"cameras.{name}.believed.hand_eye",
+                        f"cameras.{name}.calibration_offset.hand_eye",
                         name,
                     ),
                 )
@@ -66,7 +66,7 @@ def with_calibration_offsets(experiment: Experiment, robot: Robot) -> Experiment
         )
     ((name, spec),) = experiment.camera_specs.items()
     return replace(experiment, calibration_offset=_read_calibration_offset(
-        spec.calibration_offset, spec, experiment, robot, "believed.hand_eye", name))
+        spec.calibration_offset, spec, experiment, robot, "calibration_offset.hand_eye", name))
 
 
 def _read_calibration_offset(
@@ -84,7 +84,7 @@ def _read_calibration_offset(
         true, there = spec.compute_pose(), _read_pose(file, robot.packages, where)
     elif experiment.plant in FREE_CAMERA_PLANTS:
         raise ExperimentError(f"{where} says where an arm carries the camera, and plant "
-                              f"'{experiment.plant}' has no arm: give believed.xyz and rpy, off "
+                              f"'{experiment.plant}' has no arm: give calibration_offset.xyz and rpy, off "
                               "the camera's true place")
     else:
         try:

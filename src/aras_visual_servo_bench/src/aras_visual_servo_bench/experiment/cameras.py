@@ -88,9 +88,9 @@ class CalibrationOffset:
     depth: float = parameter(1.0, ", the factor on the true depth", above=0.0, most=10.0)
 
     def __post_init__(self) -> None:
-        check(self, ExperimentError, "believed")
+        check(self, ExperimentError, "calibration_offset")
         require(self.hand_eye is None or not self.is_moved,
-                "believed has xyz and rpy, or a hand_eye calibration: one of them")
+                "calibration_offset has xyz and rpy, or a hand_eye calibration: one of them")
 
     @property
     def is_moved(self) -> bool:
@@ -129,7 +129,7 @@ class CameraSpec:
     hand_eye: file of a hand-eye calibration that says where it is, in the hand or in the world; see
         HandEyeSpec.
     delay: s from an exposure to when the loop has the picture.
-    believed: how the controller's idea of it differs; see Belief.
+    calibration_offset: how the controller's idea of it differs; see CalibrationOffset.
     target: what it looks at, where that is not the experiment's target: shape, size, pose, motion.
     target_frame: link that carries what it looks at, where the arm moves that: the target's pose,
         and the camera's, are in this link's frame; '': robot.target_frame.

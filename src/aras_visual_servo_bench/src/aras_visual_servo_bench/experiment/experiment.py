@@ -24,7 +24,7 @@ from .starts import CameraPose, RelativeStart, Sampler
 
 PLANTS = ("bullet", "chain", "free", "ideal")
 FREE_CAMERA_PLANTS = ("free", "ideal")
-FEATURES = ("auto", "pictures", "exact")
+FEATURES = ("auto", "images", "exact")
 COMMANDS = ("joint_states", "images")
 # Parameters of the controller that the experiment has as keys of its own.
 SHARED_PARAMETERS = ("scheme", "law", "gain", "duration")
@@ -100,10 +100,10 @@ class Experiment(KeywordSettings):
     camera_xyz, camera_rpy: how it is moved in its link, m and rad; all that hangs on it goes along.
     hand_eye: file of a hand-eye calibration that says where the camera is on the arm, in place of
         the robot's description; see HandEyeSpec.
-    believed: how the controller's idea of the camera differs; see Belief.
+    calibration_offset: how the controller's idea of the camera differs; see CalibrationOffset.
     cameras: several cameras by name, in place of camera and believed; see CameraSpec. A scheme says
         which it reads ('points@left+points@right', by default the first); the others only watch.
-    features: 'pictures', 'exact' (the truth of them, without picture, tracker and noise), 'auto':
+    features: 'images', 'exact' (the truth of them, without picture, tracker and noise), 'auto':
         pictures of the Bullet arm.
     noise: of grey levels, standard deviation. jitter: of exact features, px.
     delay: s from an exposure to its answer, computing included.
@@ -114,7 +114,7 @@ class Experiment(KeywordSettings):
     goal: name or path of a goal file, joints, or a CameraPose, at which the goal is taught.
     scheme: name, class, or 'package.module:Class'. law: its name. gain: 1/s; None: the law's own.
     options: further parameters of the controller, by name, as its node has them.
-    duration: s after the first image. linger: s to go on after it has converged; None: to the end.
+    duration: s after the first image. time_after_convergence: s to go on after it has converged; None: to the end.
     reached: m and rad within which the goal counts as reached; None: 0.15 % of the target's depth
         at the goal and 0.3 degrees, which plain 'converged' promises.
     seed: of all that is random. renderer: of the Bullet arm; all names mean one.
@@ -163,7 +163,7 @@ class Experiment(KeywordSettings):
         check(self, ExperimentError)
         for name in SHARED_PARAMETERS:
             require(name not in self.controller_parameters,
-                    f"options.{name}: {name} is a key of the experiment itself; give it there")
+                    f"controller_parameters.{name}: {name} is a key of the experiment itself; give it there")
         require(self.hand_eye is None or self.plant not in FREE_CAMERA_PLANTS,
                 f"hand_eye says where an arm carries the camera, and plant '{self.plant}' has no "
                 "arm: use chain or bullet")
@@ -274,7 +274,7 @@ class Experiment(KeywordSettings):
     @property
     def has_images(self) -> bool:
         """Whether the features are taken from pictures."""
-        return self.features == "pictures" or (self.features == "auto" and self.plant == "bullet")
+        return self.features == "images" or (self.features == "auto" and self.plant == "bullet")
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Experiment:

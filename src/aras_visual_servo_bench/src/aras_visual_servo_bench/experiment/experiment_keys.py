@@ -21,7 +21,7 @@ def find_unit(key: str) -> str:
     Nor where it depends on the other keys: start.turn is in rad if drawn, in degrees if relative.
     """
     head, _, rest = key.partition(".")
-    kind, path = (Settings, rest) if head == "options" and rest else (Experiment, key)
+    kind, path = (Settings, rest) if head == "controller_parameters" and rest else (Experiment, key)
     try:
         found = _find_fields(path, kind)
     except StudyError:  # as the name of an axis of cases

@@ -87,7 +87,7 @@ def _check_tracker(name: str, target: TargetSpec, other: TargetSpec) -> None:
     own, one = find_tracker(other.shape), find_tracker(target.shape)
     require(own == one, f"cameras.{name}.target is followed by the tracker '{own}' and the "
             f"experiment's target by '{one}', and a loop has one: give both targets shapes of one "
-            "kind, or options.tracker")  # fmt: skip
+            "kind, or controller_parameters.tracker")  # fmt: skip
     require(other.marker == target.marker,
             f"cameras.{name}.target.marker is {other.marker!r} and target.marker is "
             f"{target.marker!r}, and a loop follows one marker: give both the same")

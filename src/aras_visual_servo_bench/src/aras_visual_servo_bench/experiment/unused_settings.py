@@ -52,7 +52,7 @@ def check_settings(experiment: Experiment) -> None:
     for key in () if experiment.has_images else IMAGE_SETTINGS:
         require(
             _read_value(experiment, key) == _read_value(plain, key),
-            f"{key} changes images, and exact features have none: set features: pictures, or leave "
+            f"{key} changes images, and exact features have none: set features: images, or leave "
             "it out",
         )
     by_pose = not isinstance(experiment.start, str | tuple) and not isinstance(
@@ -107,7 +107,7 @@ def check_camera(camera: CameraSetup, experiment: Experiment) -> None:
         require(
             not of_light,
             f"{where}{', '.join(of_light)}: acts on the light of images, and exact features have "
-            "none: set features: pictures, or leave it out (jitter is the noise of exact features)",
+            "none: set features: images, or leave it out (jitter is the noise of exact features)",
         )
 
 

@@ -123,7 +123,7 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
     from ..setup.assembly import assemble
     from ..setup.sampling import draw_pose
 
-    parts = assemble(Experiment(plant="ideal", features="pictures", goal="2016", start="2016"))
+    parts = assemble(Experiment(plant="ideal", features="images", goal="2016", start="2016"))
     observer = FeatureObserver(None, frozenset((Need.MOMENTS,)))
     random, sight = np.random.default_rng(seed), parts.plant.imaging
     shape, middle = parts.target.shape, parts.target.shape.vertices().mean(axis=0)

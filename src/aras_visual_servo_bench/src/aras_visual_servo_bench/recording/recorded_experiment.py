@@ -232,7 +232,7 @@ class RecordedExperiment:
         keys["seed"] = int(simulator.get("seed", 0))
         keys["duration"] = float(loop.get("duration") or DEFAULT_DURATION)
         options = {k: v for k, v in loop.items() if k not in OWN_KEYS}
-        return {**keys, "options": options} if options else keys
+        return {**keys, "controller_parameters": options} if options else keys
 
     def make_yaml(self) -> str:
         """The experiment as YAML; '' where the bag does not say it."""

@@ -123,7 +123,7 @@ class ServoEnv(gymnasium.Env):
         if self._observes_images and not experiment.has_images:
             raise ExperimentError(
                 "pictures cannot be observed of exact features: give the experiment features: "
-                "pictures"
+                "images"
             )
         self.experiment = experiment
         self.render_mode = render_mode

@@ -172,14 +172,14 @@ class Loop:
     @property
     def _last_ns(self) -> float:
         """The time, ns, behind which the end has come, as known by now."""
-        linger = self.experiment.time_after_convergence
+        time_after_convergence = self.experiment.time_after_convergence
         if self._start_ns is None:
             return FIRST_IMAGE_TIMEOUT_NS - 1
         # An image more, for the loop to find that its time is over.
         last_ns = self._start_ns + self.experiment.duration * NS + FINAL_NS
-        if linger is None or self._convergence_ns is None or self._has_free_camera:
+        if time_after_convergence is None or self._convergence_ns is None or self._has_free_camera:
             return last_ns
-        return min(last_ns, np.nextafter(self._convergence_ns + linger * NS, 0.0))
+        return min(last_ns, np.nextafter(self._convergence_ns + time_after_convergence * NS, 0.0))
 
     def run_to_end(self) -> None:
         """Continue to the end of the run."""

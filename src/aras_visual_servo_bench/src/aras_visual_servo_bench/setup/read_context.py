@@ -188,7 +188,7 @@ def check_scheme(context: SetupContext) -> None:
     if needs & IMAGE_ONLY_NEEDS and not experiment.has_images:
         raise ExperimentError(
             f"scheme '{experiment.scheme}' looks at pictures, and there are none with exact "
-            "features: give features: pictures"
+            "features: give features: images"
         )
     method = context.settings.make_segmentation().method
     apart = [name for name in context.cameras if context.has_own_target(name)]

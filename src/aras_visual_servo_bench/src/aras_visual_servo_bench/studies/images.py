@@ -90,7 +90,7 @@ def check_images(study: Study) -> None:
     for trial in study.make_trials():
         if not trial.has_images:
             raise StudyError(
-                "pictures cannot be kept of exact features: give the experiment features: pictures"
+                "pictures cannot be kept of exact features: give the experiment features: images"
             )
         if tuple(trial.camera_specs) != names:
             raise StudyError(

@@ -27,7 +27,7 @@ from ..experiment.overrides import with_override
 from ..setup.assembly import Assembly, assemble
 from ..targets.target_factory import DEFAULT_SIZE, find_shape
 
-LAW_PREFIX = "options.law_options."
+LAW_PREFIX = "controller_parameters.law_options."
 
 
 def apply_remedy(experiment: Experiment, remedy: Remedy) -> Experiment:
@@ -66,7 +66,7 @@ def _to_experiment_key(key: str) -> str:
     if head in SHARED_PARAMETERS or head in {f.name for f in fields(Experiment)}:
         return key
     if head in {f.name for f in fields(Settings)}:
-        return f"options.{key}"
+        return f"controller_parameters.{key}"
     raise ExperimentError(f"an experiment has no key '{key}'")
 
 
@@ -90,7 +90,7 @@ def _read_effective_value(experiment: Experiment, key: str) -> Any:
         settings = make_loop_settings(experiment)
         if key == "gain" or key.startswith(LAW_PREFIX):
             return settings.make_law().list_tunable_parameters().get(key.removeprefix(LAW_PREFIX))
-        value = getattr(settings, key.removeprefix("options."))
+        value = getattr(settings, key.removeprefix("controller_parameters."))
     return value
 
 

@@ -10,7 +10,7 @@ from .remedy import Remedy, multiply, remove, set_value
 
 CALIBRATE_CAMERA = Remedy(
     "calibrate the camera: K, D, and where it is mounted; see that it does not shake there",
-    remove("believed"),
+    remove("calibration_offset"),
 )
 KEEP_TARGET_AT_REST = Remedy(
     "keep the target at rest, or use a scheme that knows its motion (FeatureMeasurement.rate)",

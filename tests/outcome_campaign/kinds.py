@@ -215,7 +215,8 @@ def rate_known(random: Draw) -> Changes:
         "plant": str(random.choice(["chain", "free"])), "features": "exact",
         "scheme": "outcome_campaign.schemes:Following", "target": {
             **placed(random), "motion": {"velocity": [0.03, 0, 0, 0, 0, 0]}},
-        "goal": goal_above(random), "start": sampler(random), "duration": 6.0, "time_after_convergence": 0.5,
+        "goal": goal_above(random), "start": sampler(random), "duration": 6.0,
+        "time_after_convergence": 0.5,
         "gain": 3.0,
     }  # fmt: skip
 
@@ -366,7 +367,8 @@ def limit_in_the_way(random: Draw) -> Changes:
 def joints_too_slow(random: Draw) -> Changes:
     """Joints that may move at 5 to 12 mrad/s only."""
     return {**healthy(random, ("chain",)), "duration": 8.0,
-            "controller_parameters": {"max_velocity": float(random.uniform(0.005, 0.012))}}  # fmt: skip
+            "controller_parameters": {"max_velocity": float(random.uniform(0.005,
+                0.012))}}  # fmt: skip
 
 
 @kind("joints_do_not_follow")
@@ -481,5 +483,6 @@ def half_turn_by_points(random: Draw) -> Changes:
     turn = float(np.radians(random.uniform(174.0, 180.0)))
     return {"plant": "free", "features": "exact", "scheme": "points", "goal": goal,
             "controller_parameters": {"interaction": "current"}, "target": placed(random),
-            "start": {"pose": [x, y, z, DOWN, 0.0, turn]}, "duration": 10.0, "time_after_convergence": 0.3,
+            "start": {"pose": [x, y, z, DOWN, 0.0, turn]}, "duration": 10.0,
+            "time_after_convergence": 0.3,
             "gain": 2.0}  # fmt: skip

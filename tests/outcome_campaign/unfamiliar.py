@@ -25,7 +25,8 @@ def loop(random: Draw, keys: Changes, schemes: tuple[str, ...] = SIX) -> Changes
     delay = float(random.uniform(0.0, 0.03))
     gain = float(random.uniform(0.8, min(3.0, 0.25 / (delay + 1.0 / rate))))
     return {**keys, "features": keys.get("features", "exact"), "delay": round(delay, 4),
-            "scheme": str(random.choice(schemes)), "gain": round(gain, 3), "time_after_convergence": 0.3,
+            "scheme": str(random.choice(schemes)), "gain": round(gain, 3),
+            "time_after_convergence": 0.3,
             "duration": round(8.0 + 14.0 / gain, 1)}  # fmt: skip
 
 
@@ -160,7 +161,10 @@ def mounting_somewhat_off(random: Draw) -> Changes:
     axis = random.choice(3)
     if random.random() < 0.5:
         turn = float(np.radians(random.uniform(2.0, 30.0)))
-        return {**keys, "calibration_offset": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
+        return {
+            **keys,
+            "calibration_offset": {"rpy": [turn if i == axis else 0.0 for i in range(3)]},
+        }
     offset = float(random.uniform(0.005, 0.06))
     return {**keys, "calibration_offset": {"xyz": [offset if i == axis else 0.0 for i in range(3)]}}
 
@@ -258,7 +262,8 @@ def mounting_off_and_jitter(random: Draw) -> Changes:
     turn = float(np.radians(random.uniform(5.0, 25.0)))
     axis = random.choice(3)
     return {**keys, "jitter": float(random.uniform(0.3, 2.0)),
-            "calibration_offset": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}  # fmt: skip
+            "calibration_offset": {"rpy": [turn if i == axis else 0.0
+                for i in range(3)]}}  # fmt: skip
 
 
 @kind("target_moves", "wrong_camera_model", "converged", faults=2)
@@ -277,7 +282,11 @@ def slow_joints_and_a_limit(random: Draw) -> Changes:
     """Slow joints, one of which cannot get to its goal."""
     keys = limit_of_an_unfamiliar_arm(random)
     speed = float(10.0 ** random.uniform(-2.5, -1.2))
-    return {**keys, "controller_parameters": {**keys["controller_parameters"], "max_velocity": speed}, "duration": 10.0}
+    return {
+        **keys,
+        "controller_parameters": {**keys["controller_parameters"], "max_velocity": speed},
+        "duration": 10.0,
+    }
 
 
 # -- schemes that a start is too far for -------------------------------------------------------

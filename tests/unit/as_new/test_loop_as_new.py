@@ -46,7 +46,8 @@ SOLID = {"shape": "block.obj", "pose": [0, 0, 0.5905, 0, 0, 0.3]}
 CASES: dict[str, dict[str, Any]] = {
     "moments, late": {**ARM, "scheme": "moments", "delay": 0.05},
     "points, PI law, ramp, smoothing": {
-        **ARM, "scheme": "points", "law": "pi", "controller_parameters": {"ramp": 0.3, "smoothing": 0.1}},
+        **ARM, "scheme": "points", "law": "pi",
+        "controller_parameters": {"ramp": 0.3, "smoothing": 0.1}},
     "kernel, PI law, continuous start": {
         **ARM, "scheme": "kernel", "features": "images", "law": "pi",
         "controller_parameters": {"continuous_start": 4.0}},
@@ -56,7 +57,8 @@ CASES: dict[str, dict[str, Any]] = {
     "laboratory's": {**ARM, "scheme": "moments_2016"},
     "partitioned": {**ARM, "scheme": "partitioned"},
     "pose, from a start": {
-        **ARM, "scheme": "pose", "controller_parameters": {"start": "2016", "singularity_avoidance": True}},
+        **ARM, "scheme": "pose", "controller_parameters": {"start": "2016",
+            "singularity_avoidance": True}},
     "luminance": {**ARM, "scheme": "luminance", "features": "images"},
     "two cameras": {**TWO, "scheme": "moments@left+points@right"},
     "stereo": {**TWO, "scheme": "stereo_points@left,right"},

@@ -18,7 +18,11 @@ ODD = {
     "fewer joints than it has": {"controller_parameters": {"joints": ["J1", "J2", "J3", "J6"]}},
     "no pictures": {"features": "exact", "delay": 0.01},
     "another plane": {"target": TargetSpec(shape="square", pose=(0.05, 0, 0.591, 0, 0, 0.4))},
-    "it ends on the way": {"duration": 4.0, "time_after_convergence": 0.1, "controller_parameters": {"hold": 0.2}},
+    "it ends on the way": {
+        "duration": 4.0,
+        "time_after_convergence": 0.1,
+        "controller_parameters": {"hold": 0.2},
+    },
 }
 
 

@@ -75,7 +75,8 @@ def test_a_pictured_goal_is_reached_whatever_is_believed(scheme):
 def test_the_goal_is_where_the_true_camera_stood_when_it_was_shown(plant, goal):
     belief = {"xyz": [0.02, 0.0, -0.01], "rpy": [0.02, np.radians(5), -0.1]}
     parts = assemble(Experiment.from_mapping({
-        "plant": plant, "scheme": "points", "goal": goal, "start": list(START), "calibration_offset": belief,
+        "plant": plant, "scheme": "points", "goal": goal, "start": list(START),
+        "calibration_offset": belief,
         "features": "images",
     }))  # fmt: skip
     parts.plant.close()
@@ -94,7 +95,8 @@ def test_the_goal_is_where_the_true_camera_stood_when_it_was_shown(plant, goal):
 def test_a_mounting_that_is_believed_elsewhere_misses_no_goal_that_was_shown(plant, scheme):
     result = run(Experiment.from_mapping({
         "plant": plant, "scheme": scheme, "goal": list(JOINTS), "start": list(START),
-        "calibration_offset": {"rpy": [0.0, 0.0, np.radians(10.0)]}, "duration": 12.0, "features": "exact",
+        "calibration_offset": {"rpy": [0.0, 0.0, np.radians(10.0)]}, "duration": 12.0,
+        "features": "exact",
     }))  # fmt: skip
     assert result.verdict.is_reached, (result.outcome, result.reason, result.verdict)
 
@@ -127,7 +129,8 @@ def test_a_flying_camera_moves_as_its_believed_mounting_says(plant):
 def test_exact_features_are_seen_through_the_believed_camera(plant, scheme):
     seen = {}
     for wrong in ("none", *WRONG):
-        parts = assemble(flying(plant=plant, scheme=scheme, calibration_offset=WRONG.get(wrong, {}), **(
+        parts = assemble(flying(plant=plant, scheme=scheme, calibration_offset=WRONG.get(wrong, {}),
+            **(
             {"goal": list(JOINTS), "start": list(START), "target": {}} if plant == "chain" else {}
         )))  # fmt: skip
         joints = parts.servo.arm.read_joints(parts.plant.joint_names, parts.plant.read_joints()[0])

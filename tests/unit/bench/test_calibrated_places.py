@@ -45,7 +45,9 @@ def test_a_camera_is_believed_where_a_file_says(tmp_path):
     for link in ("camera_link", carriers[-1]):
         mounted = robot.compute_mounting(link)
         file = written(tmp_path / f"{link}.txt", mounted @ OFF, 1e3)
-        found = believed_arm(calibration_offset={"hand_eye": {"file": file, "link": link, "units": "mm"}})
+        found = believed_arm(
+            calibration_offset={"hand_eye": {"file": file, "link": link, "units": "mm"}}
+        )
         np.testing.assert_allclose(poses(found), expected, atol=1e-9)
     two = {"own": {"calibration_offset": {"hand_eye": {"file": file, "link": link, "units": "mm"}}}}
     found = believed_arm(cameras=two, scheme="points@own")
@@ -77,16 +79,32 @@ def test_a_fixed_camera_is_where_a_file_says(tmp_path, plant):
         np.testing.assert_allclose(one, other, atol=1e-9)
 
 
-@pytest.mark.parametrize(("keys", "reason"), [
-    ({"calibration_offset": {"hand_eye": {"file": "{}", "link": "J1"}}}, "calibration_offset.hand_eye: "),
-    ({"calibration_offset": {"hand_eye": {"file": "{}"}}}, "the file does not name the link"),
-    ({"calibration_offset": {"hand_eye": "{}", "xyz": [0.1, 0, 0]}}, "calibration_offset has xyz and rpy, or a hand_"),
-    ({"calibration_offset": {"hand_eye": "{}"}, "plant": "free"}, "plant 'free' has no arm: give calibration_offset"),
-    ({"cameras": {"a": {"hand_eye": "{}"}}, "plant": "free", "scheme": "points"},
-     "plant 'free' has no arm: use chain or bullet, or set its link to world"),
-    ({"cameras": {"a": {}, "b": {"hand_eye": {"file": "missing.txt", "link": "world"}}}},
-     "missing.txt"),
-])
+@pytest.mark.parametrize(
+    ("keys", "reason"),
+    [
+        (
+            {"calibration_offset": {"hand_eye": {"file": "{}", "link": "J1"}}},
+            "calibration_offset.hand_eye: ",
+        ),
+        ({"calibration_offset": {"hand_eye": {"file": "{}"}}}, "the file does not name the link"),
+        (
+            {"calibration_offset": {"hand_eye": "{}", "xyz": [0.1, 0, 0]}},
+            "calibration_offset has xyz and rpy, or a hand_",
+        ),
+        (
+            {"calibration_offset": {"hand_eye": "{}"}, "plant": "free"},
+            "plant 'free' has no arm: give calibration_offset",
+        ),
+        (
+            {"cameras": {"a": {"hand_eye": "{}"}}, "plant": "free", "scheme": "points"},
+            "plant 'free' has no arm: use chain or bullet, or set its link to world",
+        ),
+        (
+            {"cameras": {"a": {}, "b": {"hand_eye": {"file": "missing.txt", "link": "world"}}}},
+            "missing.txt",
+        ),
+    ],
+)
 def test_a_place_that_cannot_be_is_named(tmp_path, keys, reason):
     file = written(tmp_path / "wall.txt", PLACE)
 

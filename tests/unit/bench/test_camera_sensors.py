@@ -143,7 +143,13 @@ def test_impossible_ones_are_refused_before_the_first_run(plant, keys, told):
 def test_the_loop_converges_with_a_rolling_noisy_camera():
     effects = {"row_time": 1e-4, "sensor": {"gain": 0.01, "full_well": 25e3, "read_noise": 20.0}}
     camera = {"horizontal_fov": 2.0, "effects": effects}
-    keys = {"plant": "chain", "features": "images", "gain": 1.5, "time_after_convergence": 0.1, "camera": camera}
+    keys = {
+        "plant": "chain",
+        "features": "images",
+        "gain": 1.5,
+        "time_after_convergence": 0.1,
+        "camera": camera,
+    }
     assert run(Experiment.from_mapping(keys)).outcome == "converged"
 
 

@@ -83,7 +83,13 @@ def robot(joints, pitch, folder):
 def clear(request, tmp_path):
     """An experiment whose goal's first posture runs into something, and into what."""
     log_once.cache_clear()
-    keys = {"camera": {}, "scheme": "points", "features": "exact", "gain": 2.0, "time_after_convergence": 0.3}
+    keys = {
+        "camera": {},
+        "scheme": "points",
+        "features": "exact",
+        "gain": 2.0,
+        "time_after_convergence": 0.3,
+    }
     if request.param == "elbow":
         return Experiment(
             robot=robot(ELBOW, 0.0, tmp_path),

@@ -60,7 +60,12 @@ def test_it_is_over_after_its_duration_or_some_time_after_it_has_converged():
     assert images_until_over(found, [there] * 3 + [state()] + [there] * 9) == 8
     assert found.outcome is None
     assert images_until_over(ending(duration=1.0), [there] * 20) == 11
-    assert images_until_over(ending({"stop": 1e-9}, time_after_convergence=0.1, duration=1.0), [there] * 20) == 11
+    assert (
+        images_until_over(
+            ending({"stop": 1e-9}, time_after_convergence=0.1, duration=1.0), [there] * 20
+        )
+        == 11
+    )
 
 
 def test_it_is_over_where_errors_are_below_what_is_asked_for():
@@ -175,10 +180,13 @@ def test_late_images_come_when_their_delay_is_over_in_the_order_they_were_made(
 
 @pytest.mark.parametrize(("keys", "ends"), [
     # 0.05 s and one measurement more than the duration after the first image, at 1/30 s
-    ({"duration": 0.5, "time_after_convergence": None}, 0.591), ({"duration": 0.25, "time_after_convergence": 0.1}, 0.341),
-    ({"duration": 0.5, "time_after_convergence": None, "start": {"pose": [3.0, 0.0, 0.9, np.pi, 0.0, 0.2]}}, 0.591),
+    ({"duration": 0.5, "time_after_convergence": None}, 0.591),
+    ({"duration": 0.25, "time_after_convergence": 0.1}, 0.341),
+    ({"duration": 0.5, "time_after_convergence": None,
+        "start": {"pose": [3.0, 0.0, 0.9, np.pi, 0.0, 0.2]}}, 0.591),
     # 0.5 s after the first image that shows it to have converged: hold is 0.1 s of images
-    ({"duration": 9.0, "time_after_convergence": 0.5, "start": POSE, "controller_parameters": {"hold": 0.1}}, None),
+    ({"duration": 9.0, "time_after_convergence": 0.5, "start": POSE,
+        "controller_parameters": {"hold": 0.1}}, None),
     # no image comes within 5 s
     ({"camera": {**EYE, "update_rate": 0.15}}, 5.001),
 ])  # fmt: skip

@@ -42,10 +42,13 @@ def test_an_experiment_is_read_from_yaml(tmp_path):
 
 
 def test_keys_with_values_are_taken_by_the_constructor_as_from_a_file():
-    values = {"plant": "free", "calibration_offset": {"focal": 0.9}, "start": {"height": [0.2, 0.3]},
+    values = {"plant": "free", "calibration_offset": {"focal": 0.9},
+        "start": {"height": [0.2, 0.3]},
               "target": {"shape": [[0, 0], [1, 0], [1, 1]]}}  # fmt: skip
     assert Experiment(**values) == Experiment.from_mapping(values)
-    with pytest.raises(ExperimentError, match="unknown key 'calibration_offset.fokal': did you mean 'focal'"):
+    with pytest.raises(
+        ExperimentError, match="unknown key 'calibration_offset.fokal': did you mean 'focal'"
+    ):
         Experiment(calibration_offset={"fokal": 0.9})
 
 
@@ -73,7 +76,8 @@ class Own:
         ({"gain": np.float32(2)}, {"gain": 2.0}),
         ({"seed": np.int64(3)}, {"seed": 3}),
         ({"scheme": Own}, {"scheme": f"{__name__}:Own"}),
-        ({"controller_parameters": {"max_velocity": np.ones(2)}}, {"controller_parameters": {"max_velocity": [1.0, 1.0]}}),
+        ({"controller_parameters": {"max_velocity": np.ones(2)}},
+            {"controller_parameters": {"max_velocity": [1.0, 1.0]}}),
     ],
 )  # fmt: skip
 def test_values_of_python_stand_for_those_of_a_file(given, meant):
@@ -138,15 +142,27 @@ def test_with_names_a_key_that_there_is_not(changes, text):
 @pytest.mark.parametrize(
     ("values", "complaint"),
     [
-        ({"calibration_offset": {"focal": 400}}, "calibration_offset.focal is 400.0, must be <= 10, the factor on the"),
-        ({"calibration_offset": {"rpy": [5, 0, 0]}}, r"calibration_offset.rpy\[0\] is 5.0.*5 degrees are 0.08727 rad"),
+        (
+            {"calibration_offset": {"focal": 400}},
+            "calibration_offset.focal is 400.0, must be <= 10, the factor on the",
+        ),
+        (
+            {"calibration_offset": {"rpy": [5, 0, 0]}},
+            r"calibration_offset.rpy\[0\] is 5.0.*5 degrees are 0.08727 rad",
+        ),
         ({"camera_rpy": [0, 10, 0]}, r"camera_rpy\[1\] is 10.0, must be <= 3.142 rad"),
         ({"start": {"turn": 45}}, "start.turn is 45.0, must be <= 3.142 rad"),
         ({"delay": 15}, r"delay is 15.0, must be <= 10 s \(15 ms are 0.015 s\)"),
         ({"features": True}, "features is True, must be one of auto, pictures, exact"),
-        ({"controller_parameters": {"gain": 2}}, "controller_parameters.gain: gain is a key of the experiment itself"),
+        (
+            {"controller_parameters": {"gain": 2}},
+            "controller_parameters.gain: gain is a key of the experiment itself",
+        ),
         ({"plnt": "free"}, r"unknown key 'plnt': did you mean 'plant'\?"),
-        ({"calibration_offset": {"focall": 1.0}}, r"'calibration_offset.focall': did you mean 'focal'\?"),
+        (
+            {"calibration_offset": {"focall": 1.0}},
+            r"'calibration_offset.focall': did you mean 'focal'\?",
+        ),
         ({"start": {"heigth": [0.2, 0.3]}}, r"'start.heigth': did you mean 'height'\?"),
         ({"plant": "bulet"}, r"plant is 'bulet': did you mean 'bullet'\?"),
         ({"renderer": "exakt"}, r"renderer is 'exakt': did you mean 'exact'\?"),
@@ -164,15 +180,19 @@ def test_with_names_a_key_that_there_is_not(changes, text):
         ({"start": {"height": [0.3, 0.2]}}, "start.height is 0.3 to 0.2"),
         ({"reached": [0, 0.1]}, r"reached\[0\] is 0.0, must be > 0"),
         ({"features": "exact", "noise": 2.0}, "noise is for pictures: give jitter"),
-        ({"target": {"shape": [[0, 0], [1, 0], [0, 1]], "motion": {"step": [1, 0, 0]}}},
-         "give its shape a pose"),
+        (
+            {"target": {"shape": [[0, 0], [1, 0], [0, 1]], "motion": {"step": [1, 0, 0]}}},
+            "give its shape a pose",
+        ),
         ({"target": {"occluder": [[0, 0], [0.1, 0.1]]}}, "made for another target.shape"),
         ({"plant": "free", "noise": 5}, "give jitter"),
         ({"jitter": 1}, "give noise"),
         ({"plant": "free", "target": {"motion": {"amplitude": [1, 0, 0]}}}, "needs a frequency"),
         ({"plant": "free", "target": {"shape": "squar"}}, "did you mean 'square'"),
-        ({"target": {"shape": "square", "size": [9, 9], "pose": [0, 0, 0.591, 0, 0, 0]}},
-         r"target.size\[0\] is 9.0, must be <= 2 m, the table's"),
+        (
+            {"target": {"shape": "square", "size": [9, 9], "pose": [0, 0, 0.591, 0, 0, 0]}},
+            r"target.size\[0\] is 9.0, must be <= 2 m, the table's",
+        ),
         ({"plant": "free", "traced": True}, "no steps"),
         ({"calibration_offset": {"focal": 0}}, "calibration_offset.focal is 0"),
         ({"robot": 5}, "robot.urdf is 5, must be a text"),

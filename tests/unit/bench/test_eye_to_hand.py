@@ -41,7 +41,9 @@ def experiment(tmp_path_factory):
 @pytest.mark.parametrize("interaction", ["current", "estimated"])
 @pytest.mark.parametrize("scheme", ["moments", "points"])
 def test_the_arm_brings_the_target_before_the_camera(experiment, scheme, interaction):
-    result = run(experiment.with_changes(scheme=scheme, controller_parameters={"interaction": interaction}))
+    result = run(
+        experiment.with_changes(scheme=scheme, controller_parameters={"interaction": interaction})
+    )
     assert result.outcome == "converged" and result.verdict.is_reached
     assert set(result.outcomes) == {"running", "converged"}
     assert result.compute_settling_time() < 1.2

@@ -22,7 +22,8 @@ def turned(scheme, angle, plant="free", corners=CORNERS, **options):
         "plant": plant, "features": "exact", "scheme": scheme, "gain": 2.0, "duration": 5.0,
         "camera": {"width": 640, "height": 480, "horizontal_fov": 1.2},
         "target": {"shape": corners}, "goal": {"pose": [0, 0, 0.6, np.pi, 0, 0]},
-        "start": {"pose": [0, 0, 0.6, np.pi, 0, angle]}, "controller_parameters": {"hold": 0.5, **options},
+        "start": {"pose": [0, 0, 0.6, np.pi, 0, angle]},
+        "controller_parameters": {"hold": 0.5, **options},
     }))  # fmt: skip
 
 

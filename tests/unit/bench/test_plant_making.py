@@ -372,7 +372,8 @@ def test_a_described_target_has_the_size_of_its_corners():
     for size, told in ((1.06, "1.12"), (0.94, "0.88")):
         with pytest.raises(ExperimentError, match=f"target is {told} times as large in the pict"):
             taught(found, size=size)
-    seen_larger = views(MOMENTS, target=BENT, calibration_offset={"focal": 0.8})  # and so are its corners
+    # and so are its corners
+    seen_larger = views(MOMENTS, target=BENT, calibration_offset={"focal": 0.8})
     taught(seen_larger)
     other = views(MOMENTS, label="target")  # it is not described
     taught(other, size=1.06)

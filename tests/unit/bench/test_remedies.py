@@ -57,7 +57,13 @@ def test_a_target_grows_and_a_start_comes_nearer():
                                atol=1e-3)  # fmt: skip
     drawn = changed(multiply("start", 0.5), start={"height": [0.3, 0.5], "side": 0.04, "turn": 0.8})
     assert drawn["start"] == {"height": [0.35, 0.45], "side": 0.02, "turn": 0.4}
-    arm = {"plant": "chain", "goal": "2016", "start": "2015", "target": {}, "calibration_offset": {}}
+    arm = {
+        "plant": "chain",
+        "goal": "2016",
+        "start": "2015",
+        "target": {},
+        "calibration_offset": {},
+    }
     assert len(changed(multiply("start", 0.5), **arm)["start"]) == 6
 
 
@@ -80,7 +86,8 @@ def test_of_several_changes_those_that_apply_are_made():
 
 @pytest.mark.parametrize(("keys", "outcome"), [
     ({}, "target_moves"),
-    ({"target": {"shape": CORNERS}, "calibration_offset": {"rpy": [0, 0, 2.5]}}, "wrong_camera_model"),
+    ({"target": {"shape": CORNERS}, "calibration_offset": {"rpy": [0, 0, 2.5]}},
+        "wrong_camera_model"),
     ({"target": {"shape": CORNERS}, "gain": 0.2, "duration": 3.0}, "timed_out"),
     ({"target": {"shape": CORNERS}, "delay": 0.3, "gain": 5.0}, "gain_too_high"),
 ])  # fmt: skip

@@ -36,7 +36,8 @@ def moments():
 def flying():
     """Four points, seen by a camera that flies, whose target drifts."""
     return run_with_images({
-        "plant": "free", "scheme": "numbered_points", "duration": 1.0, "time_after_convergence": None,
+        "plant": "free", "scheme": "numbered_points", "duration": 1.0,
+        "time_after_convergence": None,
         "target": {"shape": "square", "size": [0.1, 0.1],
                    "motion": {"velocity": [0.02, -0.01, 0.0, 0.0, 0.0, 0.1]}},
         "start": {"pose": [0.05, -0.03, 0.4, 3.14159, 0.0, 0.5]},

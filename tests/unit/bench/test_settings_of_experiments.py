@@ -19,10 +19,12 @@ DEFAULTS = {
         "plant": "bullet", "ideal": IdealSpec(), "robot": RobotSpec(), "friction": True,
         "lag": 0.04,
         "target": TargetSpec(), "sun": SunSpec(), "world": "", "camera": "original",
-        "camera_xyz": ZERO, "camera_rpy": ZERO, "calibration_offset": CalibrationOffset(), "cameras": {},
+        "camera_xyz": ZERO, "camera_rpy": ZERO, "calibration_offset": CalibrationOffset(),
+        "cameras": {},
         "features": "auto", "noise": 0.0, "jitter": 0.0, "delay": 0.015,
         "commands": "joint_states", "start": "2016", "goal": "auto", "scheme": "moments",
-        "law": "proportional", "gain": None, "controller_parameters": {}, "duration": 8.0, "time_after_convergence": 0.5,
+        "law": "proportional", "gain": None, "controller_parameters": {}, "duration": 8.0,
+        "time_after_convergence": 0.5,
         "reached": None, "seed": 0, "renderer": "auto", "traced": False,
     },
     IdealSpec: {"speed": None, "stop": None, "unbounded": False, "enough": None, "farthest": None},
@@ -33,7 +35,8 @@ DEFAULTS = {
         "rpy": ZERO,
              "depth": 1.0},
     CameraSpec: {"model": "original", "rate": None, "xyz": ZERO, "rpy": ZERO, "pose": None,
-                 "frame": "", "delay": 0.0, "calibration_offset": CalibrationOffset(), "target": None,
+                 "frame": "", "delay": 0.0, "calibration_offset": CalibrationOffset(),
+                 "target": None,
                  "target_frame": ""},
     TargetSpec: {"shape": "aras", "size": None, "scale": None, "marker": "",
                  "pose": (*ZERO, *ZERO), "motion": Motion(), "occluder": None, "occluded": None,
@@ -60,7 +63,10 @@ PLACED = (0.0, 0.0, 0.591, 0.0, 0.0, 0.0)
 BOX = {"size": (0.1, 0.1, 0.1)}
 # The last value that is taken, and the first that is not.
 BOUNDS = [
-    *((Experiment, {}, key, 0.0, -SMALL) for key in ("lag", "noise", "delay", "time_after_convergence")),
+    *(
+        (Experiment, {}, key, 0.0, -SMALL)
+        for key in ("lag", "noise", "delay", "time_after_convergence")
+    ),
     (Experiment, {"plant": "free"}, "jitter", 0.0, -SMALL),
     (Experiment, {}, "seed", 0, -1),
     *((Experiment, {}, key, SMALL, 0.0) for key in ("gain", "duration")),

@@ -50,7 +50,8 @@ def flying(**changes):
     return Experiment.from_mapping({
         "plant": "free", "features": "exact", "target": {"shape": SHAPE}, "goal": posed(GOAL),
         "start": posed(GOAL @ exponential((0.01, 0.005, -0.03, 0.02, 0.03, 0.2))),
-        "duration": 8.0, "time_after_convergence": 0.0, "gain": 2.0, "scheme": BOTH, "cameras": two(), **changes,
+        "duration": 8.0, "time_after_convergence": 0.0, "gain": 2.0, "scheme": BOTH,
+        "cameras": two(), **changes,
     })  # fmt: skip
 
 
@@ -129,7 +130,11 @@ def test_a_control_camera_that_is_late_answers_later():
 def test_a_dictionary_of_one_camera_is_that_camera():
     one = {"model": LEFT, "calibration_offset": {"focal": 1.1, "rpy": [0.0, 0.05, 0.1]}}
     named = run(armed(cameras={"only": one}, scheme="points"))
-    plain = run(armed(cameras={}, camera=LEFT, calibration_offset=one["calibration_offset"], scheme="points"))
+    plain = run(
+        armed(
+            cameras={}, camera=LEFT, calibration_offset=one["calibration_offset"], scheme="points"
+        )
+    )
     assert list(named.cameras) == ["only"] and list(plain.cameras) == ["camera"]
     for name in ("stamp", "pose", "measured", "commanded", "error"):
         np.testing.assert_array_equal(getattr(named, name), getattr(plain, name))

@@ -285,7 +285,8 @@ def parts(**keys):
 
 TWO = {"camera": "original", "cameras": {
     "left": {"model": EYE}, "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0], "delay": 0.03,
-                                      "calibration_offset": {"depth": 2.0}}, "other": {"model": EYE}},
+                                      "calibration_offset": {"depth": 2.0}},
+                                      "other": {"model": EYE}},
     "scheme": "points@left+points@right"}  # fmt: skip
 
 
@@ -381,8 +382,14 @@ def test_an_arm_is_shown_its_goal_where_it_can_be(monkeypatch):
 
 def test_another_camera_of_an_arm_is_where_it_is_believed():
     q = [0.05, 0.0, -0.09, 0.045, 0.045, 0.1]
-    eyes = {"left": {"model": EYE}, "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0], "calibration_offset": {
-        "xyz": [0.002, 0.0, 0.001], "rpy": [0.01, 0.02, 0.03]}}}
+    eyes = {
+        "left": {"model": EYE},
+        "right": {
+            "model": EYE,
+            "xyz": [0.0, -0.02, 0.0],
+            "calibration_offset": {"xyz": [0.002, 0.0, 0.001], "rpy": [0.01, 0.02, 0.03]},
+        },
+    }
     asked = {**TWO, "plant": "chain", "target": {}, "goal": q, "start": q, "cameras": eyes}
     found = parts(**asked)
     robot = Robot(RobotSpec(), cameras=Experiment.from_mapping({**BASE, **asked}).cameras)

@@ -552,7 +552,8 @@ def test_a_file_that_cannot_be_used_is_one_line(tmp_path, name, content, told):
 # -- in the loop -----------------------------------------------------------------------------------
 
 RUN = {
-    "plant": "ideal", "features": "images", "gain": 4.0, "duration": 4.0, "time_after_convergence": 0.0,
+    "plant": "ideal", "features": "images", "gain": 4.0, "duration": 4.0,
+    "time_after_convergence": 0.0,
     "camera": {"width": 320, "height": 240, "horizontal_fov": 0.98, "update_rate": 25.0},
     "goal": {"pose": [0.0, 0.0, -0.35, 0.0, 0.0, 0.0]},
     "start": {"pose": [0.02, -0.015, -0.4, 0.05, -0.04, 0.2]},
@@ -716,7 +717,8 @@ def test_the_arm_s_camera_draws_a_marker_where_it_is():
 def test_a_marker_is_servoed_to_as_it_lies_however_it_was_turned(scheme):
     """Its corners are known by themselves: nothing is matched, and nothing stays open."""
     result = run(Experiment.from_mapping({
-        "plant": "free", "features": "images", "scheme": scheme, "gain": 4.0, "time_after_convergence": 0.1,
+        "plant": "free", "features": "images", "scheme": scheme, "gain": 4.0,
+        "time_after_convergence": 0.1,
         "camera": {"width": 320, "height": 240, "horizontal_fov": 1.0, "update_rate": 20.0},
         "target": {"shape": "marker", "size": [0.06, 0.06], "pose": [0, 0, 0, 0, 0, 0.2]},
         "goal": {"pose": [0.0, 0.01, 0.25, np.pi, 0.05, 0.1]},

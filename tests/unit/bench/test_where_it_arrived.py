@@ -30,7 +30,13 @@ LONG_LENS = {
 
 
 def ran(**keys):
-    values = {"plant": "free", "features": "exact", "duration": 16.0, "time_after_convergence": 0.0, **keys}
+    values = {
+        "plant": "free",
+        "features": "exact",
+        "duration": 16.0,
+        "time_after_convergence": 0.0,
+        **keys,
+    }
     result = run(Experiment.from_mapping(values))
     left = result.states[-1].arrival_status.pose_uncertainty
     bound = (np.nan, np.nan) if left is None else (left.distance, left.angle)

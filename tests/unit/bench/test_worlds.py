@@ -47,12 +47,20 @@ def test_worlds_that_cannot_be_are_refused(asked, said):
 
 def test_grey_levels_lead_the_arm_home_on_the_workbench():
     poster = {"shape": "poster", "size": [0.12, 0.12], "pose": [0.05, 0.02, 0.5915, 0, 0, 0.3]}
-    result = run(Experiment.from_mapping({
-        "world": "workbench", "scheme": "luminance", "target": poster, "time_after_convergence": 0.0,
-        "friction": False,  # with it the arm stands where rounding lets it, up to 0.7 mm off
-        "camera": {**SMALL, "width": 80, "height": 60},
-        "goal": [0.05, 0.0, -0.09, 0.045, 0.045, 0.0],
-        "start": [0.055, 0.0, -0.085, 0.045, 0.045, 0.04]}))
+    result = run(
+        Experiment.from_mapping(
+            {
+                "world": "workbench",
+                "scheme": "luminance",
+                "target": poster,
+                "time_after_convergence": 0.0,
+                "friction": False,  # with it the arm stands where rounding lets it, up to 0.7 mm off
+                "camera": {**SMALL, "width": 80, "height": 60},
+                "goal": [0.05, 0.0, -0.09, 0.045, 0.045, 0.0],
+                "start": [0.055, 0.0, -0.085, 0.045, 0.045, 0.04],
+            }
+        )
+    )
     # 80 by 60 pixels: where it ends is a matter of rounding, within what is left open.
     left = result.states[-1].arrival_status.pose_uncertainty.distance
     assert result.converged and result.verdict.distance < min(left, 1.5e-3)

@@ -16,7 +16,8 @@ WHOLE = {
     "target": {"shape": "square", "size": [0.06, 0.04], "pose": [0.1, 0.0, 0.6, 0.1, 0.0, 0.3],
                "occluder": [[0.0, 0.01], [0.02, 0.03]], "occluded": [[1.0, 1.5]],
                "motion": {"velocity": [0.01, 0.0, 0.0, 0.0, 0.0, 0.1]}},
-    "camera": "wide", "calibration_offset": {"focal": 1.02}, "jitter": 0.5, "delay": 0.02, "seed": 7,
+    "camera": "wide", "calibration_offset": {"focal": 1.02}, "jitter": 0.5, "delay": 0.02,
+    "seed": 7,
     "start": {"height": [0.2, 0.3], "side": 0.05}, "goal": [0.1, 0.0, -0.1, 0.05, 0.05, 0.0],
     "controller_parameters": {"smoothing": 0.1}, "reached": [0.001, 0.01],
 }  # fmt: skip

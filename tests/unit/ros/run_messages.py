@@ -52,11 +52,12 @@ def made_state(stamp: float, phase: str = "servoing", **more: object) -> ServoSt
     )  # fmt: skip
     return ServoState(**{
         "stamp": stamp, "phase": phase, "outcome": "running", "reason": "slow", "remedy": "wait",
-        "decision": SchemeOutput(NAMES, features, desired, features - desired, task,
+        "scheme_output": SchemeOutput(NAMES, features, desired, features - desired, task,
                              filtered_error=0.9 * (features - desired)),
-        "resolution": resolution, "joints": JointSample.from_values(stamp, JOINTS, position(stamp)),
-        "command": position(stamp) + 0.01, "computing": 0.0017 + 1e-3 * random.random(),
-        "scheme": "points", "arrived": ArrivalStatus(True,
+        "ik_solution": resolution, "joints": JointSample.from_values(stamp, JOINTS,
+            position(stamp)),
+        "command": position(stamp) + 0.01, "computation_time": 0.0017 + 1e-3 * random.random(),
+        "scheme": "points", "arrival_status": ArrivalStatus(True,
             pose_uncertainty=PoseUncertainty(3e-4, 0.012)), **more,
     })  # fmt: skip
 

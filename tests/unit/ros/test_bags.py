@@ -142,8 +142,8 @@ def test_a_bag_s_run_has_every_number_that_was_recorded(graph, face, tmp_path):
         ("features", [s.scheme_output.features for s in states]),
         ("error", [s.error for s in states]),
         ("filtered", [s.scheme_output.filtered_error for s in states]),
-        ("asked", [s.desired_twist for s in states]),
-        ("achieved", [s.achieved_twist for s in states]),
+        ("desired_twist", [s.desired_twist for s in states]),
+        ("achieved_twist", [s.achieved_twist for s in states]),
     ):  # fmt: skip
         same(getattr(run, name), wanted)
     same([s.computation_time for s in run.states], [s.computation_time for s in states])

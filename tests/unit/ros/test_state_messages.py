@@ -29,9 +29,18 @@ def test_every_part_of_a_state_comes_back_from_its_two_messages(graph, face):
         assert one.header.frame_id == "camera_optical_frame" and one.joint_names == list(JOINTS)
     assert message.scheme == "points" and (report.reason, report.remedy) == ("slow", "wait")
     back = read_state(message, report)
-    for name in ("phase", "outcome", "reason", "remedy", "scheme", "computing", "names", "stamp"):
+    for name in (
+        "phase",
+        "outcome",
+        "reason",
+        "remedy",
+        "scheme",
+        "computation_time",
+        "names",
+        "stamp",
+    ):
         assert getattr(back, name) == getattr(state, name), name
-    for name in ("twist", "achieved", "singular_values_L", "command", "error"):
+    for name in ("desired_twist", "achieved_twist", "singular_values_L", "command", "error"):
         same(getattr(back, name), getattr(state, name))
     for name in ("features", "desired", "filtered_error"):
         same(getattr(back.scheme_output, name), getattr(state.scheme_output, name))
@@ -41,9 +50,9 @@ def test_every_part_of_a_state_comes_back_from_its_two_messages(graph, face):
     assert back.joints.names == JOINTS and back.arrival_status == state.arrival_status
     for name in ("margins", "null_direction"):
         same(getattr(report, name), getattr(state.ik_solution, name))
-    lost = report.lost
+    lost = report.infeasible_twist
     same([lost.linear.x, lost.linear.y, lost.linear.z, lost.angular.x, lost.angular.y,
-          lost.angular.z], state.ik_solution.lost)  # fmt: skip
+          lost.angular.z], state.ik_solution.infeasible_twist)  # fmt: skip
     assert (report.rank, report.rank_lj) == (3, 2)
     same(report.singular_values_lj, message.singular_values)
     said = {topic: one for topic, one in graph.told().items() if "/controller/" in topic}

@@ -29,7 +29,8 @@ def on_the_table(shape, segmentation, seed=4, **more):
     if size:
         target["size"] = size
     return Experiment(**{
-        "target": target, "controller_parameters": {"segmentation": segmentation}, "gain": 2.0, "duration": 12.0,
+        "target": target, "controller_parameters": {"segmentation": segmentation}, "gain": 2.0,
+        "duration": 12.0,
         "goal": {"pose": [0.03, -0.02, LEVEL + 0.3, np.pi, 0.0, 0.0]}, "seed": seed,
         "start": {"height": [0.28, 0.4], "side": 0.05, "turn": 0.6, "margin": 4}, **more,
     })  # fmt: skip

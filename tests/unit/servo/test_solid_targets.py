@@ -55,7 +55,9 @@ def flying(mesh, **more):
 @pytest.mark.parametrize("scheme", ["model", "numbered_points"])
 def test_schemes_of_poses_and_points_go_to_a_solid(meshes, scheme):
     result = run(
-        flying(meshes["bracket"], calibration_offset={"centre": [0.4, -0.3]}).with_changes(scheme=scheme)
+        flying(meshes["bracket"], calibration_offset={"centre": [0.4, -0.3]}).with_changes(
+            scheme=scheme
+        )
     )
     assert result.converged
     assert result.verdict.distance < 3e-4

@@ -185,7 +185,8 @@ def test_settings_made_in_python_hold_what_a_file_would_give():
                  quiet=np.bool_(True), options={"at": np.eye(2), "by": Path("a/b")})  # fmt: skip
     check(made, OwnError)
     written = of({"gain": 3, "count": 4, "start": [0, 1, 2], "pair": [0, 1], "quiet": True,
-                  "controller_parameters": {"at": [[1.0, 0.0], [0.0, 1.0]], "by": "a/b"}})  # fmt: skip
+                  "controller_parameters": {"at": [[1.0, 0.0], [0.0, 1.0]],
+                      "by": "a/b"}})  # fmt: skip
     assert made == written and type(made.count) is int and type(made.quiet) is bool
     assert of(to_mapping(made)) == made
 

@@ -47,10 +47,19 @@ def pixels(png):
 @pytest.fixture(scope="module")
 def arm():
     """A run of the arm before a target that moves, whose answers come late: its images."""
-    study = study_of({"plant": "bullet", "duration": 0.5, "time_after_convergence": None, "target": MOVING,
-                      "delay": 0.1, "scheme": "points",
-                      "goal": {"pose": [0.01, 0.02, 0.85, 3.14159265, 0.0, 0.0]},
-                      "start": {"pose": [0.03, 0.0, 0.9, 3.14159265, 0.0, 0.2]}}, depth=True)
+    study = study_of(
+        {
+            "plant": "bullet",
+            "duration": 0.5,
+            "time_after_convergence": None,
+            "target": MOVING,
+            "delay": 0.1,
+            "scheme": "points",
+            "goal": {"pose": [0.01, 0.02, 0.85, 3.14159265, 0.0, 0.0]},
+            "start": {"pose": [0.03, 0.0, 0.9, 3.14159265, 0.0, 0.2]},
+        },
+        depth=True,
+    )
     return study, rows.compute_row(study, 0)
 
 
@@ -74,7 +83,7 @@ def test_poses_are_those_of_the_exposures(arm):
         found = [(dark * of).sum() / dark.sum() for of in (u, v)]
         wanted = _centre(outline)
         np.testing.assert_allclose(found, wanted, atol=0.005)
-        speed = max(speed, np.abs(row["achieved"]).max())
+        speed = max(speed, np.abs(row["achieved_twist"]).max())
     assert speed > 0.02  # at which a pose of the answer, 0.1 s later, would be 1 px off
 
 
@@ -164,7 +173,7 @@ def test_numbers_are_the_loops_own(arm):
         np.testing.assert_array_equal(row["joints"], state.joints.positions)
         if state.scheme_output is not None:
             np.testing.assert_array_equal(row["error"], state.scheme_output.error)
-            np.testing.assert_array_equal(row["asked"], state.desired_twist)
+            np.testing.assert_array_equal(row["desired_twist"], state.desired_twist)
         reading = next(one for one in seen if one.stamp == state.stamp)
         rgb = Image(reading.image, reading.encoding).rgb
         np.testing.assert_array_equal(pixels(row["picture"])[..., ::-1], rgb)

@@ -644,7 +644,7 @@ def test_traces_are_beside_the_results(tiny, tmp_path):
     traces = made.read_results(study_folder.TRACES)
     first = traces.filter([run == 0 for run in traces["run"].to_pylist()])
     assert first.num_rows == made.read_results()["images"][0].as_py()
-    assert len(first["pose"][0].as_py()) == 16 and len(first["asked"][0].as_py()) == 6
+    assert len(first["pose"][0].as_py()) == 16 and len(first["desired_twist"][0].as_py()) == 6
     size = [sum(e * e for e in errors) for errors in first["error"].to_pylist()]
     assert size[2] < size[0]
     manifest = (tmp_path / "manifest.json").read_text()

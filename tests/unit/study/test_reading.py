@@ -133,7 +133,8 @@ def test_a_map_has_the_units_of_its_settings():
 @pytest.mark.parametrize(("key", "unit"), [
     ("delay", "s"), ("gain", "1/s"), ("start.side", "m"), ("target.size", "m"),
     ("target.motion.frequency", "Hz"), ("controller_parameters.max_velocity", "m/s or rad/s"),
-    ("controller_parameters.smoothing", "s"), ("calibration_offset.focal", ""), ("law", ""), ("no_such_key", ""),
+    ("controller_parameters.smoothing", "s"), ("calibration_offset.focal", ""), ("law", ""),
+    ("no_such_key", ""),
     ("start.turn", ""),  # rad of a drawn start, degrees of a relative one
     ("camera.width", ""), ("options", ""), ("controller_parameters.none", ""),
 ])  # fmt: skip

@@ -288,11 +288,13 @@ POSE, OTHER = {"pose": [0, 0, 0.3, 3.1, 0, 0]}, {"pose": [0, 0, 0.4, 3.1, 0, 0]}
     ({"cameras": {"a": {}, "b": {}}}, {"cameras.b": {"rate": 9.0}},
      {"cameras": {"a": {}, "b": {"rate": 9.0}}}),
     # Any mapping.
-    ({"calibration_offset": {"focal": 0.9, "xyz": [0, 0, 1]}}, {"calibration_offset": {"focal": 1.1}},
+    ({"calibration_offset": {"focal": 0.9, "xyz": [0, 0, 1]}},
+        {"calibration_offset": {"focal": 1.1}},
      {"calibration_offset": {"focal": 1.1, "xyz": [0, 0, 1]}}),
     ({"target": {"shape": "square", "motion": {"begin": 1.0}}}, {"target": {"motion": {"turn": 2}}},
      {"target": {"shape": "square", "motion": {"begin": 1.0, "turn": 2}}}),
-    ({"controller_parameters": {"lag": 1}}, {"controller_parameters": {"lead": 2}}, {"controller_parameters": {"lag": 1, "lead": 2}}),
+    ({"controller_parameters": {"lag": 1}}, {"controller_parameters": {"lead": 2}},
+        {"controller_parameters": {"lag": 1, "lead": 2}}),
     # A start of another kind, and one of the same.
     ({"start": {"side": 0.1, "turn": 0.2}}, {"start": POSE}, {"start": POSE}),
     ({"start": {"side": 0.1, "turn": 0.2}}, {"start": {"turn": 1}},

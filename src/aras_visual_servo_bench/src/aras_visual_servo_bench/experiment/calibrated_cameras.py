@@ -83,9 +83,11 @@ def _read_calibration_offset(
     if spec.pose is not None and file.link in ("", WORLD):
         true, there = spec.compute_pose(), _read_pose(file, robot.packages, where)
     elif experiment.plant in FREE_CAMERA_PLANTS:
-        raise ExperimentError(f"{where} says where an arm carries the camera, and plant "
-                              f"'{experiment.plant}' has no arm: give calibration_offset.xyz and rpy, off "
-                              "the camera's true place")
+        raise ExperimentError(
+            f"{where} says where an arm carries the camera, and plant "
+            f"'{experiment.plant}' has no arm: give calibration_offset.xyz and rpy, off "
+            "the camera's true place"
+        )
     else:
         try:
             found = file.read(robot.packages)

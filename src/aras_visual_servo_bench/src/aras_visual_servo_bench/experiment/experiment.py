@@ -114,7 +114,8 @@ class Experiment(KeywordSettings):
     goal: name or path of a goal file, joints, or a CameraPose, at which the goal is taught.
     scheme: name, class, or 'package.module:Class'. law: its name. gain: 1/s; None: the law's own.
     options: further parameters of the controller, by name, as its node has them.
-    duration: s after the first image. time_after_convergence: s to go on after it has converged; None: to the end.
+    duration: s after the first image. time_after_convergence: s to go on after it has converged;
+        None: to the end.
     reached: m and rad within which the goal counts as reached; None: 0.15 % of the target's depth
         at the goal and 0.3 degrees, which plain 'converged' promises.
     seed: of all that is random. renderer: of the Bullet arm; all names mean one.
@@ -162,8 +163,11 @@ class Experiment(KeywordSettings):
     def __post_init__(self) -> None:
         check(self, ExperimentError)
         for name in SHARED_PARAMETERS:
-            require(name not in self.controller_parameters,
-                    f"controller_parameters.{name}: {name} is a key of the experiment itself; give it there")
+            require(
+                name not in self.controller_parameters,
+                f"controller_parameters.{name}: {name} is a key of the experiment itself; give it "
+                "there",
+            )
         require(self.hand_eye is None or self.plant not in FREE_CAMERA_PLANTS,
                 f"hand_eye says where an arm carries the camera, and plant '{self.plant}' has no "
                 "arm: use chain or bullet")

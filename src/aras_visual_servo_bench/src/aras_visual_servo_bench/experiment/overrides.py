@@ -1,4 +1,6 @@
-"""Keys of an experiment by dotted paths: `gain`, `start.side`, `controller_parameters.max_velocity`."""
+"""Keys of an experiment by dotted paths: `gain`, `start.side`,
+`controller_parameters.max_velocity`.
+"""
 
 from __future__ import annotations
 

@@ -41,8 +41,8 @@ JOINTS, INFO, METRICS = (
 USED_FIELDS = {
     STATE: ("header", "scheme", "phase", "reason", "feature_names", "features", "desired_features",
             "error", "camera_twist", "joint_names", "joint_commands", "singular_values"),
-    REPORT: ("header", "outcome", "reason", "remedy", "achieved", "rank", "singular_values_l",
-             "manipulability", "scale", "computing"),
+    REPORT: ("header", "outcome", "reason", "remedy", "achieved_twist", "rank", "singular_values_l",
+             "manipulability", "scale", "computation_time"),
     MOMENTS: ("header", "valid", "order", "m", "mu"),
     METRICS: ("header", "real_time_factor"),
 }  # fmt: skip

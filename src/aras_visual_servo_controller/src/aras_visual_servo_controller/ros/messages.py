@@ -66,19 +66,19 @@ def make_report_message(state: State, frame: str, names: tuple[str, ...]) -> Ser
     )
     message.header.frame_id = frame
     message.joint_names = list(names)
-    message.asked, message.achieved = (
+    message.desired_twist, message.achieved_twist = (
         make_twist_message(state.desired_twist),
         make_twist_message(state.achieved_twist),
     )
     message.rank, message.singular_values_l = int(state.rank), list(state.singular_values_L)
-    message.scale, message.computing = 1.0, state.computation_time
+    message.scale, message.computation_time = 1.0, state.computation_time
     left = state.arrival_status.pose_uncertainty or PoseUncertainty()
     message.open_distance, message.open_angle = left.distance, left.angle
     if state.scheme_output is not None and state.scheme_output.filtered_error is not None:
         message.filtered_error = np.asarray(state.scheme_output.filtered_error).tolist()
     resolution = state.ik_solution
     if resolution is not None:
-        message.lost = make_twist_message(resolution.infeasible_twist)
+        message.infeasible_twist = make_twist_message(resolution.infeasible_twist)
         message.rank_lj = resolution.rank
         message.singular_values_lj = resolution.singular_values.tolist()
         message.null_direction = resolution.null_direction.tolist()

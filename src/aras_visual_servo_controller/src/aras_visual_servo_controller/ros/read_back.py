@@ -38,7 +38,7 @@ def read_state(message: ServoState, report: ServoReport | None = None) -> State:
     if decision is not None and len(message.singular_values):
         resolution = IKSolution.from_record(
             np.array(message.joint_velocities), read_twist(message.camera_twist),
-            np.full(6, np.nan) if report is None else read_twist(report.achieved),
+            np.full(6, np.nan) if report is None else read_twist(report.achieved_twist),
             (np.array([] if report is None else report.singular_values_l),
              np.array(message.singular_values)),
             np.nan if report is None else report.scale,
@@ -53,7 +53,7 @@ def read_state(message: ServoState, report: ServoReport | None = None) -> State:
         stamp, message.phase, "" if report is None else report.outcome, message.reason,
         "" if report is None else report.remedy, decision, resolution, joints,
         np.array(message.joint_commands) if commanded else None,
-        np.nan if report is None else report.computing, scheme=message.scheme,
+        np.nan if report is None else report.computation_time, scheme=message.scheme,
         arrival_status=NOT_ARRIVED if np.isnan([left.distance, left.angle]).all() else
         ArrivalStatus(True, pose_uncertainty=left),
     )  # fmt: skip

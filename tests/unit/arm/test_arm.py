@@ -183,7 +183,7 @@ def test_inverse_comes_back_to_the_pose(arm):
     random = np.random.default_rng(5)
     for _ in range(10):
         q = within(arm, random, 0.8)
-        found = arm.inverse(arm.pose(q), q + random.uniform(-0.2, 0.2, len(q)))
+        found = arm.inverse_kinematics(arm.pose(q), q + random.uniform(-0.2, 0.2, len(q)))
         distance, angle = pose_difference(arm.pose(found), arm.pose(q))
         assert distance < 1e-8 and angle < 1e-7
         assert (found >= arm.lower).all() and (found <= arm.upper).all()

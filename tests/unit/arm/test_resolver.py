@@ -47,7 +47,7 @@ def goto(resolver, q, goal, modelled=ALL, gain=2.0, dt=0.02, steps=300):
     """Drive an exact camera to a pose by its twist; returns the joints (steps + 1, n)."""
     path, velocities = [np.array(q, float)], None
     for _ in range(steps):
-        pose = resolver.arm.view(path[-1])[0]
+        pose = resolver.arm.pose_and_jacobian(path[-1])[0]
         place = pose[:3, :3].T @ (goal[:3, 3] - pose[:3, 3])
         turn = rotation_vector(pose[:3, :3].T @ goal[:3, :3])
         task = Task.from_twist(gain * np.concatenate([place, turn]), modelled)

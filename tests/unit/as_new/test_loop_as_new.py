@@ -86,7 +86,7 @@ class Tape:
     def report(self, state) -> None:
         self.trace.append(("reported", state))
 
-    def say(self, text) -> None:
+    def log(self, text) -> None:
         if "beginning anew" not in text:
             self.trace.append(("said", text))
 

@@ -22,7 +22,7 @@ def robot():
 
 @pytest.fixture(scope="session")
 def arm(robot):
-    return robot.arm()
+    return robot.make_arm()
 
 
 @pytest.fixture(scope="module")

@@ -33,7 +33,7 @@ class StandIn:
     """What Dashboard is on a graph."""
 
     def __init__(self, robot, camera) -> None:
-        self.arm = robot.arm()
+        self.make_arm = robot.make_arm()
         self._robot = robot
         self.page, self.story = Page(), RunTrace(self.arm)
         self.story.camera = camera

@@ -63,7 +63,7 @@ def served(folder):
 @pytest.fixture(scope="module")
 def ask(served):
     def question(do, **asked):
-        return served.answer(json.dumps({"do": do, **asked}))
+        return served.answer_query(json.dumps({"do": do, **asked}))
 
     return question
 
@@ -490,7 +490,7 @@ def real(tmp_path_factory):
 
 def computed(server_or_reports, seen, run, seconds=300.0):
     end = time.monotonic() + seconds
-    while isinstance(found := server_or_reports.ask(seen, run), float):
+    while isinstance(found := server_or_reports.find_or_start(seen, run), float):
         assert time.monotonic() < end
         time.sleep(0.1)
     return found

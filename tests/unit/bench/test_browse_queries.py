@@ -195,7 +195,7 @@ def test_of_many_words_the_commonest_have_cells(table):
     counts = table.name.value_counts()
     assert len(counts) > 60
     for most in (24, 60):
-        found = cut(table.name, most=most)
+        found = cut(table.name, max_cells=most)
         assert len(found.labels) == most and found.labels == sorted(found.labels)
         sizes = np.bincount(found.at[found.at >= 0])
         assert sizes.tolist() == [counts[name] for name in found.labels]

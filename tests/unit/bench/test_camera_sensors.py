@@ -57,14 +57,14 @@ def test_a_point_is_where_it_was_when_its_own_row_was_exposed():
             seen = np.linalg.inv(pose_at((row - 119.5) * ROW)) @ [*corner, 1.0]
             u, row = CAMERA.project(seen[0] / seen[2], seen[1] / seen[2])
         np.testing.assert_allclose(pixel, [u, row], atol=0.01)
-    still = capture(replace(sight(), parts=()), ORIGIN, STAMP, np.random.default_rng(0))
+    still = capture(replace(sight(), row_bands=()), ORIGIN, STAMP, np.random.default_rng(0))
     assert np.abs(found.points - still.points).max() > 1.0
     np.testing.assert_allclose(found.outline, found.points)
 
 
 @pytest.mark.parametrize("depth", [False, True])
 def test_a_picture_is_made_of_rows_of_the_pictures_of_their_instants(depth):
-    rolling = sight(pictures=True, depth=depth)
+    rolling = sight(has_images=True, depth=depth)
     found, still = flying(rolling), replace(rolling, parts=(), effects=Effects())
     for part in rolling.row_bands:
         now = capture(still, pose_at(1e-9 * part.offset_ns), STAMP, np.random.default_rng(0)).image
@@ -81,7 +81,7 @@ def test_what_leaves_the_picture_while_it_is_read_is_not_seen():
     beside[1, 3] = -0.13  # below the picture
     rolling = replace(sight(), target=PlacedTarget(SQUARE, beside))
     assert flying(rolling).points is None
-    assert flying(replace(rolling, unbounded=True)).points is not None
+    assert flying(replace(rolling, is_unbounded=True)).points is not None
 
 
 def test_an_arms_exact_points_are_of_their_own_rows_too(robot, preset, pinhole):

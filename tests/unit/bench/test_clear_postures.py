@@ -109,7 +109,7 @@ def clear(request, tmp_path):
 def first_found(experiment, found):
     """Joints at the goal that are found first, and its pose (4, 4)."""
     pose = matrix_from_xyz_rpy(experiment.goal.pose[:3], experiment.goal.pose[3:])
-    return found.arm.inverse(pose, np.zeros(5)), pose
+    return found.arm.inverse_kinematics(pose, np.zeros(5)), pose
 
 
 def test_a_posture_that_runs_into_something_is_left_out(clear):

@@ -27,7 +27,7 @@ def ending(ideal=None, first=None, goal=None, motion=None, **keys):
     """Ten images a second, from 2 m above a target to 1 m."""
     first = looks_down(2.0, turn=0.4) if first is None else first
     parts = SimpleNamespace(
-        plant=SimpleNamespace(sight=SimpleNamespace(rate=10.0), pose=lambda: first),
+        plant=SimpleNamespace(imaging=SimpleNamespace(rate=10.0), pose=lambda: first),
         goal_pose=looks_down(1.0) if goal is None else goal,
         target=PlacedTarget(SQUARE, np.eye(4), motion or Motion()),
     )  # fmt: skip
@@ -161,12 +161,12 @@ def test_late_images_come_when_their_delay_is_over_in_the_order_they_were_made(
         monkeypatch, left, right, delays, order):
     came, image = [], LoopRunner.add_image
 
-    def told(driver, stamp, look, camera=""):
+    def told(driver, stamp, look, imaging=""):
         came.append((camera, stamp, loop.plant.time_ns * 1e-9))
         image(driver, stamp, look, camera)
 
     monkeypatch.setattr(LoopRunner, "add_image", told)
-    loop = looped(cameras=eyes({"delay": left}, {"delay": right}), duration=0.4, camera="original",
+    loop = looped(cameras=eyes({"delay": left}, {"delay": right}), duration=0.4, imaging="original",
                   scheme="points@left+points@right")
     while loop.plant.time_ns < 330_000_000:
         loop.run_to_image()

@@ -45,7 +45,7 @@ def test_a_seed_draws_the_start(env):
 
 def test_a_twist_is_done_as_asked(env):
     env.reset(seed=1)
-    before = env.loop.plant.pose()
+    before = env.loop.plant.read_pose()
     began = env.loop.plant.time_ns
     for _ in range(10):
         env.step(np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0]))

@@ -63,7 +63,7 @@ def test_nothing_is_recorded_where_no_simulator_answers(tmp_path):
 
 
 def test_a_recorder_that_writes_is_no_trouble(kept):
-    assert kept.trouble() == ""
+    assert kept.find_recording_error() == ""
     assert kept.stop_recording().startswith(f"recorded {kept.recorded}")
     assert kept.recorded.suffix == ".bag" and kept.trouble() == ""
 
@@ -79,7 +79,7 @@ def test_a_disk_without_room_is_said_while_recording_and_at_its_end(kept):
 
 def test_a_recorder_that_ended_in_order_says_why(kept):
     with kept.by.log.open("a") as log:
-        log.write(ENDED.format(folder=kept.recording.parent))
+        log.write(ENDED.format(folder=kept.open_bag.parent))
     assert kept.trouble().startswith("the recorder (record) has ended: the disk of ")
     with pytest.raises(RefusedError, match="is full: .*; what it had until then is kept: recorded"):
         kept.stop_recording()
@@ -111,7 +111,7 @@ def test_of_a_recorder_that_died_the_unclosed_bag_is_kept_for_the_report(kept):
 
 
 def test_what_is_not_recorded_is_neither_closed_nor_reported(kept):
-    with pytest.raises(RefusedError, match=f"^recording already, to {kept.recording}$"):
+    with pytest.raises(RefusedError, match=f"^recording already, to {kept.open_bag}$"):
         kept.record()
     with pytest.raises(RefusedError, match="a bag is still being recorded: stop that first"):
         kept.make_report()
@@ -142,7 +142,7 @@ def test_tools_are_run_to_their_end(kept, monkeypatch):
 
     monkeypatch.setattr(session_files.subprocess, "run", run)
     goal = kept.directory / "goals" / "mine.yaml"
-    assert kept.teach("mine", "points") == f"the goal mine is what the camera sees now: {goal}"
+    assert kept.teach_goal("mine", "points") == f"the goal mine is what the camera sees now: {goal}"
     assert goal.parent.is_dir() and asked.pop() == (
         ["rosrun", "aras_visual_servo_controller", "teach", str(goal), "--scheme", "points",
          "--timeout", "20.0"], 90.0)
@@ -193,11 +193,11 @@ def test_a_recorder_that_does_not_begin_is_ended(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["x\0", "a" * 5000, "../bags", "missing.html", ""])
 def test_no_other_file_than_a_report_s_is_given(kept, name):
-    assert kept.file(name) is None
+    assert kept.find_file(name) is None
 
 
 def test_a_report_s_file_is_given(kept):
     page = kept.directory / session_files.REPORT_FOLDER / "one" / "report.html"
     page.parent.mkdir(parents=True)
     page.write_text("")
-    assert kept.file("one/report.html") == page.resolve()
+    assert kept.find_file("one/report.html") == page.resolve()

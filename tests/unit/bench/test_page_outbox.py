@@ -24,7 +24,7 @@ def outbox(sent):
 
 def test_who_keeps_up_is_told_everything_at_once(outbox, sent):
     for i in range(20):
-        outbox.news(news(i))
+        outbox.send_update(news(i))
         outbox.picture(bytes([i]))
         assert sent == [news(i), bytes([i])]
         sent.clear()
@@ -39,7 +39,7 @@ def test_the_text_that_is_there_already_is_not_made_again(sent):
 
 def test_who_is_slow_gets_the_last_of_everything_in_one(outbox, sent):
     for i in range(MAX_UNACKNOWLEDGED):
-        outbox.news(news(i))
+        outbox.send_update(news(i))
     outbox.news(news(10, told={"phase": "holding"}, samples=[[1.0]], names=["xn"]))
     outbox.news(news(11, shapes={"path": 1, "goal": 1}))
     outbox.news(news(12, shapes={"path": None}, samples=[[2.0]], names=["xn"]))
@@ -60,7 +60,7 @@ def test_who_is_slow_gets_the_last_of_everything_in_one(outbox, sent):
 
 def test_seen_more_often_than_sent_allows_no_more(outbox, sent):
     for _ in range(10):
-        outbox.seen()
+        outbox.acknowledge()
     for i in range(10):
         outbox.news(news(i))
     assert len(sent) == MAX_UNACKNOWLEDGED
@@ -68,7 +68,7 @@ def test_seen_more_often_than_sent_allows_no_more(outbox, sent):
 
 def test_three_are_sent_before_the_first_has_been_seen(outbox, sent):
     for i in range(5):
-        outbox.picture(bytes([i]))
+        outbox.send_image(bytes([i]))
     assert sent == [bytes([i]) for i in range(3)]
     outbox.seen()
     assert sent[3:] == [bytes([4])]
@@ -97,7 +97,7 @@ def test_as_many_samples_as_a_plot_holds_are_all_kept():
 
 def test_who_never_looks_fills_no_memory(outbox, sent):
     for i in range(3 * MAX_SAMPLES):
-        outbox.news(news(i, samples=[[float(i)]]))
+        outbox.send_update(news(i, samples=[[float(i)]]))
     outbox.seen()
     rows = sent[-1]["samples"]
     assert rows[0] == ["clear"] and len(rows) == MAX_SAMPLES + 1

@@ -46,7 +46,7 @@ def context_of(needs=None, depth=False, label="", **keys):
 
 
 def seen(context, exactly=False):
-    return make_imaging_settings(context, context.control, exactly)
+    return make_imaging_settings(context, context.control_camera, exactly)
 
 
 FREE = {"plant": "free"}
@@ -313,7 +313,7 @@ JOINTS = {"a": 0.1, "b": 0.2}
 
 def taught(context, mounting=None, shift=(0.0, 0.0), size=1.0, image=True):
     """The goal by an image in which the target is off its place, px, or larger; or by none."""
-    eye, target, images = context.control, context.target, {}
+    eye, target, images = context.control_camera, context.target, {}
     if image:
         outline = target.shape.outline(target.seen_from(ABOVE))
         middle = outline.mean(axis=0)

@@ -44,7 +44,7 @@ def until(plant, time_ns):
 
 
 def bullet(robot, preset, **options):
-    joints = dict(zip(robot.arm().names, START, strict=True))
+    joints = dict(zip(robot.make_arm().names, START, strict=True))
     camera = {**preset, **options.pop("camera", {})}
     return DynamicArm(robot, camera, joints, **options)
 
@@ -128,7 +128,7 @@ def test_impossible_robots_are_refused_in_one_line(robot, preset):
 def test_friction_can_be_taken_out(robot):
     from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
 
-    rough = [joint.friction for joint in robot.description().joints.values()]
+    rough = [joint.friction for joint in robot.parse_description().joints.values()]
     smooth = [
         j.friction for j in Robot(RobotSpec(), friction=False).parse_description().joints.values()
     ]

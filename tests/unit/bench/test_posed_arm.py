@@ -52,7 +52,7 @@ def placed(x, y, z):
     ((0.3, 0.2, 0.0491), (0, 0, -1), "ground_plane"), ((1.7509, 0.1, 0.5), (1, 0, 0), "block"),
 ])  # fmt: skip
 def test_what_it_runs_into_is_said_from_a_millimetre_on(arm, free, way, other):
-    assert arm.touched(placed(*free)) == ""
+    assert arm.find_collision(placed(*free)) == ""
     hit = np.array(free) + 2e-4 * np.array(way)
     assert arm.touched(placed(*hit)) == f"its link 'z_l' is in '{other}'"
 
@@ -77,7 +77,7 @@ def test_it_hides_the_share_that_the_shadow_of_its_plate_covers(arm):
     seen of the world, a sheet between them, hides nothing."""
     eye = matrix_from_xyz_rpy((0.45, 0.3, 1.1), (np.pi - 0.3, 0.1, 0.4))
     top, low = 0.9, 0.89  # of the plate, m; the eye sees its top and two of its sides
-    part = arm.hidden(placed(0.5, 0.27, top + 0.025), eye, FLAT, AT)
+    part = arm.compute_occlusion(placed(0.5, 0.27, top + 0.025), eye, FLAT, AT)
     corners = [np.array([0.45, 0.3]) + (np.array([x, y]) - [0.45, 0.3]) * 0.5 / (1.1 - z)
                for z in (top, low) for x in (0.45, 0.55) for y in (0.22, 0.32)]
     low_x, low_y = np.maximum(np.min(corners, axis=0), [0.4, 0.15])
@@ -108,7 +108,7 @@ def test_the_whole_target_counts_to_its_rim(arm):
 @pytest.mark.parametrize(("height", "hides"), [(0.0045, False), (0.0055, True)])
 def test_what_lies_within_five_millimetres_of_the_target_is_the_target(arm, height, hides):
     eye = matrix_from_xyz_rpy((0.6, 0.25, 1.1), (np.pi, 0.0, 0.0))
-    part = arm.hidden(placed(0.6, 0.25, 0.6 + height + 0.025), eye, FLAT, AT)
+    part = arm.compute_occlusion(placed(0.6, 0.25, 0.6 + height + 0.025), eye, FLAT, AT)
     assert (part > 0.05) is hides
 
 
@@ -116,7 +116,7 @@ def test_what_lies_within_five_millimetres_of_the_target_is_the_target(arm, heig
     (0.085, None, False), (0.105, None, True), (0.105, 0.13, False), (0.05, 0.01, True)])
 def test_what_is_nearer_than_the_camera_sees_is_not_drawn(arm, before, near, hides):
     eye = matrix_from_xyz_rpy((0.6, 0.25, 1.1), (np.pi, 0.0, 0.0))
-    part = arm.hidden(placed(0.6, 0.25, 1.1 - before + 0.025), eye, FLAT, AT, near)
+    part = arm.compute_occlusion(placed(0.6, 0.25, 1.1 - before + 0.025), eye, FLAT, AT, near)
     assert (part > 0.3) is hides
 
 

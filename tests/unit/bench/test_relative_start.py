@@ -15,7 +15,7 @@ TARGET = matrix_from_xyz_rpy((0.3, 0.1, 0.2), (0.1, -0.2, 0.5))
 
 
 def posed(start, seed=0):
-    x = start.pose(GOAL, TARGET, seed)
+    x = start.compute_pose(GOAL, TARGET, seed)
     return matrix_from_xyz_rpy(x[:3], x[3:])
 
 

@@ -123,7 +123,7 @@ def test_words_tell_a_failure_with_reason_and_remedy(moments):
     assert "NO: target_lost (over the left border)" in told and "begin nearer" in told
     assert "yes, and held" in summary.describe_run(moments, summary.summarise(moments))
     doubted = replace(moments, outcome="wrong_camera_model")
-    assert doubted.held  # it is held at the goal all the same
+    assert doubted.is_held_at_goal  # it is held at the goal all the same
     told = summary.describe_run(doubted, summary.summarise(doubted))
     assert "yes, and held; yet wrong_camera_model" in told
     noted = replace(moments, reason="as shown; yet", remedy="calibrate")
@@ -158,7 +158,7 @@ def test_the_best_of_each_row_is_marked_once_it_differs_in_print(moments):
 def test_no_run_that_failed_is_best(moments):
     """A run that ended 82 mm off had a star for its overshoot."""
     columns = [column(0.1, 3), column(0.5, 9), column(0.7, 9)]
-    off = replace(moments, verdict=replace(moments.verdict, word="goal_missed", distance=0.082))
+    off = replace(moments, verdict=replace(moments.verdict, name="goal_missed", distance=0.082))
     lost = replace(moments, outcome="target_lost")
     for failed in (off, lost):
         for key in ("settled", "overshoot"):
@@ -201,7 +201,7 @@ def test_other_schemes_show_the_targets_corners_and_its_centre(moments):
     np.testing.assert_allclose(found.pixels[-1, :-1], found.desired[:-1], atol=0.2)
     np.testing.assert_allclose(found.pixels[-1, -1], found.desired[-1], atol=0.2)
     # A turn by a turn of the camera: pixels at the start are those of the start's pose.
-    rim = moments.outline(moments.pose[0], moments.began)
+    rim = moments.project_outline(moments.pose[0], moments.began)
     low, high = rim.min(axis=0), rim.max(axis=0)
     start = found.pixels[0]
     assert (start >= low - 0.5).all() and (start <= high + 0.5).all()
@@ -210,7 +210,7 @@ def test_other_schemes_show_the_targets_corners_and_its_centre(moments):
 def test_pictures_are_chosen_by_what_is_left_of_the_error(moments):
     decision = moments.states[0].scheme_output
     short = replace(moments, states=tuple(
-        replace(moments.states[0], stamp=float(stamp), decision=replace(decision, error=error))
+        replace(moments.states[0], stamp=float(stamp), scheme_output=replace(decision, error=error))
         for stamp, error in enumerate(np.outer([1.0, 0.9, 0.5, 0.15, 0.01, 0.01], [1, 0, 0, 0]))
     ))  # fmt: skip
     assert find_milestones(short) == [0.0, 2.0, 3.0, 4.0, 5.0]
@@ -311,7 +311,7 @@ def test_a_name_with_dollars_is_drawn_as_it_stands(draw, moments):
     name = r"$\input{x}$"
     names = tuple(f"{name}{i}" for i in range(len(moments.names)))
     states = tuple(
-        replace(state, decision=state.scheme_output and replace(state.scheme_output, names=names))
+        replace(state, scheme_output=state.scheme_output and replace(state.scheme_output, names=names))
         for state in moments.states
     )
     joints = (name, *moments.joint_names[1:])
@@ -529,7 +529,7 @@ def test_nothing_of_a_figure_is_cut_off_or_lies_on_a_legend(draw, count, paper, 
 def test_a_pace_without_a_curve_leaves_no_empty_panel(moments):
     """Real-time factors come once a second: a short run has none, or one, of its own."""
     paces = {
-        "late": [[moments.began + 100.0, 1.0]], "unknown": [[moments.began + 0.1, np.nan]],
+        "late": [[moments.start_stamp + 100.0, 1.0]], "unknown": [[moments.start_stamp + 0.1, np.nan]],
         "one": [[moments.began + 0.5, 0.98]],
     }  # fmt: skip
     for name, pace in paces.items():

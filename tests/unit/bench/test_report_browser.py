@@ -32,7 +32,7 @@ def opened(watched, runs, tmp_path_factory):
     wide."""
     lost = replace(runs[0], name="lost", outcome="target_lost", reason="over the left border",
                    remedy="begin nearer", notes=["the bag was cut off"],
-                   verdict=replace(runs[0].verdict, word="goal_missed"))  # fmt: skip
+                   verdict=replace(runs[0].verdict, name="goal_missed"))  # fmt: skip
     open_ = replace(runs[0], name="open", outcome="converged up to 0.6 mm", reason="noise")
     shown = {1: runs[:1], 2: runs, 9: [*runs, lost, open_, *(replace(runs[0], name=f"run {i}")
                                                             for i in range(5))]}  # fmt: skip

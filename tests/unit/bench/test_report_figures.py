@@ -52,7 +52,7 @@ def of_points(run):
         error[:2] = np.nan if i in (0, 1, 40) else error[:2]
         wanted = np.full(4, np.nan) if i > 120 else wanted
         decision = SchemeOutput(names, wanted + error, wanted, error) if i != 33 else None
-        states.append(replace(state, decision=decision))
+        states.append(replace(state, scheme_output=decision))
     return replace(run, states=tuple(states), units=(), name="points")
 
 
@@ -116,7 +116,7 @@ def test_a_camera_s_pixels_are_the_axes_of_its_picture_plane(runs, paper):
     assert axis.get_xlabel() == "column (pixel)" and axis.get_ylabel() == "row (pixel)"
     # It is the last picture, paler, and white where that is.
     shown = axis.images[0].get_array()
-    last = picture(len(runs[0].images.pictures) - 1).astype(float)
+    last = picture(len(runs[0].control_record.pictures) - 1).astype(float)
     np.testing.assert_allclose(255 - shown.astype(float), 0.35 * (255 - last), atol=1.0)
     assert all(side.get_visible() for side in axis.spines.values())
     assert not has_grid(axis)
@@ -285,7 +285,7 @@ def test_an_outline_that_leaves_a_picture_does_not_make_it_smaller(runs, edge, s
     at = (np.array(edge) - [K[2], K[5]]) / [K[0], K[4]] * middle[2]
     goal = GOAL.copy()  # from where the target's middle is seen at an edge
     goal[:3, 3] += GOAL[:3, :3] @ [*(middle[:2] - at), 0.0]
-    few = with_images(runs[0], runs[0].images.pictures[:1])
+    few = with_images(runs[0], runs[0].control_record.pictures[:1])
     axis = views.draw_filmstrip([replace(few, goal_pose=goal)]).axes[0]
     shown = np.transpose(axis.lines[0].get_data())
     beyond = (shown < 0.0) | (shown > [WIDTH, HEIGHT])
@@ -392,7 +392,7 @@ def test_a_camera_s_path_is_drawn_with_its_goal_and_its_target(runs, paper):
     told = [text.get_text() for text in figure.texts]
     assert told == ([] if paper else ["Path of the camera in the world  (dashed: straight to the "
                                       "goal)"])  # fmt: skip
-    assert not np.allclose(runs[0].target.world_T_target(run.began), runs[0].target.pose)
+    assert not np.allclose(runs[0].target.world_T_target(run.start_stamp), runs[0].target.pose)
 
 
 def test_paths_of_several_cameras_have_a_goal_each_where_it_is_known(runs, screen):
@@ -610,7 +610,7 @@ def test_an_axis_shows_what_it_must_with_room_above(runs, screen):
 def test_levels_and_instants_are_lines_with_words_beside_them(runs, screen):
     time, values = np.arange(11.0), np.geomspace(1.0, 1e-3, 11)
     longer = (np.arange(13.0), np.geomspace(1.0, 1e-2, 13))
-    axis = axis_of(runs[0], (time, values), longer, log=True, levels=((0.02, "2 %"),),
+    axis = axis_of(runs[0], (time, values), longer, is_logarithmic=True, levels=((0.02, "2 %"),),
                    marks=((8.9, "settled"), (9.1, "there")))  # fmt: skip
     level, early, late = axis.texts
     assert [line.get_ydata()[0] for line in axis.lines if len(set(line.get_ydata())) == 1] == [0.02]
@@ -812,7 +812,7 @@ def test_what_goes_over_decades_has_a_logarithmic_axis_of_one_run_and_of_several
 
 
 def test_intervals_are_those_of_the_pictures_where_three_of_these_are_known(runs):
-    run, record = runs[0], runs[0].images
+    run, record = runs[0], runs[0].control_record
     for kept in (2, 3):
         few = replace(record, stamp=record.stamp[11 : 11 + kept],
                       arrival=record.arrival[11 : 11 + kept])  # fmt: skip
@@ -831,7 +831,7 @@ def test_joints_of_another_run_are_found_by_their_names(runs):
     assert len(found["elbow"].curves) == 1 and len(found["wrist"].curves) == 2
     curve = found["wrist"].curves[1]
     shown = turned.joint_stamp >= turned.stamp[0] - 0.1
-    np.testing.assert_array_equal(curve.values, turned.measured[shown, 0])
+    np.testing.assert_array_equal(curve.values, turned.measured_positions[shown, 0])
     np.testing.assert_array_equal(found["slide, speed"].curves[1].values,
                                   turned.measured_velocities[shown, 2])  # fmt: skip
     assert (curve.name, curve.run, curve.colour_index) == (turned.name, 1, 1)

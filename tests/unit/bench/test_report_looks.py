@@ -140,7 +140,7 @@ def test_axes_over_time_have_room_for_their_labels(paper):
 
 
 @pytest.mark.parametrize("named", [
-    {}, {"left": 0.4}, {"above": 0.2, "right": 0.1}, {"beside": 0.3, "bottom": 0.25, "top": 0.15},
+    {}, {"left": 0.4}, {"row_gap": 0.2, "right": 0.1}, {"column_gap": 0.3, "bottom": 0.25, "top": 0.15},
 ])  # fmt: skip
 def test_axes_fill_what_their_margins_leave(named, paper):
     """A margin that is not named is none; all axes are of one size."""
@@ -150,13 +150,13 @@ def test_axes_fill_what_their_margins_leave(named, paper):
     width, height = figure.get_size_inches()
     boxes = np.array([axis.get_position().extents for axis in axes]) * ([width, height] * 2)
     room = {name: part * named.get(name, 0.0) for name in wanted}
-    across = (width - room["left"] - room["right"] - room["beside"]) / 2
+    across = (width - room["left"] - room["right"] - room["column_gap"]) / 2
     assert height == pytest.approx(3 * 1.5 * part + room["top"] + room["bottom"]
-                                   + 2 * room["above"])  # fmt: skip
+                                   + 2 * room["row_gap"])  # fmt: skip
     for number, (x0, y0, x1, y1) in enumerate(boxes):
         row, column = divmod(number, 2)
-        left = room["left"] + column * (across + room["beside"])
-        top = height - room["top"] - row * (1.5 * part + room["above"])
+        left = room["left"] + column * (across + room["column_gap"])
+        top = height - room["top"] - row * (1.5 * part + room["row_gap"])
         assert (x0, x1, y0, y1) == pytest.approx((left, left + across, top - 1.5 * part, top))
 
 
@@ -225,7 +225,7 @@ def test_far_limits_are_small_words_in_a_corner(falls, offset, runs, screen):
 
 def test_values_that_no_line_joins_are_dots(runs, screen):
     time = np.arange(5.0)
-    (alone, *_) = axis_of(runs[:1], [Curve("a", time, time + 1.0)], dots=True).lines
+    (alone, *_) = axis_of(runs[:1], [Curve("a", time, time + 1.0)], is_dotted=True).lines
     check(alone, marker=".", markersize=3.0, linestyle="None")
     both = [Curve(f"run {i}", time, time + 1.0 + i, i, i) for i in range(2)]
     first, second = axis_of(runs, both, dots=True).lines[:2]

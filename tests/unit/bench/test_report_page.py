@@ -170,7 +170,7 @@ def test_no_name_is_markup(moments, tmp_path):
     names = tuple(f"{HOSTILE}{i}" for i in range(len(decision.names)))
     states = tuple(
         state if state.scheme_output is None else
-        replace(state, reason=HOSTILE, decision=replace(state.scheme_output, names=names))
+        replace(state, reason=HOSTILE, scheme_output=replace(state.scheme_output, names=names))
         for state in moments.states
     )  # fmt: skip
     joints = tuple(f"{HOSTILE}{name}" for name in moments.joint_names)
@@ -203,7 +203,7 @@ def test_of_thousands_of_numbers_a_table_shows_some_and_says_how_many_more(momen
     def wide(state):
         decision = state.scheme_output
         names, zeros = tuple(f"p{i}" for i in range(400)), (0.0,) * 400
-        return state if decision is None else replace(state, decision=replace(
+        return state if decision is None else replace(state, scheme_output=replace(
             decision, names=names, features=zeros, desired=zeros, error=zeros,
             filtered_error=zeros))  # fmt: skip
 

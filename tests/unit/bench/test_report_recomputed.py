@@ -97,7 +97,7 @@ def recomputed(run):
     begin, end = (of_first[of_first < part].index[0] for part in (0.8, 0.15))
     line = of_first[begin:end].iloc[:-1]
     speed = run.measured_velocities[after]
-    q, lasting = run.measured[after], np.append(np.diff(run.joint_stamp[after]), 0.0)
+    q, lasting = run.measured_positions[after], np.append(np.diff(run.joint_stamp[after]), 0.0)
     margin = 1e-3 * (UPPER - LOWER)
     at_limit = ((q <= LOWER + margin) | (q >= UPPER - margin)).any(axis=1)
     L, LJ = (np.array([getattr(s.resolution, name) for s in run.states])

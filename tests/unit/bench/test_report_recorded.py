@@ -72,7 +72,7 @@ def recorded(arm, phases=("approaching", "servoing", "servoing"), filmed=True,
         image = np.full((40, 80, 3), (200, 100 * i, 10), np.uint8)
         recorder.add_image(Frame(round(1.2e9 + 1e8 * i), image, "bgr8", name="wide"),
                      pose(7 + i), WIDE)  # fmt: skip
-    plant = SimpleNamespace(poses=lambda q: np.array([pose(10 * row[0]) for row in q]))
+    plant = SimpleNamespace(compute_rest_poses=lambda q: np.array([pose(10 * row[0]) for row in q]))
     end = {"joint_names": ("slide", "elbow"), "goal_pose": GOAL, "outcome": "converged",
            "reason": "", "remedy": "", "verdict": None}  # fmt: skip
     return recorder.make_run(plant, Experiment(plant="chain", gain=3.0), assembly(arm), **end)
@@ -265,7 +265,7 @@ def test_poses_and_films_are_those_that_were_known():
     )
     early = CameraRecord(WIDE, film=((1.0, jpeg),))
     pictures = tuple((float(s), np.zeros((40, 64, 3), np.uint8)) for s in run.stamp[:3])
-    first = replace(run.control_record, pictures=((1.0, pictures[0][1]), *pictures), model=None)
+    first = replace(run.control_record, images=((1.0, pictures[0][1]), *pictures), model=None)
     run = replace(run, true_pose=poses, arm_places=places,
                   cameras={"camera": first, "early": early, "wide": other})  # fmt: skip
     told = make_contents([run], [])

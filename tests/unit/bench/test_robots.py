@@ -89,7 +89,7 @@ def hand(q=Q):
 
 
 def test_its_camera_is_where_its_description_has_it_or_is_moved_to(made):
-    np.testing.assert_allclose(made().arm().pose(Q), hand() @ HAND_T_LINK @ LINK_T_EYE, atol=1e-9)
+    np.testing.assert_allclose(made().make_arm().pose(Q), hand() @ HAND_T_LINK @ LINK_T_EYE, atol=1e-9)
     assert made().arm().names == ("a_j", "b_j")
     moved = made(xyz=(0.01, 0.02, 0.03), rpy=(0.1, 0.2, 0.3))
     link = HAND_T_LINK @ matrix_from_xyz_rpy((0.01, 0.02, 0.03), (0.1, 0.2, 0.3))
@@ -126,7 +126,7 @@ def test_more_cameras_get_frames_of_their_own(made, described):
     if not described:
         (made.folder / "r.urdf").write_text(URDF.replace(FRAME, ""))
     robot = made(cameras=CAMERAS)
-    assert [robot.frame(name) for name in (*CAMERAS, "none")] == [
+    assert [robot.find_optical_frame(name) for name in (*CAMERAS, "none")] == [
         "camera_optical_frame", "wall", "camera_frame_of_held", "camera_frame_of_stands",
         "camera_frame_of_carried", "camera_optical_frame"]
     assert [robot.target_frame(name) for name in ("own", "carried")] == ["", "b"]
@@ -179,7 +179,7 @@ def test_a_camera_is_moved_and_believed_in_the_same_axes_at_any_frame(made, came
     own = {"camera_frame": camera_frame}
     if camera_frame == "b":
         (made.folder / "r.urdf").write_text(URDF.replace(EYE + FRAME, "").replace(SENSOR, ""))
-    place = made(own).arm().pose(Q)
+    place = made(own).make_arm().pose(Q)
     off, link = matrix_from_xyz_rpy(OFF["xyz"], OFF["rpy"]), np.linalg.inv(LINK_T_EYE)
     moved = made(own, **OFF).arm().pose(Q)
     np.testing.assert_allclose(moved, place @ link @ off @ LINK_T_EYE, atol=1e-9)
@@ -191,7 +191,7 @@ def test_a_camera_is_moved_and_believed_in_the_same_axes_at_any_frame(made, came
 def test_any_camera_is_believed_off_its_place_in_its_own_axes(made, name):
     robot = made(cameras=CAMERAS)
     try:
-        true = robot.arm(name).pose(Q)
+        true = robot.make_arm(name).pose(Q)
     except ExperimentError:  # it stands
         true = robot.standing(name)
         cameras = {
@@ -211,7 +211,7 @@ def test_a_target_is_put_onto_a_link(made, tmp_path):
         '</link><gazebo reference="t"><material>Gazebo/Grey</material></gazebo></robot>')
     pose = matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0.1, 0.2, 0.3))
     carried = {"plate": MountedTarget("b", pose, tmp_path / "t.urdf")}
-    robot = made(carried=carried)
+    robot = made(mounted_targets=carried)
     found = parse_urdf(robot.urdf)
     assert [v.geometry.size for v in found.links["plate"].visuals] == [(1.0, 2.0, 3.0)]
     assert 'reference="plate"' in robot.urdf and 'reference="t"' not in robot.urdf
@@ -223,7 +223,7 @@ def test_a_target_is_put_onto_a_link(made, tmp_path):
 
 
 def test_each_joint_has_one_controller_of_one_kind(made):
-    assert made({"controllers": ("again", "second")}).controllers(("b_j", "a_j")) == (
+    assert made({"controllers": ("again", "second")}).find_controllers(("b_j", "a_j")) == (
         {"b_j": "second", "a_j": "again"}, "position")
     assert made().controllers(("a_j",)) == ({"a_j": "first"}, "position")
     assert made({"controllers": ("fast",)}).controllers(("b_j",))[1] == "velocity"
@@ -246,7 +246,7 @@ def test_files_that_cannot_be_used_are_named(made):
         with pytest.raises(ExperimentError, match=why):
             made(keys)
     broken = made({"urdf": str(made.folder / "bad.urdf")})
-    for ask in (broken.description, broken.arm):
+    for ask in (broken.parse_description, broken.arm):
         with pytest.raises(ExperimentError, match=r"^/.*bad.urdf: "):
             ask()
     (made.folder / "bare.urdf").write_text('<robot name="x"><link name="world"/></robot>')
@@ -328,7 +328,7 @@ def test_a_hand_eye_calibration_puts_the_camera(made):
     mm = HandEyeSpec(str(made.folder / "mm.txt"), "mm", "b")
     for spec in (metres, mm):
         for keys in ({}, {"urdf": str(made.folder / "bare.urdf")}):
-            pose = made(keys, hand_eye=spec).arm().pose(Q)
+            pose = made(keys, hand_eye=spec).make_arm().pose(Q)
             np.testing.assert_allclose(pose, hand() @ found, atol=1e-9)
         two = {"own": CameraSpec(), "other": CameraSpec(hand_eye=spec)}
         robot = made(cameras=two)

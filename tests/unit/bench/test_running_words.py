@@ -67,7 +67,7 @@ def test_workers_are_where_the_options_say(calls):
 def test_a_dry_run_says_what_would_be_done(calls, study, capsys, monkeypatch, more, cores, workers):
     calls(run.engine, "dry_run", ["6 runs", "an hour"])
     calls(run.images, "check_room", "takes 3 MB")
-    calls(run, "kept_runs", 2)
+    calls(run, "count_stored_runs", 2)
     monkeypatch.setattr(run.os, "cpu_count", lambda: cores)
     assert main(["run", str(study), "--dry-run", "--out", "there", *more]) == 0
     kept, room, (_, asked, count) = calls.found
@@ -152,7 +152,7 @@ def carried(monkeypatch, calls):
         monkeypatch.setattr(run, "make_pool", lambda given: Closed(told))
         monkeypatch.setattr(run, "Progress", lambda *given: Closed(told, *given))
         monkeypatch.setattr(run, "format_duration", lambda seconds: f"<{seconds}>")
-        calls(run, "_report")
+        calls(run, "_write_report")
         return run.carry_out(folder, options(**changed)), told
     return carry_out
 
@@ -187,7 +187,7 @@ def test_a_run_without_success_stops_it(carried, calls, capsys):
 
 def test_a_study_that_is_whole_is_finished(carried, calls, capsys, monkeypatch):
     folder = Folder(kept=6, keeps_images=True)
-    calls(run.card, "write", "README.md")
+    calls(run.card, "write_card", "README.md")
     monkeypatch.setattr(run.card, "write_card", lambda given: f"card of {given.path}")
     status, told = carried(folder, None)
     assert status == 0 and folder.told == ["code", "lock", "finish", "free"] and not told
@@ -222,7 +222,7 @@ def test_resuming_checks_the_study_s_file(calls, monkeypatch):
 def test_a_report_is_a_table_and_pictures(calls, tmp_path, capsys, monkeypatch, rows, names, shown):
     results = SimpleNamespace(study=SimpleNamespace(metric_names=names))
     monkeypatch.setattr(run.Results, "read", lambda path: results)
-    calls(run.tables, "tabulated", SimpleNamespace(rows=[0] * rows))
+    calls(run.tables, "make_table", SimpleNamespace(rows=[0] * rows))
     calls(run.tables, "written", "| a |\n")
     calls(study_figures, "write_all", ["a.png", "b.png"])
     run._write_report(tmp_path)
@@ -246,7 +246,7 @@ def test_an_experiment_is_run_once(calls, tmp_path, monkeypatch, words, name, so
     done, ran = SimpleNamespace(name=""), []
     monkeypatch.setattr(run.loop, "run", lambda asked: ran.append(asked) or done)
     calls(replay, "run_with_images", done)
-    calls(analyze, "report")
+    calls(analyze, "write_reports")
     assert main(["run", *words, "gain=2.5"]) == 0
     assert calls.found[-1] == ("report", [done], None if out is None else run.Path(out))
     asked = ran[0] if out is None else calls.found[0][1]

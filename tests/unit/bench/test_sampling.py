@@ -97,7 +97,7 @@ class Stuck:
         self.lower, self.upper = np.full(6, lower), np.full(6, upper)
         self.lower[2] = -np.inf  # without a limit it is not bent
 
-    def view(self, q):
+    def pose_and_jacobian(self, q):
         self.asked.append(q.copy())
         pose = np.eye(4)
         pose[:3, 3] = MIDDLE + [-self.off, 0.0, 0.3]

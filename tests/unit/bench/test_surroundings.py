@@ -157,7 +157,7 @@ def of(kind=Postures, **more):
 def test_what_speaks_against_a_posture_is_said_and_weighed():
     joints = (0.1, 0.2)
     assert (
-        of(Told).compute_cost(joints) == 2.37 and of(Told, drawn=False).compute_cost(joints) == 2.0
+        of(Told).compute_cost(joints) == 2.37 and of(Told, is_visible=False).compute_cost(joints) == 2.0
     )
     assert of(Told).list_faults(joints, "goal", True) == [
         "the arm runs into something at the goal, its link 'a' is in 'b': give it other joints",
@@ -292,7 +292,7 @@ TWO = {"camera": "original", "cameras": {
 
 def test_the_cameras_that_watch_are_there_where_they_are_wanted():
     assert list(parts(**TWO).cameras) == ["left", "right", "other"]
-    found = parts(**TWO, watched=False)
+    found = parts(**TWO, has_unread_cameras=False)
     assert list(found.cameras) == ["left", "right"] == list(found.rig.observers)
     assert (
         list(found.placements) == ["right"]

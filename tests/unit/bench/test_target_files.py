@@ -68,7 +68,7 @@ def seen(experiment, wanted=1):
 
 def missed(parts, found, pose, stamp):
     """Greatest distance, px, of points (n, 2) found from where the geometry has them."""
-    x, y = parts.target.shape.points(parts.target.seen_from(pose, stamp)).T
+    x, y = parts.target.shape.points(parts.target.target_T_camera(pose, stamp)).T
     exact = np.column_stack(parts.plant.camera.project(x, y))
     if len(found) == 4 and parts.target.shape is make_target("four_dots", (0.1, 0.1)):
         offset = exact - exact.mean(axis=0)

@@ -329,7 +329,7 @@ def test_dots_are_discs_about_the_known_points(coarse, size):
     assert max(target.pixels.shape) == 300 and target.size == size
     w, h = size
     np.testing.assert_allclose(
-        target.known, [(-w / 4, h / 4), (w / 4, h / 4), (w / 4, -h / 4), (-w / 4, -h / 4)])
+        target.known_points, [(-w / 4, h / 4), (w / 4, h / 4), (w / 4, -h / 4), (-w / 4, -h / 4)])
     x, y = middles(target)
     away = np.min([np.hypot(x - p, y[:, None] - q) for p, q in target.known], axis=0)
     pixel = w / target.pixels.shape[1]
@@ -352,14 +352,14 @@ def test_a_grid_is_five_by_five_lines_a_hundredth_of_the_width_thick(coarse, siz
                    | (near_y < w / 200 + slack)[:, None] & (long_x < slack)
                    for slack in (-pixel, pixel))
     assert not target.pixels[sure].any() and (target.pixels[~maybe] == 255).all()
-    np.testing.assert_allclose(target.known, np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)])
+    np.testing.assert_allclose(target.known_points, np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)])
                                * 0.4 * np.array(size), atol=1e-12)
 
 
 @pytest.mark.parametrize("size", [OBLONG, (0.2, 0.3)])
 def test_a_marker_is_square_in_the_middle_and_its_corners_are_known(coarse, size):
     target = SHAPES.create("marker", size=size).make()
-    columns, rows = np.round([at(target, *corner) for corner in target.known], 6).T
+    columns, rows = np.round([at(target, *corner) for corner in target.known_points], 6).T
     assert np.ptp(columns) == np.ptp(rows) == 160  # 8 of 10 cells of the shorter side's 200
     (first, last), (top, bottom) = ((int(np.ceil(n.min())), int(np.floor(n.max())) + 1)
                                     for n in (columns, rows))

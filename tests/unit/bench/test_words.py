@@ -56,7 +56,7 @@ def asked(monkeypatch):
 
 
 def test_a_table_is_of_the_rows_and_columns_that_were_asked_for(asked, tmp_path, capsys):
-    asked(results.tables, "tabulated", "rows")
+    asked(results.tables, "make_table", "rows")
     asked(results.tables, "written", "a b\n")
     words = ["table", "x", "y", "--by", "p, q,", "--metrics", "m"]
     assert main([*words, "--format", "tex"]) == 0
@@ -71,7 +71,7 @@ def test_a_table_is_of_the_rows_and_columns_that_were_asked_for(asked, tmp_path,
 
 
 def test_plots_are_put_where_they_are_wanted(asked, tmp_path, capsys):
-    asked(study_figures, "write_all", ["one.png", "two.svg"])
+    asked(study_figures, "write_figures", ["one.png", "two.svg"])
     assert main(["plot", "x", "y", "--metrics", "m,n"]) == 0
     assert capsys.readouterr().out == "one.png\ntwo.svg\n"
     assert main(["plot", "x", "--format", "svg, pdf", "--out", "there"]) == 0
@@ -82,7 +82,7 @@ def test_plots_are_put_where_they_are_wanted(asked, tmp_path, capsys):
 
 
 def test_differences_are_of_the_first_folder_and_the_second(asked, capsys):
-    asked(results.compare, "differences", "found")
+    asked(results.compare, "find_differences", "found")
     asked(results.compare, "told", "so and so")
     assert main(["diff", "x", "y", "--by", "p", "--metrics", "m,n"]) == 0
     assert main(["diff", "x", "y", "--all"]) == 0
@@ -98,7 +98,7 @@ def study(tmp_path, asked, monkeypatch):
     path = tmp_path / "mine.yaml"
     path.write_text(STUDY)
     for place in (protocol, dataset):
-        monkeypatch.setattr(place.Folder, "create", lambda *given: given)
+        monkeypatch.setattr(place.StudyFolder, "create", lambda *given: given)
     asked(run, "carry_out", 7)
     return path
 
@@ -224,7 +224,7 @@ def test_runs_that_are_analyzed_have_the_names_that_they_are_given(asked, tmp_pa
         return SimpleNamespace(name=f"of {given}")
 
     monkeypatch.setattr(analyze, "load_run", read)
-    asked(analyze, "report")
+    asked(analyze, "write_reports")
     words = ["analyze", "a", "b", "--out", str(tmp_path)]
     assert main([*words, "--names", "one, two", "--formats", "svg,png", "--paper"]) == 0
     assert main([*words, "--names", "one,one"]) == 0

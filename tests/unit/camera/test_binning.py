@@ -41,7 +41,7 @@ def seen_of(bench, tmp_path, plainly):
 def test_triangles_are_seen_in_the_eye_s_frame_and_light(seen_of):
     for near, far in ((0.02, 50.0), (0.4, 0.95)):
         renderer, view, seen = seen_of("wide", near, far)
-        g, T = renderer.triangles, view.optical_T_world @ renderer.scene.poses()
+        g, T = renderer.triangles, view.optical_T_world @ renderer.scene.read_poses()
         own = T[g.row[seen.triangle]]
         corners = np.einsum("nij,nkj->nki", own[:, :3, :3], g.corners[seen.triangle])
         corners += own[:, None, :3, 3]
@@ -65,7 +65,7 @@ def test_triangles_are_seen_in_the_eye_s_frame_and_light(seen_of):
 @pytest.mark.parametrize("name", VIEWS)
 def test_tiles_list_what_their_rays_meet_first_and_little_else(seen_of, name):
     renderer, view, seen = seen_of(name)
-    tiles, g = view.tiles(), renderer.triangles
+    tiles, g = view.get_tiles(), renderer.triangles
     plane, part = seen.side.sum(axis=1), g.part[seen.triangle]
     side, listed, aside = seen.side.reshape(-1, 3), 0, 0
     # Half pixels of a tile, its border included, and half a tile around it.
@@ -97,7 +97,7 @@ def test_tiles_list_what_their_rays_meet_first_and_little_else(seen_of, name):
 @pytest.mark.parametrize("name", VIEWS)
 def test_what_is_behind_all_that_covers_a_tile_is_left_out(seen_of, name):
     renderer, view, seen = seen_of(name)
-    samples, tiles = renderer.sample(view, 1.0, 0.0).samples, view.tiles()
+    samples, tiles = renderer.sample(view, 1.0, 0.0).samples, view.get_tiles()
     plane, left = seen.side.sum(axis=1), 0
     ends = np.array([[-0.5, 7.5, -0.5, 7.5], [-0.5, -0.5, 7.5, 7.5], [1.0] * 4])
     x, y = (a.ravel() * 0.998 - 0.49 for a in np.meshgrid(np.arange(9.0), np.arange(9.0)))

@@ -42,7 +42,7 @@ def finely_sampled(renderer, view, fine=16):
                  view.far)
     one = renderer.sample(large, 1.0, CENTRE)
     shader, background = one.canvas.shader, 255.0 * np.array(renderer.light.background[:3])
-    plain = shader.plain(renderer.triangles, one.seen)
+    plain = shader.compute_uniform_colours(renderer.triangles, one.seen)
     none = np.zeros(len(one.samples.tile), np.uint64)
     words = shader.words(
         renderer.triangles,
@@ -207,7 +207,7 @@ def test_views_that_differ_in_their_intrinsics_alone_are_told_apart(bench):
 @pytest.mark.parametrize("lens", UNLIKE)
 def test_tiles_follow_the_rays(bench, lens):
     config = half_size(lens)
-    tiles = Tiles.of_lens(config.width, config.height, config.model.unproject)
+    tiles = Tiles.of_lens(config.width, config.height, config.projection.unproject)
     v, u = np.mgrid[:config.height, :config.width]
     pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
     rays = config.model.unproject(pixels).reshape(config.height, config.width, 3)
@@ -290,7 +290,7 @@ def test_rays_beyond_a_lens_s_rim_go_on_as_they_do_there_for_two_tiles():
 @pytest.mark.parametrize("lens", ["equidistant_220", "stereographic"])
 def test_tiles_as_one_cell_are_beside_their_cells_by_no_more_than_their_spread(lens):
     config = half_size(lens)
-    tiles = Tiles.of_lens(config.width, config.height, config.model.unproject)
+    tiles = Tiles.of_lens(config.width, config.height, config.projection.unproject)
     rays = tiles.compute_rays()
     v, u = np.nonzero(np.isfinite(rays[..., 0]))
     tile = (v // TILE) * tiles.columns + u // TILE

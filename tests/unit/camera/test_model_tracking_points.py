@@ -39,7 +39,7 @@ def expected(solid, T, spacing) -> list[tuple]:
     eye = inverse(T)[:3, 3] - solid.vertices[solid.faces[:, 0]]
     cosine = (eye * solid.normals).sum(axis=1) / np.linalg.norm(eye, axis=1)
     front, strip = cosine > 0.0, (cosine > -0.01) & (cosine < 0.03)
-    one, other = solid.beside.T
+    one, other = solid.edge_faces.T
     shown = np.where(solid.is_crease, (front[one] | front[other]) & ~strip[one] & ~strip[other],
                      front[one] != front[other])
     shown = np.flatnonzero(shown & (P[solid.edges, 2] > 0.01).all(axis=1))

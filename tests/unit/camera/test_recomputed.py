@@ -34,7 +34,7 @@ class Caster:
 
     def __init__(self, renderer) -> None:
         renderer.scene.refresh()
-        poses = renderer.scene.poses()
+        poses = renderer.scene.read_poses()
         corners, normals, colours, parts, uvs, self.side = [], [], [], [], [], []
         self.textures = {}
         for n, part in enumerate(renderer.scene.parts):

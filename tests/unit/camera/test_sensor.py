@@ -35,7 +35,7 @@ class Nothing:
     def snapshot(self):
         pass
 
-    def bodies_around(self, point):
+    def find_bodies_around(self, point):
         return ["robot::link6"]
 
 

@@ -23,7 +23,7 @@ def moved(vibration, seconds=8.0, rate=500.0):
     """(n, 6) along and about the sensor's axes, m and rad."""
     found = []
     for k in range(round(seconds * rate)):
-        pose = vibration.at(round(k / rate * 1e9))
+        pose = vibration.compute_pose(round(k / rate * 1e9))
         xyz, rpy = AXES.T @ pose[:3, 3], rpy_from_rotation(AXES.T @ pose[:3, :3] @ AXES)
         found.append([*xyz, *rpy])
     return np.array(found)

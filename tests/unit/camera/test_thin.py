@@ -50,7 +50,7 @@ def strip_of(view, wide):
 def covered(renderer, view, body) -> float:
     """Area that a body covers, px, before anything is rounded."""
     one = renderer.sample(view, 1.0, -0.5)
-    edges, fragments = renderer.resolve(one, view, one.canvas.shader.plain(
+    edges, fragments = renderer.resolve(one, view, one.canvas.shader.compute_uniform_colours(
         renderer.triangles, one.seen))[:2]
     mine = renderer.scene.labels()[renderer.triangles.row[one.seen.triangle]] == body.body_id
     area = float(fragments.share[mine[fragments.member]].sum())

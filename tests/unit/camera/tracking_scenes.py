@@ -99,7 +99,7 @@ class _Body:
     def pose(self) -> Pose:
         return self.at
 
-    def scoped(self, link: str) -> str:
+    def get_scoped_name(self, link: str) -> str:
         return f"{self.name}::{link}"
 
 

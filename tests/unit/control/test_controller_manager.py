@@ -83,7 +83,7 @@ def switch(rig, start=(), stop=(), strictness=STRICT, **more):
         rig.step()
         return False, str(refusal)
     rig.step()
-    assert request.done
+    assert request.is_done
     return request.ok, request.reason
 
 
@@ -166,7 +166,7 @@ class TestSwitching:
     def test_it_happens_at_the_end_of_the_next_update(self, rig):
         (recorder,) = load(rig, "r")
         request = rig.manager.switch(["r"], [], STRICT)
-        assert not request.done and states(rig) == {"r": "initialized"}
+        assert not request.is_done and states(rig) == {"r": "initialized"}
         rig.step()
         assert request.done and request.ok
         assert recorder.calls == ["starting"]
@@ -284,7 +284,7 @@ class TestSwitching:
         first = rig.manager.switch(["a1"], [], STRICT)
         second = rig.manager.switch(["a2"], ["a1"], STRICT)
         third = rig.manager.switch(["a1"], [], STRICT)
-        assert not any(request.ok or request.done for request in (first, second))
+        assert not any(request.is_successful or request.done for request in (first, second))
         rig.step()
         assert (first.ok, second.ok, third.ok) == (True, True, False)
         assert "'a' by a1, a2" in third.reason
@@ -295,7 +295,7 @@ class TestSwitching:
         request = rig.manager.switch(["a1"], [], STRICT)
         rig.manager.unload("a1")
         rig.step()
-        assert request.done and not request.ok
+        assert request.is_done and not request.ok
 
 
 class TestFaults:

@@ -83,7 +83,7 @@ class Bench:
     def switch(self, starts, stops):
         request = self.rig.manager.switch(starts, stops)
         self.go_on(1)
-        assert request.ok, request.reason
+        assert request.is_successful, request.reason
 
 
 def live(bench, kind):

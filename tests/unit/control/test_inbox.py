@@ -52,7 +52,7 @@ def test_messages_act_in_order_one_a_step(inbox, begin):
     publisher = Publisher(inbox)
     publisher.send(1, 2, 3)
     for step in range(3):
-        assert inbox.take(begin + step * STEP_NS, 2)
+        assert inbox.deliver(begin + step * STEP_NS, 2)
         assert publisher.acted == [1, 2, 3][: step + 1]
     assert not inbox.take(begin + 3 * STEP_NS, 2)
 
@@ -60,7 +60,7 @@ def test_messages_act_in_order_one_a_step(inbox, begin):
 def test_the_last_word_acts_in_a_step_that_had_its_message(inbox):
     publisher = Publisher(inbox)
     publisher.send(1)
-    inbox.take(STEP_NS, 8)
+    inbox.deliver(STEP_NS, 8)
     publisher.send(2, 3)
     publisher.end.close()
     assert inbox.take(STEP_NS, 8) or inbox.take(STEP_NS, 8)  # the message, then the end
@@ -72,7 +72,7 @@ def test_what_is_passed_over_is_counted_by_stream_until_it_is_asked_for(inbox):
     first, second = Publisher(inbox), Publisher(inbox)
     first.send(*range(6))
     second.send(*range(9))
-    inbox.take(0, 1)
+    inbox.deliver(0, 1)
     assert second.stream.skipped_count == 7 and inbox.take_skipped_count() == 7
     assert inbox.take_skipped_count() == 0
     inbox.take(STEP_NS, 1)
@@ -86,7 +86,7 @@ def test_the_longest_message_that_may_be_is_read(inbox):
     assert (LARGEST_MESSAGE, BUFFER_SIZE) == (16 * 1024 * 1024, 1024 * 1024)
     publisher = Publisher(inbox)
     publisher.end.sendall(struct.pack("<I", LARGEST_MESSAGE))
-    inbox.take(0, 1)
+    inbox.deliver(0, 1)
     assert not publisher.ended.is_set()
 
 
@@ -102,13 +102,13 @@ def test_all_streams_end_with_the_box():
 def test_a_stream_without_news_is_no_end(inbox):
     publisher = Publisher(inbox)
     assert publisher.stream.read(bytearray(100))
-    assert not inbox.take(0, 0) and not publisher.ended.is_set()
+    assert not inbox.deliver(0, 0) and not publisher.ended.is_set()
 
 
 def test_a_step_takes_one_message_however_often_it_is_looked_for(inbox):
     publisher = Publisher(inbox)
     publisher.send(1, 2)
-    inbox.take(0, 8)
+    inbox.deliver(0, 8)
     inbox.take(0, 8)
     assert publisher.acted == [1]
     inbox.take(STEP_NS, 8)
@@ -118,7 +118,7 @@ def test_a_step_takes_one_message_however_often_it_is_looked_for(inbox):
 def test_without_backlog_the_newest_that_arrived_acts_in_the_step(inbox):
     publisher = Publisher(inbox)
     publisher.send(1, 2, 3)
-    inbox.take(0, 0)
+    inbox.deliver(0, 0)
     publisher.send(4)
     inbox.take(0, 0)
     assert publisher.acted == [3, 4]
@@ -128,7 +128,7 @@ def test_of_a_flood_the_newest_wait_and_the_last_one_acts(inbox):
     publisher = Publisher(inbox)
     for step in range(100):
         publisher.send(*range(10 * step, 10 * step + 10))
-        inbox.take(step * STEP_NS, 1)
+        inbox.deliver(step * STEP_NS, 1)
         assert publisher.acted[-1] >= 10 * step + 8  # none older than the one before the newest
     inbox.take(100 * STEP_NS, 1)
     assert publisher.acted[-1] == 999
@@ -141,7 +141,7 @@ def test_a_message_in_pieces_acts_when_it_is_whole(inbox):
     data = framed(12345) + framed(678)
     for k in range(len(data)):
         publisher.end.sendall(data[k : k + 1])
-        inbox.take(k * STEP_NS, 1)
+        inbox.deliver(k * STEP_NS, 1)
         assert publisher.acted == [12345] * (k >= 8) + [678] * (k >= 15)
 
 
@@ -149,7 +149,7 @@ def test_what_was_read_before_counts(inbox):
     publisher = Publisher(inbox, [b"5", b"6"], framed(7)[:3])
     publisher.end.sendall(framed(7)[3:])
     for step in range(3):
-        inbox.take(step * STEP_NS, 2)
+        inbox.deliver(step * STEP_NS, 2)
     assert publisher.acted == [5, 6, 7]
 
 
@@ -157,7 +157,7 @@ def test_streams_do_not_mix(inbox):
     first, second = Publisher(inbox), Publisher(inbox)
     first.send(1)
     second.send(2)
-    inbox.take(0, 1)
+    inbox.deliver(0, 1)
     assert (first.acted, second.acted) == ([1], [2])
 
 
@@ -165,7 +165,7 @@ def test_the_last_word_of_who_leaves_acts_and_then_it_is_over(inbox):
     publisher = Publisher(inbox)
     publisher.send(1, 2)
     publisher.end.close()
-    inbox.take(0, 1)
+    inbox.deliver(0, 1)
     inbox.take(STEP_NS, 1)
     assert publisher.acted == [1, 2]
     assert publisher.ended.is_set()
@@ -176,7 +176,7 @@ def test_nonsense_ends_its_stream_alone(inbox):
     mad, sane = Publisher(inbox), Publisher(inbox)
     mad.end.sendall(struct.pack("<I", LARGEST_MESSAGE + 1))
     sane.send(1)
-    inbox.take(0, 1)
+    inbox.deliver(0, 1)
     assert mad.ended.is_set()
     assert sane.acted == [1]
     assert not sane.ended.is_set()
@@ -185,7 +185,7 @@ def test_nonsense_ends_its_stream_alone(inbox):
 def test_a_socket_closed_under_it_is_no_fault(inbox):
     publisher = Publisher(inbox)
     publisher.ours.close()
-    inbox.take(0, 1)
+    inbox.deliver(0, 1)
     other = Publisher(inbox)  # likely under the same number
     other.send(5)
     inbox.take(STEP_NS, 1)
@@ -201,7 +201,7 @@ def test_a_stream_that_is_closed_before_it_is_read_has_ended(inbox):
     acted, ended, (ours, _) = [], threading.Event(), socket.socketpair()
     ours.close()
     inbox.add(MessageStream(ours, acted.append, ended.set, [b"1"]))
-    assert ended.is_set() and not inbox.take(0, 0) and not acted
+    assert ended.is_set() and not inbox.deliver(0, 0) and not acted
 
 
 def test_a_command_wakes_who_waits_for_commands(inbox):
@@ -213,7 +213,7 @@ def test_a_command_wakes_who_waits_for_commands(inbox):
 
 
 def test_the_bell_wakes_once_for_each_look(inbox):
-    inbox.ring()
+    inbox.wake()
     inbox.ring()
     assert not inbox.wait(None)  # it was the bell, no command
     inbox.quiet()

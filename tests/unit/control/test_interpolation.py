@@ -21,8 +21,8 @@ def follow(it, commands, ms, period=0.001):
     values = []
     for k in range(1, ms + 1):
         if k in commands:
-            it.take(commands[k], k * MS)
-        values.append(it.advance(period) if it.moves else it.value)
+            it.set_target(commands[k], k * MS)
+        values.append(it.advance(period) if it.is_moving else it.value)
     return values
 
 

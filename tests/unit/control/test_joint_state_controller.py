@@ -84,7 +84,7 @@ def test_the_cycles_to_come_are_those_in_which_it_will_sample(make, rate):
     rig.step(60)
     assert [s.stamp_ns for s in states] == due and len(due) >= 4
     before = controller.list_due_cycles(rig.time_ns, rig.time_ns + 100_000_000, rig.step_ns)
-    controller.sampled(3)
+    controller.count_samples(3)
     after = controller.list_due_cycles(rig.time_ns, rig.time_ns + 100_000_000, rig.step_ns)
     assert after == before[3:]
 

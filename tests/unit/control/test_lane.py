@@ -51,7 +51,7 @@ def received(theirs: socket.socket, size: int) -> bytes:
 def test_rest_of_a_message_follows_without_another_one(line):
     lane, theirs, _ = line
     lane.send(message(7))
-    assert lane.left  # otherwise this test would show nothing
+    assert lane.has_unsent  # otherwise this test would show nothing
     assert received(theirs, SIZE) == bytes([7]) * SIZE
 
 
@@ -83,7 +83,7 @@ def test_next_message_waits_behind_the_rest_of_the_one_before(line):
 def test_who_is_behind_is_told_until_it_has_taken_all_or_is_given_up(line):
     lane, theirs, _ = line
     lane.send(message(1))
-    assert lane.left
+    assert lane.has_unsent
     assert not lane.behind  # the socket has the beginning; the next message finds a place
     lane.send(message(2))
     assert lane.behind
@@ -156,7 +156,7 @@ def test_what_a_closed_socket_did_not_take_is_let_go(line):
     gone = [weakref.ref(image[1].obj) for image in images]
     for image in images:
         lane.send(image)
-    assert lane.left
+    assert lane.has_unsent
     lane.socket.close()  # by rospy, which tells the publisher
     lane.close()
     assert not lane.left

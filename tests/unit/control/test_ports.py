@@ -15,7 +15,7 @@ from aras_sim_bridge.ros.control.state_topic import StateTopic
 class Publisher:
     """As NonBlockingPublisher, with listeners that the test sends and takes away."""
 
-    def __init__(self, topic, message, queue_size, changed) -> None:
+    def __init__(self, topic, message, queue_size, on_change) -> None:
         self.listeners = 0
         self.changed = changed
         self.sent: list[object] = []

@@ -75,7 +75,7 @@ def test_a_restarted_loop_has_forgotten_the_way_that_it_went(make_rig, make_join
     controller = rig.run("c")
     rig.step()
     if compiled:
-        assert rig.loop.begin(rig.time_ns + rig.step_ns, rig.step_ns)
+        assert rig.loop.start_cycles(rig.time_ns + rig.step_ns, rig.step_ns)
     controller.set_command(0.9)
     rig.step(9)
     assert 0.0 < rig.model.tau[0] < 0.9

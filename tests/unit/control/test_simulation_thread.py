@@ -49,7 +49,7 @@ class Gate:
     def remaining(self) -> float | None:
         return 1.0 if self.closed else None
 
-    def clear(self) -> None:
+    def end_round(self) -> None:
         self.closed = False
 
 
@@ -85,7 +85,7 @@ def test_no_step_is_made_behind_a_closed_gate_but_jobs_are_run(started):
             gate.closed = True
 
     thread = started(0.0, gate, after_step=close)
-    until(lambda: thread.held)
+    until(lambda: thread.is_time_stopped)
     assert thread.call(lambda: thread.simulation.time_ns) == 10_000_000
     time.sleep(0.02)
     assert thread.call(lambda: thread.simulation.time_ns) == 10_000_000
@@ -214,7 +214,7 @@ def test_a_bell_that_was_heard_does_not_wake_again(started):
             return super().wait(seconds, commands)
 
     inbox = Counting()
-    thread = started(1.0, paused=True, inbox=inbox)
+    thread = started(1.0, paused=True, receiver=inbox)
     thread.call(lambda: None)
     until(lambda: inbox.waits)
     waits = inbox.waits
@@ -256,7 +256,7 @@ def test_a_fault_between_steps_ends_the_thread_and_is_told(started):
     told: list[BaseException] = []
     thread = started(0.0, paused=True, on_fault=told.append, after_step=lambda _: refuse())
     thread.unpause()
-    until(lambda: thread.stopping)
+    until(lambda: thread.is_stopping)
     assert str(told[0]) == "not so"
     with pytest.raises(SimulationBusyError, match="shutting down"):
         thread.call(lambda: None)

@@ -114,7 +114,7 @@ class TestPosition:
         controller = rig.run("c")
         controller.set_command(1.0)
         rig.step()
-        assert controller.state(0, 0.001).command == 1000.0
+        assert controller.make_state(0, 0.001).command == 1000.0
         assert rig.model.tau[0] == 100.0
 
     def test_state_comes_every_tenth_update_with_the_fields_upstream_fills(self, make):

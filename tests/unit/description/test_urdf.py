@@ -44,7 +44,7 @@ def test_a_joint_s_numbers():
     joint = joined(f"<origin xyz='1 2 3' rpy='.1 .2 .3'/><axis xyz='0 3 4'/>{LIMIT}"
                    "<dynamics damping='5' friction='6'/><safety_controller k_velocity='7' "
                    "k_position='8' soft_lower_limit='-.5' soft_upper_limit='.5'/>")
-    assert (joint.parent, joint.child, joint.kind, joint.moves) == ("a", "b", "revolute", True)
+    assert (joint.parent, joint.child, joint.kind, joint.is_movable) == ("a", "b", "revolute", True)
     assert (joint.origin_xyz, joint.origin_rpy) == ((1, 2, 3), (0.1, 0.2, 0.3))
     assert joint.axis == pytest.approx((0.0, 0.6, 0.8))
     assert joint.limits == JointLimits(-1.0, 2.0, 3.0, 4.0)
@@ -69,7 +69,7 @@ def test_what_a_joint_leaves_open():
     assert endless.limits == JointLimits(None, None, 5.0, 6.0)
     assert joined("<limit velocity='6'/>", "continuous").limits.effort == math.inf
     assert joined("<limit effort='5'/>", "continuous").limits.velocity == math.inf
-    assert not joined("", "fixed").moves
+    assert not joined("", "fixed").is_movable
     open_soft = joined(f"{LIMIT}<safety_controller k_velocity='1'/>").soft_limits
     assert open_soft == SoftLimits(None, None, 0.0, 1.0)
 

@@ -15,7 +15,7 @@ MOVED = {"camera_xyz": (0.0, 0.03, 0.0), "camera_rpy": (0.0, 0.1745, 0.0)}
 
 def commanded_speed(run):
     """Greatest speed (j,) at which position commands moved, rad/s or m/s."""
-    moved = np.diff(run.commanded, axis=0) / np.diff(run.joint_stamp)[:, None]
+    moved = np.diff(run.joint_commands, axis=0) / np.diff(run.joint_stamp)[:, None]
     known = moved[np.isfinite(moved).all(axis=1)]
     return np.abs(known).max(axis=0, initial=0.0)
 

@@ -141,7 +141,7 @@ def test_a_bag_s_run_has_every_number_that_was_recorded(graph, face, tmp_path):
     for name, wanted in (
         ("features", [s.scheme_output.features for s in states]),
         ("error", [s.error for s in states]),
-        ("filtered", [s.scheme_output.filtered_error for s in states]),
+        ("filtered_error", [s.scheme_output.filtered_error for s in states]),
         ("desired_twist", [s.desired_twist for s in states]),
         ("achieved_twist", [s.achieved_twist for s in states]),
     ):  # fmt: skip
@@ -287,7 +287,7 @@ def test_whatever_rosbag_raises_of_a_damaged_bag_is_told(monkeypatch, tmp_path, 
         raise fault("why")
 
     for module in (bags, mcap):
-        monkeypatch.setattr(module, "opened", fail)
+        monkeypatch.setattr(module, "open_bag", fail)
     for read in (
         bags.read_bag,
         bags.read_recorded_experiment,
@@ -329,7 +329,7 @@ def heard(graph, face, scheme="points", count=3) -> GraphRecording:
     found.experiment_text = described(scheme=scheme)
     for stamp in STAMPS[1:4]:
         decision = SchemeOutput(tuple(f"f{i}" for i in range(count)), *stamp + np.eye(3, count))
-        message, report = told(graph, face, made_state(stamp, decision=decision))
+        message, report = told(graph, face, made_state(stamp, scheme_output=decision))
         message.scheme = scheme
         found.states.append(message)
         found.add_report(report)
@@ -407,7 +407,7 @@ def test_a_run_ends_where_the_arm_goes_to_a_start_or_other_features_are_seen():
         """A state a letter: of features a or b, without any (-), another phase (p, idle)."""
         decisions = {one: SimpleNamespace(names=(one,)) for one in "ab"}
         phases = {"p": "approaching", "i": "idle", "h": "holding", "s": "stopped"}
-        return [SimpleNamespace(phase=phases.get(one, "servoing"), decision=decisions.get(one))
+        return [SimpleNamespace(phase=phases.get(one, "servoing"), scheme_output=decisions.get(one))
                 for one in text]  # fmt: skip
 
     for text, lengths in (("-ab", [1, 1]), ("aa-a", [4]), ("aapa", [2, 1]), ("--", []),

@@ -243,7 +243,7 @@ def test_beats_go_on_until_the_node_or_the_master_ends(graph, life, monkeypatch,
 def test_whether_a_master_is_gone_is_answered(monkeypatch, capsys):
     monkeypatch.setattr(rospy, "signal_shutdown", lambda why: None)
     for why in ("", "gone"):
-        gone = shutdown.end_without_master(SimpleNamespace(lost=lambda why=why: why))
+        gone = shutdown.end_without_master(SimpleNamespace(find_loss_reason=lambda why=why: why))
         assert gone is bool(why)
     assert capsys.readouterr().err.endswith(": gone: ending\n")
 
@@ -642,7 +642,7 @@ def until(condition):
 
 def test_a_launch_says_what_died_and_its_last_words(launch):
     one = launch('echo "$@ $MINE"; cat; echo; echo ended >&2; exec sleep 60')
-    assert until(lambda: "ended" in one.text()) and one.running and one.death() == ""
+    assert until(lambda: "ended" in one.read_log()) and one.running and one.death() == ""
     assert one.text() == "a b:=1 yes\n\nended\n" and one.last_lines() == "    a b:=1 yes\n    ended"
     with one.log.open("ab") as log:  # what a node prints need not be text
         log.write(b"\x1b[31m[ERROR] one\x1b[0m\n[FATAL] two\nthree \xff\n"
@@ -662,7 +662,7 @@ def test_nothing_of_a_launch_is_left_behind(launch, monkeypatch):
     # A name that is no text: any bytes will do.
     one = launch("trap '' INT TERM; (printf '\\377' >/proc/$BASHPID/comm; echo $BASHPID; sleep 20; "
                  "true) & wait; wait")
-    assert until(lambda: one.text().strip().isdigit())
+    assert until(lambda: one.read_log().strip().isdigit())
     child = int(one.text())
     assert os.getsid(child) != os.getsid(0)
     monkeypatch.setattr(os, "kill", lambda *given: (sent.add(given), kill(*given)))
@@ -676,7 +676,7 @@ def test_a_launch_is_interrupted_when_its_parent_is_killed(launch):
     # PR_GET_PDEATHSIG
     ask = "import ctypes as c; n = c.c_int(); c.CDLL(None).prctl(2, c.byref(n)); print(n.value)"
     one = launch(f"exec {sys.executable} -SE -c '{ask}'")
-    assert until(lambda: not one.running) and int(one.text()) == signal.SIGINT
+    assert until(lambda: not one.running) and int(one.read_log()) == signal.SIGINT
 
 
 def test_a_free_port_is_free():
@@ -863,7 +863,7 @@ def test_a_demo_reports_what_happened(shown, monkeypatch, converged):
 
 def test_a_demo_s_goal_that_was_taught_is_kept(shown):
     shown.out.mkdir()
-    assert shown.run._goal() == "auto"
+    assert shown.run._find_goal() == "auto"
     shown.arguments.taught = SimpleNamespace(to_yaml=lambda told: f"# {told}\n")
     assert shown.run._goal() == str(shown.out / "goal.yaml")
     assert (shown.out / "goal.yaml").read_text() == (

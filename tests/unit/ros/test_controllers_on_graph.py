@@ -208,7 +208,7 @@ def test_a_switch_that_nobody_carries_out_is_given_up(rig, monkeypatch):
     """A robot whose updates do not come: the answer does not wait for ever."""
     monkeypatch.setattr(manager_services, "SWITCH_TIMEOUT", 0.05)
     rig.call("load_controller", "push")
-    monkeypatch.setattr(type(rig.thread), "held", property(lambda self: False))
+    monkeypatch.setattr(type(rig.thread), "is_time_stopped", property(lambda self: False))
     assert manager_services.POLL_PERIOD == 0.1
     for timeout in (0.0, -1.0):
         answer = rig.graph.call(
@@ -237,7 +237,7 @@ def test_who_ends_at_the_same_ctrl_c_asks_in_vain_and_no_line_is_written_of_it(r
 def test_a_switch_is_carried_out_when_time_is_stopped_under_it(rig, monkeypatch):
     rig.call("load_controller", "push")
     held = iter([False])
-    monkeypatch.setattr(type(rig.thread), "held", property(lambda self: next(held, True)))
+    monkeypatch.setattr(type(rig.thread), "is_time_stopped", property(lambda self: next(held, True)))
     assert rig.call("switch_controller", ["push"], [], 2).ok
     assert next(held, None) is None
     assert rig.call("list_controllers").controller[0].state == "running"

@@ -25,7 +25,7 @@ def served(monkeypatch):
         monkeypatch.setattr(reconfigure.rospy, "resolve_name", lambda name: f"/node{name}")
         servo = SimpleNamespace(scheme=SimpleNamespace(law=law))
         driver = SimpleNamespace(servo=servo, change=lambda change: change(servo))
-        reconfigure.GainServer(SimpleNamespace(driver=driver))
+        reconfigure.GainServer(SimpleNamespace(runner=driver))
         return found
 
     return serve

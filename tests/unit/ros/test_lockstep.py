@@ -63,7 +63,7 @@ def made(ros):
 
 def test_a_round_is_over_when_the_last_topic_was_heard(made):
     gate = made("a", "b")
-    assert not gate.closed
+    assert not gate.is_closed
     gate.before_frame()
     assert gate.closed
     assert gate.remaining() == 5.0
@@ -80,7 +80,7 @@ def test_a_round_is_over_when_the_last_topic_was_heard(made):
 
 def test_what_came_before_a_round_does_not_count(made):
     gate = made("a")
-    gate.heard("/a")
+    gate.note_message("/a")
     assert made.woken == []
     gate.before_frame()
     assert gate.closed
@@ -96,7 +96,7 @@ def test_topics_are_listened_to_once_unless_they_are_claimed(made, ros):
     gate.before_frame()
     assert set(ros.subscribed) == {"/b"}
     ros.subscribed["/b"](None)
-    assert gate.closed
+    assert gate.is_closed
     gate.heard("/a")
     assert not gate.closed
     gate.claim("/b")  # who subscribes by a type of its own comes in place of the listener
@@ -110,7 +110,7 @@ def test_who_is_silent_too_long_is_named_once_and_left_out_until_heard(made, ros
     gate = made("a", "b")
     ros.publishers = {"/b": ["/late", "/later"]}
     gate.before_frame()
-    gate.heard("/a")
+    gate.note_message("/a")
     made.wall += 4.0
     assert gate.remaining() == pytest.approx(1.0)
     made.wall += 1.1
@@ -132,7 +132,7 @@ def test_who_is_silent_too_long_is_named_once_and_left_out_until_heard(made, ros
 def test_time_waits_for_a_listener_that_is_behind(made, ros):
     gate = made("a")
     gate.before_frame()
-    gate.heard("/a")
+    gate.note_message("/a")
     made.wall += 60.0  # paused; that wait was another
     made.is_slow = [SimpleNamespace(name="/bag, which does not take /image", given_up=False)]
     assert gate.closed
@@ -154,7 +154,7 @@ def test_a_listener_that_takes_nothing_is_named_once_and_given_up(made, ros):
     gate = made("a")
     bag = SimpleNamespace(name="/bag, which does not take /image", given_up=False)
     made.is_slow = [bag]
-    assert gate.remaining() == 5.0
+    assert gate.compute_remaining() == 5.0
     made.wall += 5.0
     assert gate.remaining() is None
     assert bag.is_abandoned
@@ -173,14 +173,14 @@ def test_a_topic_that_nobody_publishes_is_told_so(made, ros):
     gate = made("a")
     gate.before_frame()
     made.wall += 6.0
-    gate.remaining()
+    gate.compute_remaining()
     assert "/a (nobody publishes it)" in ros.lines[0]
 
 
 def test_rounds_may_go_by_periods_instead_of_frames(made):
     gate = made("a", period=0.01)
     gate.before_frame()
-    assert not gate.closed
+    assert not gate.is_closed
     gate.after_step(9 * MS)
     assert not gate.closed
     gate.after_step(10 * MS)
@@ -201,13 +201,13 @@ def test_without_a_period_steps_begin_no_round(made):
     gate = made("a")
     for step in range(100):
         gate.after_step(step * MS)
-    assert not gate.closed
+    assert not gate.is_closed
 
 
 def test_a_reset_of_time_ends_the_round_and_begins_the_periods_anew(made):
     gate = made("a", period=0.01)
     gate.after_step(500 * MS)
-    gate.clear()
+    gate.end_round()
     assert not gate.closed
     gate.after_step(10 * MS)
     assert gate.closed

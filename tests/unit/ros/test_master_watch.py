@@ -31,7 +31,7 @@ def wall(monkeypatch):
     return now
 
 
-@pytest.mark.parametrize("said", [{}, {"every": 2.0}])
+@pytest.mark.parametrize("said", [{}, {"period": 2.0}])
 def test_a_master_that_answers_is_asked_no_more_often_than_said(wall, said):
     watch = MasterWatch("/node", **said)
     for _ in range(20):

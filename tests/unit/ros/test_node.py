@@ -234,7 +234,7 @@ def test_cameras_of_the_world_come_with_the_node(make):
     it = make(paused=True, speed_mode="lockstep", lockstep_topics=("/a",), lockstep_timeout=9.0)
     make.graph.listen("/eye/image_raw")
     make.graph.call("/gazebo/step_world", 100)
-    assert it.lockstep.closed and 8.0 < it.lockstep.remaining() <= 9.0  # a round for each picture
+    assert it.lockstep.is_closed and 8.0 < it.lockstep.remaining() <= 9.0  # a round for each picture
 
 
 def test_a_record_that_is_forgotten_is_written_no_more(graph):
@@ -267,7 +267,7 @@ def test_it_runs_unless_it_is_told_to_wait(make):
     begin = it.thread.now_ns()
     until(lambda: it.thread.now_ns() != begin)
     it.stop()
-    assert it.thread.stopping
+    assert it.thread.is_stopping
 
 
 def test_without_the_network_there_is_the_clock_alone(make):
@@ -343,7 +343,7 @@ def test_nothing_is_written_down_without_need(make):
 
 def test_lockstep_waits_for_its_topics_by_periods(make):
     it = make(speed_mode="lockstep", lockstep_topics=("/a",), lockstep_period=0.002)
-    until(lambda: it.thread.held)
+    until(lambda: it.thread.is_time_stopped)
     assert it.thread.now_ns() == 2 * MS and it.thread.gate.closed
     make.graph.subscribers["/a"](None)
     until(lambda: it.thread.now_ns() >= 4 * MS)
@@ -514,7 +514,7 @@ def test_its_end_is_as_it_should_be_where_nothing_is_to_be_forgotten_any_more(ma
         asked.append(True)
         raise fault
 
-    it.record.forget = forget
+    it.spawn_record.forget = forget
     it.fault = None if fault else ValueError("the simulation's")
     it.stop()
     assert asked == ([True] if fault else [])  # after a fault what stood there comes back

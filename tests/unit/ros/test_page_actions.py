@@ -83,7 +83,7 @@ def test_what_may_be_chosen(asked):
     goals.mkdir(parents=True)
     (goals / "mine.yaml").touch()
     (goals / "2016.yaml").touch()
-    found = asked.actions.choices()
+    found = asked.actions.list_choices()
     assert {"stereo_points", "stereo_pose"}.isdisjoint(found["schemes"])
     assert found["schemes"] == sorted(found["schemes"]) and "points" in found["schemes"]
     assert found["laws"] == ["adaptive", "diagonal", "pi", "proportional", "sliding_mode"]
@@ -108,7 +108,7 @@ def test_what_may_be_chosen(asked):
 def test_what_runs_now(asked, monkeypatch):
     actions, told = asked.actions, asked.graph.parameters
     begin = {"scheme": "moments", "law": "proportional", "start": "2016", "goal": "auto"}
-    assert actions.given() == {**begin, "camera": "original"}
+    assert actions.read_selection() == {**begin, "camera": "original"}
     actions.chosen["target"] = "poster"
     told |= {f"{NODE}/law": "pi", f"{NODE}/desired": 2015, f"{NODE}/gain": 3.0}
     told |= {f"{CAMERA}/width": 321}
@@ -132,7 +132,7 @@ def test_what_runs_now(asked, monkeypatch):
 def test_the_loop_and_the_simulation_are_asked_by_their_services(asked):
     actions = asked.actions
     asked.serve("/two/controller/hold", Trigger, success=True, message="hold: holding")
-    assert actions.loop("hold") == "hold: holding"
+    assert actions.control_loop("hold") == "hold: holding"
     assert asked.life.waited == [("/two/controller/hold", 5.0)]
     words = {"pause_physics": "time stands still", "unpause_physics": "time goes on",
              "reset_simulation": "everything begins anew, at time 0"}
@@ -196,7 +196,7 @@ def test_nodes_that_do_not_come_up_are_ended_and_why_is_said(asked, monkeypatch,
     asked.running.clear()
     monkeypatch.setattr(rosservice, "get_service_node", lambda _name: "/another")
     with pytest.raises(RefusedError, match=f"^{why}$"):
-        asked.actions.servo("points", "pi", "2015", "auto")
+        asked.actions.restart_nodes("points", "pi", "2015", "auto")
     assert Nodes.made[0].stopped == 1
     assert asked.life.now - began == pytest.approx(seconds, abs=0.2)
     asked.actions.close()
@@ -217,7 +217,7 @@ def test_whether_a_controller_is_there(asked, monkeypatch):
         assert asked.actions.has_controller() is True
         asked.running.clear()
         with pytest.raises(RefusedError, match="they do not answer"):
-            asked.actions.servo("points", "pi", "2015", "auto")
+            asked.actions.restart_nodes("points", "pi", "2015", "auto")
 
 
 @pytest.fixture
@@ -231,7 +231,7 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked
                                f"{NODE}/desired": "2015", f"{NODE}/start": "2016"}
     first = Goal.load(asked.settings.package / "config/goal_2015.yaml").for_arm(arm)
     moved = (0.01, -0.02, -0.01)
-    assert asked.actions.goal(*moved, 0.0) == "servoing with points, law pi, from none to moved"
+    assert asked.actions.move_goal(*moved, 0.0) == "servoing with points, law pi, from none to moved"
     path = asked.actions.directory / "goals" / "moved.yaml"
     assert Nodes.made[-1].arguments[2:] == ["scheme:=points", "law:=pi", "start:=none",
                                             f"goal:={path}"]
@@ -270,7 +270,7 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked
 
 def test_a_goal_needs_a_robot_and_a_place_to_keep_it(asked, shipped_arm):
     with pytest.raises(RefusedError, match="^there is no robot yet$"):
-        asked.actions.goal(0.0, 0.0, 0.0, 0.0)
+        asked.actions.move_goal(0.0, 0.0, 0.0, 0.0)
     asked.listener.story = SimpleNamespace(arm=shipped_arm)
     asked.actions.directory.write_text("a file")
     with pytest.raises(RefusedError, match="cannot write"):
@@ -291,7 +291,7 @@ def serve_robot(asked, **answers):
 def test_a_robot_gets_another_camera_and_its_controllers_again(asked):
     asked.graph.parameters |= {"/robot_description": "<robot/>", CAMERA: {"width": 1, "noise": 2}}
     serve_robot(asked)
-    assert asked.actions.camera("wide") == "the robot has the camera wide"
+    assert asked.actions.change_camera("wide") == "the robot has the camera wide"
     assert asked.calls == [
         (f"{MANAGER}/list_controllers",), ("/gazebo/delete_model", "robo"),
         ("/gazebo/spawn_urdf_model", "robo", "<robot/>", "", Pose(), ""),
@@ -322,7 +322,7 @@ def test_a_target_is_put_where_the_one_before_lay(asked):
     asked.serve("/gazebo/get_model_state", GetModelState, success=True, pose=lay)
     asked.serve("/gazebo/delete_model", DeleteModel, success=True)
     asked.serve("/gazebo/spawn_urdf_model", SpawnModel, success=True)
-    assert asked.actions.target("poster") == "the target is poster"
+    assert asked.actions.change_target("poster") == "the target is poster"
     text = asked.graph.parameters["/target_description"]
     assert "poster" in text
     assert asked.calls == [

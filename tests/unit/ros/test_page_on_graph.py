@@ -302,7 +302,7 @@ def test_a_joint_is_driven_for_a_moment(graph, life, listener, driven):
     stopped = []
     rospy.Service("/two/controller/stop", Trigger, lambda _: stopped.append(life.now) or (
         Trigger._response_class(True, "")))
-    assert driven.twist([0.0] * 6) == "" and not graph.publishers.get("/two/both")
+    assert driven.move_camera([0.0] * 6) == "" and not graph.publishers.get("/two/both")
     assert driven.run(0.3) == []
     listener.story.told = made_state(1.0, "stopped")
     assert driven.joint("elbow", -0.5) == "" and not stopped
@@ -319,7 +319,7 @@ def test_a_joint_is_driven_for_a_moment(graph, life, listener, driven):
 
 
 def test_the_camera_is_driven_by_a_twist(graph, life, listener, driven):
-    way = listener.story.arm.pose(listener.positions)[:3, :3].T @ np.array([1.0, 0.0, 0.0])
+    way = listener.run_trace.arm.pose(listener.positions)[:3, :3].T @ np.array([1.0, 0.0, 0.0])
     driven.twist([*(0.1 * way), 0.0, 0.0, 0.0])
     driven.twist([0.0] * 6)  # at once
     assert np.ptp(driven.run(0.3), axis=0).max() < 1e-9
@@ -328,7 +328,7 @@ def test_the_camera_is_driven_by_a_twist(graph, life, listener, driven):
 
 
 def test_another_robot_is_driven_by_topics_of_its_own(graph, life, listener, driven):
-    driven.joint("elbow", 0.5)
+    driven.move_joint("elbow", 0.5)
     first = graph.publishers["/two/both"]
     driven.joint("elbow", 0.5)
     assert graph.publishers["/two/both"] is first

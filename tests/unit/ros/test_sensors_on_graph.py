@@ -121,9 +121,9 @@ def test_a_reading_is_told_in_every_field_while_somebody_listens(
     ({"topic": "imu"}, "/imu", "hand"),
     ({"topic": "imu", "namespace": "/a/b/", "frame": "/lens"}, "/a/b/imu", "x/lens"),
     ({"topic": "/imu", "namespace": "a"}, "/imu", "x/hand"),
-    ({"measured_in": "parent"}, "/t", "arm"),
-    ({"measured_in": "sensor"}, "/t", "hand"),
-    ({"measured_in": "parent", "frame": "lens"}, "/t", "lens"),
+    ({"wrench_frame": "parent"}, "/t", "arm"),
+    ({"wrench_frame": "sensor"}, "/t", "hand"),
+    ({"wrench_frame": "parent", "frame": "lens"}, "/t", "lens"),
 ])
 def test_names_and_frames(graph, thread, given, topic, frame):
     graph.parameters["/a/tf_prefix"] = "x"

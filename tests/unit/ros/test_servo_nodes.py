@@ -47,9 +47,9 @@ class Heard:
 
     def __init__(self):
         self.images, self.told, self.sources, self.stops = [], [], {}, []
-        self.rig = SimpleNamespace(observers={})
+        self.camera_rig = SimpleNamespace(observers={})
 
-    def comes_from(self, camera, source):
+    def set_source(self, camera, source):
         self.sources[camera] = source
 
     def image(self, stamp, look, camera):
@@ -314,7 +314,7 @@ def test_a_goal_is_announced(graph):
     pose = matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0.0, 0.0, np.pi / 2))
     arm = SimpleNamespace(target_frame="", base_frame="base", camera_frame="eye")
     goal = SimpleNamespace(outline=lambda: SQUARE)
-    servo = SimpleNamespace(beyond="", arm=arm, resolver=SimpleNamespace(goal=pose), goal=goal)
+    servo = SimpleNamespace(unreachable_reason="", arm=arm, resolver=SimpleNamespace(goal=pose), goal=goal)
     topics.publish(servo)
     told, = graph.publishers["/two/controller/goal"].sent
     assert told.header.frame_id == "base" and not graph.lines
@@ -382,7 +382,7 @@ def asked(graph, life, monkeypatch):
     driver = SimpleNamespace(servo=servo, done=done, **{
         name: lambda *words, n=name: done.append((n, *words))
         for name in ("start", "stop", "hold")})
-    owner = SimpleNamespace(driver=driver, face=SimpleNamespace(latest=None))
+    owner = SimpleNamespace(runner=driver, publisher=SimpleNamespace(latest=None))
     made = []
     monkeypatch.setattr(loop_services, "SimpleActionServer", lambda *given, **more: (
         made.append(Server(*given, **more)), made[-1])[1])
@@ -505,7 +505,7 @@ def test_the_controller_is_built_for_the_robot_and_anew_for_another(graph, life,
     def names():
         (_, space, owner), = [one for one in made if one[0] == "control"]
         assert space == "/two" and ("gains", owner) in made
-        found.update(names=owner.face.names, owner=owner, driver=owner.driver)
+        found.update(names=owner.publisher.names, owner=owner, runner=owner.driver)
 
     found = {}
     life.steps = [appear, heard, names, another, lambda: None, lambda: None]
@@ -580,7 +580,7 @@ def test_a_clock_that_goes_back_begins_the_pipeline_anew(camera, monkeypatch):
 
 def test_the_camera_node_says_what_it_waits_for(camera, graph, life):
     life.steps = [lambda s=s: setattr(life, "now", life.now + s) for s in (1.7, 0.3, 0.0)]
-    camera.watch()
+    camera.spin()
     assert graph.lines == ["waiting for images on /labrob/camera/image_raw"]
     assert set(life.slept) == {0.2}
 

@@ -84,14 +84,14 @@ def test_what_a_state_has_not_is_not_made_up(graph, face):
     assert (alone.outcome, alone.remedy) == ("", "") and math.isnan(alone.computation_time)
     assert np.isnan(alone.achieved_twist).all() and not alone.arrival_status.is_reached
     assert alone.scheme_output.filtered_error is None
-    parts = {"features": ["decision", "resolution"], "desired_features": ["decision", "resolution"],
-             "error": ["decision", "resolution"], "joint_positions": ["joints"],
+    parts = {"features": ["scheme_output", "resolution"], "desired_features": ["scheme_output", "resolution"],
+             "error": ["scheme_output", "resolution"], "joint_positions": ["joints"],
              "joint_commands": ["command"], "singular_values": ["resolution"]}
     for field, without in parts.items():  # as somebody else's message may be
         message, report = told(graph, face, made_state(1.0))
         setattr(message, field, [])
         back = read_state(message, report)
-        assert [part for part in ("decision", "resolution", "joints", "command")
+        assert [part for part in ("scheme_output", "resolution", "joints", "command")
                 if getattr(back, part) is None] == without, field
     message, report = told(graph, face, made_state(1.0))
     report.filtered_error = report.filtered_error[:2]
@@ -116,7 +116,7 @@ def test_states_are_logged_when_they_are_new(graph, face, monkeypatch):
         ("loginfo", "servoing"), ("loginfo", "servoing: slow"), ("logwarn", "holding: no image"),
         ("logwarn", "holding: third"), ("loginfo", "converged"), ("loginfo", "approaching: far"),
     ]
-    face.say("one line")
+    face.log("one line")
     face.say("Traceback\n  of a fault")
     assert levels[-2:] == [("loginfo", "one line"), ("logerr", "Traceback\n  of a fault")]
 
@@ -212,7 +212,7 @@ def test_a_listener_knows_what_the_graph_said_last(graph, listener, face):
 
     from aras_visual_servo_controller.ros.goal_topics import make_outline_message, make_pose_message
 
-    assert (listener.robot, listener.robots, listener.beginnings) == ("two", 1, 1)
+    assert (listener.robot_name, listener.robots, listener.beginnings) == ("two", 1, 1)
     assert listener.stamp == 0.0 and listener.story.arm.names == JOINTS
     hear(graph, "/two/joint_states", joint_states(1.5))
     story = listener.refresh()
@@ -276,7 +276,7 @@ def test_a_clock_that_goes_back_and_another_robot_begin_anew(graph, listener, cl
     story.clear = lambda: cleared.append(True)
     hear(graph, "/two/joint_states", joint_states(1.5))
     listener.refresh()
-    assert listener.beginnings == 1 and not cleared
+    assert listener.restart_count == 1 and not cleared
     hear(graph, "/two/joint_states", joint_states(0.2))
     listener.refresh()
     assert listener.beginnings == 2 and cleared and listener.stamp == pytest.approx(0.2)

@@ -43,12 +43,12 @@ DEEP = Goal(depth=0.2)
 
 
 def shown(arrival, stamp, error, L=None, modelled=(True,) * 6, pose=None, goal=DEEP, tolerance=1.0,
-          up_to="", accuracy=None, moments=None, resolution=None, others=None):  # fmt: skip
+          ambiguity="", accuracy=None, moments=None, resolution=None, others=None):  # fmt: skip
     """What an Arrival says of one image with an error (k,), its L (k, 6), seen from a pose."""
     error = np.asarray(error, float)
     task = None if L is None else SimpleNamespace(modelled=np.array(modelled))
     L = None if L is None else np.asarray(L, float)
-    decision = SimpleNamespace(L=L, task=task, error=error, residual=None, up_to=up_to)
+    decision = SimpleNamespace(L=L, task=task, error=error, residual=None, ambiguity=up_to)
     seen = Observation(stamp, 0.1, True, "", None, world_T_camera=pose, moments=moments,
                        other_cameras=others or {}, name="left")  # fmt: skip
     scheme = SimpleNamespace(
@@ -58,7 +58,7 @@ def shown(arrival, stamp, error, L=None, modelled=(True,) * 6, pose=None, goal=D
 
 
 def feed(arrival, errors, begin=0.0, dt=0.1):
-    return [shown(arrival, begin + i * dt, [e]).reached for i, e in enumerate(errors)]
+    return [shown(arrival, begin + i * dt, [e]).is_reached for i, e in enumerate(errors)]
 
 
 @pytest.mark.parametrize("begin", [0.0, 73.4])
@@ -105,11 +105,11 @@ class Watched(ArrivalCheck):
 
     @property
     def reached(self):
-        return self.last.reached
+        return self.last.is_reached
 
     @property
     def short(self):
-        return self.last.short
+        return self.last.pending_reason
 
     @property
     def kept(self):
@@ -599,7 +599,7 @@ def test_what_is_left_open_is_what_the_inverse_of_L_makes_of_it(seed, rows, mode
     arm = SimpleNamespace(jacobian=random.normal(size=(6, joints))) if joints else None
     task = SimpleNamespace(modelled=np.arange(6) < modelled)
     other = 2.0 * error
-    decision = SimpleNamespace(L=L, task=task, up_to="", residual=error if seed else None)
+    decision = SimpleNamespace(L=L, task=task, ambiguity="", residual=error if seed else None)
     left = ArrivalMargin(
         decision, here, goal, other if seed else error, accuracy, arm
     ).bound_uncertainty(here, offsets)
@@ -855,10 +855,10 @@ def test_a_symmetric_target_is_the_same_from_round_its_axis(up_to, turn):
     goal = Goal(features={"points": {"points": square}}, plane=plane)
     beside = 0.25 * np.hypot(0.2, 0.1)
     assert bound_symmetry(up_to, goal) == pytest.approx((2.0 * beside * np.sin(turn / 2.0), turn))
-    left = left_by([np.zeros(6)] * 6, STRONG, up_to=up_to, goal=goal)
+    left = left_by([np.zeros(6)] * 6, STRONG, ambiguity=up_to, goal=goal)
     assert left.up_to == up_to and left.angle == pytest.approx(min(turn + TURNS, np.pi))
     without = ArrivalCheck(0.3)  # the features' L is not known
-    left = [shown(without, 0.1 * i, [0.1], up_to=up_to, goal=goal) for i in range(6)][
+    left = [shown(without, 0.1 * i, [0.1], ambiguity=up_to, goal=goal) for i in range(6)][
         -1
     ].pose_uncertainty
     assert (left.distance, left.angle) == bound_symmetry(up_to, goal)
@@ -991,7 +991,7 @@ def test_a_known_offset_explains_where_the_target_is_seen():
 
 def test_a_direction_in_which_images_scatter_by_a_tenth_of_the_depth_is_not_known():
     task = SimpleNamespace(modelled=np.full(6, True))
-    decision = SimpleNamespace(L=STRONG, task=task, up_to="", residual=None)
+    decision = SimpleNamespace(L=STRONG, task=task, ambiguity="", residual=None)
     here = Observation(0.0, 0.1, True, "", None)
     for part, is_blind in ((0.07, False), (0.1, True)):
         for axis, unit in ((1, 0.2), (4, 1.0)):

@@ -20,11 +20,11 @@ def image(stamp, twist, dt=DT):
     return SimpleNamespace(stamp=stamp, dt=dt, previous_T_camera=exponential(twist))
 
 
-def seen(error, L, rate=0.0):
-    return SimpleNamespace(error=np.array(error), L=np.array(L), rate=rate)
+def seen(error, L, error_drift=0.0):
+    return SimpleNamespace(error=np.array(error), L=np.array(L), error_drift=rate)
 
 
-def learnt(count=400, gain=1.0, rate=0.0, seed=0):
+def learnt(count=400, gain=1.0, error_drift=0.0, seed=0):
     """Truth and estimate after `count` random motions; the estimate began somewhere else."""
     random = np.random.default_rng(seed)
     truth, wrong = random.normal(size=(2, 4, 6))
@@ -48,7 +48,7 @@ def test_it_comes_to_the_true_one(seed):
 
 
 def test_a_target_that_moves_is_taken_out():
-    truth, found = learnt(rate=np.array([0.3, -0.2, 0.1, 0.5]))
+    truth, found = learnt(error_drift=np.array([0.3, -0.2, 0.1, 0.5]))
     np.testing.assert_allclose(found, truth, atol=0.03)
 
 

@@ -142,7 +142,7 @@ def judged(seed, jacobian=None):
             ways = np.abs(L @ jacobian * doubt) / tolerances[:, None]
             shaken = ways.max()
         evidence.add(
-            SimpleNamespace(rate=rate, L=L, error=error),
+            SimpleNamespace(error_drift=rate, L=L, error=error),
             SimpleNamespace(motion=twist, dt=past, joints=joints), tolerances,
         )  # fmt: skip
         if before is not None:
@@ -215,18 +215,18 @@ def test_only_an_image_that_follows_another_counts():
     assert not said(lambda decision, seen: decision.update(L=np.ones((3, 6)), error=np.ones(3)))
     evidence = CameraCheck()
     for error in wrong:
-        evidence.add(SimpleNamespace(rate=0.0, L=L, error=error),
+        evidence.add(SimpleNamespace(error_drift=0.0, L=L, error=error),
                      SimpleNamespace(motion=None, dt=1 / 30, joints=None), tolerances)
     assert not evidence.find_fault()
 
 
-def shown(evidence, error, L, motion, tolerances, rate=0.0, joints=None):
+def shown(evidence, error, L, motion, tolerances, error_drift=0.0, joints=None):
     """Gives a CameraCheck one image, seen after a motion (6,) of the camera."""
-    evidence.add(SimpleNamespace(rate=rate, L=L, error=error),
+    evidence.add(SimpleNamespace(error_drift=rate, L=L, error=error),
                  SimpleNamespace(motion=motion, dt=1 / 30, joints=joints), tolerances)
 
 
-def seen_by(scale, images=12, noise=0.0, seed=0, count=4, tolerance=1e-3, drift=0.0, rate=0.0):
+def seen_by(scale, images=12, noise=0.0, seed=0, count=4, tolerance=1e-3, drift=0.0, error_drift=0.0):
     """Evidence of features that move `scale` (6,) times as far as L says, by direction, and by
     `drift` tolerances an image besides; the scheme says that they do so by `rate` a second."""
     random = np.random.default_rng(seed)
@@ -322,8 +322,8 @@ def test_motion_the_other_way_and_motion_of_its_own_are_faults():
     assert not seen_by(ONE, 40, drift=7.0).find_fault()
     assert not seen_by(ONE, 40, noise=20.0).find_fault()  # which is as loud, and goes on in no row
     for known in (60.0, np.array([60.0, -40.0, 20.0, 80.0])):  # as the scheme knows
-        assert not seen_by(ONE, 40, drift=known, rate=known * 30.0 * 1e-3).find_fault()
-    assert seen_by(ONE, 40, rate=20.0 * 30.0 * 1e-3).find_fault()
+        assert not seen_by(ONE, 40, drift=known, error_drift=known * 30.0 * 1e-3).find_fault()
+    assert seen_by(ONE, 40, error_drift=20.0 * 30.0 * 1e-3).find_fault()
 
 
 @pytest.mark.parametrize(("off", "goes_on"), [((3, 3, -3, -3), True), ((5, 1, -1, -5), False)])

@@ -415,7 +415,7 @@ def moving(rig, displacement):
         pose = rig.servo.arm.pose(rig.q).copy()
         pose[:3, 3] -= displacement(stamp)
         return observer.observe_exact_features(
-            stamp, CAMERA, joints, contour=rig.servo.goal.target.outline(pose)
+            stamp, CAMERA, joints, contour=rig.servo.goal.target.compute_outline(pose)
         )
 
     rig.look = look
@@ -469,7 +469,7 @@ def test_a_joint_that_stands_still_is_named():
 
 def one_camera(**known):
     """An observation, or a goal, of one camera."""
-    made = SimpleNamespace(name="camera", others={}, **known)
+    made = SimpleNamespace(name="camera", other_cameras={}, **known)
     made.cameras = {"camera": made}
     return made
 
@@ -481,14 +481,14 @@ def doubtful(fault):
     )  # fmt: skip
 
 
-def seen_at(distance, decision=None):
+def seen_at(distance, scheme_output=None):
     """A state without an answer, and the picture of a target at so many times its goal's."""
     square = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
     observation = one_camera(
         moments=Moments.from_polygon(square / distance + 0.02), touches=(), valid=True,
         world_T_camera=None, stamp=0.0, camera=CAMERA, plane=None,
     )
-    state = SimpleNamespace(stamp=0.0, phase="holding", decision=decision, reason="no answer")
+    state = SimpleNamespace(stamp=0.0, phase="holding", scheme_output=decision, reason="no answer")
     return ImageRecord(state, observation)
 
 
@@ -528,7 +528,7 @@ class Features:
 
 def test_features_are_judged_by_the_camera_whose_name_they_have():
     names = ("left.x", "right.x", "left.y", "size")
-    seen = SimpleNamespace(others={"right": 1}, cameras={"left": 0, "right": 1})
+    seen = SimpleNamespace(other_cameras={"right": 1}, cameras={"left": 0, "right": 1})
     L = np.arange(24.0).reshape(4, 6)
     whole = Features(names, 1.0 + np.arange(4.0), L, np.array([0.5]))
     parts = {
@@ -663,7 +663,7 @@ def test_noise_is_no_swing_when_the_time_is_over(noise, kind):
 def answered(stamp, error, phase="servoing", arrived=None, observation=None):
     """An image whose scheme gave this error, of features without an L."""
     decision = SimpleNamespace(error=error, task=None, L=None, rate=0.0, names=("x",))
-    state = SimpleNamespace(stamp=stamp, phase=phase, decision=decision, reason="",
+    state = SimpleNamespace(stamp=stamp, phase=phase, scheme_output=decision, reason="",
                             resolution=None, rank=1, dropped="", joints=None,
                             arrived=arrived)  # fmt: skip
     return ImageRecord(state, observation or one_camera(
@@ -738,7 +738,7 @@ def test_a_diagnosis_of_ones_own_is_asked_at_its_place():
 
 
 def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal():
-    def arrived(fault, phase=CONVERGED, moves="", others=()):
+    def arrived(fault, phase=CONVERGED, moves="", other_cameras=()):
         goal = replace(the_goal("2016"), camera=CAMERA)
         scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
         diagnosis = Diagnosis(RunContext(ServoSettings(), goal, scheme))
@@ -761,7 +761,7 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
     assert (other.open_distance, other.open_angle) == (2e-4, 4e-3) and "calibrate" in other.remedy
     assert other.reason.endswith("has shown it; yet the features move otherwise")
     # not where one of the cameras has no goal that it has shown
-    assert arrived("it moves otherwise", others=["right"]).kind == "wrong_camera_model"
+    assert arrived("it moves otherwise", other_cameras=["right"]).kind == "wrong_camera_model"
     # and what was seen while the target moved is not held against the camera
     assert arrived("it moves otherwise", "servoing").kind == "wrong_camera_model"
     assert arrived("it moves otherwise", "servoing", "it turns").kind == "running"

@@ -65,7 +65,7 @@ class Bench:
     def listen(self, active):
         self.listening = active
 
-    def latest(self):
+    def read_latest(self):
         return self.foreign if self.listening else {}
 
     def flood(self, seconds, value, joint=5, heard=True):
@@ -340,7 +340,7 @@ def test_joint_states_that_were_held_up_do_not_send_it_back_to_its_start():
 def held_up(bench):
     """Joint states come late, eight of thirty, and the last of them alone in every second turn;
     commands too, twelve of some forty, each joint's on its own connection."""
-    tell, late = bench.driver.joints, []
+    tell, late = bench.driver.add_joint_state, []
 
     def joints(*told):
         late.append(told)
@@ -770,7 +770,7 @@ def told(bench, t, q=None, **words):
     """A joint state of the time t, and the clock there."""
     bench.t = t
     still = np.zeros(6)
-    bench.driver.joints(bench.arm.names, bench.q if q is None else q, still, words.get("stamp", t))
+    bench.driver.add_joint_state(bench.arm.names, bench.q if q is None else q, still, words.get("stamp", t))
 
 
 def test_without_images_it_reports_at_a_camera_s_pace():

@@ -194,9 +194,9 @@ def test_a_decision_is_made_of_arrays_whatever_was_answered():
     ({"tolerances": (0.0, 0.1)}, {}, r"has tolerances \(0.0, 0.1\): 2 numbers above 0 are"),
     ({"tolerances": (0.1,)}, {}, r"has tolerances \(0.1,\): 2 numbers above 0 are needed"),
     ({"tolerances": None}, {}, "has tolerances None: 2 numbers above 0 are needed"),
-    ({}, {"rate": [1.0, np.nan]}, "answered the rate .*: one finite number for each name"),
-    ({}, {"rate": [1.0]}, "answered the rate .*: one finite number for each name"),
-    ({}, {"rate": None}, "answered the rate None: one finite number for each name"),
+    ({}, {"error_drift": [1.0, np.nan]}, "answered the rate .*: one finite number for each name"),
+    ({}, {"error_drift": [1.0]}, "answered the rate .*: one finite number for each name"),
+    ({}, {"error_drift": None}, "answered the rate None: one finite number for each name"),
     ({}, {"task": 3}, "answered the task int instead of a Task"),
 ])  # fmt: skip
 def test_what_is_wrong_with_a_decision_is_told(scheme, decision, words):
@@ -264,7 +264,7 @@ def test_a_fault_is_told_once_more_after_the_clock_went_back():
 def test_joint_velocities_that_are_not_finite_are_not_commanded():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.1)
-    resolve = rig.servo.differential_ik.resolve
+    resolve = rig.servo.differential_ik.solve
     rig.servo.differential_ik.resolve = lambda *given: replace(
         resolve(*given), velocities=np.array([0.1, 0.0, np.nan, 0.0, 0.0, 0.0]))
     rig.run(0.2)

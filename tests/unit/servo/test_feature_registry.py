@@ -23,7 +23,7 @@ STEP = 1e-6
 # every feature that needs pictures, test_luminance hold them to account.
 ELSEWHERE = {"kernel", "moments"}
 PICTURED = {name for name, feature in FEATURES.items() if Need.IMAGE in feature.needs}
-OF_SEVERAL = {name for name, feature in FEATURES.items() if feature.reads > 1}  # test_rig
+OF_SEVERAL = {name for name, feature in FEATURES.items() if feature.camera_count > 1}  # test_rig
 NAMES = sorted(set(FEATURES) - ELSEWHERE - PICTURED - OF_SEVERAL)
 # The corners of an outline are matched by their turn, which beyond a quarter is ambiguous.
 SEEN = [(name, i) for name in NAMES for i in range(len(VIEWS)) if (name, i) != ("points", 2)]

@@ -72,7 +72,7 @@ def test_corners_that_become_more_or_fewer_are_looked_for_where_the_goals_are(na
     wanted = feature.measure(look(feature.needs, VIEWS["near"]), goal)
     seen = look(feature.needs, VIEWS["near"], dense(OUTLINE))
     some = seen.contour[:: len(seen.contour) // (8 + extra)][: 8 + extra]
-    found = feature.measure(replace(seen, corners=some, numbered=False), goal)
+    found = feature.measure(replace(seen, corners=some, is_numbered=False), goal)
     np.testing.assert_allclose(found.error, wanted.error, atol=1e-6)
     with pytest.raises(MeasurementError, match=f"{8 + extra} points are seen, the goal has 8$"):
         feature.measure(replace(seen, corners=some, contour=None), goal)
@@ -116,7 +116,7 @@ def test_moments_know_the_whole_turn_of_a_target_with_a_direction(turn):
     seen = look(feature.needs, pose((0, 0, 0.2), (0, 0, np.radians(turn))))
     measured = feature.measure(seen, goal)
     assert measured.error[3] == pytest.approx(np.radians(turn), abs=1e-6)
-    assert measured.up_to == ""
+    assert measured.ambiguity == ""
     for order, count in ((4, 15), (3, 10)):  # the least that tells it, and one less
         m, mu = seen.moments.m_array[:count], seen.moments.mu_array[:count]
         lower = Moments.from_arrays(m, mu, order, seen.moments.kind)
@@ -132,7 +132,7 @@ def test_moments_say_that_half_a_turn_of_a_symmetric_target_stays_open():
     turned = look(feature.needs, pose((0, 0, 0.2), (0, 0, np.radians(170.0))), rectangle)
     measured = feature.measure(turned, goal)
     assert measured.error[3] == pytest.approx(np.radians(-10.0), abs=1e-9)
-    assert measured.up_to == "180°"
+    assert measured.ambiguity == "180°"
 
 
 def test_the_shorter_way_of_a_symmetric_target_goes_through_the_wrap():
@@ -332,7 +332,7 @@ def test_corners_are_matched_whichever_comes_first(turn):
         shifted = np.roll(OUTLINE, shift, axis=0)[::way]
         measured = feature.measure(look(feature.needs, view, shifted), goal)
         np.testing.assert_allclose(measured.s, straight.s, atol=1e-12)
-        assert measured.up_to == ""
+        assert measured.ambiguity == ""
     exact = FEATURES.create("points")
     exact.is_ordered = True
     np.testing.assert_allclose(
@@ -349,7 +349,7 @@ def test_a_square_is_followed_corner_by_corner():
         measured = feature.measure(view, goal)
         s, g = (v[::2] + 1j * v[1::2] for v in (measured.s, measured.desired))
         turns.append(np.angle(np.vdot(g, s)))
-        assert measured.up_to == "90°"
+        assert measured.ambiguity == "90°"
     np.testing.assert_allclose(turns, np.radians([0, 30, 60, 90, 120, 95, 60, 25, -15]), atol=1e-9)
 
 
@@ -359,7 +359,7 @@ def test_a_rectangle_far_aside_leaves_half_a_turn_open_and_no_quarter():
         goal = taught(feature, shape, pose((at, 0, 0.2), (0, 0, 0)))
         feature.check(goal)
         seen = look(feature.needs, pose((there, -0.2, 0.2), (0, 0, 0.2)), shape)
-        assert feature.measure(seen, goal).up_to == "180°"
+        assert feature.measure(seen, goal).ambiguity == "180°"
 
 
 @pytest.mark.parametrize("size", [0.1, 1.0, 10.0])
@@ -370,7 +370,7 @@ def test_what_stays_open_does_not_depend_on_how_large_the_target_is_seen(shape, 
     feature = FEATURES.create("points")
     goal = taught(feature, shape, pose((0, 0, 0.2), (0, 0, 0)))
     seen = look(feature.needs, pose((0, 0, 0.2), (0, 0, 0.3)), shape)
-    found = feature.measure(replace(seen, corners=size * seen.corners, numbered=False), goal)
+    found = feature.measure(replace(seen, corners=size * seen.corners, is_numbered=False), goal)
     assert found.up_to == open_
     np.testing.assert_array_equal(found.s, size * seen.corners.ravel())
 
@@ -424,7 +424,7 @@ def test_a_goal_that_this_camera_has_shown_has_the_errors_of_the_same_view():
             seen = replace(
                 view, corners=np.roll(moved, first, axis=0), corner_accuracy=pixel,
                 corner_spread=np.roll(deviation * pixel * pattern, 2 * first, axis=0),
-                numbered=False,
+                is_numbered=False,
             )  # fmt: skip
             shown = feature.accuracy(seen, goal)
             np.testing.assert_allclose(shown, common * pixel * pattern, rtol=1e-6)
@@ -566,7 +566,7 @@ def test_corners_of_any_polygon_are_matched_whichever_way_round_they_are_found(c
         for way in (1, -1):
             feature.reset()
             found = replace(expected, corners=np.roll(expected.corners, 2, axis=0)[::way],
-                            numbered=False)  # fmt: skip
+                            is_numbered=False)  # fmt: skip
             np.testing.assert_array_equal(feature.measure(found, goal).s, expected.corners.ravel())
 
 
@@ -579,7 +579,7 @@ def test_a_point_of_a_goal_that_is_not_finite_is_refused():
     # those on one line turn neither way round
     line = np.array([[-0.1, 0.0], [0.02, 0.0], [0.1, 0.0], [0.16, 0.0]])
     goal = replace(goal, features={"points": {"points": line}})
-    seen = replace(look(feature.needs, GOAL, SQUARE), corners=line + 0.01, numbered=False)
+    seen = replace(look(feature.needs, GOAL, SQUARE), corners=line + 0.01, is_numbered=False)
     np.testing.assert_allclose(feature.measure(seen, goal).error, 0.01)
 
 
@@ -648,7 +648,7 @@ def test_moments_take_the_depth_from_the_area_where_no_plane_is_measured():
     goal = taught(feature)
     seen = look(feature.needs, TILTED)
     assert seen.is_plane_measured
-    by_area = feature.measure(replace(seen, plane=None, plane_measured=False), goal).L
+    by_area = feature.measure(replace(seen, plane=None, is_plane_measured=False), goal).L
     for plane, measured in ((Plane(0.0, 0.0, -5.0), True), (Plane(0.1, 0.2, 9.0), False)):
         told = replace(seen, plane=plane, plane_measured=measured)
         np.testing.assert_array_equal(feature.measure(told, goal).L, by_area)
@@ -706,7 +706,7 @@ def test_the_plane_is_that_of_the_depth_image_where_it_is_asked_for():
         seen, known = seen_with_depth(
             depth_image(TILTED, target),
             frozenset((*needs, Need.DEPTH)),
-            plane_from=goal.compute_plane,
+            compute_plane=goal.compute_plane,
         )
         assert seen.valid, seen.reason
         np.testing.assert_allclose(seen.plane, known.plane, rtol=1e-4, atol=1e-4)

@@ -295,7 +295,7 @@ def test_the_posture_is_looked_for_from_zero_to_two_millimetres():
     class Arm:
         names, asked = ("a", "b"), []
 
-        def inverse(self, *given):
+        def inverse_kinematics(self, *given):
             self.asked.append(given)
             return np.array([0.1, 0.2])
 

@@ -23,7 +23,7 @@ EXACT = {Need.MOMENTS, Need.CONTOUR, Need.CORNERS}
 
 def of_exact_views() -> list[str]:
     """Names of the features that one camera measures without images, of a target of any shape."""
-    features = {name: FEATURES[name] for name in FEATURES if FEATURES[name].reads == 1}
+    features = {name: FEATURES[name] for name in FEATURES if FEATURES[name].camera_count == 1}
     names = [name for name, cls in features.items() if cls.needs <= EXACT]
     return [name for name in names if name != "vanishing_points"]  # of a parallelogram alone
 

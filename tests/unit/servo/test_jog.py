@@ -27,7 +27,7 @@ def drive(jog, ask, seconds, q=START, follow=1.0, t=0.0):
     end = t + seconds
     while t < end - 1e-9:
         ask(t)
-        command = jog.tick(t, q)
+        command = jog.update(t, q)
         if command is not None:
             commands.append(command)
             q = q + follow * (command - q)
@@ -149,11 +149,11 @@ def test_speed_comes_and_goes_gradually():
 
 
 @pytest.mark.parametrize("ask", [
-    lambda jog: jog.twist([0.0] * 5, 0.0),
-    lambda jog: jog.twist([np.nan] + [0.0] * 5, 0.0),
-    lambda jog: jog.joint("J4", 0.1, 0.0),
-    lambda jog: jog.joint("J1", 1.01, 0.0),
-    lambda jog: jog.joint("J1", -1.01, 0.0),
+    lambda jog: jog.set_twist([0.0] * 5, 0.0),
+    lambda jog: jog.set_twist([np.nan] + [0.0] * 5, 0.0),
+    lambda jog: jog.set_joint_speed("J4", 0.1, 0.0),
+    lambda jog: jog.set_joint_speed("J1", 1.01, 0.0),
+    lambda jog: jog.set_joint_speed("J1", -1.01, 0.0),
     lambda jog: jog.joint("J1", float("nan"), 0.0),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused(ask):
@@ -226,7 +226,7 @@ def test_the_resolver_is_told_the_step_and_what_is_moved_now():
         told.append((q.tolist(), task.rate.tolist(), dt, velocity.tolist()))
         return SimpleNamespace(velocities=np.arange(6.0) / 100.0, reasons=("slow", "stretched"))
 
-    resolver = SimpleNamespace(resolve=resolve, reset=lambda: told.append("reset"))
+    resolver = SimpleNamespace(solve=resolve, reset=lambda: told.append("reset"))
     jog = Jog(the_arm(), the_limits(), resolver)
     for t in (2.0, 2.0001, 2.05):
         jog.set_twist(0.5 * np.array(MAX_TWIST), t)

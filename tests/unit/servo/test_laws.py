@@ -20,7 +20,7 @@ DT = 1 / 30
 
 
 def rate(law, error=E, t=0.0, dt=DT, rotated=ROTATED):
-    return law.rate(np.asarray(error, float), L, rotated, t, dt)
+    return law.desired_error_rate(np.asarray(error, float), L, rotated, t, dt)
 
 
 def test_proportional_and_diagonal():
@@ -242,7 +242,7 @@ def test_laws_that_there_are_not(make, words):
     ],
 )
 def test_gains_that_cannot_be_are_refused_while_it_runs_and_the_old_ones_stay(law, gains, words):
-    before = {name: getattr(law, name) for name in law.numbers()}
+    before = {name: getattr(law, name) for name in law.list_tunable_parameters()}
     with pytest.raises(ConfigurationError, match=words):
         law.change(**gains)
     assert {name: getattr(law, name) for name in law.numbers()} == before

@@ -96,7 +96,7 @@ def test_the_normal_equations_are_those_of_every_pixel(name, damping, camera):
     )
     size = scale * np.linalg.norm(e)
     assert found.L.T @ found.error / size == pytest.approx(J.T @ e / size, abs=0.005)
-    assert found.judged == pytest.approx(np.sqrt(np.mean(e**2)), rel=0.01)
+    assert found.error_summary == pytest.approx(np.sqrt(np.mean(e**2)), rel=0.01)
 
 
 def test_pixels_move_with_rays_as_the_lens_projects_them():
@@ -216,7 +216,7 @@ def test_at_the_goal_nothing_is_left(name):
     feature, goal = at_goal(name)
     found = feature.measure(look(PINHOLE, GOAL, feature.needs), goal)
     assert found.error == pytest.approx(0.0, abs=1e-9)
-    assert found.judged == pytest.approx(0.0, abs=1e-6)
+    assert found.error_summary == pytest.approx(0.0, abs=1e-6)
 
 
 def test_accuracy_is_that_of_grey_levels_and_of_neighbours_that_are_off_together():
@@ -274,7 +274,7 @@ def test_a_picture_that_looks_the_same_when_turned_says_so(sides, told, monkeypa
     feature = FEATURES.create("luminance")
     seen = look(PINHOLE, VIEW, feature.needs)
     goal = Goal.teach(FeatureScheme(feature), seen)
-    assert feature.measure(seen, goal).up_to == told
+    assert feature.measure(seen, goal).ambiguity == told
 
 
 @pytest.mark.parametrize(("folds", "told"), [
@@ -291,7 +291,7 @@ def test_the_smallest_turn_of_an_eighth_or_more_is_told(folds, told):
     seen = FeatureObserver(None, feature.needs).observe_image(
         0.0, star, PINHOLE, plane=Plane(0, 0, 1.25)
     )
-    assert feature.measure(seen, Goal.teach(FeatureScheme(feature), seen)).up_to == told
+    assert feature.measure(seen, Goal.teach(FeatureScheme(feature), seen)).ambiguity == told
 
 
 @pytest.mark.parametrize(("column", "told"), [(27, "180°"), (25, "")])
@@ -303,7 +303,7 @@ def test_a_turn_is_judged_by_three_tenths_of_the_picture_at_least(column, told):
     seen = FeatureObserver(None, feature.needs).observe_image(
         0.0, image, PINHOLE, plane=Plane(0, 0, 1.25)
     )
-    assert feature.measure(seen, Goal.teach(FeatureScheme(feature), seen)).up_to == told
+    assert feature.measure(seen, Goal.teach(FeatureScheme(feature), seen)).ambiguity == told
 
 
 @pytest.mark.parametrize(("wide", "told"), [(9, "180°"), (13, "")])
@@ -320,7 +320,7 @@ def test_a_picture_looks_the_same_when_turned_to_its_tolerance_rms(wide, told):
         0.0, image, PINHOLE, plane=Plane(0.0, 0.0, 1.25)
     )  # fmt: skip
     goal = Goal.teach(FeatureScheme(feature), seen)
-    assert feature.measure(seen, goal).up_to == told
+    assert feature.measure(seen, goal).ambiguity == told
 
 
 @pytest.mark.parametrize("name", ALL)

@@ -263,7 +263,7 @@ def test_a_pose_that_is_known_better_comes_before_that_of_the_joints():
         matrix_from_xyz_rpy((0.1, -0.2, 0.7), (3.0, 0.1, 0.2)),
         the_arm().pose(STARTS["2016"]),
     )
-    planes = {"plane_from": lambda world_T_camera: Plane(*world_T_camera[0, 1:4].tolist())}
+    planes = {"compute_plane": lambda world_T_camera: Plane(*world_T_camera[0, 1:4].tolist())}
     for told, known in (({"world_T_camera": pose}, pose), ({}, by_joints)):
         seen = FeatureObserver(the_arm(), frozenset(), **planes).observe_exact_features(
             0.5, CAMERA, joints(0.5), contour=outline(), **told)
@@ -312,7 +312,7 @@ def test_points_are_a_tracker_s_as_it_answers_them(told):
             marker="DICT_5X5_100:7", spread=np.eye(4))
 
     forgot = []
-    tracker = SimpleNamespace(look=look, is_numbered=True, reset=lambda: forgot.append(True))
+    tracker = SimpleNamespace(track=look, is_numbered=True, reset=lambda: forgot.append(True))
     observer = FeatureObserver(the_arm(), frozenset((Need.CORNERS,)), tracker=tracker)
     white, depth = np.full((240, 320), 250, np.uint8), np.full((240, 320), 0.3, np.float32)
     seen = observer.observe_image(0.5, white, CAMERA, joints(0.5), depth=depth, plane=told)

@@ -45,7 +45,7 @@ def test_the_laboratory_s_robot_brings_its_own_parameters(arm):
     loop = settings.make_servo(arm)
     start = [-0.1, 0.0, *np.radians([20.0, -15.0, -5.0, 10.0])]
     assert loop.settings.start == pytest.approx(start)
-    assert loop.resolver.elbows[0].side == -1.0
+    assert loop.differential_ik.elbows[0].side == -1.0
     assert len(loop.resolver.tasks) == 2
     assert loop.resolver.limits.velocity.tolist() == [1.5] * 6
     assert loop.goal.depth == pytest.approx(0.19289, abs=1e-4)
@@ -244,7 +244,7 @@ class Two:
 
     names, lower, upper = ("j", "k"), np.array([0.2, -1.0]), np.array([1.0, -0.3])
 
-    def inverse(self, pose, near):
+    def inverse_kinematics(self, pose, near):
         self.asked = pose, near
         return np.array([0.5, -0.5])
 
@@ -287,7 +287,7 @@ def test_laws_and_schemes_get_their_numbers(arm):
     loop = of(**given, start="none").make_servo(arm)
     law = loop.scheme.law
     assert law.mu == 3.0 and law.law.zero == 6.0 and law.law.slope == 30.0
-    assert of(hold_gain=2.5, start="none").make_servo(arm).resolver.settings.hold_gain == 2.5
+    assert of(hold_gain=2.5, start="none").make_servo(arm).differential_ik.settings.hold_gain == 2.5
     diagonal = of(law="diagonal", law_options={"values": [1, 2, 3, 4]}).make_law()
     assert diagonal.values == (1.0, 2.0, 3.0, 4.0)
 
@@ -303,7 +303,7 @@ def test_of_joints_that_are_not_used_the_robot_s_parameters_say_nothing(arm):
     with pytest.raises(ConfigurationError, match="joint J9 is no elbow"):
         replace(settings, elbow={"J9": 1}).make_differential_ik(part, settings.make_limits(part))
     whole = of(joints=list(arm.names), start="none").for_robot("aras_visual_servo", ("joints",))
-    assert whole.make_differential_ik(arm, whole.make_limits(arm)).elbows[0].side == -1.0
+    assert whole.make_differential_ik(arm, whole.make_limits(arm)).elbows[0].bend_side == -1.0
     one = of(joints=["J2"]).for_robot("aras_visual_servo", ("joints",))
     assert (one.posture, one.elbow) == ({}, None)
 

@@ -77,7 +77,7 @@ def together(made, q, stamp=1.0, then=None):
     right, left = made.observers["right"], made.control
     age = 0.0 if then is None else 0.02
     seen = view(right, stamp - age, q if then is None else then)
-    return made.together(view(left, stamp, q), {"right": seen})
+    return made.merge_observations(view(left, stamp, q), {"right": seen})
 
 
 # -- which pictures belong together -------------------------------------------------------------
@@ -90,7 +90,7 @@ def fed(made, *pictures):
         def look(joints, commands, name=name, stamp=stamp):
             return view(made.observers[name], stamp, np.zeros(6))
 
-        found = made.add(name, stamp, look)
+        found = made.add_image(name, stamp, look)
         if found is not None:
             seen = found[1](JointSample.from_values(found[0], NAMES, np.zeros(6)), ())
             answered.append((round(seen.stamp, 3), round(seen.cameras["right"].stamp, 3)))
@@ -319,7 +319,7 @@ def test_directions_of_another_camera_are_the_control_camera_s_that_move_it_so()
     goal = goal_of(create_scheme("points@left+points@right"))
     aside = matrix_from_xyz_rpy((0.05, 0.0, 0.0), (0.0, 0.0, 0.0))
     right = goal.other_cameras["right"]
-    parallel = replace(goal, others={
+    parallel = replace(goal, other_cameras={
         "right": replace(right, world_T_camera=goal.world_T_camera @ aside)
     })  # fmt: skip
     level.check(parallel)
@@ -391,7 +391,7 @@ def test_a_goal_of_one_camera_has_no_view_of_another():
     for name in ("points@left+points@right", "stereo_pose@left,right"):
         scheme = create_scheme(name)
         with pytest.raises(ConfigurationError, match="has no view of camera 'right': teach it"):
-            scheme.check(replace(goal_of(scheme), others={}))
+            scheme.check(replace(goal_of(scheme), other_cameras={}))
 
 
 def test_a_stack_needs_of_each_camera_what_its_features_do():
@@ -446,7 +446,7 @@ def test_accuracy_of_stereo_goes_through_the_feature(name):
     assert feature.accuracy(seen({}, dict.fromkeys(size, 0.0)), goal) is None  # exact
     # What was taught through another lens shares nothing with what is seen now.
     apart = replace(
-        goal, camera=None, others={"right": replace(goal.other_cameras["right"], camera=None)}
+        goal, camera=None, other_cameras={"right": replace(goal.other_cameras["right"], camera=None)}
     )
     found = feature.accuracy(seen({}, size), apart)
     offs = [(camera, off) for camera in feature.cameras for off in np.eye(8).reshape(8, 4, 2)]
@@ -566,7 +566,7 @@ def test_two_cameras_forget_the_turn_to_which_a_square_was_followed(monkeypatch)
         left, right = (replace(view(o, 1.0, q), numbered=False) for o in made.observers.values())
         return scheme.feature.measure(made.merge_observations(left, {"right": right}), goal).s
 
-    made_of = {n: replace(view(o, 1.0, np.zeros(6)), numbered=False)
+    made_of = {n: replace(view(o, 1.0, np.zeros(6)), is_numbered=False)
                for n, o in made.observers.items()}  # fmt: skip
     for which, open_ in (("", "90°"), ("left", ""), ("right", "")):  # where one knows its corners
         views = {n: replace(v, numbered=None if n == which else False) for n, v in made_of.items()}
@@ -652,7 +652,7 @@ def test_a_goal_of_one_camera_tells_the_others_views_by_the_target_s_geometry():
     )
     alone = the_goal("2016")
     goal = alone.for_cameras({"left": arm, "wall": wall})
-    assert list(goal.cameras) == ["left", "wall"] and goal.other_cameras["wall"].seen_by == "wall"
+    assert list(goal.cameras) == ["left", "wall"] and goal.other_cameras["wall"].camera_name == "wall"
     q = alone.get_joints(arm.names)
     np.testing.assert_allclose(goal.world_T_camera, arm.pose(q), atol=1e-12)
     there = goal.other_cameras["wall"]

@@ -187,7 +187,7 @@ def test_partitioned_leaves_to_the_points_what_its_two_motions_do_not_bring(rate
     scheme.law = law = Asked()
     goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), GOAL))
     measure = scheme.feature.measure
-    scheme.feature.measure = lambda *given: replace(measure(*given), rate=rate)
+    scheme.feature.measure = lambda *given: replace(measure(*given), error_drift=rate)
     seen = look(FeatureObserver(None, scheme.needs), START)
     decision = scheme.compute(seen, goal, 0.0)
     L, error, twist = decision.L, decision.error, decision.task.twist
@@ -298,7 +298,7 @@ def test_each_scheme_says_what_a_square_leaves_open(name):
     square = 0.1 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     observer = FeatureObserver(None, scheme.needs)
     goal = Goal.teach(scheme, look(observer, GOAL, corners=square))
-    seen = replace(look(observer, START, corners=square), numbered=False)
+    seen = replace(look(observer, START, corners=square), is_numbered=False)
     assert scheme.compute(seen, goal, 0.0).ambiguity == "90°"
     measure = scheme.feature.measure  # a feature's own word, as of a user's
     scheme.feature.measure = lambda *given: replace(measure(*given), notes=("blurred",))

@@ -168,7 +168,7 @@ def test_errors_decay_as_the_gain_says(gain):
         None, look(FeatureObserver(the_arm()), 0.0, there), depth=the_goal("2016").depth
     )
     servo = the_servo(law=Proportional(gain), limits=the_limits(velocity=5.0), goal=goal)
-    rig = Rig(servo, STARTS["2016"], lag=1e-4, look=look)
+    rig = Rig(servo, STARTS["2016"], lag=1e-4, update=look)
     errors = np.array([s.scheme_output.error for s in rig.run(1.5)])[:, [0, 1, 3]]
     part = np.abs(errors / errors[0])
     used = (part < 0.8) & (part > 0.02)
@@ -282,7 +282,7 @@ def test_joints_that_cannot_be_measured_stop_the_arm_and_the_command_says_why():
     rig.run(0.3)
     assert rig.states[-1].achieved_twist.any()
     assert ServoState(0.0, WAITING).achieved_twist.tolist() == [0.0] * 6
-    command = rig.servo.update(rig.now + TICK, unmeasured="no word of J2")
+    command = rig.servo.update(rig.now + TICK, missing_reason="no word of J2")
     assert (command.reason, command.phase) == ("no word of J2", HOLDING)
     assert command.positions.shape == (6,)
 
@@ -350,7 +350,7 @@ def test_stop_start_and_hold():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.3)
     rig.servo.stop("the operator")
-    rig.servo.update(rig.now, unmeasured="no word of J2")
+    rig.servo.update(rig.now, missing_reason="no word of J2")
     assert (rig.servo.phase, rig.servo.outcome.kind) == (STOPPED, "running")
     states = [s for s in rig.run(0.5) if s.stamp >= 0.3]
     assert set(phases(states)) == {STOPPED}
@@ -455,7 +455,7 @@ def test_the_arm_is_resolved_where_it_stands_and_not_where_it_was_sent(period):
     """Held by friction, joints stand elsewhere: the camera is where they are."""
     servo = the_servo("2016", resolve_period=period)
     rig = Rig(servo, STARTS["2016"], friction=0.02)
-    asked, resolve = [], servo.differential_ik.resolve
+    asked, resolve = [], servo.differential_ik.solve
 
     def watched(q, *rest):
         asked.append(np.abs(rig.q - servo.command).max())
@@ -653,7 +653,7 @@ def test_velocities_are_worked_out_anew_when_their_period_is_over(lasts, times):
         steps.add(dt)
         return SimpleNamespace(velocities=np.zeros(2), lasts=lasts, reasons=())
 
-    motion, resolver = SimpleNamespace(velocity=np.zeros(2)), SimpleNamespace(resolve=resolve)
+    motion, resolver = SimpleNamespace(velocity=np.zeros(2)), SimpleNamespace(solve=resolve)
     settings = ServoSettings(resolve_period=0.01)
     pursuit = TaskExecutor("any", None, resolver, motion, settings)
     pursuit.set_task(Task.from_twist(np.zeros(6)), None, 0.0, None)
@@ -981,7 +981,7 @@ def test_velocities_that_fail_between_images_hold_the_arm_at_once():
         def fail(*given, error=error):
             raise error
 
-        rig.servo.differential_ik.resolve, resolve = fail, rig.servo.differential_ik.resolve
+        rig.servo.differential_ik.solve, resolve = fail, rig.servo.differential_ik.solve
         joints = JointSample.from_values(rig.now + 0.02, rig.servo.arm.names, rig.q)
         command = rig.servo.update(rig.now + 0.02, joints)
         assert (command.phase, command.reason) == (HOLDING, str(error))
@@ -1016,7 +1016,7 @@ def test_the_watchdog_s_time_is_over_when_it_is_longer():
 
 @pytest.mark.parametrize("output", ["position", "acceleration"])
 def test_what_a_controller_of_joints_answers_is_taken_as_it_is(output):
-    scheme = SimpleNamespace(output=output, tick=lambda t, dt, joints: np.array([0.25, -0.5]))
+    scheme = SimpleNamespace(output=output, update=lambda t, dt, joints: np.array([0.25, -0.5]))
     limits = SimpleNamespace(velocity=np.full(2, 9.0), acceleration=np.full(2, np.inf))
     motion = CommandIntegrator(("a", "b"), limits, ServoSettings())
     motion.start_at(np.array([0.125, -0.25]))
@@ -1044,7 +1044,7 @@ def test_settings_of_another_arm_are_refused():
 
 def test_a_state_that_was_read_back_tells_what_its_resolution_does():
     resolution = SimpleNamespace(
-        asked=np.arange(6.0), twist=np.arange(6.0) / 2.0, singular_values_L=np.array([3.0, 0.5]))
+        desired_twist=np.arange(6.0), desired_twist=np.arange(6.0) / 2.0, singular_values_L=np.array([3.0, 0.5]))
     state = ServoState(0.5, SERVOING, ik_solution=resolution)
     assert state.desired_twist is resolution.asked and state.achieved_twist is resolution.twist
     assert state.singular_values_L is resolution.singular_values_L and state.rank == 2

@@ -28,7 +28,7 @@ def followed(images, error_of, check=None, rests=0):
         motion = 4e-3 * np.cos([0.1 * k, 0.3, 0.2 * k, 0.0, 0.0, 0.1]) * (k >= rests)
         told = told + L @ motion * (k > 0)
         decision = SimpleNamespace(
-            error=error_of(k, told), L=L, rate=0.0, names=("x", "y", "size")
+            error=error_of(k, told), L=L, error_drift=0.0, names=("x", "y", "size")
         )
         observation = SimpleNamespace(stamp=k * DT, dt=DT, motion=motion)
         check.add(decision, observation, TOLERANCES, ANGLES)
@@ -84,11 +84,11 @@ def test_a_feature_with_the_wrong_sign_moves_against_its_l(feature):
     assert against[feature] < -0.95 and np.delete(against, feature).min() > 0.95
 
 
-def view(area, stamp=0.0, height=1.0, touches=()):
+def view(area, stamp=0.0, height=1.0, touched_borders=()):
     """An observation of the goal's target, of which a part is visible."""
     return SimpleNamespace(
         valid=True, moments=Moments.from_polygon(np.sqrt(area) * OUTLINE), stamp=stamp,
-        touches=touches, world_T_camera=matrix_from_xyz_rpy((0, 0, height), (0,) * 3), plane=None,
+        touched_borders=touches, world_T_camera=matrix_from_xyz_rpy((0, 0, height), (0,) * 3), plane=None,
     )  # fmt: skip
 
 
@@ -106,7 +106,7 @@ def test_a_part_that_disappears_inside_the_image_is_covered_until_it_comes_back(
 @pytest.mark.parametrize("seen", [
     [view(1.0 - 0.02 * k) for k in range(20)],  # the camera goes away, step by step
     [view(1.0 + 0.3 * (-1) ** k) for k in range(40)],  # noise
-    [view(1.0)] * 10 + [view(0.6, touches=("left",))] * 10,
+    [view(1.0)] * 10 + [view(0.6, touched_borders=("left",))] * 10,
     [view(1.0)] * 10 + [view(0.7)] + [view(1.0)] * 10,  # one bad image
     [view(1.0)] * 10 + [view(0.7, height=0.9)] * 10,  # it went back by as much
 ])  # fmt: skip

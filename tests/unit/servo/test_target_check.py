@@ -49,7 +49,7 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
             error = error + 2.0 * np.pi * np.eye(count)[1]
         off = noise * draw.normal(size=count) + jumps * (-1) ** (k // 4)
         said.append(check.add(
-            SimpleNamespace(error=error + off * tolerances, L=L, rate=known * own),
+            SimpleNamespace(error=error + off * tolerances, L=L, error_drift=known * own),
             SimpleNamespace(**{"stamp": t, "dt": dt, "motion": motion, "world_T_camera": pose,
                                **seen}), None, tolerances, True,
         ))  # fmt: skip
@@ -153,7 +153,7 @@ def test_other_features_and_images_without_any_begin_anew():
 def test_what_has_no_centre_or_no_depth_is_not_judged_by_it():
     seen = Moments.from_polygon(np.array([(-0.1, -0.05), (0.12, -0.04), (0.08, 0.06)]), 2)
     none = Moments(2, "dense", 0.0, 0.0, 0.0, np.zeros((3, 3)))
-    error = SimpleNamespace(error=np.zeros(4), L=None, rate=0.0)
+    error = SimpleNamespace(error=np.zeros(4), L=None, error_drift=0.0)
     for now, goal in ((seen, Goal(moments=seen)), (none, Goal(moments=seen, depth=0.5)),
                       (None, Goal(moments=seen, depth=0.5)), (seen, Goal(depth=0.5))):  # fmt: skip
         check = TargetCheck()
@@ -310,7 +310,7 @@ def test_the_target_is_judged_as_least_squares_over_all_rows_say(kind, count, se
             error = error + 3.0  # an angle that wrapped
         noisy = error + 0.02 * tolerances * draw.normal(size=count)
         told = check.add(
-            SimpleNamespace(error=noisy, L=L, rate=rate),
+            SimpleNamespace(error=noisy, L=L, error_drift=rate),
             SimpleNamespace(stamp=stamp, dt=dt, motion=motion, world_T_camera=pose), None,
             tolerances, True,
         )  # fmt: skip
@@ -370,7 +370,7 @@ def test_a_centre_has_to_move_by_a_thousandth_s_part(loud, told):
     goal, check = Goal(moments=Moments.from_polygon(corners, 2), depth=0.5), TargetCheck()
     step = loud * 1e-3 * np.sqrt(2.0) / 4.0
     said = [check.add(
-        SimpleNamespace(error=np.zeros(3), L=None, rate=0.0),
+        SimpleNamespace(error=np.zeros(3), L=None, error_drift=0.0),
         SimpleNamespace(stamp=k * DT, dt=DT, motion=np.zeros(6), world_T_camera=POSE,
                         moments=Moments.from_polygon(corners + [k * step, 0.0], 2)),
         goal, np.ones(3), False) for k in range(165)]  # fmt: skip

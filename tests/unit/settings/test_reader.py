@@ -309,7 +309,7 @@ def test_an_entry_is_one_file_of_its_folder(tmp_path, monkeypatch):
     assert kind.create("second", gain=3.0).gain == 3.0 and loaded() == {"second"}
     assert "b" in kind and loaded() == {"first", "second"}
     assert list(kind) == ["a", "b", "c", "second"] and len(kind) == 4 and "d" not in kind
-    (parameter,) = kind.parameters("c")
+    (parameter,) = kind.list_parameters("c")
     assert parameter == ("gain", "a finite number", 2.0, "1/s", "> 0 and <= 9", "how fast")
     both = Registry("one", "xml", (object,), ValueError, (kind,))
     assert both["c"] is kind["c"] and list(both) == list(kind)

@@ -77,7 +77,7 @@ def history(hanging, tmp_path_factory):
             assert pool.has_room  # and it need not be made anew for that
             found.stood_still = worker()
             patch.undo()
-            engine.carry_out(made, pool, Progress(hanging.runs, out=io.StringIO()))
+            engine.carry_out(made, pool, Progress(hanging.run_count, out=io.StringIO()))
             found.ended = worker()
     return found
 
@@ -193,7 +193,7 @@ def test_a_named_clusters_workers_are_used_when_they_come(tiny, tmp_path, monkey
         for _ in range(sent):
             task, rows = pool.wait_for_chunk()
             made.write_chunk(task.chunk, rows)
-        engine.carry_out(made, pool, Progress(study.runs, out=io.StringIO()))
+        engine.carry_out(made, pool, Progress(study.run_count, out=io.StringIO()))
     assert made.find_missing_chunks() == []
 
 
@@ -211,7 +211,7 @@ def test_a_scheduler_of_somebody_else_is_used_and_left_as_it_was(tiny, tmp_path,
     study = tiny(chunk=1)
     made = StudyFolder.create(tmp_path, study, "")
     with DaskPool(scheduler=other.scheduler_address, chunks_before_restart=2) as pool:
-        engine.carry_out(made, pool, Progress(study.runs, out=io.StringIO()))
+        engine.carry_out(made, pool, Progress(study.run_count, out=io.StringIO()))
         with pytest.raises(ValueError, match="No client"):  # that others would use unasked
             distributed.default_client()
     assert made.find_missing_chunks() == [] and len(other.scheduler.workers) == 1

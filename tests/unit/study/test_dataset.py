@@ -67,7 +67,7 @@ def test_poses_are_those_of_the_exposures(arm):
     """Corners of the target, by the poses that are kept, are where the picture has them."""
     study, done = arm
     assert len(done.images) == done.values[0]["images"] >= 10
-    parts = assemble(study.experiment_of(0))
+    parts = assemble(study.make_experiment(0))
     parts.plant.close()
     shape, camera = parts.target.shape, parts.cameras["camera"].true_camera
     speed = 0.0
@@ -162,7 +162,7 @@ def test_what_is_kept_changes_no_run(arm):
 
 def test_numbers_are_the_loops_own(arm):
     study, done = arm
-    experiment = study.experiment_of(0)
+    experiment = study.make_experiment(0)
     seen = []
     loop = Loop(experiment, assemble(experiment), on_frame=lambda of, one: seen.append(one))
     loop.run_to_end()

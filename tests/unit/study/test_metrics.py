@@ -128,7 +128,7 @@ def test_what_is_summed_over_time_needs_two_joint_states(count):
     began = int(np.searchsorted(TIME, 0.0))
     found = run(joints=np.full(len(TIME), 2.0), speed=np.full(len(TIME), 3.0))
     cut = slice(0, began + count)
-    found = replace(found, joint_stamp=TIME[cut], measured=found.measured_positions[cut],
+    found = replace(found, joint_stamp=TIME[cut], measured_positions=found.measured_positions[cut],
                     measured_speed=found.measured_velocities[cut],
                     commanded=found.joint_commands[cut],
                     true_pose=found.true_pose[cut])  # fmt: skip
@@ -231,7 +231,7 @@ def test_reduced_wants_a_tenth_of_both_distance_and_angle(x, angle, reduced):
     ((-1.0, np.inf), -1.0, 1.0),
 ])  # fmt: skip
 def test_a_joint_is_at_a_limit_within_a_thousandth_of_its_range(limits, place, part):
-    found = replace(run(joints=np.full(len(TIME), place)), limits=tuple(np.array([limits]).T))
+    found = replace(run(joints=np.full(len(TIME), place)), position_limits=tuple(np.array([limits]).T))
     assert measured("limit_time", found) == pytest.approx(2.99 * part)
 
 
@@ -250,12 +250,12 @@ def test_the_predicted_decay_needs_two_images_and_a_gain_that_is_known():
 
 def test_the_real_time_factor_is_the_mean_since_the_first_image():
     pace = np.array([[-0.1, 9.0], [0.0, 2.0], [1.0, 4.0], [2.0, np.nan]])
-    assert measured("real_time_factor", run(pace=pace)) == 3.0
+    assert measured("real_time_factor", run(real_time_factors=pace)) == 3.0
 
 
 def test_a_run_that_ended_before_its_first_image_has_what_numbers_it_can():
     nothing, none = np.zeros((0, 1)), np.zeros((0, 4, 4))
-    found = replace(run(), states=(), pose=none, joint_stamp=np.zeros(0), measured=nothing,
+    found = replace(run(), states=(), pose=none, joint_stamp=np.zeros(0), measured_positions=nothing,
                     measured_speed=nothing, commanded=nothing, true_pose=none)  # fmt: skip
     known = {name: measured(name, found) for name in metrics.METRICS}
     zero = ("reduced", "contradicts", "iterations", "servoing_time", "top_speed", "images",
@@ -282,7 +282,7 @@ def test_metrics_say_what_they_are():
 def test_what_is_left_open_is_the_last_image_s():
     found = run()
     left = SimpleNamespace(distance=2e-4, angle=0.03)
-    last = replace(found.states[-1], arrived=SimpleNamespace(pose_uncertainty=left))
+    last = replace(found.states[-1], arrival_status=SimpleNamespace(pose_uncertainty=left))
     found.states = (*found.states[:-1], last)
     assert measured("open_distance", found) == 2e-4
     assert measured("open_angle", found) == 0.03

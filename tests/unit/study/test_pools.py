@@ -117,7 +117,7 @@ def pool_of(monkeypatch):
 
 
 def test_every_worker_has_one_chunk_waiting_and_is_made_anew_after_so_many(pool_of):
-    dask, pool = pool_of(3, renew=4)
+    dask, pool = pool_of(3, chunks_before_restart=4)
     done, most = [], 0
     while len(done) < 30:
         while pool.room:
@@ -183,7 +183,7 @@ def test_the_last_worker_may_be_gone_for_five_minutes_or_as_long_as_a_nanny_begi
 
     def after(seconds, workers):
         now[0], dask.workers = now[0] + seconds, workers
-        return pool.room and pool.workers
+        return pool.has_room and pool.workers
 
     assert after(1.5, 2) == 1 and dask.looks == 1  # it looks every two seconds
     assert after(0.5, 2) == 2 and after(1.5, 3) == 2 and dask.looks == 2
@@ -234,7 +234,7 @@ def test_nobody_is_kept_busy_by_waiting_for_a_chunk(pool_of, monkeypatch):
     monkeypatch.setattr(dask, "is_empty", lambda: False)
     monkeypatch.setattr(pools, "time", SimpleNamespace(monotonic=lambda: 0.0, sleep=sleep))
     pool.submit(StudyTask("", 3))
-    assert pool.next() == (StudyTask("", 3), DONE)  # it came while it slept
+    assert pool.wait_for_chunk() == (StudyTask("", 3), DONE)  # it came while it slept
 
 
 @pytest.mark.parametrize(("keys", "patience", "left"), [

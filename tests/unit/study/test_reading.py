@@ -253,7 +253,7 @@ def test_sensitivity_is_the_rank_correlation():
 
 def in_process(study, path):
     folder = StudyFolder.create(path, study, "")
-    carry_out(folder, InProcessPool(), Progress(study.runs, out=io.StringIO()))
+    carry_out(folder, InProcessPool(), Progress(study.run_count, out=io.StringIO()))
 
 
 def test_the_tuner_finds_the_gain_and_goes_on_where_it_was(tiny, tmp_path):
@@ -403,7 +403,7 @@ def test_a_video_has_the_colours_and_the_rate_of_its_pictures(tmp_path):
     red = np.zeros((32, 48, 3), np.uint8)
     red[..., 0] = 220
     for stamp, rate in (([0.0], 30.0), ([0.0, 0.1], 10.0)):
-        made = SimpleNamespace(stamp=np.array(stamp), images=SimpleNamespace(
+        made = SimpleNamespace(stamp=np.array(stamp), control_record=SimpleNamespace(
             pictures=[(at, red) for at in stamp]))  # fmt: skip
         video = cv2.VideoCapture(str(write_video(made, tmp_path / "video.mp4")))
         assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(rate)
@@ -559,7 +559,7 @@ def test_what_a_study_would_take_is_told_by_a_run_that_loads_nothing(tiny, monke
 
     assert told(1, repeats=1, vary={}, chunk=1) == [
         "1 run: 1 point, 1 of each; 1 chunk of 1", "about 2 s on 1 core: a run takes 2.5 s here",
-        "run 0: as it is; seed " + str(tiny(repeats=1, vary={}, chunk=1).seed_of(0)),
+        "run 0: as it is; seed " + str(tiny(repeats=1, vary={}, chunk=1).compute_seed(0)),
         "run 0 as tried: fault: mine"]
     some = told(4, repeats=80)
     assert some[0] == "240 runs: 3 points, 80 of each; 120 chunks of 2"

@@ -114,7 +114,7 @@ def test_chunks_cover_all_runs_once(tiny):
     for repeats, chunk in ((7, 4), (1, 100), (20, 60)):
         study = tiny(repeats=repeats, chunk=chunk)
         covered = [run for c in range(study.chunk_count) for run in study.list_chunk_runs(c)]
-        assert covered == list(range(study.runs))
+        assert covered == list(range(study.run_count))
     assert [tiny(repeats=n, chunk=None).chunk_size for n in (1, 410, 100_000)] == [1, 31, 100]
     pictured = {"experiment": {**FREE, "features": "images"}, "repeats": 400, "chunk": None}
     for pictures, size in (("all", 4), ("first", 30)):  # pictures are kept in memory

@@ -231,7 +231,7 @@ def traced(name, run, count, seed, lost=()):
     table = pa.table({"run": list(run), "stamp": stamp.tolist(), "error": error.tolist(),
                       "pose": pose.reshape(rows, 16).tolist()})  # fmt: skip
     folder = SimpleNamespace(path=Path("/") / name, study=SimpleNamespace(traces=bool(count)),
-                             results=lambda kind: table)  # fmt: skip
+                             read_results=lambda kind: table)  # fmt: skip
     return folder, table
 
 

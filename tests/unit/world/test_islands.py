@@ -48,7 +48,7 @@ class Trial:
             while simulation.time_ns < until:
                 simulation.step(until)
             self.states.append((self.model.joints.read()[0], self.model.joints.read()[1]))
-            self.own.append(self.model.joints.own)
+            self.has_own_dynamics.append(self.model.joints.has_own_dynamics)
         return self
 
     def handles(self):
@@ -309,7 +309,7 @@ def test_a_loose_body_that_is_put_beside_the_arm_is_felt_at_once(make):
         assert not model.joints.has_own_dynamics
         body.set_pose(Pose((9.0, 0.0, 0.5)))
         world.step()
-        assert model.joints.own
+        assert model.joints.has_own_dynamics
         body.apply_force("ball", (0.0, 0.0, 1e5), body.pose().xyz)
         assert world.isolation.wait == 0
 
@@ -515,7 +515,7 @@ def test_who_may_touch_is_looked_for_after_as_many_steps_as_were_told(make, monk
             world.step()
             looks, stepped = [], []
             with monkeypatch.context() as seen:
-                noted(seen, world.isolation, "look", looks)
+                noted(seen, world.isolation, "update", looks)
                 noted(seen, pybullet, "stepSimulation", stepped)
                 world.isolation.steps_until_update = 3
                 for count in (0, 0, 0, 1, 1):

@@ -363,7 +363,7 @@ def test_bullet_makes_the_same_steps(monkeypatch):
             for _ in range(120):
                 robot.steps(1)
                 states.append(robot.model.read_joints()[0])
-        apart = robot.model.joints.own
+        apart = robot.model.joints.has_own_dynamics
         robot.close()
         return np.array(states), apart
 

@@ -58,7 +58,7 @@ def test_the_world_is_told_of_all_that_moves_it(model):
 
 
 def test_what_it_is_pushed_with_is_kept_for_whoever_looks(model):
-    assert not model.pushed and not model.applied_forces
+    assert not model.is_disturbed and not model.applied_forces
     pushes = [("arm", (float(k), 0.0, 1.0), (0.0, float(k), 0.0), (0.0, 0.0, 2.0))
               for k in range(105)]
     for push in pushes:
@@ -76,7 +76,7 @@ def test_its_state_goes_on_where_it_is_loaded_anew(model):
     model.joints.restore([(0.7, 2.0)])
     for _ in range(3):
         model.world.step()
-    before, state = model.link_states(), model.joints.states()[0]
+    before, state = model.link_states(), model.joints.read_states()[0]
     model.rebuild(model.description)
     assert model.joints.states()[0] == pytest.approx(state)
     for name, (pose, twist) in model.link_states().items():

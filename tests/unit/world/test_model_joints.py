@@ -46,7 +46,7 @@ def values(model):
 
 def test_joints_are_put_at_rest_at_their_stops_and_followers_follow(model):
     model.joints.restore([(0.4, 2.0), (0.1, -1.0), (0.4, -3.0)])
-    assert model.joints.states() == [(0.4, 2.0), (0.1, -1.0), (0.4, -3.0)]
+    assert model.joints.read_states() == [(0.4, 2.0), (0.1, -1.0), (0.4, -3.0)]
     model.set_joint_positions({"turn": -0.3})
     assert values(model) == [[-0.3, 0.1, 0.4], [0.0, -1.0, -3.0]]
     model.set_joint_positions({"slide": 0.2})
@@ -118,7 +118,7 @@ def test_stops_are_as_strong_as_it_takes_whatever_effort_the_file_allows(model):
 
 def test_a_joint_that_runs_away_is_named(model):
     assert model.read_joints()[0]
-    if model.joints.own:
+    if model.joints.has_own_dynamics:
         model.joints.restore([(0.0, 0.0), (math.nan, 0.0), (0.1, 0.0)])
         with pytest.raises(WorldError, match="'m', joint 'slide': the simulation diverged"):
             model.step()
@@ -163,7 +163,7 @@ def test_a_follower_that_was_put_elsewhere_comes_back(model):
         lacks.append(position[2] - 3 * position[1] - 0.1)
         assert position[1] == pytest.approx(0.1, abs=1e-3)
     left = [b / a for a, b in zip(lacks, lacks[1:], strict=False)]
-    assert left == pytest.approx([0.8 if model.joints.own else 0.96] * 5, abs=1e-4)
+    assert left == pytest.approx([0.8 if model.joints.has_own_dynamics else 0.96] * 5, abs=1e-4)
 
 
 def test_nothing_slows_a_fast_joint_down(model):

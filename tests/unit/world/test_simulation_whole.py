@@ -222,7 +222,7 @@ def test_a_camera_that_comes_later_exposes_at_the_next_of_its_instants(make, ren
     for _ in range(30):
         simulation.step()
     camera = simulation.add_camera("eye", EYE)
-    assert simulation.next_picture_ns() is None
+    assert simulation.next_image_ns() is None
     camera.enabled = True
     assert simulation.next_picture_ns() == 40_000_000
 

@@ -235,7 +235,7 @@ def test_a_free_body_beside_the_arm_brings_the_sweeps_and_takes_them_along(robot
         '<gazebo reference="cube"><gravity>false</gravity></gazebo>')), "cube", Pose(at))
     cube.set_pose(Pose((at[0] + 0.09, at[1], at[2])))
     assert 1e-8 < creep(robot) < 1e-4
-    assert not robot.model.joints.own
+    assert not robot.model.joints.has_own_dynamics
     world.delete("cube")
     assert creep(robot) < 1e-12
 

@@ -96,7 +96,7 @@ def test_a_base_on_feet_that_are_links_is_held(world, make):
         make.joint("rail", "base", "slide", "prismatic", "0 0 0.5", "1 0 0", -2.0, 2.0))), "table")
     steps(world, 300)
     assert model.fixed_base and model.pose().xyz[2] < 1.1e-3
-    (one,) = world.bases.held
+    (one,) = world.resting_bases.held
     corners = one.corners[:, :3] + one.ground[7:10] + model.pose().xyz
     assert np.abs(corners[:, 2]).max() < 1e-6  # on the ground, where forces act
     assert np.abs(corners[:, :2]).max(axis=0) == pytest.approx(0.33, abs=1e-3)
@@ -224,7 +224,7 @@ DISTURBED = {
     "other gravity": lambda world, model: world.set_physics(gravity=(0.0, 0.0, 1.0)),
     "no ground": lambda world, model: world.delete("ground_plane"),
     "ground moved": lambda world, model: world.model("ground_plane").set_pose(Pose((0, 0, -1.0))),
-    "changed": lambda world, model: world.change(
+    "changed": lambda world, model: world.change_model(
         "cart", change_joint(model.description, "rail", damping=1.0)),
 }
 
@@ -286,7 +286,7 @@ def test_a_stop_pushes_back_no_longer_than_the_push_lasts_where_bullet_steps_too
     steps(world, 2)
     model.apply_force("slide", (20.0, 0.0, 0.0), model.link_pose("slide").xyz)
     steps(world, 20)
-    assert model.fixed_base and not model.joints.own
+    assert model.fixed_base and not model.joints.has_own_dynamics
     assert model.read_joints()[0][0] == pytest.approx(0.1, abs=1e-9)
     assert model.read_joints()[1][0] == pytest.approx(0.0, abs=1e-6)
 
@@ -301,7 +301,7 @@ def test_a_base_is_held_where_bullet_s_window_shows_it(world, make, monkeypatch)
         model = world.spawn(cart(make), "cart")
     assert drawn == [(pybullet.COV_ENABLE_RENDERING, on) for on in (0, 1)]  # shapes come at once
     steps(world, 50, model, 3.0)
-    assert model.fixed_base and not model.joints.own
+    assert model.fixed_base and not model.joints.has_own_dynamics
     assert model.read_joints()[1][0] == pytest.approx(50e-3 * 3.0 / 2.0, rel=1e-3)
 
 
@@ -475,7 +475,7 @@ def test_what_no_longer_lies_on_a_held_base_is_no_longer_felt(world, make):
     box = loose_box(make, world, "on", 1.0, (0.2, 0.1, 0.251))
     loose_box(make, world, "far", 1.0, (5.0, 0.0, 0.05))
     steps(world, 500)
-    (one,) = world.bases.held
+    (one,) = world.resting_bases.held
     weight = (0.0, 0.0, -G)
     lever = at.inverse().apply(box.pose().xyz)
     assert one.touch[:3] == pytest.approx(np.cross(lever, weight), abs=0.1)
@@ -496,7 +496,7 @@ def test_what_rubs_along_a_held_base_is_felt_along_its_way(world, make, first):
     steps(world, 100)
     world.model("on").set_twist(Twist((0.8, 0.6, 0.0)))
     steps(world, 20)
-    (one,) = world.bases.held
+    (one,) = world.resting_bases.held
     assert one.touch[3:5] == pytest.approx(0.5 * 9.8 * np.array((0.8, 0.6)), rel=0.1)
     assert one.touch[5] == pytest.approx(-9.8, rel=0.1)
 
@@ -735,7 +735,7 @@ def test_a_base_that_was_held_or_let_go_is_not_put_on_the_ground_again(world, ma
     fin = make.link("fin", 0.01, "0 0 0", (1e-5,) * 3 + (0, 0, 0))
     other = world.spawn(parse_urdf(make.robot(ball, fin, make.joint("j", "ball", "fin"))), "ball",
                         Pose((3.0, 0.0, 0.1)))
-    assert world.bases.fresh
+    assert world.resting_bases.fresh
     world.step()
     assert held.fixed_base and not other.fixed_base and not world.bases.fresh
     held.apply_force("base", (1.0, 0.0, 0.0), held.pose().xyz)

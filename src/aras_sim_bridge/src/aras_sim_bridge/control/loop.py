@@ -130,7 +130,7 @@ class ControlLoop:
             loops = chain.from_iterable(c.loops for c in self._compiled_controllers)
             for loop, command in zip(loops, commands.tolist(), strict=True):
                 if command == command:
-                    loop.told(command, time_ns)
+                    loop.warn_beyond_limits(command, time_ns)
 
     def _gather_loops(self, running: tuple[LoadedController, ...]) -> None:
         """Put the rows of all loops that run into one array."""

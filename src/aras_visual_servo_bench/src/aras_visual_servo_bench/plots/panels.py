@@ -130,7 +130,7 @@ def make_error_panels(runs: Sequence[Run]) -> list[Panel]:
         for unit, members in group_by_unit(run):
             bounds = {run.tolerances[i] for i in members} if run.tolerances else set()
             measured = _make_curves(run, run.names, run.error, members,
-                                " as measured" if smoothed else "", pale=smoothed)  # fmt: skip
+                                " as measured" if smoothed else "", is_pale=smoothed)  # fmt: skip
             filtered = _make_curves(run, run.names, run.filtered_error, members) if smoothed else []
             found += make_panel("error", "error", unit, filtered + measured,
                            band=min(bounds) if len(bounds) == 1 else None)  # fmt: skip
@@ -140,7 +140,7 @@ def make_error_panels(runs: Sequence[Run]) -> list[Panel]:
                            _make_run_curves(runs, name, lambda r, i=i: r.error[:, i]))  # fmt: skip
     return found + make_panel(
         "norm of the errors, relative", "norm, relative", "",
-        _make_run_curves(runs, "norm, relative", _compute_error_norm), log=True,
+        _make_run_curves(runs, "norm, relative", _compute_error_norm), is_logarithmic=True,
         levels=((SETTLING_BAND, "2 %"),),
         marks=_mark_settling(runs, error_settled.measure),
     )  # fmt: skip
@@ -173,7 +173,7 @@ def make_pose_panels(runs: Sequence[Run]) -> list[Panel]:
         curves = _make_run_curves(
             runs, title, compute_remaining, lambda run: run.joint_time[run.servoing]
         )
-        found += make_panel(f"{title} to the goal", title, unit, curves, log=True,
+        found += make_panel(f"{title} to the goal", title, unit, curves, is_logarithmic=True,
                        marks=() if k else _mark_settling(runs, settled.measure))  # fmt: skip
     return found
 
@@ -255,10 +255,10 @@ def make_conditioning_panels(runs: Sequence[Run]) -> list[Panel]:
     ]
     if len(runs) == 1:
         both = [replace(curve, colour_index=shade) for shade, (curve,) in enumerate(ratios)]
-        found = make_panel("condition number", "condition", "", both, log=True)
+        found = make_panel("condition number", "condition", "", both, is_logarithmic=True)
     else:
-        found = make_panel("condition number of L", "condition of L", "", ratios[0], log=True)
-        found += make_panel("condition number of L J", "condition of L J", "", ratios[1], log=True)
+        found = make_panel("condition number of L", "condition of L", "", ratios[0], is_logarithmic=True)
+        found += make_panel("condition number of L J", "condition of L J", "", ratios[1], is_logarithmic=True)
     for title, name, key, span in (
         ("manipulability", "manipulability", "manipulability", (None, None)),
         ("factor by which limits slowed the task", "scale", "scale", (-0.05, 1.1)),
@@ -283,7 +283,7 @@ def make_timing_panels(runs: Sequence[Run]) -> list[Panel]:
     ):  # fmt: skip
         own = [(number, one) for number, run in enumerate(runs) if len(run.time) > 2
                for one in of(run)]  # fmt: skip
-        look = {"dots": dots, "span": (0.0, None)}
+        look = {"is_dotted": dots, "span": (0.0, None)}
         if len(runs) == 1:
             curves = [Curve(*one, colour_index=i) for i, (_, one) in enumerate(own)]
             found += make_panel(title, axis, unit, curves, **look)

@@ -79,7 +79,7 @@ class Demo:
         self.progress = ControllerWatch().progress
         active = self.bag.with_name(self.bag.name + ".active")
         self._wait(
-            lambda: self.progress.joints and active.exists(),
+            lambda: self.progress.has_joint_states and active.exists(),
             STARTUP_TIMEOUT,
             "the simulated robot and the recorder",
         )

@@ -245,7 +245,7 @@ class CameraRig:
         if isinstance(arm, FixedCameraKinematics):
             return np.zeros((6, 6))
         if isinstance(arm, InverseCameraKinematics) and control.world_T_camera is not None:
-            return -adjoint(relative_pose(arm.place, control.world_T_camera))
+            return -adjoint(relative_pose(arm.fixed_pose, control.world_T_camera))
         if here is None or control.world_T_camera is None:
             raise MeasurementError(f"nothing tells where camera {name} is beside {control.name}")
         return adjoint(relative_pose(here, control.world_T_camera))

@@ -173,7 +173,7 @@ class FeatureObserver:
             moments=moments,
             kernel=None if kernel is None else make_read_only_copy(kernel),
             pixel_count=int(pixel_count),
-            touches=tuple(touched_borders),
+            touched_borders=tuple(touched_borders),
         )  # fmt: skip
 
     def observe_exact_features(

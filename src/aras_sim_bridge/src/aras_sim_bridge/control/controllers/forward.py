@@ -118,7 +118,7 @@ class CommandedController(Controller):
     def apply_pending_command(self, time_ns: int) -> None:
         """Take the command that waits, in the cycle at `time_ns`."""
         for loop, command in zip(self.loops, self.slot.pop(), strict=True):
-            loop.take(command, time_ns)
+            loop.set_command(command, time_ns)
 
     @property
     def is_compilable(self) -> bool:

@@ -53,8 +53,16 @@ def make_parser() -> argparse.ArgumentParser:
         raise make_missing_library_error(error.name) from None
     made = argparse.ArgumentParser(prog=find_program_name(), description=__doc__.splitlines()[0])
     commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for part in (run, protocol, dataset, results, browse, show_tune, analyze):
-        part.add(commands)
+    for add in (
+        run.add_parsers,
+        protocol.add_parser,
+        dataset.add_parser,
+        results.add_parsers,
+        browse.add_parser,
+        show_tune.add_parsers,
+        analyze.add_parser,
+    ):
+        add(commands)
     for name, one in commands.choices.items():
         one.epilog = f"example: {find_program_name()} {EXAMPLES[name]}"
     return made

@@ -27,7 +27,7 @@ def planned(seeds):
 
 
 def test_without_weights_one_line_says_how_to_make_them(monkeypatch, tmp_path):
-    monkeypatch.setenv("ARAS_LEARNED_PICTURES_WEIGHTS", str(tmp_path / "none.npz"))
+    monkeypatch.setenv("ARAS_LEARNED_POSE_WEIGHTS", str(tmp_path / "none.npz"))
     with pytest.raises(ExperimentError, match="has no weights at .*none.npz: make it: python3 -m"):
         run(next(planned({0})))
     (tmp_path / "bad.npz").write_text("no numbers")

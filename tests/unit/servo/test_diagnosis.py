@@ -431,7 +431,7 @@ def test_a_target_that_moves_steadily_is_no_wrong_camera(scheme, interaction):
     rig.run(6.0)
     found = rig.servo.outcome
     assert found.kind == "target_moves", found
-    assert "FeatureMeasurement.rate" in found.remedy and "calibrate" not in found.remedy
+    assert "FeatureMeasurement.error_drift" in found.remedy and "calibrate" not in found.remedy
     if interaction == "current":
         said = float(found.reason.split(" at ")[1].split(" mm/s")[0])
         assert said == pytest.approx(17.0, rel=0.1)

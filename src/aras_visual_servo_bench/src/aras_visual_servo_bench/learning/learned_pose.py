@@ -64,7 +64,7 @@ def relu(values: np.ndarray) -> np.ndarray:
 class PoseNetwork(Regressor):
     """Rectified layers; see Regressor for its arrays."""
 
-    user, module = "the learned feature", "learned_pictures"
+    user, module = "the learned feature", "learned_pose"
     activation = staticmethod(relu)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ CALIBRATE_CAMERA = Remedy(
     remove("calibration_offset"),
 )
 KEEP_TARGET_AT_REST = Remedy(
-    "keep the target at rest, or use a scheme that knows its motion (FeatureMeasurement.rate)",
+    "keep the target at rest, or use a scheme that knows its motion (FeatureMeasurement.error_drift)",
     remove("target.motion"),
 )
 UNCOVER_TARGET = Remedy(

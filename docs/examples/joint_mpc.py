@@ -46,7 +46,7 @@ class JointMPC(JointController):
         high = np.minimum(np.maximum((self.arm.upper - q) / room, 0.0), SPEED) + 1e-9
         self.velocities = lsq_linear(A, b, (low, high)).x
         return SchemeOutput(self.names, measured.s, measured.desired, measured.error,
-                        L=measured.L, ambiguity=measured.up_to)  # fmt: skip
+                        L=measured.L, ambiguity=measured.ambiguity)  # fmt: skip
 
     def update(self, t, dt, joints):
         return self.velocities

@@ -34,7 +34,7 @@ class SecondOrder(JointController):
         measured = self.feature.measure(observation, goal)
         self.error, self.L = measured.error.copy(), measured.L
         return SchemeOutput(self.names, measured.s, measured.desired, measured.error,
-                        L=measured.L, ambiguity=measured.up_to)  # fmt: skip
+                        L=measured.L, ambiguity=measured.ambiguity)  # fmt: skip
 
     def update(self, t, dt, joints):
         q, q_dot = joints.positions, joints.velocities

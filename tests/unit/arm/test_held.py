@@ -58,9 +58,9 @@ def test_the_vertical_goes_the_short_way_to_its_place_in_the_camera(seed):
 
 def test_plain_python_answers_the_same(monkeypatch):
     """There an index beyond an array is an error."""
-    for name in ("_turn", "_vertical", "_cross", "_dot"):
+    for name in ("_compute_rotation_error", "_hold_vertical", "_cross", "_dot"):
         monkeypatch.setattr(kernel, name, getattr(kernel, name).py_func)
-    monkeypatch.setitem(globals(), "held_at", compute_held_directions.py_func)
+    monkeypatch.setitem(globals(), "compute_held_directions", compute_held_directions.py_func)
     test_what_the_task_does_not_speak_of_goes_straight_to_the_goal(0)
     test_the_vertical_goes_the_short_way_to_its_place_in_the_camera(0)
     test_upside_down_any_way_round_is_as_good()

@@ -51,7 +51,7 @@ def goto(resolver, q, goal, modelled=ALL, gain=2.0, dt=0.02, steps=300):
         place = pose[:3, :3].T @ (goal[:3, 3] - pose[:3, 3])
         turn = rotation_vector(pose[:3, :3].T @ goal[:3, :3])
         task = Task.from_twist(gain * np.concatenate([place, turn]), modelled)
-        velocities = resolver.resolve(path[-1], task, dt, velocities).velocities
+        velocities = resolver.solve(path[-1], task, dt, velocities).velocities
         path.append(path[-1] + velocities * dt)
     return np.array(path)
 
@@ -651,9 +651,9 @@ class TestSingularityAvoidance:
         product = np.prod(np.linalg.svd(rows, compute_uv=False))
         assert self.task().manipulability(self.level) == pytest.approx(product, rel=1e-9)
 
-    @pytest.mark.parametrize("options", [{}, {"gain": 2.0, "bound": 0.3, "steep": 1e-3}])
+    @pytest.mark.parametrize("options", [{}, {"gain": 2.0, "bound": 0.3, "max_gradient": 1e-3}])
     def test_its_step_is_up_the_slope(self, options):
-        given = {"gain": 0.5, "bound": 0.1, "steep": 0.1, **options}
+        given = {"gain": 0.5, "bound": 0.1, "max_gradient": 0.1, **options}
         task, q = self.task(**options), np.array([0.0, 0.2, 0.3, -0.9, 0.4, 0.1])
         logarithms = []  # of w, by its singular values
         for turn in 1e-4 * np.vstack([np.zeros(6), np.eye(6), -np.eye(6)]):
@@ -661,7 +661,7 @@ class TestSingularityAvoidance:
             logarithms.append(np.log(np.linalg.svd(rows, compute_uv=False)).sum())
         here = np.exp(logarithms[0])
         slope = here * (np.array(logarithms[1:7]) - logarithms[7:]) / 2e-4
-        steepness = max(np.linalg.norm(slope), given["steep"])
+        steepness = max(np.linalg.norm(slope), given["max_gradient"])
         expected = given["gain"] * (1.0 - here / given["bound"]) * slope / steepness
         assert 0.0 < here < given["bound"] and np.abs(expected).max() > 0.01
         np.testing.assert_allclose(task.velocity(q), expected, atol=1e-5)

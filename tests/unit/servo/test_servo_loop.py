@@ -1044,9 +1044,12 @@ def test_settings_of_another_arm_are_refused():
 
 def test_a_state_that_was_read_back_tells_what_its_resolution_does():
     resolution = SimpleNamespace(
-        desired_twist=np.arange(6.0), desired_twist=np.arange(6.0) / 2.0, singular_values_L=np.array([3.0, 0.5]))
+        desired_twist=np.arange(6.0), achieved_twist=np.arange(6.0) / 2.0,
+        singular_values_L=np.array([3.0, 0.5]),
+    )
     state = ServoState(0.5, SERVOING, ik_solution=resolution)
-    assert state.desired_twist is resolution.asked and state.achieved_twist is resolution.twist
+    assert state.desired_twist is resolution.desired_twist
+    assert state.achieved_twist is resolution.achieved_twist
     assert state.singular_values_L is resolution.singular_values_L and state.rank == 2
     bare = ServoState(0.5, WAITING)
     assert bare.desired_twist.tolist() == [0.0] * 6 and bare.names == () and bare.error is None

@@ -88,7 +88,8 @@ def view(area, stamp=0.0, height=1.0, touched_borders=()):
     """An observation of the goal's target, of which a part is visible."""
     return SimpleNamespace(
         valid=True, moments=Moments.from_polygon(np.sqrt(area) * OUTLINE), stamp=stamp,
-        touched_borders=touches, world_T_camera=matrix_from_xyz_rpy((0, 0, height), (0,) * 3), plane=None,
+        touched_borders=touched_borders, plane=None,
+        world_T_camera=matrix_from_xyz_rpy((0, 0, height), (0,) * 3),
     )  # fmt: skip
 
 

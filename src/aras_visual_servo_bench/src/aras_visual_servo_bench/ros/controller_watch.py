@@ -15,10 +15,10 @@ class RunProgress:
 
     Attributes:
         phase, reason: latest of the controller, '' before its first word.
-        began: stamp at which servoing began, or None.
-        converged: stamp at which it counted as converged, or None while it does not.
+        start_stamp: stamp at which servoing began, or None.
+        convergence_stamp: stamp at which it counted as converged, or None while it does not.
         stamp: latest stamp of the controller's state.
-        joints: joint states are arriving.
+        has_joint_states: joint states are arriving.
     """
 
     phase: str = ""

@@ -103,13 +103,15 @@ class Demo:
         """Follow the controller until it has converged or time is up."""
         progress, told = self.progress, ""
         self._wait(lambda: progress.phase != "", STARTUP_TIMEOUT, "the controller's first word")
-        self._wait(lambda: progress.began is not None, STARTUP_TIMEOUT, "the start pose")
+        self._wait(lambda: progress.start_stamp is not None, STARTUP_TIMEOUT, "the start pose")
         deadline = time.monotonic() + MIN_REAL_TIME_RATIO * self.arguments.timeout
-        while progress.stamp - progress.began < self.arguments.timeout:
+        while progress.stamp - progress.start_stamp < self.arguments.timeout:
             if progress.phase != told:
                 told = progress.phase
                 _print_status(told + (f": {progress.reason}" if progress.reason else ""))
-            if progress.converged and progress.stamp - progress.converged > TIME_AFTER_CONVERGENCE:
+            if (converged := progress.convergence_stamp) and (
+                progress.stamp - converged > TIME_AFTER_CONVERGENCE
+            ):
                 return
             self._check_running()
             if time.monotonic() > deadline:
@@ -208,7 +210,7 @@ class Demo:
                     f"{launch.log}"
                 )
         progress = self.progress
-        if progress is None or progress.began is not None or progress.phase != HOLDING:
+        if progress is None or progress.start_stamp is not None or progress.phase != HOLDING:
             self._hold_start_time = None
         elif self._hold_start_time is None:
             self._hold_start_time = now

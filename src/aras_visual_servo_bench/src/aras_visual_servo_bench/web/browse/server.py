@@ -175,9 +175,9 @@ class RunReportHandler(AuthorizedHandler):
         try:
             if not run.isascii() or not run.isdigit() or len(run) > 9:
                 raise StudyError(f"run is {run[:60]!r}, must be a number")
-            seen = server.studies.look().study(name)
+            seen = server.studies.read_snapshot().find_study(name)
             found = await loop.run_in_executor(
-                server.workers, server.reports.ask, seen, int(run)
+                server.workers, server.reports.find_or_start, seen, int(run)
             )
             if isinstance(found, Path):
                 self.send_report(found)

@@ -48,7 +48,7 @@ def shown(arrival, stamp, error, L=None, modelled=(True,) * 6, pose=None, goal=D
     error = np.asarray(error, float)
     task = None if L is None else SimpleNamespace(modelled=np.array(modelled))
     L = None if L is None else np.asarray(L, float)
-    decision = SimpleNamespace(L=L, task=task, error=error, residual=None, ambiguity=up_to)
+    decision = SimpleNamespace(L=L, task=task, error=error, residual=None, ambiguity=ambiguity)
     seen = Observation(stamp, 0.1, True, "", None, world_T_camera=pose, moments=moments,
                        other_cameras=others or {}, name="left")  # fmt: skip
     scheme = SimpleNamespace(

@@ -21,7 +21,7 @@ def image(stamp, twist, dt=DT):
 
 
 def seen(error, L, error_drift=0.0):
-    return SimpleNamespace(error=np.array(error), L=np.array(L), error_drift=rate)
+    return SimpleNamespace(error=np.array(error), L=np.array(L), error_drift=error_drift)
 
 
 def learnt(count=400, gain=1.0, error_drift=0.0, seed=0):
@@ -32,8 +32,8 @@ def learnt(count=400, gain=1.0, error_drift=0.0, seed=0):
     for k in range(count):
         twist = 0.02 * random.normal(size=6)
         if k:
-            error = error + truth @ twist + rate * DT
-        found = estimator(image(k * DT, twist), seen(error, wrong, rate))
+            error = error + truth @ twist + error_drift * DT
+        found = estimator(image(k * DT, twist), seen(error, wrong, error_drift))
         if k == 0:
             assert (found == wrong).all()
         error = error % 0.5  # stays bounded, as if the camera were set back

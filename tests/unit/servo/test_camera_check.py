@@ -201,7 +201,7 @@ def test_only_an_image_that_follows_another_counts():
     def said(change):
         evidence = CameraCheck()
         for k, error in enumerate(wrong):
-            decision = {"L": L, "error": error, "rate": 0.0}
+            decision = {"L": L, "error": error, "error_drift": 0.0}
             seen = {"motion": twist, "dt": 1 / 30, "joints": None}
             if k % 2:
                 change(decision, seen)
@@ -222,20 +222,22 @@ def test_only_an_image_that_follows_another_counts():
 
 def shown(evidence, error, L, motion, tolerances, error_drift=0.0, joints=None):
     """Gives a CameraCheck one image, seen after a motion (6,) of the camera."""
-    evidence.add(SimpleNamespace(error_drift=rate, L=L, error=error),
+    evidence.add(SimpleNamespace(error_drift=error_drift, L=L, error=error),
                  SimpleNamespace(motion=motion, dt=1 / 30, joints=joints), tolerances)
 
 
-def seen_by(scale, images=12, noise=0.0, seed=0, count=4, tolerance=1e-3, drift=0.0, error_drift=0.0):
+def seen_by(
+    scale, images=12, noise=0.0, seed=0, count=4, tolerance=1e-3, drift=0.0, error_drift=0.0
+):
     """Evidence of features that move `scale` (6,) times as far as L says, by direction, and by
-    `drift` tolerances an image besides; the scheme says that they do so by `rate` a second."""
+    `drift` tolerances an image besides; the scheme says that they do so by `error_drift`, 1/s."""
     random = np.random.default_rng(seed)
     evidence, tolerances = CameraCheck(), np.full(count, tolerance)
     L = random.normal(size=(count, 6))
     error, twist = random.normal(size=count), np.zeros(6)
     for _ in range(images):
         measured = error + noise * tolerance * random.normal(size=count)
-        shown(evidence, measured, L, twist, tolerances, rate)
+        shown(evidence, measured, L, twist, tolerances, error_drift)
         twist = 2e-2 * random.normal(size=6)
         error = error + (L * scale) @ twist + drift * tolerance
     return evidence

@@ -477,7 +477,7 @@ def one_camera(**known):
 def doubtful(fault):
     """In place of a CameraCheck, one that has found a fault."""
     return SimpleNamespace(
-        add=lambda *_: None, interrupt=lambda: None, fault=lambda: fault
+        add=lambda *_: None, interrupt=lambda: None, find_fault=lambda: fault
     )  # fmt: skip
 
 
@@ -485,10 +485,10 @@ def seen_at(distance, scheme_output=None):
     """A state without an answer, and the picture of a target at so many times its goal's."""
     square = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
     observation = one_camera(
-        moments=Moments.from_polygon(square / distance + 0.02), touches=(), valid=True,
+        moments=Moments.from_polygon(square / distance + 0.02), touched_borders=(), valid=True,
         world_T_camera=None, stamp=0.0, camera=CAMERA, plane=None,
     )
-    state = SimpleNamespace(stamp=0.0, phase="holding", scheme_output=decision, reason="no answer")
+    state = SimpleNamespace(stamp=0.0, phase="holding", scheme_output=scheme_output, reason="no answer")
     return ImageRecord(state, observation)
 
 
@@ -518,12 +518,12 @@ def test_a_camera_far_behind_start_and_goal_has_retreated(first, then, kind):
 
 @dataclass
 class Features:
-    """Of a decision."""
+    """Of a scheme output."""
 
     names: tuple
     error: np.ndarray
     L: np.ndarray
-    rate: np.ndarray
+    error_drift: np.ndarray
 
 
 def test_features_are_judged_by_the_camera_whose_name_they_have():
@@ -662,12 +662,12 @@ def test_noise_is_no_swing_when_the_time_is_over(noise, kind):
 
 def answered(stamp, error, phase="servoing", arrived=None, observation=None):
     """An image whose scheme gave this error, of features without an L."""
-    decision = SimpleNamespace(error=error, task=None, L=None, rate=0.0, names=("x",))
+    decision = SimpleNamespace(error=error, task=None, L=None, error_drift=0.0, names=("x",))
     state = SimpleNamespace(stamp=stamp, phase=phase, scheme_output=decision, reason="",
-                            resolution=None, rank=1, dropped="", joints=None,
-                            arrived=arrived)  # fmt: skip
+                            ik_solution=None, rank=1, dropped_reason="", joints=None,
+                            arrival_status=arrived)  # fmt: skip
     return ImageRecord(state, observation or one_camera(
-        valid=True, touches=(), moments=None, camera=CAMERA, motion=None, world_T_camera=None,
+        valid=True, touched_borders=(), moments=None, camera=CAMERA, motion=None, world_T_camera=None,
         dt=0.03, joints=None, stamp=stamp,
     ))  # fmt: skip
 
@@ -698,7 +698,7 @@ def test_a_retreat_of_a_camera_that_swings_is_the_gain_s():
     for k in range(28):  # until 0.9 s
         evidence.gain_check.add(k / 30.0, swing(k / 30.0, 3.0), None, 0.0)
     for stamp, distance in ((0.0, 1.0), (1.0, 9.0), (1.1, 9.0), (1.2, 9.0)):
-        seen = one_camera(valid=True, world_T_camera=None, touches=(), stamp=stamp, plane=None,
+        seen = one_camera(valid=True, world_T_camera=None, touched_borders=(), stamp=stamp, plane=None,
                           moments=scaled(run.goal.moments, 1.0 / distance))  # fmt: skip
         found = retreat.judge(answered(stamp, np.zeros(1), observation=seen), evidence)
     assert found.kind == "gain_too_high" and "went back" in found.reason
@@ -744,10 +744,10 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
         diagnosis = Diagnosis(RunContext(ServoSettings(), goal, scheme))
         evidence = diagnosis.evidence
         evidence.camera_checks["camera"] = doubtful(fault)
-        seen = one_camera(valid=True, touches=(), moments=None, camera=CAMERA,
+        seen = one_camera(valid=True, touched_borders=(), moments=None, camera=CAMERA,
                           motion=None, world_T_camera=None, dt=0.03, joints=None)  # fmt: skip
-        for name in others:
-            seen.others[name] = seen.cameras[name] = one_camera(moments=None, touches=())
+        for name in other_cameras:
+            seen.other_cameras[name] = seen.cameras[name] = one_camera(moments=None, touched_borders=())
         left = ArrivalStatus(True, pose_uncertainty=PoseUncertainty(1e-4, 2e-3))
         record = answered(1.0, np.zeros(1), phase, left, seen)
         if moves:

@@ -59,7 +59,7 @@ class Bench:
     def report(self, state):
         self.states.append(state)
 
-    def say(self, text):
+    def log(self, text):
         self.words.append(text)
 
     def listen(self, active):
@@ -471,10 +471,10 @@ def stuck(bench, seconds, drift=0.0):
     away = -drift * np.sign(bench.command - bench.q)
     for k in range(int(seconds / DT)):
         bench.t, bench.wall, bench.n = bench.t + DT, bench.wall + DT, bench.n + 1
-        bench.driver.joints(bench.arm.names, bench.q + away * k * DT, away, bench.t)
+        bench.driver.add_joint_state(bench.arm.names, bench.q + away * k * DT, away, bench.t)
         if bench.n % 3 == 0:
             bench.look(bench.t)
-        bench.driver.watch()
+        bench.driver.check_timeouts()
     times = [t for t, _ in bench.sent[count:] if t > bench.t - 0.5 * seconds]
     assert all(np.abs(c.positions - before).max() < 0.2 for _, c in bench.sent[count:])
     return times
@@ -594,7 +594,7 @@ def test_a_dry_run_sends_nothing():
     bench = Bench(dry=True)
     bench.step(60)
     assert not bench.sent and bench.states[-1].phase == "servoing"
-    assert np.abs(bench.states[-1].twist).max() > 0.0
+    assert np.abs(bench.states[-1].desired_twist).max() > 0.0
 
 
 def sample(stamp, position, speed=0.0):

@@ -110,7 +110,7 @@ def test_the_directions_that_each_models_and_what_it_needs():
         moments_of = issubclass(made, moments.MomentFeature)
         need = IMAGES.get(name, Need.MOMENTS if moments_of else Need.CORNERS)
         assert (name, feature.needs) == (name, {need})
-        assert feature.reads == (2 if name.startswith("stereo") else 1)
+        assert feature.camera_count == (2 if name.startswith("stereo") else 1)
         assert feature.is_stackable is (feature.names != ("rms",))
     assert kernel.Kernel.ratio == (1.0, 1.0, 1.0, 0.3)
     np.testing.assert_allclose(Laboratory2016.ratio, np.array([140, 120, 60, 30]) / 140)

@@ -371,7 +371,7 @@ def test_what_stays_open_does_not_depend_on_how_large_the_target_is_seen(shape, 
     goal = taught(feature, shape, pose((0, 0, 0.2), (0, 0, 0)))
     seen = look(feature.needs, pose((0, 0, 0.2), (0, 0, 0.3)), shape)
     found = feature.measure(replace(seen, corners=size * seen.corners, is_numbered=False), goal)
-    assert found.up_to == open_
+    assert found.ambiguity == open_
     np.testing.assert_array_equal(found.s, size * seen.corners.ravel())
 
 
@@ -428,7 +428,7 @@ def test_a_goal_that_this_camera_has_shown_has_the_errors_of_the_same_view():
             )  # fmt: skip
             shown = feature.accuracy(seen, goal)
             np.testing.assert_allclose(shown, common * pixel * pattern, rtol=1e-6)
-    own = replace(view, corner_accuracy=pixel, corner_unshared=0.3 * pixel)
+    own = replace(view, corner_accuracy=pixel, corner_repeatability=0.3 * pixel)
     np.testing.assert_allclose(feature.accuracy(own, goal), 0.3 * pixel * np.eye(8), rtol=1e-6)
 
 
@@ -650,7 +650,7 @@ def test_moments_take_the_depth_from_the_area_where_no_plane_is_measured():
     assert seen.is_plane_measured
     by_area = feature.measure(replace(seen, plane=None, is_plane_measured=False), goal).L
     for plane, measured in ((Plane(0.0, 0.0, -5.0), True), (Plane(0.1, 0.2, 9.0), False)):
-        told = replace(seen, plane=plane, plane_measured=measured)
+        told = replace(seen, plane=plane, is_plane_measured=measured)
         np.testing.assert_array_equal(feature.measure(told, goal).L, by_area)
     assert not np.allclose(feature.measure(seen, goal).L, by_area)
 
@@ -976,7 +976,7 @@ def test_kernel_features_refuse_another_camera_a_dirty_ground_and_emptiness():
     off = (turned.kernel - view.kernel)[16:]
     expected = [*(off[:3] / view.kernel[16:19]), off[3]]  # the angle's is not of a part
     np.testing.assert_allclose(found.error, expected)
-    assert found.up_to == "180°"
+    assert found.ambiguity == "180°"
     accuracy = feature.accuracy(turned, goal)
     np.testing.assert_array_equal(accuracy, np.diag((0.01, 0.01, 0.02, 0.04)))
     flat = np.r_[np.zeros(16), view.kernel[16:]]

@@ -154,7 +154,7 @@ def test_speed_comes_and_goes_gradually():
     lambda jog: jog.set_joint_speed("J4", 0.1, 0.0),
     lambda jog: jog.set_joint_speed("J1", 1.01, 0.0),
     lambda jog: jog.set_joint_speed("J1", -1.01, 0.0),
-    lambda jog: jog.joint("J1", float("nan"), 0.0),
+    lambda jog: jog.set_joint_speed("J1", float("nan"), 0.0),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused(ask):
     jog = Jog(the_arm(), the_limits())
@@ -223,7 +223,7 @@ def test_the_resolver_is_told_the_step_and_what_is_moved_now():
     told = []
 
     def resolve(q, task, dt, velocity):
-        told.append((q.tolist(), task.rate.tolist(), dt, velocity.tolist()))
+        told.append((q.tolist(), task.desired_rate.tolist(), dt, velocity.tolist()))
         return SimpleNamespace(velocities=np.arange(6.0) / 100.0, reasons=("slow", "stretched"))
 
     resolver = SimpleNamespace(solve=resolve, reset=lambda: told.append("reset"))

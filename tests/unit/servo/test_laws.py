@@ -244,7 +244,7 @@ def test_laws_that_there_are_not(make, words):
 def test_gains_that_cannot_be_are_refused_while_it_runs_and_the_old_ones_stay(law, gains, words):
     before = {name: getattr(law, name) for name in law.list_tunable_parameters()}
     with pytest.raises(ConfigurationError, match=words):
-        law.change(**gains)
+        law.set_parameters(**gains)
     assert {name: getattr(law, name) for name in law.numbers()} == before
 
 

@@ -74,7 +74,7 @@ def test_where_the_plane_is_not_known_nothing_is_measured(picture):
 def test_judged_is_the_root_of_the_mean_squared_distance(picture):
     found = measured("matches", picture)
     away = np.linalg.norm((found.s - found.desired).reshape(-1, 2), axis=1)
-    assert found.judged == pytest.approx(np.sqrt(np.mean(away**2)))
+    assert found.error_summary == pytest.approx(np.sqrt(np.mean(away**2)))
     assert FEATURES.create("matches").tolerances == FEATURES.create("points").tolerances[:1]
 
 

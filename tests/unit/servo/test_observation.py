@@ -308,7 +308,7 @@ def test_points_are_a_tracker_s_as_it_answers_them(told):
     def look(grey, camera, pose, depth):
         heard.append((grey.shape, camera, pose, depth))
         return SimpleNamespace(
-            points=[[0.1, 0.2], [0.3, -0.4]], accuracy=0.01, unshared=0.002, plane=found,
+            points=[[0.1, 0.2], [0.3, -0.4]], accuracy=0.01, repeatability=0.002, plane=found,
             marker="DICT_5X5_100:7", spread=np.eye(4))
 
     forgot = []

@@ -74,7 +74,7 @@ def together(control, other, q, other_q=None):
 
 @pytest.mark.parametrize(("control", "other"), [(PALM, WALL), (WALL, PALM)], ids=["palm", "wall"])
 def test_the_other_twist_is_of_control_times_the_controls(control, other):
-    seen = together(control, other, Q).others["second"]
+    seen = together(control, other, Q).other_cameras["second"]
     twist, own = control.jacobian(Q), other.jacobian(Q)
     np.testing.assert_allclose(seen.twist_from_control @ twist, own, atol=1e-12)
     assert np.abs(own).max() > 0.3  # there is a motion to speak of
@@ -101,7 +101,7 @@ def test_what_it_has_moved_since_its_exposure_is_its_own_motion():
         0.98, CAMERA, joints[0], contour=SQUARE
     )
     first = bound.control.observe_exact_features(1.0, CAMERA, joints[1], contour=SQUARE)
-    moved = bound.merge_observations(first, {"second": earlier}).others["second"].moved
+    moved = bound.merge_observations(first, {"second": earlier}).other_cameras["second"].motion_since_exposure
     np.testing.assert_allclose(moved, logarithm(relative_pose(WALL.pose(then), WALL.pose(now))))
 
 

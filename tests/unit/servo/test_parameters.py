@@ -45,7 +45,7 @@ def test_the_laboratory_s_robot_brings_its_own_parameters(arm):
     loop = settings.make_servo(arm)
     start = [-0.1, 0.0, *np.radians([20.0, -15.0, -5.0, 10.0])]
     assert loop.settings.start == pytest.approx(start)
-    assert loop.differential_ik.elbows[0].side == -1.0
+    assert loop.differential_ik.elbows[0].bend_side == -1.0
     assert len(loop.resolver.tasks) == 2
     assert loop.resolver.limits.velocity.tolist() == [1.5] * 6
     assert loop.goal.depth == pytest.approx(0.19289, abs=1e-4)
@@ -61,7 +61,7 @@ def test_corners_of_a_shipped_goal_are_those_of_its_target(arm):
     """Its file holds moments alone; `./demo.sh --scheme points` is told on the first page."""
     goal = of(scheme="points", desired="2016").make_servo(arm).goal
     found = np.array(goal.features["points"]["points"])
-    exact = goal.target.outline(goal.world_T_camera)
+    exact = goal.target.compute_outline(goal.world_T_camera)
     nearest = np.linalg.norm(found[:, None] - exact[None], axis=2).min(axis=1)
     assert len(found) == 8  # a square with a patch at a side
     assert nearest.max() < 2e-3  # edges of plates that are seen are no corners, as in pictures
@@ -331,9 +331,9 @@ def test_a_user_s_own_law_takes_the_gain_that_is_given(tmp_path, monkeypatch):
         "from aras_visual_servo_controller.laws import Law\n"
         "class Fast(Law):\n"
         "    gain: float = 8.0\n"
-        "    def rate(self, error, L, rotated_error, t, dt): return -self.gain * error\n"
+        "    def desired_error_rate(self, error, L, rotated_error, t, dt): return -self.gain * error\n"
         "class Plain(Law):\n"
-        "    def rate(self, error, L, rotated_error, t, dt): return -error\n"
+        "    def desired_error_rate(self, error, L, rotated_error, t, dt): return -error\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     assert of(law="own_law:Fast").make_law().gain == 8.0
@@ -380,7 +380,7 @@ def test_secondary_tasks_are_those_that_are_asked_for(arm):
         assert [
             type(t) for t in settings.make_differential_ik(arm, settings.make_limits(arm)).tasks
         ] == kinds
-    assert of(elbow=1).make_differential_ik(arm, of().make_limits(arm)).elbows[0].side == 1.0
+    assert of(elbow=1).make_differential_ik(arm, of().make_limits(arm)).elbows[0].bend_side == 1.0
 
 
 def test_controllers_of_joints_that_are_not_used_may_be_named():

@@ -21,7 +21,7 @@ def resolution(**given):
     whole = {"velocities": np.zeros(6), "primary": np.zeros(6), "desired_twist": TWIST,
         "achieved_twist": TWIST,
              "infeasible_twist": np.zeros(6), "scale": 1.0, "margins": np.ones(6), "stopped_joints": (),
-             "slowing": "J3", "reasons": (), "L": np.eye(6), "jacobian": np.eye(6),
+             "limiting_joint": "J3", "reasons": (), "L": np.eye(6), "jacobian": np.eye(6),
              "modelled": np.ones(6, bool)}  # fmt: skip
     return IKSolution(**{**whole, **given})
 

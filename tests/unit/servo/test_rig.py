@@ -180,7 +180,7 @@ def test_an_observation_of_two_cameras_holds_each_with_its_own_view():
     right = seen.cameras["right"]
     np.testing.assert_allclose(right.world_T_camera, RIGHT.pose(q))
     np.testing.assert_allclose(right.corners, corners(RIGHT.pose(q)))
-    assert seen.twist_from_control is None and right.moved is None
+    assert seen.twist_from_control is None and right.motion_since_exposure is None
 
 
 def test_the_twist_of_another_camera_follows_from_that_of_the_control_camera():
@@ -198,12 +198,12 @@ def test_an_older_picture_is_brought_up_to_now():
     made = rig()
     right = together(made, now, then=then).cameras["right"]
     np.testing.assert_allclose(
-        exponential(right.moved), inverse(RIGHT.pose(then)) @ RIGHT.pose(now), atol=1e-12
+        exponential(right.motion_since_exposure), inverse(RIGHT.pose(then)) @ RIGHT.pose(now), atol=1e-12
     )
     for age, known in ((5e-4, True), (5e-10, False)):
         views = view(made.control, 1.0, now), view(made.observers["right"], 1.0 - age, then)
         seen = made.merge_observations(views[0], {"right": views[1]}).cameras["right"]
-        assert (seen.moved is not None) is known
+        assert (seen.motion_since_exposure is not None) is known
 
 
 def test_a_standing_camera_sees_nothing_of_the_arm_s_motion():
@@ -309,7 +309,7 @@ def test_an_older_view_s_features_are_brought_to_the_control_camera_s_exposure()
     np.testing.assert_allclose(found.s, true.s, atol=1e-4)  # to first order
     np.testing.assert_allclose(found.error, true.error, atol=1e-4)
     measure = feature.feature.measure  # of a target that moves: 0.02 s of it are still to come
-    feature.feature.measure = lambda *given: replace(measure(*given), rate=0.3)
+    feature.feature.measure = lambda *given: replace(measure(*given), error_drift=0.3)
     moving = feature.measure(together(made, now, then=then), goal)
     np.testing.assert_allclose(moving.s, found.s + 0.02 * 0.3)
 
@@ -480,7 +480,7 @@ def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
     one, other = goal.features["stereo_pose"]["points"]
     seen = together(rig(), np.zeros(6))
     right = seen.cameras["right"]  # there the corners are found in another order
-    right = replace(right, corners=np.roll(right.corners, 1, axis=0), numbered=False)
+    right = replace(right, corners=np.roll(right.corners, 1, axis=0), is_numbered=False)
     views = {"left": seen.cameras["left"], "right": right}
     found = scheme.teach(SimpleNamespace(cameras=views))
     np.testing.assert_allclose(found["stereo_pose"]["points"], [one, other], atol=1e-12)
@@ -500,7 +500,7 @@ def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
     right, depth = goal.other_cameras["right"], 1.0 / goal.plane.C
     for apart, refused in ((1.9e-3 * depth, True), (2.1e-3 * depth, False)):
         there = goal.world_T_camera @ matrix_from_xyz_rpy((0.0, apart, 0.0), (0.0, 0.0, 0.0))
-        close = replace(goal, others={"right": replace(right, world_T_camera=there)})
+        close = replace(goal, other_cameras={"right": replace(right, world_T_camera=there)})
         told = (f"cameras left and right are {1e3 * apart:.1f} mm apart and tell no depth"
                 if refused else "behind")
         with pytest.raises(ConfigurationError, match=told):
@@ -563,13 +563,13 @@ def test_two_cameras_forget_the_turn_to_which_a_square_was_followed(monkeypatch)
 
     def places(turn):
         q = (0.0, 0.0, 0.0, 0.0, 0.0, turn)
-        left, right = (replace(view(o, 1.0, q), numbered=False) for o in made.observers.values())
+        left, right = (replace(view(o, 1.0, q), is_numbered=False) for o in made.observers.values())
         return scheme.feature.measure(made.merge_observations(left, {"right": right}), goal).s
 
     made_of = {n: replace(view(o, 1.0, np.zeros(6)), is_numbered=False)
                for n, o in made.observers.items()}  # fmt: skip
     for which, open_ in (("", "90°"), ("left", ""), ("right", "")):  # where one knows its corners
-        views = {n: replace(v, numbered=None if n == which else False) for n, v in made_of.items()}
+        views = {n: replace(v, is_numbered=None if n == which else False) for n, v in made_of.items()}
         seen = made.merge_observations(views["left"], {"right": views["right"]})
         assert scheme.feature.measure(seen, goal).up_to == open_
     scheme.reset()
@@ -609,7 +609,7 @@ def test_a_goal_of_two_cameras_is_either_s_as_the_control_camera():
     target = the_goal("2016").target
     goal = replace(goal_of(create_scheme("points@left+points@right"), target), name="mine")
     right = goal.other_cameras["right"]
-    goal = replace(goal, others={"right": replace(right, seen_by="", others={"left": goal})})
+    goal = replace(goal, other_cameras={"right": replace(right, camera_name="", other_cameras={"left": goal})})
     arms = {"left": Known(np.eye(4)), "right": Known(SEAT)}
     for first, second in (("left", "right"), ("right", "left")):
         found = goal.for_cameras({first: arms[first], second: arms[second]})
@@ -620,7 +620,7 @@ def test_a_goal_of_two_cameras_is_either_s_as_the_control_camera():
             assert (own.camera_name, own.joints, own.plane) == (name, goal.joints, held.plane)
             np.testing.assert_allclose(own.world_T_camera, arms[name].pose(np.zeros(6)))
             assert own.moments is held.moments and own.camera is held.camera
-        assert found.other_cameras[second].others == {}
+        assert found.other_cameras[second].other_cameras == {}
     standing = goal.for_cameras(
         {"left": arms["left"], "right": FixedCameraKinematics(RIGHT.pose(Q0))}
     )
@@ -638,8 +638,8 @@ def test_a_feature_of_another_camera_is_that_of_the_goal_that_it_is_asked_for():
         for name, entry in goal.features.items()
     })  # fmt: skip
     seen = together(made, Q0, stamp=1.0)
-    right = replace(seen.others["right"], plane=Plane(0.0, 0.0, 2.5))
-    seen = replace(seen, others={"right": right})
+    right = replace(seen.other_cameras["right"], plane=Plane(0.0, 0.0, 2.5))
+    seen = replace(seen, other_cameras={"right": right})
     for asked, off in ((goal, 0.0), (further, -0.01), (further, -0.01), (goal, 0.0)):
         found = feature.measure(seen, asked)
         np.testing.assert_allclose(found.error, off, atol=1e-9)
@@ -657,7 +657,7 @@ def test_a_goal_of_one_camera_tells_the_others_views_by_the_target_s_geometry():
     np.testing.assert_allclose(goal.world_T_camera, arm.pose(q), atol=1e-12)
     there = goal.other_cameras["wall"]
     np.testing.assert_allclose(there.world_T_camera, wall.pose(q), atol=1e-12)
-    np.testing.assert_allclose(there.outline(), alone.target.compute_outline(wall.pose(q)))
+    np.testing.assert_allclose(there.compute_outline(), alone.target.compute_outline(wall.pose(q)))
     assert (goal.joints, there.joints, there.camera) == (alone.joints, {}, None)
     unknown = replace(alone, target=None).for_cameras({"left": arm, "wall": wall})
     assert unknown.other_cameras == {}  # nothing tells what the other sees

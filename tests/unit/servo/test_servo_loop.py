@@ -168,7 +168,7 @@ def test_errors_decay_as_the_gain_says(gain):
         None, look(FeatureObserver(the_arm()), 0.0, there), depth=the_goal("2016").depth
     )
     servo = the_servo(law=Proportional(gain), limits=the_limits(velocity=5.0), goal=goal)
-    rig = Rig(servo, STARTS["2016"], lag=1e-4, update=look)
+    rig = Rig(servo, STARTS["2016"], lag=1e-4, look=look)
     errors = np.array([s.scheme_output.error for s in rig.run(1.5)])[:, [0, 1, 3]]
     part = np.abs(errors / errors[0])
     used = (part < 0.8) & (part > 0.02)
@@ -213,7 +213,7 @@ def test_a_lost_target_brings_the_arm_to_rest_and_the_loop_goes_on():
     assert {s.reason for s in gone} == {f"target lost at 0.30 s over the left border: {why}"}
     assert {s.outcome for s in gone} == {"target_lost"}
     assert {c.reason for c in rig.commands if 0.31 <= c.stamp < 1.0} == {why}
-    assert {s.scheme for s in states} == {"Composed"} and not any(s.fault for s in states)
+    assert {s.scheme for s in states} == {"FeatureScheme"} and not any(s.fault for s in states)
     still = np.array([c.positions for c in rig.commands if 0.3 + 0.2 <= c.stamp < 1.0])
     np.testing.assert_array_equal(still, np.broadcast_to(still[0], still.shape))
     assert np.abs(speeds(rig)[29]).max() > 0.05  # it was moving
@@ -363,7 +363,7 @@ def test_stop_start_and_hold():
     rig.servo.hold("look at this")
     assert rig.servo.outcome.kind == "held"
     for word in ("a", "b"):  # nor do bad joints end it
-        command = rig.servo.update(rig.now, unmeasured=word)
+        command = rig.servo.update(rig.now, missing_reason=word)
         assert (command.reason, rig.servo.phase) == (word, HOLDING)
         assert rig.servo.outcome.reason == "look at this"
     states = [s for s in rig.run(0.5) if s.stamp >= 1.1]
@@ -643,15 +643,15 @@ def test_what_sags_before_the_first_image_is_held_where_it_was():
     assert 0.0 < np.abs(command.positions - first.positions)[0] < 0.01
 
 
-@pytest.mark.parametrize(("lasts", "times"), [(0.0, [0, 10, 20, 30, 40]), (0.025, [0, 25])])
-def test_velocities_are_worked_out_anew_when_their_period_is_over(lasts, times):
+@pytest.mark.parametrize(("reuse_time", "times"), [(0.0, [0, 10, 20, 30, 40]), (0.025, [0, 25])])
+def test_velocities_are_worked_out_anew_when_their_period_is_over(reuse_time, times):
     """Ticks of 1 ms, a period of 10 ms."""
     worked_out, steps = [], set()
 
     def resolve(q, task, dt, velocity):
         worked_out.append(round(1e3 * now))
         steps.add(dt)
-        return SimpleNamespace(velocities=np.zeros(2), lasts=lasts, reasons=())
+        return SimpleNamespace(velocities=np.zeros(2), reuse_time=reuse_time, reasons=())
 
     motion, resolver = SimpleNamespace(velocity=np.zeros(2)), SimpleNamespace(solve=resolve)
     settings = ServoSettings(resolve_period=0.01)
@@ -664,9 +664,9 @@ def test_velocities_are_worked_out_anew_when_their_period_is_over(lasts, times):
         )
     assert worked_out == times and steps == {0.01}
     # What an image's answer has worked out serves as long as it lasts, from the tick before on.
-    answer = SimpleNamespace(velocities=np.ones(2), lasts=lasts, reasons=("slow", "bent"))
+    answer = SimpleNamespace(velocities=np.ones(2), reuse_time=reuse_time, reasons=("slow", "bent"))
     pursuit.set_task(Task.from_twist(np.zeros(6)), answer, 0.05, 0.05)
-    for now, served in ((0.051, lasts > 0.0), (0.0749, lasts > 0.0), (0.0751, False)):
+    for now, served in ((0.051, reuse_time > 0.0), (0.0749, reuse_time > 0.0), (0.0751, False)):
         found, words = pursuit.compute_velocities(
             now, 0.02, JointSample.from_values(now, ("a", "b"), np.zeros(2)), 0.0)
         assert found[0] == float(served) and words == ("slow; bent" if served else "")

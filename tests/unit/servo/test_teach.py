@@ -253,7 +253,7 @@ def test_the_command_line_that_is_written_works(tmp_path, capsys):
 
 def test_what_is_asked_of_the_graph_where_nothing_is_said(tmp_path, monkeypatch, capsys):
     asked, goal = [], replace(the_goal("2016"), moments=None)
-    graph = SimpleNamespace(live=lambda arguments: asked.append(arguments) or goal)
+    graph = SimpleNamespace(collect_views=lambda arguments: asked.append(arguments) or goal)
     monkeypatch.setitem(sys.modules, "aras_visual_servo_controller.ros.teach", graph)
     file = tmp_path / "mine.yaml"
     assert main([str(file)]) == 0
@@ -341,7 +341,7 @@ def test_moments_of_a_model_are_taught_with_the_plane_of_its_outline():
     settings = Settings.from_mapping(given)
     scheme = settings.make_scheme()
     rig = settings.make_camera_rig({"camera": arm}, scheme)
-    outline = box.outline(inverse(matrix_from_xyz_rpy(place[:3], place[3:])) @ pose)
+    outline = box.compute_outline(inverse(matrix_from_xyz_rpy(place[:3], place[3:])) @ pose)
     joints = arm.read_joints(arm.names, q)
     view = rig.control.observe_exact_features(0.0, CAMERA, joints, contour=outline)
     goal = make_mean_goal([view], scheme, arm, "mine")

@@ -41,7 +41,7 @@ def jump(bench):
     bench.step(40)
     (_, before), (_, now) = bench.sent[-2:]
     bench.q = bench.q + 0.3 * np.sign(now.values - before.values)
-    bench.driver.joints(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.001)
+    bench.driver.add_joint_state(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.001)
     bench.step(60)
 
 
@@ -49,7 +49,7 @@ def implausible(bench):
     bench.step(90)
     bench.step(5, position=1e9)
     bench.step(60)
-    bench.driver.joints(bench.arm.names, bench.q, np.full(6, 1e9), bench.t + 0.001)
+    bench.driver.add_joint_state(bench.arm.names, bench.q, np.full(6, 1e9), bench.t + 0.001)
     bench.step(60)
 
 
@@ -87,11 +87,11 @@ def late(bench):
 def seldom(bench):
     """Joint states come 0.16 s apart, and a step is 0.1 s at most."""
     bench.step(61)
-    watch, bench.driver.watch = bench.driver.watch, lambda: None
+    check, bench.driver.check_timeouts = bench.driver.check_timeouts, lambda: None
     bench.joints = bench.images = False
     bench.step(13)
     bench.joints = bench.images = True
-    bench.driver.watch = watch
+    bench.driver.check_timeouts = check
     bench.step(60)
 
 

@@ -550,7 +550,7 @@ def left_by(errors, L, **more):
     poses = more.pop("poses", [HERE] * len(errors))
     arrival = of_camera(errors, L, poses=poses, **more)
     assert arrival.reached, arrival.short
-    return arrival.last.open
+    return arrival.last.pose_uncertainty
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -663,14 +663,14 @@ def test_an_exact_view_leaves_open_what_L_sees():
     # by depths that are believed 0.6 of the true ones, and a mounting that is a little off
     assert left.distance == pytest.approx(1.7 * np.hypot(1e-4, 5e-5) + MOVES)
     assert left.angle == pytest.approx(1.4 * 0.2 / 573.0 + TURNS)
-    assert (left.up_to, left.reason, left.remedy) == ("", "", "")
+    assert (left.description, left.reason, left.remedy) == ("", "", "")
 
 
 @pytest.mark.parametrize(("aside", "words"), [(1.697e-4, ""), (1.709e-4, "0.4 mm")])
 def test_no_more_is_said_of_less_than_three_tenths_of_a_millimetre(aside, words):
     off = [1.0] * 6 + [aside / 1.5e-4] * 6  # it had arrived before
     left = left_by([1e3 * 1.5e-4 * part * np.eye(6)[1] for part in off], STRONG)
-    assert left.distance == pytest.approx(3e-4, abs=2e-6) and left.up_to == words
+    assert left.distance == pytest.approx(3e-4, abs=2e-6) and left.description == words
 
 
 @pytest.mark.parametrize(("tenths", "words"), [(2.98, ""), (3.02, "0.4 degrees")])
@@ -678,7 +678,7 @@ def test_nor_of_less_than_three_tenths_of_a_degree(tenths, words):
     accuracy = np.eye(6)[:, [4]]
     one = left_by([np.zeros(6)] * 6, STRONG, accuracy=accuracy).angle - TURNS
     size = (np.radians(0.1 * tenths) - TURNS) / one
-    assert left_by([np.zeros(6)] * 6, STRONG, accuracy=size * accuracy).up_to == words
+    assert left_by([np.zeros(6)] * 6, STRONG, accuracy=size * accuracy).description == words
 
 
 def test_a_camera_that_moves_may_go_on_for_some_hundredths_of_a_second():
@@ -707,7 +707,7 @@ def test_what_is_known_to_a_twentieth_of_the_depth_only_is_known_not_at_all():
     """At a depth of 0.2 m, 0.05 / 2.748 of it is 3.64 mm: a standard deviation of 3.6 or 3.7."""
     for deviation, known in ((3.6, True), (3.7, False)):
         left = left_by([np.zeros(6)] * 6, STRONG, accuracy=deviation * np.eye(6)[:, [1]])
-        assert (left.up_to == "1 direction") is not known
+        assert (left.description == "1 direction") is not known
         assert np.isfinite(left.distance) is np.bool_(known)
     assert "sees, or too little" in left.reason
 
@@ -727,7 +727,7 @@ def test_noise_leaves_its_mean_s_deviation_open():
     errors = np.zeros((60, 6))
     errors[:, 1] = 0.3 * np.tile([1.0, -1.0], 30)
     arrival = of_camera(errors[:4] * 0.0, STRONG, poses=[HERE] * 4)
-    left = of_camera(errors, STRONG, poses=[HERE] * 60, begin=arrival).last.open
+    left = of_camera(errors, STRONG, poses=[HERE] * 60, begin=arrival).last.pose_uncertainty
     assert left.angle == pytest.approx(TURNS, abs=1e-9)
     counted = 3e-4 / np.sqrt(32) * 2.99  # as many images as hold and scatter ask for
     assert 0.3 * counted < left.distance - MOVES < 1.5 * counted
@@ -743,9 +743,9 @@ def test_accuracy_counts_for_the_goal_too_and_in_pictures_noise_does_not_vanish(
     left = left_by([np.zeros(6)] * 6, STRONG, accuracy=0.5 * np.eye(6)[:, [1, 4]])
     assert left.distance - MOVES == pytest.approx(1.1 * np.sqrt(2.0) * 0.5e-3 * 2.985, rel=0.01)
     assert left.angle - TURNS == pytest.approx(1.1 * np.sqrt(2.0) * 0.5 / 573.0 * 2.985, rel=0.01)
-    assert left.up_to == "2.4 mm" and "2.33 mm and 0.24 degrees" in left.reason
+    assert left.description == "2.4 mm" and "2.33 mm and 0.24 degrees" in left.reason
     turned = left_by([np.zeros(6)] * 6, STRONG, accuracy=3.0 * np.eye(6)[:, [4]])
-    assert turned.up_to == "1.4 degrees"
+    assert turned.description == "1.4 degrees"
     noise = 0.1 * np.eye(6)[:, [1]] * np.tile([1.0, -1.0], 60)
     clean, seen = (
         left_by(noise.T, STRONG, accuracy=accuracy).distance
@@ -757,11 +757,11 @@ def test_accuracy_counts_for_the_goal_too_and_in_pictures_noise_does_not_vanish(
 def test_accuracy_is_asked_for_again_as_the_features_come_nearer_to_their_goals():
     poses = [HERE] * 6
     begun = of_camera([np.full(6, 0.09)] * 6, STRONG, poses=poses, accuracy=0.5 * np.eye(6))
-    first = begun.last.open.distance
+    first = begun.last.pose_uncertainty.distance
     same = of_camera([np.full(6, 0.081)] * 6, STRONG, poses=poses, accuracy=0.1 * np.eye(6),
-                     begin=begun).last.open.distance  # fmt: skip
+                     begin=begun).last.pose_uncertainty.distance  # fmt: skip
     nearer = of_camera([np.full(6, 0.018)] * 6, STRONG, poses=poses, accuracy=0.1 * np.eye(6),
-                       begin=begun).last.open.distance  # fmt: skip
+                       begin=begun).last.pose_uncertainty.distance  # fmt: skip
     assert same == pytest.approx(first, rel=0.1) and nearer < 0.3 * first
 
 
@@ -817,7 +817,7 @@ def test_directions_that_are_held_count_as_kinematics_has_them():
 def test_a_direction_that_nothing_measures_is_left_open():
     round_axis = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 0.0])
     left = left_by([np.zeros(6)] * 6, round_axis)
-    assert left.up_to == "1 direction" and (left.distance, left.angle) == (MOVES, np.pi)
+    assert left.description == "1 direction" and (left.distance, left.angle) == (MOVES, np.pi)
     lever = round_axis.copy()  # turns about an axis 2 cm beside the camera
     lever[0, 5] = -20.0
     left = left_by([np.zeros(6)] * 6, lever)
@@ -826,24 +826,24 @@ def test_a_direction_that_nothing_measures_is_left_open():
         lever[0, 5] = 1e3 * beside
         assert left_by([np.zeros(6)] * 6, lever).distance == pytest.approx(far)
     along = left_by([np.zeros(6)] * 6, np.diag([1e3, 0.0, 1e3, 573.0, 573.0, 573.0]))
-    assert along.up_to == "1 direction" and along.distance == np.inf
+    assert along.description == "1 direction" and along.distance == np.inf
     for rows in ([0, 1, 3, 4], [0, 1, 2, 3]):  # two turns go anywhere as well
         left = left_by([np.zeros(4)] * 6, STRONG[rows])
-        assert (left.up_to, left.distance, left.angle) == ("2 directions", np.inf, np.pi)
+        assert (left.description, left.distance, left.angle) == ("2 directions", np.inf, np.pi)
     # what a direction changes is less than what the features are measured to
     weak = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 0.05])
     left = left_by([np.zeros(6)] * 6, weak, accuracy=0.01 * np.eye(6))
-    assert left.up_to == "1 direction" and left.angle == np.pi
+    assert left.description == "1 direction" and left.angle == np.pi
 
 
 def test_an_arm_of_few_joints_leaves_open_what_it_can_move_alone():
     jacobian = np.eye(6)[:, [0, 2, 5]]
     arm = SimpleNamespace(jacobian=jacobian)
     L = np.diag([1e3, 0.0, 1e3, 0.0, 0.0, 573.0])
-    assert left_by([np.zeros(6)] * 6, L, resolution=arm).up_to == ""
-    assert left_by([np.zeros(6)] * 6, L).up_to == "3 directions"
+    assert left_by([np.zeros(6)] * 6, L, resolution=arm).description == ""
+    assert left_by([np.zeros(6)] * 6, L).description == "3 directions"
     arm.jacobian = jacobian[:, :1]
-    assert left_by([np.zeros(6)] * 6, L, resolution=arm).up_to == ""
+    assert left_by([np.zeros(6)] * 6, L, resolution=arm).description == ""
 
 
 @pytest.mark.parametrize(
@@ -856,7 +856,7 @@ def test_a_symmetric_target_is_the_same_from_round_its_axis(up_to, turn):
     beside = 0.25 * np.hypot(0.2, 0.1)
     assert bound_symmetry(up_to, goal) == pytest.approx((2.0 * beside * np.sin(turn / 2.0), turn))
     left = left_by([np.zeros(6)] * 6, STRONG, ambiguity=up_to, goal=goal)
-    assert left.up_to == up_to and left.angle == pytest.approx(min(turn + TURNS, np.pi))
+    assert left.description == up_to and left.angle == pytest.approx(min(turn + TURNS, np.pi))
     without = ArrivalCheck(0.3)  # the features' L is not known
     left = [shown(without, 0.1 * i, [0.1], ambiguity=up_to, goal=goal) for i in range(6)][
         -1
@@ -906,7 +906,7 @@ def test_without_L_nothing_is_known():
     assert (
         last.is_reached
         and np.isnan(last.pose_uncertainty.distance)
-        and last.pose_uncertainty.up_to == ""
+        and last.pose_uncertainty.description == ""
     )
 
 
@@ -1016,8 +1016,8 @@ def test_another_view_s_mean_is_three_deviations_beyond_its_bound(seed, certain)
                       drawn[count - 1] * THIRD_ORDER_TOLERANCE))  # fmt: skip
         seen = drawn[:count]
         beyond = abs(seen.mean()) > 1.0 + 3.0 * seen.std() / np.sqrt(count)
-        assert bool(arrival.last.elsewhere) == (count >= 3 and beyond), count
-    assert bool(arrival.last.elsewhere) == (abs(certain) > 3.0)
+        assert bool(arrival.last.wrong_pose_reason) == (count >= 3 and beyond), count
+    assert bool(arrival.last.wrong_pose_reason) == (abs(certain) > 3.0)
 
 
 def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
@@ -1034,7 +1034,7 @@ def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
         arrival = Watched(0.0)
         said = [
             bool(of_camera([np.zeros(6)], STRONG, begin=arrival, goal=goal,
-                           moments=view).last.elsewhere)
+                           moments=view).last.wrong_pose_reason)
             for view in seen
         ]
         assert said == expected
@@ -1048,12 +1048,12 @@ def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
             right = Observation(0.0, 0.1, True, "", None, moments=other)
             of_camera([np.zeros(6)], STRONG, begin=arrival, goal=both, moments=wanted,
                       others={"right": right})  # fmt: skip
-        assert bool(arrival.last.elsewhere) is expected
+        assert bool(arrival.last.wrong_pose_reason) is expected
     # a direction that nothing measures may be why
     blind = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 0.0])
     shape = shaped(wanted, 3, 1, 1.2 * THIRD_ORDER_TOLERANCE)
-    assert not of_camera([np.zeros(6)] * 6, blind, goal=goal, moments=shape).last.elsewhere
-    assert of_camera([np.zeros(6)] * 6, blind, goal=goal, moments=other).last.elsewhere  # smaller
+    assert not of_camera([np.zeros(6)] * 6, blind, goal=goal, moments=shape).last.wrong_pose_reason
+    assert of_camera([np.zeros(6)] * 6, blind, goal=goal, moments=other).last.wrong_pose_reason  # smaller
     # what was seen before an arrival ended, or the loop was interrupted, is forgotten
     for errors in ((0.0, 9.0, 0.0, 0.0), (0.0, 0.0, None, 0.0, 0.0)):
         arrival = Watched(0.0)
@@ -1062,4 +1062,4 @@ def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
                 arrival.clear()
                 continue
             of_camera([np.full(6, error)], STRONG, begin=arrival, goal=goal, moments=other)
-            assert not arrival.last.elsewhere
+            assert not arrival.last.wrong_pose_reason

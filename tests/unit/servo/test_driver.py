@@ -355,7 +355,7 @@ def held_up(bench):
         held = [(bench.n + 17 * j) % (43 + j) < 12 for j in range(6)]
         bench.command = np.where(held, before, bench.command)
 
-    bench.driver.joints, bench.send = joints, send
+    bench.driver.add_joint_state, bench.send = joints, send
 
 
 def test_joint_states_that_come_late_are_no_wrong_camera():

@@ -68,7 +68,7 @@ def answering(**changes):
 
 def with_task(**changes):
     def fault(scheme, decision):
-        fields = {key: getattr(decision.task, key) for key in ("L", "rate", "modelled")}
+        fields = {key: getattr(decision.task, key) for key in ("L", "desired_rate", "modelled")}
         return answering(task=Task(**{**fields, **changes}))(scheme, decision)
 
     return fault
@@ -82,7 +82,7 @@ def without_tolerances(scheme, decision):
 def nan_in_L(scheme, decision):
     L = np.array(decision.task.L)
     L[1, 2] = np.nan
-    return answering(task=Task.from_interaction(L, decision.task.rate))(scheme, decision)
+    return answering(task=Task.from_interaction(L, decision.task.desired_rate))(scheme, decision)
 
 
 FAULTS = {
@@ -99,15 +99,15 @@ FAULTS = {
     "tall twist": (lambda s, d: answering(task=Task.from_twist(np.zeros((6, 1))))(s, d), "(6, 1)"),
     "NaN in L": (nan_in_L, "not finite"),
     "NaN in L of its own Task": (with_task(L=np.full((4, 6), np.nan)), "rate is not finite"),
-    "inf in the rate": (with_task(rate=np.full(4, np.inf)), "rate is not finite"),
+    "inf in the rate": (with_task(desired_rate=np.full(4, np.inf)), "rate is not finite"),
     "L of five columns": (with_task(L=np.zeros((4, 5))), "(4, 5)"),
-    "rate of another length": (with_task(rate=np.zeros(3)), "(3,)"),
+    "rate of another length": (with_task(desired_rate=np.zeros(3)), "(3,)"),
     "modelled of four": (with_task(modelled=np.ones(4, bool)), "six are needed, got (4,)"),
     "long error": (answering(error=np.zeros(5)), "error of shape (5,) for 4 names"),
     "NaN in the error": (answering(error=[0.1, np.nan, 0, 0]), "error that are not finite"),
     "text for features": (answering(features="abcd"), "features of no numbers"),
-    "NaN in a rate of its own": (answering(rate=[1.0, np.nan, 0.0, 0.0]), "answered the rate"),
-    "short rate of its own": (answering(rate=np.zeros(3)), "answered the rate [0. 0. 0.]"),
+    "NaN in a rate of its own": (answering(error_drift=[1.0, np.nan, 0.0, 0.0]), "answered the rate"),
+    "short rate of its own": (answering(error_drift=np.zeros(3)), "answered the rate [0. 0. 0.]"),
     "few names": (answering(names=("x",)), "for 1 names"),
     "no tolerances": (without_tolerances, "has tolerances ()"),
 }
@@ -265,7 +265,7 @@ def test_joint_velocities_that_are_not_finite_are_not_commanded():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.1)
     resolve = rig.servo.differential_ik.solve
-    rig.servo.differential_ik.resolve = lambda *given: replace(
+    rig.servo.differential_ik.solve = lambda *given: replace(
         resolve(*given), velocities=np.array([0.1, 0.0, np.nan, 0.0, 0.0, 0.0]))
     rig.run(0.2)
     assert rig.servo.phase == HOLDING
@@ -313,7 +313,7 @@ def test_a_fault_of_a_users_law_is_the_schemes():
     states = Rig(the_servo("2016", law=Tired()), STARTS["2016"]).run(0.6)
     assert states[-1].phase == HOLDING
     assert states[-1].outcome == "scheme_fault"
-    assert "Tired.rate returned ndarray of shape (2,)" in states[-1].reason
+    assert "Tired.desired_error_rate returned ndarray of shape (2,)" in states[-1].reason
 
 
 class Forgetful(Spoiled):

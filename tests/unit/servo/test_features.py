@@ -825,9 +825,9 @@ def test_a_stack_has_the_parts_one_under_the_other_with_their_weights():
     assert len(scheme.tolerances) == len(scheme.names) == 20
     assert stack.needs == {Need.MOMENTS, Need.CORNERS}
     assert stack.directions == (True,) * 6
-    parts[1]._turn = 1.0
+    parts[1]._match_rotation = 1.0
     stack.reset()
-    assert parts[1]._turn == 0.0
+    assert parts[1]._match_rotation == 0.0
     decision = scheme.compute(view, goal, 0.0)
     # weighted least squares: the same as rows scaled by the weights
     W = np.diag(stack.weights)

@@ -117,7 +117,7 @@ def test_of_a_picture_that_is_too_wide_keypoints_are_those_of_the_smaller_one(pi
     """Of the same width and height in pixels of the wide one."""
     feature = FEATURES.create("matches")
     image = look(feature, picture, GOAL).image[60:180, 80:240]
-    feature.widest = 160
+    feature.max_width = 160
     small, wide = (feature.detect_keypoints(one)[0]
                    for one in (image, image.repeat(3, axis=0).repeat(3, axis=1)))  # fmt: skip
     np.testing.assert_allclose(wide, 3.0 * small + 1.0, atol=1e-4)
@@ -125,7 +125,7 @@ def test_of_a_picture_that_is_too_wide_keypoints_are_those_of_the_smaller_one(pi
 
 def test_a_picture_that_is_too_wide_is_averaged_and_its_places_are_those_of_the_wide_one():
     feature, given = FEATURES.create("matches"), []
-    feature.widest = 160
+    feature.max_width = 160
     found = [SimpleNamespace(pt=(10.0, 20.0)), SimpleNamespace(pt=(0.0, 7.5))]
     feature._detector = SimpleNamespace(
         detectAndCompute=lambda grey, mask: given.append((grey, mask)) or (found, "told")

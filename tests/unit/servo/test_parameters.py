@@ -46,8 +46,8 @@ def test_the_laboratory_s_robot_brings_its_own_parameters(arm):
     start = [-0.1, 0.0, *np.radians([20.0, -15.0, -5.0, 10.0])]
     assert loop.settings.start == pytest.approx(start)
     assert loop.differential_ik.elbows[0].bend_side == -1.0
-    assert len(loop.resolver.tasks) == 2
-    assert loop.resolver.limits.velocity.tolist() == [1.5] * 6
+    assert len(loop.differential_ik.tasks) == 2
+    assert loop.differential_ik.limits.velocity.tolist() == [1.5] * 6
     assert loop.goal.depth == pytest.approx(0.19289, abs=1e-4)
     assert {"start": settings.start, "desired": settings.desired}.items() <= vars(
         replace(of(gain=3.0).for_robot("aras_visual_servo"), desired="auto")).items()

@@ -55,17 +55,17 @@ def watched(errors, dt=0.075, twist=TWIST, task=None, L=None, told=lambda i: {})
 
 
 STILL = np.full((20, 2), 10.0)  # of 20 images three fifths are 12
-STOPPED = {"stopped": ("gantry",)}
+STOPPED = {"stopped_joints": ("gantry",)}
 
 
 def kinds(progress, state):
-    return progress.stalled(state).kind, progress.explain_timeout("the time is over").kind
+    return progress.explain_stall(state).kind, progress.explain_timeout("the time is over").kind
 
 
 @pytest.mark.parametrize(("images", "there"), [(11, False), (12, True)])
 @pytest.mark.parametrize(("told", "kind"), [
     (STOPPED, "joint_limit"),
-    ({"lost": 0.5 * TWIST}, "singular"),
+    ({"infeasible_twist": 0.5 * TWIST}, "singular"),
     ({"scale": 0.5}, "saturation"),
 ])  # fmt: skip
 def test_a_cause_has_to_be_there_in_three_of_five_images(told, kind, images, there):
@@ -92,9 +92,9 @@ def test_full_rank_is_that_of_the_features_or_of_the_modelled_directions(
 
 
 @pytest.mark.parametrize(("told", "twist", "kind"), [
-    ({"lost": 0.29 * TWIST}, TWIST, "running"), ({"lost": 0.31 * TWIST}, TWIST, "singular"),
-    ({"lost": TWIST}, 0.065 * TWIST, "running"), ({"lost": TWIST}, 0.068 * TWIST, "singular"),
-    ({"lost": TWIST}, 2e-4 * np.eye(6)[0], "singular"),
+    ({"infeasible_twist": 0.29 * TWIST}, TWIST, "running"), ({"infeasible_twist": 0.31 * TWIST}, TWIST, "singular"),
+    ({"infeasible_twist": TWIST}, 0.065 * TWIST, "running"), ({"infeasible_twist": TWIST}, 0.068 * TWIST, "singular"),
+    ({"infeasible_twist": TWIST}, 2e-4 * np.eye(6)[0], "singular"),
     ({"scale": 0.985}, TWIST, "saturation"), ({"scale": 0.995}, TWIST, "running"),
     (None, TWIST, "running"),
 ])  # fmt: skip

@@ -571,7 +571,7 @@ def test_two_cameras_forget_the_turn_to_which_a_square_was_followed(monkeypatch)
     for which, open_ in (("", "90°"), ("left", ""), ("right", "")):  # where one knows its corners
         views = {n: replace(v, is_numbered=None if n == which else False) for n, v in made_of.items()}
         seen = made.merge_observations(views["left"], {"right": views["right"]})
-        assert scheme.feature.measure(seen, goal).up_to == open_
+        assert scheme.feature.measure(seen, goal).ambiguity == open_
     scheme.reset()
     begun = places(1.0)  # a square that is turned by less than half a quarter back
     followed = [places(turn) for turn in (0.0, 0.5, 1.0)][-1]

@@ -462,7 +462,7 @@ def test_the_arm_is_resolved_where_it_stands_and_not_where_it_was_sent(period):
         np.testing.assert_array_equal(q, rig.q)
         return resolve(q, *rest)
 
-    servo.differential_ik.resolve = watched
+    servo.differential_ik.solve = watched
     rig.run(0.5)
     assert len(asked) > 15 and max(asked) > 0.01
 
@@ -986,7 +986,7 @@ def test_velocities_that_fail_between_images_hold_the_arm_at_once():
         command = rig.servo.update(rig.now + 0.02, joints)
         assert (command.phase, command.reason) == (HOLDING, str(error))
         assert rig.servo.integrator.command is not None and rig.servo.executor.task is None
-        rig.servo.differential_ik.resolve = resolve
+        rig.servo.differential_ik.solve = resolve
         rig.run(0.3)
         assert rig.servo.phase == SERVOING
 

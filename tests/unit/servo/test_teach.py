@@ -341,7 +341,7 @@ def test_moments_of_a_model_are_taught_with_the_plane_of_its_outline():
     settings = Settings.from_mapping(given)
     scheme = settings.make_scheme()
     rig = settings.make_camera_rig({"camera": arm}, scheme)
-    outline = box.compute_outline(inverse(matrix_from_xyz_rpy(place[:3], place[3:])) @ pose)
+    outline = box.outline(inverse(matrix_from_xyz_rpy(place[:3], place[3:])) @ pose)
     joints = arm.read_joints(arm.names, q)
     view = rig.control.observe_exact_features(0.0, CAMERA, joints, contour=outline)
     goal = make_mean_goal([view], scheme, arm, "mine")

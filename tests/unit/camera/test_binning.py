@@ -57,7 +57,7 @@ def test_triangles_are_seen_in_the_eye_s_frame_and_light(seen_of):
             seen.light, LIGHT.scale * (0.3 + 0.9 * np.maximum(cosine, 0.0)), atol=1e-9)
         away = 1.0 / np.linalg.norm(seen.side.sum(axis=1), axis=1)
         cut = np.linalg.norm(corners, axis=2).max(axis=1) > far
-        assert (seen.cut == (cut | (away < near * view.tiles().widest))).all()
+        assert (seen.cut == (cut | (away < near * view.get_tiles().widest))).all()
         assert (seen.opaque == (g.albedo[seen.triangle, 3] >= 1.0)).all()
     assert 0 < seen.cut.sum() < len(seen.cut)
 

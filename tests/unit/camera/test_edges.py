@@ -42,7 +42,7 @@ def finely_sampled(renderer, view, fine=16):
                  view.far)
     one = renderer.sample(large, 1.0, CENTRE)
     shader, background = one.canvas.shader, 255.0 * np.array(renderer.light.background[:3])
-    plain = shader.compute_uniform_colours(renderer.triangles, one.seen)
+    plain = shader.compute_uniform_colours(renderer.triangles, one.visible)
     none = np.zeros(len(one.samples.tile), np.uint64)
     words = shader.words(
         renderer.triangles,
@@ -210,7 +210,7 @@ def test_tiles_follow_the_rays(bench, lens):
     tiles = Tiles.of_lens(config.width, config.height, config.projection.unproject)
     v, u = np.mgrid[:config.height, :config.width]
     pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
-    rays = config.model.unproject(pixels).reshape(config.height, config.width, 3)
+    rays = config.projection.unproject(pixels).reshape(config.height, config.width, 3)
     there = tiles.compute_rays()
     assert (np.isfinite(there[..., 0]) == np.isfinite(rays[..., 0])).all()
     # In pixels: by how far apart the rays of neighbours are.
@@ -229,7 +229,7 @@ def test_tiles_follow_the_rays(bench, lens):
 
 def test_the_cones_of_tiles_are_around_what_they_show_and_little_more():
     config = camera("equidistant_220")
-    tiles = Tiles.of_lens(config.width, config.height, config.model.unproject)
+    tiles = Tiles.of_lens(config.width, config.height, config.projection.unproject)
     rays = np.full((tiles.rows * TILE, tiles.columns * TILE, 3), np.nan)
     rays[:tiles.height, :tiles.width] = tiles.compute_rays()
     rays = rays.reshape(tiles.rows, TILE, tiles.columns, TILE, 3).swapaxes(1, 2)
@@ -330,7 +330,7 @@ def test_a_pinhole_is_the_lens_whose_tiles_are_exact(bench):
     pose = looking([2.0, 1.0, 1.0], [0, 0, 0])
     flat = View(config.width, config.height, pose, config.K, 0.02)
     lens = View(config.width, config.height, pose, config.K, 0.02,
-                lens=Tiles.of_lens(config.width, config.height, config.model.unproject))
+                lens=Tiles.of_lens(config.width, config.height, config.projection.unproject))
     assert lens.lens.cells == 1
     assert np.abs(sensor.renderer.render(flat).astype(int) - sensor.renderer.render(lens)).max() < 2
 
@@ -381,7 +381,7 @@ def test_depth_through_a_lens_is_where_the_ray_of_the_pixel_meets_the_plane(benc
               [0.0, np.sin(half), 0.0, np.cos(half)])
     sensor = sensor_of(half_size(lens), bench)
     config = sensor.config
-    view = sensor.view(np.eye(4))
+    view = sensor.make_view(np.eye(4))
     depth, label = sensor.renderer.measure(view)
     v, u = np.mgrid[:config.height, :config.width]
     rays = config.model.unproject(np.stack([u.ravel(), v.ravel()], axis=1).astype(float))

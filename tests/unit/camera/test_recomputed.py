@@ -37,7 +37,7 @@ class Caster:
         poses = renderer.scene.read_poses()
         corners, normals, colours, parts, uvs, self.side = [], [], [], [], [], []
         self.textures = {}
-        for n, part in enumerate(renderer.scene.parts):
+        for n, part in enumerate(renderer.scene.visuals):
             T, mesh = poses[part.row], part.mesh
             own = mesh.positions[mesh.triangles].astype(float)
             corners.append(own @ T[:3, :3].T + T[:3, 3])

@@ -51,7 +51,7 @@ def covered(renderer, view, body) -> float:
     """Area that a body covers, px, before anything is rounded."""
     one = renderer.sample(view, 1.0, -0.5)
     edges, fragments = renderer.resolve(one, view, one.canvas.shader.compute_uniform_colours(
-        renderer.triangles, one.seen))[:2]
+        renderer.triangles, one.visible))[:2]
     mine = renderer.scene.labels()[renderer.triangles.row[one.seen.triangle]] == body.body_id
     area = float(fragments.share[mine[fragments.member]].sum())
     width = one.canvas.tiles.columns

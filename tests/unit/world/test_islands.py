@@ -37,7 +37,7 @@ class Trial:
         self.robot = ArasRobot(Simulation(SimulationConfig(renderer="tiny")))
         self.world = self.robot.simulation.world
         self.model = self.robot.model
-        self.states, self.own = [], []
+        self.states, self.has_own_dynamics = [], []
 
     def run(self, count=600, stride=1):
         simulation = self.robot.simulation
@@ -311,7 +311,7 @@ def test_a_loose_body_that_is_put_beside_the_arm_is_felt_at_once(make):
         world.step()
         assert model.joints.has_own_dynamics
         body.apply_force("ball", (0.0, 0.0, 1e5), body.pose().xyz)
-        assert world.isolation.wait == 0
+        assert world.isolation.steps_until_update == 0
 
 
 def in_steps(boxes, solid, speed, dt=0.001):

@@ -224,7 +224,7 @@ def test_a_camera_that_comes_later_exposes_at_the_next_of_its_instants(make, ren
     camera = simulation.add_camera("eye", EYE)
     assert simulation.next_image_ns() is None
     camera.enabled = True
-    assert simulation.next_picture_ns() == 40_000_000
+    assert simulation.next_image_ns() == 40_000_000
 
 
 def test_sensors_have_seeds_of_their_own_and_go_with_their_model(make, renderers, monkeypatch):

@@ -96,7 +96,7 @@ def test_a_base_on_feet_that_are_links_is_held(world, make):
         make.joint("rail", "base", "slide", "prismatic", "0 0 0.5", "1 0 0", -2.0, 2.0))), "table")
     steps(world, 300)
     assert model.fixed_base and model.pose().xyz[2] < 1.1e-3
-    (one,) = world.resting_bases.held
+    (one,) = world.resting_bases.fixed_bases
     corners = one.corners[:, :3] + one.ground[7:10] + model.pose().xyz
     assert np.abs(corners[:, 2]).max() < 1e-6  # on the ground, where forces act
     assert np.abs(corners[:, :2]).max(axis=0) == pytest.approx(0.33, abs=1e-3)
@@ -265,7 +265,7 @@ def test_a_push_at_the_slide_ends_with_its_step_where_bullet_steps_too(world, ma
     model = world.spawn(cart(make, 200.0), "cart")
     loose_box(make, world, "far", 1.0, (3.0, 0.0, 0.05))
     steps(world, 300)
-    assert model.fixed_base and not model.joints.own
+    assert model.fixed_base and not model.joints.has_own_dynamics
     speeds = []
     for n in range(20):
         if n == 0:
@@ -475,7 +475,7 @@ def test_what_no_longer_lies_on_a_held_base_is_no_longer_felt(world, make):
     box = loose_box(make, world, "on", 1.0, (0.2, 0.1, 0.251))
     loose_box(make, world, "far", 1.0, (5.0, 0.0, 0.05))
     steps(world, 500)
-    (one,) = world.resting_bases.held
+    (one,) = world.resting_bases.fixed_bases
     weight = (0.0, 0.0, -G)
     lever = at.inverse().apply(box.pose().xyz)
     assert one.touch[:3] == pytest.approx(np.cross(lever, weight), abs=0.1)
@@ -496,7 +496,7 @@ def test_what_rubs_along_a_held_base_is_felt_along_its_way(world, make, first):
     steps(world, 100)
     world.model("on").set_twist(Twist((0.8, 0.6, 0.0)))
     steps(world, 20)
-    (one,) = world.resting_bases.held
+    (one,) = world.resting_bases.fixed_bases
     assert one.touch[3:5] == pytest.approx(0.5 * 9.8 * np.array((0.8, 0.6)), rel=0.1)
     assert one.touch[5] == pytest.approx(-9.8, rel=0.1)
 
@@ -735,7 +735,7 @@ def test_a_base_that_was_held_or_let_go_is_not_put_on_the_ground_again(world, ma
     fin = make.link("fin", 0.01, "0 0 0", (1e-5,) * 3 + (0, 0, 0))
     other = world.spawn(parse_urdf(make.robot(ball, fin, make.joint("j", "ball", "fin"))), "ball",
                         Pose((3.0, 0.0, 0.1)))
-    assert world.resting_bases.fresh
+    assert world.resting_bases.is_new
     world.step()
     assert held.fixed_base and not other.fixed_base and not world.bases.fresh
     held.apply_force("base", (1.0, 0.0, 0.0), held.pose().xyz)

@@ -1053,7 +1053,8 @@ def test_another_view_is_believed_from_the_third_image_and_beyond_noise():
     blind = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 0.0])
     shape = shaped(wanted, 3, 1, 1.2 * THIRD_ORDER_TOLERANCE)
     assert not of_camera([np.zeros(6)] * 6, blind, goal=goal, moments=shape).last.wrong_pose_reason
-    assert of_camera([np.zeros(6)] * 6, blind, goal=goal, moments=other).last.wrong_pose_reason  # smaller
+    # it is smaller
+    assert of_camera([np.zeros(6)] * 6, blind, goal=goal, moments=other).last.wrong_pose_reason
     # what was seen before an arrival ended, or the loop was interrupted, is forgotten
     for errors in ((0.0, 9.0, 0.0, 0.0), (0.0, 0.0, None, 0.0, 0.0)):
         arrival = Watched(0.0)

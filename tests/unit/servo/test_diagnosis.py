@@ -488,7 +488,9 @@ def seen_at(distance, scheme_output=None):
         moments=Moments.from_polygon(square / distance + 0.02), touched_borders=(), valid=True,
         world_T_camera=None, stamp=0.0, camera=CAMERA, plane=None,
     )
-    state = SimpleNamespace(stamp=0.0, phase="holding", scheme_output=scheme_output, reason="no answer")
+    state = SimpleNamespace(
+        stamp=0.0, phase="holding", scheme_output=scheme_output, reason="no answer"
+    )
     return ImageRecord(state, observation)
 
 
@@ -667,8 +669,8 @@ def answered(stamp, error, phase="servoing", arrived=None, observation=None):
                             ik_solution=None, rank=1, dropped_reason="", joints=None,
                             arrival_status=arrived)  # fmt: skip
     return ImageRecord(state, observation or one_camera(
-        valid=True, touched_borders=(), moments=None, camera=CAMERA, motion=None, world_T_camera=None,
-        dt=0.03, joints=None, stamp=stamp,
+        valid=True, touched_borders=(), moments=None, camera=CAMERA, motion=None,
+        world_T_camera=None, dt=0.03, joints=None, stamp=stamp,
     ))  # fmt: skip
 
 
@@ -698,8 +700,8 @@ def test_a_retreat_of_a_camera_that_swings_is_the_gain_s():
     for k in range(28):  # until 0.9 s
         evidence.gain_check.add(k / 30.0, swing(k / 30.0, 3.0), None, 0.0)
     for stamp, distance in ((0.0, 1.0), (1.0, 9.0), (1.1, 9.0), (1.2, 9.0)):
-        seen = one_camera(valid=True, world_T_camera=None, touched_borders=(), stamp=stamp, plane=None,
-                          moments=scaled(run.goal.moments, 1.0 / distance))  # fmt: skip
+        seen = one_camera(valid=True, world_T_camera=None, touched_borders=(), stamp=stamp,
+                          plane=None, moments=scaled(run.goal.moments, 1.0 / distance))  # fmt: skip
         found = retreat.judge(answered(stamp, np.zeros(1), observation=seen), evidence)
     assert found.kind == "gain_too_high" and "went back" in found.reason
 
@@ -747,7 +749,8 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
         seen = one_camera(valid=True, touched_borders=(), moments=None, camera=CAMERA,
                           motion=None, world_T_camera=None, dt=0.03, joints=None)  # fmt: skip
         for name in other_cameras:
-            seen.other_cameras[name] = seen.cameras[name] = one_camera(moments=None, touched_borders=())
+            other = one_camera(moments=None, touched_borders=())
+            seen.other_cameras[name] = seen.cameras[name] = other
         left = ArrivalStatus(True, pose_uncertainty=PoseUncertainty(1e-4, 2e-3))
         record = answered(1.0, np.zeros(1), phase, left, seen)
         if moves:

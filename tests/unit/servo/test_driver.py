@@ -770,7 +770,9 @@ def told(bench, t, q=None, **words):
     """A joint state of the time t, and the clock there."""
     bench.t = t
     still = np.zeros(6)
-    bench.driver.add_joint_state(bench.arm.names, bench.q if q is None else q, still, words.get("stamp", t))
+    bench.driver.add_joint_state(
+        bench.arm.names, bench.q if q is None else q, still, words.get("stamp", t)
+    )
 
 
 def test_without_images_it_reports_at_a_camera_s_pace():

@@ -106,7 +106,8 @@ FAULTS = {
     "long error": (answering(error=np.zeros(5)), "error of shape (5,) for 4 names"),
     "NaN in the error": (answering(error=[0.1, np.nan, 0, 0]), "error that are not finite"),
     "text for features": (answering(features="abcd"), "features of no numbers"),
-    "NaN in a rate of its own": (answering(error_drift=[1.0, np.nan, 0.0, 0.0]), "answered the rate"),
+    "NaN in a rate of its own": (
+        answering(error_drift=[1.0, np.nan, 0.0, 0.0]), "answered the rate"),
     "short rate of its own": (answering(error_drift=np.zeros(3)), "answered the rate [0. 0. 0.]"),
     "few names": (answering(names=("x",)), "for 1 names"),
     "no tolerances": (without_tolerances, "has tolerances ()"),

@@ -101,7 +101,8 @@ def test_what_it_has_moved_since_its_exposure_is_its_own_motion():
         0.98, CAMERA, joints[0], contour=SQUARE
     )
     first = bound.control.observe_exact_features(1.0, CAMERA, joints[1], contour=SQUARE)
-    moved = bound.merge_observations(first, {"second": earlier}).other_cameras["second"].motion_since_exposure
+    second = bound.merge_observations(first, {"second": earlier}).other_cameras["second"]
+    moved = second.motion_since_exposure
     np.testing.assert_allclose(moved, logarithm(relative_pose(WALL.pose(then), WALL.pose(now))))
 
 

@@ -331,7 +331,8 @@ def test_a_user_s_own_law_takes_the_gain_that_is_given(tmp_path, monkeypatch):
         "from aras_visual_servo_controller.laws import Law\n"
         "class Fast(Law):\n"
         "    gain: float = 8.0\n"
-        "    def desired_error_rate(self, error, L, rotated_error, t, dt): return -self.gain * error\n"
+        "    def desired_error_rate(self, error, L, rotated_error, t, dt):\n"
+        "        return -self.gain * error\n"
         "class Plain(Law):\n"
         "    def desired_error_rate(self, error, L, rotated_error, t, dt): return -error\n"
     )

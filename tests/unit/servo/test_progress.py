@@ -19,10 +19,9 @@ TWIST = np.array([0.002, 0.0, 0.0, 0.006, 0.008, 0.0])
 def resolution(**given):
     """A Resolution of an arm that gives the whole twist, but for what is `given`."""
     whole = {"velocities": np.zeros(6), "primary": np.zeros(6), "desired_twist": TWIST,
-        "achieved_twist": TWIST,
-             "infeasible_twist": np.zeros(6), "scale": 1.0, "margins": np.ones(6), "stopped_joints": (),
-             "limiting_joint": "J3", "reasons": (), "L": np.eye(6), "jacobian": np.eye(6),
-             "modelled": np.ones(6, bool)}  # fmt: skip
+             "achieved_twist": TWIST, "infeasible_twist": np.zeros(6), "scale": 1.0,
+             "margins": np.ones(6), "stopped_joints": (), "limiting_joint": "J3", "reasons": (),
+             "L": np.eye(6), "jacobian": np.eye(6), "modelled": np.ones(6, bool)}  # fmt: skip
     return IKSolution(**{**whole, **given})
 
 
@@ -92,8 +91,10 @@ def test_full_rank_is_that_of_the_features_or_of_the_modelled_directions(
 
 
 @pytest.mark.parametrize(("told", "twist", "kind"), [
-    ({"infeasible_twist": 0.29 * TWIST}, TWIST, "running"), ({"infeasible_twist": 0.31 * TWIST}, TWIST, "singular"),
-    ({"infeasible_twist": TWIST}, 0.065 * TWIST, "running"), ({"infeasible_twist": TWIST}, 0.068 * TWIST, "singular"),
+    ({"infeasible_twist": 0.29 * TWIST}, TWIST, "running"),
+    ({"infeasible_twist": 0.31 * TWIST}, TWIST, "singular"),
+    ({"infeasible_twist": TWIST}, 0.065 * TWIST, "running"),
+    ({"infeasible_twist": TWIST}, 0.068 * TWIST, "singular"),
     ({"infeasible_twist": TWIST}, 2e-4 * np.eye(6)[0], "singular"),
     ({"scale": 0.985}, TWIST, "saturation"), ({"scale": 0.995}, TWIST, "running"),
     (None, TWIST, "running"),

@@ -198,7 +198,8 @@ def test_an_older_picture_is_brought_up_to_now():
     made = rig()
     right = together(made, now, then=then).cameras["right"]
     np.testing.assert_allclose(
-        exponential(right.motion_since_exposure), inverse(RIGHT.pose(then)) @ RIGHT.pose(now), atol=1e-12
+        exponential(right.motion_since_exposure), inverse(RIGHT.pose(then)) @ RIGHT.pose(now),
+        atol=1e-12,
     )
     for age, known in ((5e-4, True), (5e-10, False)):
         views = view(made.control, 1.0, now), view(made.observers["right"], 1.0 - age, then)
@@ -445,9 +446,8 @@ def test_accuracy_of_stereo_goes_through_the_feature(name):
 
     assert feature.accuracy(seen({}, dict.fromkeys(size, 0.0)), goal) is None  # exact
     # What was taught through another lens shares nothing with what is seen now.
-    apart = replace(
-        goal, camera=None, other_cameras={"right": replace(goal.other_cameras["right"], camera=None)}
-    )
+    right = replace(goal.other_cameras["right"], camera=None)
+    apart = replace(goal, camera=None, other_cameras={"right": right})
     found = feature.accuracy(seen({}, size), apart)
     offs = [(camera, off) for camera in feature.cameras for off in np.eye(8).reshape(8, 4, 2)]
     expected = [feature.measure(seen({c: size[c] * off}, size), goal).error for c, off in offs]
@@ -569,7 +569,8 @@ def test_two_cameras_forget_the_turn_to_which_a_square_was_followed(monkeypatch)
     made_of = {n: replace(view(o, 1.0, np.zeros(6)), is_numbered=False)
                for n, o in made.observers.items()}  # fmt: skip
     for which, open_ in (("", "90°"), ("left", ""), ("right", "")):  # where one knows its corners
-        views = {n: replace(v, is_numbered=None if n == which else False) for n, v in made_of.items()}
+        views = {n: replace(v, is_numbered=None if n == which else False)
+                 for n, v in made_of.items()}  # fmt: skip
         seen = made.merge_observations(views["left"], {"right": views["right"]})
         assert scheme.feature.measure(seen, goal).ambiguity == open_
     scheme.reset()
@@ -609,7 +610,8 @@ def test_a_goal_of_two_cameras_is_either_s_as_the_control_camera():
     target = the_goal("2016").target
     goal = replace(goal_of(create_scheme("points@left+points@right"), target), name="mine")
     right = goal.other_cameras["right"]
-    goal = replace(goal, other_cameras={"right": replace(right, camera_name="", other_cameras={"left": goal})})
+    right = replace(right, camera_name="", other_cameras={"left": goal})
+    goal = replace(goal, other_cameras={"right": right})
     arms = {"left": Known(np.eye(4)), "right": Known(SEAT)}
     for first, second in (("left", "right"), ("right", "left")):
         found = goal.for_cameras({first: arms[first], second: arms[second]})
@@ -652,7 +654,8 @@ def test_a_goal_of_one_camera_tells_the_others_views_by_the_target_s_geometry():
     )
     alone = the_goal("2016")
     goal = alone.for_cameras({"left": arm, "wall": wall})
-    assert list(goal.cameras) == ["left", "wall"] and goal.other_cameras["wall"].camera_name == "wall"
+    assert list(goal.cameras) == ["left", "wall"]
+    assert goal.other_cameras["wall"].camera_name == "wall"
     q = alone.get_joints(arm.names)
     np.testing.assert_allclose(goal.world_T_camera, arm.pose(q), atol=1e-12)
     there = goal.other_cameras["wall"]

@@ -116,8 +116,8 @@ def test_values_of_a_yaml_file_come_in_the_kind_that_is_wanted(key, text, expect
         ({"lead": "high"}, "lead is 'high', must be a number, or one by joint"),
         ({"lead": {"J1": "x"}}, "lead.J1 is 'x', must be a finite number"),
         ({"lead": {"J1": -1}}, "lead.J1 is -1.0, must be >= 0"),
-        ({"controller_parameters": {2.5: 1}}, "options has the key 2.5, must be a text"),
-        ({"controller_parameters": [1]}, "options is [1], must be keys with values"),
+        ({"options": {2.5: 1}}, "options has the key 2.5, must be a text"),
+        ({"options": [1]}, "options is [1], must be keys with values"),
         ({"folder": "/"}, "unknown key 'folder': did you mean 'mode'?"),
         ({"x": "/"}, "unknown key 'x': known are gain, part, count, quiet, mode, start, limit, "
                      "pair, names, lead, options"),
@@ -185,8 +185,7 @@ def test_settings_made_in_python_hold_what_a_file_would_give():
                  quiet=np.bool_(True), options={"at": np.eye(2), "by": Path("a/b")})  # fmt: skip
     check(made, OwnError)
     written = of({"gain": 3, "count": 4, "start": [0, 1, 2], "pair": [0, 1], "quiet": True,
-                  "controller_parameters": {"at": [[1.0, 0.0], [0.0, 1.0]],
-                      "by": "a/b"}})  # fmt: skip
+                  "options": {"at": [[1.0, 0.0], [0.0, 1.0]], "by": "a/b"}})  # fmt: skip
     assert made == written and type(made.count) is int and type(made.quiet) is bool
     assert of(to_mapping(made)) == made
 
@@ -194,7 +193,7 @@ def test_settings_made_in_python_hold_what_a_file_would_give():
 def test_defaults_are_listed_once_and_settings_go_to_other_processes():
     assert list_defaults(Outer)["gain"] == 2.0 and list_defaults(Other) == {}
     assert "folder" not in list_defaults(Outer)
-    settings = of({"controller_parameters": {"a": 1}})
+    settings = of({"options": {"a": 1}})
     assert pickle.loads(pickle.dumps(settings)) == settings
 
 

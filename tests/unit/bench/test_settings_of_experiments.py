@@ -234,8 +234,8 @@ def test_what_kind_of_target_it_is(target, plain, carried, brought, described):
 @pytest.mark.parametrize(("plant", "features", "images"), [
     ("bullet", "auto", True), ("bullet", "exact", False), ("free", "auto", False),
     ("ideal", "images", True), ("chain", "auto", False)])
-def test_pictures_are_the_bullet_arms_unless_something_else_is_said(plant, features, pictures):
-    assert Experiment(plant=plant, features=features).has_images is pictures
+def test_pictures_are_the_bullet_arms_unless_something_else_is_said(plant, features, images):
+    assert Experiment(plant=plant, features=features).has_images is images
 
 
 def test_the_loop_is_told_what_the_experiment_says():

@@ -623,7 +623,7 @@ def test_a_thread_s_run_that_takes_too_long_ends_its_process():
 
 @pytest.mark.parametrize(("images", "eyes"), [("none", {"right"}), ("all", {"left", "right"})])
 def test_cameras_that_no_scheme_reads_see_nothing_where_no_pictures_are_kept(
-    monkeypatch, pictures, eyes
+    monkeypatch, images, eyes
 ):  # fmt: skip
     experiment = {"plant": "free", "features": "images", "scheme": "points@right",
                   "cameras": {"left": {}, "right": {"xyz": [0.05, 0.0, 0.0]}}}  # fmt: skip
@@ -635,7 +635,7 @@ def test_cameras_that_no_scheme_reads_see_nothing_where_no_pictures_are_kept(
         raise ExperimentError("seen enough")
 
     monkeypatch.setattr(rows, "assemble", assemble)
-    rows.compute_row(Study.from_mapping({"experiment": experiment, "pictures": pictures}), 0)
+    rows.compute_row(Study.from_mapping({"experiment": experiment, "pictures": images}), 0)
     assert set(seen[0].cameras) == eyes
 
 

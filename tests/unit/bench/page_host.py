@@ -33,15 +33,15 @@ class StandIn:
     """What Dashboard is on a graph."""
 
     def __init__(self, robot, camera) -> None:
-        self.make_arm = robot.make_arm()
+        self.arm = robot.make_arm()
         self._robot = robot
-        self.page, self.story = Page(), RunTrace(self.arm)
-        self.story.camera = camera
+        self.page, self.run_trace = Page(), RunTrace(self.arm)
+        self.run_trace.camera = camera
         self.q = np.array([-0.1, 0.0, 0.349, -0.262, -0.087, 0.1745])
         self.goal = np.array([0.05, 0.0, -0.09, 0.045, 0.045, 0.0])
-        self.story.goal = np.array(self.arm.pose(self.goal))
-        self.story.outline = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
-        self.story.factor = 1.0
+        self.run_trace.goal = np.array(self.arm.pose(self.goal))
+        self.run_trace.outline = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
+        self.run_trace.factor = 1.0
         self.asked, self.viewers, self.time = [], [], 0.0
         self.lock = threading.Lock()
         self.waited = threading.Event()
@@ -66,28 +66,28 @@ class StandIn:
             error = tuple((self.goal - self.q)[:4])
             said = told(self.time, phase, ("xn", "yn", "an", "alpha"), error, twist,
                         tuple(0.97 * v for v in twist))  # fmt: skip
-            self.story.set_joints(self.q)
-            self.story.add_state(said, self.q)
-            self.story.add_image_point("centre", 0.5 * error[0], 0.4 * error[2])
+            self.run_trace.set_joints(self.q)
+            self.run_trace.add_state(said, self.q)
+            self.run_trace.add_image_point("centre", 0.5 * error[0], 0.4 * error[2])
             self.page.add_sample(said, self.q)
 
-    def news(self):
+    def make_update(self):
         with self.lock:
-            return self.page.make_update(self.story, self.q, np.zeros(len(self.q)), self.time)
+            return self.page.make_update(self.run_trace, self.q, np.zeros(len(self.q)), self.time)
 
-    def robot(self):
+    def make_robot_model(self):
         return make_robot_model(self._robot.urdf, self._robot.packages.find)
 
-    def picture(self):
+    def take_image(self):
         image = np.full((240, 320, 3), 245, np.uint8)
         cv2.rectangle(image, (150, 100), (180, 130), (0, 0, 0), -1)
         cv2.rectangle(image, (145, 105), (175, 135), (255, 120, 60), 1)
         return cv2.imencode(".jpg", image)[1].tobytes()
 
-    def watched(self, viewers):
+    def set_viewer_count(self, viewers):
         self.viewers.append(viewers)
 
-    def do(self, request):
+    def execute(self, request):
         self.asked.append(request)
         if request.do == "hold":
             raise RefusedError("no controller here")
@@ -99,5 +99,5 @@ class StandIn:
             raise ZeroDivisionError("a fault")
         return f"done: {request.do}"
 
-    def file(self, path):
+    def find_file(self, path):
         return None

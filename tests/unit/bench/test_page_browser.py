@@ -56,7 +56,7 @@ def test_nothing_is_drawn_from_what_has_been_taken_away(page, host):
         for (const name of Object.keys(scene.lines)) scene._drop(name);
         scene.gl.getError(); scene.draw(); })()""")
     assert page.js("arasPage.scene.gl.getError()") == 0
-    host.story.outline = 1.01 * host.story.outline
+    host.run_trace.outline = 1.01 * host.run_trace.outline
     page.call("Page.reload")  # what was taken away comes back
     page.wait("window.arasPage && arasPage.scene && arasPage.scene.meshes.length > 5")
     page.wait("arasPage.state.samples.length > 0")

@@ -74,7 +74,7 @@ class RunTrace:
         camera: what it looks through; None before it is known.
         goal: (4, 4) base_T_camera; None before it is known.
         outline: (n, 2) of the target at the goal, normalised.
-        told: the latest of what the controller said.
+        state: the latest of what the controller said.
         factor: real-time factor, None while it is not known.
         target: its shapes in the arm's base; none where nothing is known of it.
     """

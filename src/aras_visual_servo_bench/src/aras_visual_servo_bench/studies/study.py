@@ -114,7 +114,7 @@ class Study(KeywordSettings):
     def __post_init__(self) -> None:
         check(self, StudyError)
         if isinstance(self.experiment, str):
-            given = read_yaml(self.experiment, StudyError) or {}
+            given = read_yaml(self.experiment, StudyError, "the experiment") or {}
             if not isinstance(given, Mapping):
                 raise StudyError(f"{self.experiment} holds no keys with values")
             object.__setattr__(self, "experiment", given)
@@ -138,7 +138,10 @@ class Study(KeywordSettings):
             )
         # Said before the first run, not by a worker an hour later.
         for name in self.metric_names:
-            known_metrics.find_metric(name)
+            try:
+                known_metrics.find_metric(name)
+            except StudyError as error:
+                raise StudyError(f"metrics: {error}") from None
         if self.judged not in (known_metrics.success.name, *self.metric_names):
             raise StudyError(f"judged is '{self.judged}', which is not among the study's metrics: "
                              f"{suggest(self.judged, self.metric_names)}")  # fmt: skip

@@ -36,13 +36,11 @@ class CameraNode:
         self.pipeline = Pipeline(parameters.pipeline_settings, parameters.read_mask_image())
         self.pipeline.drop_camera(f"no camera_info on {rospy.resolve_name(INFO_TOPIC)} yet")
         self._log_times: dict[str, float] = {}
-        self._last_image = time.monotonic()
-        self._lock, self._stamp = Lock(), rospy.Time()
+        self._lock, self._stamp, self._last_image = Lock(), rospy.Time(), time.monotonic()
         self._outputs = ImagePublishers(parameters, self.pipeline, self._log)
-        self._pairing = StampSynchronizer(parameters.pipeline_settings.segmentation.image_kinds)
-        self._label_topics = LabelTopics.for_segmentation(
-            parameters.pipeline_settings.segmentation, CAMERA, self._add_image
-        )
+        segmentation = parameters.pipeline_settings.segmentation
+        self._pairing = StampSynchronizer(segmentation.image_kinds)
+        self._label_topics = LabelTopics.for_segmentation(segmentation, CAMERA, self._add_image)
         options = {"queue_size": 1, "tcp_nodelay": True, "buff_size": BUFFER_SIZE}
         rospy.Subscriber(INFO_TOPIC, CameraInfo, self._on_info, **options)
         rospy.Subscriber(IMAGE_TOPIC, ImageMessage, partial(self._add_image, "image"), **options)
@@ -73,10 +71,8 @@ class CameraNode:
                 if message.header.stamp < self._stamp:
                     self.pipeline.reset()  # the clock went back
                 self._stamp = message.header.stamp
-                if self._label_topics is not None:
-                    image = replace(
-                        image, target_mask=self._label_topics.make_mask(together["labels"])
-                    )
+                if (labels := self._label_topics) is not None:
+                    image = replace(image, target_mask=labels.make_mask(together["labels"]))
                 measurement = self.pipeline.measure(image)
         except VisionError as error:
             self._log("image unusable", f"image skipped: {error}")

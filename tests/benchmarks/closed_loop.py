@@ -74,8 +74,8 @@ def _parts(experiment: Experiment) -> tuple[dict[str, float], float]:
     sensor = loop.plant._simulation.camera("/labrob/camera").sensor
     watch.wrap(sensor.renderer, "render", "drawing")
     watch.wrap(loop.parts, "observe", "features")
-    watch.wrap(loop.servo, "see", "scheme, law and diagnosis of images")
-    watch.wrap(loop.servo, "tick", "resolver and limits at joint states")
+    watch.wrap(loop.servo, "process_image", "scheme, law and diagnosis of images")
+    watch.wrap(loop.servo, "update", "resolver and limits at joint states")
     watch.wrap(loop, "send", "sending")
     images, before = [], dict(watch.spent)
     began = clock()

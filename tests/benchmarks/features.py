@@ -98,7 +98,7 @@ if __name__ == "__main__":
         sys.exit()
     theirs = visp(options.visp, options.count) if options.visp else {}
     found = {}
-    for name in sorted(n for n, f in FEATURES.items() if n not in AWAY and f.reads == 1):
+    for name in sorted(n for n, f in FEATURES.items() if n not in AWAY and f.camera_count == 1):
         found[name] = round(microseconds(name, options.count), 1)
         beside = f"   ViSP {theirs[name]:10.1f} us" if name in theirs else ""
         print(f"{name:28s} {found[name]:10.1f} us{beside}", flush=True)

@@ -419,7 +419,7 @@ def main() -> None:
                 for size in sizes:
                     one = cell(renderer, size, settings,
                                max(arguments.poses * SIZES[0][0] // size[0], 3),
-                               arguments.suggest_longer_watchdog)
+                               arguments.patience)
                     cells[f"{size[0]}x{size[1]} {lens} {triangles}"] = one
                     print(f"{size[0]:>6}x{size[1]:<4} {lens:>13} {triangles:>9} {one['ms']:>7} "
                           f"{one['centroid_rms_px']:>11} {one['area_rms_percent']:>7} "
@@ -428,7 +428,7 @@ def main() -> None:
             bench.close()
         for what in ("centroid_rms_px", "angle_mrad", "area_rms_percent") if cells else ():
             result[f"worst_{what}"] = max(one[what] for one in cells.values())
-        side = arguments.rounds, arguments.pictures, arguments.suggest_longer_watchdog
+        side = arguments.rounds, arguments.pictures, arguments.patience
         checkouts = {"now": (REPOSITORY, "exact")}
         if before:
             checkouts["before"] = (before, "opengl")

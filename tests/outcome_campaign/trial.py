@@ -69,7 +69,7 @@ class Disturbed:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._plant, name)
 
-    def join(self, *_: Any) -> None:
+    def attach_loop(self, *_: Any) -> None:
         """Nothing: what is joined with the plant's own cycles would not go through here."""
 
     def advance(self, until_ns: int) -> list[Any]:

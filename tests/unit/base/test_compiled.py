@@ -17,9 +17,9 @@ def test_without_a_place_to_keep_them_loops_work_all_the_same():
     program = f"""
 import sys
 sys.path[:] = {sys.path}
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 for _ in range(2):
-    total = compiled("f8[::1]")(eval("lambda x: x.sum()"))
+    total = jit("f8[::1]")(eval("lambda x: x.sum()"))
     print(total(__import__("numpy").arange(4.0)))
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
@@ -109,16 +109,16 @@ def test_all_of_a_package_are_compiled_when_that_is_asked_for() -> None:
     assert [len(one.signatures) for one in made] == [1, 1, 1]
 
 
-@pytest.mark.parametrize("decorator", ["compiled('f8')", "inlined"])
+@pytest.mark.parametrize("decorator", ["jit('f8')", "jit_inline"])
 def test_what_changes_in_another_module_counts(tmp_path, monkeypatch, decorator) -> None:
     """What was kept of a caller must not go on with what its callee was, or the callee's own one,
     or a number of another module. (Texts of one size within a second are one text to Python.)"""
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")  # beside the sources, as it is by default
-    head = "from aras_visual_servo_base.compiled import compiled, inlined\n"
+    head = "from aras_visual_servo_base.compiled import jit, jit_inline\n"
     (tmp_path / "calling_loop.py").write_text(
         f"{head}from called_loop import add, TIMES\n"
-        "@compiled('f8')\ndef twice(x):\n    return TIMES * add(x)\n"
+        "@jit('f8')\ndef twice(x):\n    return TIMES * add(x)\n"
     )
     (tmp_path / "called_loop.py").write_text(
         f"{head}from deeper_loop import more, TIMES\n"

@@ -87,7 +87,7 @@ class TinyRenderer:
         labels = np.concatenate([[-1], self.scene.compute_labels()]).astype(np.int32)
         return np.where(row > 0, depth, np.float32(np.inf)), labels[row.astype(int)]
 
-    def bodies_around(self, point: np.ndarray) -> list[str]:
+    def find_bodies_around(self, point: np.ndarray) -> list[str]:
         return self.scene.find_bodies_around(point)
 
     def _prepare(self, blend: float) -> None:

@@ -24,7 +24,7 @@ from outcome_campaign.table import (
 )
 from outcome_campaign.trial import Disturbed, Judged, carried_out, judged
 
-RIGHT = Judged("images", 0, "converged", "", "", 1e-4, 2e-3, 3e-4, 5e-3, True)
+RIGHT = Judged("pictures", 0, "converged", "", "", 1e-4, 2e-3, 3e-4, 5e-3, True)
 LOST = Judged("target_leaves", 1, "target_lost", "gone", "teach", 0.4, 0.1, math.nan, math.nan,
               True, True)  # fmt: skip
 

@@ -55,7 +55,7 @@ FLOORS = {
         {"edge_pixels", "errors", "formula", "polygons"},
         {"feature_formulas", "images", "markers", "moments"},
         {"segmentation"},
-        {"degeneracy", "interaction", "kernel", "segmented_target", "undistortion"},
+        {"degeneracy", "interaction", "kernel", "line_fits", "segmented_target", "undistortion"},
         {"coverage", "labels", "model_tracker", "orientation", "silhouette"},
         {"contour", "features", "label_topics", "pipeline", "trackers"},
         {"messages", "overlay", "parameters"},

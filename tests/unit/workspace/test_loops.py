@@ -13,8 +13,8 @@ from aras_visual_servo_base import compile_packages
 
 LIBRARY = Path(__file__).parents[3] / "src" / "aras_visual_servo_base" / "src"
 TWICE = """
-from aras_visual_servo_base.compiled import compiled
-@compiled("f8")
+from aras_visual_servo_base.compiled import jit
+@jit("f8")
 def twice(x):
     return 2 * x
 """
@@ -114,8 +114,8 @@ def test_packages_are_missing_until_each_of_their_loops_is_kept(packages, monkey
     compile_packages.main(["looping"])
     assert compile_packages.find_missing(["looping"]) == []
     small = source / "looping" / "small.py"  # becomes part of others: nothing is kept beside it
-    small.write_text("from aras_visual_servo_base.compiled import inlined\n"
-                     "@inlined\ndef half(x):\n    return 0.5 * x\n")
+    small.write_text("from aras_visual_servo_base.compiled import jit_inline\n"
+                     "@jit_inline\ndef half(x):\n    return 0.5 * x\n")
     assert compile_packages.find_missing(["looping"]) == []
     thrice = source / "looping" / "thrice.py"
     thrice.write_text(TWICE.replace("2 * x", "3 * x"))

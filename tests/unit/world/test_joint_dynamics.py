@@ -590,7 +590,7 @@ def test_a_joint_that_meets_its_stop_stands_on_it_and_not_beside_it_by_rounding(
     assert min(beside.values()) > 10, "it would be beside it"
 
 
-@pytest.mark.parametrize("call", ["advance", "react"])
+@pytest.mark.parametrize("call", ["advance", "compute_reactions"])
 def test_compiled_steps_keep_to_their_arrays(make, call):
     """They know no bounds: what they read or wrote behind an array would be somebody else's."""
     text = tree_xml(make, 5).replace('lower="-10.0" upper="10.0"', 'lower="-0.1" upper="0.1"')

@@ -69,7 +69,7 @@ def test_friction_of_the_same_size_acts_along_the_way_instead(make, world, monke
     assert friction.loose == [body, loose]
     given = []
     monkeypatch.setattr(sliding, "find_contacts", lambda of, client: contacts)
-    monkeypatch.setattr(friction, "_push", lambda *push: given.append(push))
+    monkeypatch.setattr(friction, "_apply_force", lambda *push: given.append(push))
     linear, angular = pybullet.getBaseVelocity(body.body_id, world.client)
     friction._correct_friction(body, linear, angular, DT, set())
     expected = []
@@ -108,8 +108,8 @@ def test_what_moves_slowly_is_left_alone_and_looked_at_now_and_then(make, world,
     body = world.spawn(parse_urdf(make.robot(make.link("a", 2.0))), "a")
     friction, corrected, watched = SlidingFriction(world.client), [], []
     friction.set_models([body])
-    monkeypatch.setattr(friction, "_correct", lambda model, *_: corrected.append(model))
-    monkeypatch.setattr(friction._impacts, "watch", lambda body, *_: watched.append(body))
+    monkeypatch.setattr(friction, "_correct_friction", lambda model, *_: corrected.append(model))
+    monkeypatch.setattr(friction._impacts, "place_at_impact", lambda body, *_: watched.append(body))
 
     def looks(count):
         """In which of the steps it was seen to."""

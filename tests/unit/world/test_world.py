@@ -353,7 +353,7 @@ for _ in range(700):
     world.step()
 print(len(clients), [(m.body_id, m.pose(), m.twist()) for m in world.models.values()])
 world.close()
-assert not bullet._spare  # it has made steps
+assert not bullet._idle_clients  # it has made steps
 """
     told = [
         subprocess.run([sys.executable, "-c", script, worlds], check=True, capture_output=True,

@@ -31,8 +31,8 @@ class Lockstep:
     """Says when simulated time may go on. `start_round` and `compute_remaining` are the
     simulation's thread's.
 
-    Who subscribes to a command topic himself claims it, and tells when a message was
-    `note_message`, after it was handed on: so a command that counts is a command that acts.
+    Who subscribes to a command topic himself claims it, and calls `note_message` once a
+    message was handed on: so a command that counts is a command that acts.
     Other topics are listened to.
     """
 
@@ -51,7 +51,7 @@ class Lockstep:
             timeout: s of wall time after which a round is given up.
             wake: called from any thread when a round may be over.
             period: s of simulated time between two rounds; 0: after each camera frame.
-            drain: what listeners have not taken yet.
+            flusher: sends what listeners have not taken yet.
 
         Raises:
             SimError: when there is no topic, or a number is out of range.

@@ -537,7 +537,7 @@ def test_a_camera_inside_a_body_says_so_unless_it_is_its_own(caplog):
     caplog.clear()
     for name in ("robot::link6", "rig::robot::link6"):
         around = Nothing()
-        around.bodies_around = lambda point, name=name: [name]
+        around.find_bodies_around = lambda point, name=name: [name]
         frames(camera(around, update_rate=10.0, link="link6"), 300)
     assert not caplog.records
 

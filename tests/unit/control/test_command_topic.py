@@ -21,9 +21,9 @@ class Inbox:
 
     def add(self, stream) -> None:
         step = 0
-        while stream.act(step, 8):
+        while stream.deliver(step, 8):
             step += 1
-        stream.ended()
+        stream.on_end()
 
 
 class Thread:
@@ -39,7 +39,7 @@ class Thread:
 @pytest.fixture
 def ros(monkeypatch):
     """rospy's subscriptions, which the test counts, and lines of the log."""
-    it = SimpleNamespace(pose_uncertainty=[], lines=[])
+    it = SimpleNamespace(open=[], lines=[])
 
     class Subscriber:
         def __init__(self, topic, kind, hear, **options) -> None:
@@ -151,7 +151,7 @@ def test_complaints_come_five_seconds_apart_and_count_what_was_refused(ros, monk
 
 def test_all_that_rospy_read_goes_with_the_connection_and_only_once(ros):
     streams, taken, thread = [], [], Thread()
-    thread.inbox = SimpleNamespace(add=lambda stream: (streams.append(stream), stream.ended()))
+    thread.inbox = SimpleNamespace(add=lambda stream: (streams.append(stream), stream.on_end()))
     CommandTopic("/c", Float64, lambda m: taken.append(m.data), thread)
     last = struct.pack("<I", 8) + body(4.0)
     connection = Connection(body(1.0), body(2.0), body(3.0), rest=last[:2], comes=last[2:])
@@ -159,9 +159,9 @@ def test_all_that_rospy_read_goes_with_the_connection_and_only_once(ros):
     (stream,) = streams
     assert connection.read_buff.getvalue() == b"" and connection.read_buff.tell() == 0
     for step in range(3):
-        stream.act(step, 8)
+        stream.deliver(step, 8)
     assert taken == [1.0, 2.0, 3.0]
-    assert stream.read(bytearray(64)) and stream.act(3, 8)  # begun by rospy, ended by us
+    assert stream.read(bytearray(64)) and stream.deliver(3, 8)  # begun by rospy, ended by us
     assert taken[3:] == [4.0]
 
 
@@ -173,7 +173,7 @@ def test_rospy_s_thread_rests_until_its_connection_ends(ros, monkeypatch, why):
     streams, removed = [], []
     thread = Thread()
     thread.inbox = SimpleNamespace(
-        add=streams.append, remove=lambda stream: (removed.append(stream), stream.ended()))
+        add=streams.append, remove=lambda stream: (removed.append(stream), stream.on_end()))
     topic = CommandTopic("/c", Float64, lambda m: None, thread)
     connection, subscriber = Connection(body(1.0)), ros.latest
     connection.done = why == "rospy closed it"

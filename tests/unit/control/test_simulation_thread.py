@@ -32,7 +32,7 @@ class Counter:
         self.time_ns += self.step_ns
         time.sleep(0.0001)
 
-    def next_picture_ns(self) -> None:
+    def next_image_ns(self) -> None:
         return None
 
     def close(self) -> None:
@@ -44,13 +44,13 @@ class Gate:
     """Closes at a simulated time until it is opened."""
 
     def __init__(self) -> None:
-        self.closed = False
+        self.is_closed = False
 
-    def remaining(self) -> float | None:
-        return 1.0 if self.closed else None
+    def compute_remaining(self) -> float | None:
+        return 1.0 if self.is_closed else None
 
     def end_round(self) -> None:
-        self.closed = False
+        self.is_closed = False
 
 
 @pytest.fixture
@@ -82,21 +82,21 @@ def test_no_step_is_made_behind_a_closed_gate_but_jobs_are_run(started):
 
     def close(time_ns: int) -> None:
         if time_ns == 10_000_000:
-            gate.closed = True
+            gate.is_closed = True
 
     thread = started(0.0, gate, after_step=close)
     until(lambda: thread.is_time_stopped)
     assert thread.call(lambda: thread.simulation.time_ns) == 10_000_000
     time.sleep(0.02)
     assert thread.call(lambda: thread.simulation.time_ns) == 10_000_000
-    gate.closed = False
+    gate.is_closed = False
     thread.wake()
     until(lambda: thread.now_ns() > 20_000_000)
 
 
 def test_unpausing_clears_the_gate_that_steps_closed(started):
     gate = Gate()
-    thread = started(0.0, gate, paused=True, after_step=lambda _: setattr(gate, "closed", True))
+    thread = started(0.0, gate, paused=True, after_step=lambda _: setattr(gate, "is_closed", True))
     assert thread.step(5, 5.0) == 5_000_000  # steps asked for are made
     thread.unpause()
     until(lambda: thread.now_ns() == 6_000_000)

@@ -43,7 +43,7 @@ class Simulation:
         self.time_ns += self.step_ns
         self.wall.now += STEP_COST
 
-    def next_picture_ns(self) -> None:
+    def next_image_ns(self) -> None:
         return None
 
     def close(self) -> None:
@@ -183,16 +183,16 @@ def test_after_a_reset_of_time_the_stream_before_does_not_count():
 class Answers:
     """A gate that closes after each step, until a message acts."""
 
-    closed = True
+    is_closed = True
 
     def __init__(self, script: Script) -> None:
         self._script = script
         self._heard = 0
 
-    def remaining(self) -> float | None:
+    def compute_remaining(self) -> float | None:
         if self._script.over.is_set() or len(self._script.order) > self._heard:
             self._heard = len(self._script.order)
-            self.closed = False
+            self.is_closed = False
             return None
         return 1.0
 

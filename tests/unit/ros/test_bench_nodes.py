@@ -643,13 +643,13 @@ def until(condition):
 def test_a_launch_says_what_died_and_its_last_words(launch):
     one = launch('echo "$@ $MINE"; cat; echo; echo ended >&2; exec sleep 60')
     assert until(lambda: "ended" in one.read_log()) and one.running and one.death() == ""
-    assert one.text() == "a b:=1 yes\n\nended\n" and one.last_lines() == "    a b:=1 yes\n    ended"
+    assert one.read_log() == "a b:=1 yes\n\nended\n" and one.read_last_lines() == "    a b:=1 yes\n    ended"
     with one.log.open("ab") as log:  # what a node prints need not be text
         log.write(b"\x1b[31m[ERROR] one\x1b[0m\n[FATAL] two\nthree \xff\n"
                   b"[node-2] process has died [pid 1]\n")
     assert one.death() == "node node-2 died"
-    assert one.last_lines() == "    [ERROR] one\n    [FATAL] two"
-    assert one.last_lines(1) == "    [FATAL] two"
+    assert one.read_last_lines() == "    [ERROR] one\n    [FATAL] two"
+    assert one.read_last_lines(1) == "    [FATAL] two"
     one.stop()
     assert not one.running and one.death() == "roslaunch (the) ended"
 
@@ -663,7 +663,7 @@ def test_nothing_of_a_launch_is_left_behind(launch, monkeypatch):
     one = launch("trap '' INT TERM; (printf '\\377' >/proc/$BASHPID/comm; echo $BASHPID; sleep 20; "
                  "true) & wait; wait")
     assert until(lambda: one.read_log().strip().isdigit())
-    child = int(one.text())
+    child = int(one.read_log())
     assert os.getsid(child) != os.getsid(0)
     monkeypatch.setattr(os, "kill", lambda *given: (sent.add(given), kill(*given)))
     one.stop(0.1)
@@ -700,7 +700,7 @@ class Launched:
     def death(self):
         return self.died
 
-    def last_lines(self):
+    def read_last_lines(self):
         return "    its last line"
 
     def stop(self):

@@ -122,11 +122,11 @@ class Controllers:
 
     def send(self, topic: str, message: object) -> None:
         """As a message of a command topic's connection."""
-        feed = manager_services.CommandTopic.__init__.__globals__["_feeds"][topic]
+        feed = manager_services.CommandTopic.__init__.__globals__["_subscriptions"][topic]
 
         def act() -> None:
             for taker in feed.command_topics:
-                taker.act(message)
+                taker.handle(message)
 
         self.thread.call(act)
 

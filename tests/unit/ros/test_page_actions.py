@@ -42,7 +42,7 @@ class Nodes:
     def death(self):
         return self.dies
 
-    def last_lines(self, count):
+    def read_last_lines(self, count):
         return "\n".join(["    the first", "    [FATAL] [17.5, 3.25]: no such scheme"][-count:])
 
     def stop(self):

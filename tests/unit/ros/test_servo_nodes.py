@@ -64,10 +64,10 @@ class Heard:
 
 def observer(*needs, labels=False):
     kinds = ("image", "labels") if labels else ("image",)
-    segmentation = SimpleNamespace(kinds=kinds, label="box")
+    segmentation = SimpleNamespace(image_kinds=kinds, label="box")
     return SimpleNamespace(
-        name="left", needs=set(needs), of_moments=lambda *given: given,
-        of_image=lambda *given: given[:6],
+        name="left", needs=set(needs), observe_moments=lambda *given: given,
+        observe_image=lambda *given: given[:6],
         pipeline=SimpleNamespace(settings=SimpleNamespace(segmentation=segmentation)))
 
 

@@ -212,7 +212,7 @@ def test_a_listener_knows_what_the_graph_said_last(graph, listener, face):
 
     from aras_visual_servo_controller.ros.goal_topics import make_outline_message, make_pose_message
 
-    assert (listener.robot_name, listener.robots, listener.beginnings) == ("two", 1, 1)
+    assert (listener.robot_name, listener.robots, listener.restart_count) == ("two", 1, 1)
     assert listener.stamp == 0.0 and listener.story.arm.names == JOINTS
     hear(graph, "/two/joint_states", joint_states(1.5))
     story = listener.refresh()
@@ -251,7 +251,7 @@ def test_a_listener_knows_what_the_graph_said_last(graph, listener, face):
     assert story.told.phase == "holding" and story.told.outcome == ""
     hear(graph, "/two/controller/state", message)
     seen = []
-    story.see = lambda *given: seen.append(given)
+    story.add_image_point = lambda *given: seen.append(given)
     for valid, m in ((True, [4.0, 1.0, -2.0]), (False, [4.0, 1.0, -2.0]), (True, [0.0, 1.0, 2.0]),
                      (True, [4.0, 1.0])):  # fmt: skip
         hear(graph, "/two/camera/moments", ImageMoments(valid=valid, m=m, reason="dark"))
@@ -279,7 +279,7 @@ def test_a_clock_that_goes_back_and_another_robot_begin_anew(graph, listener, cl
     assert listener.restart_count == 1 and not cleared
     hear(graph, "/two/joint_states", joint_states(0.2))
     listener.refresh()
-    assert listener.beginnings == 2 and cleared and listener.stamp == pytest.approx(0.2)
+    assert listener.restart_count == 2 and cleared and listener.stamp == pytest.approx(0.2)
     now[0] += 2.5
     assert listener.refresh().factor is None  # nothing was heard for so long
     hear(graph, "/two/joint_states", SimpleNamespace(serialize=lambda f: f.write(b"\1")))
@@ -288,5 +288,5 @@ def test_a_clock_that_goes_back_and_another_robot_begin_anew(graph, listener, cl
     graph.parameters["/robot_description"] = ARM.replace('"two"', '"three"')
     now[0] += 1.0
     assert listener.look() is not story
-    assert (listener.robot, listener.robots, listener.beginnings) == ("three", 2, 3)
+    assert (listener.robot, listener.robots, listener.restart_count) == ("three", 2, 3)
     assert listener.positions is None

@@ -96,7 +96,7 @@ def test_what_is_out_of_its_way_changes_no_bit_of_a_trajectory(make, add, stride
     trial.robot.steps(2)
     trial.run(stride=stride)
     expected = alone(stride)
-    assert all(trial.own)
+    assert all(trial.has_own_dynamics)
     assert trial.states == expected.states
     assert repr(trial.handles()) == repr(expected.handles())  # NaN equals NaN
     assert np.ptp([q for q, _ in trial.states], axis=0).min() > 0.1
@@ -124,7 +124,7 @@ def test_a_ball_that_is_thrown_at_the_arm_strikes_it_and_leaves_it_alone_again(m
     body.set_twist(Twist((0.0, 8.0, 0.0)))
     for each in (trial, expected):
         each.run(300)
-    first = trial.own.index(False)
+    first = trial.has_own_dynamics.index(False)
     assert trial.states[:first] == expected.states[:first]
     assert 300 < first < 300 + 125  # before the surfaces meet
     away = np.abs(np.subtract(trial.states, expected.states)).max(axis=(1, 2))
@@ -133,7 +133,7 @@ def test_a_ball_that_is_thrown_at_the_arm_strikes_it_and_leaves_it_alone_again(m
     assert abs(body.twist().linear[1]) < 7.0
     body.set_pose(Pose((5.0, 0.0, 1.0)))
     trial.run(2)
-    assert trial.own[-1], "and moves by itself when the ball has gone"
+    assert trial.has_own_dynamics[-1], "and moves by itself when the ball has gone"
 
 
 def test_hands_change_without_a_step_or_a_memory_lost(make, monkeypatch):
@@ -143,19 +143,20 @@ def test_hands_change_without_a_step_or_a_memory_lost(make, monkeypatch):
     for each in (trial, expected):
         each.robot.steps(2)
         each.run(200)
-    assert trial.own[-1]
+    assert trial.has_own_dynamics[-1]
     monkeypatch.setattr(isolation, "_CONTACT_DISTANCE", 50.0)
     trial.world.model("ball").set_twist(Twist((0.1, 0.0, 0.0)))
     for each in (trial, expected):
         each.run(100)
-    assert trial.own[200:] == [True] + [False] * 99  # it takes Bullet a step to wake up
+    # it takes Bullet a step to wake up
+    assert trial.has_own_dynamics[200:] == [True] + [False] * 99
     np.testing.assert_allclose(trial.states, expected.states, atol=2e-4)
     positions = [[q for q, _ in each.states] for each in (trial, expected)]
     np.testing.assert_allclose(*positions, atol=2e-6)
     monkeypatch.undo()
     for each in (trial, expected):
         each.run(100)
-    assert trial.own[-80:] == [True] * 80
+    assert trial.has_own_dynamics[-80:] == [True] * 80
     positions = [[q for q, _ in each.states] for each in (trial, expected)]
     np.testing.assert_allclose(*positions, atol=2e-6)
     np.testing.assert_allclose(np.concatenate(trial.handles(), axis=None),
@@ -493,7 +494,7 @@ def test_steps_are_made_without_the_world_only_where_nothing_else_needs_it(make)
             world.step()
             assert world.get_compiled_step(model) is not None
             for flag in (world.resting_bases, world.resting_bases, world.isolation):
-                name = "touchable" if flag is world.isolation else "fresh"
+                name = "is_base_touchable" if flag is world.isolation else "is_new"
                 setattr(flag, name, True)
                 assert world.get_compiled_step(model) is None
                 setattr(flag, name, False)

@@ -478,13 +478,13 @@ def test_what_no_longer_lies_on_a_held_base_is_no_longer_felt(world, make):
     (one,) = world.resting_bases.fixed_bases
     weight = (0.0, 0.0, -G)
     lever = at.inverse().apply(box.pose().xyz)
-    assert one.touch[:3] == pytest.approx(np.cross(lever, weight), abs=0.1)
-    assert one.touch[3:] == pytest.approx(weight, abs=0.5)
+    assert one.contact_wrench[:3] == pytest.approx(np.cross(lever, weight), abs=0.1)
+    assert one.contact_wrench[3:] == pytest.approx(weight, abs=0.5)
     box.set_twist(Twist((0.0, 0.0, 3.0)))  # up and off
     steps(world, 50)
-    assert world.bases.held == [one]
+    assert world.resting_bases.fixed_bases == [one]
     assert box.pose().xyz[2] > 0.3
-    assert not one.touch.any()
+    assert not one.contact_wrench.any()
 
 
 @pytest.mark.parametrize("first", ["base", "box"])
@@ -497,8 +497,8 @@ def test_what_rubs_along_a_held_base_is_felt_along_its_way(world, make, first):
     world.model("on").set_twist(Twist((0.8, 0.6, 0.0)))
     steps(world, 20)
     (one,) = world.resting_bases.fixed_bases
-    assert one.touch[3:5] == pytest.approx(0.5 * 9.8 * np.array((0.8, 0.6)), rel=0.1)
-    assert one.touch[5] == pytest.approx(-9.8, rel=0.1)
+    assert one.contact_wrench[3:5] == pytest.approx(0.5 * 9.8 * np.array((0.8, 0.6)), rel=0.1)
+    assert one.contact_wrench[5] == pytest.approx(-9.8, rel=0.1)
 
 
 @pytest.mark.parametrize("case", ["struck", "rubbed"])
@@ -737,13 +737,13 @@ def test_a_base_that_was_held_or_let_go_is_not_put_on_the_ground_again(world, ma
                         Pose((3.0, 0.0, 0.1)))
     assert world.resting_bases.is_new
     world.step()
-    assert held.fixed_base and not other.fixed_base and not world.bases.fresh
+    assert held.fixed_base and not other.fixed_base and not world.resting_bases.is_new
     held.apply_force("base", (1.0, 0.0, 0.0), held.pose().xyz)
-    assert not held.fixed_base and not world.bases.fresh
+    assert not held.fixed_base and not world.resting_bases.is_new
     steps(world, 60)
     assert not held.fixed_base  # not before two looks
     steps(world, 60)
-    assert held.fixed_base and not world.bases.fresh
+    assert held.fixed_base and not world.resting_bases.is_new
 
 
 def test_three_points_are_enough_to_stand_on(world, make, tmp_path):

@@ -17,7 +17,7 @@ class Publisher:
 
     def __init__(self, topic, message, queue_size, on_change) -> None:
         self.listeners = 0
-        self.changed = changed
+        self.on_change = on_change
         self.sent: list[object] = []
 
     def publish(self, message: object) -> None:

@@ -643,7 +643,8 @@ def until(condition):
 def test_a_launch_says_what_died_and_its_last_words(launch):
     one = launch('echo "$@ $MINE"; cat; echo; echo ended >&2; exec sleep 60')
     assert until(lambda: "ended" in one.read_log()) and one.running and one.death() == ""
-    assert one.read_log() == "a b:=1 yes\n\nended\n" and one.read_last_lines() == "    a b:=1 yes\n    ended"
+    assert one.read_log() == "a b:=1 yes\n\nended\n"
+    assert one.read_last_lines() == "    a b:=1 yes\n    ended"
     with one.log.open("ab") as log:  # what a node prints need not be text
         log.write(b"\x1b[31m[ERROR] one\x1b[0m\n[FATAL] two\nthree \xff\n"
                   b"[node-2] process has died [pid 1]\n")

@@ -237,7 +237,8 @@ def test_who_ends_at_the_same_ctrl_c_asks_in_vain_and_no_line_is_written_of_it(r
 def test_a_switch_is_carried_out_when_time_is_stopped_under_it(rig, monkeypatch):
     rig.call("load_controller", "push")
     held = iter([False])
-    monkeypatch.setattr(type(rig.thread), "is_time_stopped", property(lambda self: next(held, True)))
+    is_held = property(lambda self: next(held, True))
+    monkeypatch.setattr(type(rig.thread), "is_time_stopped", is_held)
     assert rig.call("switch_controller", ["push"], [], 2).ok
     assert next(held, None) is None
     assert rig.call("list_controllers").controller[0].state == "running"

@@ -194,7 +194,8 @@ def test_physics_tells_what_was_set(api, call, step, ball):
 def test_at_least_one_iteration_is_made_and_what_robots_do_not_bear_is_said(api, call):
     simulation = api.thread.simulation
     simulation.robots.update({
-        name: SimpleNamespace(report_stability=lambda step, name=name: name and f"{name} shakes at {step}")
+        name: SimpleNamespace(
+            report_stability=lambda step, name=name: name and f"{name} shakes at {step}")
         for name in ("a", "", "b")})  # fmt: skip
     before = call("get_physics_properties")
     before.ode_config.sor_pgs_iters = 0

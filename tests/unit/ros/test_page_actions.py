@@ -231,7 +231,8 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked
                                f"{NODE}/desired": "2015", f"{NODE}/start": "2016"}
     first = Goal.load(asked.settings.package / "config/goal_2015.yaml").for_arm(arm)
     moved = (0.01, -0.02, -0.01)
-    assert asked.actions.move_goal(*moved, 0.0) == "servoing with points, law pi, from none to moved"
+    words = asked.actions.move_goal(*moved, 0.0)
+    assert words == "servoing with points, law pi, from none to moved"
     path = asked.actions.directory / "goals" / "moved.yaml"
     assert Nodes.made[-1].arguments[2:] == ["scheme:=points", "law:=pi", "start:=none",
                                             f"goal:={path}"]

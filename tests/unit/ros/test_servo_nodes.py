@@ -314,7 +314,8 @@ def test_a_goal_is_announced(graph):
     pose = matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0.0, 0.0, np.pi / 2))
     arm = SimpleNamespace(target_frame="", base_frame="base", camera_frame="eye")
     goal = SimpleNamespace(outline=lambda: SQUARE)
-    servo = SimpleNamespace(unreachable_reason="", arm=arm, resolver=SimpleNamespace(goal=pose), goal=goal)
+    resolver = SimpleNamespace(goal=pose)
+    servo = SimpleNamespace(unreachable_reason="", arm=arm, resolver=resolver, goal=goal)
     topics.publish(servo)
     told, = graph.publishers["/two/controller/goal"].sent
     assert told.header.frame_id == "base" and not graph.lines

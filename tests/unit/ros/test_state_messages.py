@@ -84,7 +84,8 @@ def test_what_a_state_has_not_is_not_made_up(graph, face):
     assert (alone.outcome, alone.remedy) == ("", "") and math.isnan(alone.computation_time)
     assert np.isnan(alone.achieved_twist).all() and not alone.arrival_status.is_reached
     assert alone.scheme_output.filtered_error is None
-    parts = {"features": ["scheme_output", "resolution"], "desired_features": ["scheme_output", "resolution"],
+    parts = {"features": ["scheme_output", "resolution"],
+             "desired_features": ["scheme_output", "resolution"],
              "error": ["scheme_output", "resolution"], "joint_positions": ["joints"],
              "joint_commands": ["command"], "singular_values": ["resolution"]}
     for field, without in parts.items():  # as somebody else's message may be

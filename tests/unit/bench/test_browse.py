@@ -244,7 +244,7 @@ def test_two_studies_are_compared(ask):
 ])  # fmt: skip
 def test_what_cannot_be_answered_is_one_line(served, asked, said):
     with pytest.raises(Exception, match=said) as raised:
-        served.answer(json.dumps(asked))
+        served.answer_query(json.dumps(asked))
     assert "\n" not in str(raised.value) and not isinstance(raised.value, KeyError)
 
 
@@ -453,7 +453,7 @@ def test_a_status_says_whose_fault_it_was(served, monkeypatch, caplog):
             raise fault
 
         with monkeypatch.context() as held:
-            held.setattr(served, "answer", fails)
+            held.setattr(served, "answer_query", fails)
             status, text, headers = get(served, "/ask", b'{"do": "studies"}')
         told = {"error": f"{type(fault).__name__}: {fault}"}
         assert (status, json.loads(text)) == (500, told)

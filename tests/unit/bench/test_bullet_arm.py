@@ -56,8 +56,8 @@ def standing(robot, preset, tmp_path_factory):
                       ground_plane=False)
     course = PoseHistory()
     try:
-        plant = bullet(robot, preset, seed=7, renderer="exact", exposure="gazebo", shown=shown,
-                       around=world, followed=TrackedLink("moves", "moves", course))
+        plant = bullet(robot, preset, seed=7, renderer="exact", exposure="gazebo", target_models=shown,
+                       around=world, tracked_link=TrackedLink("moves", "moves", course))
     finally:
         dynamic_arm.SimulationConfig = make
     yield plant, asked[0], course, world
@@ -70,7 +70,7 @@ def test_the_world_is_made_as_it_is_asked_for(standing):
                      "ground_plane": False, "exposure": "gazebo"}
     assert set(plant.simulation.world.models) == {"robot", "moves", "stands"}
     assert plant.outputs == {"position"} and plant.control == "camera"
-    assert plant.peak_speed is None and plant.touched() is None
+    assert plant.peak_speed is None and plant.find_collision() is None
 
 
 def test_a_target_that_moves_is_where_it_belongs_at_every_step(standing):
@@ -101,7 +101,7 @@ def test_it_tells_where_its_joints_and_camera_are_wherever_it_stands(standing, a
         other = q + [0.01, 0.0, 0.1, 0.05, -0.05, 0.3]
         np.testing.assert_allclose(plant.poses(np.array([q, other])), [
             elsewhere @ arm.pose(q), elsewhere @ arm.pose(other)], atol=1e-9)
-        np.testing.assert_allclose(plant.at_rest(), elsewhere @ arm.pose(q), atol=1e-6)
+        np.testing.assert_allclose(plant.read_rest_pose(), elsewhere @ arm.pose(q), atol=1e-6)
         places = plant.places(np.array([other, q]))
         assert places.shape[0] == 2
         np.testing.assert_allclose(places[1], arm.places(np.array([q]))[0] @ elsewhere[:3, :3].T
@@ -124,7 +124,7 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     shown = [
         TargetModel(PlacedTarget(SQUARE, at), write_target(SQUARE, tmp_path, "plate"), name="plate")
     ]
-    plant = bullet(robot, preset, camera={"segmentation": True, "depth": True}, shown=shown,
+    plant = bullet(robot, preset, camera={"segmentation": True, "depth": True}, target_models=shown,
                    label="plate")
     try:
         pose, found = plant.read_pose(), []
@@ -140,7 +140,7 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     assert reading.target_mask.mean() / 255 < 0.2
     depth = (np.linalg.inv(pose) @ at)[2, 3]
     assert reading.depth[v, u] == pytest.approx(depth, abs=5e-3)
-    bare = bullet(robot, preset, shown=shown, label="plate")  # without label images
+    bare = bullet(robot, preset, target_models=shown, label="plate")  # without label images
     try:
         found = []
         while not found:
@@ -149,12 +149,12 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     finally:
         bare.close()
     with pytest.raises(ExperimentError, match="no link has the label 'plat': did you mean 'plate'"):
-        bullet(robot, preset, camera={"segmentation": True}, shown=shown, label="plat")
+        bullet(robot, preset, camera={"segmentation": True}, target_models=shown, label="plat")
 
 
 def test_an_exposure_at_a_step_s_end_is_seen_then(robot, preset, pinhole):
     sight = ImagingSettings(pinhole, PlacedTarget(SQUARE, AT), rate=20.0, is_unbounded=True)
-    plant = bullet(robot, preset, sights=(sight,))
+    plant = bullet(robot, preset, imaging_settings=(sight,))
     try:
         readings = []
         while not readings:

@@ -93,7 +93,7 @@ def test_an_arms_exact_points_are_of_their_own_rows_too(robot, preset, pinhole):
         seen = ImagingSettings(
             pinhole, PlacedTarget(SQUARE, table), row_bands=own, is_unbounded=True
         )
-        plant = bullet(robot, preset, sights=(seen,))
+        plant = bullet(robot, preset, imaging_settings=(seen,))
         try:
             plant.command("position", START + [0.0, 0.0, 0.0, 0.0, 0.0, 0.8])
             found[name] = [r for r in until(plant, 220_000_000) if isinstance(r, Frame)]

@@ -37,7 +37,7 @@ def ending(ideal=None, first=None, goal=None, motion=None, **keys):
 
 def state(error=(1.0, 1.0), phase=SERVOING, outcome="running", stamp=0.0):
     decision = None if error is None else SimpleNamespace(error=np.array(error))
-    return SimpleNamespace(decision=decision, phase=phase, outcome=outcome, stamp=stamp,
+    return SimpleNamespace(scheme_output=decision, phase=phase, outcome=outcome, stamp=stamp,
                            reason="it is dark")
 
 
@@ -45,7 +45,7 @@ def images_until_over(found, states, pose=None):
     for count, one in enumerate(states, 1):
         one.stamp = 0.1 * (count - 1)
         found.image(one, looks_down(2.0) if pose is None else pose)
-        if found.over:
+        if found.is_over:
             return count
     return None
 

@@ -64,23 +64,23 @@ def test_nothing_is_recorded_where_no_simulator_answers(tmp_path):
 
 def test_a_recorder_that_writes_is_no_trouble(kept):
     assert kept.find_recording_error() == ""
-    assert kept.stop_recording().startswith(f"recorded {kept.recorded}")
-    assert kept.recorded.suffix == ".bag" and kept.trouble() == ""
+    assert kept.stop_recording().startswith(f"recorded {kept.last_bag}")
+    assert kept.last_bag.suffix == ".bag" and kept.find_recording_error() == ""
 
 
 def test_a_disk_without_room_is_said_while_recording_and_at_its_end(kept):
     with kept.by.log.open("a") as log:
-        log.write(FULL.format(bag=kept.recording))
-    assert kept.trouble().startswith("the recorder has stopped: Less than 256M of space free on")
+        log.write(FULL.format(bag=kept.open_bag))
+    assert kept.find_recording_error().startswith("the recorder has stopped: Less than 256M of space free on")
     with pytest.raises(RefusedError, match="Less than 256M .*; what it had until then is kept: "):
         kept.stop_recording()
-    assert kept.recorded.suffix == ".bag" and kept.recorded.is_file()
+    assert kept.last_bag.suffix == ".bag" and kept.last_bag.is_file()
 
 
 def test_a_recorder_that_ended_in_order_says_why(kept):
     with kept.by.log.open("a") as log:
         log.write(ENDED.format(folder=kept.open_bag.parent))
-    assert kept.trouble().startswith("the recorder (record) has ended: the disk of ")
+    assert kept.find_recording_error().startswith("the recorder (record) has ended: the disk of ")
     with pytest.raises(RefusedError, match="is full: .*; what it had until then is kept: recorded"):
         kept.stop_recording()
 
@@ -107,7 +107,7 @@ def test_of_a_recorder_that_died_the_unclosed_bag_is_kept_for_the_report(kept):
         log.write(TORN + DIED)
     with pytest.raises(RefusedError, match="Error writing to file.* is kept: recorded .*active"):
         kept.stop_recording()
-    assert kept.recorded.name.endswith(".bag.active") and kept.recording is None
+    assert kept.last_bag.name.endswith(".bag.active") and kept.open_bag is None
 
 
 def test_what_is_not_recorded_is_neither_closed_nor_reported(kept):
@@ -147,11 +147,11 @@ def test_tools_are_run_to_their_end(kept, monkeypatch):
         ["rosrun", "aras_visual_servo_controller", "teach", str(goal), "--scheme", "points",
          "--timeout", "20.0"], 90.0)
     kept.stop_recording()
-    out = kept.directory / "report" / kept.recorded.stem
+    out = kept.directory / "report" / kept.last_bag.stem
     assert kept.make_report() == f"reported in {out}" and asked.pop() == (
-        ["rosrun", "aras_visual_servo_bench", "analyze", str(kept.recorded), "--out", str(out),
+        ["rosrun", "aras_visual_servo_bench", "analyze", str(kept.last_bag), "--out", str(out),
          "--formats", ""], 180.0)
-    assert kept.report == f"{kept.recorded.stem}/a.html"
+    assert kept.report_page == f"{kept.last_bag.stem}/a.html"
     for ends, why in (([1, " two \n\n"], "^two$"), ([1, ""], "^one$"),
                       (["late", ""], "^teach has not ended within 90 s$")):
         status[:] = ends

@@ -40,9 +40,9 @@ def test_the_text_that_is_there_already_is_not_made_again(sent):
 def test_who_is_slow_gets_the_last_of_everything_in_one(outbox, sent):
     for i in range(MAX_UNACKNOWLEDGED):
         outbox.send_update(news(i))
-    outbox.news(news(10, told={"phase": "holding"}, samples=[[1.0]], names=["xn"]))
-    outbox.news(news(11, shapes={"path": 1, "goal": 1}))
-    outbox.news(news(12, shapes={"path": None}, samples=[[2.0]], names=["xn"]))
+    outbox.send_update(news(10, told={"phase": "holding"}, samples=[[1.0]], names=["xn"]))
+    outbox.send_update(news(11, shapes={"path": 1, "goal": 1}))
+    outbox.send_update(news(12, shapes={"path": None}, samples=[[2.0]], names=["xn"]))
     outbox.picture(b"first")
     outbox.picture(b"last")
     assert sent == [news(i) for i in range(MAX_UNACKNOWLEDGED)]
@@ -54,7 +54,7 @@ def test_who_is_slow_gets_the_last_of_everything_in_one(outbox, sent):
     assert sent[1:] == [b"last"]
     outbox.seen()
     assert len(sent) == 2
-    outbox.news(news(13))
+    outbox.send_update(news(13))
     assert sent[2:] == [news(13)]
 
 
@@ -62,7 +62,7 @@ def test_seen_more_often_than_sent_allows_no_more(outbox, sent):
     for _ in range(10):
         outbox.acknowledge()
     for i in range(10):
-        outbox.news(news(i))
+        outbox.send_update(news(i))
     assert len(sent) == MAX_UNACKNOWLEDGED
 
 

@@ -260,8 +260,8 @@ def test_whoever_leaves_two_megabytes_unread_hears_no_more_and_whoever_is_gone_i
 
 
 def test_news_come_15_times_and_pictures_10_times_a_second_to_one_who_is_there(server):
-    assert server._tick.callback_time == pytest.approx(1000.0 / 15.0)
-    assert server._pictures.callback_time == pytest.approx(100.0)
+    assert server._update_timer.callback_time == pytest.approx(1000.0 / 15.0)
+    assert server._image_timer.callback_time == pytest.approx(100.0)
     assert server._server.request_callback.settings["websocket_ping_interval"] == 10.0
 
 
@@ -374,7 +374,7 @@ def test_viewers_are_counted_and_nothing_is_worked_out_without_them(server, host
             break
         socket.create_connection(("127.0.0.1", server.access.port)).close()
     assert host.viewers == [1, 0]
-    assert not server._tick.is_running() and not server._pictures.is_running()
+    assert not server._update_timer.is_running() and not server._image_timer.is_running()
 
 
 def test_who_has_not_seen_the_last_is_told_no_more_and_then_all_of_it(server, host):
@@ -446,8 +446,8 @@ def test_numbers_are_told_with_as_many_places_as_are_seen(host, monkeypatch):
     page, third = Page(), 1.0 / 3.0
     page.set_robot(["J1"], [-third], [third], [np.inf], [True])
     page.add_sample(told(third, error=(third, -third), asked=(third,) * 6), [third])
-    monkeypatch.setattr(host.story, "factor", third)
-    found = page.make_update(host.story, [third], [third], third)
+    monkeypatch.setattr(host.run_trace, "factor", third)
+    found = page.make_update(host.run_trace, [third], [third], third)
     assert found["limits"] == {"names": ["J1"], "lower": [-0.333333], "upper": [0.333333],
                                "velocity": [None], "prismatic": [True]}  # fmt: skip
     assert found["samples"] == [[0.3333, [0.333333, -0.333333], [0.333333] * 6, [0.0] * 6,
@@ -480,21 +480,21 @@ def test_each_thing_is_told_once(host):
     page = Page()
     page.set_robot(["J1"], [-np.inf], [1.0], [2.0], [False])
     page.add_sample(SAMPLE, [0.5])
-    first = page.make_update(host.story, [0.5], [0.0], 1.00049)
+    first = page.make_update(host.run_trace, [0.5], [0.0], 1.00049)
     assert first["stamp"] == 1.0  # in milliseconds
     assert first["limits"]["lower"] == [None]
     assert first["samples"] == [[1.0, [0.1, -0.2], [0.0] * 6, [0.0] * 6, [0.5]]]
-    assert first["told"]["phase"] == host.story.told.phase
+    assert first["told"]["phase"] == host.run_trace.state.phase
     assert (first["factor"], first["choices"], first["state"]) == (1.0, page.choices, page.state)
-    again = page.make_update(host.story, [0.5], [0.0], 1.1)
+    again = page.make_update(host.run_trace, [0.5], [0.0], 1.1)
     assert set(again) == {"kind", "stamp", "joints", "speeds", "factor"}
-    page.choices, page.state, host.story.factor = {"goals": ["auto"]}, {"robot": 1}, None
-    changed = page.make_update(host.story, [0.5], [0.0], 1.15)
-    host.story.factor = 1.0
+    page.choices, page.state, host.run_trace.factor = {"goals": ["auto"]}, {"robot": 1}, None
+    changed = page.make_update(host.run_trace, [0.5], [0.0], 1.15)
+    host.run_trace.factor = 1.0
     assert (changed["choices"], changed["state"]) == ({"goals": ["auto"]}, {"robot": 1})
     assert changed["factor"] is None
     host.move()
-    moved = page.make_update(host.story, [0.5], [0.0], 1.2)
+    moved = page.make_update(host.run_trace, [0.5], [0.0], 1.2)
     assert "camera picture" in moved["shapes"] and "desired camera picture" not in moved["shapes"]
     whole = page.make_full_message()
     assert whole["samples"] == first["samples"] and whole["told"] == first["told"]
@@ -504,19 +504,19 @@ def test_each_thing_is_told_once(host):
 
 def test_what_is_no_more_is_taken_away_from_those_who_saw_it(host, monkeypatch):
     page = Page()
-    page.make_update(host.story, [], [], 1.0)
-    gone = {s.name for s in host.story.shapes() if s.name.startswith("trajectory")}
+    page.make_update(host.run_trace, [], [], 1.0)
+    gone = {s.name for s in host.run_trace.shapes() if s.name.startswith("trajectory")}
     assert gone == {"trajectory centre"}
-    host.story.clear()
-    told = page.make_update(host.story, [], [], 1.1)
+    host.run_trace.clear()
+    told = page.make_update(host.run_trace, [], [], 1.1)
     assert told["shapes"]["trajectory centre"] is None
     assert "trajectory centre" not in page.make_full_message()["shapes"]
-    assert "shapes" not in page.make_update(host.story, [], [], 1.2)
+    assert "shapes" not in page.make_update(host.run_trace, [], [], 1.2)
     host.move()
     with monkeypatch.context() as away:
-        away.setattr(host.story, "goal", None)
-        assert page.make_update(host.story, [], [], 1.3)["shapes"]["desired x"] is None
-    assert page.make_update(host.story, [], [], 1.4)["shapes"]["desired x"]  # the same as before
+        away.setattr(host.run_trace, "goal", None)
+        assert page.make_update(host.run_trace, [], [], 1.3)["shapes"]["desired x"] is None
+    assert page.make_update(host.run_trace, [], [], 1.4)["shapes"]["desired x"]  # the same as before
 
 
 def test_other_features_or_a_clock_that_went_back_begin_the_plots_anew(host):

@@ -174,7 +174,7 @@ START = np.array([0.05, 0.0, -0.09, 0.045, 0.045, 0.1])
 
 def test_the_bullet_arm_is_given_all_that_was_asked(built):
     made = context_of({"left": frozenset({Need.DEPTH, Need.MOMENTS})}, label="target", cameras=TWO,
-                 camera="original", seed=4, noise=1.5, traced=True, renderer="exact",
+                 camera="original", seed=4, noise=1.5, record_peak_speeds=True, renderer="exact",
                  sun={"exposure": "gazebo", "diffuse": 0.5},
                  target={**FLAT, "occluder": ((0, 0), (0.01, 0.02)), "occluded": [[0.1, 0.2]]})
     arm = made.robot.make_arm("left")
@@ -190,8 +190,8 @@ def test_the_bullet_arm_is_given_all_that_was_asked(built):
     assert sights == () and followed is None and world.lights[0].diffuse[0] == 0.5
     assert [(one.name, one.times) for one in shown] == [
         ("target_of_right", None), ("target", None), ("occluder", ((0.1, 0.2),))]
-    assert shown[2].offset == (0.0, 0.0, 5e-4) and shown[1].placed is made.target
-    np.testing.assert_allclose(shown[0].placed.pose, made.targets["right"].pose)
+    assert shown[2].offset == (0.0, 0.0, 5e-4) and shown[1].target is made.target
+    np.testing.assert_allclose(shown[0].target.pose, made.targets["right"].pose)
     make_dynamic_arm(made, START, is_teaching=True)
     (_, settings, *_, shown, _, _, _, others, _, _, _), _ = built["DynamicArm"]
     assert settings == {**EYE, "effects": {}, "depth": True, "segmentation": True}
@@ -315,7 +315,7 @@ def taught(context, mounting=None, shift=(0.0, 0.0), size=1.0, image=True):
     """The goal by an image in which the target is off its place, px, or larger; or by none."""
     eye, target, images = context.control_camera, context.target, {}
     if image:
-        outline = target.shape.outline(target.seen_from(ABOVE))
+        outline = target.shape.outline(target.target_T_camera(ABOVE))
         middle = outline.mean(axis=0)
         off = np.array(shift) / [300.0, 280.0]
         drawn = cameras.draw_outline(middle + size * (outline - middle) + off, eye.true_camera)

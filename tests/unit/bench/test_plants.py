@@ -63,7 +63,7 @@ def test_the_simulated_arm_measures_when_a_graph_does(robot, preset):
 
 
 def test_the_simulated_arm_is_spawned_at_its_start_and_moves_as_told(robot, preset, arm):
-    plant = bullet(robot, preset, traced=True)
+    plant = bullet(robot, preset, record_peak_speeds=True)
     try:
         np.testing.assert_allclose(plant.read_joints()[0], START, atol=1e-5)
         np.testing.assert_allclose(plant.read_pose(), arm.pose(plant.read_joints()[0]), atol=1e-9)

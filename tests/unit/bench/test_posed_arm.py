@@ -54,7 +54,7 @@ def placed(x, y, z):
 def test_what_it_runs_into_is_said_from_a_millimetre_on(arm, free, way, other):
     assert arm.find_collision(placed(*free)) == ""
     hit = np.array(free) + 2e-4 * np.array(way)
-    assert arm.touched(placed(*hit)) == f"its link 'z_l' is in '{other}'"
+    assert arm.find_collision(placed(*hit)) == f"its link 'z_l' is in '{other}'"
 
 
 def test_a_solid_is_run_into_as_it_is_and_what_is_not_there_is_not():
@@ -92,7 +92,7 @@ def test_it_hides_the_share_that_the_shadow_of_its_plate_covers(arm):
 
     assert 0.2 < part == pytest.approx(area(flat) / area(whole), abs=0.05)
     behind = matrix_from_xyz_rpy((0.45, 0.3, 1.1), (0.0, 0.0, 0.0))
-    assert arm.hidden(placed(0.5, 0.27, 0.9), behind, FLAT, AT) == 0.0
+    assert arm.compute_occlusion(placed(0.5, 0.27, 0.9), behind, FLAT, AT) == 0.0
 
 
 def test_the_whole_target_counts_to_its_rim(arm):
@@ -101,7 +101,7 @@ def test_the_whole_target_counts_to_its_rim(arm):
     for x in (0.4 + rim, 0.8 - rim):
         edge = 0.6 + (x - 0.6) * 0.6  # of the plate's top, 0.6 m before the eye
         middle = edge + np.sign(x - 0.6) * 0.05
-        part = arm.hidden(placed(middle, 0.25, 1.0 + 0.025), eye, FLAT, AT)
+        part = arm.compute_occlusion(placed(middle, 0.25, 1.0 + 0.025), eye, FLAT, AT)
         assert 0.01 < part < 0.05
 
 

@@ -201,7 +201,7 @@ def test_other_schemes_show_the_targets_corners_and_its_centre(moments):
     np.testing.assert_allclose(found.pixels[-1, :-1], found.desired[:-1], atol=0.2)
     np.testing.assert_allclose(found.pixels[-1, -1], found.desired[-1], atol=0.2)
     # A turn by a turn of the camera: pixels at the start are those of the start's pose.
-    rim = moments.project_outline(moments.pose[0], moments.began)
+    rim = moments.project_outline(moments.pose[0], moments.start_stamp)
     low, high = rim.min(axis=0), rim.max(axis=0)
     start = found.pixels[0]
     assert (start >= low - 0.5).all() and (start <= high + 0.5).all()
@@ -214,7 +214,7 @@ def test_pictures_are_chosen_by_what_is_left_of_the_error(moments):
         for stamp, error in enumerate(np.outer([1.0, 0.9, 0.5, 0.15, 0.01, 0.01], [1, 0, 0, 0]))
     ))  # fmt: skip
     assert find_milestones(short) == [0.0, 2.0, 3.0, 4.0, 5.0]
-    blind = tuple(replace(state, decision=None) for state in short.states)
+    blind = tuple(replace(state, scheme_output=None) for state in short.states)
     assert find_milestones(replace(short, states=blind)) == [0.0, 5.0]
     np.testing.assert_array_equal(find_nearest(np.array([0.0, 1.0, 4.0]),
         np.array([-1, 0.6, 2.4, 9])),
@@ -530,11 +530,11 @@ def test_a_pace_without_a_curve_leaves_no_empty_panel(moments):
     """Real-time factors come once a second: a short run has none, or one, of its own."""
     paces = {
         "late": [[moments.start_stamp + 100.0, 1.0]], "unknown": [[moments.start_stamp + 0.1, np.nan]],
-        "one": [[moments.began + 0.5, 0.98]],
+        "one": [[moments.start_stamp + 0.5, 0.98]],
     }  # fmt: skip
     for name, pace in paces.items():
         with style.apply_style():
-            figure = FIGURES["timing"]([replace(moments, pace=np.array(pace))])
+            figure = FIGURES["timing"]([replace(moments, real_time_factors=np.array(pace))])
             labels = [axis.get_ylabel() for axis in figure.axes]
             (dots,) = figure.axes[0].lines
             assert (dots.get_linestyle(), dots.get_marker()) == ("None", ".")

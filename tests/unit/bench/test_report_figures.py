@@ -273,7 +273,7 @@ def test_a_strip_shows_the_picture_next_to_each_milestone(runs, paper):
     assert alone.get_figwidth() == figure.get_figwidth() == style.find_figure_width(is_wide=True)
     assert views.draw_filmstrip([with_images(runs[0], [])]) is None
     blind = replace(runs[0], states=runs[0].states[:1])
-    blind = replace(blind, states=(replace(blind.states[0], decision=None),))
+    blind = replace(blind, states=(replace(blind.states[0], scheme_output=None),))
     (axis,) = views.draw_filmstrip([blind]).axes
     np.testing.assert_array_equal(axis.images[0].get_array(), picture(0))
 
@@ -304,7 +304,7 @@ def test_milestones_are_parts_of_the_first_error_of_all_features(runs):
         wanted = {*(i[0] for i in at if len(i)), len(left) - 1}
         assert find_milestones(run) == run.stamp[known][sorted(wanted)].tolist()
     assert find_milestones(replace(runs[0], states=())) == []
-    one = replace(runs[0], states=(replace(runs[0].states[0], decision=None),))
+    one = replace(runs[0], states=(replace(runs[0].states[0], scheme_output=None),))
     assert find_milestones(one) == []
     np.testing.assert_array_equal(normalize_errors(np.array([[2.0, 0.0], [-4.0, 0.0],
         [np.nan, 0.0]])),
@@ -401,7 +401,7 @@ def test_paths_of_several_cameras_have_a_goal_each_where_it_is_known(runs, scree
     figure = views.draw_camera_path([lost, runs[0], other])
     (axis,) = figure.axes
     one, two = known_path(runs[0]), known_path(other)
-    points = [one[:, :3, 3], two[:, :3, 3], GOAL[None, :3, 3], placed(runs[0], runs[0].began)]
+    points = [one[:, :3, 3], two[:, :3, 3], GOAL[None, :3, 3], placed(runs[0], runs[0].start_stamp)]
     size = check_scene(axis, np.vstack(points))
     assert words(figure.legends[0]) == [runs[0].name, r"\$other", "goal"]
     first, ideal, second = axis.lines[:3]
@@ -763,7 +763,7 @@ def test_several_runs_are_compared_feature_by_feature_while_these_are_few(runs):
             return SchemeOutput(names, *(np.resize(one, count) for one in table))
 
         states = [
-            replace(s, decision=s.scheme_output and more(s.scheme_output)) for s in run.states
+            replace(s, scheme_output=s.scheme_output and more(s.scheme_output)) for s in run.states
         ]
         return replace(run, states=tuple(states), units=())
 
@@ -785,13 +785,13 @@ def test_several_runs_show_their_speeds(runs):
     for k, panel in enumerate(panels.make_twist_panels(runs)):
         assert panel.axis == ("|v|", "|ω|")[k] and panel.unit == ("m/s", "rad/s")[k]
         for run, curve in zip(runs, panel.curves, strict=True):
-            twist = np.array([s.resolution.twist for s in run.states])[:, 3 * k : 3 * k + 3]
+            twist = np.array([s.ik_solution.achieved_twist for s in run.states])[:, 3 * k : 3 * k + 3]
             np.testing.assert_allclose(curve.values, np.sqrt((twist**2).sum(axis=1)))
     assert panels.make_feature_panels(runs) == []
     ratios = titled(panels.make_conditioning_panels(runs))
     for title, at in (("condition number of L", 0), ("condition number of L J", 1)):
         for run, curve in zip(runs, ratios[title].curves, strict=True):
-            told = [s.resolution.told[at] for s in run.states]
+            told = [s.ik_solution.recorded_singular_values[at] for s in run.states]
             np.testing.assert_allclose(curve.values, [max(one) / min(one) for one in told])
     scale = ratios["factor by which limits slowed the task"]
     assert (
@@ -885,7 +885,7 @@ def test_distances_too_small_for_a_logarithm_are_cut(runs):
     distance, angle = panels.make_pose_panels([replace(runs[0], true_pose=poses)])
     assert distance.curves[0].values[-3:] == pytest.approx([1e-4] * 3)
     assert angle.curves[0].values[-3:] == pytest.approx([1e-4] * 3) and angle.is_logarithmic
-    zero = [replace(s, decision=s.scheme_output and replace(s.scheme_output, error=np.zeros(3)))
+    zero = [replace(s, scheme_output=s.scheme_output and replace(s.scheme_output, error=np.zeros(3)))
             for s in runs[0].states[5:]]  # fmt: skip
     exact = replace(runs[0], states=(*runs[0].states[:5], *zero))
     norm = titled(panels.make_error_panels([exact]))["norm of the errors, relative"]

@@ -228,7 +228,7 @@ def test_values_that_no_line_joins_are_dots(runs, screen):
     (alone, *_) = axis_of(runs[:1], [Curve("a", time, time + 1.0)], is_dotted=True).lines
     check(alone, marker=".", markersize=3.0, linestyle="None")
     both = [Curve(f"run {i}", time, time + 1.0 + i, i, i) for i in range(2)]
-    first, second = axis_of(runs, both, dots=True).lines[:2]
+    first, second = axis_of(runs, both, is_dotted=True).lines[:2]
     check(first, linestyle="None", markersize=2 * 1.7 * 1.6, markevery=None)
     check(second, linestyle="None", markersize=2 * 1.6, markevery=None)
     few = axis_of(runs[:1], [Curve("a", time[:2], time[:2] + 1.0)]).lines[0]

@@ -72,7 +72,7 @@ def test_the_film_has_the_cameras_pictures_and_where_the_goal_wants_the_target(m
     for run in (moments, flying):
         told = of_page([run])
         shown = told["runs"][0]["film"]
-        stamps = told["arrays"][shown["time"]] + run.began
+        stamps = told["arrays"][shown["time"]] + run.start_stamp
         assert len(shown["frames"]) == len(stamps) == len(run.images.pictures)
         for i in (0, len(stamps) // 2):
             frame = np.frombuffer(base64.b64decode(shown["frames"][i]), np.uint8)
@@ -85,7 +85,7 @@ def test_the_film_has_the_cameras_pictures_and_where_the_goal_wants_the_target(m
             wanted = np.column_stack(run.camera.project(*run.desired[0].reshape(-1, 2).T))
             np.testing.assert_allclose(sorted(rim.tolist()), sorted(wanted.tolist()), atol=0.02)
             corners = compute_tracks(replace(run, states=tuple(
-                replace(s, decision=None) for s in run.states)))  # fmt: skip
+                replace(s, scheme_output=None) for s in run.states)))  # fmt: skip
             np.testing.assert_allclose(sorted(corners.desired[:4].tolist()), sorted(rim.tolist()),
                                        atol=0.02)  # fmt: skip
         told_tracks = shown["tracks"]

@@ -100,7 +100,7 @@ def recomputed(run):
     q, lasting = run.measured_positions[after], np.append(np.diff(run.joint_stamp[after]), 0.0)
     margin = 1e-3 * (UPPER - LOWER)
     at_limit = ((q <= LOWER + margin) | (q >= UPPER - margin)).any(axis=1)
-    L, LJ = (np.array([getattr(s.resolution, name) for s in run.states])
+    L, LJ = (np.array([getattr(s.ik_solution, name) for s in run.states])
              for name in ("singular_values_L", "singular_values"))  # fmt: skip
     record = run.cameras["camera"]
     gaps = pd.Series(record.stamp).diff().dropna()
@@ -125,10 +125,10 @@ def recomputed(run):
                                   pd.Series(stamp).diff().median()),
         "error_settled": stays(norm, 0.02 * norm.iloc[0]),
         "servoing_time": stamp[-1] - stamp[0],
-        "top_speed": max(math.hypot(*s.resolution.twist[:3]) for s in run.states),
+        "top_speed": max(math.hypot(*s.ik_solution.achieved_twist[:3]) for s in run.states),
         "smallest_singular_value": LJ.min(), "condition_L": (L.max(axis=1) / L.min(axis=1)).max(),
         "manipulability": LJ.prod(axis=1).min(),
-        "scale": min(s.resolution.scale for s in run.states),
+        "scale": min(s.ik_solution.scale for s in run.states),
         "images": len(record.stamp), "image_rate": 1 / gaps.mean(),
         "images_late": 3 + (waited > 1.5 * gaps.median()).sum(),
         "delay": 1e3 * waited.mean(), "computing": 1e3 * np.mean([s.computing for s in run.states]),
@@ -263,13 +263,13 @@ def test_every_column_of_the_tables_is_of_the_records(runs, written):
             ]
     for i, axis in enumerate(axes):
         unit = "m/s" if i < 3 else "rad/s"
-        wanted[f"{axis} asked [{unit}]"] = [s.resolution.asked[i] for s in run.states]
-        wanted[f"{axis} achieved [{unit}]"] = [s.resolution.twist[i] for s in run.states]
-    told = [s.resolution.told for s in run.states]
+        wanted[f"{axis} asked [{unit}]"] = [s.ik_solution.desired_twist[i] for s in run.states]
+        wanted[f"{axis} achieved [{unit}]"] = [s.ik_solution.achieved_twist[i] for s in run.states]
+    told = [s.ik_solution.recorded_singular_values for s in run.states]
     wanted |= {"condition of L": [max(L) / min(L) for L, _ in told],
                "condition of L J": [max(LJ) / min(LJ) for _, LJ in told],
                "manipulability": [math.prod(LJ) for _, LJ in told],
-               "scale": [s.resolution.scale for s in run.states],
+               "scale": [s.ik_solution.scale for s in run.states],
                "computing [s]": [s.computing for s in run.states]}  # fmt: skip
     wanted |= {f"camera {axis} [m]": run.pose[:, i, 3] for i, axis in enumerate("xyz")}
     same(images, wanted, {"phase", "outcome", "reason"})
@@ -332,9 +332,9 @@ def test_every_curve_of_the_page_is_of_the_records(runs, written):
     for k, (title, letter) in enumerate((("velocity of the camera (m/s)", "v"),
                                          ("turning of the camera (rad/s)", "ω"))):  # fmt: skip
         for i, axis in enumerate("xyz"):
-            check(title, letter + axis, time, [s.resolution.twist[3 * k + i] for s in run.states])
+            check(title, letter + axis, time, [s.ik_solution.achieved_twist[3 * k + i] for s in run.states])
             check(title, f"{letter}{axis} asked", time,
-                  [s.resolution.asked[3 * k + i] for s in run.states])  # fmt: skip
+                  [s.ik_solution.desired_twist[3 * k + i] for s in run.states])  # fmt: skip
     shown = run.joint_stamp >= began - 0.1
     at = run.joint_stamp[shown] - began
     for i, (name, unit) in enumerate(zip(JOINTS, JOINT_UNITS, strict=True)):
@@ -344,12 +344,12 @@ def test_every_curve_of_the_page_is_of_the_records(runs, written):
         assert panels[f"{name} ({unit})"]["limits"] == [[LOWER[i], "least"], [UPPER[i], "greatest"]]
         top = (0.3, 1.9, 2.7)[i]
         assert panels[f"{name}, speed ({unit}/s)"]["limits"] == [[-top, "limit"], [top, "limit"]]
-    told = [s.resolution.told for s in run.states]
+    told = [s.ik_solution.recorded_singular_values for s in run.states]
     check("condition number", "L", time, [max(L) / min(L) for L, _ in told])
     check("condition number", "L J", time, [max(LJ) / min(LJ) for _, LJ in told])
     check("manipulability", "manipulability", time, [math.prod(LJ) for _, LJ in told])
     title = "factor by which limits slowed the task"
-    check(title, "scale", time, [s.resolution.scale for s in run.states])
+    check(title, "scale", time, [s.ik_solution.scale for s in run.states])
     record = run.cameras["camera"]
     after = record.stamp >= began
     gaps = pd.Series(record.stamp).diff().to_numpy()

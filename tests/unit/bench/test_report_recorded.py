@@ -52,7 +52,7 @@ def assembly(arm):
         settings=SimpleNamespace(limits=lambda arm: SimpleNamespace(velocity=[0.3, 1.9])),
         plant=SimpleNamespace(camera=LEFT),
         rig=SimpleNamespace(control=SimpleNamespace(name="left")),
-        eyes={name: CameraSetup(name, spec, {}, late, make_camera_config(late), model, model)
+        cameras={name: CameraSetup(name, spec, {}, late, make_camera_config(late), model, model)
             for name, model in
               (("left", LEFT), ("wide", WIDE), ("blind", LEFT))},
     )  # fmt: skip
@@ -266,7 +266,7 @@ def test_poses_and_films_are_those_that_were_known():
     early = CameraRecord(WIDE, film=((1.0, jpeg),))
     pictures = tuple((float(s), np.zeros((40, 64, 3), np.uint8)) for s in run.stamp[:3])
     first = replace(run.control_record, images=((1.0, pictures[0][1]), *pictures), model=None)
-    run = replace(run, true_pose=poses, arm_places=places,
+    run = replace(run, true_pose=poses, joint_origins=places,
                   cameras={"camera": first, "early": early, "wide": other})  # fmt: skip
     told = make_contents([run], [])
     own = told["runs"][0]
@@ -295,7 +295,7 @@ def test_poses_and_films_are_those_that_were_known():
     long = np.tile(GOAL, (5000, 1, 1))
     stamps = run.start_stamp + 1e-3 * np.arange(5000)
     told = make_contents([replace(run, true_pose=long, joint_stamp=stamps,
-                             arm_places=np.zeros((0, 0, 3)))], [])  # fmt: skip
+                             joint_origins=np.zeros((0, 0, 3)))], [])  # fmt: skip
     time = read(told, told["runs"][0]["poses"]["time"])
     assert len(time) == 2000 and time[-1] == pytest.approx(4.999) and np.ptp(np.diff(time)) < 2e-3
     assert "arm" not in told["runs"][0]["poses"]

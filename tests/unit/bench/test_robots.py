@@ -90,17 +90,17 @@ def hand(q=Q):
 
 def test_its_camera_is_where_its_description_has_it_or_is_moved_to(made):
     np.testing.assert_allclose(made().make_arm().pose(Q), hand() @ HAND_T_LINK @ LINK_T_EYE, atol=1e-9)
-    assert made().arm().names == ("a_j", "b_j")
+    assert made().make_arm().names == ("a_j", "b_j")
     moved = made(xyz=(0.01, 0.02, 0.03), rpy=(0.1, 0.2, 0.3))
     link = HAND_T_LINK @ matrix_from_xyz_rpy((0.01, 0.02, 0.03), (0.1, 0.2, 0.3))
     np.testing.assert_allclose(moved.arm().pose(Q), hand() @ link @ LINK_T_EYE, atol=1e-9)
     off = matrix_from_xyz_rpy((0.0, 0.01, 0.0), (0.0, 0.0, 0.2))
-    believed = moved.believed_arm((0.0, 0.01, 0.0), (0.0, 0.0, 0.2))
+    believed = moved.make_calibrated_arm((0.0, 0.01, 0.0), (0.0, 0.0, 0.2))
     np.testing.assert_allclose(believed.pose(Q), hand() @ link @ LINK_T_EYE @ off, atol=1e-9)
-    turned = moved.believed_arm((0.0,) * 3, (0.0, 0.0, 0.2))  # by one number of six
+    turned = moved.make_calibrated_arm((0.0,) * 3, (0.0, 0.0, 0.2))  # by one number of six
     off = matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.0, 0.0, 0.2))
     np.testing.assert_allclose(turned.pose(Q), hand() @ link @ LINK_T_EYE @ off, atol=1e-9)
-    same = moved.believed_arm((0.0,) * 3, (0.0,) * 3)
+    same = moved.make_calibrated_arm((0.0,) * 3, (0.0,) * 3)
     np.testing.assert_array_equal(same.pose(Q), moved.arm().pose(Q))
 
 
@@ -132,7 +132,7 @@ def test_more_cameras_get_frames_of_their_own(made, described):
     assert [robot.target_frame(name) for name in ("own", "carried")] == ["", "b"]
     seat = matrix_from_xyz_rpy((0.1, 0.0, 0.02), (0.0, 0.1, 0.0))
     at = hand() @ HAND_T_LINK @ seat @ LINK_T_EYE
-    held, control = robot.arm("held"), robot.arm("held")
+    held, control = robot.make_arm("held"), robot.make_arm("held")
     np.testing.assert_allclose(held.pose(Q), at, atol=1e-9)
     off = matrix_from_xyz_rpy((0.0, 0.01, 0.0), (0.1, 0.0, 0.0))
     wrong = at @ off
@@ -142,10 +142,10 @@ def test_more_cameras_get_frames_of_their_own(made, described):
     )
     belief = CAMERAS["held"].calibration_offset
     np.testing.assert_allclose(
-        robot.believed_arm(belief.xyz, belief.rpy, "held").pose(Q), wrong, atol=1e-9)
+        robot.make_calibrated_arm(belief.xyz, belief.rpy, "held").pose(Q), wrong, atol=1e-9)
     place = matrix_from_xyz_rpy((0.5, 0.6, 0.7), (0.1, 0.2, 0.3))
-    np.testing.assert_allclose(robot.standing("stands"), place, atol=1e-9)
-    assert robot.standing("held") is None and robot.standing("carried") is None
+    np.testing.assert_allclose(robot.find_fixed_pose("stands"), place, atol=1e-9)
+    assert robot.find_fixed_pose("held") is None and robot.find_fixed_pose("carried") is None
     other = robot.make_camera_kinematics("stands", control)
     assert isinstance(other, FixedCameraKinematics)
     np.testing.assert_allclose(other.pose(Q), place, atol=1e-9)
@@ -154,7 +154,7 @@ def test_more_cameras_get_frames_of_their_own(made, described):
         robot.make_camera_kinematics("stands", control, True).pose(Q), place @ off, atol=1e-9
     )
     np.testing.assert_allclose(
-        robot.arm("carried").pose(Q), relative_pose(hand(), place), atol=1e-9
+        robot.make_arm("carried").pose(Q), relative_pose(hand(), place), atol=1e-9
     )
     np.testing.assert_allclose(optical_pose(np.eye(4)), LINK_T_EYE, atol=1e-12)
 
@@ -181,10 +181,10 @@ def test_a_camera_is_moved_and_believed_in_the_same_axes_at_any_frame(made, came
         (made.folder / "r.urdf").write_text(URDF.replace(EYE + FRAME, "").replace(SENSOR, ""))
     place = made(own).make_arm().pose(Q)
     off, link = matrix_from_xyz_rpy(OFF["xyz"], OFF["rpy"]), np.linalg.inv(LINK_T_EYE)
-    moved = made(own, **OFF).arm().pose(Q)
+    moved = made(own, **OFF).make_arm().pose(Q)
     np.testing.assert_allclose(moved, place @ link @ off @ LINK_T_EYE, atol=1e-9)
     for robot, true in ((made(own), place), (made(own, **OFF), moved)):
-        np.testing.assert_allclose(robot.believed_arm(**OFF).pose(Q), true @ off, atol=1e-9)
+        np.testing.assert_allclose(robot.make_calibrated_arm(**OFF).pose(Q), true @ off, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", CAMERAS)
@@ -193,15 +193,15 @@ def test_any_camera_is_believed_off_its_place_in_its_own_axes(made, name):
     try:
         true = robot.make_arm(name).pose(Q)
     except ExperimentError:  # it stands
-        true = robot.standing(name)
+        true = robot.find_fixed_pose(name)
         cameras = {
             name: dataclasses.replace(CAMERAS[name], calibration_offset=CalibrationOffset(**OFF))
         }
         found = (
-            made(cameras=cameras).make_camera_kinematics(name, robot.arm(), believed=True).pose(Q)
+            made(cameras=cameras).make_camera_kinematics(name, robot.make_arm(), believed=True).pose(Q)
         )
     else:
-        found = robot.believed_arm(**OFF, camera=name).pose(Q)
+        found = robot.make_calibrated_arm(**OFF, camera=name).pose(Q)
     np.testing.assert_allclose(found, true @ matrix_from_xyz_rpy(OFF["xyz"], OFF["rpy"]), atol=1e-9)
 
 
@@ -219,7 +219,7 @@ def test_a_target_is_put_onto_a_link(made, tmp_path):
     np.testing.assert_allclose(arm.pose(Q), hand() @ pose, atol=1e-9)
     carried = {"plate": MountedTarget("bb", pose, tmp_path / "t.urdf")}
     with pytest.raises(ExperimentError, match="no link 'bb' that could carry a target: did you me"):
-        made(carried=carried)
+        made(mounted_targets=carried)
 
 
 def test_each_joint_has_one_controller_of_one_kind(made):
@@ -332,10 +332,10 @@ def test_a_hand_eye_calibration_puts_the_camera(made):
             np.testing.assert_allclose(pose, hand() @ found, atol=1e-9)
         two = {"own": CameraSpec(), "other": CameraSpec(hand_eye=spec)}
         robot = made(cameras=two)
-        np.testing.assert_allclose(robot.arm("other").pose(Q), hand() @ found, atol=1e-9)
-        np.testing.assert_allclose(robot.arm("own").pose(Q), hand() @ HAND_T_LINK @ LINK_T_EYE,
+        np.testing.assert_allclose(robot.make_arm("other").pose(Q), hand() @ found, atol=1e-9)
+        np.testing.assert_allclose(robot.make_arm("own").pose(Q), hand() @ HAND_T_LINK @ LINK_T_EYE,
                                    atol=1e-9)  # fmt: skip
-    moved = made(hand_eye=metres, xyz=(0.0, 0.01, 0.0)).arm().pose(Q)  # on top, in camera_link
+    moved = made(hand_eye=metres, xyz=(0.0, 0.01, 0.0)).make_arm().pose(Q)  # on top, in camera_link
     assert np.linalg.norm((moved - hand() @ found)[:3, 3]) == pytest.approx(0.01)
     with pytest.raises(ExperimentError, match="hand_eye: .*mm.txt: the translation .* units to mm"):
         made(hand_eye=HandEyeSpec(mm.file, link="b"))

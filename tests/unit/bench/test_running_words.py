@@ -186,7 +186,7 @@ def test_a_run_without_success_stops_it(carried, calls, capsys):
 
 
 def test_a_study_that_is_whole_is_finished(carried, calls, capsys, monkeypatch):
-    folder = Folder(kept=6, keeps_images=True)
+    folder = Folder(kept=6, has_image_rows=True)
     calls(run.card, "write_card", "README.md")
     monkeypatch.setattr(run.card, "write_card", lambda given: f"card of {given.path}")
     status, told = carried(folder, None)

@@ -72,10 +72,10 @@ def test_the_path_begins_where_servoing_begins(story, arm):
 def test_what_ends_a_run_begins_another(story, between, kept):
     story.joints(STRAIGHT)
     story.say(SERVOING, STRAIGHT)
-    story.see("centre", 0.1, 0.1)
+    story.add_image_point("centre", 0.1, 0.1)
     story.say(replace(SERVOING, phase=between), STRAIGHT)
     story.say(SERVOING, BENT)
-    story.see("centre", 0.3, 0.1)
+    story.add_image_point("centre", 0.3, 0.1)
     assert len(story.path) == 1 + kept
     assert len(shape(story, "trajectory centre").points) == 2 * kept
 
@@ -83,10 +83,10 @@ def test_what_ends_a_run_begins_another(story, between, kept):
 def test_a_clock_that_goes_back_leaves_nothing_of_the_run(story):
     story.joints(STRAIGHT)
     story.say(SERVOING, STRAIGHT)
-    story.see("centre", 0.1, 0.1)
+    story.add_image_point("centre", 0.1, 0.1)
     story.clear()
     assert len(story.path) == len(story.ideal()) == 0
-    assert story.told.phase == ""
+    assert story.state.phase == ""
     assert not [entry for entry in story.shapes() if entry.name.startswith("trajectory")]
 
 

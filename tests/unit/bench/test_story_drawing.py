@@ -123,7 +123,7 @@ def test_words_stand_beside_the_camera_and_the_legend_above_them(story):
 def test_an_arrow_is_two_seconds_or_a_tenth_of_the_angle_long_within_its_bounds(
     story, speed, length
 ):
-    story.say(told(asked=(0.0, speed, 0.0, 0.0, 0.0, -20.0 * speed)), STRAIGHT)
+    story.add_state(told(asked=(0.0, speed, 0.0, 0.0, 0.0, -20.0 * speed)), STRAIGHT)
     for name in ("asked velocity", "asked turn"):
         points = shapes(story)[name].points
         assert len(points) == (0 if length is None else 2)

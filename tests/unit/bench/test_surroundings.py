@@ -167,7 +167,7 @@ def test_what_speaks_against_a_posture_is_said_and_weighed():
         "posture that was found: give another pose",
         "the arm hides 37 % of the target at the start, and less in no posture that was found: give"
         " another pose"]
-    assert len(of(Told, drawn=False).list_faults(joints, "goal", True)) == 1
+    assert len(of(Told, is_visible=False).list_faults(joints, "goal", True)) == 1
 
 
 def test_what_is_asked_of_a_posed_arm(monkeypatch):
@@ -175,8 +175,8 @@ def test_what_is_asked_of_a_posed_arm(monkeypatch):
     monkeypatch.setattr(postures, "read_arm", lambda *given: arm if given == (
         "urdf", "eye", "") else None)
     asked = []
-    posed = SimpleNamespace(hidden=lambda *given: asked.append(given) or posed.part,
-                            touched=lambda joints: asked.append(joints) or "it")
+    posed = SimpleNamespace(compute_occlusion=lambda *given: asked.append(given) or posed.part,
+                            find_collision=lambda joints: asked.append(joints) or "it")
     monkeypatch.setattr(postures, "_make_static_arm", lambda given: posed)
     found = of(solid=True)
     for part, counts in ((0.0099, 0.0), (0.01, 0.01), (0.8, 0.8)):
@@ -242,7 +242,7 @@ def test_a_posture_is_looked_for_from_zero_and_a_start_from_the_goal_s(monkeypat
     monkeypatch.setattr(postures, "read_arm", lambda *given: arm)
     pose = matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0.1, 0.2, 0.3))
     for drawn, solid, weighs in ((True, False, True), (False, True, True), (False, False, False)):
-        found = of(drawn=drawn, solid=solid, world=f"{drawn}{solid}")
+        found = of(is_visible=drawn, solid=solid, world=f"{drawn}{solid}")
         for _ in range(2):
             np.testing.assert_array_equal(found.find_joints(pose), [0.5, 0.6])
         np.testing.assert_array_equal(asked[-1][0], pose)
@@ -296,10 +296,10 @@ def test_the_cameras_that_watch_are_there_where_they_are_wanted():
     assert list(found.cameras) == ["left", "right"] == list(found.rig.observers)
     assert (
         list(found.placements) == ["right"]
-        and found.calibrated_camera is found.cameras["left"].believed
+        and found.calibrated_camera is found.cameras["left"].calibrated_camera
     )
     assert found.needs == found.rig.control.needs and found.postures is None
-    assert parts(depth=True).plant.sight.depth and not parts().plant.sight.depth
+    assert parts(depth=True).plant.imaging.depth and not parts().plant.imaging.depth
     wrapped = []
     found = parts(wrap=lambda scheme: wrapped.append(scheme) or scheme)
     assert wrapped == [found.servo.scheme]

@@ -334,7 +334,7 @@ def test_what_ships_has_the_layers_that_are_taught(module, inputs, told):
             policy: PolicyNetwork}[module]
     with np.load(kind.find_weights()) as file:
         shapes = [file[f"w{k}"].shape for k in range(3)]
-    assert shapes == [(inputs, module.HIDDEN[0]), module.HIDDEN, (module.HIDDEN[1], told)]
+    assert shapes == [(inputs, module.HIDDEN_LAYERS[0]), module.HIDDEN_LAYERS, (module.HIDDEN_LAYERS[1], told)]
 
 
 ADAM = {"activation": "relu", "solver": "adam", "batch_size": 100, "learning_rate_init": 1e-3,

@@ -331,7 +331,7 @@ def test_dots_are_discs_about_the_known_points(coarse, size):
     np.testing.assert_allclose(
         target.known_points, [(-w / 4, h / 4), (w / 4, h / 4), (w / 4, -h / 4), (-w / 4, -h / 4)])
     x, y = middles(target)
-    away = np.min([np.hypot(x - p, y[:, None] - q) for p, q in target.known], axis=0)
+    away = np.min([np.hypot(x - p, y[:, None] - q) for p, q in target.known_points], axis=0)
     pixel = w / target.pixels.shape[1]
     assert (target.pixels[away < w / 20 - pixel] == 0).all()
     assert (target.pixels[away > w / 20 + pixel] == 255).all()

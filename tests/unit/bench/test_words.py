@@ -247,7 +247,7 @@ def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, dis
     seen = [SimpleNamespace(name="s", runs=3, of=9, note="cut off"),
             SimpleNamespace(name="t", runs=1, of=1, note="")]
     found, closed, opened = SimpleNamespace(studies=seen, note="more below"), [], []
-    served = SimpleNamespace(studies=SimpleNamespace(look=lambda: found),
+    served = SimpleNamespace(studies=SimpleNamespace(read_snapshot=lambda: found),
                              access=SimpleNamespace(address="http://x"),
                              close=lambda: closed.append(1))
     asked(pages, "serve", served)
@@ -403,7 +403,7 @@ def test_a_bag_s_experiment_is_shown_and_kept(capsys, monkeypatch, tmp_path):
                             files=lambda: {"goal.yaml": "depth: 0.2\n", "arm.urdf": "<é/>"},
                             notes=["no start"])
     monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.ros.bag",
-                        SimpleNamespace(described=lambda path: found if path == bag else None))
+                        SimpleNamespace(read_recorded_experiment=lambda path: found if path == bag else None))
     told = "scheme: points\ngoal: [0.1, 0.2]\n"
     for more in ([], ["--out", str(out)]):
         assert main(["show", str(bag), *more]) == 0

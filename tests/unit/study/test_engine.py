@@ -142,7 +142,7 @@ def test_every_run_is_a_row_with_what_was_set_and_measured(tiny, tmp_path):
     assert table["run"].to_pylist() == list(range(6))
     assert table["gain"].to_pylist() == [1.0, 1.0, 2.0, 2.0, 4.0, 4.0]
     assert table["repeat"].to_pylist() == [0, 1] * 3
-    assert table["seed"].to_pylist() == [study.seed_of(run) for run in range(6)]
+    assert table["seed"].to_pylist() == [study.compute_seed(run) for run in range(6)]
     assert set(table["outcome"].to_pylist()) == {"timed_out"}
     far = table["final_distance"].to_pylist()
     assert far[0] > far[2] > far[4] > 0.01

@@ -120,10 +120,10 @@ def test_every_worker_has_one_chunk_waiting_and_is_made_anew_after_so_many(pool_
     dask, pool = pool_of(3, chunks_before_restart=4)
     done, most = [], 0
     while len(done) < 30:
-        while pool.room:
+        while pool.has_room:
             pool.submit(StudyTask("", len(dask.sent)))
         most = max(most, len(dask.sent) - len(done))
-        task, found = pool.next()
+        task, found = pool.wait_for_chunk()
         assert found is DONE
         done.append(task.chunk)
     assert done == list(range(30)) and most == 6
@@ -143,16 +143,16 @@ def test_a_chunk_whose_worker_died_is_sent_again_with_its_runs_guarded(pool_of):
         # Once it was done its deaths are forgotten.
         dask.ends.append(DONE if tries == MAX_DEATHS else KilledError())
         pool.submit(task)
-        assert pool.next() == (task, DONE if tries == MAX_DEATHS else None)
+        assert pool.wait_for_chunk() == (task, DONE if tries == MAX_DEATHS else None)
     dask.ends += [KilledError(), KilledError()]
     pool.submit(task)
-    pool.next()
+    pool.wait_for_chunk()
     pool.submit(task)
     told = (
         f"^{MAX_DEATHS + 1} workers died over chunk 7, even with its runs in processes of their own"
     )
     with pytest.raises(StudyError, match=told):
-        pool.next()
+        pool.wait_for_chunk()
     assert dask.sent == [
         (f"chunk-7-{n}", n > 0) for n in (*range(MAX_DEATHS + 1), *range(MAX_DEATHS + 1))
     ]
@@ -168,9 +168,9 @@ def test_what_went_wrong_with_a_chunk_is_told(pool_of, end, told):
     dask.ends.append(end)
     pool.submit(StudyTask("", 0))
     with pytest.raises(StudyError, match=told):
-        pool.next()
+        pool.wait_for_chunk()
     with pytest.raises(StudyError, match="nothing left to do"):
-        pool.next()
+        pool.wait_for_chunk()
 
 
 @pytest.mark.parametrize("keys", [{}, {"scheduler": "tcp://there"}])
@@ -195,7 +195,7 @@ def test_the_last_worker_may_be_gone_for_five_minutes_or_as_long_as_a_nanny_begi
         assert after(600.0, 0) == 1
         dask.nannies["one"].status.name = "failed"
     monkeypatch.setattr(dask, "is_empty", lambda: False)
-    for ask in (lambda: pool.room, pool.next):
+    for ask in (lambda: pool.has_room, pool.wait_for_chunk):
         now[0] += 2.0
         with pytest.raises(StudyError, match="^no worker has been there for 300 s: look at the"):
             ask()
@@ -203,7 +203,7 @@ def test_the_last_worker_may_be_gone_for_five_minutes_or_as_long_as_a_nanny_begi
     monkeypatch.setattr(dask, "nthreads", lambda: {"one": 1, "two": 2})
     now[0] += 2.0
     with pytest.raises(StudyError, match="^the workers have several threads each"):
-        pool.next()
+        pool.wait_for_chunk()
 
 
 def test_workers_that_cannot_load_the_package_and_dask_that_is_not_there_are_told(
@@ -258,7 +258,7 @@ def test_a_pool_to_which_no_worker_comes_is_none_and_leaves_nothing(
 
 @pytest.mark.parametrize("call", ["submit", "nthreads", "__next__", "scheduler_info"])
 def test_a_scheduler_that_is_gone_is_told_wherever_it_is_missed(pool_of, monkeypatch, call):
-    dask, pool = pool_of(renew=1)
+    dask, pool = pool_of(chunks_before_restart=1)
 
     def gone(*args, **keys):
         raise OSError("closed\nby its owner")
@@ -267,8 +267,8 @@ def test_a_scheduler_that_is_gone_is_told_wherever_it_is_missed(pool_of, monkeyp
     if call != "submit":
         pool.submit(StudyTask("", 0))
     if call == "scheduler_info":
-        pool.next()
+        pool.wait_for_chunk()
     monkeypatch.setattr(Dask, call, gone)
     with pytest.raises(StudyError, match=r"^the scheduler is gone \(closed\)"):
-        {"submit": lambda: pool.submit(StudyTask("", 0)), "__next__": pool.next}.get(
-            call, lambda: pool.room)()
+        {"submit": lambda: pool.submit(StudyTask("", 0)), "__next__": pool.wait_for_chunk}.get(
+            call, lambda: pool.has_room)()

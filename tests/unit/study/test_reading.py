@@ -564,6 +564,6 @@ def test_what_a_study_would_take_is_told_by_a_run_that_loads_nothing(tiny, monke
     some = told(4, repeats=80)
     assert some[0] == "240 runs: 3 points, 80 of each; 120 chunks of 2"
     assert some[1] == "about 2 min on 4 cores: a run takes 2.5 s here"
-    assert some[2:] == [f"run {run}: gain=1.0; seed {tiny(repeats=80).seed_of(run)}"
+    assert some[2:] == [f"run {run}: gain=1.0; seed {tiny(repeats=80).compute_seed(run)}"
                         for run in range(3)]
     assert "about 8 s on 0 core" in told(0, repeats=1)[1]

@@ -512,13 +512,13 @@ def test_a_report_is_computed_once_and_again_only_where_the_row_is_newer(real, m
         held.setattr(subprocess, "Popen", none)
         assert Reports().find_or_start(seen, 1) == page
         when = page.stat().st_mtime_ns
-        os.utime(real.part(1), ns=(when, when))
+        os.utime(real.find_part(1), ns=(when, when))
         assert Reports().find_or_start(seen, 1) == page
-    os.utime(real.part(1), (time.time() + 5, time.time() + 5))
+    os.utime(real.find_part(1), (time.time() + 5, time.time() + 5))
     again = Reports()
     assert again.find_or_start(seen, 1) == 0.0
     again.close()
-    os.utime(real.part(1))
+    os.utime(real.find_part(1))
 
 
 def test_a_report_outside_of_the_folder_is_not_given(real, tmp_path):

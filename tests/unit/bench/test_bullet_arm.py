@@ -102,9 +102,9 @@ def test_it_tells_where_its_joints_and_camera_are_wherever_it_stands(standing, a
         np.testing.assert_allclose(plant.poses(np.array([q, other])), [
             elsewhere @ arm.pose(q), elsewhere @ arm.pose(other)], atol=1e-9)
         np.testing.assert_allclose(plant.read_rest_pose(), elsewhere @ arm.pose(q), atol=1e-6)
-        places = plant.places(np.array([other, q]))
+        places = plant.joint_origins(np.array([other, q]))
         assert places.shape[0] == 2
-        np.testing.assert_allclose(places[1], arm.places(np.array([q]))[0] @ elsewhere[:3, :3].T
+        np.testing.assert_allclose(places[1], arm.joint_origins(np.array([q]))[0] @ elsewhere[:3, :3].T
                                    + elsewhere[:3, 3], atol=1e-9)
     finally:
         model.set_pose(kept)

@@ -98,7 +98,7 @@ def test_what_is_pressed_is_asked_for_and_answered(page, host):
     page.js("document.querySelector('[data-do=hold]').click()")
     page.wait("document.getElementById('answer').classList.contains('refused')")
     assert [request.do for request in host.asked] == ["start", "gain", "hold"]
-    assert host.asked[1].given == {"name": "gain", "value": pytest.approx(2.0, rel=0.05)}
+    assert host.asked[1].arguments == {"name": "gain", "value": pytest.approx(2.0, rel=0.05)}
 
 
 @pytest.mark.parametrize("width", [1440, 390])
@@ -352,7 +352,7 @@ def test_a_key_drives_the_camera_as_long_as_it_is_held(page, host):
     page.js("new Promise((go) => setTimeout(go, 350))")
     page.js('dispatchEvent(new KeyboardEvent("keyup", {key: "r"}))')
     page.js("new Promise((go) => setTimeout(go, 300))")
-    asked = [request.given for request in host.asked]
+    asked = [request.arguments for request in host.asked]
     assert len(asked) >= 3
     assert all(given["vz"] > 0.0 for given in asked[:-1])
     assert not any(asked[-1].values())

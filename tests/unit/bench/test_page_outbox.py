@@ -25,11 +25,11 @@ def outbox(sent):
 def test_who_keeps_up_is_told_everything_at_once(outbox, sent):
     for i in range(20):
         outbox.send_update(news(i))
-        outbox.picture(bytes([i]))
+        outbox.send_image(bytes([i]))
         assert sent == [news(i), bytes([i])]
         sent.clear()
-        outbox.seen()
-        outbox.seen()
+        outbox.acknowledge()
+        outbox.acknowledge()
 
 
 def test_the_text_that_is_there_already_is_not_made_again(sent):
@@ -43,16 +43,16 @@ def test_who_is_slow_gets_the_last_of_everything_in_one(outbox, sent):
     outbox.send_update(news(10, told={"phase": "holding"}, samples=[[1.0]], names=["xn"]))
     outbox.send_update(news(11, shapes={"path": 1, "goal": 1}))
     outbox.send_update(news(12, shapes={"path": None}, samples=[[2.0]], names=["xn"]))
-    outbox.picture(b"first")
-    outbox.picture(b"last")
+    outbox.send_image(b"first")
+    outbox.send_image(b"last")
     assert sent == [news(i) for i in range(MAX_UNACKNOWLEDGED)]
     sent.clear()
-    outbox.seen()
+    outbox.acknowledge()
     assert sent == [news(12, told={"phase": "holding"}, samples=[[1.0], [2.0]], names=["xn"],
                          shapes={"path": None, "goal": 1})]  # fmt: skip
-    outbox.seen()
+    outbox.acknowledge()
     assert sent[1:] == [b"last"]
-    outbox.seen()
+    outbox.acknowledge()
     assert len(sent) == 2
     outbox.send_update(news(13))
     assert sent[2:] == [news(13)]
@@ -70,7 +70,7 @@ def test_three_are_sent_before_the_first_has_been_seen(outbox, sent):
     for i in range(5):
         outbox.send_image(bytes([i]))
     assert sent == [bytes([i]) for i in range(3)]
-    outbox.seen()
+    outbox.acknowledge()
     assert sent[3:] == [bytes([4])]
 
 
@@ -98,7 +98,7 @@ def test_as_many_samples_as_a_plot_holds_are_all_kept():
 def test_who_never_looks_fills_no_memory(outbox, sent):
     for i in range(3 * MAX_SAMPLES):
         outbox.send_update(news(i, samples=[[float(i)]]))
-    outbox.seen()
+    outbox.acknowledge()
     rows = sent[-1]["samples"]
     assert rows[0] == ["clear"] and len(rows) == MAX_SAMPLES + 1
     assert rows[-1] == [3.0 * MAX_SAMPLES - 1.0]

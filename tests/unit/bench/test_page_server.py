@@ -109,7 +109,7 @@ def test_whoever_has_it_gets_the_page_and_nothing_that_lets_others_in(server):
 ])  # fmt: skip
 def test_a_name_that_no_report_has_is_answered_by_one_clear_line(server, host, tmp_path, path,
                                                                  monkeypatch):  # fmt: skip
-    monkeypatch.setattr(host, "file", SessionFiles(tmp_path).find_file)
+    monkeypatch.setattr(host, "find_file", SessionFiles(tmp_path).find_file)
     status, text, _ = get(server, f"{path}?token={server.access.token}")
     assert 400 <= status < 500
     assert text.startswith(("There is n", "<html><title>400: Bad Request"))
@@ -119,7 +119,7 @@ def test_a_report_is_a_page_with_scripts_and_pictures_of_its_own(server, host, t
                                                                  monkeypatch):  # fmt: skip
     report = tmp_path / "report.html"
     report.write_text("<title>run \u2116 3</title>", encoding="utf-8")
-    monkeypatch.setattr(host, "file", {"run/report.html": report}.get)
+    monkeypatch.setattr(host, "find_file", {"run/report.html": report}.get)
     status, text, headers = get(server, f"/report/run/report.html?token={server.access.token}")
     assert (status, text) == (200, "<title>run \u2116 3</title>")
     rules = dict(rule.split(" ", 1) for rule in headers["Content-Security-Policy"].split("; "))
@@ -162,7 +162,7 @@ def test_the_robot_is_told_once_there_is_one(server, host, monkeypatch):
     status, text, headers = get(server, path)
     assert status == 200 and json.loads(text)["name"] == "aras_visual_servo"
     assert headers["Content-Type"] == "application/json"
-    monkeypatch.setattr(host, "robot", lambda: None)
+    monkeypatch.setattr(host, "make_robot_model", lambda: None)
     assert get(server, path)[:2] == (404, "There is no robot yet.\n")
 
 
@@ -505,7 +505,7 @@ def test_each_thing_is_told_once(host):
 def test_what_is_no_more_is_taken_away_from_those_who_saw_it(host, monkeypatch):
     page = Page()
     page.make_update(host.run_trace, [], [], 1.0)
-    gone = {s.name for s in host.run_trace.shapes() if s.name.startswith("trajectory")}
+    gone = {s.name for s in host.run_trace.make_shapes() if s.name.startswith("trajectory")}
     assert gone == {"trajectory centre"}
     host.run_trace.clear()
     told = page.make_update(host.run_trace, [], [], 1.1)

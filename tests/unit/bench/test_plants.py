@@ -250,7 +250,7 @@ def test_joint_states_and_images_come_at_their_rates(arm, sight):
     assert stamps == sorted(stamps, key=lambda one: one[1])
     np.testing.assert_array_equal(plant.compute_rest_poses(np.array([START, START + 0.01])),
                                   [arm.pose(START), arm.pose(START + 0.01)])
-    np.testing.assert_array_equal(plant.joint_origins(START[None]), arm.places(START[None]))
+    np.testing.assert_array_equal(plant.joint_origins(START[None]), arm.joint_origins(START[None]))
     free = FreeCamera(FreeBody(np.eye(4)), np.zeros(6), sight)
     assert free.joint_origins(np.zeros((2, 6))).shape == (2, 0, 3)
     assert free.compute_rest_poses(np.zeros((0, 6))).shape == (0, 4, 4)

@@ -131,7 +131,7 @@ def test_words_tell_a_failure_with_reason_and_remedy(moments):
     assert "yes, and held; as shown; yet\n" in told and "calibrate" in told
     blind = replace(
         moments, goal_pose=np.full((4, 4), np.nan),
-        verdict=replace(moments.verdict, word="", distance=np.nan, angle=np.nan),
+        verdict=replace(moments.verdict, name="", distance=np.nan, angle=np.nan),
     )  # fmt: skip
     told = summary.describe_run(blind, summary.summarise(blind))
     assert re.search(r"Camera off its goal by +unknown\n", told)
@@ -164,7 +164,7 @@ def test_no_run_that_failed_is_best(moments):
         for key in ("settled", "overshoot"):
             assert summary.find_best_runs([failed, moments, moments], columns, key) == {1}
             assert summary.find_best_runs([failed, moments, failed], columns, key) == set()
-    unknown = replace(moments, verdict=replace(moments.verdict, word=""))  # the goal's pose
+    unknown = replace(moments, verdict=replace(moments.verdict, name=""))  # the goal's pose
     assert summary.find_best_runs([unknown, moments, off], columns, "settled") == {0}
 
 

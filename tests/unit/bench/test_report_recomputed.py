@@ -278,7 +278,7 @@ def test_every_column_of_the_tables_is_of_the_records(runs, written):
     for i, (name, unit) in enumerate(zip(JOINTS, JOINT_UNITS, strict=True)):
         wanted |= {f"{name} [{unit}]": run.measured[:, i],
                    f"{name} speed [{unit}/s]": run.measured_velocities[:, i],
-                   f"{name} command [{unit}]": run.commanded[:, i]}  # fmt: skip
+                   f"{name} command [{unit}]": run.joint_commands[:, i]}  # fmt: skip
     wanted |= {f"camera {axis} [m]": run.true_pose[:, i, 3] for i, axis in enumerate("xyz")}
     same(joints, wanted, set())
 
@@ -339,7 +339,7 @@ def test_every_curve_of_the_page_is_of_the_records(runs, written):
     at = run.joint_stamp[shown] - began
     for i, (name, unit) in enumerate(zip(JOINTS, JOINT_UNITS, strict=True)):
         check(f"{name} ({unit})", "measured", at, run.measured[shown, i])
-        check(f"{name} ({unit})", "command", at, run.commanded[shown, i])
+        check(f"{name} ({unit})", "command", at, run.joint_commands[shown, i])
         check(f"{name}, speed ({unit}/s)", "measured", at, run.measured_velocities[shown, i])
         assert panels[f"{name} ({unit})"]["limits"] == [[LOWER[i], "least"], [UPPER[i], "greatest"]]
         top = (0.3, 1.9, 2.7)[i]

@@ -72,7 +72,7 @@ def test_a_dry_run_says_what_would_be_done(calls, study, capsys, monkeypatch, mo
     assert main(["run", str(study), "--dry-run", "--out", "there", *more]) == 0
     kept, room, (_, asked, count) = calls.found
     assert str(kept[1]) == str(room[2]) == "there" and room[3] == 2 and room[1] is asked
-    assert (asked.runs, count) == (6, workers)
+    assert (asked.run_count, count) == (6, workers)
     assert capsys.readouterr().out == "takes 3 MB\n6 runs\nan hour\n"
     calls(run.images, "check_room", "")
     assert main(["run", str(study), "--dry-run"]) == 0
@@ -103,7 +103,8 @@ class Folder:
 
     def __init__(self, kept=2, **study):
         self.kept, self.path, self.told = kept, "the/folder", []
-        self.study = SimpleNamespace(**{"runs": 6, "pictures": "", "keeps_images": False, **study})
+        self.study = SimpleNamespace(**{"run_count": 6, "pictures": "",
+                                        "has_image_rows": False, **study})  # fmt: skip
 
     def check_code(self):
         self.told.append("code")
@@ -114,11 +115,11 @@ class Folder:
     def finish(self):
         self.told.append("finish")
 
-    def done(self):
+    def count_stored_runs(self):
         return self.kept
 
     @contextmanager
-    def locked(self):
+    def lock(self):
         self.told.append("lock")
         yield
         self.told.append("free")
@@ -166,7 +167,7 @@ def test_what_is_missing_is_run_and_reported(carried, calls, capsys):
     (_, given, workers, progress, fast, mixed), report = calls.found
     assert status == 0 and folder.told == ["code", "lock", "free"] and given is folder
     assert progress.given == (6, 2) and (fast, mixed) == (True, False)
-    assert told == ["ended", "closed"] and report == ("_report", "the/folder")
+    assert told == ["ended", "closed"] and report == ("_write_report", "the/folder")
     assert capsys.readouterr().out == (
         "6 of 6 runs in the/folder, 1 of the new ones without success, <3.5>\n")
     folder = Folder(pictures="first")
@@ -194,7 +195,7 @@ def test_a_study_that_is_whole_is_finished(carried, calls, capsys, monkeypatch):
     assert capsys.readouterr().out == (
         "all 6 runs are in the/folder\n"
         "card of the/folder says what is kept of each image, and how to read it\n")
-    assert calls.found == [("_report", "the/folder")]
+    assert calls.found == [("_write_report", "the/folder")]
 
 
 @pytest.mark.parametrize(("fault", "said"), [
@@ -223,15 +224,15 @@ def test_a_report_is_a_table_and_pictures(calls, tmp_path, capsys, monkeypatch, 
     results = SimpleNamespace(study=SimpleNamespace(metric_names=names))
     monkeypatch.setattr(run.Results, "read", lambda path: results)
     calls(run.tables, "make_table", SimpleNamespace(rows=[0] * rows))
-    calls(run.tables, "written", "| a |\n")
-    calls(study_figures, "write_all", ["a.png", "b.png"])
+    calls(run.tables, "format_table", "| a |\n")
+    calls(study_figures, "write_figures", ["a.png", "b.png"])
     run._write_report(tmp_path)
     assert (tmp_path / "table.md").read_text() == "| a |\n"
     told = [name for name in names if name != "other"]
-    assert [call for call in calls.found if call[0] == "tabulated"] == [
-        ("tabulated", [results]), *([("tabulated", [results], told)] if told else [])]
-    assert {call[2] for call in calls.found if call[0] == "written"} == {"md"}
-    assert calls.found[-1] == ("write_all", [results], tmp_path / "plots", [tmp_path])
+    assert [call for call in calls.found if call[0] == "make_table"] == [
+        ("make_table", [results]), *([("make_table", [results], told)] if told else [])]
+    assert {call[2] for call in calls.found if call[0] == "format_table"} == {"md"}
+    assert calls.found[-1] == ("write_figures", [results], tmp_path / "plots", [tmp_path])
     assert capsys.readouterr().out == ("\n| a |\n\n" if shown else "") + (
         f"{tmp_path / 'table.md'} has every metric; pictures: a.png, b.png\n")
 
@@ -248,7 +249,7 @@ def test_an_experiment_is_run_once(calls, tmp_path, monkeypatch, words, name, so
     calls(replay, "run_with_images", done)
     calls(analyze, "write_reports")
     assert main(["run", *words, "gain=2.5"]) == 0
-    assert calls.found[-1] == ("report", [done], None if out is None else run.Path(out))
+    assert calls.found[-1] == ("write_reports", [done], None if out is None else run.Path(out))
     asked = ran[0] if out is None else calls.found[0][1]
     assert asked.gain == 2.5 and (asked.plant == "free") is bool(source)
     if out is None:

@@ -176,7 +176,7 @@ def test_settings_are_searched_for_as_the_words_say(asked, study, tmp_path, caps
                                      excursion=0.456, violation=0.0)
 
     class Tuner:
-        tried = range(9)
+        candidates = range(9)
 
         def __init__(self, *given):
             made.append(given)
@@ -244,8 +244,8 @@ def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, dis
 
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.setenv(name, display if name == "DISPLAY" else "")
-    seen = [SimpleNamespace(name="s", runs=3, of=9, note="cut off"),
-            SimpleNamespace(name="t", runs=1, of=1, note="")]
+    seen = [SimpleNamespace(name="s", stored_run_count=3, run_count=9, note="cut off"),
+            SimpleNamespace(name="t", stored_run_count=1, run_count=1, note="")]
     found, closed, opened = SimpleNamespace(studies=seen, note="more below"), [], []
     served = SimpleNamespace(studies=SimpleNamespace(read_snapshot=lambda: found),
                              access=SimpleNamespace(address="http://x"),
@@ -399,11 +399,12 @@ def test_a_bag_becomes_a_file_beside_it(bar, capsys, monkeypatch, tmp_path):
 def test_a_bag_s_experiment_is_shown_and_kept(capsys, monkeypatch, tmp_path):
     bag, out = tmp_path / "a.bag", tmp_path / "deep" / "er"
     bag.write_text("")
-    found = SimpleNamespace(mapping=lambda: {"scheme": "points", "goal": [0.1, 0.2]},
-                            files=lambda: {"goal.yaml": "depth: 0.2\n", "arm.urdf": "<é/>"},
+    found = SimpleNamespace(make_mapping=lambda: {"scheme": "points", "goal": [0.1, 0.2]},
+                            collect_files=lambda: {"goal.yaml": "depth: 0.2\n", "arm.urdf": "<é/>"},
                             notes=["no start"])
     monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.ros.bag",
-                        SimpleNamespace(read_recorded_experiment=lambda path: found if path == bag else None))
+                        SimpleNamespace(read_recorded_experiment=lambda path: (
+                            found if path == bag else None)))
     told = "scheme: points\ngoal: [0.1, 0.2]\n"
     for more in ([], ["--out", str(out)]):
         assert main(["show", str(bag), *more]) == 0
@@ -436,7 +437,7 @@ def test_a_candidate_s_study_is_carried_out_in_its_own_folder(asked, study, tmp_
     told, given = [], []
 
     class Tuner:
-        tried = ()
+        candidates = ()
 
         def __init__(self, base, ranges, metric, out, carry_out, part):
             self.carry_out, self.base = carry_out, base
@@ -452,11 +453,11 @@ def test_a_candidate_s_study_is_carried_out_in_its_own_folder(asked, study, tmp_
         def check_code(self):
             told.append("code")
 
-        def done(self):
+        def count_stored_runs(self):
             return 3
 
         @contextmanager
-        def locked(self):
+        def lock(self):
             told.append("lock")
             yield
             told.append("free")
@@ -476,5 +477,5 @@ def test_a_candidate_s_study_is_carried_out_in_its_own_folder(asked, study, tmp_
     ((path, made, text),) = given
     assert path == tmp_path / "1" and Study.from_mapping(yaml.safe_load(text)).digest == made.digest
     assert list(yaml.safe_load(text)) == list(made.to_mapping())
-    assert told == ["code", "lock", (made.runs, 3), "free"]
+    assert told == ["code", "lock", (made.run_count, 3), "free"]
     assert len(asked.found) == 1

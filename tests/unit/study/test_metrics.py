@@ -130,13 +130,13 @@ def test_what_is_summed_over_time_needs_two_joint_states(count):
     cut = slice(0, began + count)
     found = replace(found, joint_stamp=TIME[cut], measured_positions=found.measured_positions[cut],
                     measured_velocities=found.measured_velocities[cut],
-                    commanded=found.joint_commands[cut],
+                    joint_commands=found.joint_commands[cut],
                     true_pose=found.true_pose[cut])  # fmt: skip
     lasted = 0.01 * (count - 1) if count > 1 else np.nan
     assert measured("limit_time", found) == pytest.approx(lasted, nan_ok=True)
     assert measured("energy", found) == pytest.approx(9.0 * lasted, nan_ok=True)
     # Limits of which nothing is known are never reached.
-    assert measured("limit_time", replace(found, limits=(np.zeros(0),) * 2)) == (
+    assert measured("limit_time", replace(found, position_limits=(np.zeros(0),) * 2)) == (
         pytest.approx(0.0 * lasted, nan_ok=True))
 
 
@@ -256,7 +256,7 @@ def test_the_real_time_factor_is_the_mean_since_the_first_image():
 def test_a_run_that_ended_before_its_first_image_has_what_numbers_it_can():
     nothing, none = np.zeros((0, 1)), np.zeros((0, 4, 4))
     found = replace(run(), states=(), pose=none, joint_stamp=np.zeros(0), measured_positions=nothing,
-                    measured_velocities=nothing, commanded=nothing, true_pose=none)  # fmt: skip
+                    measured_velocities=nothing, joint_commands=nothing, true_pose=none)  # fmt: skip
     known = {name: measured(name, found) for name in metrics.METRICS}
     zero = ("reduced", "contradicts", "iterations", "servoing_time", "top_speed", "images",
             "images_late")

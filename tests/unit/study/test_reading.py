@@ -404,7 +404,7 @@ def test_a_video_has_the_colours_and_the_rate_of_its_pictures(tmp_path):
     red[..., 0] = 220
     for stamp, rate in (([0.0], 30.0), ([0.0, 0.1], 10.0)):
         made = SimpleNamespace(stamp=np.array(stamp), control_record=SimpleNamespace(
-            pictures=[(at, red) for at in stamp]))  # fmt: skip
+            images=[(at, red) for at in stamp]))  # fmt: skip
         video = cv2.VideoCapture(str(write_video(made, tmp_path / "video.mp4")))
         assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(rate)
         blue, green, red_there = video.read()[1].mean(axis=(0, 1))

@@ -29,8 +29,8 @@ class Inbox:
 class Thread:
     """As SimulationThread; jobs are done at once."""
 
-    gate = None
-    inbox = Inbox()
+    lockstep = None
+    receiver = Inbox()
 
     def post(self, job) -> None:
         job()
@@ -151,7 +151,7 @@ def test_complaints_come_five_seconds_apart_and_count_what_was_refused(ros, monk
 
 def test_all_that_rospy_read_goes_with_the_connection_and_only_once(ros):
     streams, taken, thread = [], [], Thread()
-    thread.inbox = SimpleNamespace(add=lambda stream: (streams.append(stream), stream.on_end()))
+    thread.receiver = SimpleNamespace(add=lambda stream: (streams.append(stream), stream.on_end()))
     CommandTopic("/c", Float64, lambda m: taken.append(m.data), thread)
     last = struct.pack("<I", 8) + body(4.0)
     connection = Connection(body(1.0), body(2.0), body(3.0), rest=last[:2], comes=last[2:])
@@ -172,7 +172,7 @@ def test_rospy_s_thread_rests_until_its_connection_ends(ros, monkeypatch, why):
     monkeypatch.setattr(command_topic.rospy, "is_shutdown", lambda: why == "the node ends")
     streams, removed = [], []
     thread = Thread()
-    thread.inbox = SimpleNamespace(
+    thread.receiver = SimpleNamespace(
         add=streams.append, remove=lambda stream: (removed.append(stream), stream.on_end()))
     topic = CommandTopic("/c", Float64, lambda m: None, thread)
     connection, subscriber = Connection(body(1.0)), ros.latest
@@ -196,7 +196,7 @@ class Gate:
     def claim(self, topic: str) -> None:
         self.told.append(f"claim {topic}")
 
-    def heard(self, topic: str) -> None:
+    def note_message(self, topic: str) -> None:
         self.told.append(f"heard {topic}")
 
     def release(self, topic: str) -> None:
@@ -205,12 +205,12 @@ class Gate:
 
 def test_lockstep_hears_of_a_message_when_all_have_taken_it(ros):
     thread = Thread()
-    thread.gate = Gate()
+    thread.lockstep = Gate()
     first, second = (
-        CommandTopic("/c", Float64, lambda m: thread.gate.told.append(m.data), thread)
+        CommandTopic("/c", Float64, lambda m: thread.lockstep.told.append(m.data), thread)
         for _ in range(2)
     )
     Connection(body(1.0)).tell(ros.latest)
     first.shutdown()
     second.shutdown()
-    assert thread.gate.told == ["claim /c", 1.0, 1.0, "heard /c", "release /c"]
+    assert thread.lockstep.told == ["claim /c", 1.0, 1.0, "heard /c", "release /c"]

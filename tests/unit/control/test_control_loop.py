@@ -71,8 +71,8 @@ def test_compiled_cycles_follow_one_another_and_have_the_controllers_period(
     rig.step(4)
     first, again = (rig.loop.start_cycles(rig.time_ns + STEP, STEP) for _ in range(2))
     assert first is again is None if slower else first[0] is again[0]  # gathered once
-    assert rig.loop.begin(rig.time_ns + 2 * STEP, STEP) is None  # a step was left out
-    assert rig.loop.begin(rig.time_ns, STEP) is None
+    assert rig.loop.start_cycles(rig.time_ns + 2 * STEP, STEP) is None  # a step was left out
+    assert rig.loop.start_cycles(rig.time_ns, STEP) is None
 
 
 def test_a_command_beyond_the_limits_is_told_in_compiled_cycles_too(make_rig, make_joint):

@@ -54,7 +54,7 @@ def test_messages_act_in_order_one_a_step(inbox, begin):
     for step in range(3):
         assert inbox.deliver(begin + step * STEP_NS, 2)
         assert publisher.acted == [1, 2, 3][: step + 1]
-    assert not inbox.take(begin + 3 * STEP_NS, 2)
+    assert not inbox.deliver(begin + 3 * STEP_NS, 2)
 
 
 def test_the_last_word_acts_in_a_step_that_had_its_message(inbox):
@@ -63,8 +63,8 @@ def test_the_last_word_acts_in_a_step_that_had_its_message(inbox):
     inbox.deliver(STEP_NS, 8)
     publisher.send(2, 3)
     publisher.end.close()
-    assert inbox.take(STEP_NS, 8) or inbox.take(STEP_NS, 8)  # the message, then the end
-    inbox.take(2 * STEP_NS, 8)
+    assert inbox.deliver(STEP_NS, 8) or inbox.deliver(STEP_NS, 8)  # the message, then the end
+    inbox.deliver(2 * STEP_NS, 8)
     assert publisher.acted[-1] == 3 and publisher.ended.is_set()
 
 
@@ -75,10 +75,10 @@ def test_what_is_passed_over_is_counted_by_stream_until_it_is_asked_for(inbox):
     inbox.deliver(0, 1)
     assert second.stream.skipped_count == 7 and inbox.take_skipped_count() == 7
     assert inbox.take_skipped_count() == 0
-    inbox.take(STEP_NS, 1)
+    inbox.deliver(STEP_NS, 1)
     assert inbox.take_skipped_count() == 0
     first.send(*range(4))
-    inbox.take(2 * STEP_NS, 0)
+    inbox.deliver(2 * STEP_NS, 0)
     assert inbox.take_skipped_count() == 3
 
 
@@ -109,9 +109,9 @@ def test_a_step_takes_one_message_however_often_it_is_looked_for(inbox):
     publisher = Publisher(inbox)
     publisher.send(1, 2)
     inbox.deliver(0, 8)
-    inbox.take(0, 8)
+    inbox.deliver(0, 8)
     assert publisher.acted == [1]
-    inbox.take(STEP_NS, 8)
+    inbox.deliver(STEP_NS, 8)
     assert publisher.acted == [1, 2]
 
 
@@ -120,7 +120,7 @@ def test_without_backlog_the_newest_that_arrived_acts_in_the_step(inbox):
     publisher.send(1, 2, 3)
     inbox.deliver(0, 0)
     publisher.send(4)
-    inbox.take(0, 0)
+    inbox.deliver(0, 0)
     assert publisher.acted == [3, 4]
 
 
@@ -130,7 +130,7 @@ def test_of_a_flood_the_newest_wait_and_the_last_one_acts(inbox):
         publisher.send(*range(10 * step, 10 * step + 10))
         inbox.deliver(step * STEP_NS, 1)
         assert publisher.acted[-1] >= 10 * step + 8  # none older than the one before the newest
-    inbox.take(100 * STEP_NS, 1)
+    inbox.deliver(100 * STEP_NS, 1)
     assert publisher.acted[-1] == 999
     assert publisher.acted == sorted(publisher.acted)
     assert len(publisher.acted) == 101
@@ -166,10 +166,10 @@ def test_the_last_word_of_who_leaves_acts_and_then_it_is_over(inbox):
     publisher.send(1, 2)
     publisher.end.close()
     inbox.deliver(0, 1)
-    inbox.take(STEP_NS, 1)
+    inbox.deliver(STEP_NS, 1)
     assert publisher.acted == [1, 2]
     assert publisher.ended.is_set()
-    assert not inbox.take(2 * STEP_NS, 1)
+    assert not inbox.deliver(2 * STEP_NS, 1)
 
 
 def test_nonsense_ends_its_stream_alone(inbox):
@@ -188,12 +188,12 @@ def test_a_socket_closed_under_it_is_no_fault(inbox):
     inbox.deliver(0, 1)
     other = Publisher(inbox)  # likely under the same number
     other.send(5)
-    inbox.take(STEP_NS, 1)
+    inbox.deliver(STEP_NS, 1)
     assert other.acted == [5]
     inbox.remove(publisher.stream)
     assert publisher.ended.is_set()
     other.send(6)
-    inbox.take(2 * STEP_NS, 1)
+    inbox.deliver(2 * STEP_NS, 1)
     assert other.acted == [5, 6]
 
 
@@ -214,10 +214,10 @@ def test_a_command_wakes_who_waits_for_commands(inbox):
 
 def test_the_bell_wakes_once_for_each_look(inbox):
     inbox.wake()
-    inbox.ring()
+    inbox.wake()
     assert not inbox.wait(None)  # it was the bell, no command
-    inbox.quiet()
-    ringing = threading.Timer(0.01, inbox.ring)
+    inbox.clear_wake()
+    ringing = threading.Timer(0.01, inbox.wake)
     ringing.start()
     inbox.wait(None)  # for ever, if not for the bell
     ringing.join()

@@ -56,7 +56,7 @@ def topic(monkeypatch):
 
 def listen(topic, count: int) -> None:
     topic.publisher.listeners = count
-    topic.publisher.changed()
+    topic.publisher.on_change()
 
 
 def test_nothing_is_built_while_nobody_listens(topic):
@@ -82,8 +82,8 @@ def test_who_comes_while_another_leaves_is_heard_in_whatever_order_it_is_told(to
     listen(topic, 1)
     topic.publisher.listeners = 2  # one comes,
     topic.publisher.listeners = 1  # the other leaves,
-    topic.publisher.changed()  # and both are told late
-    topic.publisher.changed()
+    topic.publisher.on_change()  # and both are told late
+    topic.publisher.on_change()
     topic.thread.turn()
     assert topic.port.on_state is not None
 

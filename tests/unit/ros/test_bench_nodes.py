@@ -489,8 +489,9 @@ def test_a_demo_follows_the_controller(graph, monkeypatch):
     progress = controller_watch.ControllerWatch().progress
     assert begun == ["find", ("aras_visual_servo_demo", dict.fromkeys(
         ("anonymous", "disable_signals", "disable_rostime"), True))]
-    assert vars(progress) == {"phase": "", "reason": "", "began": None, "converged": None,
-                              "stamp": 0.0, "joints": False}
+    assert vars(progress) == {"phase": "", "reason": "", "start_stamp": None,
+                              "convergence_stamp": None, "stamp": 0.0,
+                              "has_joint_states": False}
     waiting = {topic.rpartition("/")[2]: more for topic, (_, more) in graph.heard.items()}
     assert waiting == {"joint_states": {"queue_size": 1}, "state": {"queue_size": 10}}
     graph.subscribers["/aras_visual_servo/joint_states"](joint_states(1.0))
@@ -642,17 +643,18 @@ def until(condition):
 
 def test_a_launch_says_what_died_and_its_last_words(launch):
     one = launch('echo "$@ $MINE"; cat; echo; echo ended >&2; exec sleep 60')
-    assert until(lambda: "ended" in one.read_log()) and one.running and one.death() == ""
+    assert until(lambda: "ended" in one.read_log())
+    assert one.running and one.find_death_message() == ""
     assert one.read_log() == "a b:=1 yes\n\nended\n"
     assert one.read_last_lines() == "    a b:=1 yes\n    ended"
     with one.log.open("ab") as log:  # what a node prints need not be text
         log.write(b"\x1b[31m[ERROR] one\x1b[0m\n[FATAL] two\nthree \xff\n"
                   b"[node-2] process has died [pid 1]\n")
-    assert one.death() == "node node-2 died"
+    assert one.find_death_message() == "node node-2 died"
     assert one.read_last_lines() == "    [ERROR] one\n    [FATAL] two"
     assert one.read_last_lines(1) == "    [FATAL] two"
     one.stop()
-    assert not one.running and one.death() == "roslaunch (the) ended"
+    assert not one.running and one.find_death_message() == "roslaunch (the) ended"
 
 
 def test_nothing_of_a_launch_is_left_behind(launch, monkeypatch):
@@ -698,7 +700,7 @@ class Launched:
         self.arguments, self.log, self.environment = arguments, log, environment
         self.running, self.died, self.stopped = True, "", 0
 
-    def death(self):
+    def find_death_message(self):
         return self.died
 
     def read_last_lines(self):
@@ -747,15 +749,15 @@ def shown(graph, life, monkeypatch, tmp_path, capsys):
                 setattr(progress, key, value)
         return step
 
-    it.recorded, it.compute_irradiance = recorded, on
+    it.recorded, it.on = recorded, on
     return it
 
 
 def test_a_demo_starts_servoes_and_stops(shown, graph):
-    on, out = shown.compute_irradiance, shown.out
+    on, out = shown.on, shown.out
     shown.life.steps = [
-        shown.recorded, on("approaching"), on("servoing", began=3.0, stamp=3.0),
-        on("converged", converged=3.5, stamp=4.0), on("converged", stamp=4.01),
+        shown.recorded, on("approaching"), on("servoing", start_stamp=3.0, stamp=3.0),
+        on("converged", convergence_stamp=3.5, stamp=4.0), on("converged", stamp=4.01),
         *[on("converged")] * 9]
     out.mkdir()
     (out / "run.bag").touch()
@@ -789,8 +791,8 @@ def test_a_demo_starts_servoes_and_stops(shown, graph):
     ({"stamp": 5.1}, "not converged within 2 s of simulated time"),
     ({"seconds": 12.1, "stamp": 4.0}, "gave up after 12 s")])
 def test_a_demo_has_its_time(shown, last, said):
-    on = shown.compute_irradiance
-    shown.life.steps = [shown.recorded, on("servoing", began=3.0, stamp=3.0, reason="slow"),
+    on = shown.on
+    shown.life.steps = [shown.recorded, on("servoing", start_stamp=3.0, stamp=3.0, reason="slow"),
                         on("servoing", **last), *[on("servoing")] * 9]
     assert shown.run.run() == 5
     assert f"[demo] {said}" in shown.said()
@@ -829,7 +831,7 @@ def test_a_demo_says_what_it_waits_for_and_what_died(shown, monkeypatch):
 
 
 def test_a_controller_that_holds_before_it_has_begun_ends_the_demo(shown):
-    hold = shown.compute_irradiance("holding", seconds=0.55, reason="no images")
+    hold = shown.on("holding", seconds=0.55, reason="no images")
     shown.life.steps = [shown.recorded, *[hold] * 40]
     with pytest.raises(ServoError, match=r"^the controller holds still: no images\nThe whole log: "
                                          r".*nodes\.txt$"):
@@ -866,7 +868,7 @@ def test_a_demo_s_goal_that_was_taught_is_kept(shown):
     shown.out.mkdir()
     assert shown.run._find_goal() == "auto"
     shown.arguments.taught = SimpleNamespace(to_yaml=lambda told: f"# {told}\n")
-    assert shown.run._goal() == str(shown.out / "goal.yaml")
+    assert shown.run._find_goal() == str(shown.out / "goal.yaml")
     assert (shown.out / "goal.yaml").read_text() == (
         "# Before the target poster, where the shipped goal has the camera.\n")
 

@@ -24,7 +24,7 @@ def served(monkeypatch):
         monkeypatch.setattr(reconfigure, "ReconfigureServer", server)
         monkeypatch.setattr(reconfigure.rospy, "resolve_name", lambda name: f"/node{name}")
         servo = SimpleNamespace(scheme=SimpleNamespace(law=law))
-        driver = SimpleNamespace(servo=servo, change=lambda change: change(servo))
+        driver = SimpleNamespace(servo=servo, apply_change=lambda change: change(servo))
         reconfigure.GainServer(SimpleNamespace(runner=driver))
         return found
 

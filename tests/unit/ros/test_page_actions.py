@@ -39,7 +39,7 @@ class Nodes:
         assert log.parent.is_dir()
         self.made.append(self)
 
-    def death(self):
+    def find_death_message(self):
         return self.dies
 
     def read_last_lines(self, count):

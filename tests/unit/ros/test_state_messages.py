@@ -118,7 +118,7 @@ def test_states_are_logged_when_they_are_new(graph, face, monkeypatch):
         ("logwarn", "holding: third"), ("loginfo", "converged"), ("loginfo", "approaching: far"),
     ]
     face.log("one line")
-    face.say("Traceback\n  of a fault")
+    face.log("Traceback\n  of a fault")
     assert levels[-2:] == [("loginfo", "one line"), ("logerr", "Traceback\n  of a fault")]
 
 

@@ -80,7 +80,7 @@ class Run:
         while subprocess.run(["rosservice", "info", "/gazebo/pause_physics"], check=False,
                              capture_output=True).returncode:  # fmt: skip
             if time.monotonic() > deadline:
-                raise SystemExit(f"the simulator did not start: {self._launches[0].last_lines()}")
+                raise SystemExit(f"the simulator did not start: {self._launches[0].read_last_lines()}")
             time.sleep(0.5)
         rospy.init_node("pictures", anonymous=True, disable_rostime=True, disable_signals=True)
         rospy.Subscriber("/aras_visual_servo/controller/state", ServoState, self._on_state)
@@ -91,7 +91,7 @@ class Run:
         deadline = time.monotonic() + 120.0
         while self.servoed() < seconds:
             if time.monotonic() > deadline:
-                raise SystemExit(f"no servoing: {self._launches[-1].last_lines()}")
+                raise SystemExit(f"no servoing: {self._launches[-1].read_last_lines()}")
             time.sleep(0.01)
 
     def address(self) -> str:
@@ -100,7 +100,7 @@ class Run:
         log = self._directory / "robot.txt"
         while not (said := re.search(r"http://127\S+/\?token=\S+", log.read_text())):
             if time.monotonic() > deadline:
-                raise SystemExit(f"no page: {self._launches[0].last_lines()}")
+                raise SystemExit(f"no page: {self._launches[0].read_last_lines()}")
             time.sleep(0.2)
         return said[0]
 

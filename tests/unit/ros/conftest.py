@@ -344,7 +344,7 @@ def api(graph: Graph, thread: SimulationThread) -> SimpleNamespace:
     it = SimpleNamespace(graph=graph, thread=thread, resets=[], graph_synced=[])
     on_graph = SimpleNamespace(
         sync=lambda: it.graph_synced.append(len(thread.simulation.world.models)),
-        record=SpawnRecord(True),
+        spawn_record=SpawnRecord(True),
     )
     it.api = GazeboApi(
         thread, on_graph, lambda: it.resets.append(thread.simulation.time_ns)

@@ -345,11 +345,11 @@ def test_nothing_is_written_down_without_need(make):
 def test_lockstep_waits_for_its_topics_by_periods(make):
     it = make(speed_mode="lockstep", lockstep_topics=("/a",), lockstep_period=0.002)
     until(lambda: it.thread.is_time_stopped)
-    assert it.thread.now_ns() == 2 * MS and it.thread.gate.closed
+    assert it.thread.now_ns() == 2 * MS and it.thread.lockstep.is_closed
     make.graph.subscribers["/a"](None)
     until(lambda: it.thread.now_ns() >= 4 * MS)
     make.graph.call("/gazebo/reset_simulation")
-    until(lambda: it.thread.held and it.thread.now_ns() == 2 * MS)
+    until(lambda: it.thread.is_time_stopped and it.thread.now_ns() == 2 * MS)
 
 
 def test_lockstep_without_topics_is_refused(make):
@@ -407,7 +407,7 @@ def process(graph, monkeypatch):
         def __init__(self, _name: str, every: float) -> None:
             it.watched.append(every)
 
-        def tell(self, on_lost) -> None:
+        def watch(self, on_lost) -> None:
             it.lost = on_lost
 
     monkeypatch.setattr(rospy, "signal_shutdown", end)
@@ -461,7 +461,7 @@ def test_an_end_that_comes_early_ends_the_node_too(process, monkeypatch, when):
                 process.end("late")
                 assert stopped == [1] and slept == [0.3]  # answers have their way
 
-        def tell(self, _on_lost: object) -> None:
+        def watch(self, _on_lost: object) -> None:
             assert stopped
 
     monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: when == "before")

@@ -54,7 +54,7 @@ def asked(graph, life, monkeypatch, tmp_path):
     """Actions of the robot `robo`, and the services that they find; `calls` is what was asked."""
     settings = make_listener_settings({"namespace": "/two/"})
     it = SimpleNamespace(graph=graph, life=life, calls=[], running={NODE, "/other"}, killed=[])
-    it.listener = SimpleNamespace(story=None)
+    it.listener = SimpleNamespace(run_trace=None)
     it.actions = page.PageCommands(it.listener, settings, tmp_path / "kept", "robo")
     it.settings = settings
 
@@ -97,8 +97,8 @@ def test_what_may_be_chosen(asked):
                                for key in ("scheme", "law", "start", "desired")}
     asked.graph.subscribers[f"{NODE}/gains/parameter_updates"](Config(
         doubles=[DoubleParameter("slope", 0.1 + 0.2), DoubleParameter("gain", 5.0)]))
-    asked.listener.story = SimpleNamespace(arm=SimpleNamespace(names=("slide", "elbow")))
-    found = asked.actions.choices()
+    asked.listener.run_trace = SimpleNamespace(arm=SimpleNamespace(names=("slide", "elbow")))
+    found = asked.actions.list_choices()
     assert [found[key][-1] for key in ("schemes", "laws", "starts", "goals")] == [
         "my scheme", "my law", "my start", "my desired"]
     assert found["gains"] == ["gain", "slope"] and found["joints"] == ["slide", "elbow"]
@@ -109,24 +109,24 @@ def test_what_runs_now(asked, monkeypatch):
     actions, told = asked.actions, asked.graph.parameters
     begin = {"scheme": "moments", "law": "proportional", "start": "2016", "goal": "auto"}
     assert actions.read_selection() == {**begin, "camera": "original"}
-    actions.chosen["target"] = "poster"
+    actions.selection["target"] = "poster"
     told |= {f"{NODE}/law": "pi", f"{NODE}/desired": 2015, f"{NODE}/gain": 3.0}
     told |= {f"{CAMERA}/width": 321}
-    assert actions.given() == {**begin, "law": "pi", "goal": "2015", "camera": "",
+    assert actions.read_selection() == {**begin, "law": "pi", "goal": "2015", "camera": "",
                                "target": "poster"}
     told[NODE] = "no namespace"
-    assert actions.given() == {**begin, "camera": "", "target": "poster"}
+    assert actions.read_selection() == {**begin, "camera": "", "target": "poster"}
     looked = []
     monkeypatch.setattr(page, "find_preset", lambda settings: looked.append(settings) or "wide")
     told[f"{CAMERA}/width"] = 322
-    assert [actions.given()["camera"] for _ in range(3)] == ["wide"] * 3
+    assert [actions.read_selection()["camera"] for _ in range(3)] == ["wide"] * 3
     assert looked == [{"width": 322}]  # files are read once for each
 
     def gone(*_):
         raise OSError
 
     monkeypatch.setattr(rospy, "get_param", gone)
-    assert actions.given() == {}
+    assert actions.read_selection() == {}
 
 
 def test_the_loop_and_the_simulation_are_asked_by_their_services(asked):
@@ -138,9 +138,9 @@ def test_the_loop_and_the_simulation_are_asked_by_their_services(asked):
              "reset_simulation": "everything begins anew, at time 0"}
     for name, said in words.items():
         with pytest.raises(RefusedError, match=rf"^/gazebo/{name} does not answer \(is the simul"):
-            actions.clock(name)
+            actions.control_clock(name)
         asked.serve(f"/gazebo/{name}", Empty)
-        assert actions.clock(name) == said
+        assert actions.control_clock(name) == said
     asked.serve("/gazebo/step_world", StepWorld, success=True, sim_time=rospy.Time(3, 5 * 10**8))
     assert actions.step(17) == "17 steps, to 3.500 s" and asked.calls[-1][1] == 17
     asked.serve("/gazebo/step_world", StepWorld, success=False, status_message="time goes on")
@@ -152,23 +152,23 @@ def test_the_loop_and_the_simulation_are_asked_by_their_services(asked):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rospy, "wait_for_service", gone)
         with pytest.raises(RefusedError, match="hold does not answer"):
-            actions.loop("hold")
-    for ask in (lambda: actions.loop("stop"), lambda: actions.gain("gain", 1.0)):
+            actions.control_loop("hold")
+    for ask in (lambda: actions.control_loop("stop"), lambda: actions.set_gain("gain", 1.0)):
         with pytest.raises(RefusedError, match=r"answer \(is the controller node running\?\)$"):
             ask()
     after = Config(doubles=[DoubleParameter("gain", 2.53217), DoubleParameter("slope", 9.0)])
     asked.serve(f"{NODE}/gains/set_parameters", Reconfigure, config=after)
-    assert actions.gain("gain", 2.7) == "gain is 2.532"
+    assert actions.set_gain("gain", 2.7) == "gain is 2.532"
     assert asked.calls[-1][1].doubles == [DoubleParameter("gain", 2.7)]
     with pytest.raises(RefusedError, match="the law that runs now has no zero"):
-        actions.gain("zero", 1.0)
+        actions.set_gain("zero", 1.0)
 
 
 def test_nodes_that_servo_are_ended_and_begun_with_what_was_chosen(asked):
     actions, life = asked.actions, asked.life
     asked.graph.parameters[NODE] = {"scheme": "old"}
     actions.gains = {"gain": 3.0}
-    assert actions.servo("points", "pi", "2015", "auto") == (
+    assert actions.restart_nodes("points", "pi", "2015", "auto") == (
         "servoing with points, law pi, from 2015 to auto")
     assert asked.killed == [[NODE]] and life.slept == [0.1, 0.1]
     assert NODE not in asked.graph.parameters and actions.gains == {}
@@ -180,7 +180,7 @@ def test_nodes_that_servo_are_ended_and_begun_with_what_was_chosen(asked):
     own = actions.directory / "goals" / "mine.yaml"
     own.parent.mkdir()
     own.touch()
-    assert actions.servo("points", "pi", "none", "mine").endswith("from none to mine")
+    assert actions.restart_nodes("points", "pi", "none", "mine").endswith("from none to mine")
     assert first.stopped == 1 and Nodes.made[1].arguments[-1] == f"goal:={own}"
     actions.close()
     assert [one.stopped for one in Nodes.made] == [1, 1]
@@ -222,7 +222,7 @@ def test_whether_a_controller_is_there(asked, monkeypatch):
 
 @pytest.fixture
 def arm(asked, shipped_arm):
-    asked.listener.story = SimpleNamespace(arm=shipped_arm)
+    asked.listener.run_trace = SimpleNamespace(arm=shipped_arm)
     return shipped_arm
 
 
@@ -243,16 +243,16 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked
     np.testing.assert_allclose(arm.pose(made.get_joints(arm.names)), wanted, atol=1e-4)
     # The nodes have the moved goal now, and the next way begins where the first one did.
     asked.graph.parameters |= {f"{NODE}/desired": str(path), f"{NODE}/start": "none"}
-    asked.actions.goal(0.0, 0.0, -0.01, 0.1)
+    asked.actions.move_goal(0.0, 0.0, -0.01, 0.1)
     wanted = first.world_T_camera @ matrix_from_xyz_rpy((0.0, 0.0, -0.01), (0.0, 0.0, 0.1))
     np.testing.assert_allclose(Goal.load(path).world_T_camera, wanted, atol=1e-4)
-    asked.actions.servo("points", "pi", "none", "2016")
+    asked.actions.restart_nodes("points", "pi", "none", "2016")
     asked.graph.parameters[f"{NODE}/desired"] = "2016"
-    asked.actions.goal(0.0, 0.0, 0.0, 0.0)
+    asked.actions.move_goal(0.0, 0.0, 0.0, 0.0)
     other = Goal.load(asked.settings.package / "config/goal_2016.yaml").for_arm(arm)
     np.testing.assert_allclose(Goal.load(path).world_T_camera, other.world_T_camera, atol=1e-4)
     # A turn that this arm has but for 0.004 degrees: the goal is what is seen where it can be.
-    said = asked.actions.goal(0.0, 0.0, 0.0, 0.1)
+    said = asked.actions.move_goal(0.0, 0.0, 0.0, 0.1)
     made = Goal.load(path)
     wanted = other.world_T_camera @ matrix_from_xyz_rpy(np.zeros(3), (0.0, 0.0, 0.1))
     np.testing.assert_allclose(made.world_T_camera, wanted, atol=2e-4)
@@ -264,18 +264,18 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked
     reached = arm.pose(made.get_joints(arm.names))
     np.testing.assert_allclose(made.world_T_camera, reached, rtol=0.0, atol=1e-9)
     with pytest.raises(RefusedError, match="^that goal cannot be: "):
-        asked.actions.goal(9.0, 0.0, 0.0, 0.0)
+        asked.actions.move_goal(9.0, 0.0, 0.0, 0.0)
     with pytest.raises(RefusedError, match="the nearest posture found is 19.8 mm"):
-        asked.actions.goal(0.0, 0.0, 0.02, 0.0)
+        asked.actions.move_goal(0.0, 0.0, 0.02, 0.0)
 
 
 def test_a_goal_needs_a_robot_and_a_place_to_keep_it(asked, shipped_arm):
     with pytest.raises(RefusedError, match="^there is no robot yet$"):
         asked.actions.move_goal(0.0, 0.0, 0.0, 0.0)
-    asked.listener.story = SimpleNamespace(arm=shipped_arm)
+    asked.listener.run_trace = SimpleNamespace(arm=shipped_arm)
     asked.actions.directory.write_text("a file")
     with pytest.raises(RefusedError, match="cannot write"):
-        asked.actions.goal(0.0, 0.0, 0.0, 0.0)
+        asked.actions.move_goal(0.0, 0.0, 0.0, 0.0)
 
 
 def serve_robot(asked, **answers):
@@ -301,21 +301,21 @@ def test_a_robot_gets_another_camera_and_its_controllers_again(asked):
     ]
     made = asked.graph.parameters[CAMERA]
     assert made["camera_matrix"]["fx"] == 110.0 and "noise" not in made
-    assert asked.actions.chosen["camera"] == "wide"
+    assert asked.actions.selection["camera"] == "wide"
     serve_robot(asked, switched=False)
     with pytest.raises(RefusedError, match="came back without its controllers: reset"):
-        asked.actions.camera("fisheye")
+        asked.actions.change_camera("fisheye")
     serve_robot(asked, spawned=False)
     del asked.graph.parameters[CAMERA]
     with pytest.raises(RefusedError, match="^the robot did not come back: no room$"):
-        asked.actions.camera("fisheye")
-    assert asked.actions.chosen["camera"] == "wide"
+        asked.actions.change_camera("fisheye")
+    assert asked.actions.selection["camera"] == "wide"
     asked.graph.services.pop("/gazebo/delete_model")
     with pytest.raises(RefusedError, match="^/gazebo/delete_model does not answer: timeout exc"):
-        asked.actions.camera("fisheye")
+        asked.actions.change_camera("fisheye")
     asked.graph.services.pop(f"{MANAGER}/list_controllers")
     with pytest.raises(RefusedError, match=r"answer \(are the robot's controllers loaded\?\)$"):
-        asked.actions.camera("fisheye")
+        asked.actions.change_camera("fisheye")
 
 
 def test_a_target_is_put_where_the_one_before_lay(asked):
@@ -332,9 +332,9 @@ def test_a_target_is_put_where_the_one_before_lay(asked):
     assert asked.actions.chosen == {"target": "poster"}
     asked.serve("/gazebo/spawn_urdf_model", SpawnModel, success=False, status_message="no room")
     with pytest.raises(RefusedError, match="^no room$"):
-        asked.actions.target("circle")
+        asked.actions.change_target("circle")
     asked.serve("/gazebo/get_model_state", GetModelState, success=False)
     with pytest.raises(RefusedError, match="no model named target .* with target:=circle"):
-        asked.actions.target("circle")
+        asked.actions.change_target("circle")
     assert asked.actions.chosen == {"target": "poster"}
     assert asked.graph.parameters["/target_description"] == text

@@ -383,7 +383,7 @@ def asked(graph, life, monkeypatch):
     driver = SimpleNamespace(servo=servo, done=done, **{
         name: lambda *words, n=name: done.append((n, *words))
         for name in ("start", "stop", "hold")})
-    owner = SimpleNamespace(runner=driver, publisher=SimpleNamespace(latest=None))
+    owner = SimpleNamespace(runner=driver, publisher=SimpleNamespace(latest_state=None))
     made = []
     monkeypatch.setattr(loop_services, "SimpleActionServer", lambda *given, **more: (
         made.append(Server(*given, **more)), made[-1])[1])
@@ -402,7 +402,7 @@ def test_services_and_status_of_the_loop(graph, asked):
         answer = graph.call(f"/two/controller/{name}")
         assert answer.success and answer.message == f"{name}: servoing"
         assert graph.types[f"/two/controller/{name}"] is Trigger
-    assert asked.driver.done == [("start",), ("stop",), ("hold",)]
+    assert asked.runner.done == [("start",), ("stop",), ("hold",)]
     name, kind, auto = asked.server.given
     assert (name, kind.__name__, auto) == ("/two/servo_to_target", "ServoToTargetAction", False)
     assert asked.server.started and asked.server.ended == ["timer"]
@@ -415,12 +415,12 @@ def test_services_and_status_of_the_loop(graph, asked):
 
 def test_an_action_succeeds_when_the_loop_has_converged(asked):
     state = made_state(1.0)
-    asked.face.latest = made_state(0.5, "converged")  # of before
-    asked.life.steps = [lambda: setattr(asked.face, "latest", state), lambda: None,
-                        lambda: setattr(asked.face, "latest", made_state(2.0, "converged",
+    asked.publisher.latest_state = made_state(0.5, "converged")  # of before
+    asked.life.steps = [lambda: setattr(asked.publisher, "latest_state", state), lambda: None,
+                        lambda: setattr(asked.publisher, "latest_state", made_state(2.0, "converged",
                                                                          outcome="converged"))]
     asked.server.execute(goal())
-    assert asked.driver.done == [("start",)] and asked.life.slept == [0.05] * 3
+    assert asked.runner.done == [("start",)] and asked.life.slept == [0.05] * 3
     (_, (name, result)) = asked.server.ended
     assert (name, result.outcome, result.reason) == ("set_succeeded", "converged", "slow")
     last = made_state(2.0).scheme_output
@@ -434,10 +434,10 @@ def test_an_action_succeeds_when_the_loop_has_converged(asked):
 
 
 def test_an_action_ends_as_the_loop_or_somebody_wants(asked):
-    servo, server = asked.driver.servo, asked.server
+    servo, server = asked.runner.servo, asked.server
     server.preempted = True
     server.execute(goal())
-    assert asked.driver.done == [("start",), ("stop", "preempted")]
+    assert asked.runner.done == [("start",), ("stop", "preempted")]
     name, result = server.ended[-1]
     assert (name, result.outcome, result.reason, result.remedy) == (
         "set_preempted", "stopped", "preempted", "")
@@ -458,13 +458,13 @@ def test_an_action_ends_as_the_loop_or_somebody_wants(asked):
     ("running", "", ("timed_out", "not converged within 0.2 s")),
     ("stuck", "a limit", ("stuck", "a limit"))])
 def test_an_action_has_its_time(asked, kind, reason, told):
-    asked.driver.servo.outcome = SimpleNamespace(kind=kind, reason=reason, remedy="fix it")
+    asked.runner.servo.outcome = SimpleNamespace(kind=kind, reason=reason, remedy="fix it")
     asked.life.steps = [lambda: None] * 9
     asked.server.execute(goal(0.2))
     name, result = asked.server.ended[-1]
     assert (name, result.outcome, result.reason, result.remedy) == ("set_aborted", *told, "fix it")
     assert 4 <= len(asked.life.slept) <= 5
-    assert asked.driver.done[-1] == ("stop", "the time for it is over")
+    assert asked.runner.done[-1] == ("stop", "the time for it is over")
 
 
 # -- the controller node ---------------------------------------------------------------------------
@@ -506,7 +506,7 @@ def test_the_controller_is_built_for_the_robot_and_anew_for_another(graph, life,
     def names():
         (_, space, owner), = [one for one in made if one[0] == "control"]
         assert space == "/two" and ("gains", owner) in made
-        found.update(names=owner.publisher.names, owner=owner, runner=owner.driver)
+        found.update(names=owner.publisher.names, owner=owner, runner=owner.runner)
 
     found = {}
     life.steps = [appear, heard, names, another, lambda: None, lambda: None]
@@ -516,12 +516,12 @@ def test_the_controller_is_built_for_the_robot_and_anew_for_another(graph, life,
     assert len([one for one in made if one[0] == "control"]) == 1
     assert len([line for line in graph.lines if line.startswith("scheme moments, start none")]) == 2
     assert "camera_optical_frame moved by gantry, J1" in "".join(graph.lines)
-    assert found["owner"].driver is not found["driver"] and found["first"].impl is None
+    assert found["owner"].runner is not found["runner"] and found["first"].impl is None
     assert 0.02 in life.slept and len(graph.publishers["/two/controller/goal"].sent) == 2
     close, = life.ending
     close()
     assert graph.publishers["/two/both"].sent[-1].data == [0.0] * 6
-    assert found["owner"].driver.servo.phase == "stopped" and "/two/halt" not in graph.subscribers
+    assert found["owner"].runner.servo.phase == "stopped" and "/two/halt" not in graph.subscribers
 
 
 # -- the camera node -------------------------------------------------------------------------------

@@ -515,7 +515,7 @@ def test_its_end_is_as_it_should_be_where_nothing_is_to_be_forgotten_any_more(ma
         asked.append(True)
         raise fault
 
-    it.spawn_record.forget = forget
+    it.spawn_record.clear = forget
     it.fault = None if fault else ValueError("the simulation's")
     it.stop()
     assert asked == ([True] if fault else [])  # after a fault what stood there comes back

@@ -329,12 +329,12 @@ def test_a_target_is_put_where_the_one_before_lay(asked):
     assert asked.calls == [
         ("/gazebo/get_model_state", "target", ""), ("/gazebo/delete_model", "target"),
         ("/gazebo/spawn_urdf_model", "target", text, "", lay, "")]
-    assert asked.actions.chosen == {"target": "poster"}
+    assert asked.actions.selection == {"target": "poster"}
     asked.serve("/gazebo/spawn_urdf_model", SpawnModel, success=False, status_message="no room")
     with pytest.raises(RefusedError, match="^no room$"):
         asked.actions.change_target("circle")
     asked.serve("/gazebo/get_model_state", GetModelState, success=False)
     with pytest.raises(RefusedError, match="no model named target .* with target:=circle"):
         asked.actions.change_target("circle")
-    assert asked.actions.chosen == {"target": "poster"}
+    assert asked.actions.selection == {"target": "poster"}
     assert asked.graph.parameters["/target_description"] == text

@@ -304,44 +304,44 @@ def test_a_joint_is_driven_for_a_moment(graph, life, listener, driven):
         Trigger._response_class(True, "")))
     assert driven.move_camera([0.0] * 6) == "" and not graph.publishers.get("/two/both")
     assert driven.run(0.3) == []
-    listener.story.told = made_state(1.0, "stopped")
-    assert driven.joint("elbow", -0.5) == "" and not stopped
+    listener.run_trace.state = made_state(1.0, "stopped")
+    assert driven.move_joint("elbow", -0.5) == "" and not stopped
     slide, elbow = listener.positions
     sent = np.array(driven.run(0.8))
     assert (sent[:, 0] == slide).all() and (np.diff(sent[:, 1]) <= 1e-12).all()
     assert elbow - 0.5 < sent[-1, 1] < elbow - 0.1 and 10 < len(sent) < 40
     assert life.slept.count(0.02) > 10
-    listener.story.told = made_state(1.0, "servoing")
-    driven.joint("slide", 0.5)
+    listener.run_trace.state = made_state(1.0, "servoing")
+    driven.move_joint("slide", 0.5)
     assert len(stopped) == 1 and life.waited == [("/two/controller/stop", 0.5)]
     with pytest.raises(ConfigurationError, match="finger"):
-        driven.joint("finger", 1.0)
+        driven.move_joint("finger", 1.0)
 
 
 def test_the_camera_is_driven_by_a_twist(graph, life, listener, driven):
     way = listener.run_trace.arm.pose(listener.positions)[:3, :3].T @ np.array([1.0, 0.0, 0.0])
-    driven.twist([*(0.1 * way), 0.0, 0.0, 0.0])
-    driven.twist([0.0] * 6)  # at once
+    driven.move_camera([*(0.1 * way), 0.0, 0.0, 0.0])
+    driven.move_camera([0.0] * 6)  # at once
     assert np.ptp(driven.run(0.3), axis=0).max() < 1e-9
-    driven.twist([0.25, 0.1, -0.1, 0.3, 0.2, 0.5])
+    driven.move_camera([0.25, 0.1, -0.1, 0.3, 0.2, 0.5])
     assert np.ptp(driven.run(0.3), axis=0).max() > 1e-3
 
 
 def test_another_robot_is_driven_by_topics_of_its_own(graph, life, listener, driven):
     driven.move_joint("elbow", 0.5)
     first = graph.publishers["/two/both"]
-    driven.joint("elbow", 0.5)
+    driven.move_joint("elbow", 0.5)
     assert graph.publishers["/two/both"] is first
-    listener.story = RunTrace(Arm.from_urdf(ARM.replace('"elbow"', '"wrist"'),
+    listener.run_trace = RunTrace(Arm.from_urdf(ARM.replace('"elbow"', '"wrist"'),
                                          "camera_optical_frame"))
-    driven.joint("wrist", 0.5)
+    driven.move_joint("wrist", 0.5)
     assert first.impl is None and driven.run(0.1) != []
     listener.positions = None
     with pytest.raises(RefusedError, match="^there are no joint states: is the robot there"):
-        driven.joint("wrist", 0.5)
-    listener.story = None
+        driven.move_joint("wrist", 0.5)
+    listener.run_trace = None
     with pytest.raises(RefusedError, match="^there are no joint states"):
-        driven.twist([0.1] * 6)
+        driven.move_camera([0.1] * 6)
 
 
 def test_joints_without_a_controller_are_not_driven(graph, life, monkeypatch):
@@ -380,14 +380,14 @@ class Told:
 
 
 class Actions(Told):
-    ANSWERS = {"given": {"scheme": "points", "law": "pi"}, "controller_is_there": False,
-               "choices": {"laws": ["pi"]}}
+    ANSWERS = {"read_selection": {"scheme": "points", "law": "pi"}, "has_controller": False,
+               "list_choices": {"laws": ["pi"]}}
     robot, gains = "robo", {"gain": 3.0}
 
 
 class Keeping(Told):
-    ANSWERS = {"file": "a path", "trouble": "full"}
-    recording, recorded, report, ANSWER = "r.bag", None, "page.html", None
+    ANSWERS = {"find_file": "a path", "find_recording_error": "full"}
+    open_bag, last_bag, report_page = "r.bag", None, "page.html"
 
 
 class Driving(Told):
@@ -395,20 +395,22 @@ class Driving(Told):
 
 
 class ThePictures(Told):
-    ANSWERS = {"jpeg": b"jpeg", "choose": None}
+    ANSWERS = {"take_jpeg": b"jpeg", "choose_topic": None}
     note = "as found"
 
 
 class TargetWatch(Told):
     ANSWERS = {}
-    missing = "no target"
+    missing_reason = "no target"
 
 
 @pytest.fixture
 def parts(monkeypatch):
     CALLS.clear()
-    for name, part in (("actions.Actions", Actions), ("keeping.Keeping", Keeping),
-                       ("driving.Driving", Driving), ("pictures.Pictures", ThePictures),
+    for name, part in (("page_commands.PageCommands", Actions),
+                       ("session_files.SessionFiles", Keeping),
+                       ("teleoperator.Teleoperator", Driving),
+                       ("image_subscriber.ImageSubscriber", ThePictures),
                        ("target_watch.TargetWatch", TargetWatch)):
         monkeypatch.setattr(f"aras_visual_servo_bench.ros.{name}", part)
 
@@ -428,24 +430,27 @@ def test_the_page_s_parts_are_told_where_the_robot_is(listener, parts, tmp_path)
         ("Driving", "made", listener, listener.settings),
         ("ThePictures", "made", "/two", "/eye/camera")]
     assert made == CALLS
-    assert listener.hear == page.add_sample
+    assert listener.on_state == page.add_sample
 
 
 @pytest.mark.parametrize(("do", "given", "call"), [
-    *((name, {}, ("Actions", "loop", name)) for name in ("start", "stop", "hold")),
-    ("reset", {}, ("Actions", "clock", "reset_simulation")),
-    ("pause", {}, ("Actions", "clock", "pause_physics")),
-    ("resume", {}, ("Actions", "clock", "unpause_physics")),
-    *((name, {"a": 1, "b": 2}, ("Actions", name, {"a": 1, "b": 2}))
-      for name in ("step", "gain", "servo", "goal", "camera", "target")),
-    ("record", {}, ("Keeping", "record")), ("stop_record", {}, ("Keeping", "stop_record")),
+    *((name, {}, ("Actions", "control_loop", name)) for name in ("start", "stop", "hold")),
+    ("reset", {}, ("Actions", "control_clock", "reset_simulation")),
+    ("pause", {}, ("Actions", "control_clock", "pause_physics")),
+    ("resume", {}, ("Actions", "control_clock", "unpause_physics")),
+    *((name, {"a": 1, "b": 2}, ("Actions", method, {"a": 1, "b": 2}))
+      for name, method in (("step", "step"), ("gain", "set_gain"), ("servo", "restart_nodes"),
+                           ("goal", "move_goal"), ("camera", "change_camera"),
+                           ("target", "change_target"))),
+    ("record", {}, ("Keeping", "start_recording")),
+    ("stop_record", {}, ("Keeping", "stop_recording")),
     ("report", {}, ("Keeping", "make_report")),
     ("jog", dict(zip(("wz", "wy", "wx", "vz", "vy", "vx"), range(6), strict=True)),
-     ("Driving", "twist", [5, 4, 3, 2, 1, 0])),
-    ("jog_joint", {"speed": 0.5, "joint": "elbow"}, ("Driving", "joint", "elbow", 0.5)),
+     ("Driving", "move_camera", [5, 4, 3, 2, 1, 0])),
+    ("jog_joint", {"speed": 0.5, "joint": "elbow"}, ("Driving", "move_joint", "elbow", 0.5)),
 ])
 def test_each_request_is_one_s(host, do, given, call):
-    assert host.do(Request(do, given)) == f"{call[1]} is done"
+    assert host.execute(Request(do, given)) == f"{call[1]} is done"
     assert [call] == CALLS
 
 
@@ -454,36 +459,36 @@ def test_what_fails_is_refused_with_its_words(host, monkeypatch):
         def fail(*_, fault=fault):
             raise fault("why")
 
-        monkeypatch.setattr(Keeping, "record", fail, raising=False)
+        monkeypatch.setattr(Keeping, "start_recording", fail, raising=False)
         with pytest.raises(RefusedError, match="^why$"):
-            host.do(Request("record", {}))
+            host.execute(Request("record", {}))
 
 
 def test_teaching_is_refused_where_nothing_would_be_seen(host, listener):
     teach = Request("teach", {"name": "mine"})
-    listener.story.factor = None
+    listener.run_trace.factor = None
     with pytest.raises(RefusedError, match="^time stands still, so that no images come"):
-        host.do(teach)
-    listener.story.factor, listener.no_target_reason = 1.0, "dark"
+        host.execute(teach)
+    listener.run_trace.factor, listener.no_target_reason = 1.0, "dark"
     with pytest.raises(RefusedError, match=r"could be taught \(dark\): bring the target into"):
-        host.do(teach)
+        host.execute(teach)
     for scheme in ("luminance", "matches"):
-        Actions.ANSWERS["given"]["scheme"] = scheme  # they look at the picture themselves
-        assert host.do(teach) == "teach is done" and CALLS[-1] == ("Keeping", "teach", "mine",
-                                                                   scheme)
-    Actions.ANSWERS["given"]["scheme"], listener.no_target_reason = "points", ""
-    assert host.do(teach) == "teach is done"
-    listener.story = None
+        Actions.ANSWERS["read_selection"]["scheme"] = scheme  # they look at the picture themselves
+        assert host.execute(teach) == "teach_goal is done"
+        assert CALLS[-1] == ("Keeping", "teach_goal", "mine", scheme)
+    Actions.ANSWERS["read_selection"]["scheme"], listener.no_target_reason = "points", ""
+    assert host.execute(teach) == "teach_goal is done"
+    listener.run_trace = None
     with pytest.raises(RefusedError, match="^time stands still"):
-        host.do(teach)
+        host.execute(teach)
 
 
 def test_news_are_of_the_joints_that_were_heard(host, listener):
-    news = host.news()
+    news = host.make_update()
     assert news["joints"] == pytest.approx(position(1.5).tolist())
     assert news["speeds"] == [0.01, 0.02] and news["stamp"] == 0.0
     listener.stamp, listener.positions = 1.75, None
-    news = host.news()
+    news = host.make_update()
     assert "joints" not in news and news["stamp"] == 1.75
 
 
@@ -493,42 +498,44 @@ def test_the_robot_is_drawn_once(host, graph, listener, monkeypatch):
     monkeypatch.setattr(
         robot_model, "make_robot_model", lambda urdf: drawn.append(1) or whole(urdf)
     )
-    assert host.robot()["name"] == "two" and host.robot()["name"] == "two" and len(drawn) == 1
+    assert [host.make_robot_model()["name"] for _ in range(2)] == ["two"] * 2 and len(drawn) == 1
     listener.urdf = "<robot"
     empty = {"name": "", "root": "", "joints": [], "links": {}}
-    assert host.robot() == empty and host.robot() == empty and len(drawn) == 2
+    assert host.make_robot_model() == empty and host.make_robot_model() == empty and len(drawn) == 2
     assert len(graph.lines) == 1 and graph.lines[0].startswith("the page does not draw the robot: ")
     listener.urdf = ""
-    assert host.robot() is None
+    assert host.make_robot_model() is None
 
 
 def test_a_page_that_is_looked_at_is_kept_up_to_date(host, life, listener):
     host.refresh()
     assert not CALLS and not host.page.state
-    host.watched(2)
-    listener.story.told, listener.report = made_state(1.0), "a report"
+    host.set_viewer_count(2)
+    listener.run_trace.state, listener.report = made_state(1.0), "a report"
     host.refresh()
-    assert listener.story.told.phase == "" and listener.report is None  # its controller is gone
+    # its controller is gone
+    assert listener.run_trace.state.phase == "" and listener.report is None
     assert host.page.choices == {"laws": ["pi"]}
     assert host.page.state == {
-        "scheme": Actions.ANSWERS["given"]["scheme"], "law": "pi", "gains": {"gain": 3.0},
+        "scheme": Actions.ANSWERS["read_selection"]["scheme"], "law": "pi", "gains": {"gain": 3.0},
         "controller": False, "robot": 1, "picture": "as found", "recording": "r.bag",
         "recorded": "", "trouble": "full", "no_target": "no target", "report": "page.html"}
-    assert ("ThePictures", "watched", 2) in CALLS and ("ThePictures", "choose") in CALLS
-    assert ("TargetWatch", "tell", listener.story, "robo") in CALLS
-    assert host.page.whole()["limits"] == {
+    assert ("ThePictures", "set_viewer_count", 2) in CALLS
+    assert ("ThePictures", "choose_topic") in CALLS
+    assert ("TargetWatch", "update", listener.run_trace, "robo") in CALLS
+    assert host.page.make_full_message()["limits"] == {
         "names": list(JOINTS), "lower": [-0.5, -1.5], "upper": [0.7, 2.0], "velocity": [0.3, 1.9],
         "prismatic": [True, False]}
-    assert host.picture() == b"jpeg" and host.file("x") == "a path"
-    assert CALLS[-1] == ("Keeping", "file", "x")
+    assert host.take_image() == b"jpeg" and host.find_file("x") == "a path"
+    assert CALLS[-1] == ("Keeping", "find_file", "x")
     host.close()
     assert CALLS[-2:] == [("Actions", "close"), ("Keeping", "close")]
-    listener.story.told = made_state(1.0)
-    Actions.ANSWERS["controller_is_there"] = True
+    listener.run_trace.state = made_state(1.0)
+    Actions.ANSWERS["has_controller"] = True
     host.refresh()
-    assert listener.story.told.phase == "servoing" and host.page.state["controller"] is True
-    Actions.ANSWERS["controller_is_there"] = False
-    host.watched(0)
+    assert listener.run_trace.state.phase == "servoing" and host.page.state["controller"] is True
+    Actions.ANSWERS["has_controller"] = False
+    host.set_viewer_count(0)
     CALLS.clear()
     host.refresh()
     assert not CALLS

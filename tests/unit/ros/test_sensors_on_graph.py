@@ -38,7 +38,7 @@ MODEL = SimpleNamespace(
 )
 
 
-MODEL.whole = MODEL
+MODEL.main_model = MODEL
 
 
 def sensor(kind: str, topic: str = "t", **more: object) -> SimpleNamespace:

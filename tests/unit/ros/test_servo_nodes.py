@@ -19,6 +19,7 @@ from aras_visual_servo_camera.errors import ImageError, VisionError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.parameters import VisionParameters
 from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.observation.image_reader import ImageReader
 from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.parameters import CameraEntry
 from aras_visual_servo_controller.records.state import Source
@@ -52,10 +53,10 @@ class Heard:
     def set_source(self, camera, source):
         self.sources[camera] = source
 
-    def image(self, stamp, look, camera):
+    def add_image(self, stamp, look, camera):
         self.images.append((stamp, look("joints", "commands"), camera))
 
-    def joints(self, *given):
+    def add_joint_state(self, *given):
         self.told.append(given)
 
     def emergency_stop(self, pressed):
@@ -67,8 +68,7 @@ def observer(*needs, labels=False):
     segmentation = SimpleNamespace(image_kinds=kinds, label="box")
     return SimpleNamespace(
         name="left", needs=set(needs), observe_moments=lambda *given: given,
-        observe_image=lambda *given: given[:6],
-        pipeline=SimpleNamespace(settings=SimpleNamespace(segmentation=segmentation)))
+        observe_image=lambda *given: given[:6], images=ImageReader, segmentation=segmentation)
 
 
 def moments(valid=True, stamp=STAMP, **more):
@@ -188,7 +188,7 @@ def test_pictures_without_depth_and_with_labels(graph, monkeypatch):
     assert list(graph.subscribers) == ["/eye/camera/camera_info", "/eye/camera/image_raw"]
     graph.subscribers["/eye/camera/camera_info"](INFO)
     graph.subscribers["/eye/camera/image_raw"](picture())
-    assert driver.images[-1][1][5] is None and driver.images[-1][1][1].labelled is None
+    assert driver.images[-1][1][5] is None and driver.images[-1][1][1].target_mask is None
     monkeypatch.setattr(picture_input.LabelTopics, "make_mask", lambda self, message: "the mask")
     heard = picture_input.ImageInput(ENTRY, driver, observer(Need.CONTOUR, labels=True))
     assert len(heard.subscribers) == 4
@@ -196,7 +196,7 @@ def test_pictures_without_depth_and_with_labels(graph, monkeypatch):
     graph.subscribers["/eye/camera/image_raw"](picture())
     assert len(driver.images) == 1
     graph.subscribers["/eye/camera/segmentation/image_raw"](picture())
-    assert driver.images[-1][1][1].labelled == "the mask"
+    assert driver.images[-1][1][1].target_mask == "the mask"
 
 
 def test_depth_images_of_either_kind_and_order():
@@ -220,7 +220,7 @@ def test_depth_images_of_either_kind_and_order():
 def test_joints_images_and_the_emergency_stop_are_heard(graph, lockstep):
     driver = Heard()
     eyes = {"a": observer(Need.MOMENTS), "b": observer(Need.CONTOUR)}
-    driver.rig.observers = eyes
+    driver.camera_rig.observers = eyes
     cameras = {"a": {"features": "/fa"}, "b": {"namespace": "/nb"}}
     settings = Settings.from_mapping(
         {"namespace": "/two/", "cameras": cameras, "lockstep": lockstep})
@@ -313,9 +313,9 @@ def test_a_goal_is_announced(graph):
         "/two/controller/goal": (1, True), "/two/controller/desired_outline": (1, True)}
     pose = matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0.0, 0.0, np.pi / 2))
     arm = SimpleNamespace(target_frame="", base_frame="base", camera_frame="eye")
-    goal = SimpleNamespace(outline=lambda: SQUARE)
+    goal = SimpleNamespace(compute_outline=lambda: SQUARE)
     resolver = SimpleNamespace(goal=pose)
-    servo = SimpleNamespace(unreachable_reason="", arm=arm, resolver=resolver, goal=goal)
+    servo = SimpleNamespace(unreachable_reason="", arm=arm, differential_ik=resolver, goal=goal)
     topics.publish(servo)
     told, = graph.publishers["/two/controller/goal"].sent
     assert told.header.frame_id == "base" and not graph.lines
@@ -325,11 +325,11 @@ def test_a_goal_is_announced(graph):
     assert outline.header.frame_id == "eye"
     points = [(p.x, p.y, p.z) for p in outline.polygon.points]
     np.testing.assert_allclose(points, [(*row, 1.0) for row in SQUARE], atol=1e-7)
-    arm.target_frame, servo.beyond = "hand", "too far"
+    arm.target_frame, servo.unreachable_reason = "hand", "too far"
     topics.publish(servo)
     assert graph.publishers["/two/controller/goal"].sent[-1].header.frame_id == "hand"
     assert graph.lines == ["too far; the arm goes as near as it can"]
-    servo.resolver.goal = None
+    servo.differential_ik.goal = None
     topics.publish(servo)
     assert len(graph.publishers["/two/controller/goal"].sent) == 2
     assert len(graph.publishers["/two/controller/desired_outline"].sent) == 3
@@ -416,9 +416,9 @@ def test_services_and_status_of_the_loop(graph, asked):
 def test_an_action_succeeds_when_the_loop_has_converged(asked):
     state = made_state(1.0)
     asked.publisher.latest_state = made_state(0.5, "converged")  # of before
+    last = made_state(2.0, "converged", outcome="converged")
     asked.life.steps = [lambda: setattr(asked.publisher, "latest_state", state), lambda: None,
-                        lambda: setattr(asked.publisher, "latest_state", made_state(2.0, "converged",
-                                                                         outcome="converged"))]
+                        lambda: setattr(asked.publisher, "latest_state", last)]
     asked.server.execute(goal())
     assert asked.runner.done == [("start",)] and asked.life.slept == [0.05] * 3
     (_, (name, result)) = asked.server.ended

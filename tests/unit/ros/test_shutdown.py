@@ -114,7 +114,7 @@ BEGINS = """
 import sys
 from types import SimpleNamespace
 import rospy, rospy.impl.init
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
 def start_node(*_, **__):
     if "interrupted" in sys.argv:
@@ -123,7 +123,7 @@ def start_node(*_, **__):
     raise rospy.ROSInitException("another fault")
 
 rospy.impl.init.start_node = start_node
-begin_node("begins")
+init_node("begins")
 print("up")
 """
 
@@ -171,7 +171,7 @@ LOCKED = """
 import os, signal, threading, time
 from types import SimpleNamespace
 import rospy, rospy.impl.init, rospy.impl.rosout
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
 lock = threading.Lock()  # as some of rospy's own are
 
@@ -186,7 +186,7 @@ def end(reason):
 
 rospy.impl.init.start_node = lambda *_, **__: SimpleNamespace(uri="http://x:1/", shutdown=end)
 rospy.impl.rosout.init_rosout = init_rosout
-begin_node("begins")
+init_node("begins")
 print("up")
 """
 
@@ -206,10 +206,10 @@ def test_an_interruption_waits_for_no_lock_that_the_beginning_holds(tmp_path):
 
 
 BEGINNING = """
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
 print("up", flush=True)
-begin_node("waits", about="Waits for a master.")
+init_node("waits", about="Waits for a master.")
 print("begun", flush=True)
 """
 

@@ -84,15 +84,15 @@ def test_what_a_state_has_not_is_not_made_up(graph, face):
     assert (alone.outcome, alone.remedy) == ("", "") and math.isnan(alone.computation_time)
     assert np.isnan(alone.achieved_twist).all() and not alone.arrival_status.is_reached
     assert alone.scheme_output.filtered_error is None
-    parts = {"features": ["scheme_output", "resolution"],
-             "desired_features": ["scheme_output", "resolution"],
-             "error": ["scheme_output", "resolution"], "joint_positions": ["joints"],
-             "joint_commands": ["command"], "singular_values": ["resolution"]}
+    parts = {"features": ["scheme_output", "ik_solution"],
+             "desired_features": ["scheme_output", "ik_solution"],
+             "error": ["scheme_output", "ik_solution"], "joint_positions": ["joints"],
+             "joint_commands": ["command"], "singular_values": ["ik_solution"]}
     for field, without in parts.items():  # as somebody else's message may be
         message, report = told(graph, face, made_state(1.0))
         setattr(message, field, [])
         back = read_state(message, report)
-        assert [part for part in ("scheme_output", "resolution", "joints", "command")
+        assert [part for part in ("scheme_output", "ik_solution", "joints", "command")
                 if getattr(back, part) is None] == without, field
     message, report = told(graph, face, made_state(1.0))
     report.filtered_error = report.filtered_error[:2]
@@ -213,8 +213,8 @@ def test_a_listener_knows_what_the_graph_said_last(graph, listener, face):
 
     from aras_visual_servo_controller.ros.goal_topics import make_outline_message, make_pose_message
 
-    assert (listener.robot_name, listener.robots, listener.restart_count) == ("two", 1, 1)
-    assert listener.stamp == 0.0 and listener.story.arm.names == JOINTS
+    assert (listener.robot_name, listener.robot_count, listener.restart_count) == ("two", 1, 1)
+    assert listener.stamp == 0.0 and listener.run_trace.arm.names == JOINTS
     hear(graph, "/two/joint_states", joint_states(1.5))
     story = listener.refresh()
     same(listener.positions, position(1.5))
@@ -239,7 +239,7 @@ def test_a_listener_knows_what_the_graph_said_last(graph, listener, face):
     np.testing.assert_allclose(story.outline, outline, atol=1e-7)
     assert (story.camera.width, story.camera.K) == (64, K)
     heard = []
-    listener.hear = lambda state, joints: heard.append((state, list(joints)))
+    listener.on_state = lambda state, joints: heard.append((state, list(joints)))
     message, report = told(graph, face, made_state(1.6))
     hear(graph, "/two/controller/diagnosis", report)
     hear(graph, "/two/controller/state", message)
@@ -288,6 +288,6 @@ def test_a_clock_that_goes_back_and_another_robot_begin_anew(graph, listener, cl
     same(listener.positions, position(0.2))
     graph.parameters["/robot_description"] = ARM.replace('"two"', '"three"')
     now[0] += 1.0
-    assert listener.look() is not story
-    assert (listener.robot, listener.robots, listener.restart_count) == ("three", 2, 3)
+    assert listener.update() is not story
+    assert (listener.robot_name, listener.robot_count, listener.restart_count) == ("three", 2, 3)
     assert listener.positions is None

@@ -84,9 +84,9 @@ def test_who_is_behind_is_told_until_it_has_taken_all_or_is_given_up(line):
     lane, theirs, _ = line
     lane.send(message(1))
     assert lane.has_unsent
-    assert not lane.behind  # the socket has the beginning; the next message finds a place
+    assert not lane.is_behind  # the socket has the beginning; the next message finds a place
     lane.send(message(2))
-    assert lane.behind
+    assert lane.is_behind
     assert lane in lanes.QUEUE_FLUSHER.list_behind()
     lane.is_abandoned = True
     assert lane not in lanes.QUEUE_FLUSHER.list_behind()
@@ -96,13 +96,13 @@ def test_who_is_behind_is_told_until_it_has_taken_all_or_is_given_up(line):
         time.sleep(0.001)
     for n in (3, 4):
         lane.send(message(n))
-    assert lane.behind  # it is waited for again
+    assert lane.is_behind  # it is waited for again
 
 
 def test_somebody_is_told_when_a_socket_took_more(line, monkeypatch):
     lane, theirs, _ = line
     told = []
-    monkeypatch.setattr(lanes.QUEUE_FLUSHER, "on_progress", lambda: told.append(lane.left))
+    monkeypatch.setattr(lanes.QUEUE_FLUSHER, "on_progress", lambda: told.append(lane.has_unsent))
     lane.send(message(1))
     received(theirs, SIZE)
     end = time.monotonic() + 5.0
@@ -147,7 +147,7 @@ def test_lost_listener_is_reported_once(line):
         time.sleep(0.01)
     lane.send(message(3))
     assert len(lost) == 1
-    assert not lane.left
+    assert not lane.has_unsent
 
 
 def test_what_a_closed_socket_did_not_take_is_let_go(line):
@@ -159,12 +159,12 @@ def test_what_a_closed_socket_did_not_take_is_let_go(line):
     assert lane.has_unsent
     lane.socket.close()  # by rospy, which tells the publisher
     lane.close()
-    assert not lane.left
+    assert not lane.has_unsent
     assert lane not in lanes.QUEUE_FLUSHER.list_unsent()
     del image, images
     assert [reference() for reference in gone] == [None] * 3
     lane.send(message(9))
-    assert not lane.left
+    assert not lane.has_unsent
 
 
 def test_a_lane_with_the_number_of_a_closed_one_keeps_its_turn(line):

@@ -16,7 +16,7 @@ class Publisher:
     """As NonBlockingPublisher, with listeners that the test sends and takes away."""
 
     def __init__(self, topic, message, queue_size, on_change) -> None:
-        self.listeners = 0
+        self.subscriber_count = 0
         self.on_change = on_change
         self.sent: list[object] = []
 
@@ -24,7 +24,7 @@ class Publisher:
         self.sent.append(message.data)
 
     def unregister(self) -> None:
-        self.listeners = 0
+        self.subscriber_count = 0
 
 
 class Thread:
@@ -55,7 +55,7 @@ def topic(monkeypatch):
 
 
 def listen(topic, count: int) -> None:
-    topic.publisher.listeners = count
+    topic.publisher.subscriber_count = count
     topic.publisher.on_change()
 
 
@@ -80,8 +80,8 @@ def test_a_listener_that_leaves_does_not_take_the_callback_from_a_running_update
 
 def test_who_comes_while_another_leaves_is_heard_in_whatever_order_it_is_told(topic):
     listen(topic, 1)
-    topic.publisher.listeners = 2  # one comes,
-    topic.publisher.listeners = 1  # the other leaves,
+    topic.publisher.subscriber_count = 2  # one comes,
+    topic.publisher.subscriber_count = 1  # the other leaves,
     topic.publisher.on_change()  # and both are told late
     topic.publisher.on_change()
     topic.thread.turn()
@@ -92,7 +92,7 @@ def test_a_listener_that_was_quicker_than_the_constructor_is_heard(monkeypatch):
     class Awaited(Publisher):
         def __init__(self, *args, **options) -> None:
             super().__init__(*args, **options)
-            self.listeners = 1  # rospy told nobody
+            self.subscriber_count = 1  # rospy told nobody
 
     monkeypatch.setattr(state_topic, "NonBlockingPublisher", Awaited)
     port, thread = SimpleNamespace(on_state=None), Thread()

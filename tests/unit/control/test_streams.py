@@ -196,7 +196,7 @@ class Answers:
             return None
         return 1.0
 
-    def clear(self) -> None:
+    def end_round(self) -> None:
         pass
 
 
@@ -209,7 +209,7 @@ def test_in_lockstep_each_command_acts_in_a_step_of_its_own(at_once):
     acted: list[list[int]] = []
 
     def after_step(_time_ns: int) -> None:
-        gate.closed = True
+        gate.is_closed = True
         acted.append(script.order[sum(map(len, acted)):])
 
     thread = SimulationThread(

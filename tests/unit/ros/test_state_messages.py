@@ -243,13 +243,13 @@ def test_a_listener_knows_what_the_graph_said_last(graph, listener, face):
     message, report = told(graph, face, made_state(1.6))
     hear(graph, "/two/controller/diagnosis", report)
     hear(graph, "/two/controller/state", message)
-    assert listener.report is report and story.told.outcome == "running"
+    assert listener.report is report and story.state.outcome == "running"
     (state, joints), = heard
     same(joints, position(1.6))
     same(state.achieved_twist, made_state(1.6).achieved_twist)
     other = told(graph, face, made_state(1.7, "holding"))[0]  # the report is of another phase
     hear(graph, "/two/controller/state", other)
-    assert story.told.phase == "holding" and story.told.outcome == ""
+    assert story.state.phase == "holding" and story.state.outcome == ""
     hear(graph, "/two/controller/state", message)
     seen = []
     story.add_image_point = lambda *given: seen.append(given)
@@ -258,8 +258,8 @@ def test_a_listener_knows_what_the_graph_said_last(graph, listener, face):
         hear(graph, "/two/camera/moments", ImageMoments(valid=valid, m=m, reason="dark"))
         assert listener.no_target_reason == ("" if valid else "dark")
     assert seen == [("centre", 0.25, -0.5)]
-    listener.forget()
-    assert listener.report is None and story.told.phase == ""
+    listener.clear_controller()
+    assert listener.report is None and story.state.phase == ""
 
 
 def test_a_clock_that_goes_back_and_another_robot_begin_anew(graph, listener, clock):

@@ -44,9 +44,9 @@ def finely_sampled(renderer, view, fine=16):
     shader, background = one.canvas.shader, 255.0 * np.array(renderer.light.background[:3])
     plain = shader.compute_uniform_colours(renderer.triangles, one.visible)
     none = np.zeros(len(one.samples.tile), np.uint64)
-    words = shader.words(
+    words = shader.draw_samples(
         renderer.triangles,
-        one.seen,
+        one.visible,
         one.samples,
         plain,
         pack_colour(*background),
@@ -384,7 +384,7 @@ def test_depth_through_a_lens_is_where_the_ray_of_the_pixel_meets_the_plane(benc
     view = sensor.make_view(np.eye(4))
     depth, label = sensor.renderer.measure(view)
     v, u = np.mgrid[:config.height, :config.width]
-    rays = config.model.unproject(np.stack([u.ravel(), v.ravel()], axis=1).astype(float))
+    rays = config.projection.unproject(np.stack([u.ravel(), v.ravel()], axis=1).astype(float))
     to_world = view.world_T_optical[:3, :3]
     normal = np.array([np.cos(2 * half), 0.0, -np.sin(2 * half)])
     with np.errstate(invalid="ignore", divide="ignore"):

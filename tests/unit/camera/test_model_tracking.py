@@ -473,7 +473,8 @@ def test_a_lost_solid_is_looked_for_anew_where_that_can_be_told(monkeypatch, kin
     tracker, started = ModelTracker(solid_of("box"), StartPose(kind)), []
     monkeypatch.setattr(ModelTracking, "is_started", True)
     monkeypatch.setattr(ModelTracking, "start", lambda self, pose: started.append(pose))
-    monkeypatch.setattr(ModelTracking, "track", lambda *_: SimpleNamespace(lost="it is gone"))
+    lost = SimpleNamespace(loss_reason="it is gone")
+    monkeypatch.setattr(ModelTracking, "track", lambda *_: lost)
     tracker._world_T_solid = np.eye(4) if known else None
     with pytest.raises(VisionError, match="it is gone"):
         tracker.track(np.zeros((4, 4), np.uint8), CAMERA)

@@ -64,13 +64,13 @@ def expected(solid, T, spacing) -> list[tuple]:
             at = depth * (np.linalg.inv(K) @ [*pixel, 1.0])
             shares = shares_of @ at
             before = hiding & (shares >= 0.0).all(axis=1) & (shares.sum(axis=1) > 1.0 + 2e-3)
-            before[solid.beside[e]] = False
+            before[solid.edge_faces[e]] = False
             if not before.any():
                 points.append((
                     (at - T[:3, 3]) @ T[:3, :3], at[:2] / at[2], pixel, normal,
                     normal * np.diag(K)[:2],
                     room(uv, edges, solid.edges[e], pixel, int(abs(way[0]) > abs(way[1]))), e,
-                    front[solid.beside[e]]))
+                    front[solid.edge_faces[e]]))
         due = 0.5 * spacing if length > 16.0 else due + spacing * count - length
     return points
 

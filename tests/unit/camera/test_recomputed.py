@@ -50,8 +50,8 @@ class Caster:
                 self.textures[n] = cv2.imread(mesh.texture)[..., ::-1] / 255.0
         self.corners, self.normals, self.colours, self.part, self.uv = map(
             np.concatenate, (corners, normals, colours, parts, uvs))
-        self.label = renderer.scene.labels()[
-            [renderer.scene.parts[n].row for n in self.part]]
+        self.label = renderer.scene.compute_labels()[
+            [renderer.scene.visuals[n].row for n in self.part]]
         a = self.corners[:, 0]
         self.e1, self.e2 = self.corners[:, 1] - a, self.corners[:, 2] - a
         self.normal = np.cross(self.e1, self.e2)
@@ -199,7 +199,7 @@ def resolved(renderer, view):
     """What is seen, pixels (height, width) bool that are worked out from what covers them, and
     rendering.fragments.Fragments of those."""
     one = renderer.sample(view, 1.0, -0.5)
-    plain = one.canvas.shader.plain(renderer.triangles, one.seen)
+    plain = one.canvas.shader.compute_uniform_colours(renderer.triangles, one.visible)
     if renderer.light.lights:
         plain[:] = 0
     bits, fragments, _ = renderer.resolve(one, view, plain)
@@ -207,7 +207,7 @@ def resolved(renderer, view):
     of = bits[:, None] >> np.arange(TILE * TILE, dtype=np.uint64) & np.uint64(1)
     of = of.reshape(tiles.rows, tiles.columns, TILE, TILE).swapaxes(1, 2)
     of = of.reshape(tiles.rows * TILE, -1)[:view.height, :view.width] > 0
-    return one.seen, of, fragments
+    return one.visible, of, fragments
 
 
 DIAMOND_OBJ = """mtllib {0}.mtl\nusemtl {0}
@@ -344,7 +344,7 @@ def test_a_picture_is_what_rays_at_its_triangles_say(
     picture = sensor.renderer.render(view)
     # Edges differ by what 64 rays leave open; a shadow's edge is in one sample of a fragment where
     # it is hard, and in few where it is soft.
-    one = caster, sensor.config.model, view, LIT[lit]
+    one = caster, sensor.config.projection, view, LIT[lit]
     places, shows = expected(*one, edges, 64)
     off = picture[edges] - places.mean(axis=0)
     assert rms(off) < EDGES.get(lit, 2.8)
@@ -367,7 +367,7 @@ def test_pieces_of_pixels_are_as_large_as_rays_say_and_lie_within_them(
 ):  # fmt: skip
     sensor, view = scene(bench, tmp_path, what, lens, "sun")
     caster, (seen, edges, f) = Caster(sensor.renderer), resolved(sensor.renderer, view)
-    _, shows = expected(caster, sensor.config.model, view, SUN, edges, 64)
+    _, shows = expected(caster, sensor.config.projection, view, SUN, edges, 64)
     number = np.full(edges.shape, -1)
     number[edges] = np.arange(edges.sum())
     triangles, width = sensor.renderer.triangles, TILE * -(-view.width // TILE)
@@ -406,7 +406,7 @@ def test_depth_and_body_are_those_of_the_nearest_triangle(bench, tmp_path, lens,
     depth, label = sensor.renderer.measure(view)
     caster = Caster(sensor.renderer)
     v, u = (x.reshape(-1) for x in np.mgrid[:view.height, :view.width].astype(float))
-    rays = sensor.config.model.unproject(np.stack([u, v], axis=1))
+    rays = sensor.config.projection.unproject(np.stack([u, v], axis=1))
     away, _, _, front = caster.seen(view, rays)
     away[:, caster.colours[front, 3] < 1.0] = np.inf
     nearest, far = front[away.argmin(axis=1)], away.min(axis=1)

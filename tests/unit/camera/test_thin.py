@@ -52,7 +52,8 @@ def covered(renderer, view, body) -> float:
     one = renderer.sample(view, 1.0, -0.5)
     edges, fragments = renderer.resolve(one, view, one.canvas.shader.compute_uniform_colours(
         renderer.triangles, one.visible))[:2]
-    mine = renderer.scene.labels()[renderer.triangles.row[one.seen.triangle]] == body.body_id
+    rows = renderer.triangles.row[one.visible.triangle]
+    mine = renderer.scene.compute_labels()[rows] == body.body_id
     area = float(fragments.share[mine[fragments.member]].sum())
     width = one.canvas.tiles.columns
     for n, tile in enumerate(one.samples.tile):

@@ -148,9 +148,9 @@ class Hand:
         handle = self.gripper.submit_goal(GripperGoal(position, effort))
         for _ in range(3000):
             self.simulation.step()
-            if handle.done:
+            if handle.is_done:
                 break
-        return handle.done and handle.result.stalled
+        return handle.is_done and handle.result.stalled
 
 
 def down(camera: np.ndarray, way: float) -> np.ndarray:

@@ -31,7 +31,7 @@ from aras_visual_servo_bench.runner.environment import ServoEnv
 from aras_visual_servo_bench.runner.loop import run
 bullet = run(Experiment(duration=0.2))
 assert len(bullet.stamp) > 4, bullet
-assert run(Experiment(plant="free")).verdict.reached
+assert run(Experiment(plant="free")).verdict.is_reached
 foreign = [n for n in sys.modules if n.split(".")[0] in (
     "rospy", "rospkg", "genpy", "catkin", "catkin_pkg", "std_msgs", "sensor_msgs", "angles", "tf",
     "pinocchio")]

@@ -29,7 +29,7 @@ from pathlib import Path
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.runner.loop import run
-assert run(Experiment(plant="free")).verdict.reached
+assert run(Experiment(plant="free")).verdict.is_reached
 out = Path(sys.argv[2])
 (out / "study.yaml").write_text("{experiment: {plant: free}, vary: {gain: [1.0, 2.0]}}")
 assert main(["run", str(out / "study.yaml"), "--out", str(out / "study"), "--in-process"]) == 0

@@ -57,7 +57,7 @@ def standing(robot, preset, tmp_path_factory):
     course = PoseHistory()
     try:
         plant = bullet(robot, preset, seed=7, renderer="exact", exposure="gazebo", target_models=shown,
-                       around=world, tracked_link=TrackedLink("moves", "moves", course))
+                       surroundings=world, tracked_link=TrackedLink("moves", "moves", course))
     finally:
         dynamic_arm.SimulationConfig = make
     yield plant, asked[0], course, world
@@ -69,28 +69,28 @@ def test_the_world_is_made_as_it_is_asked_for(standing):
     assert asked == {"renderer": "exact", "seed": 7, "lights": world.lights, "scene": world.scene,
                      "ground_plane": False, "exposure": "gazebo"}
     assert set(plant.simulation.world.models) == {"robot", "moves", "stands"}
-    assert plant.outputs == {"position"} and plant.control == "camera"
+    assert plant.outputs == {"position"} and plant.control_camera_name == "camera"
     assert plant.peak_speed is None and plant.find_collision() is None
 
 
 def test_a_target_that_moves_is_where_it_belongs_at_every_step(standing):
     plant, _, course, _ = standing
     models = plant.simulation.world.models
-    np.testing.assert_allclose(course.at(0.0), AT, atol=1e-6)
+    np.testing.assert_allclose(course.find_pose(0.0), AT, atol=1e-6)
     until(plant, plant.time_ns + 20_000_000)
     time = plant.time_ns * 1e-9
     wanted = AT[2, 3] + time
     assert models["moves"].pose().xyz[2] == pytest.approx(wanted, abs=1e-9)
     assert models["stands"].pose().xyz[2] == pytest.approx(AT[2, 3], abs=1e-6)
-    assert course.at(time)[2, 3] == pytest.approx(wanted, abs=1e-6)
-    assert course.at(0.5 * time)[2, 3] == pytest.approx(AT[2, 3] + 0.5 * time, abs=1.1e-3)
+    assert course.find_pose(time)[2, 3] == pytest.approx(wanted, abs=1e-6)
+    assert course.find_pose(0.5 * time)[2, 3] == pytest.approx(AT[2, 3] + 0.5 * time, abs=1.1e-3)
 
 
 def test_it_tells_where_its_joints_and_camera_are_wherever_it_stands(standing, arm):
     """Also of an arm that is put elsewhere as a whole."""
     plant, *_ = standing
     model = plant.simulation.world.models["robot"]
-    q, v = plant.joints()
+    q, v = plant.read_joints()
     assert q.shape == v.shape == (6,) and plant.joint_names == arm.names
     by_name = dict(zip(model.joint_names, model.read_joints()[0], strict=True))
     np.testing.assert_array_equal(q, [by_name[name] for name in arm.names])
@@ -99,7 +99,7 @@ def test_it_tells_where_its_joints_and_camera_are_wherever_it_stands(standing, a
     model.set_pose(Pose.from_matrix(elsewhere))
     try:
         other = q + [0.01, 0.0, 0.1, 0.05, -0.05, 0.3]
-        np.testing.assert_allclose(plant.poses(np.array([q, other])), [
+        np.testing.assert_allclose(plant.compute_rest_poses(np.array([q, other])), [
             elsewhere @ arm.pose(q), elsewhere @ arm.pose(other)], atol=1e-9)
         np.testing.assert_allclose(plant.read_rest_pose(), elsewhere @ arm.pose(q), atol=1e-6)
         places = plant.joint_origins(np.array([other, q]))
@@ -125,7 +125,7 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
         TargetModel(PlacedTarget(SQUARE, at), write_target(SQUARE, tmp_path, "plate"), name="plate")
     ]
     plant = bullet(robot, preset, camera={"segmentation": True, "depth": True}, target_models=shown,
-                   label="plate")
+                   labelled_link="plate")
     try:
         pose, found = plant.read_pose(), []
         while not found:
@@ -140,7 +140,7 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     assert reading.target_mask.mean() / 255 < 0.2
     depth = (np.linalg.inv(pose) @ at)[2, 3]
     assert reading.depth[v, u] == pytest.approx(depth, abs=5e-3)
-    bare = bullet(robot, preset, target_models=shown, label="plate")  # without label images
+    bare = bullet(robot, preset, target_models=shown, labelled_link="plate")  # without label images
     try:
         found = []
         while not found:
@@ -149,7 +149,7 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     finally:
         bare.close()
     with pytest.raises(ExperimentError, match="no link has the label 'plat': did you mean 'plate'"):
-        bullet(robot, preset, camera={"segmentation": True}, target_models=shown, label="plat")
+        bullet(robot, preset, camera={"segmentation": True}, target_models=shown, labelled_link="plat")
 
 
 def test_an_exposure_at_a_step_s_end_is_seen_then(robot, preset, pinhole):
@@ -167,7 +167,7 @@ def test_an_exposure_at_a_step_s_end_is_seen_then(robot, preset, pinhole):
 def test_several_cameras_sit_where_the_robot_has_their_frames(preset):
     specs = {"left": CameraSpec(preset), "right": CameraSpec(preset, xyz=(0.0, -0.05, 0.01))}
     robot = Robot(RobotSpec(), cameras=specs)
-    plant = bullet(robot, preset, name="left", others={"right": {**preset, "update_rate": 20.0}})
+    plant = bullet(robot, preset, name="left", other_cameras={"right": {**preset, "update_rate": 20.0}})
     try:
         assert plant.control_camera_name == "left"
         simulation, q = plant.simulation, plant.read_joints()[0]

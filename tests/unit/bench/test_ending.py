@@ -27,7 +27,7 @@ def ending(ideal=None, first=None, goal=None, motion=None, **keys):
     """Ten images a second, from 2 m above a target to 1 m."""
     first = looks_down(2.0, turn=0.4) if first is None else first
     parts = SimpleNamespace(
-        plant=SimpleNamespace(imaging=SimpleNamespace(rate=10.0), pose=lambda: first),
+        plant=SimpleNamespace(imaging=SimpleNamespace(rate=10.0), read_pose=lambda: first),
         goal_pose=looks_down(1.0) if goal is None else goal,
         target=PlacedTarget(SQUARE, np.eye(4), motion or Motion()),
     )  # fmt: skip
@@ -44,7 +44,7 @@ def state(error=(1.0, 1.0), phase=SERVOING, outcome="running", stamp=0.0):
 def images_until_over(found, states, pose=None):
     for count, one in enumerate(states, 1):
         one.stamp = 0.1 * (count - 1)
-        found.image(one, looks_down(2.0) if pose is None else pose)
+        found.add_image(one, looks_down(2.0) if pose is None else pose)
         if found.is_over:
             return count
     return None
@@ -166,7 +166,7 @@ def test_late_images_come_when_their_delay_is_over_in_the_order_they_were_made(
         image(driver, stamp, look, camera)
 
     monkeypatch.setattr(LoopRunner, "add_image", told)
-    loop = looped(cameras=eyes({"delay": left}, {"delay": right}), duration=0.4, imaging="original",
+    loop = looped(cameras=eyes({"delay": left}, {"delay": right}), duration=0.4, camera="original",
                   scheme="points@left+points@right")
     while loop.plant.time_ns < 330_000_000:
         loop.run_to_image()

@@ -219,7 +219,7 @@ KEYS = {
     "target.box": Key({"size": [0.1, 0.1, 0.02]}, plants=("bullet",), tried=()),
     "camera": Key({"preset": "fisheye", "width": 96, "height": 72}),
     "plant": Key("free", plants=("bullet", "chain", "ideal")),
-    "traced": Key(True, plants=("bullet",)),
+    "record_peak_speeds": Key(True, plants=("bullet",)),
     "ideal": Key({"speed": [1e-3, 1e-3]}, plants=("ideal",)),
     "robot": Key({"camera_frame": "tool0"}, plants=ARMS, tried=()),  # test_robots has its keys
     # -- the laws' parameters ------------------------------------------------------------------
@@ -250,7 +250,7 @@ EXEMPT = {
         "segmentation",  # delivered where somebody reads them
         "shutter",  # of triggered cameras
     },
-    "Belief": {"hand_eye"},  # test_calibrated_places
+    "CalibrationOffset": {"hand_eye"},  # test_calibrated_places
     "CameraSpec": {
         "model",
         "rate",
@@ -276,7 +276,7 @@ EXEMPT = {
         "time_after_convergence",
         "renderer",  # an end after convergence; all names mean one
     },
-    "Ideal": {f.name for f in fields(IdealSpec)},  # test_ending
+    "IdealSpec": {f.name for f in fields(IdealSpec)},  # test_ending
 }
 PREFIXES = {
     CameraConfig: "camera.", Effects: "camera.effects.", SensorModel: "camera.effects.sensor.",

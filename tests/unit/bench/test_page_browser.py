@@ -363,7 +363,7 @@ def test_a_second_browser_a_reload_and_a_closed_tab(browser, page, server, host)
     second.wait("window.arasPage && arasPage.state.samples.length >= 41")
     assert len(server.viewers) == 2
     host.move()
-    count = len(host.page.whole()["samples"])
+    count = len(host.page.make_full_message()["samples"])
     for tab in (page, second):
         tab.wait(f"arasPage.state.samples.length === {count}")
     page.call("Page.reload")

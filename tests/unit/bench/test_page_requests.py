@@ -97,7 +97,7 @@ def test_what_is_wrong_is_refused_with_the_reason(do, given, why):
       for sign in (-1, 1)),
 ])  # fmt: skip
 def test_what_is_just_within_its_bounds_is_taken(do, given):
-    assert {key: vars(ask(do, **given))["given"][key] for key in given} == given
+    assert {key: vars(ask(do, **given))["arguments"][key] for key in given} == given
 
 
 def test_a_request_of_4096_characters_is_read():

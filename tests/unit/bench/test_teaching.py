@@ -134,7 +134,7 @@ def test_a_policy_is_told_where_the_goal_was_in_each_picture(monkeypatch, flies)
     told = (lambda one: np.array([0.1, -0.05, 9.0, -0.2]) * one[0]) if flies == "policy" else None
     x, y = policy.collect_demonstrations(told, 10, seed=4, environments=3)
     assert given == [((policy.ENVIRONMENT, 3, "async"),
-                      {"experiment": policy.TRAINING_EXPERIMENT, "observes": "picture"})]
+                      {"experiment": policy.TRAINING_EXPERIMENT, "observes": "image"})]
     assert flown.seed == 4 and flown.closed and len(x) == len(y) == 12
     poses = flown.poses[:4].reshape(12, 4, 4)
     np.testing.assert_allclose(x, [policy.make_inputs(one)

@@ -371,7 +371,7 @@ def test_pieces_of_pixels_are_as_large_as_rays_say_and_lie_within_them(
     number = np.full(edges.shape, -1)
     number[edges] = np.arange(edges.sum())
     triangles, width = sensor.renderer.triangles, TILE * -(-view.width // TILE)
-    cell = TILE // view.tiles().cells
+    cell = TILE // view.get_tiles().cells
     off, aside, whole = [], [], []
     for k, pixel in enumerate(f.pixel):
         v, u = pixel // width, pixel % width

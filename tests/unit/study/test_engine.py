@@ -64,7 +64,7 @@ def failing(finished):
 
 
 def quiet(study):
-    return Progress(study.runs, out=io.StringIO())
+    return Progress(study.run_count, out=io.StringIO())
 
 
 def carried(study, path, pool=None, **options):
@@ -182,7 +182,7 @@ def test_a_part_of_other_runs_is_run_again_and_not_taken_for_its_own(tiny, tmp_p
         again = StudyFolder.open(made.path)
         assert own in again.find_missing_chunks()
         engine.carry_out(again, InProcessPool(), quiet(tiny()))
-        assert again.read_results()["run"].to_pylist() == list(range(tiny().runs))
+        assert again.read_results()["run"].to_pylist() == list(range(tiny().run_count))
     assert hashes(whole.path) == hashes(begun.path)
 
 
@@ -441,7 +441,7 @@ def test_the_digest_is_the_same_where_catkins_stubs_come_first(tmp_path):
     place = importlib.util.find_spec(stub.name).submodule_search_locations[0]
     (stub / "__init__.py").write_text(f"__path__.append({place!r})\n")
     (stub / "generated.py").write_text("")
-    command = "from aras_visual_servo_bench.studies import versions; print(versions.sources())"
+    command = "from aras_visual_servo_bench.studies import versions; print(versions.compute_source_digest())"
     told = subprocess.run(
         [sys.executable, "-c", command], capture_output=True, text=True, check=True,
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},

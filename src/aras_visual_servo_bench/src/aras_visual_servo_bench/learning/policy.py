@@ -99,7 +99,7 @@ def collect_demonstrations(
     """
     random = np.random.default_rng(seed)
     flown = gymnasium.make_vec(
-        ENVIRONMENT, environments, "async", experiment=TRAINING_EXPERIMENT, observes="picture"
+        ENVIRONMENT, environments, "async", experiment=TRAINING_EXPERIMENT, observes="image"
     )
     x, y = [], []
     try:

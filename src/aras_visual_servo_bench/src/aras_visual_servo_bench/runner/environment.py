@@ -25,7 +25,7 @@ from ..setup.assembly import assemble
 from .loop import Loop
 
 ENVIRONMENT = "aras/Servo-v0"  # its name in Gymnasium's registry
-OBSERVATIONS = ("features", "picture")
+OBSERVATIONS = ("features", "image")
 MAX_TWIST = (0.25, 0.25, 0.25, 1.5, 1.5, 1.5)  # m/s and rad/s of the camera, for an action of 1
 
 
@@ -109,7 +109,7 @@ class ServoEnv(gymnasium.Env):
     ) -> None:
         """Args:
             experiment: by default a free camera with exact features from sampled starts.
-            observes: 'features' or 'picture'.
+            observes: 'features' or 'image'.
 
         Raises:
             ExperimentError: it cannot be run, its scheme answers joints itself, or it has no
@@ -119,10 +119,10 @@ class ServoEnv(gymnasium.Env):
             experiment = Experiment(plant="free", lag=0.0, delay=0.0, start=Sampler())
         if observes not in OBSERVATIONS:
             raise ExperimentError(f"observes is '{observes}': {suggest(observes, OBSERVATIONS)}")
-        self._observes_images = observes == "picture"
+        self._observes_images = observes == "image"
         if self._observes_images and not experiment.has_images:
             raise ExperimentError(
-                "pictures cannot be observed of exact features: give the experiment features: "
+                "images cannot be observed of exact features: give the experiment features: "
                 "images"
             )
         self.experiment = experiment

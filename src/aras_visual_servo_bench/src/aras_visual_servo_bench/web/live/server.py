@@ -133,7 +133,7 @@ class RobotModelHandler(AuthorizedHandler):
 
     async def get(self) -> None:
         loop = tornado.ioloop.IOLoop.current()
-        model = await loop.run_in_executor(self.server.workers, self.server.host.robot)
+        model = await loop.run_in_executor(self.server.workers, self.server.host.make_robot_model)
         if model is None:
             self.send_not_found("There is no robot yet.")
             return
@@ -145,7 +145,7 @@ class ReportHandler(AuthorizedHandler):
     """A file of the last run's report; a report is a page of its own, with its pictures inside."""
 
     def get(self, name: str) -> None:
-        path = self.server.host.file(name)
+        path = self.server.host.find_file(name)
         if path is None:
             self.send_not_found("There is no report of that name.")
             return
@@ -174,7 +174,7 @@ class Viewer(AuthorizedHandler, tornado.websocket.WebSocketHandler):
     def open(self, *_: str) -> None:
         self.set_nodelay(True)
         self.server.add_viewer(self)
-        self.outbox.send_update(self.server.host.page.whole())
+        self.outbox.send_update(self.server.host.page.make_full_message())
 
     def on_close(self) -> None:
         self.server.remove_viewer(self)
@@ -208,7 +208,7 @@ class Viewer(AuthorizedHandler, tornado.websocket.WebSocketHandler):
         try:
             do, fields = read_message(message, REQUESTS)
             request = read_request(do, fields, host.page.choices)
-            text = await loop.run_in_executor(self.server.workers, host.do, request)
+            text = await loop.run_in_executor(self.server.workers, host.execute, request)
             answer = {"kind": "answer", "do": do, "done": True, "text": text}
         except RefusedError as error:
             answer = {"kind": "answer", "do": do, "done": False, "text": str(error)}

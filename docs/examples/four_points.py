@@ -12,16 +12,11 @@ from aras_visual_servo_bench.plants.imaging import ImagingSettings, capture
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.kinematics.differential_ik import (
-    DifferentialIK,
-    IKSettings,
-    solve_ik,
-)
+from aras_visual_servo_controller import DifferentialIK, FeatureObserver, Goal, create_scheme
+from aras_visual_servo_controller.kinematics.differential_ik import IKSettings, solve_ik
 from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.laws import Proportional
-from aras_visual_servo_controller.observation.feature_observer import FeatureObserver, observe
-from aras_visual_servo_controller.schemes import create_scheme
+from aras_visual_servo_controller.observation.feature_observer import observe
 from aras_visual_servo_controller.schemes.compute import compute
 
 PERIOD = 1.0 / 30.0  # s between two images

@@ -26,7 +26,7 @@ for package in ("visual_servo_base", "sim_bridge", "visual_servo_camera",
     sys.path.append({str(SOURCES)!r} + f"/aras_{{package}}/src")
 from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.metrics import summary
-from aras_visual_servo_bench.recording import from_bag
+from aras_visual_servo_bench.recording import message_run_builder
 from aras_visual_servo_bench.runner.environment import ServoEnv
 from aras_visual_servo_bench.runner.loop import run
 bullet = run(Experiment(duration=0.2))

@@ -129,7 +129,7 @@ def test_a_target_is_drawn_on_the_link_that_carries_it():
     changed = np.abs(drawn[1]["left"].astype(int) - alone[1]["left"]).max(axis=2) > 100
     rows, columns = np.nonzero(changed)
     parts = drawn[0]
-    place = parts.placements["left"].at(parts.plant.read_rest_pose())
+    place = parts.placements["left"].compute_pose(parts.plant.read_rest_pose())
     shape = asked(left={"target": PLATE}).cameras["left"].target.placed_target.shape
     hand_T_plate = matrix_from_xyz_rpy(PLATE["pose"][:3], PLATE["pose"][3:])
     rim = shape.outline(np.linalg.inv(hand_T_plate) @ place)

@@ -64,8 +64,8 @@ def test_a_point_is_where_it_was_when_its_own_row_was_exposed():
 
 @pytest.mark.parametrize("depth", [False, True])
 def test_a_picture_is_made_of_rows_of_the_pictures_of_their_instants(depth):
-    rolling = sight(has_images=True, depth=depth)
-    found, still = flying(rolling), replace(rolling, parts=(), effects=Effects())
+    rolling = sight(has_images=True, has_depth=depth)
+    found, still = flying(rolling), replace(rolling, row_bands=(), effects=Effects())
     for part in rolling.row_bands:
         now = capture(still, pose_at(1e-9 * part.offset_ns), STAMP, np.random.default_rng(0)).image
         rows = slice(part.first, part.last)

@@ -161,7 +161,7 @@ def test_late_images_come_when_their_delay_is_over_in_the_order_they_were_made(
         monkeypatch, left, right, delays, order):
     came, image = [], LoopRunner.add_image
 
-    def told(driver, stamp, look, imaging=""):
+    def told(driver, stamp, look, camera=""):
         came.append((camera, stamp, loop.plant.time_ns * 1e-9))
         image(driver, stamp, look, camera)
 

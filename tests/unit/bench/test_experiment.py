@@ -153,7 +153,7 @@ def test_with_names_a_key_that_there_is_not(changes, text):
         ({"camera_rpy": [0, 10, 0]}, r"camera_rpy\[1\] is 10.0, must be <= 3.142 rad"),
         ({"start": {"turn": 45}}, "start.turn is 45.0, must be <= 3.142 rad"),
         ({"delay": 15}, r"delay is 15.0, must be <= 10 s \(15 ms are 0.015 s\)"),
-        ({"features": True}, "features is True, must be one of auto, pictures, exact"),
+        ({"features": True}, "features is True, must be one of auto, images, exact"),
         (
             {"controller_parameters": {"gain": 2}},
             "controller_parameters.gain: gain is a key of the experiment itself",
@@ -193,7 +193,7 @@ def test_with_names_a_key_that_there_is_not(changes, text):
             {"target": {"shape": "square", "size": [9, 9], "pose": [0, 0, 0.591, 0, 0, 0]}},
             r"target.size\[0\] is 9.0, must be <= 2 m, the table's",
         ),
-        ({"plant": "free", "traced": True}, "no steps"),
+        ({"plant": "free", "record_peak_speeds": True}, "no steps"),
         ({"calibration_offset": {"focal": 0}}, "calibration_offset.focal is 0"),
         ({"robot": 5}, "robot.urdf is 5, must be a text"),
         ([], "must be keys with values"),

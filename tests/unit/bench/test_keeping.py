@@ -112,7 +112,7 @@ def test_of_a_recorder_that_died_the_unclosed_bag_is_kept_for_the_report(kept):
 
 def test_what_is_not_recorded_is_neither_closed_nor_reported(kept):
     with pytest.raises(RefusedError, match=f"^recording already, to {kept.open_bag}$"):
-        kept.record()
+        kept.start_recording()
     with pytest.raises(RefusedError, match="a bag is still being recorded: stop that first"):
         kept.make_report()
     kept.by.bag.with_name(kept.by.bag.name + ".active").rename(kept.directory / "x")
@@ -156,7 +156,7 @@ def test_tools_are_run_to_their_end(kept, monkeypatch):
                       (["late", ""], "^teach has not ended within 90 s$")):
         status[:] = ends
         with pytest.raises(RefusedError, match=why):
-            kept.teach("mine", "points")
+            kept.teach_goal("mine", "points")
     status[:], pages[:] = [0, ""], []
     for page in out.iterdir():
         page.unlink()

@@ -381,7 +381,7 @@ def test_a_second_browser_a_reload_and_a_closed_tab(browser, page, server, host)
 def test_a_page_that_is_there_before_the_robot_waits_for_it_without_a_word(browser, host, server):
     before = host.page.state
     host.page.state = {}
-    host.robot, plain = (lambda: None), host.robot
+    host.make_robot_model, plain = (lambda: None), host.make_robot_model
     try:
         tab = browser.open(server.access.address)
         tab.wait("window.arasPage && document.getElementById('link').textContent === 'connected'")
@@ -390,9 +390,9 @@ def test_a_page_that_is_there_before_the_robot_waits_for_it_without_a_word(brows
         hidden = "document.getElementById('trouble').hidden"
         assert tab.js(hidden) and not tab.js("arasPage.scene.meshes.length")
     finally:
-        del host.robot
+        del host.make_robot_model
         host.page.state = before
-    assert host.robot == plain
+    assert host.make_robot_model == plain
     tab.wait("arasPage.scene.meshes.length > 5")
     assert tab.js(hidden)
     tab.close()

@@ -201,7 +201,7 @@ def test_the_live_page_serves_a_report_that_works(
 ):
     """Its page allows no script that is not a file; a report carries its own."""
     page = write_report(runs[:1], tmp_path, ())[0]
-    monkeypatch.setattr(host, "file", lambda name: page if name == "one/report.html" else None)
+    monkeypatch.setattr(host, "find_file", lambda name: page if name == "one/report.html" else None)
     tab = browser.open("about:blank")
     address = server.access.address
     tab.call("Page.navigate", url=address.replace("/?", "/report/one/report.html?") + "#at=0.5")

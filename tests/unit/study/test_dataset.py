@@ -23,6 +23,7 @@ from aras_visual_servo_bench.studies import card, engine, images, replay, rows
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import TRACES, StudyFolder
 from aras_visual_servo_camera.images import Image
+from aras_visual_servo_controller.observation.frame import Frame
 
 MOVING = {"pose": [0.01, 0.02, 0.591, 0.0, 0.0, 0.3], "shape": "l_shape", "size": [0.08, 0.06],
           "motion": {"velocity": [0.01, 0.004, 0.0, 0.0, 0.0, 0.0]}}  # fmt: skip
@@ -125,10 +126,11 @@ def test_a_depth_beyond_what_two_bytes_hold_is_none():
 
 def test_a_picture_keeps_its_colours():
     rgb = np.array([[[220, 130, 40]]], np.uint8)
-    for colour, kept in ((True, [[[40, 130, 220]]]), (False, [[90]])):  # OpenCV's order
-        picture = SimpleNamespace(has_colour=colour, rgb=rgb, grey=np.array([[90]], np.uint8))
-        reading = SimpleNamespace(image=rgb, picture=picture)
-        assert pixels(images._encode_image(reading)).tolist() == kept
+    grey = np.array([[90]], np.uint8)
+    for image, encoding, kept in (
+        (rgb, "rgb8", [[[40, 130, 220]]]), (grey, "mono8", [[90]]),  # OpenCV's order
+    ):  # fmt: skip
+        assert pixels(images._encode_image(Frame(0, image, encoding))).tolist() == kept
 
 
 def test_of_each_camera_the_latest_image_is_kept_with_a_row():
@@ -247,7 +249,7 @@ def test_first_keeps_a_view_of_each_start():
 @pytest.mark.parametrize(("changes", "complaint"), [
     ({"experiment": {"plant": "free"}}, "features: images"),
     ({"pictures": "none", "depth": True}, "pictures: all, or first"),
-    ({"pictures": "some"}, "images"),
+    ({"pictures": "some"}, "pictures is 'some'"),
     ({"experiment": SEVERAL, "vary": {"cameras": [SEVERAL["cameras"], {"right": {}}]}},
      "left, right in one, right in another"),
 ])  # fmt: skip

@@ -276,22 +276,23 @@ def test_trajectories_are_the_errors_and_places_of_every_run(monkeypatch):
 def test_pictures_are_of_what_varies_or_of_what_is_asked_for(tmp_path, monkeypatch):
     results = made(**{SETTLED: [1.5] * 12})
     seen = {}
-    for name in ("success", "distributions", "boxes", "sensitivity", "trajectories"):
+    for name in ("draw_success", "draw_distributions", "draw_boxes", "draw_sensitivity",
+                 "draw_trajectories"):
         monkeypatch.setattr(
             study_figures, name, lambda *asked, name=name: seen.update({name: asked})
         )
     assert study_figures.write_figures([results], tmp_path / "out", paths=["there"]) == []
-    assert seen["success"] == ([results],) and seen["trajectories"] == (["there"],)
-    assert seen["sensitivity"][0] is results
+    assert seen["draw_success"] == ([results],) and seen["draw_trajectories"] == (["there"],)
+    assert seen["draw_sensitivity"][0] is results
     for name in ("distributions", "boxes", "sensitivity"):
         assert [m.name for m in seen[name][1]] == [DISTANCE]
     study_figures.write_figures([results, made("two")], tmp_path)
-    assert [m.name for m in seen["boxes"][1]] == [SETTLED, DISTANCE]
+    assert [m.name for m in seen["draw_boxes"][1]] == [SETTLED, DISTANCE]
     study_figures.write_figures([results], tmp_path, metrics=[SETTLED, "real_time_multiple"])
-    assert [m.name for m in seen["boxes"][1]] == [SETTLED, "real_time_multiple"]
+    assert [m.name for m in seen["draw_boxes"][1]] == [SETTLED, "real_time_multiple"]
     unknown = made(**{SETTLED: [1.0, np.nan] * 6, DISTANCE: [np.nan] * 12})
     study_figures.write_figures([unknown], tmp_path)
-    assert seen["boxes"][1] == []
+    assert seen["draw_boxes"][1] == []
 
 
 def test_bars_and_boxes_have_room_between_them_and_fine_lines_around():

@@ -211,7 +211,7 @@ def played(tmp_path: Path, loops: str = "", build: str = "", pip: str = "") -> d
         shutil.copy(ROOT / "setup.sh", tmp_path / "workspace")
         package.mkdir(parents=True)
         (package / "loops.py").write_text("from .compiled import jit\n")
-    compiles = f"  *loops*) {{ {loops or 'true'}; }} && echo loops >>asked ;;\n"
+    compiles = f"  *compile_packages*) {{ {loops or 'true'}; }} && echo loops >>asked ;;\n"
     compiles += f"  *-m\\ pip*) {{ {pip or 'true'}; }} && echo $* >>asked ;;\n"
     builds = f"mkdir -p devel; {{ {build or 'true'}; }} && echo build >>asked\n"
     return {

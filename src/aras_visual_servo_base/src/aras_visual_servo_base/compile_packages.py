@@ -22,7 +22,7 @@ from pathlib import Path
 
 from .compiled import compile_all
 
-IMPORTS_JIT = re.compile(r"^from .*compiled import .*\bjit", re.MULTILINE)
+IMPORTS_JIT = re.compile(r"^from .*compiled import .*\bjit\b", re.MULTILINE)
 
 
 def find_sources(package: str) -> list[Path]:

@@ -222,7 +222,7 @@ BENCH = "aras_visual_servo_bench"
 @pytest.mark.parametrize(("words", "missing", "told"), [
     (["browse", "x"], f"{BENCH}.web.browse.server", "web.browse.server is not installed: run ./"
      "setup.sh; without ROS, pip install '.[page]' in"),
-    (["table", "x"], f"{BENCH}.cli.reading", "cli.reading is not installed: run ./setup."
+    (["table", "x"], f"{BENCH}.cli.results", "cli.results is not installed: run ./setup."
      "sh; without ROS, pip install '.[bench]' in"),
     (["analyze", "{}", "--out", "o"], f"{BENCH}.ros.bag", "bags need ROS's Python packages: "),
     (["convert", "{}"], f"{BENCH}.ros.mcap", "needs ROS's Python packages and mcap, see ./setup.s"),

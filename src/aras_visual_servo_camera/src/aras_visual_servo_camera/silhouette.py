@@ -45,7 +45,7 @@ def find_silhouette_points(points: np.ndarray) -> np.ndarray:
         ModelError: a point is not in front of the camera.
     """
     if not (points[:, 2] > 0.0).all():
-        raise ModelError("a part of the solid is not in front of the camera")
+        raise ModelError("the solid is behind the camera, or reaches behind it")
     image_points = points[:, :2] / points[:, 2:]
     return points[cv2.convexHull(image_points.astype(np.float32), returnPoints=False)[:, 0]]
 

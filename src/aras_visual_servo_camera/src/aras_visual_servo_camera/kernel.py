@@ -41,8 +41,7 @@ class KernelFeatures:
 
 
 def compute_kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
-    """Compute the kernel features of the target (non-zero pixels) in a binary image (rows,
-    columns).
+    """Compute the kernel features of a binary image (rows, columns); the target is not zero.
 
     With x = i DELTA_X for the rows i = 1, 2, ... and y = j DELTA_Y for the columns j:
     kernel0 = sum x^p dA, kernel1 = sum y^q dA, kernel2 = sum dA,

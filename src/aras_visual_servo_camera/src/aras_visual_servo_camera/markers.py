@@ -62,8 +62,9 @@ class DetectedMarker:
 
 @dataclass(frozen=True)
 class MarkerChoice:
-    """The marker, or board of markers, that is the target; the module explains the forms of a
-    choice.
+    """The marker, or board of markers, that is the target.
+
+    This module's docstring explains the forms of a choice.
 
     dictionary: '' for any of SEARCHED_DICTIONARIES.
     number: None for the largest marker in view.
@@ -195,8 +196,9 @@ class MarkerChoice:
         return square @ np.array([[c, s], [-s, c]]) + (x, y)
 
     def compute_board_corners(self) -> np.ndarray:
-        """Compute the corners (4, 2), m, of the rectangle around all markers, clockwise from upper
-        left.
+        """Compute the corners (4, 2), m, of the rectangle around all markers of the board.
+
+        The order is clockwise from the upper left.
         """
         corners = np.concatenate(
             [self.compute_marker_corners(f":{number}") for number in self.board]

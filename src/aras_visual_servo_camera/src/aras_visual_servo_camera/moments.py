@@ -172,8 +172,9 @@ class Moments:
         order: int = MAX_ORDER,
         holes: Sequence[ArrayLike] = (),
     ) -> Moments:
-        """Compute the exact moments of a simple polygon with normalised vertices (n, 2), not
-        closed.
+        """Compute the exact moments of a simple polygon.
+
+        `vertices` are normalised (n, 2), and the first is not repeated at the end.
 
         For a function f homogeneous of degree d, the triangle (0, P, Q) contributes P x Q / (d + 2)
         times the mean of f over the edge PQ. On the edge, f is a polynomial, which Gauss-Legendre
@@ -334,8 +335,10 @@ def translate(table, dx, dy):
 
 @jit("f8[:,:]")
 def _centre_moments(table):
-    """Return m00, the centre of gravity relative to the current origin, and the moments about the
-    centre.
+    """Move moments to the centre of gravity.
+
+    Returns:
+        m00, the centre of gravity relative to the old origin, and the moments about it.
     """
     m00 = table[0, 0]
     dx, dy = table[1, 0] / m00, table[0, 1] / m00

@@ -20,8 +20,7 @@ def draw(
     detection: TargetDetection,
     desired_outline: Sequence[tuple[float, float]] = (),
 ) -> NDArray[np.uint8]:
-    """Draw contour, centre, main axis and desired outline into a copy of the image (rows, columns,
-    3).
+    """Draw the detected target and the desired outline into a copy of the image (rows, columns, 3).
 
     The contour is green for a valid target and red for an invalid one. The main axis is yellow, the
     centre red, and the desired outline, which is given in normalised coordinates, blue. If the

@@ -155,8 +155,10 @@ class Pipeline:
         return compute_original_moments(self.make_original_mask(image), self.camera.pinhole)
 
     def compute_kernel_data(self, image: Image) -> list[float]:
-        """Compute the 20 numbers of the layout 'kernel'; raise DegenerateFeatureError without
-        target.
+        """Compute the 20 numbers of the layout 'kernel'.
+
+        Raises:
+            DegenerateFeatureError: there is no target.
         """
         return compute_kernel_features(self.make_original_mask(image)).to_message_data()
 

@@ -163,8 +163,9 @@ def segment(
     component_mask: Mask | None = None,
     target_mask: Mask | None = None,
 ) -> SegmentedTarget:
-    """Threshold an image and choose the target's component; with labels all components are the
-    target.
+    """Threshold an image and choose the component that is the target.
+
+    With the method 'label', all components are the target.
 
     Args:
         grey: (rows, columns) uint8.

@@ -235,7 +235,7 @@ class ModelTracking:
         loss_reason = ""
         if count < MIN_INLIERS or inlier_share < MIN_INLIER_SHARE:
             loss_reason = (
-                f"{self.solid.name} is lost: only {count} of {visible_count} points of its edges "
+                f"{self.solid.name} is lost: {count} of {visible_count} points of its edges "
                 "are found near the expected pose"
             )
         return TrackedPose(

@@ -37,8 +37,9 @@ MAD_FACTOR = 1.4826  # ratio of the standard deviation to the median absolute de
 def build_edge_equations(
     solid_points, image_points, gain, edge_offsets, weight, T, origin, unit, min_scale
 ):
-    """Build the normal equations of edge points for a change (v, w) of the pose T, in the camera's
-    axes.
+    """Build the normal equations of edge points for a change (v, w) of the pose T.
+
+    The change is in the camera's axes.
 
     Args:
         solid_points, image_points, gain: as in EdgePoints.

@@ -91,8 +91,9 @@ class Solid:
                    name)  # fmt: skip
 
     def compute_free_motions(self) -> np.ndarray:
-        """Compute the motions that leave the surface unchanged, such as rotations of a cylinder
-        about its axis.
+        """Compute the motions that leave the surface unchanged.
+
+        An example is the rotation of a cylinder about its axis.
 
         The motions refer to the middle of the bounding box. Rotations are multiplied by `radius`,
         so all six components are in m.

@@ -25,7 +25,9 @@ class EdgeTracker(Tracker):
         grey: np.ndarray, camera: CameraModel, scale: float, stations: np.ndarray,
         normal: np.ndarray, across: np.ndarray,
     ) -> np.ndarray:  # fmt: skip
-        """Return grey levels (n, m) at distances `across` (m,) along the normal from stations (n,
+        """Return the grey levels (n, m) of profiles across a line.
+
+        A profile has samples at the distances `across` (m,) along the normal from a station, (n,
         2).
 
         Positions are in px of the undistorted image; `scale` px are a normalised length of 1.

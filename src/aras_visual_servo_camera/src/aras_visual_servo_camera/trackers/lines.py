@@ -21,8 +21,7 @@ PROFILE_COUNT, MIN_PROFILES = 48, 10
 
 @TRACKERS.register("lines")
 class LineTracker(EdgeTracker):
-    """The four outermost lines of a dark drawing (a grid, a frame); the points are their
-    intersections.
+    """The intersections of the four outermost lines of a dark drawing (a grid, a frame).
 
     Each line is fitted to the middles of profiles across it. The middles are weighted by darkness,
     and profiles on crossing lines are left out. The error is a few hundredths of a pixel for any

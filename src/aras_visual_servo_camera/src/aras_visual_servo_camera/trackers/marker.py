@@ -54,9 +54,7 @@ class MarkerTracker(EdgeTracker):
         self.choice = marker if is_choice else MarkerChoice.read(marker, "parameter ~marker")
 
     def find_normalised(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
-        """Find the corners of the marker, or of the rectangle around the board's markers,
-        normalised.
-        """
+        """Return the normalised corners of the marker, or of the rectangle around the board."""
         return self.track(grey, camera).points
 
     def track(

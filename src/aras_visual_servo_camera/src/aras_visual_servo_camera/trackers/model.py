@@ -27,8 +27,9 @@ BEST_ACCURACY = 0.01  # px; smallest error of the points, for any covariance of 
 @TRACKERS.register("model")
 @dataclass(eq=False)
 class ModelTracker(Tracker):
-    """The corners of a solid's middle section (Solid.compute_section_corners), computed from its
-    pose.
+    """The corners of a solid's middle section, computed from the pose of the solid.
+
+    The section is that of Solid.compute_section_corners.
 
     Schemes for points and poses can thus be used with a solid.
 

@@ -76,8 +76,11 @@ class StartPose:
 
 
 def solve_pnp(object_points: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Compute camera_T_solid (4, 4) from points (n, 3), m, and their normalised image points (n,
-    2).
+    """Compute camera_T_solid (4, 4) from points of the solid and their image points.
+
+    Args:
+        object_points: (n, 3) m, in the solid's frame.
+        points: (n, 2) normalised.
 
     Raises:
         ModelError: the points do not determine a pose.

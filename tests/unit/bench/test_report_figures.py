@@ -509,7 +509,7 @@ def test_a_figure_has_its_panels_curves_and_names_them(runs, count, name, paper)
 @pytest.mark.parametrize(("name", "titles"), [
     ("feature_errors", ["Feature errors s − s*  (pale: as measured, full: filtered)"]),
     ("features", ["Features s  (dashed: desired s*)"]),
-    ("camera_twist", ["Twist of the camera  (dashed: asked)"]),
+    ("camera_twist", ["Twist of the camera  (dashed: desired)"]),
     ("joint_positions", ["Positions  (dashed: command)", "Speeds"]),
     ("timing", ["Time between images"]), ("conditioning", ["Conditioning"]),
 ])  # fmt: skip

@@ -25,12 +25,13 @@ from .undistortion import CameraModel
 # quadrilaterals 10 to 17 px wide, gave five to eight corners.
 MAX_BEND, MIN_BEND, MIN_SIDE = 0.012, 1.2, 2.0
 MAX_CORNERS = 32
-FIT_ITERATIONS = 2  # first between the rough corners, then between the fitted ones
+FIT_ITERATIONS = 2  # lines are fitted between the rough corners, then between the fitted ones
 OUTLINE_SAMPLES = 128  # points at which an outline is compared with a model
 # Error of corners in px rms in addition to that estimated from the line fits, measured on 840
 # quadrilaterals of 12 to 180 px with noise of up to 5 grey levels.
 CORNER_ACCURACY = 0.022
-MAX_CORNER_DISTANCE = 0.1  # from the model's corner, in outline radii, in addition to one pixel
+# A corner may be this far (in radii of the outline), plus one pixel, from that of the model.
+MAX_CORNER_DISTANCE = 0.1
 
 
 def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraModel) -> Array:
@@ -63,7 +64,7 @@ def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: Ca
     if steep.sum() < 8:
         raise SegmentationError("the target's outline is too blurred: the image has no sharp edge")
     u, v, slope = u[steep], v[steep], slope[steep]
-    nx, ny = -gx[v, u] / slope, -gy[v, u] / slope  # outwards
+    nx, ny = -gx[v, u] / slope, -gy[v, u] / slope  # outward normal
     out = _locate_edge(weights, u, v, nx, ny)
     x, y, valid = camera.normalise(left + u + out * nx, top + v + out * ny)
     if not valid.all():

@@ -71,7 +71,7 @@ _SOURCES = {
     "C8": "I12 / I10",
     "C9": "I13 / I15",
     "C10": "I14 / I15",
-    # Chaumette 2004: Sx, Sy for objects without symmetry, Px, Py for objects with one
+    # Chaumette 2004: Sx, Sy for asymmetric objects, Px, Py for symmetric ones
     "cos2": "mu20 - mu02",
     "sin2": "2 * mu11",
     "cos3": "mu03 - 3 * mu21",
@@ -92,7 +92,7 @@ _SOURCES = {
     "Sxn": "(cos3 * cos4 + sin3 * sin4) / Kn",
     "Syn": "(sin3 * cos4 - cos3 * sin4) / Kn",
     "Pyn": "m00 * J2 / J3**3",
-    # Names of Tahri and Chaumette: c_i the invariants, r_i those for the two tilts
+    # Names in Tahri and Chaumette 2005: c_i are the invariants, r_i those for the two tilt angles
     **{f"c{k}": f"C{k} + 0" for k in range(1, 11)},
     "r1": "I13 / I15",
     "r2": "I14 / I15",

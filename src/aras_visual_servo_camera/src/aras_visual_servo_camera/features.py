@@ -118,7 +118,7 @@ class FeatureSet:
 class _Node(NamedTuple):
     """A formula with the leaves and denominators that it depends on, computed once per name."""
 
-    formula: Formula | None  # None: a leaf
+    formula: Formula | None  # None for a leaf
     leaves: frozenset[str]
     denominators: tuple[str, ...]
 

@@ -80,15 +80,14 @@ class MarkerChoice:
     @classmethod
     def read(cls, entry: str | int | Mapping[str, Any], where: str = "marker") -> MarkerChoice:
         """Parse a choice; raise VisionError with `where` in the message if it is invalid."""
-        if isinstance(entry, str) and entry.lstrip().startswith(
-            "{"
-        ):  # text of a mapping, as in launch files
+        # Launch files have a board as text.
+        if isinstance(entry, str) and entry.lstrip().startswith("{"):
             entry = parse_yaml(entry, where, VisionError)
         if isinstance(entry, Mapping):
             return cls._read_board(entry, where)
         if not isinstance(entry, str | int) or isinstance(entry, bool):
-            raise VisionError(f"{where} is {format_value(entry)}, must be a number, a text as "
-                              "DICT_5X5_100:5, or a board")  # fmt: skip
+            raise VisionError(f"{where} is {format_value(entry)}, must be a number, a text "
+                              "such as DICT_5X5_100:5, or a board")  # fmt: skip
         name, colon, number = str(entry).strip().rpartition(":")
         if not colon and number and not number.lstrip("-").isdigit():
             name, number = number, ""
@@ -96,9 +95,8 @@ class MarkerChoice:
         if not number:
             return cls(dictionary)
         if not number.isdigit():
-            raise VisionError(f"{where} is {format_value(entry)}, must be a number from 0 on, as "
-                              "5 or "
-                              "DICT_5X5_100:5")  # fmt: skip
+            raise VisionError(f"{where} is {format_value(entry)}, must be a number of at least "
+                              "0, such as 5 or DICT_5X5_100:5")  # fmt: skip
         return cls(dictionary, _check_number(int(number), dictionary, where))
 
     @classmethod
@@ -114,19 +112,16 @@ class MarkerChoice:
         marker_size, markers = as_number(entry["size"]), entry["markers"]
         if marker_size is None or marker_size <= 0.0:
             raise VisionError(f"{where}.size is {format_value(entry['size'])}, must be the side "
-                              "of a "
-                              "marker's black square, above 0 m")  # fmt: skip
+                              "of a marker's black square, above 0 m")  # fmt: skip
         if not isinstance(markers, Mapping) or not markers:
-            raise VisionError(f"{where}.markers is {format_value(markers)}, must be places by "
-                              "number, as "
-                              "{5: [0, 0], 7: [0.06, 0]}")  # fmt: skip
+            raise VisionError(f"{where}.markers is {format_value(markers)}, must be positions "
+                              "by number, such as {5: [0, 0], 7: [0.06, 0]}")  # fmt: skip
         board = {}
         for number, place in markers.items():
             values = [as_number(v) for v in place] if isinstance(place, list | tuple) else []
             if len(values) not in (2, 3) or None in values or not str(number).isdigit():
                 raise VisionError(f"{where}.markers.{number} is {format_value(place)}, must be x, "
-                                  "y (m) "
-                                  "and, where it is turned, degrees, of a number")  # fmt: skip
+                                  "y (m) and optionally degrees, for a marker number")  # fmt: skip
             checked_number = _check_number(int(number), dictionary, where)
             board[checked_number] = (
                 values[0],

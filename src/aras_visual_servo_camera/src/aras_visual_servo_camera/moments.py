@@ -93,7 +93,7 @@ class Moments:
     yg: float
     centred: Array
 
-    # -- reading ---------------------------------------------------------------------------
+    # -- access ----------------------------------------------------------------------------
 
     @cached_property
     def raw(self) -> Array:
@@ -141,7 +141,7 @@ class Moments:
                 f"moment ({i}, {j}) is not available: only i + j <= {self.order} is known"
             )
 
-    # -- making ----------------------------------------------------------------------------
+    # -- constructors ----------------------------------------------------------------------
 
     @classmethod
     def from_arrays(cls, m: ArrayLike, mu: ArrayLike, order: int, kind: str = DENSE) -> Moments:

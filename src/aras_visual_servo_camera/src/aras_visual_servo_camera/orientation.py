@@ -131,9 +131,10 @@ def _compute_plane_moments(centred, A, B, C, xg, yg, shrinking):
         # projected[b]: integral of x^(order-b) y^b / (1 + e.d)^k
         projected = np.zeros(order + 1)
         for b in range(order + 1):
-            binomial = 1.0  # of (1 + t)^-k = sum of (-1)^r C(k+r-1, r) t^r, t = ex x + ey y
+            # Coefficient of t^r in (1 + t)^-k, i.e. (-1)^r C(k+r-1, r), with t = ex x + ey y.
+            binomial = 1.0
             for r in range(known - order + 1):
-                choice = 1.0  # C(r, y)
+                choice = 1.0  # binomial coefficient C(r, y)
                 for y in range(r + 1):
                     moment = centred[order - b + r - y, b + y]
                     projected[b] += binomial * choice * of_x_tilt[r - y] * of_y_tilt[y] * moment

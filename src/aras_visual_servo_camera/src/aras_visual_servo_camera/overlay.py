@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .pipeline import TargetDetection
 
 _GREEN, _RED, _YELLOW, _BLUE = (0, 220, 0), (230, 30, 30), (255, 210, 0), (60, 120, 255)
-_FRACTION_BITS = 4  # drawing coordinates in sixteenths of a pixel
+_FRACTION_BITS = 4  # OpenCV draws with coordinates in sixteenths of a pixel
 
 
 def draw(

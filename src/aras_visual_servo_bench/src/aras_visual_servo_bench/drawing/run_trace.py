@@ -50,14 +50,11 @@ ARROW_SECONDS = 2.0  # s; a velocity arrow has the length of the path in this ti
 TURN_LENGTH = 0.1  # m per rad/s, for arrows of angular velocity
 MAX_ARROW = 0.3  # m, longest arrow
 MIN_ARROW = 2e-3  # m; shorter arrows are not drawn
-IDEAL_PATH_POINTS = 24  # points of the ideal path
+IDEAL_PATH_POINTS = 24  # number of points of the straight path to the goal
 MIN_SPACING = 5e-4  # m between two points of the path
 MIN_IMAGE_SPACING = 2e-3  # between two points of a trajectory in the image, normalised
-TEXT_OFFSET = (
-    -0.29,
-    0.24,
-    0.19,
-)  # m in the base frame, from the camera to the text next to the arm
+# Offset of the text from the camera in the base frame, m; it places the text next to the arm.
+TEXT_OFFSET = (-0.29, 0.24, 0.19)
 MAX_ERRORS = 6  # errors that are listed in the text
 LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # m, height of letters and spacing of lines
 LEGEND = (  # from the lowest line upwards
@@ -69,7 +66,7 @@ LEGEND = (  # from the lowest line upwards
 )  # fmt: skip
 
 
-NO_STATE = ServoState(0.0, "")  # before the first state of the controller
+NO_STATE = ServoState(0.0, "")  # placeholder until the controller reports its first state
 
 
 class RunTrace:
@@ -237,8 +234,10 @@ class RunTrace:
 
     def _make_arrows(self) -> list[Shape]:
         state, shapes = self.state, []
-        for kind, twist in (("asked", state.desired_twist), ("achieved", state.achieved_twist)):
-            width = 0.008 if kind == "asked" else 0.012
+        for kind, twist, width, opacity in (
+            ("asked", state.desired_twist, 0.008, 1.0),
+            ("achieved", state.achieved_twist, 0.012, 0.55),
+        ):
             for quantity, vector, name in (
                 ("velocity", np.array(twist[:3]) * ARROW_SECONDS, kind),
                 ("turn", np.array(twist[3:]) * TURN_LENGTH, f"{kind}-turn"),
@@ -247,7 +246,6 @@ class RunTrace:
                 if np.isfinite(length) and length > MIN_ARROW:
                     tip = vector * min(1.0, MAX_ARROW / length)
                     points = transform_points(self._pose, np.array([np.zeros(3), tip]))
-                opacity = 1.0 if kind == "asked" else 0.55
                 colour = (*to_rgb(LIVE[name]), opacity)
                 shapes.append(Shape(f"{kind} {quantity}", ARROW, points, colour, width))
         return shapes

@@ -43,10 +43,8 @@ COLUMNS, ROWS = 28, 21  # of the network's input image
 HIDDEN_LAYERS = (160, 96)
 PROTOCOL, EPOCHS = "convergence_domain", 60
 TEXTURE_COUNT, PLACES_BETWEEN = 120, 3  # perturbed posters, and poses on the path from each start
-PATH_DEVIATION = (
-    0.02,
-    2.0,
-)  # m and degrees, standard deviation of these poses from the straight path
+# Standard deviation of these poses from the straight path, m and degrees.
+PATH_DEVIATION = (0.02, 2.0)
 
 
 def make_inputs(grey: np.ndarray) -> np.ndarray:

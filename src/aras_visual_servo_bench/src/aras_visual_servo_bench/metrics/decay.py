@@ -16,7 +16,7 @@ import numpy as np
 
 from ..experiment.experiment import Experiment
 
-IMAGE_PERIOD, TICK = 1.0 / 30.0, 0.01  # s
+IMAGE_PERIOD, TICK = 1.0 / 30.0, 0.01  # s, between two images and between two joint states
 ROUNDING = 0.003  # s, delay due to the bridge's interpolation of set points
 
 
@@ -37,11 +37,11 @@ def predict_decay_rate(gain: float, tau: float, period: float = IMAGE_PERIOD) ->
         tau: delay from an exposure to the commanded joint motion, s.
         period: time between two images, s.
     """
-    whole, rest = divmod(tau, period)
-    n = int(whole)
-    polynomial = np.zeros(n + 3)  # z^(n+2) - z^(n+1) + gain ((T - rest) z + rest)
+    whole_periods, rho = divmod(tau, period)
+    n = int(whole_periods)
+    polynomial = np.zeros(n + 3)  # z^(n+2) - z^(n+1) + gain ((T - rho) z + rho)
     polynomial[0], polynomial[1] = 1.0, -1.0
-    polynomial[-2] += gain * (period - rest)
-    polynomial[-1] += gain * rest
+    polynomial[-2] += gain * (period - rho)
+    polynomial[-1] += gain * rho
     slowest = max(np.roots(polynomial), key=abs)
     return float(-np.log(abs(slowest)) / period)

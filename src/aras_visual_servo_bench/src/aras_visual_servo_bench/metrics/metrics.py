@@ -22,10 +22,10 @@ from ..recording.run import Run, compute_settling_time, normalize_errors
 from . import decay
 
 SMALLER, GREATER, NEITHER = "smaller", "greater", ""
-LIMIT_MARGIN = 1e-3  # fraction of a joint's range
+LIMIT_MARGIN = 1e-3  # a joint within this fraction of its range from a limit is at the limit
 SETTLING_BAND, DECAY_START, DECAY_END = 0.02, 0.80, 0.15  # relative to the first error
-REDUCTION = 0.1  # relative to the first distance and angle
-LATE_PERIODS = 1.5  # image periods
+REDUCTION = 0.1  # largest final distance and angle of a reduced error, relative to the first
+LATE_PERIODS = 1.5  # image periods after which an image is late
 
 
 @dataclass(frozen=True)
@@ -387,7 +387,7 @@ def scale(run: Run) -> float:
     return _to_finite(np.nanmin(run.scale, initial=np.inf))
 
 
-# -- time and the machine ----------------------------------------------------------------------
+# -- time and computer -------------------------------------------------------------------------
 
 
 @metric("", NEITHER, "exposures")

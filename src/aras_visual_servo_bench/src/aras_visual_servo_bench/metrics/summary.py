@@ -13,7 +13,7 @@ from . import metrics
 from .formatting import NO_NUMBER, make_number_format
 
 COUNT_METRICS = ("iterations", "images", "images_late")
-FINAL_WINDOW, LAST = 1.0, 2.0  # s before the end
+FINAL_WINDOW, LAST = 1.0, 2.0  # s before the end, for the mean and for the largest error
 DIGITS = 4  # significant digits in a report
 
 

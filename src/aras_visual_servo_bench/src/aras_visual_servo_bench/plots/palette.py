@@ -7,10 +7,10 @@ contrast of at least 4.5 to 1 with its background.
 BLUE, VERMILION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
 ORANGE, SKY, YELLOW = "#e69f00", "#56b4e9", "#f0e442"
 
-# -- on white ------------------------------------------------------------------------------------
+# -- colours on a white background ---------------------------------------------------------------
 COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)  # curves, in this order
 START, GOAL, PALE_BLUE = VERMILION, GREEN, "#cfe3f1"
-INK, SOFT_INK, GOOD, BAD, WARN = "#202124", "#5f6368", "#00734f", "#b3261e", "#8a5a00"  # text
+INK, SOFT_INK, GOOD, BAD, WARN = "#202124", "#5f6368", "#00734f", "#b3261e", "#8a5a00"  # of text
 FAINT, GRID, GROUND = "#9aa0a6", "#e6e8ea", "#f6f7f8"
 # Colour map for values from 0 to 1: nine colours of Matplotlib's viridis.
 COLOUR_MAP = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962",
@@ -25,7 +25,7 @@ REPORT = {
     "parts": ", ".join(COLOUR_MAP),
 }  # fmt: skip
 
-# -- on the dark background of the live page and of rviz -------------------------------------------
+# -- colours on the dark background of the live page and of rviz ---------------------------------
 LIVE_CURVES = (SKY, ORANGE, "#00bf8c", PURPLE, YELLOW, "#ff7b5a", "#b4a7ff", "#c8d0dc")
 LIVE = {
     # drawing; the goal is blue, as in the camera's overlay

@@ -10,12 +10,12 @@ import numpy as np
 from ..metrics.metrics import condition_number, error_settled, settled
 from ..recording.run import Run, normalize_errors
 
-MAX_CURVES = 24  # per panel; more cannot be distinguished
+MAX_CURVES = 24  # per panel; a reader cannot distinguish more curves
 MAX_FEATURES = 6  # with more features, runs are compared only by the norm of the errors
 SETTLING_BAND = 0.02
 FLOOR = 1e-6  # lower end of logarithmic axes, relative to the first value
 UNLIMITED = 100.0  # rad or m; larger limits are ignored
-# A curve is interrupted at steps longer than both (s; median steps).
+# A curve is interrupted at time steps that exceed both limits (in s, and in median steps).
 MAX_GAP_TIME, MAX_GAP_PERIODS = 0.3, 5.0
 MIN_POSE_ERROR = 1e-4  # lower end of logarithmic axes, mm and degrees
 TIME_BEFORE_START = -0.1  # s; joints are shown from this time relative to the start of servoing
@@ -285,8 +285,6 @@ def make_conditioning_panels(runs: Sequence[Run]) -> list[Panel]:
 
     The condition numbers are those of L and L J. The scale factor is that by which limits slow the
     task.
-
-    The scale factor is that by which limits slow the task.
     """
     ratios = [
         _make_run_curves(runs, name, lambda run, key=key: condition_number(getattr(run, key)))

@@ -22,9 +22,9 @@ from ..studies.study_folder import StudyFolder
 from .palette import BLUE, COLOURS, INK, PALE_BLUE, SOFT_INK, VERMILION, choose_text_colour
 from .style import FILE_FORMATS, apply_style, escape_math, make_axes
 
-MAX_GROUPS = 24  # boxes in a panel; more cannot be read
+MAX_GROUPS = 24  # boxes per panel; more boxes are not legible
 MAX_CURVES = 8  # per panel
-MAX_TRACES = 200
+MAX_TRACES = 200  # runs per study in the figure of trajectories
 MAX_COLUMNS, PANEL_WIDTH = 3, 3.8  # panels in a row, and their width, inches
 
 

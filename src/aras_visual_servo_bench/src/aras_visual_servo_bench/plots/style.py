@@ -101,8 +101,8 @@ class Margins(NamedTuple):
     right: float = 0.0
     top: float = 0.0
     bottom: float = 0.0
-    row_gap: float = 0.0  # between rows
-    column_gap: float = 0.0  # between columns
+    row_gap: float = 0.0
+    column_gap: float = 0.0
 
 
 TIME_MARGINS = Margins(0.92, 0.12, 0.36, 0.58, 0.3, 1.0)
@@ -227,11 +227,10 @@ def add_legend(axis: Axes, columns: int = 4, **options: object) -> None:
 
     found, count = _fit_legend(make_legend, min(columns, len(labels)), right - EDGE_MARGIN)
     titles = [a.title if a.get_title() else a._left_title for a in figure.axes]
-    box, up = found.get_window_extent(), 0.0  # points
+    box, up = found.get_window_extent(), 0.0  # up is in points
     if box.x0 < axis.get_window_extent().x0:
-        up = (
-            0.6 * axis.yaxis.get_ticklabels()[0].get_fontsize()
-        )  # half of the label at the top of the axis
+        # Leave space for half of the label at the top of the axis.
+        up = 0.6 * axis.yaxis.get_ticklabels()[0].get_fontsize()
     if any(t.get_text() and box.overlaps(t.get_window_extent()) for t in titles):
         up = plt.rcParams["axes.titlepad"] + 1.2 * titles[0].get_fontsize()
     if up:

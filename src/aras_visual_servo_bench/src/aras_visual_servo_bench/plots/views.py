@@ -193,16 +193,15 @@ def draw_camera_path(runs: Sequence[Run]) -> Figure | None:
                     "goal" if number == 0 else None, "--")  # fmt: skip
         _draw_camera(axis, poses[-1], FRUSTUM_SIZE * size, colour, "end" if single else None)
     room = 0.5 * FRUSTUM_SIZE * size
-    # A planar path gets some thickness, so that its axes are not degenerate.
+    # The axes of a planar path get some thickness, so that the box is not flat.
     padding = np.maximum(0.5 * (MIN_AXIS_RATIO * size - (high - low)), room)
     low, high = low - padding, high + padding
     axis.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)",
              xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))  # fmt: skip
     extent = high - low
-    is_tall = (
-        extent[2] > MAX_HEIGHT_RATIO * extent[:2].max()
-    )  # its lower end would overlap the legend
-    paper_scale = 0.82 if is_paper() else 1.0  # large letters compared with the figure
+    # The lower end of a tall scene would overlap the legend.
+    is_tall = extent[2] > MAX_HEIGHT_RATIO * extent[:2].max()
+    paper_scale = 0.82 if is_paper() else 1.0  # space for the letters, which are large in a paper
     axis.set_box_aspect(extent, zoom=paper_scale * (0.82 if is_tall else 0.97))
     axis.view_init(elev=20, azim=-58)
     for pane in (axis.xaxis, axis.yaxis, axis.zaxis):

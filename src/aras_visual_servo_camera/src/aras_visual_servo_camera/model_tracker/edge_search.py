@@ -12,10 +12,10 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 
-MAX_CANDIDATES = 4  # per point
+MAX_CANDIDATES = 4  # edge candidates per point
 MAX_LEVEL_PIXELS = 3  # pixels that are averaged to a grey level on either side
 SEARCH_SLACK = 0.35  # px; an edge this far from its expected place is measured without loss
-MAX_DISTANCE = 1.5  # px from the expected place to the measured one
+MAX_DISTANCE = 1.5  # px; largest distance of a measured edge from its expected place
 MAX_UNEVENNESS = 0.35  # largest variation of the pixels of one level, relative to the contrast
 UNKNOWN_LEVEL = -1.0  # placeholder for an unknown grey level
 LEARNING_RATE = 0.2  # weight of a new image in the stored levels
@@ -54,7 +54,7 @@ def find_candidates(grey, pixel, normal, expected_levels, reach, min_change, tol
         other = rows if k == 0 else columns
         if line < 0 or line >= other or high - low < 2:
             continue
-        for i in range(low, high + 1):  # between pixels i and i + 1
+        for i in range(low, high + 1):  # change of level between pixels i and i + 1
             if k == 0:
                 step = (np.float64(grey[line, i + 1]) + grey[line, i + 2]
                         - grey[line, i] - grey[line, i - 1])  # fmt: skip

@@ -21,9 +21,9 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit, jit_inline
 
-MAX_ITERATIONS = 6  # Gauss-Newton steps
+MAX_ITERATIONS = 6  # largest number of Gauss-Newton steps
 CONVERGED_CHANGE = 0.01  # px; the iteration stops after a smaller change of the pose
-SCALE_REDUCTION = 0.3  # factor on the smallest scale from step to step
+SCALE_REDUCTION = 0.3  # factor on the minimum scale of the residuals from step to step
 # In units of the solid's radius: step size of a motion that the edges do not determine, and best
 # accuracy of the points of a depth image. For a radius of 5 cm these are 5 mm and 0.3 mm.
 MAX_FREE_STEP, FLATNESS = 0.1, 6e-3

@@ -12,10 +12,10 @@ from ..undistortion import CameraModel
 from .solid import Solid
 
 MIN_DEPTH = 0.01  # m along the optical axis; nearer edges are ignored
-MAX_POINTS = 1200  # per image
-# px. END_MARGIN is left out at both ends of an edge, unless it is shorter than SHORT_EDGE.
+MAX_POINTS = 1200  # largest number of sample points per image
+# px. No points are sampled within END_MARGIN of the ends of an edge longer than SHORT_EDGE.
 END_MARGIN, SHORT_EDGE = 4.0, 16.0
-BORDER = 5.0  # px from the image border without points
+BORDER = 5.0  # px; no points are sampled this close to the image border
 # Range of the cosine between normal and ray in which a face is seen edge-on. Its creases then
 # nearly coincide in the image, and a small pose error shows or hides the face, so they are not
 # used.

@@ -10,11 +10,11 @@ velocity
     y' = -vy/Z + y vz/Z + (1 + y^2) wx - x y wy - x wz,
 
 which, for each twist component, is a polynomial of degree two in x and y. This also holds about
-any origin (x0, y0), so with a = x - x0, b = y - y0
+any origin (x0, y0). With a = x - x0 and b = y - y0, the derivative of a moment is
 
-    d(m_ij)/dt = integral of (i a^(i-1) b^j x' + j a^i b^(j-1) y' + delta a^i b^j div(x', y')),
+    d(m_ij)/dt = integral of (i a^(i-1) b^j x' + j a^i b^(j-1) y' + delta a^i b^j div(x', y')).
 
-is a linear combination of moments up to order i + j + 1. delta is 1 for a region, whose boundary
+It is a linear combination of moments up to order i + j + 1. delta is 1 for a region, whose boundary
 moves with the points, and 0 for a set of points. For centred moments the origin is the centre of
 gravity, and its velocity is subtracted from x' and y'.
 

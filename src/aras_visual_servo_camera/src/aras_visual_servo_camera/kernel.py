@@ -1,7 +1,7 @@
 """The arrays of the original: the kernel features of 2015 and the image moments of 2016.
 
 Both use the binary image (0 or 255) of the fixed threshold 250. They keep the original's units and
-conventions (rows are called x, areas are pixel counts, alpha has the factor 0.1), because the
+conventions (rows are called x, m00 counts pixels, alpha has the factor 0.1), because the
 original controllers need them.
 """
 
@@ -41,7 +41,7 @@ class KernelFeatures:
 
 
 def compute_kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
-    """Compute the kernel features of a binary image (rows, columns); the target is not zero.
+    """Compute the kernel features of the non-zero pixels in a binary image (rows, columns).
 
     With x = i DELTA_X for the rows i = 1, 2, ... and y = j DELTA_Y for the columns j:
     kernel0 = sum x^p dA, kernel1 = sum y^q dA, kernel2 = sum dA,

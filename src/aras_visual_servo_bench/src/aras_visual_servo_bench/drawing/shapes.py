@@ -56,7 +56,7 @@ def transform_points(a_T_b: np.ndarray, points: np.ndarray) -> np.ndarray:
 def make_axes(
     name: str, base_T_frame: np.ndarray, length: float, opacity: float = 1.0
 ) -> list[Shape]:
-    """Return the axes of a frame: x red, y green, z blue."""
+    """Return the axes of a frame as shapes: x red, y green, z blue."""
     shapes = []
     for i, letter in enumerate("xyz"):
         colour = tuple(0.95 if i == j else 0.25 for j in range(3))
@@ -107,7 +107,7 @@ def compute_image_depth(border: np.ndarray, size: float) -> float:
 def make_frustum(
     name: str, base_T_camera: np.ndarray, border: np.ndarray, size: float, colour: Rgba
 ) -> list[Shape]:
-    """Return the pyramid of a camera: four edges and the border of the image."""
+    """Return the pyramid of a camera as shapes: four edges and the border of the image."""
     image_border = place_on_image_plane(border, border, size)
     edges = np.zeros((8, 3))
     edges[1::2] = image_border[::POINTS_PER_SIDE]

@@ -1,4 +1,4 @@
-"""Common base of the small networks: file of weights, layers, training."""
+"""Base class of small neural networks, with their training and their file of weights."""
 
 from __future__ import annotations
 

@@ -355,7 +355,7 @@ def servoing_time(run: Run) -> float:
 
 @metric("m/s", NEITHER, "linear velocity of the twist that results from the joint velocities")
 def top_speed(run: Run) -> float:
-    """Largest commanded speed of the camera."""
+    """Largest linear speed of the camera at the commanded joint velocities."""
     return float(np.nanmax(np.linalg.norm(run.achieved_twist[:, :3], axis=1), initial=0.0))
 
 

@@ -68,7 +68,10 @@ class Comparison:
 
 
 def compare_rates(before: Sequence[float], after: Sequence[float], paired: bool) -> Comparison:
-    """Compare successes (0 and 1) by McNemar's exact test for pairs, otherwise by Fisher's."""
+    """Compare successes (0 and 1) by McNemar's or Fisher's exact test.
+
+    The first is for pairs, the second for other samples.
+    """
     a, b = np.asarray(before, float), np.asarray(after, float)
     if paired:
         known = np.isfinite(a) & np.isfinite(b)
@@ -83,7 +86,7 @@ def compare_rates(before: Sequence[float], after: Sequence[float], paired: bool)
 
 
 def compare_values(before: Sequence[float], after: Sequence[float], paired: bool) -> Comparison:
-    """Compare values of a metric by Wilcoxon's signed-rank test or by Mann and Whitney's test.
+    """Compare values of a metric by the Wilcoxon signed-rank test or the Mann-Whitney U test.
 
     The first is for pairs, the second for other samples.
     """

@@ -36,7 +36,7 @@ def find_candidates(grey, pixel, normal, expected_levels, reach, min_change, tol
         tolerance: largest difference from an expected level, grey levels.
 
     Returns:
-        (n, MAX_CANDIDATES) px along the normal, filled with NaN.
+        (n, MAX_CANDIDATES) distances along the normal, px; NaN if there are fewer candidates.
     """
     rows, columns = grey.shape
     candidates = np.full((len(pixel), MAX_CANDIDATES), np.nan)
@@ -108,8 +108,8 @@ def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolera
         noise: rms noise of a pixel, grey levels.
 
     Returns:
-        (n, 4): px along the normal, NaN where no edge is measured; the grey levels on the side of
-        the normal and on the other side; the variance of the measurement due to noise, px^2.
+        (n, 4): distance along the normal, px, NaN where no edge is measured; the grey levels on the
+        side of the normal and on the other side; the variance of the distance due to noise, px^2.
     """
     rows, columns = grey.shape
     found = np.full((len(pixel), 4), np.nan)

@@ -32,7 +32,7 @@ class EdgePoints(NamedTuple):
 
     solid_points: (n, 3) m, in the solid's frame.
     image_points: (n, 2) normalised coordinates.
-    pixels: (n, 2) px.
+    pixels: (n, 2) pixel coordinates (column, row).
     normals: (n, 2) unit vectors in px, to the left of the edge, on the side of its first face.
     gains: (n, 2) change along the normal in px per unit of normalised coordinates.
     room: (n, 2) px along the searched row or column to the next other edge, before and after the

@@ -20,13 +20,13 @@ from .base import TRACKERS, TrackedPoints
 from .edge_tracker import EdgeTracker
 
 MIN_CONTRAST = 20.0  # grey levels between a marker's black rim and its surroundings
-# Fit of the black rim: number of iterations; minimum and maximum number of profiles across an edge;
-# px between two profiles.
+# Fit of the black rim: number of iterations; minimum and maximum number of profiles per edge;
+# distance between two profiles, px.
 RIM_FITS, RIM_STATIONS, RIM_SPACING = 2, (24, 64), 0.5
 RIM_PART = 0.8  # fraction of a side that has profiles
-# Half length of a profile (at least so many px and so many cells; at most so many px), and px
-# between its samples. A profile covers more than half a cell, to include black and white, but less
-# than one.
+# Half length of a profile: the larger of the two values of RIM_REACH (px, cells), but at most
+# RIM_MAX_REACH (px). It is more than half a cell, to include black and white, and less than a cell.
+# RIM_STEP is the distance between the samples, px.
 RIM_REACH, RIM_MAX_REACH, RIM_STEP = (1.5, 0.6), 8.0, 0.4
 
 

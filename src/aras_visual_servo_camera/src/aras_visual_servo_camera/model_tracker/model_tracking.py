@@ -56,9 +56,9 @@ class TrackedPose:
         camera_T_solid: (4, 4).
         covariance: (6, 6) of a pose change (m, rad) about the middle of the solid, in the camera's
             axes; very large in directions that the edges do not determine.
-        unrepeatable_part: fraction (0 to 1) of the standard deviations by which the result of another
-            image from the same pose can differ. It follows from the excess of the residuals over
-            noise and measurement error, and is 1 if the edges leave a motion undetermined.
+        unrepeatable_part: fraction (0 to 1) of the standard deviations by which the result of
+            another image from the same pose can differ. It follows from the excess of the residuals
+            over noise and measurement error, and is 1 if the edges leave a motion undetermined.
         inlier_share: fraction of the visible edge points that are inliers of the pose.
         inlier_count: number of inliers.
         residual: rms distance of the inliers, px.

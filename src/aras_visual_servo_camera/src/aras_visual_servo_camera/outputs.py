@@ -65,8 +65,8 @@ class ImagePublishers:
             mask = detection.target.mask
             self._binary_publisher.publish(make_image_message(mask, "mono8", message.header))
         if self._overlay_publisher.get_num_connections():
-            picture = draw(image.rgb, detection, self._desired_outline)
-            self._overlay_publisher.publish(make_image_message(picture, "rgb8", message.header))
+            overlay = draw(image.rgb, detection, self._desired_outline)
+            self._overlay_publisher.publish(make_image_message(overlay, "rgb8", message.header))
 
     def _on_outline(self, message: PolygonStamped) -> None:
         """Store the controller's desired outline, which is used for the overlay only."""

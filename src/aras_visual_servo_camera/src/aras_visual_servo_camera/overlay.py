@@ -26,17 +26,17 @@ def draw(
     centre red, and the desired outline, which is given in normalised coordinates, blue. If the
     target is invalid, the reason is written below.
     """
-    picture = np.ascontiguousarray(rgb).copy()
+    overlay = np.ascontiguousarray(rgb).copy()
     colour = _GREEN if detection.valid else _RED
     camera = detection.camera
     if camera is not None and len(desired_outline) >= 3:
         x, y = np.array(desired_outline, dtype=float).T
-        _draw_polyline(picture, np.stack(camera.project(x, y), axis=1), _BLUE)
+        _draw_polyline(overlay, np.stack(camera.project(x, y), axis=1), _BLUE)
     if detection.target.pixel_count:
         contours, _ = cv2.findContours(
             detection.target.mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
         )
-        cv2.drawContours(picture, contours, -1, colour, 1)
+        cv2.drawContours(overlay, contours, -1, colour, 1)
     moments = detection.moments
     if moments is not None and camera is not None:
         mu = moments.mu
@@ -45,13 +45,13 @@ def draw(
         offsets = np.linspace(-half_length, half_length, 9)
         x, y = moments.xg + offsets * cos(alpha), moments.yg + offsets * sin(alpha)
         axis = np.stack(camera.project(x, y), axis=1)
-        _draw_polyline(picture, axis, _YELLOW, closed=False)
+        _draw_polyline(overlay, axis, _YELLOW, closed=False)
         u, v = (float(a[0]) for a in camera.project([moments.xg], [moments.yg]))
         cross = np.array([[u - 4, v], [u + 4, v], [u, v], [u, v - 4], [u, v + 4]])
-        _draw_polyline(picture, cross, _RED, closed=False)
+        _draw_polyline(overlay, cross, _RED, closed=False)
     if detection.reason:
-        _draw_text(picture, detection.reason)
-    return picture
+        _draw_text(overlay, detection.reason)
+    return overlay
 
 
 def _draw_polyline(image: NDArray, points: NDArray, colour: tuple, closed: bool = True) -> None:

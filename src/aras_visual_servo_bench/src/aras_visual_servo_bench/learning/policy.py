@@ -120,10 +120,10 @@ def collect_demonstrations(
     )
     x, y = [], []
     try:
-        pictures, info = vector_environment.reset(seed=seed)
+        images, info = vector_environment.reset(seed=seed)
         noise, steps_left = np.zeros((environments, 6)), np.zeros(environments, int)
         while len(x) < steps:
-            inputs = [make_inputs(picture) for picture in pictures]
+            inputs = [make_inputs(image) for image in images]
             camera_T_goal = info["camera_T_goal"]
             truth = np.column_stack(
                 [camera_T_goal[:, :3, 3], camera_T_goal[:, 0, 0], camera_T_goal[:, 1, 0]]
@@ -143,7 +143,7 @@ def collect_demonstrations(
             )
             steps_left -= 1
             action = np.clip(twist / MAX_TWIST + noise, -1.0, 1.0).astype(np.float32)
-            pictures, _, _, _, info = vector_environment.step(action)
+            images, _, _, _, info = vector_environment.step(action)
     finally:
         vector_environment.close()
     return np.array(x), np.array(y)

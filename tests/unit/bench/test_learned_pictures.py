@@ -93,7 +93,7 @@ def test_s_and_its_rate_are_those_of_the_poses_that_it_tells(feature, pinhole):
 
 def test_a_goal_that_was_taught_for_others_is_refused(feature, pinhole):
     goal = Goal.teach(None, seen_at(feature, np.zeros(6), pinhole), depth=0.6)
-    with pytest.raises(ConfigurationError, match="holds no learned_pose: teach it anew"):
+    with pytest.raises(ConfigurationError, match="holds no learned_pose: teach it again"):
         feature.check(goal)
 
 

@@ -56,7 +56,7 @@ def test_a_chosen_marker_is_named_where_it_is_not_in_view():
 @pytest.mark.parametrize(("given", "words"), [
     ("DICT_5X5_50:50", "number 50, must be at most 49 in DICT_5X5_50"),
     ("DICT_5X6_50:1", "dictionary 'DICT_5X6_50': did you mean .DICT_6X6_50."),
-    ("-1", "must be a number from 0 on"), ("5X5_50:x", "must be a number"),
+    ("-1", "must be a number of at least 0"), ("5X5_50:x", "must be a number"),
     ("99999", "at most 2319"),
     ({"dictionary": "5X5_50", "size": 0.1}, "key 'markers' of the board is missing"),
     ({"dictionary": "5X5_50", "size": -1, "markers": {1: [0, 0]}}, "marker.size is -1"),

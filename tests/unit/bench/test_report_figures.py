@@ -149,7 +149,7 @@ def test_points_go_from_a_dot_to_a_ring(runs, screen):
         assert alike(start, named["start"]) and alike(goal, named["goal"])
     assert next(lines, None) is None
     assert len({line.get_color() for line in legend.get_lines()[:2]}) == 2
-    assert axis.get_title("left") == "Path of the points that the scheme sees in the image"
+    assert axis.get_title("left") == "Path of the points that the scheme measures in the image"
     assert compute_tracks(run).stamp is run.stamp
 
 
@@ -493,7 +493,7 @@ def test_a_figure_has_its_panels_curves_and_names_them(runs, count, name, paper)
             wanted = (
                 [run.name for run in some] if count == 2 else [find_symbol(c.name) for c in full]
             )
-            assert [w for w in named if w not in ("command", "asked")] == wanted
+            assert [w for w in named if w not in ("command", "desired")] == wanted
             for line in axis.lines[: len(panel.curves)]:
                 if line.get_label() in named:
                     assert line.get_color() == named[line.get_label()].get_color()
@@ -509,7 +509,7 @@ def test_a_figure_has_its_panels_curves_and_names_them(runs, count, name, paper)
 @pytest.mark.parametrize(("name", "titles"), [
     ("feature_errors", ["Feature errors s − s*  (pale: as measured, full: filtered)"]),
     ("features", ["Features s  (dashed: desired s*)"]),
-    ("camera_twist", ["Twist of the camera  (dashed: asked)"]),
+    ("camera_twist", ["Twist of the camera  (dashed: desired)"]),
     ("joint_positions", ["Positions  (dashed: command)", "Speeds"]),
     ("timing", ["Time between images"]), ("conditioning", ["Conditioning"]),
 ])  # fmt: skip
@@ -785,7 +785,9 @@ def test_several_runs_show_their_speeds(runs):
     for k, panel in enumerate(panels.make_twist_panels(runs)):
         assert panel.axis == ("|v|", "|ω|")[k] and panel.unit == ("m/s", "rad/s")[k]
         for run, curve in zip(runs, panel.curves, strict=True):
-            twist = np.array([s.ik_solution.achieved_twist for s in run.states])[:, 3 * k : 3 * k + 3]
+            twist = np.array([s.ik_solution.achieved_twist for s in run.states])[
+                :, 3 * k : 3 * k + 3
+            ]
             np.testing.assert_allclose(curve.values, np.sqrt((twist**2).sum(axis=1)))
     assert panels.make_feature_panels(runs) == []
     ratios = titled(panels.make_conditioning_panels(runs))

@@ -329,11 +329,11 @@ def test_every_curve_of_the_page_is_of_the_records(runs, written):
     for title, key in (("norm of the errors, relative", "error_settled"),
                        ("distance to the goal (mm)", "settled")):  # fmt: skip
         assert panels[title]["marks"] == [[pytest.approx(numbers[key]), "settled"]], title
-    for k, (title, letter) in enumerate((("velocity of the camera (m/s)", "v"),
-                                         ("turning of the camera (rad/s)", "ω"))):  # fmt: skip
+    for k, (title, letter) in enumerate((("linear velocity of the camera (m/s)", "v"),
+                                         ("angular velocity of the camera (rad/s)", "ω"))):  # fmt: skip
         for i, axis in enumerate("xyz"):
             check(title, letter + axis, time, [s.ik_solution.achieved_twist[3 * k + i] for s in run.states])
-            check(title, f"{letter}{axis} asked", time,
+            check(title, f"{letter}{axis} desired", time,
                   [s.ik_solution.desired_twist[3 * k + i] for s in run.states])  # fmt: skip
     shown = run.joint_stamp >= began - 0.1
     at = run.joint_stamp[shown] - began

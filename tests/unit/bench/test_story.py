@@ -240,9 +240,9 @@ def test_what_is_drawn_has_a_legend_in_its_colours(story):
     drawn = {s.name: s for s in story.shapes()}
     legend = {s.text: s for s in drawn.values() if s.name.startswith("legend ")}
     for text, name in (
-        ("path", "path"), ("straight to the goal", "ideal path"), ("camera", "camera picture"),
-        ("goal", "desired camera picture"), ("velocity asked", "asked velocity"),
-        ("turn achieved", "achieved turn"),
+        ("path", "path"), ("straight path to the goal", "ideal path"), ("camera", "camera picture"),
+        ("goal", "desired camera picture"), ("desired velocity", "asked velocity"),
+        ("achieved rotation", "achieved turn"),
     ):  # fmt: skip
         assert legend[text].colour[:3] == drawn[name].colour[:3], text
     heights = sorted(s.points[0, 2] for s in legend.values())

@@ -30,7 +30,7 @@ DRAWN = (
     ("desired outline", 0.002, 1.0), ("trajectory centre", 0.002, 1.0),
     ("asked velocity", 0.008, 1.0), ("asked turn", 0.008, 1.0),
     ("achieved velocity", 0.012, 0.55), ("achieved turn", 0.012, 0.55),
-    ("words", 0.023, 1.0), ("legend camera", 0.023, 1.0), ("legend turn asked", 0.023, 1.0),
+    ("words", 0.023, 1.0), ("legend camera", 0.023, 1.0), ("legend desired rotation", 0.023, 1.0),
 )  # fmt: skip
 
 

@@ -204,8 +204,8 @@ def test_the_policy_s_program_learns_by_what_it_has_met(monkeypatch, tmp_path, c
     assert np.load(out)["w0"] == [3]
     lines = capsys.readouterr().out.splitlines()
     assert lines == [
-        f"round {k + 1} of 4: before, it told half of 2 unseen pictures within {5.0 * k:.1f} mm "
-        f"and {2.0 * k:.2f} degrees" for k in (1, 2, 3)] + [f"wrote {out}"]
+        f"round {k + 1} of 4: median error on 2 new images before training: {5.0 * k:.1f} mm, "
+        f"{2.0 * k:.2f} degrees" for k in (1, 2, 3)] + [f"wrote {out}"]
 
     def fail(*_):
         raise ExperimentError("no library")
@@ -252,7 +252,7 @@ def test_a_program_says_how_well_its_network_knows_unseen_pictures(tmp_path, cap
         assert asked == [(7, 0), (5, 1)] and sorted(np.load(out)) == [
             "b0", "mean", "out_mean", "out_scale", "scale", "w0"]
         assert capsys.readouterr().out == (  # sums of 1, 5, 9, 13, 17
-            f"wrote {out}; of 5 unseen pictures half are within 9000.0 mm and 5.16 degrees\n")
+            f"wrote {out}; median error on 5 test images: 9000.0 mm, 5.16 degrees\n")
 
 
     def fail(*_):
@@ -334,7 +334,11 @@ def test_what_ships_has_the_layers_that_are_taught(module, inputs, told):
             policy: PolicyNetwork}[module]
     with np.load(kind.find_weights()) as file:
         shapes = [file[f"w{k}"].shape for k in range(3)]
-    assert shapes == [(inputs, module.HIDDEN_LAYERS[0]), module.HIDDEN_LAYERS, (module.HIDDEN_LAYERS[1], told)]
+    assert shapes == [
+        (inputs, module.HIDDEN_LAYERS[0]),
+        module.HIDDEN_LAYERS,
+        (module.HIDDEN_LAYERS[1], told),
+    ]
 
 
 ADAM = {"activation": "relu", "solver": "adam", "batch_size": 100, "learning_rate_init": 1e-3,
@@ -455,13 +459,13 @@ def test_what_is_not_seen_or_was_not_shown_is_said(flown):
     if isinstance(scheme, policy.Policy):
         for told in ([0.0] * 3, [0.0, 0.0, 0.0, np.nan]):
             goal.features = {"policy": {"told": told}}
-            with pytest.raises(ConfigurationError, match="home was not shown to the policy"):
+            with pytest.raises(ConfigurationError, match="home was not taught with the policy"):
                 scheme.check(goal)
     else:
         seen.valid, seen.moments, goal.moments = True, None, None
         with pytest.raises(MeasurementError, match="not visible"):
             scheme.compute(seen, goal, 0.0)
-        with pytest.raises(ConfigurationError, match="home holds no moments: teach it anew"):
+        with pytest.raises(ConfigurationError, match="home holds no moments: teach it again"):
             scheme.check(goal)
 
 

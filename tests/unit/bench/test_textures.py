@@ -288,9 +288,9 @@ def test_an_occluder_hides_what_lies_under_it():
     [
         (DotTracker(), "square", VIEW, "in view"),
         (MarkerTracker(), "four_dots", VIEW, "no marker of DICT_4X4_50, DICT_APRIL"),
-        (LineTracker(), "square", VIEW, "is no line: use tracker 'outline'"),
-        (LineTracker(), "circle", VIEW, "is no line|not four"),
-        (LineTracker(), "line_grid", CLOSE, "touch the picture's border"),
+        (LineTracker(), "square", VIEW, "is not bounded by lines: use tracker 'outline'"),
+        (LineTracker(), "circle", VIEW, "not bounded by lines|not four"),
+        (LineTracker(), "line_grid", CLOSE, "touch the border of the image"),
         (LineTracker(), "line_grid", AWAY, "no dark lines are in view"),
     ],
 )

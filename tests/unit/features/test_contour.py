@@ -143,7 +143,7 @@ def test_another_polygon_is_not_taken_for_the_model():
     model, _ = picture(SCALES["target"], (0.0, 0.0), 0.0)
     _, grey = picture(SCALES["L"], (0.0, 0.0), 10.0)
     outline = extract_outline(grey, segment(grey, Segmentation()), CAMERA)
-    with pytest.raises(SegmentationError, match="has not the goal's 8 corners"):
+    with pytest.raises(SegmentationError, match="does not match the 8 corners"):
         match_corners(outline, model)
 
 

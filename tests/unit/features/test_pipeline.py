@@ -117,10 +117,10 @@ def test_bad_targets_are_not_valid_and_say_why(grey, text: str, weighting: str) 
 
 
 @pytest.mark.parametrize(("component", "words"), [
-    ("largest", "of 2 objects of target colour the largest is taken, 2400 pixels around column 20, "
+    ("largest", "of 2 objects of target colour the largest is used, 2400 pixels around column 20, "
                 "row 130"),
-    ("nearest", "of 2 objects of target colour the one nearest to where the target was is taken"),
-    ("all", "all of target colour is taken together"),
+    ("nearest", "of 2 objects of target colour the one nearest to the last target is used"),
+    ("all", "all pixels of target colour are used together"),
 ])  # fmt: skip
 def test_of_several_objects_is_said_which_is_the_target_and_why(component, words) -> None:
     grey = with_box(100, 0, 60, 40)

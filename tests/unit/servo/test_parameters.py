@@ -437,5 +437,5 @@ def test_trackers_by_name():
     with pytest.raises(ConfigurationError, match="unknown tracker 'dot': did you mean 'dots'"):
         of(tracker="dot").make_tracker()
     for given in ({"tracker": "model"}, {"scheme": "points+model@left"}):
-        with pytest.raises(ConfigurationError, match="model_start says where the model is"):
+        with pytest.raises(ConfigurationError, match="model_start must define the start pose"):
             of(**given).make_tracker()

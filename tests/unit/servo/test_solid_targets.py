@@ -131,12 +131,12 @@ def test_what_a_solid_cannot_be_is_said(meshes):
         assemble(near)
     with pytest.raises(ExperimentError, match="leave them out"):
         flying(meshes["box"]).with_changes(target={"shape": meshes["box"], "perturbed": True})
-    with pytest.raises(ConfigurationError, match="give model: FILE"):
+    with pytest.raises(ConfigurationError, match="set model: FILE"):
         Settings.from_mapping(
             {"tracker": "model", "model_start": {"pose": [0] * 6}}).make_tracker()
-    with pytest.raises(ConfigurationError, match="says where the model is"):
+    with pytest.raises(ConfigurationError, match="must define the start pose"):
         Settings.from_mapping({"tracker": "model", "model": meshes["box"]}).make_tracker()
-    with pytest.raises(ConfigurationError, match="says where the model is"):
+    with pytest.raises(ConfigurationError, match="must define the start pose"):
         Settings.from_mapping({"model": meshes["box"]}).make_tracker()  # it names the tracker
 
 

@@ -351,7 +351,7 @@ def test_correlations_want_four_runs_and_numbers_that_vary():
         for j, key in enumerate(("gain", "delay")):
             rank = spearmanr(both.read_column(key), both.read_column(name)).statistic
             assert told[j, i] == f"{rank:+.2f}"
-    assert axis.get_title("left") == "What follows what"
+    assert axis.get_title("left") == "Correlation of metrics and settings"
     words = made(gains=("a", "b", "c", "d"), delays=(0.03,), each=1)
     assert study_figures.draw_sensitivity(words, words.select_metrics([SETTLED])) is None
 

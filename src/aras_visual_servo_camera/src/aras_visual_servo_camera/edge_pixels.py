@@ -1,13 +1,14 @@
-"""Where in its square an edge pixel is covered: on the side that the target lies on.
+"""Position of the covered part within each edge pixel.
 
-A weight says how much of the pixel's square is covered. Of a square that a straight edge cuts along
-one of its sides the part w is covered, whose middle lies (1 - w) / 2 from the square's: its first
-moment about the square's middle is w (1 - w) / 2, towards the target. Where the edge cuts aslant it
-is within 6 % of that. Towards the target the weights grow, so their gradient is the direction.
+A weight is the covered fraction of a pixel's square. If a straight edge parallel to a side cuts off
+the fraction w, the middle of the covered part is (1 - w) / 2 from the middle of the square. Its
+first moment about the middle is thus w (1 - w) / 2, directed towards the target. For an oblique
+edge this is within 6 %. The weights increase towards the target, so their gradient gives the
+direction.
 
-Edges that run along the rows of pixels need this most: all their pixels are covered alike, and
-what is left out of one is left out of all. A nearly square target's main axis then errs by up to
-1.5 mrad; with it, by 0.2.
+The correction matters most for edges along the rows of pixels: all pixels of such an edge have the
+same coverage, so their errors add up. Without it, the main axis of a nearly square target is wrong
+by up to 1.5 mrad; with it, by 0.2 mrad.
 """
 
 from __future__ import annotations
@@ -19,8 +20,15 @@ from aras_visual_servo_base.compiled import jit
 
 @jit("f8[:,:]")
 def compute_edge_moments(weights):
-    """(2, rows, columns) px: first moments of each pixel's covered part about the pixel's middle,
-    along columns and along rows, of weights (rows, columns)."""
+    """Compute the first moments of each pixel's covered part about the pixel's middle, px.
+
+    Args:
+        weights: (rows, columns) covered fraction of each pixel.
+
+    Returns:
+        (2, rows, columns), the moments along the columns and along the rows of the image, i.e. in u
+        and in v.
+    """
     rows, columns = weights.shape
     found = np.zeros((2, rows, columns))
     for row in range(rows):
@@ -47,8 +55,16 @@ def compute_edge_moments(weights):
 
 @jit("f8[:,:], f8[:,:], f8[:,:], f8[:,:], i8, i8")
 def locate_covered_parts(x, y, area, weights, left, top):
-    """(3, rows * columns): x, y and area of each pixel's covered part, by weights (rows, columns)
-    of a crop that begins at column `left` and row `top` of a lens's tables of x, y and area."""
+    """Compute x, y and area of each pixel's covered part.
+
+    Args:
+        x, y, area: tables of the lens, as in PixelTables.
+        weights: (rows, columns) covered fractions in a crop.
+        left, top: column and row of the crop's first pixel.
+
+    Returns:
+        (3, rows * columns), x, y and area.
+    """
     moments = compute_edge_moments(weights)
     rows, columns = weights.shape
     last_row, last_column = x.shape[0] - 1, x.shape[1] - 1
@@ -59,7 +75,7 @@ def locate_covered_parts(x, y, area, weights, left, top):
             row, column, weight = top + i, left + j, weights[i, j]
             up, down = max(row - 1, 0), min(row + 1, last_row)
             before, after = max(column - 1, 0), min(column + 1, last_column)
-            # Beside what the lens does not show there is no slope.
+            # Next to a pixel without a ray the tables have no slope.
             shown = min(area[row, before], area[row, after], area[up, column], area[down, column])
             u = v = 0.0
             if weight != 0.0 and shown > 0.0:

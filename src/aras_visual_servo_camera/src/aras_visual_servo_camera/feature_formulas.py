@@ -1,8 +1,8 @@
-"""The features, each written once as a formula over moments and other formulas.
+"""The features, each defined by one formula of moments and other formulas.
 
-Leaves: m_ij and mu_ij (as m20, mu20, ...), the area a (of points: mu20 + mu02), the centre of
-gravity xg, yg, and the reference values a_star, Z_star. I1 ... I15 are polynomials that an image
-rotation leaves alone; the ratios C1 ... C10 are free of scale too.
+Leaves: m_ij and mu_ij (as m20, mu20, ...), the area a (for points: mu20 + mu02), the centre of
+gravity xg, yg, and the reference values a_star, Z_star. I1 ... I15 are polynomials that are
+invariant to image rotation; the ratios C1 ... C10 are also invariant to scale.
 
 References: F. Chaumette, Image moments: a general and useful set of features for visual
 servoing, IEEE T-RO 20(4), 2004 (Sx, Sy, Px, Py); O. Tahri and F. Chaumette, Point-based and
@@ -15,7 +15,7 @@ from __future__ import annotations
 from .formula import Formula
 
 _SOURCES = {
-    # The paper's features: gravity centre and area, normalised to be linear in the translation.
+    # The paper's features: centre of gravity and area, normalised to be linear in the translation.
     "an": "Z_star * sqrt(a_star / a)",
     "xn": "an * xg",
     "yn": "an * yg",
@@ -71,7 +71,7 @@ _SOURCES = {
     "C8": "I12 / I10",
     "C9": "I13 / I15",
     "C10": "I14 / I15",
-    # Chaumette 2004: Sx, Sy for objects without symmetry, Px, Py for objects with one
+    # Chaumette 2004: Sx, Sy for asymmetric objects, Px, Py for symmetric ones
     "cos2": "mu20 - mu02",
     "sin2": "2 * mu11",
     "cos3": "mu03 - 3 * mu21",
@@ -86,13 +86,13 @@ _SOURCES = {
     "Sy": "(sin3 * cos4 - cos3 * sin4) / K",
     "Px": "J1 / J3**2",
     "Py": "a * J2 / J3**3",
-    # The same with m00 for a: no difference for a region; for points, whose a = mu20 + mu02 grows
-    # with the image, only these are free of scale.
+    # The same formulas with m00 instead of a. For a region they are equal; for points, whose
+    # a = mu20 + mu02 scales with the image, only these are invariant to scale.
     "Kn": "J1 * J3 * sqrt(J3) / sqrt(m00)",
     "Sxn": "(cos3 * cos4 + sin3 * sin4) / Kn",
     "Syn": "(sin3 * cos4 - cos3 * sin4) / Kn",
     "Pyn": "m00 * J2 / J3**3",
-    # Names of Tahri and Chaumette: c_i the invariants, r_i those for the two tilts
+    # Names in Tahri and Chaumette 2005: c_i are the invariants, r_i those for the two tilt angles
     **{f"c{k}": f"C{k} + 0" for k in range(1, 11)},
     "r1": "I13 / I15",
     "r2": "I14 / I15",
@@ -100,8 +100,8 @@ _SOURCES = {
 
 FORMULAS: dict[str, Formula] = {name: Formula(source) for name, source in _SOURCES.items()}
 
-# What must not vanish for a formula to be defined; see degeneracy.py for when it counts as zero.
-# Formulas made of these inherit the condition.
+# Denominators that must not vanish for a formula to be defined; degeneracy.py defines when they
+# count as zero. Formulas that use these features have the same condition.
 DENOMINATORS: dict[str, str] = {
     "alpha": "anisotropy",
     "alpha_full": "anisotropy",

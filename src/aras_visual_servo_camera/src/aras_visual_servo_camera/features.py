@@ -1,16 +1,16 @@
-"""Visual features of a target and their interaction matrices, as one immutable result.
+"""Visual features of image moments and their interaction matrices, as one immutable result.
 
     result = compute_moment_features(moments, ("xn", "yn", "an", "alpha"), plane, reference)
     result.values    # s, (4,)
     result.L         # ds/dt = L v, (4, 6), v the camera's twist in its own optical frame
 
-Names: m00 ... , mu20 ... (any moment), xg, yg, area, xn, yn, an, alpha (symmetric, in
-(-pi/2, pi/2]), alpha_full (reference-based, in (-pi, pi]), C1 ... C10, Sx, Sy, Px, Py, and the
-polynomials I1 ... I15 behind them. A combination is written as it is meant: "C3 - 0.5 * C4" is
-a feature too, its interaction matrix follows by the chain rule.
+Names: m00 ..., mu20 ... (any moment), xg, yg, area, xn, yn, an, alpha (symmetric, in
+(-pi/2, pi/2]), alpha_full (relative to the reference, in (-pi, pi]), C1 ... C10, Sx, Sy, Px, Py,
+and the polynomials I1 ... I15 from which they are made. An expression such as "C3 - 0.5 * C4" is
+also a feature; its interaction matrix follows by the chain rule.
 
-A feature that a shape leaves undefined (the alpha of a square, a ratio 0/0) is listed in
-`degenerate` with the reason; its value and row are zero, never NaN.
+A feature that is undefined for a shape (alpha of a square, a ratio 0/0) is listed in `degenerate`
+with the reason. Its value and row are zero, never NaN.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ _MOMENT = re.compile(r"(m|mu)(\d)(\d)\Z")
 
 @dataclass(frozen=True)
 class Reference:
-    """Area, depth and orientation of the desired view, which an, xn, yn and alpha_full refer to.
+    """Area, depth and orientation of the desired view, to which an, xn, yn and alpha_full refer.
 
     Attributes:
         area: a*, the `Moments.area` of the desired view.
-        depth: Z*, m, of the target's plane along the optical axis in the desired view.
-        orientation: of the desired view, for alpha_full; None if it has no main axis.
+        depth: Z*, depth of the target's plane on the optical axis in the desired view, m.
+        orientation: orientation in the desired view, for alpha_full; None if it has no main axis.
     """
 
     area: float
@@ -62,9 +62,9 @@ class Reference:
 
     @classmethod
     def from_moments(cls, moments: Moments, depth: float, plane: Plane | None = None) -> Reference:
-        """From the moments of the desired view and its depth Z* (m).
+        """Return the reference of a desired view with the given moments and depth Z* (m).
 
-        `plane` is the target's plane in that view, square to the optical axis by default.
+        `plane` is the target's plane in that view; by default it is parallel to the image plane.
         Moments below order 3 give a reference without orientation.
         """
         plane = Plane.fronto_parallel(depth) if plane is None else plane
@@ -76,11 +76,11 @@ class FeatureSet:
     """Features and their interaction matrix.
 
     Attributes:
-        names: k names, in the order asked for.
+        names: k names, in the requested order.
         values: (k,) read-only.
         L: (k, 6) read-only; d(values)/dt = L (vx, vy, vz, wx, wy, wz).
-        degenerate: name -> reason, for those that this shape leaves undefined.
-        plane: the plane that L was worked out for.
+        degenerate: reason by name, for the features that are undefined for this shape.
+        plane: the plane for which L was computed.
     """
 
     names: tuple[str, ...]
@@ -95,11 +95,16 @@ class FeatureSet:
         return not self.degenerate
 
     def __getitem__(self, name: str) -> float:
-        """Value of one feature. Raises DegenerateFeatureError or FeatureError."""
+        """Return the value of one feature.
+
+        Raises:
+            DegenerateFeatureError: the feature is undefined for this shape.
+            FeatureError: the feature was not computed.
+        """
         return float(self.values[self._find_index(name)])
 
     def get_interaction_row(self, name: str) -> Array:
-        """L of one feature, (6,). Raises DegenerateFeatureError or FeatureError."""
+        """Return the row of L of one feature, (6,); raise errors as `__getitem__` does."""
         return self.L[self._find_index(name)]
 
     def _find_index(self, name: str) -> int:
@@ -111,9 +116,9 @@ class FeatureSet:
 
 
 class _Node(NamedTuple):
-    """A formula with what it rests on, worked out once per name."""
+    """A formula with the leaves and denominators that it depends on, computed once per name."""
 
-    formula: Formula | None  # None: a leaf
+    formula: Formula | None  # None for a leaf
     leaves: frozenset[str]
     denominators: tuple[str, ...]
 
@@ -144,7 +149,7 @@ def _make_node(name: str) -> _Node:
 
 @cache
 def _parse_moment(leaf: str) -> tuple[str, int, int] | None:
-    """('m' or 'mu', i, j) of a moment's name."""
+    """Return ('m' or 'mu', i, j) for the name of a moment, otherwise None."""
     match = _MOMENT.match(leaf)
     return None if match is None else (match[1], int(match[2]), int(match[3]))
 
@@ -158,12 +163,13 @@ def _find_leaf_order(leaf: str, kind: str) -> int:
 
 
 class _Plan(NamedTuple):
-    """What a list of features needs, worked out once per list.
+    """Inputs that a list of features needs, computed once per list.
 
     Attributes:
-        leaves: in the order of the rows of _leaf_rows().
-        centred_order, raw_order: highest order that needs rows; raw -1: none is asked for.
-        gather: where _leaf_rows() finds the leaf in the stack of all rows.
+        leaves: names, in the order of the rows of `_compute_leaf_rows`.
+        centred_order, raw_order: highest order of the rows that are needed; raw_order is -1 if no
+            raw moments are used.
+        row_indices: index of each leaf in the stack of all rows.
     """
 
     leaves: tuple[str, ...]
@@ -178,7 +184,7 @@ def _make_plan(names: tuple[str, ...], kind: str) -> _Plan:
     raw = [_find_leaf_order(n, kind) for n in leaves if re.match(r"m\d", n)]
     rest = [_find_leaf_order(n, kind) for n in leaves if not re.match(r"m\d", n)]
     centred_order, raw_order = max([1, *rest]), max([1, *raw]) if raw else -1
-    # the stack: area, xg, yg, zero, all mu, all m
+    # Order of the stack: area, xg, yg, zero, all mu, all m.
     first_raw = 4 + len(exponents(centred_order))
 
     def find_position(leaf: str) -> int:
@@ -199,7 +205,7 @@ def _make_program(names: tuple[str, ...], leaves: tuple[str, ...]) -> Program:
 
 
 def compute_required_order(names: Iterable[str], kind: str = DENSE) -> int:
-    """Order of moments that the features and their L need: one more than their values do."""
+    """Return the order of moments that L of the features needs, one more than their values."""
     plan = _make_plan(tuple(names), kind)
     return max(plan.centred_order, plan.raw_order) + 1
 
@@ -217,19 +223,21 @@ def compute_moment_features(
     T-RO 20(4), 2004; O. Tahri and F. Chaumette, IEEE T-RO 21(6), 2005.
 
     Args:
-        moments: of the current view.
-        names: features such as 'xn', 'alpha' or 'C3 - 0.5 * C4'; see the head of this module.
+        moments: moments of the current view.
+        names: features such as 'xn', 'alpha' or 'C3 - 0.5 * C4'; this module's docstring lists
+            them.
         plane: target's plane in the current optical frame, 1/Z = A x + B y + C. By default it is
-            square to the optical axis, at the depth at which the area matches the reference.
-        reference: the desired view, for an, xn, yn, alpha_full and the default plane.
-        tolerance: dimensionless size below which a denominator counts as zero; rounding needs
-            1e-9, a noisy image of a square rather 1e-2.
+            parallel to the image plane, at the depth at which the area matches the reference.
+        reference: desired view, for an, xn, yn, alpha_full and the default plane.
+        tolerance: dimensionless size below which a denominator counts as zero: 1e-9 for rounding
+            errors, about 1e-2 for a noisy image of a square.
 
     Returns:
-        values s (k,), L (k, 6), and why which of them is undefined for this shape.
+        Values s (k,), L (k, 6), and the reason for each feature that is undefined for this shape.
 
     Raises:
-        FeatureError: unknown name, order of moments too low, or no reference where one is needed.
+        FeatureError: a name is unknown, the order of the moments is too low, or a reference is
+            missing.
     """
     names = tuple(names)
     plane = _make_plane(moments, reference) if plane is None else plane
@@ -247,22 +255,26 @@ def compute_feature_values(
     reference: Reference | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Array:
-    """The values (k,) of `compute_moment_features`, without L; FeatureError likewise."""
+    """Compute only the values (k,) of `compute_moment_features`, without L.
+
+    Raises:
+        FeatureError: as in `compute_moment_features`.
+    """
     plan = _make_plan(names, moments.kind)
     return _View(moments, plane, reference, tolerance).evaluate_defined(names, plan)[0]
 
 
 def _make_plane(moments: Moments, reference: Reference | None) -> Plane:
-    """Square to the optical axis, where the area matches the reference."""
+    """Return the plane parallel to the image plane at which the area matches the reference."""
     if reference is None:
-        raise FeatureError("give a plane, or a reference that its depth can be taken from")
+        raise FeatureError("give a plane, or a reference from which its depth can be computed")
     if not moments.area > 0.0:
-        raise FeatureError("the points coincide: no depth can be taken from them")
+        raise FeatureError("the points coincide: no depth can be computed from them")
     return Plane.fronto_parallel(reference.depth * sqrt(reference.area / moments.area))
 
 
 def _compute_leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
-    """(leaves, 6) interaction rows of the leaves, in the order of plan.leaves."""
+    """Compute the interaction rows of the leaves, (n, 6), in the order of plan.leaves."""
     centre, mu = compute_centred_interaction(moments, plane, plan.centred_order)
     area = mu[:1]
     if moments.kind != DENSE and "a" in plan.leaves:
@@ -277,7 +289,7 @@ _NO_ROW = np.zeros((1, 6))
 
 
 class _View:
-    """Values of one view and their derivatives by the leaves."""
+    """Values of one view and their derivatives with respect to the leaves."""
 
     def __init__(
         self, moments: Moments, plane: Plane, reference: Reference | None, tolerance: float
@@ -291,8 +303,11 @@ class _View:
     def evaluate_defined(
         self, names: tuple[str, ...], plan: _Plan
     ) -> tuple[Array, tuple[tuple[float, ...], ...], dict[str, str]]:
-        """Values (k,) of the features, each one's derivatives by the plan's leaves, and why some
-        are undefined; those have zeros.
+        """Evaluate the features and replace undefined ones by zeros.
+
+        Returns:
+            Values (k,); derivatives of each feature with respect to the plan's leaves; and the
+            reasons for the undefined features by name.
 
         Raises:
             FeatureError: the order of the moments is too low.
@@ -319,15 +334,15 @@ class _View:
                     values.append(value)
                     rows.append(row)
         if degenerate:
-            nothing, left = (0.0, (0.0,) * len(plan.leaves)), zip(values, rows, strict=True)
-            both = [nothing if name in degenerate else next(left) for name in names]
-            values, rows = zip(*both, strict=True)
+            zeros, remaining = (0.0, (0.0,) * len(plan.leaves)), zip(values, rows, strict=True)
+            results = [zeros if name in degenerate else next(remaining) for name in names]
+            values, rows = zip(*results, strict=True)
         values = np.array(values)
         values.setflags(write=False)
         return values, rows, degenerate
 
     def explain_undefined(self, name: str) -> str | None:
-        """Why the feature is undefined, or None."""
+        """Return the reason if the feature is undefined, otherwise None."""
         for denominator in _make_node(name).denominators:
             value = self._get_value(denominator) if denominator in FORMULAS else 0.0
             reason = CHECKS[denominator](self.moments, value, self.tolerance)
@@ -340,10 +355,10 @@ class _View:
     def evaluate(
         self, names: tuple[str, ...], leaves: tuple[str, ...]
     ) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
-        """Values of the features, and each one's derivatives by the leaves.
+        """Return the values of the features and their derivatives with respect to the leaves.
 
         Raises:
-            ZeroDivisionError: one of them divides by zero.
+            ZeroDivisionError: a feature divides by zero.
         """
         program = _make_program(names, leaves)
         used = program.used_leaves

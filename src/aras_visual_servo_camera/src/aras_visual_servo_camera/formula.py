@@ -1,8 +1,8 @@
-"""Formulas that are written once and differentiated by rule.
+"""Formulas with automatic symbolic derivatives.
 
-An interaction matrix that is typed in beside its feature can disagree with it (ViSP's L of C5
-did, for years). Here a feature is one expression; its partial derivatives come from the
-expression itself, so a feature and its interaction matrix cannot drift apart.
+An interaction matrix that is typed in by hand can disagree with its feature, as the matrix of C5
+did in ViSP for years. Here a feature is a single expression, and its partial derivatives follow
+from that expression. The feature and its interaction matrix therefore always agree.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ _ZERO, _ONE = ast.Constant(0.0), ast.Constant(1.0)
 
 
 class Formula:
-    """A real expression of named variables in + - * / ** (constant powers), sqrt and atan2.
+    """A real expression of named variables with + - * /, ** (constant exponents), sqrt and atan2.
 
     Attributes:
-        source: the expression as written.
+        source: the expression as text.
         names: its variables, in order of first appearance.
+        body: source text of a tuple of the value and its partial derivatives.
     """
 
     def __init__(self, source: str) -> None:
@@ -34,11 +35,15 @@ class Formula:
 
 
 class Program:
-    """Several formulas that rest on each other, and their derivatives by what all rest on, as one
-    function without loops.
+    """Several formulas that use each other, compiled to one function without loops.
+
+    The function returns the values of the formulas and their derivatives with respect to the
+    leaves. A leaf is a name without a formula, such as a moment.
 
     Attributes:
-        leaves: what it takes, in this order. used: those that matter.
+        leaves: arguments of `evaluate`, in this order.
+        used_leaves: those that affect the result.
+        evaluate: the compiled function; it returns the values and the rows of derivatives.
     """
 
     def __init__(
@@ -48,19 +53,19 @@ class Program:
         leaves: Sequence[str],
         same_slope: Mapping[str, str],
     ) -> None:
-        """Write it.
+        """Compile the program.
 
         Args:
-            names: what it answers: formulas, or leaves themselves.
-            formula_of: a name's formula; None for a leaf.
-            leaves: all of them; there may be more than are used.
-            same_slope: leaves whose derivatives are those of a formula.
+            names: formulas or leaves whose values are returned.
+            find_formula: function that returns the formula of a name, or None for a leaf.
+            leaves: all leaves; some may be unused.
+            same_slope: maps leaves to formulas that have the same derivatives.
         """
         self.leaves = tuple(leaves)
         self.used_leaves: set[str] = set()
         self._find_formula, self._same_slope = find_formula, same_slope
         self._lines: list[str] = []
-        # name -> the local variable of its value, and those of its derivatives by leaf
+        # By name: the local variable of the value, and those of the derivatives by leaf.
         self._local_names: dict[str, tuple[str, dict[str, str]]] = {}
         found = [self._get_locals(name) for name in names]
         values = _format_tuple(value for value, _ in found)
@@ -73,7 +78,10 @@ class Program:
         )
 
     def _get_locals(self, name: str) -> tuple[str, dict[str, str]]:
-        """The variables of a value and its derivatives, after writing the lines that set them."""
+        """Return the local variables of a name's value and derivatives.
+
+        The lines that set the variables are written at the first call.
+        """
         if name not in self._local_names:
             formula = self._find_formula(name)
             if formula is not None:
@@ -86,24 +94,26 @@ class Program:
         return self._local_names[name]
 
     def _write_formula(self, formula: Formula) -> tuple[str, dict[str, str]]:
-        below = [self._get_locals(name) for name in formula.names]
-        own = f"_{len(self._local_names)}"
-        partials = [f"{own}_{k}" for k in range(len(below))]
-        # The expression names what it rests on; there they are called otherwise, or are leaves.
-        locally = {name: value for name, (value, _) in zip(formula.names, below, strict=True)}
-        renamed = _rename_variables(formula.body, locally)
-        self._lines.append(f"{', '.join([own, *partials])} = {renamed}")
+        arguments = [self._get_locals(name) for name in formula.names]
+        variable = f"_{len(self._local_names)}"
+        partials = [f"{variable}_{k}" for k in range(len(arguments))]
+        # In the program, the variables of the expression are leaves or local variables.
+        local_values = {
+            name: value for name, (value, _) in zip(formula.names, arguments, strict=True)
+        }
+        expression = _rename_variables(formula.body, local_values)
+        self._lines.append(f"{', '.join([variable, *partials])} = {expression}")
         sums: dict[str, list[str]] = {}
-        for (_, slopes), partial in zip(below, partials, strict=True):
+        for (_, slopes), partial in zip(arguments, partials, strict=True):
             for leaf, slope in slopes.items():
                 sums.setdefault(leaf, []).append(
                     partial if slope == "1.0" else f"{partial} * {slope}"
                 )
         slopes = {}
         for k, (leaf, terms) in enumerate(sums.items()):
-            slopes[leaf] = f"{own}_by_{k}"
+            slopes[leaf] = f"{variable}_by_{k}"
             self._lines.append(f"{slopes[leaf]} = {' + '.join(terms)}")
-        return own, slopes
+        return variable, slopes
 
 
 def _format_tuple(entries: Iterable[str]) -> str:
@@ -111,12 +121,12 @@ def _format_tuple(entries: Iterable[str]) -> str:
 
 
 def _compile_function(source: str, name: str = "") -> Callable[..., tuple]:
-    """The function that a text of our own defines, or a lambda."""
-    known: dict[str, object] = {"sqrt": sqrt, "atan2": atan2, "__builtins__": {}}
+    """Compile generated source to a function; without a name it is a lambda."""
+    namespace: dict[str, object] = {"sqrt": sqrt, "atan2": atan2, "__builtins__": {}}
     if not name:
-        return eval(compile(source, f"<formula {source}>", "eval"), known)  # noqa: S307
-    exec(compile(source, f"<formulas {source}>", "exec"), known)  # noqa: S102
-    return known[name]
+        return eval(compile(source, f"<formula {source}>", "eval"), namespace)  # noqa: S307
+    exec(compile(source, f"<formulas {source}>", "exec"), namespace)  # noqa: S102
+    return namespace[name]
 
 
 def _rename_variables(body: str, names: Mapping[str, str]) -> str:
@@ -165,7 +175,7 @@ def _square(a: ast.expr) -> ast.expr:
 
 
 def _differentiate(node: ast.expr, name: str) -> ast.expr:
-    """The derivative of `node` by the variable `name`, as a tree."""
+    """Return the derivative of `node` with respect to the variable `name`, as a tree."""
     match node:
         case ast.Constant():
             return _ZERO

@@ -1,4 +1,4 @@
-"""The topics of a camera's label images, and the target's pixels in them."""
+"""Subscribers to the label images of a camera, and the target's pixels in these images."""
 
 from __future__ import annotations
 
@@ -14,23 +14,25 @@ from .labels import TargetLabels, read_labels
 from .segmentation import Segmentation
 from .segmented_target import Mask
 
-BUFFER_SIZE = 2**24  # bytes, holds several images: always the newest, never a backlog
+BUFFER_SIZE = 2**24  # bytes; holds several images, so that the newest one is always read
 LabelCallback = Callable[[str, ImageMessage], None]
 
 
 class LabelTopics:
-    """Subscribers to the label images of one camera and to their names.
+    """Subscribers to the label images of one camera and to the names of their labels.
 
     Attributes:
-        topic: of the images, as it is on the graph.
-        subscribers: to both.
+        topic: resolved name of the image topic.
+        subscribers: the two subscribers.
     """
 
     def __init__(self, camera: str, label: str, callback: LabelCallback) -> None:
-        """Args:
-            camera: namespace of its topics.
-            label: model, or 'model::link', that is the target.
-            take: is given 'labels' and each label image.
+        """Subscribe to both topics.
+
+        Args:
+            camera: namespace of the camera's topics.
+            label: name of the target, 'model' or 'model::link'.
+            callback: called with 'labels' and each label image.
         """
         self._target_labels = TargetLabels(label)
         self.topic = rospy.resolve_name(f"{camera}/segmentation/image_raw")
@@ -45,7 +47,7 @@ class LabelTopics:
     def for_segmentation(
         cls, segmentation: Segmentation, camera: str, callback: LabelCallback
     ) -> LabelTopics | None:
-        """Those that a segmentation needs; None: it goes without."""
+        """Return the subscribers that a segmentation needs, or None if it uses no labels."""
         return (
             cls(camera, segmentation.label, callback)
             if "labels" in segmentation.image_kinds
@@ -53,7 +55,11 @@ class LabelTopics:
         )
 
     def make_mask(self, message: ImageMessage) -> Mask:
-        """(rows, columns) 255 where a label image has the target; VisionError: nobody knows."""
+        """Return a mask (rows, columns), 255 where a label image shows the target.
+
+        Raises:
+            VisionError: the names of the labels are unknown, or none of them is the target.
+        """
         return self._target_labels.make_mask(read_labels(message))
 
     def _on_names(self, message: String) -> None:

@@ -1,4 +1,4 @@
-"""The camera node: subscribes to images, has their target measured and published."""
+"""ROS node of the camera: measures the target in each image and publishes the result."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ IMAGE_TOPIC, INFO_TOPIC = f"{CAMERA}/image_raw", f"{CAMERA}/camera_info"
 
 
 class CameraNode:
-    """Thin skin over Pipeline; every fault becomes one log line at a bounded rate."""
+    """ROS interface of Pipeline; every fault is logged in one line at a limited rate."""
 
     def __init__(self, parameters: VisionParameters) -> None:
         self.parameters = parameters
@@ -46,11 +46,13 @@ class CameraNode:
         rospy.Subscriber(IMAGE_TOPIC, ImageMessage, partial(self._add_image, "image"), **options)
 
     def spin(self) -> None:
-        """Until shutdown: say now and then what the node waits for; end when the master is gone."""
+        """Log what the node waits for until shutdown; end when the ROS master is gone."""
         for _ in iterate_at_period(0.2):
             if time.monotonic() - self._last_image > self.parameters.log_period:
-                also = f" and {self._label_topics.topic}" if self._label_topics else ""
-                self._log("image", f"waiting for images on {rospy.resolve_name(IMAGE_TOPIC)}{also}")
+                label_topic = f" and {self._label_topics.topic}" if self._label_topics else ""
+                self._log(
+                    "image", f"waiting for images on {rospy.resolve_name(IMAGE_TOPIC)}{label_topic}"
+                )
 
     def _on_info(self, message: CameraInfo) -> None:
         with self._lock:
@@ -61,23 +63,23 @@ class CameraNode:
 
     def _add_image(self, kind: str, message: ImageMessage) -> None:
         with self._lock:
-            together = self._pairing.add(kind, message.header.stamp, message)
-        if together is None:
+            messages = self._pairing.add(kind, message.header.stamp, message)
+        if messages is None:
             return
         self._last_image = time.monotonic()
         try:
-            image = decode(together["image"])
+            image = decode(messages["image"])
             with self._lock:
                 if message.header.stamp < self._stamp:
-                    self.pipeline.reset()  # the clock went back
+                    self.pipeline.reset()  # the clock has been reset
                 self._stamp = message.header.stamp
                 if (labels := self._label_topics) is not None:
-                    image = replace(image, target_mask=labels.make_mask(together["labels"]))
+                    image = replace(image, target_mask=labels.make_mask(messages["labels"]))
                 measurement = self.pipeline.measure(image)
         except VisionError as error:
             self._log("image unusable", f"image skipped: {error}")
             return
-        self._outputs.publish(image, measurement, together["image"])
+        self._outputs.publish(image, measurement, messages["image"])
 
     def _log(self, key: str, text: str) -> None:
         now = time.monotonic()
@@ -87,13 +89,15 @@ class CameraNode:
 
 
 def main() -> int:
-    """Run the node; exit status 1 if its parameters are wrong."""
+    """Run the node; return exit status 1 if its parameters are wrong."""
     compile_all()
     return node_main("aras_visual_servo_camera", __doc__, _run, VisionError)
 
 
 def _run() -> None:
-    given = rospy.get_param("~", {})
-    node = CameraNode(VisionParameters.from_mapping(given if isinstance(given, dict) else {}))
+    parameters = rospy.get_param("~", {})
+    node = CameraNode(
+        VisionParameters.from_mapping(parameters if isinstance(parameters, dict) else {})
+    )
     rospy.loginfo("camera node ready, layout '%s'", node.parameters.pipeline_settings.layout)
     node.spin()

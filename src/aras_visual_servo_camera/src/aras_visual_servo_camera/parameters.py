@@ -1,4 +1,4 @@
-"""Parameters of the camera node: checked once at start, each with a default."""
+"""Parameters of the camera node, with defaults; they are checked once at start."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from .segmentation import Segmentation
 
 
 def copy_parameter(settings: type, name: str) -> Any:
-    """The parameter that is a setting of the pipeline's, as that has it."""
+    """Return a parameter of the node with the default and bounds of the same setting."""
     field = settings.__dataclass_fields__[name]
     return parameter(field.default, **field.metadata)
 
 
 @dataclass(frozen=True)
 class VisionParameters:
-    """Private parameters of the node; the README's table says what each one does.
+    """Private parameters of the node; the table in the README explains each of them.
 
     mask_image: file of the mask for the component 'mask', or ''.
     desired_outline: x, y of the desired target's corners, normalised, for the overlay.
-    log_period: least seconds of wall time between two equal log lines.
+    log_period: minimum wall time between two equal log lines, s.
     """
 
     layout: str = copy_parameter(PipelineSettings, "layout")
@@ -61,25 +61,28 @@ class VisionParameters:
             raise ParameterError("~component is 'mask', so ~mask_image must name an image file")
         if len(self.desired_outline) % 2 or 0 < len(self.desired_outline) < 6:
             raise ParameterError("~desired_outline needs x, y of at least three corners")
-        _ = self.pipeline_settings  # which refuses what does not go together
+        _ = self.pipeline_settings  # raises ParameterError for conflicting settings
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> VisionParameters:
-        """Check a mapping of parameters. Raises ParameterError naming the one at fault.
+        """Return the parameters of a mapping.
 
-        `segmentation` may be a mapping of its settings, as the controller node has it.
+        `segmentation` may also be a mapping of settings, as in the controller node.
+
+        Raises:
+            ParameterError: a parameter is unknown or invalid; the message names it.
         """
-        whole = mapping.get("segmentation")
-        if isinstance(whole, Mapping):
-            chosen = build(Segmentation, whole, "parameter ~segmentation", ParameterError)
-            parts = {name: getattr(chosen, name) for name in whole}
-            mapping = {**mapping, **parts, "segmentation": chosen.method}
+        entry = mapping.get("segmentation")
+        if isinstance(entry, Mapping):
+            segmentation = build(Segmentation, entry, "parameter ~segmentation", ParameterError)
+            settings = {name: getattr(segmentation, name) for name in entry}
+            mapping = {**mapping, **settings, "segmentation": segmentation.method}
             mapping.pop("method", None)
         return build(cls, mapping, "parameter ~", ParameterError)
 
     @cached_property
     def pipeline_settings(self) -> PipelineSettings:
-        """Of the pipeline; ParameterError where they do not go together."""
+        """Settings of the pipeline; raises ParameterError if they conflict."""
         try:
             segmentation = Segmentation(
                 method=self.segmentation, **self._select_settings(Segmentation)
@@ -91,7 +94,7 @@ class VisionParameters:
         )
 
     def _select_settings(self, settings: type) -> dict[str, Any]:
-        """What of these parameters are settings of that class, by name."""
+        """Return the parameters that are settings of the given class, by name."""
         shared = (field.name for field in fields(settings) if hasattr(self, field.name))
         return {name: getattr(self, name) for name in shared}
 
@@ -101,10 +104,10 @@ class VisionParameters:
         return tuple(zip(self.desired_outline[::2], self.desired_outline[1::2], strict=True))
 
     def read_mask_image(self) -> NDArray[np.uint8] | None:
-        """The mask image, grey (rows, columns); None where there is none.
+        """Read the mask image in grey (rows, columns); return None if no file is set.
 
         Raises:
-            ParameterError: it is named, and cannot be read.
+            ParameterError: the file cannot be read.
         """
         if not self.mask_image:
             return None

@@ -1,4 +1,4 @@
-"""Image in, measurement out: what the camera node does, without ROS."""
+"""Measurement of the target in an image; the camera node without ROS."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ WEIGHTINGS = ("coverage", "binary")
 
 @dataclass(frozen=True)
 class PipelineSettings:
-    """What the pipeline does; the node's README lists the same as parameters."""
+    """Settings of the pipeline; the node's README describes them as parameters."""
 
     segmentation: Segmentation = field(default_factory=Segmentation)
     weighting: str = parameter("coverage", choices=WEIGHTINGS)
@@ -37,7 +37,7 @@ class PipelineSettings:
     original_threshold: float = parameter(250.0, least=0.0, most=255.0)
 
 
-Settings = PipelineSettings  # its documented name
+Settings = PipelineSettings  # name in the documentation
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +45,11 @@ class TargetDetection:
     """The target in one image.
 
     Attributes:
-        valid: True if the moments are fit to servo on.
-        reason: why not, in words; empty when valid.
-        target: its pixels, box, borders and threshold.
-        moments: None where there is nothing to measure. A target that is cut by the border has
-            moments, of the part in view, but is not valid.
+        valid: True if the moments can be used for servoing.
+        reason: explanation if it is not valid, otherwise empty.
+        target: pixels, bounding box, touched borders and threshold.
+        moments: None if there is nothing to measure. A target that is cut by the border has moments
+            of the visible part, but is not valid.
         camera: the intrinsics that were used, or None.
     """
 
@@ -61,12 +61,17 @@ class TargetDetection:
 
 
 class Pipeline:
-    """Measures image after image; remembers the camera and where the target was last."""
+    """Measures one image after another; it stores the camera and the target's last position."""
 
     def __init__(
         self, settings: PipelineSettings, component_mask: NDArray[np.uint8] | None = None
     ) -> None:
-        """`region`: mask image (rows, columns) for the component choice 'mask'."""
+        """Create a pipeline without a camera.
+
+        Args:
+            settings: settings of segmentation and moments.
+            component_mask: mask image (rows, columns) for the component 'mask'.
+        """
         self.settings = settings
         self.component_mask = component_mask
         self.camera: CameraModel | None = None
@@ -74,32 +79,36 @@ class Pipeline:
         self.reset()
 
     def reset(self) -> None:
-        """Forget where the target was, as after the clock went back."""
+        """Forget the last position of the target, e.g. after a reset of the clock."""
         self._previous_centre: tuple[float, float] | None = None
 
     def set_camera(self, camera: CameraModel) -> None:
         """Use these intrinsics from the next image on."""
         if camera != self.camera:
             if camera.is_distorted:
-                _ = camera.tables  # worked out here, once, and not inside the next image's time
+                _ = camera.tables  # compute once here, not during the next image
             self.camera, self.camera_fault = camera, ""
 
     def drop_camera(self, fault: str) -> None:
-        """There are no usable intrinsics, and why."""
+        """Remove the intrinsics; `fault` is the reason in later detections."""
         self.camera, self.camera_fault = None, fault
 
     def measure(self, image: Image) -> TargetDetection:
-        """Segment the image and take the target's moments. Raises SegmentationError."""
+        """Segment the image and compute the moments of the target.
+
+        Raises:
+            SegmentationError: the settings do not fit the image.
+        """
         camera = self.camera
         colour = None
         if self.settings.segmentation.method in BY_COLOUR:
             colour = image.rgb if image.has_colour else None
-        seen = self._mask_blind_pixels(image.grey)
+        grey = self._mask_blind_pixels(image.grey)
         options = (self.settings.segmentation, colour, self._previous_centre, self.component_mask,
                    image.target_mask)  # fmt: skip
-        target = segment(seen, *options)
-        if target.reason and seen is not image.grey:
-            target = segment(image.grey, *options)  # to say what is wrong with what is there
+        target = segment(grey, *options)
+        if target.reason and grey is not image.grey:
+            target = segment(image.grey, *options)  # find the reason in the whole image
         reason = target.reason
         if not reason and camera is None:
             reason = self.camera_fault
@@ -120,11 +129,11 @@ class Pipeline:
         return TargetDetection(not reason, reason, target, moments, camera)
 
     def _mask_blind_pixels(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The image with ground where the lens gives no normalised coordinates.
+        """Replace the pixels without normalised coordinates by background.
 
-        At the rim of a fisheye's picture stand things that no pinhole can see; the largest dark
-        one of them must not pass for the target. A target that reaches there is still refused:
-        its moments are taken from the image as it is.
+        The rim of a fisheye image shows objects outside the lens model. The largest dark one must
+        not be taken for the target. A target that extends to the rim is still rejected, because its
+        moments are computed from the original image.
         """
         camera = self.camera
         if camera is None or camera.blind_mask is None or camera.blind_mask.shape != grey.shape:
@@ -133,10 +142,11 @@ class Pipeline:
         return np.where(camera.blind_mask, np.uint8(ground), grey)
 
     def compute_original_data(self, image: Image) -> list[float]:
-        """The numbers of camera/data, from the fixed threshold of the original.
+        """Compute the numbers of the topic camera/data with the fixed threshold of the original.
 
         Raises:
-            DegenerateFeatureError: no target. CalibrationError: 'moments' without camera_info.
+            DegenerateFeatureError: there is no target.
+            CalibrationError: the layout 'moments' has no camera_info.
         """
         if self.settings.layout == "kernel":
             return self.compute_kernel_data(image)
@@ -145,14 +155,18 @@ class Pipeline:
         return compute_original_moments(self.make_original_mask(image), self.camera.pinhole)
 
     def compute_kernel_data(self, image: Image) -> list[float]:
-        """The 20 numbers of the kernel layout. Raises DegenerateFeatureError: no target."""
+        """Compute the 20 numbers of the layout 'kernel'.
+
+        Raises:
+            DegenerateFeatureError: there is no target.
+        """
         return compute_kernel_features(self.make_original_mask(image)).to_message_data()
 
     def make_original_mask(self, image: Image) -> NDArray[np.uint8]:
-        """Inverse binary image (0, 255) at the original's threshold.
+        """Return the inverse binary image (0, 255) at the original's threshold.
 
-        That is of pictures whose white is 255: it is lowered where the bright level that most
-        pixels have is less, as in pictures that are not clipped.
+        The threshold refers to images whose white is 255. If the most frequent bright level is
+        lower, as in images that are not overexposed, the threshold is reduced by the same factor.
         """
         bright = np.bincount(image.grey.ravel(), minlength=256)[128:]
         white = 128 + int(bright.argmax()) if bright.any() else 255
@@ -163,24 +177,24 @@ class Pipeline:
         self, grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraModel
     ) -> Moments:
         settings = self.settings
-        weights, corner, full_scale = _crop_mask(target)
-        smooth = settings.weighting == "coverage"
-        if smooth:
-            weights, corner, _, _ = compute_coverage(grey, target, settings.edge_band)
+        weights, offset, full_scale = _crop_mask(target)
+        is_coverage = settings.weighting == "coverage"
+        if is_coverage:
+            weights, offset, _, _ = compute_coverage(grey, target, settings.edge_band)
             full_scale = 1.0
         if not camera.is_distorted:
             return Moments.from_image(
-                weights, camera.pinhole, settings.order, full_scale, corner, smooth
+                weights, camera.pinhole, settings.order, full_scale, offset, is_coverage
             )
         rows, columns = weights.shape
-        crop = slice(corner[1], corner[1] + rows), slice(corner[0], corner[0] + columns)
+        crop = slice(offset[1], offset[1] + rows), slice(offset[0], offset[0] + columns)
         tables = camera.tables
         if weights[tables.area[crop] == 0.0].any():
             raise SegmentationError(
                 "the target reaches beyond the part of the image that has normalised coordinates"
             )
-        if smooth:
-            x, y, weight = locate_covered_parts(*tables, weights, *corner)
+        if is_coverage:
+            x, y, weight = locate_covered_parts(*tables, weights, *offset)
             column, row, width, height = target.box
             extent = tables.compute_pixel_variance(column + width // 2, row + height // 2)
             return Moments.from_samples(x, y, weight, settings.order, extent=extent)

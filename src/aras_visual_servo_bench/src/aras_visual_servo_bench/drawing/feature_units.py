@@ -1,4 +1,4 @@
-"""Units of what a controller tells of, by the name of its scheme."""
+"""Units of the features that a controller reports, from the name of its scheme."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from aras_visual_servo_controller.settings import Settings
 
 @lru_cache(maxsize=64)
 def find_feature_units(scheme: str, count: int) -> tuple[str, ...]:
-    """Unit of each of `count` features of a shipped scheme, '' for what has none.
+    """Return the units of the `count` features of a shipped scheme; '' for a feature without unit.
 
-    Empty where they are not known: of a user's own class, which nobody loads for being named in a
-    message, and of a scheme that has other features here.
+    The result is empty if the units are unknown. This is the case for a user's own class, which is
+    not imported for its units, and for a scheme with another number of features.
     """
     if ":" in scheme or not scheme:
         return ()
@@ -21,6 +21,6 @@ def find_feature_units(scheme: str, count: int) -> tuple[str, ...]:
         units = tuple(Settings(scheme=scheme).make_scheme().units or ())
     except (ServoError, ValueError, TypeError):
         return ()
-    if len(set(units)) == 1:  # of points, however many there are
+    if len(set(units)) == 1:  # schemes of points have any number of features
         return units[:1] * count
     return units if len(units) == count else ()

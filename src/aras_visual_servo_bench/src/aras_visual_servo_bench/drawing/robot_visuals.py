@@ -1,4 +1,4 @@
-"""What is visible of a robot: triangles in colours, link by link."""
+"""Visible triangles of a robot with their colours, link by link."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from aras_visual_servo_base.meshes.mesh import Mesh
 from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 
 Colour = tuple[float, ...]  # red, green, blue, opacity, 0 to 1
-DEFAULT_COLOUR = (0.7, 0.7, 0.72, 1.0)  # of what has no colour
+DEFAULT_COLOUR = (0.7, 0.7, 0.72, 1.0)  # for visuals without a colour
 
 
 def collect_visuals(robot: RobotDescription, urdf: str) -> Iterator[tuple[str, Colour, Mesh]]:
-    """What is to be seen of a robot: link, colour, and triangles (m) in that link.
+    """Yield the link, colour and triangles (m, in the link's frame) of each visual of a robot.
 
     Raises:
         DescriptionError: the description, or one of its meshes, cannot be used.
@@ -28,31 +28,31 @@ def collect_visuals(robot: RobotDescription, urdf: str) -> Iterator[tuple[str, C
     for link in robot.links.values():
         for i, visual in enumerate(link.visuals):
             colour = colours.get((link.name, i), robot.colours.get(link.name, DEFAULT_COLOUR))
-            placed = matrix_from_xyz_rpy(visual.origin_xyz, visual.origin_rpy)
+            link_T_visual = matrix_from_xyz_rpy(visual.origin_xyz, visual.origin_rpy)
             for mesh in _load_meshes(visual.geometry):
-                own = _compute_mean_colour(mesh.texture) if mesh.texture else mesh.rgba
-                yield link.name, own or colour, mesh.transform(placed)
+                mesh_colour = _compute_mean_colour(mesh.texture) if mesh.texture else mesh.rgba
+                yield link.name, mesh_colour or colour, mesh.transform(link_T_visual)
 
 
 def _compute_mean_colour(texture: str) -> Colour | None:
-    """One colour for a picture, its mean; None where it cannot be read."""
-    picture = cv2.imread(texture, cv2.IMREAD_COLOR)
-    if picture is None:
+    """Return the mean colour of a texture, or None if it cannot be read."""
+    image = cv2.imread(texture, cv2.IMREAD_COLOR)
+    if image is None:
         return None
-    blue, green, red = (picture.reshape(-1, 3).mean(axis=0) / 255.0).tolist()
+    blue, green, red = (image.reshape(-1, 3).mean(axis=0) / 255.0).tolist()
     return red, green, blue, 1.0
 
 
 def _load_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
     if geometry.kind == "mesh" and not Path(geometry.filename).is_file():
-        return ()  # whoever spawned it has been told
+        return ()  # the missing file was reported when the model was spawned
     return make_meshes(geometry)
 
 
 def _read_colours(urdf: str) -> dict[tuple[str, int], tuple[float, ...]]:
-    """What the description's own materials say of each visual, by link and number.
+    """Read the colours of the description's own materials, by link and number of the visual.
 
-    The simulator's cameras go by Gazebo's materials; a person wants to see what rviz shows.
+    The simulator's cameras use Gazebo's materials, but the drawing shows the colours of rviz.
     """
     root = safe_xml.parse(urdf, "URDF")
     known = {m.get("name"): _read_rgba(m) for m in root.findall("material")}

@@ -1,7 +1,8 @@
-"""A run as it goes on, drawn: camera, goal, paths, twists, features, words.
+"""3-D drawing of a run in progress: camera, goal, paths, twists, features and text.
 
-Told what the graph says, it answers shapes in the arm's base. A run begins where servoing begins:
-the camera's path and the features' trajectories from there on, and the straight path to the goal.
+A RunTrace receives the messages of the graph and returns shapes in the frame of the arm's base. A
+run starts when servoing starts. From then on, the camera's path and the features' trajectories are
+recorded, together with the straight path to the goal.
 """
 
 from __future__ import annotations
@@ -43,40 +44,42 @@ GOAL, NOW, PATH, IDEAL, FEATURE = (
     to_rgb(LIVE[name]) for name in ("goal", "now", "path", "ideal", "feature")
 )
 
-FRUSTUM_SIZE = 0.16  # m, from the optical centre to a corner of the drawn picture
-AXIS_LENGTH = 0.05  # m, an axis of a drawn frame
-ARROW_SECONDS = 2.0  # an arrow is as long as the path of so many seconds, m
-TURN_LENGTH = 0.1  # m for a radian
-MAX_ARROW = 0.3  # m, of an arrow
-MIN_ARROW = 2e-3  # m; what is no longer is not drawn
-IDEAL_PATH_POINTS = 24  # points of the ideal path
+FRUSTUM_SIZE = 0.16  # m, from the optical centre to a corner of the drawn image
+AXIS_LENGTH = 0.05  # m, axes of a drawn frame
+ARROW_SECONDS = 2.0  # s; a velocity arrow has the length of the path in this time
+TURN_LENGTH = 0.1  # m per rad/s, for arrows of angular velocity
+MAX_ARROW = 0.3  # m, longest arrow
+MIN_ARROW = 2e-3  # m; shorter arrows are not drawn
+IDEAL_PATH_POINTS = 24  # number of points of the straight path to the goal
 MIN_SPACING = 5e-4  # m between two points of the path
-MIN_IMAGE_SPACING = 2e-3  # likewise of trajectories, normalised
-TEXT_OFFSET = (-0.29, 0.24, 0.19)  # m from the camera to the words, in the base: beside the arm
-MAX_ERRORS = 6  # errors that are read out
-LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # m, height of letters, and from one line to the next
-LEGEND = (  # from its lowest line up
-    ("turn achieved", to_rgb(LIVE["achieved-turn"])), ("turn asked", to_rgb(LIVE["asked-turn"])),
-    ("velocity achieved", to_rgb(LIVE["achieved"])), ("velocity asked", to_rgb(LIVE["asked"])),
-    ("target in the picture", FEATURE), ("straight to the goal", IDEAL), ("path", PATH),
+MIN_IMAGE_SPACING = 2e-3  # between two points of a trajectory in the image, normalised
+# Offset of the text from the camera in the base frame, m; it places the text next to the arm.
+TEXT_OFFSET = (-0.29, 0.24, 0.19)
+MAX_ERRORS = 6  # errors that are listed in the text
+LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # m, height of letters and spacing of lines
+LEGEND = (  # from the lowest line upwards
+    ("achieved rotation", to_rgb(LIVE["achieved-turn"])),
+    ("desired rotation", to_rgb(LIVE["asked-turn"])),
+    ("achieved velocity", to_rgb(LIVE["achieved"])), ("desired velocity", to_rgb(LIVE["asked"])),
+    ("target in the image", FEATURE), ("straight path to the goal", IDEAL), ("path", PATH),
     ("goal", GOAL), ("camera", NOW),
 )  # fmt: skip
 
 
-NO_STATE = ServoState(0.0, "")  # before the controller has said anything
+NO_STATE = ServoState(0.0, "")  # placeholder until the controller reports its first state
 
 
 class RunTrace:
-    """One robot's run.
+    """Drawing of the run of one robot.
 
     Attributes:
-        arm: its kinematics.
-        camera: what it looks through; None before it is known.
-        goal: (4, 4) base_T_camera; None before it is known.
-        outline: (n, 2) of the target at the goal, normalised.
-        state: the latest of what the controller said.
-        factor: real-time factor, None while it is not known.
-        target: its shapes in the arm's base; none where nothing is known of it.
+        arm: kinematics of the robot.
+        camera: calibrated camera; None until it is known.
+        goal: (4, 4) base_T_camera at the goal; None until it is known.
+        outline: (n, 2) desired outline of the target, normalised.
+        state: latest state of the controller.
+        factor: real-time factor; None until it is known.
+        target: shapes of the target in the frame of the arm's base; empty if unknown.
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -92,7 +95,7 @@ class RunTrace:
         self.clear()
 
     def clear(self) -> None:
-        """Forget the run, not the robot: for a clock that went back."""
+        """Forget the run but not the robot, e.g. after a reset of the clock."""
         self.state = NO_STATE
         self.start_pose: np.ndarray | None = None
         self._path = Track(3, MIN_SPACING)
@@ -100,27 +103,27 @@ class RunTrace:
 
     @property
     def pose(self) -> np.ndarray | None:
-        """(4, 4) base_T_camera, None before joints were heard."""
+        """Pose base_T_camera (4, 4); None before the first joint state."""
         return self._pose
 
     @property
     def path(self) -> np.ndarray:
-        """(n, 3) the camera's places since servoing began, m."""
+        """Positions (n, 3) of the camera since servoing started, m."""
         return self._path.points
 
-    # -- what it is told -------------------------------------------------------------------
+    # -- inputs ----------------------------------------------------------------------------
 
     def set_joints(self, positions: Sequence[float]) -> None:
-        """Where the joints are (n,), in the arm's order."""
+        """Set the joint positions (n,), in the order of the arm's joints."""
         self._pose = self.arm.pose(np.asarray(positions, float))
 
     def add_state(self, state: ServoState, positions: Sequence[float] = ()) -> None:
-        """A state of the controller, with the joints (n,) that it saw, where it saw some."""
-        before, self.state = self.state, state
-        moving = state.phase in (SERVOING, CONVERGED)
-        if not moving:
+        """Add a state of the controller, with its joint positions (n,) if it has any."""
+        last_state, self.state = self.state, state
+        is_moving = state.phase in (SERVOING, CONVERGED)
+        if not is_moving:
             return
-        if before.phase in ("", APPROACHING, WAITING, STOPPED):
+        if last_state.phase in ("", APPROACHING, WAITING, STOPPED):
             self.start_pose, self._trajectories = None, {}
             self._path.clear()
         if len(positions) == len(self.arm.names):
@@ -133,17 +136,17 @@ class RunTrace:
             self.add_image_point(f"point {number}", features[x], features[y])
 
     def add_image_point(self, name: str, x: float, y: float) -> None:
-        """Where something of the target is in the picture, normalised."""
+        """Add a normalised image point to the trajectory `name` of the target."""
         if self.state.phase not in (SERVOING, CONVERGED):
             return
         if name not in self._trajectories:
             self._trajectories[name] = Track(2, MIN_IMAGE_SPACING)
         self._trajectories[name].add(np.array([x, y]))
 
-    # -- what it answers -------------------------------------------------------------------
+    # -- outputs ---------------------------------------------------------------------------
 
     def compute_ideal_path(self) -> np.ndarray:
-        """Places (n, 3) of the straight path from where servoing began to the goal."""
+        """Return points (n, 3) of the straight path from the start of servoing to the goal."""
         if self.start_pose is None or self.goal is None:
             return np.empty((0, 3))
         along = np.linspace(0.0, 1.0, IDEAL_PATH_POINTS)[:, None]
@@ -151,27 +154,30 @@ class RunTrace:
         return start + along * (end - start)
 
     def make_text_lines(self) -> list[str]:
-        """What is to be read beside it."""
-        told = self.state
-        if not told.phase:
+        """Return the lines of the text next to the robot."""
+        state = self.state
+        if not state.phase:
             return ["no controller yet"]
-        lines = [" - ".join(w for w in (told.scheme.rpartition(":")[2], told.phase) if w)]
-        if told.outcome not in ("", "running", told.phase):
-            lines.append(told.outcome.replace("_", " "))
-        if told.reason:
-            lines.append(_wrap_text(told.reason))
-        if told.names:
-            units = find_feature_units(told.scheme, len(told.names)) or ("",) * len(told.names)
-            rows = zip(told.names[:MAX_ERRORS], told.error[:MAX_ERRORS], units, strict=False)
+        lines = [" - ".join(w for w in (state.scheme.rpartition(":")[2], state.phase) if w)]
+        if state.outcome not in ("", "running", state.phase):
+            lines.append(state.outcome.replace("_", " "))
+        if state.reason:
+            lines.append(_wrap_text(state.reason))
+        if state.names:
+            units = find_feature_units(state.scheme, len(state.names)) or ("",) * len(state.names)
+            rows = zip(state.names[:MAX_ERRORS], state.error[:MAX_ERRORS], units, strict=False)
             lines += [f"{name} {error:+z.4f} {unit}".rstrip() for name, error, unit in rows]
-            if len(told.names) > MAX_ERRORS:
-                lines.append(f"and {len(told.names) - MAX_ERRORS} more")
+            if len(state.names) > MAX_ERRORS:
+                lines.append(f"and {len(state.names) - MAX_ERRORS} more")
         if self.factor is not None:
             lines.append(f"real-time factor {self.factor:.2f}")
         return lines
 
     def make_shapes(self) -> list[Shape]:
-        """Everything, in the arm's base; what cannot be drawn now has no points."""
+        """Return all shapes in the frame of the arm's base.
+
+        Shapes that cannot be drawn at the moment have no points.
+        """
         shapes = [*self.target, self._make_line("path", self.path, (*PATH, 1.0), 0.006)]
         ideal = self.compute_ideal_path()
         shapes.append(Shape("ideal path", LINES, ideal, (*IDEAL, 0.9), 0.003))
@@ -192,10 +198,10 @@ class RunTrace:
         return shapes + self._make_texts()
 
     def _make_texts(self) -> list[Shape]:
-        """The words, and above them what is drawn in which colour, beside the camera."""
+        """Return the text next to the camera, and above it the legend of the colours."""
         words, place = "\n".join(self.make_text_lines()), (self._pose[:3, 3] + TEXT_OFFSET)[None]
         shapes = [Shape("words", TEXT, place, (1.0, 1.0, 1.0, 1.0), LETTER_HEIGHT, words)]
-        above = 0.5 * (words.count("\n") + 1)  # lines: the words stand about their place
+        above = 0.5 * (words.count("\n") + 1)  # lines; the text is centred on its position
         for line, (text, colour) in enumerate(LEGEND, 1):
             up = (0.0, 0.0, LINE_HEIGHT * (above + line))
             shapes.append(
@@ -211,7 +217,7 @@ class RunTrace:
         return self._image_border[1]
 
     def _make_image_shapes(self, border: np.ndarray) -> list[Shape]:
-        """Trajectories of what is seen, and the desired outline, on the drawn picture."""
+        """Return the trajectories and the desired outline on the drawn image."""
         shapes = []
         outline = self.outline
         if len(outline):
@@ -227,28 +233,31 @@ class RunTrace:
         return shapes
 
     def _make_arrows(self) -> list[Shape]:
-        told, shapes = self.state, []
-        for what, twist in (("asked", told.desired_twist), ("achieved", told.achieved_twist)):
-            width = 0.008 if what == "asked" else 0.012
-            ways = np.array(twist[:3]) * ARROW_SECONDS, np.array(twist[3:]) * TURN_LENGTH
-            for part, way, name in (("velocity", ways[0], what), ("turn", ways[1], f"{what}-turn")):
-                points, length = np.empty((0, 3)), float(np.linalg.norm(way))
+        state, shapes = self.state, []
+        for kind, twist, width, opacity in (
+            ("asked", state.desired_twist, 0.008, 1.0),
+            ("achieved", state.achieved_twist, 0.012, 0.55),
+        ):
+            for quantity, vector, name in (
+                ("velocity", np.array(twist[:3]) * ARROW_SECONDS, kind),
+                ("turn", np.array(twist[3:]) * TURN_LENGTH, f"{kind}-turn"),
+            ):
+                points, length = np.empty((0, 3)), float(np.linalg.norm(vector))
                 if np.isfinite(length) and length > MIN_ARROW:
-                    tip = way * min(1.0, MAX_ARROW / length)
+                    tip = vector * min(1.0, MAX_ARROW / length)
                     points = transform_points(self._pose, np.array([np.zeros(3), tip]))
-                opacity = 1.0 if what == "asked" else 0.55
-                shapes.append(Shape(f"{what} {part}", ARROW, points, (*to_rgb(LIVE[name]), opacity),
-                                    width))  # fmt: skip
+                colour = (*to_rgb(LIVE[name]), opacity)
+                shapes.append(Shape(f"{kind} {quantity}", ARROW, points, colour, width))
         return shapes
 
     @staticmethod
     def _make_line(name: str, points: np.ndarray, colour: Rgba, width: float) -> Shape:
-        """A curve; one point alone is none."""
+        """Return a curve, which is empty if it has only one point."""
         return Shape(name, STRIP, points if len(points) > 1 else points[:0], colour, width)
 
 
 def _wrap_text(text: str, width: int = 44) -> str:
-    """Long words in lines of a width."""
+    """Wrap a text to at most three lines."""
     lines = [""]
     for word in text.split():
         if lines[-1] and len(lines[-1]) + len(word) >= width:

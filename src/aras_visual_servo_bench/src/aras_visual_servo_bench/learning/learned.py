@@ -1,12 +1,12 @@
-"""A scheme whose network was taught by the simulator's own pictures, and what teaches it.
+"""Scheme with a neural network that is trained on simulated images, and its training command.
 
     python3 -m aras_visual_servo_bench.learning.learned [--pictures 4000] [--out FILE]
 
-From the moments of a picture, made free of their units, a small network tells where the goal is in
-the camera's frame and by how much it is turned; the camera flies there. What it tells of the
-goal's own picture is taken off, so that its bias at the goal is none. Reference: A. Saxena and
-others, Exploring convolutional networks for end-to-end visual servoing, IEEE ICRA 2017, for the
-idea; ours sees moments, and learns in a minute.
+From the scale-free moments of an image, a small network predicts the position of the goal in the
+camera's frame and its rotation about the optical axis. The camera moves there. The prediction for
+the goal's own image is subtracted, so there is no bias at the goal. Reference for the idea: A.
+Saxena and others, Exploring convolutional networks for end-to-end visual servoing, IEEE ICRA 2017.
+This network uses moments instead of images and is trained in a minute.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ HIDDEN_LAYERS = (64, 64)
 
 
 def make_inputs(moments: Moments) -> np.ndarray:
-    """Numbers (10,) of a picture: place, size, and shape with its direction, free of scale."""
+    """Compute the inputs (10,) of the network from moments: position, size, and scale-free shape.
+    """
     m00 = moments.m00
     size = np.sqrt(m00)
     second = [moments.mu(*ij) / m00**2 for ij in ((2, 0), (1, 1), (0, 2))]
@@ -46,19 +47,19 @@ def make_inputs(moments: Moments) -> np.ndarray:
 
 
 class GoalPoseNetwork(Regressor):
-    """Layers of tanh; see Regressor for its arrays."""
+    """Network with tanh layers; Regressor describes its arrays."""
 
     user, module = "the learned scheme", "learned"
     activation = np.tanh
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Place of the goal in the camera's frame (3), m, and its turn, rad: (4,)."""
+        """Predict the goal's position in the camera's frame, m, and rotation, rad: (4,)."""
         tx, ty, tz, c, s = self.predict(x)
         return np.array([tx, ty, tz, np.arctan2(s, c)])
 
 
 class LearnedScheme(Scheme):
-    """Flies to where the network says that the goal is."""
+    """Scheme that moves the camera to the goal's pose as predicted by a network."""
 
     needs = frozenset((Need.MOMENTS,))
     names = ("tx", "ty", "tz", "psi")
@@ -71,51 +72,60 @@ class LearnedScheme(Scheme):
         self._goal: Goal | None = None
 
     def predict(self, observation: Observation) -> np.ndarray:
-        """What the network tells (4,) of what is seen; MeasurementError where nothing is."""
+        """Return the prediction (4,) of the network for an observation.
+
+        Raises:
+            MeasurementError: the target is not visible.
+        """
         if not observation.valid or observation.moments is None:
             raise MeasurementError(observation.reason or "the target is not visible")
         return self._network(make_inputs(observation.moments))
 
     def predict_goal(self, goal: Goal) -> np.ndarray:
-        """The same of the goal; ConfigurationError where it does not hold it."""
+        """Return the prediction (4,) of the network for the goal's own image.
+
+        Raises:
+            ConfigurationError: the goal has no moments.
+        """
         if goal.moments is None:
-            raise ConfigurationError(f"{goal.name} holds no moments: teach it anew")
+            raise ConfigurationError(f"{goal.name} holds no moments: teach it again")
         return self._network(make_inputs(goal.moments))
 
     def check(self, goal: Goal) -> None:
-        """See Scheme.check."""
+        """Check the goal and store its prediction, as `Scheme.check` requires."""
         self._goal, self._goal_prediction = goal, self.predict_goal(goal)
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
-        """See Scheme.compute."""
+        """Compute features, error and twist of an image, as `Scheme.compute` requires."""
         if self._goal is not goal:
             self.check(goal)
-        found = self.predict(observation)
-        # the camera's place before the goal is minus the goal's
-        away = self._goal_prediction - found
-        away[3] = wrap(away[3])
+        prediction = self.predict(observation)
+        # The error of the camera's position is minus that of the goal's position in its frame.
+        error = self._goal_prediction - prediction
+        error[3] = wrap(error[3])
         L = np.eye(6)[[0, 1, 2, 5]]
         rate = self.law.desired_error_rate(
-            away, L, np.array([*away[:3], 0.0, 0.0, away[3]]), t, observation.dt
+            error, L, np.array([*error[:3], 0.0, 0.0, error[3]]), t, observation.dt
         )
         twist = np.array([*rate[:3], 0.0, 0.0, rate[3]])
         return SchemeOutput(
             self.names,
-            found,
+            prediction,
             self._goal_prediction,
-            away,
+            error,
             Task.from_twist(twist, SERVOED_DIRECTIONS),
         )
 
 
-# The goal of 2015 hangs from a stretched arm: the camera cannot be nearer to the target.
+# At the goal of 2015 the arm is stretched, so the camera cannot be nearer to the target.
 TRAINING_STARTS = Sampler(height=(0.15, 0.5), side=0.1)
 
 
 def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs (n, 10) and answers (n, 5) of pictures of the demo's target from random places.
+    """Make training inputs (n, 10) and outputs (n, 5) from images of the demo's target.
 
-    An answer is the goal's place in the camera's frame, m, and cosine and sine of its turn.
+    The camera poses are random. An output is the position of the goal in the camera's frame, m, and
+    the cosine and sine of its rotation.
     """
     from ..experiment.cameras import is_in_view
     from ..experiment.experiment import Experiment
@@ -125,7 +135,7 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
 
     parts = assemble(Experiment(plant="ideal", features="images", goal="2016", start="2016"))
     observer = FeatureObserver(None, frozenset((Need.MOMENTS,)))
-    random, sight = np.random.default_rng(seed), parts.plant.imaging
+    random, imaging = np.random.default_rng(seed), parts.plant.imaging
     shape, middle = parts.target.shape, parts.target.shape.vertices().mean(axis=0)
     x, y = [], []
     while len(x) < count:
@@ -137,16 +147,22 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
                 continue
         except ViewError:
             continue
-        seen = observe(capture(sight, pose, 0, random), None, observer, parts.calibrated_camera)
-        if seen.valid:
+        observation = observe(
+            capture(imaging, pose, 0, random), None, observer, parts.calibrated_camera
+        )
+        if observation.valid:
             c_T_g = relative_pose(pose, parts.goal_pose)
-            x.append(make_inputs(seen.moments))
+            x.append(make_inputs(observation.moments))
             y.append([*c_T_g[:3, 3], c_T_g[0, 0], c_T_g[1, 0]])
     return np.array(x), np.array(y)
 
 
 def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
-    """Arrays of a Network that answers y (n, 5) to x (n, 10); ExperimentError: no scikit-learn."""
+    """Train the network on outputs y (n, 5) for inputs x (n, 10); return its arrays.
+
+    Raises:
+        ExperimentError: scikit-learn is not installed.
+    """
     return fit_network(
         x, y, 0.0, np.float32, hidden_layer_sizes=HIDDEN_LAYERS, activation="tanh", solver="lbfgs",
         max_iter=800, max_fun=1200, alpha=1e-6, random_state=seed, tol=1e-9,
@@ -154,13 +170,17 @@ def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
 
 
 def compute_errors(predicted: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far (n,), m, and turned (n,), rad, what is found (n, 4) is from the answers (n, 5)."""
+    """Compute the errors of predictions (n, 4) with respect to outputs (n, 5).
+
+    Returns:
+        Distances (n,), m, and angles (n,), rad.
+    """
     turn = wrap(predicted[:, 3] - np.arctan2(y[:, 4], y[:, 3]))
     return np.linalg.norm(predicted[:, :3] - y[:, :3], axis=1), np.abs(turn)
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Teach the network; returns the exit status."""
+    """Train the network; return the exit status."""
     return run_training(
         GoalPoseNetwork,
         argv,

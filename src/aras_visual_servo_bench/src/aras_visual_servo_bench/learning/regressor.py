@@ -1,4 +1,4 @@
-"""What networks that answer numbers to numbers share: their file, their layers, their training."""
+"""Base class of small neural networks, with their training and their file of weights."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ from ..experiment.packages import PackagePath
 
 
 class Regressor:
-    """Layers, the last one linear, between scaled inputs (k,) and outputs (m,).
+    """Network with a linear last layer between scaled inputs (k,) and outputs (m,).
 
     Attributes:
-        what: who needs the weights, for messages. module: that makes them, of this package.
-        activation: of the hidden layers, number by number.
+        user: user of the weights, for messages.
+        module: module of this package that trains the network.
+        activation: activation function of the hidden layers.
     """
 
     user: ClassVar[str]
@@ -31,24 +32,31 @@ class Regressor:
     activation: ClassVar[Callable[[np.ndarray], np.ndarray]]
 
     def __init__(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """`arrays`: mean, scale, out_mean, out_scale, and w0, b0, w1, ... of the layers."""
-        wide = {name: np.asarray(array, float) for name, array in arrays.items()}
-        self._mean, self._scale = wide["mean"], wide["scale"]
-        self._out_mean, self._out_scale = wide["out_mean"], wide["out_scale"]
-        count = sum(name.startswith("w") for name in wide)
-        self._layers = [(wide[f"w{i}"], wide[f"b{i}"]) for i in range(count)]
+        """Create a network from its arrays.
+
+        Args:
+            arrays: mean, scale, out_mean, out_scale, and w0, b0, w1, ... of the layers.
+        """
+        values = {name: np.asarray(array, float) for name, array in arrays.items()}
+        self._mean, self._scale = values["mean"], values["scale"]
+        self._out_mean, self._out_scale = values["out_mean"], values["out_scale"]
+        count = sum(name.startswith("w") for name in values)
+        self._layers = [(values[f"w{i}"], values[f"b{i}"]) for i in range(count)]
 
     @classmethod
     def find_weights(cls) -> Path:
-        """The shipped file of the weights."""
+        """Return the path of the shipped weights."""
         return Path(PackagePath().find("aras_visual_servo_bench")) / "config" / f"{cls.module}.npz"
 
     @classmethod
     def load(cls, path: Path | None = None) -> Self:
-        """From a file; None: the one that the environment names, or else the shipped one.
+        """Load a network from a file.
+
+        The default is the file in the environment variable ARAS_<MODULE>_WEIGHTS, or else the
+        shipped one.
 
         Raises:
-            ConfigurationError: there is none, or it is no network.
+            ConfigurationError: the file does not exist or contains no network.
         """
         if path is None:
             variable = f"ARAS_{cls.module.upper()}_WEIGHTS"
@@ -63,7 +71,7 @@ class Regressor:
             raise ConfigurationError(f"{path} holds no network ({error}): {make}") from None
 
     def predict(self, x: np.ndarray) -> np.ndarray:
-        """Outputs (m,) to inputs (k,)."""
+        """Compute the outputs (m,) for inputs (k,)."""
         values = (x - self._mean) / self._scale
         for w, b in self._layers[:-1]:
             values = type(self).activation(values @ w + b)
@@ -77,21 +85,32 @@ def run_training(
     train: Callable[[np.ndarray, np.ndarray], dict[str, np.ndarray]],
     compute_errors: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
 ) -> int:  # fmt: skip
-    """A command that makes pictures, learns, writes the weights, and says how well it knows unseen
-    pictures; returns the exit status.
+    """Run a training command: make images, train, write the weights, and report the test errors.
 
     Args:
-        text: what it does. count: of pictures, unless told. unseen: pictures to judge it by.
-        pictures: inputs and answers of so many pictures, by a seed.
-        train: arrays of the network. off: distances (n,), m, and angles (n,), rad, by which what is
-            found (n, m) misses the answers.
+        kind: class of the network.
+        argv: arguments of the command; None for those of the process.
+        description: help text of the command.
+        count: default number of training images.
+        test_count: number of test images.
+        make_data: function that returns inputs and outputs for a number of images and a seed.
+        train: function that returns the arrays of the network for inputs and outputs.
+        compute_errors: function that returns the distances (n,), m, and angles (n,), rad, between
+            predictions (n, m) and outputs.
+
+    Returns:
+        The exit status.
     """
     parser = argparse.ArgumentParser(
         description=description,
         epilog=f"example: python3 -m {__package__}.{kind.module} --pictures 1000 --out mine.npz",
     )  # fmt: skip
-    parser.add_argument("--pictures", type=int, default=count)
-    parser.add_argument("--out", type=Path, default=kind.find_weights())
+    parser.add_argument(
+        "--pictures", type=int, default=count, help="number of training images"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=kind.find_weights(), help="file for the weights"
+    )
     options = parser.parse_args(argv)
     try:
         arrays = train(*make_data(options.pictures))
@@ -102,10 +121,11 @@ def run_training(
     np.savez_compressed(options.out, **arrays)
     x, y = make_data(test_count, seed=1)
     network = kind.load(options.out)
-    far, turn = (np.median(n) for n in compute_errors(np.array([network(row) for row in x]), y))
-    print(f"wrote {options.out}; of {test_count} unseen pictures half are within {1e3 * far:.1f} "
-          "mm "
-          f"and {np.degrees(turn):.2f} degrees")  # fmt: skip
+    distance, angle = (
+        np.median(n) for n in compute_errors(np.array([network(row) for row in x]), y)
+    )
+    print(f"wrote {options.out}; median error on {test_count} test images: "
+          f"{1e3 * distance:.1f} mm, {np.degrees(angle):.2f} degrees")  # fmt: skip
     return 0
 
 
@@ -113,15 +133,17 @@ def fit_network(
     x: np.ndarray, y: np.ndarray, min_scale: float, dtype: type,
     refinements: Sequence[tuple[float, int]] = (), **options: Any,
 ) -> dict[str, np.ndarray]:
-    """Arrays of a Regressor that answers y (n, m) to x (n, k).
+    """Train a Regressor on outputs y (n, m) for inputs x (n, k); return its arrays.
 
     Args:
-        least_scale: that an input's deviation counts as at least. kept: type of the weights kept.
-        refined: learning rates and epochs that follow: steps of one size leave the weights astray.
-        options: of scikit-learn's MLPRegressor.
+        x, y: inputs and outputs.
+        min_scale: smallest scale of an input.
+        dtype: type of the stored weights.
+        refinements: (learning rate, epochs) of further training with smaller steps.
+        options: options of scikit-learn's MLPRegressor.
 
     Raises:
-        ExperimentError: no scikit-learn.
+        ExperimentError: scikit-learn is not installed.
     """
     try:
         from sklearn.exceptions import ConvergenceWarning
@@ -134,7 +156,8 @@ def fit_network(
     out_mean, out_scale = y.mean(axis=0), y.std(axis=0)
     network = MLPRegressor(**options)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # its iterations are what was asked for
+        # The number of iterations is limited on purpose.
+        warnings.simplefilter("ignore", ConvergenceWarning)
         network.fit(x := (x - mean) / scale, y := (y - out_mean) / out_scale)
         for rate, epochs in refinements:
             network.set_params(learning_rate_init=rate, max_iter=epochs, warm_start=True)

@@ -1,38 +1,41 @@
-"""How numbers are printed: in tables, on pages, in figures and on the screen."""
+"""Formatting of numbers in tables, pages, figures and on the screen."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
 
-NO_NUMBER = "–"  # where there is no number
+NO_NUMBER = "–"  # text for NaN
 DIGITS = 3
-# of the largest of some numbers that are printed without powers of ten
+# Range of the largest number of a group that is printed without powers of ten.
 MIN_PLAIN, MAX_PLAIN = 1e-3, 1e5
-MIN_FIXED_POINT = 1e-5  # that stands beside these; below it nobody counts the zeros
-NEARLY_ZERO = "≈0"  # beside the largest; a 0 is exactly 0
-NEGLIGIBLE_DECADES = 6  # decades below the largest, from which on a number is next to nothing
+MIN_FIXED_POINT = 1e-5  # smallest number of such a group; below it there are too many zeros
+NEARLY_ZERO = "≈0"  # negligible compared with the largest number; "0" is exactly 0
+NEGLIGIBLE_DECADES = 6  # numbers this many decades below the largest are negligible
 
 
 def make_printable(text: object) -> str:
-    """As a text that can be written: what is no UTF-8 in a file's name becomes '?'."""
+    """Return a text that can be encoded; characters of file names that are not UTF-8 become '?'."""
     return str(text).encode("utf-8", "replace").decode()
 
 
 def make_number_format(values: Iterable[float], digits: int = DIGITS) -> Callable[[float], str]:
-    """How to print numbers that stand together: all of them with powers of ten, or none.
+    """Return a function that formats the numbers of a group uniformly.
+
+    All numbers are printed with powers of ten, or none of them.
 
     Args:
-        values: of a cell, row or column; those that are not finite do not matter.
-        digits: significant ones.
+        values: numbers of the group, e.g. of a row or column; values that are not finite are
+            ignored.
+        digits: number of significant digits.
     """
     sizes = [abs(v) for v in values if math.isfinite(v)]
     largest = max(sizes, default=0.0)
-    nothing = (
+    negligible = (
         0.5 * 10.0 ** (math.floor(math.log10(largest)) - NEGLIGIBLE_DECADES) if largest else 0.0
     )
-    smallest = min((size for size in sizes if size > nothing), default=MIN_PLAIN)
-    raised = largest > 0.0 and not (
+    smallest = min((size for size in sizes if size > negligible), default=MIN_PLAIN)
+    has_exponent = largest > 0.0 and not (
         MIN_PLAIN <= largest < MAX_PLAIN and smallest >= MIN_FIXED_POINT
     )
 
@@ -41,9 +44,9 @@ def make_number_format(values: Iterable[float], digits: int = DIGITS) -> Callabl
             return NO_NUMBER
         if math.isinf(value):
             return "-∞" if value < 0.0 else "∞"
-        if abs(value) <= nothing:
+        if abs(value) <= negligible:
             return NEARLY_ZERO if value else "0"
-        if raised:
+        if has_exponent:
             return f"{value:.{digits - 1}e}"
         decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0)
         text = f"{value:.{decimals}f}"
@@ -53,20 +56,20 @@ def make_number_format(values: Iterable[float], digits: int = DIGITS) -> Callabl
 
 
 def format_number(value: float, digits: int = DIGITS) -> str:
-    """One number that stands alone."""
+    """Format a single number."""
     return make_number_format((value,), digits)(value)
 
 
 def format_value(value: object) -> str:
-    """A setting's value: a number as all numbers, anything else as it is."""
+    """Format the value of a setting; values other than floats are printed as they are."""
     return format_number(value) if isinstance(value, float) else str(value)
 
 
 def format_heading(name: str, unit: str) -> str:
-    """What stands over a column, or beside an axis."""
+    """Return the heading of a column or the label of an axis."""
     return f"{name} ({unit})" if unit else name
 
 
 def format_quantity(value: object, unit: str) -> str:
-    """A value with its unit."""
+    """Return a value with its unit."""
     return f"{value} {unit}" if unit else str(value)

@@ -1,4 +1,4 @@
-"""Intervals and tests: how sure a number is, and whether two differ by more than chance."""
+"""Confidence intervals, and tests for the significance of differences."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ RESAMPLES = 2000
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number with its interval; NaN where there is none. count: of the values behind it."""
+    """A value with its confidence interval, NaN if unknown, and the number of samples (`count`)."""
 
     value: float
     low: float
@@ -23,7 +23,7 @@ class Estimate:
 
 
 def proportion(hits: int, count: int, confidence: float = CONFIDENCE) -> Estimate:
-    """A rate with Wilson's interval, which is right near 0 and 1 and for few runs too."""
+    """Estimate a rate with Wilson's interval, which is also valid near 0 and 1 and for few runs."""
     if not count:
         return Estimate(np.nan, np.nan, np.nan, 0)
     interval = scipy.stats.binomtest(hits, count).proportion_ci(confidence, method="wilson")
@@ -31,9 +31,9 @@ def proportion(hits: int, count: int, confidence: float = CONFIDENCE) -> Estimat
 
 
 def median(values: Sequence[float]) -> Estimate:
-    """The median of what is known, with the bootstrap's percentile interval.
+    """Estimate the median of the finite values with a percentile bootstrap interval.
 
-    The resampling has a seed of its own: a table is the same each time it is made.
+    The resampling has a fixed seed, so a table is the same each time it is made.
     """
     known = np.asarray(values, float)
     known = known[np.isfinite(known)]
@@ -52,9 +52,12 @@ def median(values: Sequence[float]) -> Estimate:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Of two samples. p: chance of such a difference by luck alone. paired: run by run.
+    """Comparison of two samples.
 
-    before, after: rates, or medians of what is known. count: runs, or pairs, compared.
+    before, after: rates, or medians of the finite values.
+    p: probability of such a difference by chance.
+    paired: True if runs are compared in pairs.
+    count: number of runs or pairs that are compared.
     """
 
     before: float
@@ -65,7 +68,10 @@ class Comparison:
 
 
 def compare_rates(before: Sequence[float], after: Sequence[float], paired: bool) -> Comparison:
-    """Of successes 0 and 1: McNemar's exact test for pairs, Fisher's for others."""
+    """Compare successes (0 and 1) by McNemar's or Fisher's exact test.
+
+    The first is for pairs, the second for other samples.
+    """
     a, b = np.asarray(before, float), np.asarray(after, float)
     if paired:
         known = np.isfinite(a) & np.isfinite(b)
@@ -80,7 +86,10 @@ def compare_rates(before: Sequence[float], after: Sequence[float], paired: bool)
 
 
 def compare_values(before: Sequence[float], after: Sequence[float], paired: bool) -> Comparison:
-    """Of a metric: Wilcoxon's signed-rank test for pairs, Mann and Whitney's for others."""
+    """Compare values of a metric by the Wilcoxon signed-rank test or the Mann-Whitney U test.
+
+    The first is for pairs, the second for other samples.
+    """
     a, b = np.asarray(before, float), np.asarray(after, float)
     if paired:
         known = np.isfinite(a) & np.isfinite(b)
@@ -94,7 +103,7 @@ def compare_values(before: Sequence[float], after: Sequence[float], paired: bool
 
 
 def holm(p: Sequence[float]) -> list[float]:
-    """The same chances as if only one question had been asked (Holm's step-down correction)."""
+    """Adjust p-values for multiple comparisons by Holm's step-down correction."""
     order = np.argsort(p)
     adjusted = np.zeros(len(p))
     worst = 0.0

@@ -1,4 +1,4 @@
-"""A run in numbers, each with its unit and what it means; and several runs beside each other."""
+"""Summary of a run in numbers with units and definitions, and comparison of several runs."""
 
 from __future__ import annotations
 
@@ -13,17 +13,22 @@ from . import metrics
 from .formatting import NO_NUMBER, make_number_format
 
 COUNT_METRICS = ("iterations", "images", "images_late")
-FINAL_WINDOW, LAST = 1.0, 2.0  # s before the end
-DIGITS = 4  # that a report prints
+FINAL_WINDOW, LAST = 1.0, 2.0  # s before the end, for the mean and for the largest error
+DIGITS = 4  # significant digits in a report
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number or word of a summary.
+    """One entry of a summary.
 
-    key: its name. value: a float (NaN: there is none), a word, or an int. unit: '' for none.
-    text: what it is. better: 'smaller', 'greater', or '' where neither is.
-    of_features: measured on the scheme's own features, which other schemes have not.
+    key: its name.
+    value: a float (NaN if unknown), an int or a word.
+    unit: '' for none.
+    text: definition.
+    better: 'smaller', 'greater', or '' if neither is better.
+    is_feature_based: True if it depends on the scheme's features, so that it cannot be compared
+    between
+        schemes.
     """
 
     key: str
@@ -35,12 +40,12 @@ class Quantity:
 
     @property
     def value_text(self) -> str:
-        """As it is printed; '–' for what there is none of."""
+        """Printed value; '–' if it is unknown."""
         return format_quantities([self])[0]
 
 
 def format_quantities(quantities: Sequence[Quantity | None]) -> list[str]:
-    """As they are printed beside each other; '–' for what there is none of."""
+    """Format quantities that are printed side by side; '–' stands for an unknown value."""
     numbers = [q.value for q in quantities if q is not None and isinstance(q.value, float)]
     printed = make_number_format(numbers, DIGITS)
     return [
@@ -51,12 +56,14 @@ def format_quantities(quantities: Sequence[Quantity | None]) -> list[str]:
 
 
 def summarise(run: Run) -> list[Quantity]:
-    """All that is known of a run in numbers."""
+    """Return all quantities that are known of a run."""
     found = [
-        Quantity("outcome", run.outcome, "", "what the loop knows of the run's end"),
-        Quantity("verdict", run.verdict.name, "", "what the true pose of the camera says of it"),
-        Quantity("reason", run.reason, "", "why, as the loop tells it"),
-        Quantity("remedy", run.remedy, "", "what to change"),
+        Quantity("outcome", run.outcome, "", "result of the run according to the servo loop"),
+        Quantity(
+            "verdict", run.verdict.name, "", "result of the run according to the camera's true pose"
+        ),
+        Quantity("reason", run.reason, "", "explanation of the servo loop"),
+        Quantity("remedy", run.remedy, "", "suggested change"),
     ]
     for name, metric in metrics.METRICS.items():
         value = float(metric.measure(run))
@@ -69,7 +76,7 @@ def summarise(run: Run) -> list[Quantity]:
 
 
 def _summarize_features(run: Run) -> list[Quantity]:
-    """Errors of each feature at the end."""
+    """Return the errors of each feature at the end."""
     known = np.isfinite(run.error).all(axis=1)
     stamp, error = run.stamp[known], run.error[known]
     found = []
@@ -85,7 +92,7 @@ def _summarize_features(run: Run) -> list[Quantity]:
 
 
 def make_mapping(run: Run, quantities: Sequence[Quantity]) -> dict[str, object]:
-    """The contents of summary.json; what there is no number of is null."""
+    """Return the contents of summary.json; unknown numbers are null."""
     plain = {
         q.key: None if isinstance(q.value, float) and not math.isfinite(q.value) else q.value
         for q in quantities
@@ -104,7 +111,7 @@ def make_mapping(run: Run, quantities: Sequence[Quantity]) -> dict[str, object]:
 
 
 def describe_run(run: Run, quantities: Sequence[Quantity]) -> str:
-    """The summary in words a person understands."""
+    """Return the summary as text for a terminal."""
     known = {q.key: q for q in quantities}
 
     def format_number(key: str, text: str, factor: float = 1.0, none: str = "unknown") -> str:
@@ -112,10 +119,10 @@ def describe_run(run: Run, quantities: Sequence[Quantity]) -> str:
         return text.format(factor * value) if math.isfinite(value) else none
 
     reason = str(known["reason"].value)
-    said = str(known["outcome"].value) + (f" ({reason})" if reason else "")
-    doubt = reason if run.converged else f"yet {said}"
-    reached = "yes, and held" + (f"; {doubt}" if doubt else "")
-    rows = [("Target reached", reached if run.is_held_at_goal else f"NO: {said}")]
+    outcome = str(known["outcome"].value) + (f" ({reason})" if reason else "")
+    remark = reason if run.converged else f"yet {outcome}"
+    verdict = "yes, and held" + (f"; {remark}" if remark else "")
+    rows = [("Target reached", verdict if run.is_held_at_goal else f"NO: {outcome}")]
     if known["remedy"].value:
         rows.append(("Remedy", str(known["remedy"].value)))
     where_known = math.isfinite(known["final_distance"].value)
@@ -144,21 +151,21 @@ def describe_run(run: Run, quantities: Sequence[Quantity]) -> str:
 def find_best_runs(
     runs: Sequence[Run], columns: Sequence[Sequence[Quantity]], key: str
 ) -> set[int]:
-    """Which of the runs that succeeded are best in this quantity, to the printed digits.
+    """Return the indices of the successful runs that are best in a quantity, to the printed digits.
 
-    Empty where less than two can be compared: by their number of successes, or because the
-    quantity is of features that not all of them have.
+    The result is empty if fewer than two runs can be compared, because too few succeeded or because
+    the quantity depends on features that differ between the runs.
     """
-    found = [{q.key: q for q in column}.get(key) for column in columns]
-    able = {i: q for i, q in enumerate(found)
+    quantities = [{q.key: q for q in column}.get(key) for column in columns]
+    comparable = {i: q for i, q in enumerate(quantities)
             if runs[i].is_success and q is not None and q.better
             and isinstance(q.value, (int, float)) and math.isfinite(q.value)}  # fmt: skip
-    schemes = {(runs[i].scheme, runs[i].names) for i in able}
-    if not able or len(schemes) > 1 and any(q.is_feature_based for q in able.values()):
+    schemes = {(runs[i].scheme, runs[i].names) for i in comparable}
+    if not comparable or len(schemes) > 1 and any(q.is_feature_based for q in comparable.values()):
         return set()
-    printed = dict(zip(able, format_quantities(list(able.values())), strict=True))
+    printed = dict(zip(comparable, format_quantities(list(comparable.values())), strict=True))
     if len(set(printed.values())) < 2:
         return set()
-    smaller = next(iter(able.values())).better == metrics.SMALLER
-    top = (min if smaller else max)(able, key=lambda i: able[i].value)
-    return {i for i in able if printed[i] == printed[top]}
+    smaller = next(iter(comparable.values())).better == metrics.SMALLER
+    best = (min if smaller else max)(comparable, key=lambda i: comparable[i].value)
+    return {i for i in comparable if printed[i] == printed[best]}

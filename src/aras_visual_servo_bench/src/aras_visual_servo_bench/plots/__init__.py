@@ -1,1 +1,1 @@
-"""Figures: one style, curves, views, and those of studies."""
+"""Figures of runs and studies: style, time plots, views and study figures."""

@@ -1,4 +1,4 @@
-"""What a report shows over time: panels of curves, drawn by over_time and by the page."""
+"""Panels of curves over time, which a report shows on its page and in its figures."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 from ..metrics.metrics import condition_number, error_settled, settled
 from ..recording.run import Run, normalize_errors
 
-MAX_CURVES = 24  # of one panel; more cannot be told apart
-MAX_FEATURES = 6  # that several runs are compared in, a panel each
+MAX_CURVES = 24  # per panel; a reader cannot distinguish more curves
+MAX_FEATURES = 6  # with more features, runs are compared only by the norm of the errors
 SETTLING_BAND = 0.02
-FLOOR = 1e-6  # of logarithmic axes, parts of the first value
-UNLIMITED = 100.0  # rad or m beyond which a limit is none
-# s, and median steps, after which a curve is not joined any more
+FLOOR = 1e-6  # lower end of logarithmic axes, relative to the first value
+UNLIMITED = 100.0  # rad or m; larger limits are ignored
+# A curve is interrupted at time steps that exceed both limits (in s, and in median steps).
 MAX_GAP_TIME, MAX_GAP_PERIODS = 0.3, 5.0
-MIN_POSE_ERROR = 1e-4  # mm and degrees of logarithmic axes
-TIME_BEFORE_START = -0.1  # s before servoing begins, from which on joints are shown
+MIN_POSE_ERROR = 1e-4  # lower end of logarithmic axes, mm and degrees
+TIME_BEFORE_START = -0.1  # s; joints are shown from this time relative to the start of servoing
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +26,13 @@ class Curve:
     """One line of a panel.
 
     Attributes:
-        name: what it is. time: (n,) s since servoing began. values: (n,), NaN where none.
-        run: index of its run. shade: number of its colour.
-        dashed: what was wanted, beside what was. pale: as measured, beside the filtered.
+        name: name of the quantity or of the run.
+        time: (n,) s since servoing started.
+        values: (n,), NaN where unknown.
+        run: index of the run.
+        colour_index: index of the colour.
+        dashed: True for a desired value, next to the achieved one.
+        is_pale: True for a measured value, next to the filtered one.
     """
 
     name: str
@@ -40,16 +44,21 @@ class Curve:
     is_pale: bool = False
 
     def insert_gaps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Time and values, with a NaN within each step that is long beside the others."""
+        """Return time and values with a NaN inside each step that is much longer than the others.
+        """
         steps = np.diff(self.time)
         if not len(steps):
             return self.time, self.values
-        at = np.flatnonzero(steps > max(MAX_GAP_TIME, MAX_GAP_PERIODS * float(np.median(steps))))
-        middles = self.time[at] + 0.5 * steps[at]
-        return np.insert(self.time, at + 1, middles), np.insert(self.values, at + 1, np.nan)
+        indices = np.flatnonzero(
+            steps > max(MAX_GAP_TIME, MAX_GAP_PERIODS * float(np.median(steps)))
+        )
+        middles = self.time[indices] + 0.5 * steps[indices]
+        return np.insert(self.time, indices + 1, middles), np.insert(
+            self.values, indices + 1, np.nan
+        )
 
 
-Texts = tuple[tuple[float, str], ...]  # values, each with what it is
+Texts = tuple[tuple[float, str], ...]  # values with their labels
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +66,19 @@ class Panel:
     """Curves over time that share an axis.
 
     Attributes:
-        title: what they are, without their unit. axis: the same in a word or two, for a figure.
-        unit: of the values. log: whether the axis is logarithmic. dots: no line joins the values.
-        dashed: what the dashed curves are, in words.
-        band: half of a band about 0 that counts as reached.
-        levels: values to compare with. limits: values that must not be passed. marks: instants, s.
-        span: least and greatest value that the axis shows at any rate; None: its curves' own.
-        left_out: how many curves more there are.
+        title: title of the quantity, without its unit.
+        axis: short label of the axis in figures.
+        unit: unit of the values.
+        curves: the curves.
+        is_logarithmic: True for a logarithmic axis.
+        is_dotted: True if the values are drawn as dots without lines.
+        dashed: meaning of the dashed curves.
+        band: half width of the band about 0 that counts as reached.
+        levels: values for comparison.
+        limits: values that must not be exceeded.
+        marks: instants, s.
+        span: lower and upper value that the axis includes at least; None for the curves' own.
+        omitted_curves: number of curves that are not shown.
     """
 
     title: str
@@ -84,19 +99,22 @@ class Panel:
 def make_panel(
     title: str, axis: str, unit: str, curves: Iterable[Curve], **more: object
 ) -> list[Panel]:
-    """A panel of the curves that have values, of too many those that change most; none of none."""
+    """Return a panel of the curves that have values, or an empty list if there are none.
+
+    Of more than MAX_CURVES curves, those with the largest range are shown.
+    """
     known = [curve for curve in curves if np.isfinite(curve.values).any()]
     if not known:
         return []
-    kept = known
+    shown = known
     if len(known) > MAX_CURVES:
         changes = [-float(np.nanmax(c.values) - np.nanmin(c.values)) for c in known]
-        kept = [known[i] for i in sorted(np.argsort(changes, kind="stable")[:MAX_CURVES])]
-    return [Panel(title, axis, unit, tuple(kept), omitted_curves=len(known) - len(kept), **more)]
+        shown = [known[i] for i in sorted(np.argsort(changes, kind="stable")[:MAX_CURVES])]
+    return [Panel(title, axis, unit, tuple(shown), omitted_curves=len(known) - len(shown), **more)]
 
 
 def group_by_unit(run: Run) -> list[tuple[str, list[int]]]:
-    """Features that share an axis, those of one unit: (unit, indexes)."""
+    """Group the features that share an axis, as (unit, indices)."""
     groups: dict[str, list[int]] = {}
     for index, unit in enumerate(run.units):
         groups.setdefault(unit, []).append(index)
@@ -107,7 +125,8 @@ def _make_curves(
     run: Run, names: Sequence[str], table: np.ndarray, members: Iterable[int], more: str = "",
     **look: bool,
 ) -> list[Curve]:  # fmt: skip
-    """Curves of these columns of an array (n, k) at the images; `more`: behind their names."""
+    """Return curves of columns of an array (n, k) at the images; `more` is appended to their names.
+    """
     return [Curve(names[i] + more, run.time, table[:, i], colour_index=shade, **look)
             for shade, i in enumerate(members)]  # fmt: skip
 
@@ -116,13 +135,16 @@ def _make_run_curves(
     runs: Sequence[Run], what: str, values: Callable[[Run], np.ndarray],
     time: Callable[[Run], np.ndarray] = lambda run: run.time,
 ) -> list[Curve]:  # fmt: skip
-    """A curve a run; that of a single run has the name of `what` it is."""
+    """Return one curve per run; the curve of a single run is named after the quantity."""
     return [Curve(run.name if len(runs) > 1 else what, time(run), values(run), number, number)
             for number, run in enumerate(runs)]  # fmt: skip
 
 
 def make_error_panels(runs: Sequence[Run]) -> list[Panel]:
-    """s - s*: of one run a panel a unit, of several a panel a feature; and their norm."""
+    """Return panels of the error s - s* and of its norm.
+
+    A single run has a panel per unit; several runs have a panel per feature.
+    """
     found: list[Panel] = []
     run = runs[0]
     if len(runs) == 1:
@@ -147,7 +169,10 @@ def make_error_panels(runs: Sequence[Run]) -> list[Panel]:
 
 
 def _compute_error_norm(run: Run) -> np.ndarray:
-    """(n,) of the errors, each in parts of its largest, in parts of the first."""
+    """Compute the norm (n,) of the normalised errors, relative to the first norm.
+
+    Each error is divided by its largest value.
+    """
     size = np.linalg.norm(normalize_errors(run.error), axis=1)
     known = size[np.isfinite(size)]
     return np.maximum(size / ((known[0] if known.size else 1.0) or 1.0), FLOOR)
@@ -156,19 +181,19 @@ def _compute_error_norm(run: Run) -> np.ndarray:
 def _mark_settling(
     runs: Sequence[Run], when: Callable[[Run], float]
 ) -> tuple[tuple[float, str], ...]:
-    """The mark of a single run that settles."""
+    """Return a mark at the settling time if there is a single run that settles."""
     time = when(runs[0]) if len(runs) == 1 else np.nan
     return ((float(time), "settled"),) if np.isfinite(time) else ()
 
 
 def make_pose_panels(runs: Sequence[Run]) -> list[Panel]:
-    """Distance and angle of the true camera from its goal."""
-    ways = {id(run): run.pose_error_history() for run in runs}
+    """Return panels of the distance and angle between the true camera and its goal."""
+    errors = {id(run): run.pose_error_history() for run in runs}
     found: list[Panel] = []
     for k, (title, unit, factor) in enumerate((("distance", "mm", 1e3),
                                                ("angle", "degrees", 180.0 / np.pi))):
         def compute_remaining(run: Run, k: int = k, factor: float = factor) -> np.ndarray:
-            return np.maximum(factor * ways[id(run)][k][run.servoing], MIN_POSE_ERROR)
+            return np.maximum(factor * errors[id(run)][k][run.servoing], MIN_POSE_ERROR)
 
         curves = _make_run_curves(
             runs, title, compute_remaining, lambda run: run.joint_time[run.servoing]
@@ -179,22 +204,28 @@ def make_pose_panels(runs: Sequence[Run]) -> list[Panel]:
 
 
 def make_feature_panels(runs: Sequence[Run]) -> list[Panel]:
-    """s and s* of one run, a panel a unit."""
+    """Return panels of s and s* of one run, one per unit."""
     run = runs[0]
     found: list[Panel] = []
     for unit, members in group_by_unit(run) if len(runs) == 1 else ():
-        wanted = _make_curves(run, run.names, run.desired_features, members, "*", dashed=True)
+        desired = _make_curves(run, run.names, run.desired_features, members, "*", dashed=True)
         measured = _make_curves(run, run.names, run.features, members)
-        found += make_panel("feature", "feature", unit, measured + wanted, dashed="desired s*")
+        found += make_panel("feature", "feature", unit, measured + desired, dashed="desired s*")
     return found
 
 
 def make_twist_panels(runs: Sequence[Run]) -> list[Panel]:
-    """Of one run asked and achieved by axis, of several the achieved speed."""
+    """Return panels of the camera's velocity.
+
+    A single run has the desired and the achieved twist by axis; several runs have the achieved
+    speed.
+    """
     found: list[Panel] = []
     several = len(runs) > 1
-    for title, letter, part, unit in (("velocity of the camera", "v", slice(0, 3), "m/s"),
-                                      ("turning of the camera", "ω", slice(3, 6), "rad/s")):
+    for title, letter, part, unit in (
+        ("linear velocity of the camera", "v", slice(0, 3), "m/s"),
+        ("angular velocity of the camera", "ω", slice(3, 6), "rad/s"),
+    ):
         if several:
             curves = _make_run_curves(
                 runs, letter, lambda r, part=part: np.linalg.norm(r.achieved_twist[:, part], axis=1)
@@ -203,31 +234,31 @@ def make_twist_panels(runs: Sequence[Run]) -> list[Panel]:
             names, run = [f"{letter}{axis}" for axis in "xyz"], runs[0]
             curves = _make_curves(run, names, run.achieved_twist[:, part], range(3))
             curves += _make_curves(
-                run, names, run.desired_twist[:, part], range(3), " asked", dashed=True
+                run, names, run.desired_twist[:, part], range(3), " desired", dashed=True
             )
         found += make_panel(
-            title, f"|{letter}|" if several else letter, unit, curves, dashed="asked"
+            title, f"|{letter}|" if several else letter, unit, curves, dashed="desired"
         )
     return found
 
 
 def make_joint_panels(runs: Sequence[Run]) -> list[Panel]:
-    """Of each joint its position, with command and limits, and its speed."""
+    """Return panels of each joint's position, with command and limits, and of its speed."""
     found: list[Panel] = []
-    first, alone = runs[0], len(runs) == 1
+    first, is_single = runs[0], len(runs) == 1
     for j, name in enumerate(first.joint_names):
         unit = first.joint_units[j] if first.joint_units else "rad"
-        places: list[Curve] = []
+        positions: list[Curve] = []
         speeds: list[Curve] = []
         for number, run in enumerate(runs):
             if name not in run.joint_names:
                 continue
             i, shown = run.joint_names.index(name), run.joint_time >= TIME_BEFORE_START
-            label, time = "measured" if alone else run.name, run.joint_time[shown]
-            places.append(Curve(label, time, run.measured_positions[shown, i], number, number))
+            label, time = "measured" if is_single else run.name, run.joint_time[shown]
+            positions.append(Curve(label, time, run.measured_positions[shown, i], number, number))
             speeds.append(Curve(label, time, run.measured_velocities[shown, i], number, number))
-            if alone:
-                places.append(
+            if is_single:
+                positions.append(
                     Curve(
                         "command", time, run.joint_commands[shown, i], colour_index=1, dashed=True
                     )
@@ -237,18 +268,24 @@ def make_joint_panels(runs: Sequence[Run]) -> list[Panel]:
         tops = [
             (sign * top, "limit") for top in first.speed_limits[j : j + 1] for sign in (-1.0, 1.0)
         ]
-        found += make_panel(name, name, unit, places, limits=_select_limits(ends), dashed="command")
+        found += make_panel(
+            name, name, unit, positions, limits=_select_limits(ends), dashed="command"
+        )
         found += make_panel(f"{name}, speed", "", f"{unit}/s", speeds, limits=_select_limits(tops))
     return found
 
 
 def _select_limits(lines: Iterable[tuple[float, str]]) -> tuple[tuple[float, str], ...]:
-    """Those that limit anything."""
+    """Return the limits that are smaller than UNLIMITED."""
     return tuple((float(value), text) for value, text in lines if abs(value) < UNLIMITED)
 
 
 def make_conditioning_panels(runs: Sequence[Run]) -> list[Panel]:
-    """Condition numbers of L and L J, manipulability, and the factor of limits."""
+    """Return panels of condition numbers, manipulability and scale factor.
+
+    The condition numbers are those of L and L J. The scale factor is that by which limits slow the
+    task.
+    """
     ratios = [
         _make_run_curves(runs, name, lambda run, key=key: condition_number(getattr(run, key)))
         for name, key in (("L", "singular_L"), ("L J", "singular_LJ"))
@@ -257,8 +294,14 @@ def make_conditioning_panels(runs: Sequence[Run]) -> list[Panel]:
         both = [replace(curve, colour_index=shade) for shade, (curve,) in enumerate(ratios)]
         found = make_panel("condition number", "condition", "", both, is_logarithmic=True)
     else:
-        found = make_panel("condition number of L", "condition of L", "", ratios[0], is_logarithmic=True)
-        found += make_panel("condition number of L J", "condition of L J", "", ratios[1], is_logarithmic=True)
+        found = [
+            panel
+            for name, curves in zip(("L", "L J"), ratios, strict=True)
+            for panel in make_panel(
+                f"condition number of {name}", f"condition of {name}", "", curves,
+                is_logarithmic=True,
+            )
+        ]  # fmt: skip
     for title, name, key, span in (
         ("manipulability", "manipulability", "manipulability", (None, None)),
         ("factor by which limits slowed the task", "scale", "scale", (-0.05, 1.1)),
@@ -269,9 +312,9 @@ def make_conditioning_panels(runs: Sequence[Run]) -> list[Panel]:
 
 
 def make_timing_panels(runs: Sequence[Run]) -> list[Panel]:
-    """Intervals between images, delays, and the pace of simulated time, as far as recorded.
+    """Return panels of image intervals, delays and the real-time factor, as far as recorded.
 
-    What one run has in one panel has a panel each where several runs are compared.
+    If several runs are compared, each quantity has its own panel.
     """
     found: list[Panel] = []
     end = find_last_time(runs)
@@ -281,24 +324,24 @@ def make_timing_panels(runs: Sequence[Run]) -> list[Panel]:
         ("real-time factor", "real-time factor", "", lambda run: _read_real_time_factors(run, end),
             False),
     ):  # fmt: skip
-        own = [(number, one) for number, run in enumerate(runs) if len(run.time) > 2
-               for one in of(run)]  # fmt: skip
-        look = {"is_dotted": dots, "span": (0.0, None)}
+        series = [(number, data) for number, run in enumerate(runs) if len(run.time) > 2
+               for data in of(run)]  # fmt: skip
+        options = {"is_dotted": dots, "span": (0.0, None)}
         if len(runs) == 1:
-            curves = [Curve(*one, colour_index=i) for i, (_, one) in enumerate(own)]
-            found += make_panel(title, axis, unit, curves, **look)
+            curves = [Curve(*data, colour_index=i) for i, (_, data) in enumerate(series)]
+            found += make_panel(title, axis, unit, curves, **options)
             continue
-        names = dict.fromkeys(name for _, (name, *_) in own)
+        names = dict.fromkeys(name for _, (name, *_) in series)
         for name in names:
             curves = [Curve(runs[number].name, time, values, number, number)
-                      for number, (kind, time, values) in own if kind == name]  # fmt: skip
+                      for number, (kind, time, values) in series if kind == name]  # fmt: skip
             found += make_panel(f"{title}, {name}" if len(names) > 1 else title, axis, unit, curves,
-                           **look)  # fmt: skip
+                           **options)  # fmt: skip
     return found
 
 
 def find_last_time(runs: Sequence[Run]) -> float:
-    """Of the runs' images, s since servoing began."""
+    """Return the time of the last image of all runs, s since servoing started."""
     return max([1e-3, *(float(run.time[-1]) for run in runs if len(run.time))])
 
 

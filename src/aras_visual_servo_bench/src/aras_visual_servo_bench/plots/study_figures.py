@@ -1,4 +1,4 @@
-"""Pictures of results: where it succeeds, how metrics are spread, what they depend on."""
+"""Figures of study results: success, distributions, sensitivity and trajectories."""
 
 from __future__ import annotations
 
@@ -22,24 +22,27 @@ from ..studies.study_folder import StudyFolder
 from .palette import BLUE, COLOURS, INK, PALE_BLUE, SOFT_INK, VERMILION, choose_text_colour
 from .style import FILE_FORMATS, apply_style, escape_math, make_axes
 
-MAX_GROUPS = 24  # boxes beside each other that can still be read
-MAX_CURVES = 8  # in a panel
-MAX_TRACES = 200
-MAX_COLUMNS, PANEL_WIDTH = 3, 3.8  # panels in a row, and inches of each
+MAX_GROUPS = 24  # boxes per panel; more boxes are not legible
+MAX_CURVES = 8  # per panel
+MAX_TRACES = 200  # runs per study in the figure of trajectories
+MAX_COLUMNS, PANEL_WIDTH = 3, 3.8  # panels in a row, and their width, inches
 
 
 def write_figures(
     all_results: Sequence[Results], folder: Path, kinds: Sequence[str] = ("png",),
     metrics: Sequence[str] = (), paths: Sequence[Path] = (),
 ) -> list[Path]:  # fmt: skip
-    """Draw what these results can show.
+    """Draw and write all figures for which the results have data.
 
     Args:
-        kinds: of png, svg and pdf. metrics: names; empty: all that vary.
-        paths: of the results' folders, for traces.
+        all_results: results of one or several studies.
+        folder: folder for the files; it is created.
+        kinds: file formats, of png, svg and pdf.
+        metrics: names of metrics; empty for all that vary.
+        paths: study folders, for the trajectories.
 
     Raises:
-        StudyError: a kind that there is not, or a folder that cannot be written.
+        StudyError: a file format is unknown, or the folder cannot be written.
     """
     check_formats(kinds, FILE_FORMATS)
     chosen = [
@@ -68,14 +71,17 @@ def write_figures(
 
 
 def _varies(metric: Metric, all_results: Sequence[Results]) -> bool:
-    """Whether it is not the same in all runs."""
+    """Check that a metric is not the same in all runs."""
     values = np.concatenate([r.read_numbers(metric.name) for r in all_results])
     known = values[np.isfinite(values)]
     return known.size > 0 and bool(np.ptp(known) > 0.0)
 
 
 def draw_success(all_results: Sequence[Results]) -> Figure | None:
-    """A map over two keys that take several values, bars over one, or over the studies."""
+    """Draw the success rate: a map over two keys, or bars over one key or over the studies.
+
+    Only keys with several values count.
+    """
     keys = [
         k for k in all_results[0].parameters if len(set(map(str, _find_values(all_results, k)))) > 1
     ]
@@ -85,7 +91,7 @@ def draw_success(all_results: Sequence[Results]) -> Figure | None:
 
 
 def _find_values(all_results: Iterable[Results], key: str) -> list:
-    """Different values of a column, in order of appearance."""
+    """Return the distinct values of a column in order of appearance."""
     return list(dict.fromkeys(v for r in all_results for v in r.read_column(key)))
 
 
@@ -146,7 +152,7 @@ def _draw_success_maps(all_results: Sequence[Results], down: str, across: str) -
 def _group_rows(
     all_results: Sequence[Results], max_groups: int = MAX_GROUPS
 ) -> list[tuple[str, Results, np.ndarray]]:
-    """Name, results and rows of what is drawn beside each other: few groups, by few keys."""
+    """Return name, results and rows of at most `max_groups` groups, by as many keys as possible."""
     keys = [
         k for k in all_results[0].parameters if len(set(map(str, _find_values(all_results, k)))) > 1
     ]
@@ -166,7 +172,7 @@ def _group_rows(
 
 
 def draw_distributions(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Figure | None:
-    """Part of the runs below each value, a panel a metric, a curve a group."""
+    """Draw the cumulative distribution of each metric, with a curve per group."""
     if not metrics:
         return None
     groups = _group_rows(all_results, MAX_CURVES)
@@ -177,10 +183,12 @@ def draw_distributions(all_results: Sequence[Results], metrics: Sequence[Metric]
             known = np.sort(values[np.isfinite(values)])
             if not known.size:
                 continue
-            # What has no value, as a run that never settles, keeps the curve below the top.
-            part = np.arange(known.size + 1) / values.size
+            # Runs without a value, e.g. runs that never settle, keep the curve below 100 %.
+            fraction = np.arange(known.size + 1) / values.size
             style = {"color": COLOURS[i % len(COLOURS)], "ls": "-" if i < len(COLOURS) else "--"}
-            axis.step(np.append(known[0], known), 100.0 * part, where="post", label=name, **style)
+            axis.step(
+                np.append(known[0], known), 100.0 * fraction, where="post", label=name, **style
+            )
         _set_scale(axis, "x", [r.read_numbers(metric.name)[rows] for _, r, rows in groups])
         axis.set(xlabel=_make_label(metric), ylim=(0.0, 103.0))
     axes[0].set_ylabel("runs below (%)")
@@ -188,13 +196,13 @@ def draw_distributions(all_results: Sequence[Results], metrics: Sequence[Metric]
 
 
 def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Figure | None:
-    """Median, quartiles and what lies outside, a panel a metric, a box a group."""
+    """Draw box plots of each metric, with a box per group."""
     groups = _group_rows(all_results)
     if not metrics or len(groups) < 2:
         return None
     columns = min(len(metrics), MAX_COLUMNS)
     figure, axes = make_axes(len(metrics), 0.3 * len(groups) + 1.4, columns, width=PANEL_WIDTH)
-    for number_, (axis, metric) in enumerate(zip(axes, metrics, strict=True)):
+    for number, (axis, metric) in enumerate(zip(axes, metrics, strict=True)):
         values = [r.read_numbers(metric.name)[rows] for _, r, rows in groups]
         known = [v[np.isfinite(v)] for v in values]
         axis.boxplot(
@@ -206,7 +214,7 @@ def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Fig
         )  # fmt: skip
         _set_scale(axis, "x", values)
         axis.set_xlabel(_make_label(metric))
-        first = number_ % columns == 0
+        first = number % columns == 0
         axis.set_yticks(range(1, len(groups) + 1),
                         [name for name, *_ in groups[::-1]] if first else [])
         axis.yaxis.grid(False)
@@ -214,7 +222,7 @@ def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Fig
 
 
 def draw_sensitivity(results: Results, metrics: Sequence[Metric]) -> Figure | None:
-    """How strongly each metric follows each number that varies: Spearman's rank correlation."""
+    """Draw Spearman's rank correlation between each metric and each number that varies."""
     keys = []
     for key in results.study.keys:
         values = results.read_column(key) if key in results.table.column_names else []
@@ -240,13 +248,13 @@ def draw_sensitivity(results: Results, metrics: Sequence[Metric]) -> Figure | No
                       color=choose_text_colour(image.cmap(0.5 + 0.5 * value)))
     axis.set_xticks(range(len(keys)), map(escape_math, keys), rotation=20 if len(keys) > 3 else 0)
     axis.set_yticks(range(len(names)), [m.name for m in names])
-    axis.set_title("What follows what")
+    axis.set_title("Correlation of metrics and settings")
     figure.colorbar(image, ax=axis, label="rank correlation (Spearman)", shrink=0.9)
     return figure
 
 
 def draw_trajectories(paths: Sequence[Path]) -> Figure | None:
-    """Errors of all runs over each other, and the camera's paths seen from above and the side."""
+    """Draw the errors of all runs, and the camera's paths in top view and side view."""
     traced = [folder for folder in map(StudyFolder.open, paths) if folder.study.traces]
     if not traced:
         return None
@@ -255,21 +263,21 @@ def draw_trajectories(paths: Sequence[Path]) -> Figure | None:
         table = folder.read_results(folders.TRACES)
         run, stamp = np.array(table["run"]), np.array(table["stamp"])
         runs = np.unique(run)
-        for n, one in enumerate(runs[:: max(len(runs) // MAX_TRACES, 1)]):
-            rows = table.take(np.flatnonzero(run == one))
+        for n, run_number in enumerate(runs[:: max(len(runs) // MAX_TRACES, 1)]):
+            rows = table.take(np.flatnonzero(run == run_number))
             error = np.array(rows["error"].to_pylist(), float)
-            time = stamp[run == one] - stamp[run == one][0]
+            time = stamp[run == run_number] - stamp[run == run_number][0]
             norm = np.linalg.norm(error, axis=1)
             label = escape_math(folder.path.resolve().name) if n == 0 else None
             known = norm[np.isfinite(norm)]
             if not known.size:
-                continue  # it never saw its target
+                continue  # the target was never visible
             axes[0].semilogy(time, norm / known[0], color=colour, lw=0.7, alpha=0.5, label=label)
             places = np.array(rows["pose"].to_pylist(), float).reshape(-1, 4, 4)[:, :3, 3]
             for axis, (i, j) in ((axes[1], (0, 1)), (axes[2], (0, 2))):
                 axis.plot(places[:, i], places[:, j], color=colour, lw=0.7, alpha=0.5)
                 axis.plot(places[-1, i], places[-1, j], ".", color=INK, ms=4)
-    axes[0].set(xlabel="time since the first image (s)", ylabel="error, parts of the first")
+    axes[0].set(xlabel="time since the first image (s)", ylabel="error, relative to the first")
     axes[1].set(xlabel="x (m)", ylabel="y (m)", title="The camera's paths")
     axes[2].set(xlabel="x (m)", ylabel="z (m)")
     for axis in axes[1:]:
@@ -288,7 +296,7 @@ def _add_legend(figure: Figure, axis: Axes, count: int) -> Figure:
 
 
 def _set_scale(axis: Axes, side: str, values: Sequence[np.ndarray]) -> None:
-    """Logarithmic where what is shown spans more than two decades."""
+    """Use a logarithmic axis if the values span more than two decades."""
     known = np.concatenate([v[np.isfinite(v)] for v in values])
     if known.size and known.min() > 0.0 and known.max() > 100.0 * known.min():
         getattr(axis, f"set_{side}scale")("log")
@@ -301,7 +309,7 @@ def _make_label(metric: Metric) -> str:
 
 
 def _label_setting(key: str) -> str:
-    """A setting beside an axis, with its unit."""
+    """Return the label of a setting with its unit."""
     return escape_math(format_heading(key, find_unit(key)))
 
 

@@ -1,4 +1,4 @@
-"""One look for every figure: sober, told apart by colour-blind readers too, SI units."""
+"""Common style of all figures, with SI units and colours for colour-blind readers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from matplotlib.transforms import ScaledTranslation
 from .palette import COLOURS, FAINT, GRID, INK, SOFT_INK
 
 STYLE = {
-    "figure.figsize": (7.2, 4.5),  # inches; what is wide takes the page's whole width
+    "figure.figsize": (7.2, 4.5),  # inches; wide figures use WIDE_FIGURE
     "figure.dpi": 110,
     "savefig.dpi": 150,
     "figure.facecolor": "white",
@@ -36,7 +36,7 @@ STYLE = {
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.formatter.limits": (-3, 4),
-    "axes.formatter.use_mathtext": False,  # would make formulas of all ticks: slow
+    "axes.formatter.use_mathtext": False,  # would typeset all ticks as formulas, which is slow
     "grid.color": GRID,
     "grid.linewidth": 0.7,
     "axes.axisbelow": True,
@@ -49,8 +49,8 @@ STYLE = {
     "axes.prop_cycle": matplotlib.cycler(color=COLOURS),
     "svg.hashsalt": "aras",
 }
-# A column of a two-column paper is 3.5 inches, its captions are in 8 points, and its figures'
-# titles are their captions; Type 3 fonts are refused by most publishers.
+# A column of a two-column paper is 3.5 inches wide, and captions have 8 points. Figures have no
+# titles, because the captions replace them. Most publishers do not accept Type 3 fonts.
 PAPER = {
     **STYLE,
     "figure.figsize": (3.5, 2.4),
@@ -70,39 +70,39 @@ PAPER = {
     "grid.linewidth": 0.4,
     "pdf.fonttype": 42,
 }
-FILE_FORMATS = ("png", "svg", "pdf")  # of files
-WIDE_FIGURE = 12.0  # inches, of figures over the page's whole width: letters as large as elsewhere
-EDGE_MARGIN = 3.0  # pixels between a legend and the edge of its figure
+FILE_FORMATS = ("png", "svg", "pdf")
+WIDE_FIGURE = 12.0  # inches; figures of the whole page width with letters of the usual size
+EDGE_MARGIN = 3.0  # px between a legend and the edge of its figure
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 TIME_LABEL = "time since servoing began (s)"
 
 
 @contextmanager
 def apply_style(is_paper: bool = False) -> Iterator[None]:
-    """All figures made within look alike."""
+    """Apply the common style to all figures that are made in this context."""
     with plt.rc_context(PAPER if is_paper else STYLE):
         yield
 
 
 def is_paper() -> bool:
-    """Whether figures are made for a paper."""
+    """Check if figures are made for a paper."""
     return plt.rcParams["font.family"] == ["serif"]
 
 
 def find_figure_width(is_wide: bool = False) -> float:
-    """Inches; a paper's column knows no wide figures."""
+    """Return the width of figures, inches; a paper's column has no wide figures."""
     return WIDE_FIGURE if is_wide and not is_paper() else plt.rcParams["figure.figsize"][0]
 
 
 class Margins(NamedTuple):
-    """Inches round and between axes, of a figure for the screen; a paper's are smaller."""
+    """Margins around and between axes, inches, for the screen; those of a paper are smaller."""
 
     left: float = 0.0
     right: float = 0.0
     top: float = 0.0
     bottom: float = 0.0
-    row_gap: float = 0.0  # between rows
-    column_gap: float = 0.0  # between columns
+    row_gap: float = 0.0
+    column_gap: float = 0.0
 
 
 TIME_MARGINS = Margins(0.92, 0.12, 0.36, 0.58, 0.3, 1.0)
@@ -117,17 +117,20 @@ def make_axes(
     margins: Margins = TIME_MARGINS,
     **options: object,
 ) -> tuple[Figure, list[Axes]]:
-    """A figure and so many axes of one size, row by row.
+    """Make a figure with `count` axes of equal size, row by row.
 
-    The figure has the look's width, and its margins are fixed: a layout that is worked out from
-    every tick's text takes as long as drawing the figure, and moves the axes from one report to
-    the next. Only where `width` is given, for labels as long as a user's keys, it is worked out.
+    The figure has the width of the style and fixed margins. An automatic layout takes as long as
+    drawing the figure, and moves the axes from one report to the next. It is used only if `width`
+    is given, for labels of arbitrary length.
 
     Args:
-        each: height of a row, inches. wide: over the page's whole width.
-        width: of each column with its labels, inches.
-        margins: those of TIMED axes go with a common time and labels in one line.
-        options: as of Figure.subplots.
+        count: number of axes.
+        panel_height: height of a row, inches.
+        columns: number of columns.
+        is_wide: True for a figure of the whole page width.
+        width: width of each column with its labels, inches.
+        margins: TIME_MARGINS also give the axes a common time axis and aligned labels.
+        options: options of Figure.subplots.
     """
     rows, part = -(-count // columns), 0.66 if is_paper() else 1.0
     if width is not None:
@@ -155,53 +158,59 @@ def make_axes(
 
 
 def equalize_heights(figures: Sequence[Figure]) -> None:
-    """Give figures over time that stand beside each other one height: the rows of the shorter ones
-    grow, their margins stay. Pictures are left as they are: they have shapes of their own."""
+    """Give figures that are shown side by side the same height.
+
+    The rows of shorter figures over time grow, and their margins do not change. Images and 3-D
+    views keep their shape and are not changed.
+    """
     height = max(figure.get_figheight() for figure in figures)
     for figure in figures:
-        before, grid = figure.get_figheight(), figure.axes[0].get_gridspec()
-        picture = figure.axes[0].name == "3d" or figure.axes[0].get_aspect() != "auto"
-        if before == height or picture:
+        old_height, grid = figure.get_figheight(), figure.axes[0].get_gridspec()
+        is_image = figure.axes[0].name == "3d" or figure.axes[0].get_aspect() != "auto"
+        if old_height == height or is_image:
             continue
-        top, bottom, rows = (1.0 - grid.top) * before, grid.bottom * before, grid.nrows
-        gap = grid.hspace * (before - top - bottom) / (rows + (rows - 1) * grid.hspace)
-        each = (height - top - bottom - (rows - 1) * gap) / rows
+        top, bottom, rows = (1.0 - grid.top) * old_height, grid.bottom * old_height, grid.nrows
+        gap = grid.hspace * (old_height - top - bottom) / (rows + (rows - 1) * grid.hspace)
+        row_height = (height - top - bottom - (rows - 1) * gap) / rows
         figure.set_figheight(height)
-        grid.update(top=1.0 - top / height, bottom=bottom / height, hspace=gap / each)
+        grid.update(top=1.0 - top / height, bottom=bottom / height, hspace=gap / row_height)
 
 
 def escape_math(text: str) -> str:
-    """A text of a user's, for a figure: a $ in it begins no formula."""
+    """Escape the $ signs of a user's text, so that figures do not typeset formulas."""
     return text.replace("$", r"\$")
 
 
 def add_title(axis: Axes, text: str) -> None:
-    """A title; in a paper the caption says it."""
+    """Add a title, unless the figure is for a paper, where the caption replaces it."""
     if not is_paper():
         axis.set_title(text)
 
 
 def format_log_axis(axis: Axes) -> None:
-    """Labels 1, 2, 5, 10 where the axis spans little, powers of ten where it spans much."""
+    """Label a logarithmic axis with 1, 2, 5, 10 for a small range, otherwise with powers of ten."""
     low, high = axis.get_ylim()
     if high < 1e3 * low:
         between = (1.0, 2.0, 5.0) if high < 50.0 * low else (1.0,)
         axis.yaxis.set_major_locator(LogLocator(subs=between))
         axis.yaxis.set_major_formatter("{x:g}")
-    elif not is_paper():  # whose letters have no raised minus
+    elif not is_paper():  # the fonts of papers have no superscript minus
         axis.yaxis.set_major_formatter(FuncFormatter(_format_power))
     axis.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _format_power(value: float, _position: int) -> str:
-    """10⁻³; in plain letters, for setting formulas takes a fifth of a report's time."""
+    """Format a power of ten such as 10⁻³ in plain text.
+
+    Typesetting it as a formula takes a fifth of the time of a report.
+    """
     return "10" + str(round(math.log10(value))).translate(SUPERSCRIPTS) if value > 0.0 else ""
 
 
 def add_legend(axis: Axes, columns: int = 4, **options: object) -> None:
-    """Above the data at the right, never over it, nor over a title or tick labels.
+    """Add a legend above the data at the right, clear of titles and tick labels.
 
-    It has as many columns as the figure has room for, and the figure grows by its lines.
+    It has as many columns as fit into the figure. The figure grows by the height of the legend.
     """
     handles, labels = axis.get_legend_handles_labels()
     if not labels:
@@ -218,9 +227,10 @@ def add_legend(axis: Axes, columns: int = 4, **options: object) -> None:
 
     found, count = _fit_legend(make_legend, min(columns, len(labels)), right - EDGE_MARGIN)
     titles = [a.title if a.get_title() else a._left_title for a in figure.axes]
-    box, up = found.get_window_extent(), 0.0  # points
+    box, up = found.get_window_extent(), 0.0  # up is in points
     if box.x0 < axis.get_window_extent().x0:
-        up = 0.6 * axis.yaxis.get_ticklabels()[0].get_fontsize()  # half a label at the axis' top
+        # Leave space for half of the label at the top of the axis.
+        up = 0.6 * axis.yaxis.get_ticklabels()[0].get_fontsize()
     if any(t.get_text() and box.overlaps(t.get_window_extent()) for t in titles):
         up = plt.rcParams["axes.titlepad"] + 1.2 * titles[0].get_fontsize()
     if up:
@@ -231,17 +241,17 @@ def add_legend(axis: Axes, columns: int = 4, **options: object) -> None:
 
 
 def add_legend_below(figure: Figure, columns: int, handles: Sequence[Artist] | None = None) -> None:
-    """In the middle below all axes; the figure grows by the lines after the first."""
+    """Add a centred legend below all axes; the figure grows by its lines after the first."""
     if handles is None:
-        handles = [one for axis in figure.axes for one in axis.get_legend_handles_labels()[0]]
-    room = figure.get_figwidth() * figure.dpi - 2.0 * EDGE_MARGIN
+        handles = [handle for axis in figure.axes for handle in axis.get_legend_handles_labels()[0]]
+    max_width = figure.get_figwidth() * figure.dpi - 2.0 * EDGE_MARGIN
 
     def make_legend(count: int) -> Legend:
-        for former in figure.legends[:]:
-            former.remove()
+        for old_legend in figure.legends[:]:
+            old_legend.remove()
         return figure.legend(handles=handles, loc="lower center", ncols=count)
 
-    found, count = _fit_legend(make_legend, min(columns, len(handles)), room)
+    found, count = _fit_legend(make_legend, min(columns, len(handles)), max_width)
     lines = -(-len(handles) // count)
     _grow_margins(figure, below=found.get_window_extent().height / figure.dpi * (lines - 1) / lines)
 
@@ -249,7 +259,7 @@ def add_legend_below(figure: Figure, columns: int, handles: Sequence[Artist] | N
 def _fit_legend(
     make_legend: Callable[[int], Legend], columns: int, max_width: float
 ) -> tuple[Legend, int]:
-    """The legend with the most columns that fit into so many pixels, and how many these are."""
+    """Return the legend with the most columns that fit into `max_width` px, and this number."""
     for count in range(columns, 0, -1):
         found = make_legend(count)
         if found.get_window_extent().width <= max_width:
@@ -259,20 +269,20 @@ def _fit_legend(
 
 
 def _shorten_legend(legend: Legend, max_width: float) -> None:
-    """Cut its words where even one column is wider than so many pixels."""
+    """Shorten the texts of a legend that is wider than `max_width` px."""
     width = legend.get_window_extent().width
     longest = max(len(text.get_text()) for text in legend.get_texts())
     if width > max_width:
-        most = max(int(longest * max_width / width) - 3, 1)
+        max_length = max(int(longest * max_width / width) - 3, 1)
         for text in legend.get_texts():
-            if len(text.get_text()) > most:
-                text.set_text(text.get_text()[:most].rstrip("\\") + "…")
+            if len(text.get_text()) > max_length:
+                text.set_text(text.get_text()[:max_length].rstrip("\\") + "…")
 
 
 def _grow_margins(figure: Figure, above: float = 0.0, below: float = 0.0) -> None:
-    """Make a figure's margins larger by so many inches; its axes keep their sizes."""
-    before, grid = figure.get_figheight(), figure.axes[0].get_gridspec()
-    top, bottom = (1.0 - grid.top) * before + above, grid.bottom * before + below
-    height = before + above + below
+    """Enlarge the margins of a figure by inches; its axes keep their sizes."""
+    old_height, grid = figure.get_figheight(), figure.axes[0].get_gridspec()
+    top, bottom = (1.0 - grid.top) * old_height + above, grid.bottom * old_height + below
+    height = old_height + above + below
     figure.set_figheight(height)
     grid.update(top=1.0 - top / height, bottom=bottom / height)

@@ -1,4 +1,4 @@
-"""Figures of panels over time: one look a curve or a run, limits, levels, marks."""
+"""Figures of panels over time, with one style per curve or run, limits, levels and marks."""
 
 from __future__ import annotations
 
@@ -25,23 +25,28 @@ SYMBOLS = {
     **{f"v{axis}": f"$v_{axis}$" for axis in "xyz"},
     **{f"ω{axis}": rf"$\omega_{axis}$" for axis in "xyz"},
 }  # fmt: skip
-UNITLESS = ("error", "feature")  # axes that say so
-MAX_NAMES = 12  # of a legend
+UNITLESS = ("error", "feature")  # axes that are labelled "no unit" if they have none
+MAX_NAMES = 12  # in a legend
 NARROW_LEGEND = {"handlelength": 1.2, "columnspacing": 0.8}
-MIN_AXIS_RANGE = 0.004  # rad or m, least height of an axis with limits
-HEADROOM = 0.15  # above curves that are shown from a given value on
-MIN_LINE_POINTS = 3  # points that no line shows
+MIN_AXIS_RANGE = 0.004  # rad or m, smallest range of an axis with limits
+HEADROOM = 0.15  # space above the curves, relative to the axis, if its lower end is fixed
+MIN_LINE_POINTS = 3  # with fewer points, a curve is drawn as dots
 DASHES = ("-", (0, (4, 1.5)), (0, (1, 1.2)))
-MARKERS = ("o", "s", "^", "D", "v", "P")  # of runs, along their curves
-MARKER_SPACING = 0.125  # of an axis' size, along a curve from one marker to the next
-EXTRA_WIDTH = 0.7  # part by which the first of several curves is thicker than the last
-TEXT_SIDE_SWITCH = 0.75  # part of the axis behind which words stand to the left of their line
+MARKERS = ("o", "s", "^", "D", "v", "P")  # one per run, along its curves
+MARKER_SPACING = 0.125  # relative to the size of the axes, along a curve
+EXTRA_WIDTH = 0.7  # the first of several curves is thicker than the last by this fraction
+TEXT_SIDE_SWITCH = 0.75  # fraction of the time axis after which text is left of its line
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Of a figure: height of a panel, inches; columns of panels, and what the second is called;
-    columns of a legend."""
+    """Layout of a figure.
+
+    panel_height: height of a panel, inches.
+    columns: number of columns of panels.
+    second_column: title of the second column.
+    legend_columns: number of columns of a legend.
+    """
 
     panel_height: float = 1.75
     columns: int = 1
@@ -50,7 +55,7 @@ class Layout:
 
 
 def find_symbol(name: str) -> str:
-    """A quantity's name as a formula has it."""
+    """Return the mathematical symbol of a quantity, or its name if there is none."""
     stem = name.rstrip("0123456789").rstrip("_")
     number = name[len(stem) :].lstrip("_")
     if number and stem.isalpha() and len(stem) == 1:
@@ -59,10 +64,10 @@ def find_symbol(name: str) -> str:
 
 
 def make_curve_styles(count: int) -> list[dict[str, object]]:
-    """How the curves of each of so many runs are drawn; one alone needs neither colour nor marker.
+    """Return the style of each run's curves; a single run needs neither colour nor marker.
 
-    Markers tell runs apart without colour. Earlier curves are thicker, and the markers of each have
-    places of their own, so that curves that coincide are all to be seen.
+    Markers distinguish runs without colour. Earlier curves are thicker, and the markers of
+    different curves have different positions, so that coinciding curves are all visible.
     """
     if count == 1:
         return [{"color": INK}]
@@ -81,28 +86,31 @@ def make_curve_styles(count: int) -> list[dict[str, object]]:
 def draw_panels(
     panels: Sequence[Panel], runs: Sequence[Run], title: str, layout: Layout
 ) -> Figure | None:
-    """The figure of these panels, None of none; of several runs one legend names them all."""
+    """Draw panels as a figure; return None if there are none.
+
+    If there are several runs, one legend names them all.
+    """
     if not panels:
         return None
-    alone, columns = len(runs) == 1, layout.columns
+    is_single, columns = len(runs) == 1, layout.columns
     figure, axes = axes_of(len(panels), layout.panel_height, columns, is_wide=columns > 1)
-    styles = [] if alone else make_curve_styles(len(runs))
+    styles = [] if is_single else make_curve_styles(len(runs))
     for axis, panel in zip(axes, panels, strict=True):
         _draw_panel(axis, panel, styles, columns > 1)
-    if alone:
+    if is_single:
         add_title(axes[0], title + _make_hints(panels))
-    else:  # a second title would leave no room for the names of runs
+    else:  # with a second title there is no space for the names of the runs
         add_title(
             axes[0],
             f"{title} and {layout.second_column.lower()}" if layout.second_column else title,
         )
-    if alone and layout.second_column:
+    if is_single and layout.second_column:
         add_title(axes[1], layout.second_column)
-    if not alone:
+    if not is_single:
         add_legend(axes[columns - 1], **(NARROW_LEGEND if columns > 1 else {}))
     elif columns > 1 and is_paper():
         add_legend(axes[0], **NARROW_LEGEND)
-    for axis, panel in zip(axes, panels, strict=True) if alone and columns == 1 else ():
+    for axis, panel in zip(axes, panels, strict=True) if is_single and columns == 1 else ():
         labels = axis.get_legend_handles_labels()[1]
         if len(labels) <= MAX_NAMES and labels != [find_symbol(panel.axis)]:
             add_legend(axis, layout.legend_columns)
@@ -115,44 +123,48 @@ def draw_panels(
 
 
 def _make_hints(panels: Sequence[Panel]) -> str:
-    """Behind a title: what pale and dashed curves, and the band, are."""
+    """Return the explanation of pale and dashed curves and of the band, for the title."""
     curves = [curve for panel in panels for curve in panel.curves]
     dashed = next((panel.dashed for panel in panels if panel.dashed), "")
-    told = ["pale: as measured, full: filtered"] if any(c.is_pale for c in curves) else []
-    told += [f"dashed: {dashed}"] if any(c.dashed for c in curves) else []
-    told += ["band: counts as reached"] if any(p.band is not None for p in panels) else []
-    return f"  ({'; '.join(told)})" if told else ""
+    hints = ["pale: as measured, full: filtered"] if any(c.is_pale for c in curves) else []
+    hints += [f"dashed: {dashed}"] if any(c.dashed for c in curves) else []
+    hints += ["band: counts as reached"] if any(p.band is not None for p in panels) else []
+    return f"  ({'; '.join(hints)})" if hints else ""
 
 
 def _draw_panel(
     axis: Axes, panel: Panel, styles: Sequence[dict[str, object]], all_named: bool
 ) -> None:
-    """One panel; `styles`: of the runs, none of a single one. all_named: dashed curves too."""
+    """Draw one panel.
+
+    `styles` are those of the runs, empty for a single run. With `all_named`, dashed curves are in
+    the legend, too.
+    """
     if panel.is_logarithmic:
         axis.set_yscale("log")
     if panel.band is not None:
         axis.axhspan(-panel.band, panel.band, color=GOAL, alpha=0.13, lw=0)
     for curve in panel.curves:
         if styles:
-            look = {**styles[curve.run], "label": escape_math(curve.name)}
+            style = {**styles[curve.run], "label": escape_math(curve.name)}
         else:
             dashes = DASHES[curve.colour_index // len(COLOURS) % len(DASHES)]
-            look = {"color": COLOURS[curve.colour_index % len(COLOURS)], "ls": dashes}
+            style = {"color": COLOURS[curve.colour_index % len(COLOURS)], "ls": dashes}
             if not (curve.dashed or curve.is_pale):
-                look["label"] = find_symbol(curve.name)
+                style["label"] = find_symbol(curve.name)
         if curve.dashed:
-            look |= {"ls": "--", "lw": 1.0} | (
+            style |= {"ls": "--", "lw": 1.0} | (
                 {"label": escape_math(curve.name)} if all_named else {}
             )
         if curve.is_pale:
-            look |= {"alpha": 0.35, "lw": 0.8}
+            style |= {"alpha": 0.35, "lw": 0.8}
         if panel.is_dotted:
-            own = {"markevery": None, "ms": 2.0 * look["lw"]} if styles else \
+            dots = {"markevery": None, "ms": 2.0 * style["lw"]} if styles else \
                 {"marker": ".", "ms": 3}  # fmt: skip
-            look |= {**own, "ls": ""}
+            style |= {**dots, "ls": ""}
         elif len(curve.time) < MIN_LINE_POINTS and not styles:
-            look |= {"marker": ".", "ms": 3}
-        axis.plot(*curve.insert_gaps(), **look)
+            style |= {"marker": ".", "ms": 3}
+        axis.plot(*curve.insert_gaps(), **style)
     low, high = axis.get_ylim()
     least, most = panel.span
     if least is not None:
@@ -176,7 +188,7 @@ def _draw_panel(
 
 
 def _draw_mark(axis: Axes, time: float, text: str, end: float) -> None:
-    """An instant (s) with its text, of an axis that ends at `end`."""
+    """Mark an instant (s) with a text on an axis that ends at `end`."""
     left = time > TEXT_SIDE_SWITCH * end
     axis.axvline(time, color=GOAL, ls=":", lw=1.2)
     axis.annotate(
@@ -187,14 +199,14 @@ def _draw_mark(axis: Axes, time: float, text: str, end: float) -> None:
 
 
 def _draw_limits(axis: Axes, limits: Texts) -> None:
-    """Limits as lines where they are near to what is shown, as numbers where they are far."""
+    """Draw limits near the curves as lines, and name those far from the curves as numbers."""
     if not limits:
         return
     low, high = axis.get_ylim()
-    if high - low < MIN_AXIS_RANGE:  # what stands still shall look like it
+    if high - low < MIN_AXIS_RANGE:  # show a joint at rest as a straight line
         middle = 0.5 * (low + high)
         low, high = middle - 0.5 * MIN_AXIS_RANGE, middle + 0.5 * MIN_AXIS_RANGE
-    room, far = 0.6 * (high - low), []
+    room, far_limits = 0.6 * (high - low), []
     for bound, _ in limits:
         if low - room <= bound <= high + room:
             outward = 1.0 if bound > 0.5 * (low + high) else -1.0
@@ -202,14 +214,14 @@ def _draw_limits(axis: Axes, limits: Texts) -> None:
             low, high = min(low, bound - 0.05 * room), max(high, bound + 0.05 * room)
             axis.axhspan(bound, bound + outward * 10.0 * room, color=BAD, alpha=0.08, lw=0)
         else:
-            far.append(f"{bound:.3g}")
+            far_limits.append(f"{bound:.3g}")
     axis.set_ylim(low, high)
-    if len(far) == len(limits) and not is_paper():
-        # Where the curve is not at its end, most of the picture.
+    if len(far_limits) == len(limits) and not is_paper():
+        # Place the text on the side that the curve leaves free in its second half.
         last_half = np.concatenate([y[len(y) // 2 :] for line in axis.lines
                                     if len(y := line.get_ydata()) > 2] or [[low]])  # fmt: skip
         below = np.nanmean(last_half) > 0.5 * (low + high)
-        axis.annotate(f"limits {' to '.join(far)}", (1.0, 0.0 if below else 1.0), ha="right",
+        axis.annotate(f"limits {' to '.join(far_limits)}", (1.0, 0.0 if below else 1.0), ha="right",
                       xycoords="axes fraction", va="bottom" if below else "top", fontsize=7.5,
                       xytext=(-3, 3 if below else -2), textcoords="offset points",
                       color=SOFT_INK)  # fmt: skip

@@ -1,4 +1,4 @@
-"""What is seen: the picture plane, a strip of pictures, and the camera's path in space."""
+"""Figures of the image plane, strips of images, and the camera's path in space."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ from .style import (
 )
 from .time_plots import make_curve_styles
 
-IMAGE_CONTRAST = 0.35  # of a picture's contrast behind curves
-MIN_AXIS_RATIO = 0.35  # least extent of an axis, part of the largest
-MAX_HEIGHT_RATIO = 1.5  # of the scene: height over the larger of its other sides
-FRUSTUM_SIZE = 0.12  # length of a drawn camera, part of the scene
-LEGEND_HEIGHT = 0.5  # inches, of the legend below the path in space
-GOAL_FRUSTUM_SCALE = 1.5  # size of the goal's, that the one at the end does not hide it
-# inches round pictures, above each, between two
+IMAGE_CONTRAST = 0.35  # factor on the contrast of an image behind curves
+MIN_AXIS_RATIO = 0.35  # smallest extent of an axis, relative to the largest
+MAX_HEIGHT_RATIO = 1.5  # height of the scene over the larger of its other sides
+FRUSTUM_SIZE = 0.12  # length of a drawn camera, relative to the scene
+LEGEND_HEIGHT = 0.5  # inches, for the camera's path
+GOAL_FRUSTUM_SCALE = 1.5  # the goal's camera is larger, so that the final camera does not hide it
+# Inches around all images, above each image, and between two images.
 IMAGE_MARGIN, TITLE_HEIGHT, IMAGE_GAP = 0.03, 0.3, 0.07
 
 
 def draw_image_trajectory(runs: Sequence[Run]) -> Figure | None:
-    """Where the target's points went in the image, over the last picture of the first run."""
+    """Draw the paths of the target's points in the image, over the first run's last image."""
     found = [(run, tracks_of(run)) for run in runs]
     found = [(run, tracks) for run, tracks in found if tracks is not None]
     if not found:
@@ -52,9 +52,9 @@ def draw_image_trajectory(runs: Sequence[Run]) -> Figure | None:
     axis.grid(False)
     for side in axis.spines.values():
         side.set_visible(True)
-    pictures = found[0][0].control_record.images
-    if pictures and pictures[-1][1].shape[:2] == (camera.height, camera.width):
-        axis.imshow((255.0 - IMAGE_CONTRAST * (255.0 - pictures[-1][1])).astype(np.uint8))
+    images = found[0][0].control_record.images
+    if images and images[-1][1].shape[:2] == (camera.height, camera.width):
+        axis.imshow((255.0 - IMAGE_CONTRAST * (255.0 - images[-1][1])).astype(np.uint8))
     styles = make_curve_styles(len(found))
     for number, (run, tracks) in enumerate(found):
         _draw_tracks(axis, run, tracks, None if len(found) == 1 else styles[number])
@@ -70,19 +70,21 @@ def draw_image_trajectory(runs: Sequence[Run]) -> Figure | None:
             handles = [Line2D([], [], color=_choose_colour(tracks, i), label=escape_math(name))
                        for i, name in enumerate(tracks.names)] + handles  # fmt: skip
         kind = (
-            "points that the scheme sees" if tracks.is_measured else "target's corners and centre"
+            "points that the scheme measures"
+            if tracks.is_measured
+            else "target's corners and centre"
         )
         add_title(axis, f"Path of the {kind} in the image")
     else:
-        handles = [Line2D([], [], label=escape_math(run.name), **look)
-                   for (run, _), look in zip(found, styles, strict=True)]  # fmt: skip
+        handles = [Line2D([], [], label=escape_math(run.name), **style)
+                   for (run, _), style in zip(found, styles, strict=True)]  # fmt: skip
         add_title(axis, "Paths of the target in the image")
     add_legend_below(figure, 5, handles)
     return figure
 
 
 def _choose_colour(tracks: ImageTracks, i: int) -> str:
-    """The centre is the bold one where corners go with it."""
+    """Return the colour of a track; if there are corners and a centre, the centre stands out."""
     if not tracks.is_measured:
         return COLOURS[0] if tracks.names[i].startswith("centre") else FAINT
     return COLOURS[i % len(COLOURS)]
@@ -96,23 +98,23 @@ def _draw_tracks(
         known = np.isfinite(pixels).all(axis=1)
         if not known.any():
             continue
-        strong = tracks.is_measured or tracks.names[i].startswith("centre")
+        is_main = tracks.is_measured or tracks.names[i].startswith("centre")
         shown = pixels[known]
-        weight = {"alpha": 1.0 if strong else 0.8, "zorder": 4 if strong else 3}
+        emphasis = {"alpha": 1.0 if is_main else 0.8, "zorder": 4 if is_main else 3}
         if style is None:
-            own = {"color": _choose_colour(tracks, i), "lw": 1.8 if strong else 0.9}
+            curve_style = {"color": _choose_colour(tracks, i), "lw": 1.8 if is_main else 0.9}
         else:
-            own = style if strong else {**style, "lw": 0.5 * style["lw"], "marker": ""}
-        axis.plot(*shown.T, **{**own, **weight})
+            curve_style = style if is_main else {**style, "lw": 0.5 * style["lw"], "marker": ""}
+        axis.plot(*shown.T, **{**curve_style, **emphasis})
         axis.plot(*shown[0], "o", color=START if style is None else style["color"],
-                  ms=6 if strong else 3, zorder=5)  # fmt: skip
+                  ms=6 if is_main else 3, zorder=5)  # fmt: skip
         if np.isfinite(tracks.desired[i]).all():
-            axis.plot(*tracks.desired[i], "o", mfc="none", mec=GOAL, mew=1.6 if strong else 0.9,
-                      ms=9 if strong else 5, zorder=6)  # fmt: skip
+            axis.plot(*tracks.desired[i], "o", mfc="none", mec=GOAL, mew=1.6 if is_main else 0.9,
+                      ms=9 if is_main else 5, zorder=6)  # fmt: skip
 
 
 def draw_filmstrip(runs: Sequence[Run]) -> Figure | None:
-    """Pictures as the error shrinks, each with the outline that is wanted."""
+    """Draw images at milestones of the decreasing error, each with the desired outline."""
     runs = [r for r in runs if r.control_record.images]
     if not runs:
         return None
@@ -132,15 +134,15 @@ def draw_filmstrip(runs: Sequence[Run]) -> Figure | None:
         row = axes[number * columns : (number + 1) * columns]
         for axis in row[len(stamps) :]:
             axis.set_visible(False)
-        wanted = run.project_desired_outline()
+        desired_outline = run.project_desired_outline()
         for axis, stamp in zip(row, stamps, strict=False):
             axis.imshow(run.control_record.find_nearest_image(stamp))
             axis.set(xticks=[], yticks=[])
             axis.grid(False)
             for side in axis.spines.values():
                 side.set(visible=True, color=FAINT, linewidth=0.6)
-            if wanted is not None:
-                axis.plot(*np.vstack([wanted, wanted[:1]]).T, color=GOAL, lw=1.1)
+            if desired_outline is not None:
+                axis.plot(*np.vstack([desired_outline, desired_outline[:1]]).T, color=GOAL, lw=1.1)
             axis.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5))
             axis.set_title(f"{stamp - run.start_stamp:.2f} s", fontweight="normal", loc="center",
                            fontsize=7 if is_paper() else 10, pad=3)  # fmt: skip
@@ -152,7 +154,7 @@ def draw_filmstrip(runs: Sequence[Run]) -> Figure | None:
 
 
 def draw_camera_path(runs: Sequence[Run]) -> Figure | None:
-    """The camera's path in the world, and the straight one with it, above the target."""
+    """Draw the camera's path in the world, the straight path, and the target."""
     runs = [r for r in runs if len(select_servoing_poses(r))]
     if not runs:
         return None
@@ -162,26 +164,26 @@ def draw_camera_path(runs: Sequence[Run]) -> Figure | None:
         margins=Margins(bottom=(1.5 if is_paper() else 1.0) * LEGEND_HEIGHT),
         subplot_kw={"projection": "3d", "computed_zorder": False},
     )  # fmt: skip
-    shown: list[np.ndarray] = []
+    drawn_points: list[np.ndarray] = []
     single = len(runs) == 1
     styles = [{"color": COLOURS[0], "lw": 2.0}] if single else make_curve_styles(len(runs))
-    for run, look in zip(runs, styles, strict=True):
-        poses, colour = select_servoing_poses(run), look["color"]
+    for run, style in zip(runs, styles, strict=True):
+        poses, colour = select_servoing_poses(run), style["color"]
         path = poses[:, :3, 3]
-        shown += [path]
-        axis.plot(*path.T, zorder=4, label="camera" if single else escape_math(run.name), **look)
+        drawn_points += [path]
+        axis.plot(*path.T, zorder=4, label="camera" if single else escape_math(run.name), **style)
         goal = run.goal_pose
         if np.isfinite(goal).all():
             ideal = interpolate_poses(poses[0], goal)
             axis.plot(*ideal[:, :3, 3].T, color=GOAL if single else colour, lw=1.1, ls="--",
                       zorder=3, label="straight" if single else None)  # fmt: skip
-            shown.append(goal[None, :3, 3])
+            drawn_points.append(goal[None, :3, 3])
     target = _draw_target(axis, runs[0])
-    points = np.vstack(shown + ([target] if target is not None else []))
+    points = np.vstack(drawn_points + ([target] if target is not None else []))
     low, high = points.min(axis=0), points.max(axis=0)
     size = max(float((high - low).max()), 1e-3)
-    for number, (run, look) in enumerate(zip(runs, styles, strict=True)):
-        poses, colour = select_servoing_poses(run), look["color"]
+    for number, (run, style) in enumerate(zip(runs, styles, strict=True)):
+        poses, colour = select_servoing_poses(run), style["color"]
         _draw_camera(axis, poses[0], FRUSTUM_SIZE * size, START if single else colour, "start"
             if single
                 else None)  # fmt: skip
@@ -191,19 +193,20 @@ def draw_camera_path(runs: Sequence[Run]) -> Figure | None:
                     "goal" if number == 0 else None, "--")  # fmt: skip
         _draw_camera(axis, poses[-1], FRUSTUM_SIZE * size, colour, "end" if single else None)
     room = 0.5 * FRUSTUM_SIZE * size
-    # A path in a plane is not drawn as a line seen from its edge.
-    thin = np.maximum(0.5 * (MIN_AXIS_RATIO * size - (high - low)), room)
-    low, high = low - thin, high + thin
+    # The axes of a planar path get some thickness, so that the box is not flat.
+    padding = np.maximum(0.5 * (MIN_AXIS_RATIO * size - (high - low)), room)
+    low, high = low - padding, high + padding
     axis.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)",
              xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))  # fmt: skip
     extent = high - low
-    tall = extent[2] > MAX_HEIGHT_RATIO * extent[:2].max()  # its foot would stand in the legend
-    small = 0.82 if is_paper() else 1.0  # whose letters are large beside it
-    axis.set_box_aspect(extent, zoom=small * (0.82 if tall else 0.97))
+    # The lower end of a tall scene would overlap the legend.
+    is_tall = extent[2] > MAX_HEIGHT_RATIO * extent[:2].max()
+    paper_scale = 0.82 if is_paper() else 1.0  # space for the letters, which are large in a paper
+    axis.set_box_aspect(extent, zoom=paper_scale * (0.82 if is_tall else 0.97))
     axis.view_init(elev=20, azim=-58)
     for pane in (axis.xaxis, axis.yaxis, axis.zaxis):
         pane.set_pane_color((1.0, 1.0, 1.0, 0.0))
-        pane.set_major_locator(plt.MaxNLocator(2 if tall and pane is not axis.zaxis else 4))
+        pane.set_major_locator(plt.MaxNLocator(2 if is_tall and pane is not axis.zaxis else 4))
         pane._axinfo["grid"].update(color=GRID, linewidth=0.6)
     add_legend_below(figure, 5)
     if not is_paper():
@@ -213,13 +216,16 @@ def draw_camera_path(runs: Sequence[Run]) -> Figure | None:
 
 
 def select_servoing_poses(run: Run) -> np.ndarray:
-    """Of the camera while servoing (m, 4, 4), those that are known."""
+    """Return the known poses of the camera while servoing, (m, 4, 4)."""
     poses = run.true_pose[run.servoing]
     return poses[np.isfinite(poses).all(axis=(1, 2))]
 
 
 def interpolate_poses(start: np.ndarray, goal: np.ndarray, count: int = 40) -> np.ndarray:
-    """Poses (count, 4, 4) on the shortest path: place on a line, attitude about one axis."""
+    """Interpolate poses (count, 4, 4) on the shortest path.
+
+    The position moves on a line, and the orientation rotates about a fixed axis.
+    """
     turn = rotation_vector(start[:3, :3].T @ goal[:3, :3])
     poses = np.tile(np.eye(4), (count, 1, 1))
     for pose, part in zip(poses, np.linspace(0.0, 1.0, count), strict=True):
@@ -229,11 +235,11 @@ def interpolate_poses(start: np.ndarray, goal: np.ndarray, count: int = 40) -> n
 
 
 def _draw_target(axis: Axes, run: Run) -> np.ndarray | None:
-    """The target's face; its corners (c, 3) in the world."""
+    """Draw the target's face; return its corners (c, 3) in the world."""
     if run.target is None:
         return None
-    placed = run.target.world_T_target(run.start_stamp)
-    corners = run.target.shape.vertices() @ placed[:3, :3].T + placed[:3, 3]
+    world_T_target = run.target.world_T_target(run.start_stamp)
+    corners = run.target.shape.vertices() @ world_T_target[:3, :3].T + world_T_target[:3, 3]
     if len(corners) > 2:
         axis.add_collection3d(Poly3DCollection([corners], facecolor=INK, edgecolor=INK, zorder=1))
     return corners
@@ -241,7 +247,7 @@ def _draw_target(axis: Axes, run: Run) -> np.ndarray | None:
 
 def _draw_camera(axis: Axes, pose: np.ndarray, size: float, colour: str, label: str | None,
             line: str = "-") -> None:  # fmt: skip
-    """A frustum: its tip where the camera is, opening along its optical axis."""
+    """Draw a frustum with its tip at the camera, open along the optical axis."""
     rim = size * np.array([[-0.4, -0.3, 1.0], [0.4, -0.3, 1.0], [0.4, 0.3, 1.0], [-0.4, 0.3, 1.0]])
     rim = rim * [1.0, 1.0, 0.7] @ pose[:3, :3].T + pose[:3, 3]
     tip = pose[:3, 3]

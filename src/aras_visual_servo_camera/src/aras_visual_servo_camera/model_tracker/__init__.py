@@ -1,4 +1,4 @@
-"""Model-based tracking: the pose of a known solid from its visible edges, and from depth images."""
+"""Model-based tracking of a known solid by its visible edges and by depth images."""
 
 from .model_tracking import ModelTracking, TrackedPose
 from .solid import Solid, read_solid

@@ -1,4 +1,4 @@
-"""The pose of a known solid from picture to picture, by its visible edges."""
+"""Tracking of a known solid from image to image by its visible edges."""
 
 from __future__ import annotations
 
@@ -24,42 +24,45 @@ from .pose_fitting import INLIER_DISTANCE, assess_pose, fit_pose
 from .solid import Solid
 from .visible_edges import EdgePoints, sample_visible_edges
 
-# px between points: where edges are looked for, and where they are measured.
+# Spacing of the points (px) for the search for edges, and for their measurement.
 SEARCH_SPACING, MEASUREMENT_SPACING = 6.0, 4.0
-MIN_POINTS = 60  # points; of a solid that is small in the picture they are nearer together
-SEARCH_RANGE = 10.0  # px to either side of where edges are expected
-START_SEARCH_RANGES = (20.0, 10.0, 40.0)  # px likewise, one after the other, where it is rough
-MAX_SEARCHES, MAX_MEASUREMENTS = 4, 3  # at most
-MEASUREMENT_RANGE = 0.7  # px from which on edges are measured, not looked for
-REPEAT_CHANGE = 0.1  # px: after a change of the pose by more, edges are measured again
-MIN_CHANGE, MIN_NOISE_RATIO = 10.0, 3.5  # grey levels of a change; times the noise
-# px, scale of residuals at least: where edges are looked for, and measured. A fit begins with the
-# first of its two and ends with the second: begun with that, edges that agree with a wrong pose
-# would give those that do not no weight.
+MIN_POINTS = 60  # with fewer points (a solid that is small in the image) the spacing is reduced
+SEARCH_RANGE = 10.0  # px on either side of the expected edge
+START_SEARCH_RANGES = (20.0, 10.0, 40.0)  # px, tried in this order from a rough start pose
+MAX_SEARCHES, MAX_MEASUREMENTS = 4, 3  # largest numbers of iterations per image
+MEASUREMENT_RANGE = 0.7  # px; after a smaller change of the pose, edges are measured, not searched
+REPEAT_CHANGE = 0.1  # px; after a larger change of the pose, edges are measured again
+MIN_CHANGE, MIN_NOISE_RATIO = 10.0, 3.5  # smallest edge: grey levels, and multiples of the noise
+# Smallest scale of the residuals (px) in the first and in the last step of a fit, for the search
+# and for the measurement. A fit that starts with the small scale would ignore the edges that
+# disagree with a wrong pose.
 SEARCH_SCALES, MEASUREMENT_SCALES = (0.5, 0.5), (0.3, 0.02)
-EDGE_ACCURACY = 0.03  # px to which an edge is measured without noise
-LEVEL_TOLERANCE = 25.0  # grey levels of a remembered level
-MIN_INLIERS, MIN_INLIER_SHARE = 15, 0.45  # points, and their part of the visible ones: less is lost
-DEPTH_SPACING = 8  # px between pixels of a depth image
-MIN_SHARE_RATIO = 0.9  # of the last picture's share: with more there was no need to look for edges
-MIN_ROOM = 4.0  # px to other edges, with which a point can be measured
+EDGE_ACCURACY = 0.03  # px, error of a measured edge without noise
+LEVEL_TOLERANCE = 25.0  # largest difference from a stored grey level
+# With fewer inliers, or a smaller share of the visible points, the solid is lost.
+MIN_INLIERS, MIN_INLIER_SHARE = 15, 0.45
+DEPTH_SPACING = 8  # px between the pixels of a depth image that are used
+# Inlier share relative to that of the last image; above this, no search for edges is needed.
+MIN_SHARE_RATIO = 0.9
+MIN_ROOM = 4.0  # px to other edges; with less, a point cannot be measured
 NO_POINTS = np.empty((0, 3))
 
 
 @dataclass(frozen=True, eq=False)
 class TrackedPose:
-    """A pose and how well it is known.
+    """A pose and its accuracy.
 
     Attributes:
         camera_T_solid: (4, 4).
-        covariance: (6, 6) of a change (m, rad) about the middle of the solid, in the camera's axes;
-            beyond all measure along what the edges do not tell.
-        unshared: part of the deviations by which another picture from the same pose may differ:
-            what the points' distances exceed those by noise and measurement by, and all of it where
-            the edges leave a motion open.
-        share: part of the visible edge points that were found where the pose has them.
-        count: of those points. residual: their distances, px, rms.
-        lost: why the pose is not to be trusted, in words; empty where it is.
+        covariance: (6, 6) of a pose change (m, rad) about the middle of the solid, in the camera's
+            axes; very large in directions that the edges do not determine.
+        unrepeatable_part: fraction (0 to 1) of the standard deviations by which the result of
+            another image from the same pose can differ. It follows from the excess of the residuals
+            over noise and measurement error, and is 1 if the edges leave a motion undetermined.
+        inlier_share: fraction of the visible edge points that are inliers of the pose.
+        inlier_count: number of inliers.
+        residual: rms distance of the inliers, px.
+        loss_reason: message if the solid is lost, otherwise empty.
     """
 
     camera_T_solid: np.ndarray
@@ -72,10 +75,11 @@ class TrackedPose:
 
 
 class ModelTracking:
-    """Follows a solid; `start` tells where it is in the first picture.
+    """Tracker of a solid; `start` sets the pose for the first image.
 
     Attributes:
-        solid: what is followed. found: in the last picture; None before the first.
+        solid: the solid that is tracked.
+        tracked_pose: result of the last image; None before the first image.
     """
 
     def __init__(self, solid: Solid) -> None:
@@ -85,7 +89,7 @@ class ModelTracking:
         self.start(None)
 
     def start(self, camera_T_solid: np.ndarray | None) -> None:
-        """Begin anew from a pose (4, 4), roughly; None: it is not known yet."""
+        """Restart from a rough pose (4, 4), or stop if the pose is None."""
         self.tracked_pose: TrackedPose | None = None
         self._pose = None if camera_T_solid is None else np.array(camera_T_solid, float)
         self._motion, self._is_new, self._inlier_share = np.zeros(6), True, 0.0
@@ -93,93 +97,94 @@ class ModelTracking:
 
     @property
     def is_started(self) -> bool:
-        """Whether it is known where to look."""
+        """True if a start pose is set."""
         return self._pose is not None
 
     def track(
         self, grey: NDArray[np.uint8], camera: CameraModel, expected_pose: np.ndarray | None = None,
         depth: NDArray[np.float32] | None = None,
     ) -> TrackedPose:  # fmt: skip
-        """Find the solid in the next picture.
+        """Find the solid in the next image.
 
         Args:
-            grey: (rows, columns).
-            expected: (4, 4) camera_T_solid by what else is known of the motion; None: the motion
-                between the last two pictures goes on.
-            depth: (rows, columns) m along the optical axis, where there is a depth image.
+            grey: (rows, columns) image.
+            camera: intrinsics and distortion.
+            expected_pose: (4, 4) camera_T_solid, if the motion is known from another source. By
+                default the motion between the last two images is extrapolated.
+            depth: (rows, columns) depth along the optical axis, m, if there is a depth image.
 
         Raises:
-            ModelError: it was not started.
+            ModelError: the tracker was not started.
         """
         if self._pose is None:
-            raise ModelError(f"{self.solid.name}: the tracker was not told where to start")
-        before = self._pose
+            raise ModelError(f"{self.solid.name}: the tracker has no start pose")
+        last_pose = self._pose
         if expected_pose is None:
-            expected_pose = exponential(self._motion) @ before
+            expected_pose = exponential(self._motion) @ last_pose
         noise = estimate_noise(grey)
         self._surface_points = (
             NO_POINTS if depth is None else self._sample_depth(depth, camera, expected_pose)
         )
         if self._is_new:
-            tries = [(expected_pose, reach) for reach in START_SEARCH_RANGES]
-        else:  # where it is expected nothing need be looked for
-            tries = [(expected_pose, 0.0), (expected_pose, SEARCH_RANGE)]
-        if np.abs(self._motion).max() > 0.0:  # it may have stopped
-            tries.append((before, SEARCH_RANGE))
-        found = None
-        for pose, reach in tries:
-            one = self._find_pose(grey, camera, pose, noise, reach)
-            if found is None or one.inlier_share > found.inlier_share:
-                found, self._best_samples = one, self._last_samples
-            if not found.loss_reason and (
-                reach > 0.0 or found.inlier_share > MIN_SHARE_RATIO * self._inlier_share
+            attempts = [(expected_pose, reach) for reach in START_SEARCH_RANGES]
+        else:  # try first without a search
+            attempts = [(expected_pose, 0.0), (expected_pose, SEARCH_RANGE)]
+        if np.abs(self._motion).max() > 0.0:  # the motion may have stopped
+            attempts.append((last_pose, SEARCH_RANGE))
+        best = None
+        for pose, reach in attempts:
+            candidate = self._find_pose(grey, camera, pose, noise, reach)
+            if best is None or candidate.inlier_share > best.inlier_share:
+                best, self._best_samples = candidate, self._last_samples
+            if not best.loss_reason and (
+                reach > 0.0 or best.inlier_share > MIN_SHARE_RATIO * self._inlier_share
             ):
                 break
-        self.tracked_pose = found
-        if found.loss_reason:
+        self.tracked_pose = best
+        if best.loss_reason:
             self._motion = np.zeros(6)
-            return found
+            return best
         self._motion = np.zeros(6) if self._is_new else logarithm(
-            found.camera_T_solid @ inverse(before)
+            best.camera_T_solid @ inverse(last_pose)
         )
         self._pose, self._is_new, self._inlier_share = (
-            found.camera_T_solid,
+            best.camera_T_solid,
             False,
-            found.inlier_share,
+            best.inlier_share,
         )
         self._update_levels()
-        return found
+        return best
 
     def _find_pose(
         self, grey: np.ndarray, camera: CameraModel, pose: np.ndarray, noise: float,
         search_range: float,
     ) -> TrackedPose:  # fmt: skip
-        least = max(MIN_CHANGE, MIN_NOISE_RATIO * noise)
+        min_change = max(MIN_CHANGE, MIN_NOISE_RATIO * noise)
         tolerance = LEVEL_TOLERANCE + MIN_NOISE_RATIO * noise
-        for look in range(MAX_SEARCHES if search_range > 0.0 else 0):
+        for iteration in range(MAX_SEARCHES if search_range > 0.0 else 0):
             samples = self._sample_edges(camera, pose, SEARCH_SPACING)
-            away = find_candidates(grey, samples.pixels, samples.normals,
+            edge_offsets = find_candidates(grey, samples.pixels, samples.normals,
                 self._predict_levels(samples),
-                              search_range / (1.0 + look), least, tolerance)  # fmt: skip
-            pose, moved, _, _ = self._fit_pose(
-                samples, away, np.ones(len(away)), pose, SEARCH_SCALES
+                              search_range / (1.0 + iteration), min_change, tolerance)  # fmt: skip
+            pose, change, _, _ = self._fit_pose(
+                samples, edge_offsets, np.ones(len(edge_offsets)), pose, SEARCH_SCALES
             )
-            if moved < MEASUREMENT_RANGE and look:
+            if change < MEASUREMENT_RANGE and iteration:
                 break
         for _ in range(MAX_MEASUREMENTS):
             samples = self._sample_edges(camera, pose, MEASUREMENT_SPACING)
             values = measure_edges(grey, samples.pixels, samples.normals, samples.room,
-                              self._predict_levels(samples), least, tolerance, noise)  # fmt: skip
-            weight = 1.0 / (EDGE_ACCURACY**2 + values[:, 3])  # NaN as they are
-            pose, moved, residuals, A = self._fit_pose(
+                self._predict_levels(samples), min_change, tolerance, noise)  # fmt: skip
+            weight = 1.0 / (EDGE_ACCURACY**2 + values[:, 3])  # NaN where no edge is measured
+            pose, change, residuals, A = self._fit_pose(
                 samples, np.ascontiguousarray(values[:, :1]), weight, pose, MEASUREMENT_SCALES)
-            if moved < REPEAT_CHANGE:
+            if change < REPEAT_CHANGE:
                 break
         self._last_samples = samples, values, residuals
         return self._assess_pose(samples, weight, pose, residuals, A)
 
     def _sample_edges(self, camera: CameraModel, pose: np.ndarray, spacing: float) -> EdgePoints:
-        """Those that are seen from a pose, every `spacing` px, or nearer where they are few."""
+        """Sample the visible edges every `spacing` px, or more densely if there are few points."""
         points = sample_visible_edges(self.solid, camera, pose, spacing)
         if 0 < len(points.solid_points) < MIN_POINTS:
             nearer = max(1.0, spacing * len(points.solid_points) / MIN_POINTS)
@@ -187,14 +192,14 @@ class ModelTracking:
         return points
 
     def _predict_levels(self, samples: EdgePoints) -> np.ndarray:
-        """Grey levels (n, 2) on both sides of the points, where they are known."""
+        """Return the stored grey levels (n, 2) on both sides of the points."""
         return predict_levels(samples.edges, samples.are_faces_visible, self._levels)
 
     def _fit_pose(
         self, samples: EdgePoints, edge_offsets: np.ndarray, weight: np.ndarray, pose: np.ndarray,
         scales: tuple[float, float],
     ) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:  # fmt: skip
-        """See fitting.fitted."""
+        """Fit the pose with `fit_pose`."""
         solid = self.solid
         return fit_pose(
             samples.solid_points, samples.image_points, samples.gains, edge_offsets, weight,
@@ -205,7 +210,7 @@ class ModelTracking:
     def _sample_depth(
         self, depth: np.ndarray, camera: CameraModel, pose: np.ndarray
     ) -> np.ndarray:
-        """(n, 3) normalised x, y and depth, m, of pixels about the solid."""
+        """Return normalised x, y and depth, m, (n, 3), of pixels around the solid."""
         points = self.solid.vertices @ pose[:3, :3].T + pose[:3, 3]
         if not (points[:, 2] > 0.0).all():
             return NO_POINTS
@@ -214,27 +219,31 @@ class ModelTracking:
         rows = np.arange(max(int(v.min()), 0), min(int(v.max()), camera.height), DEPTH_SPACING)
         u, v = (a.ravel() for a in np.meshgrid(columns, rows))
         x, y, valid = camera.normalise(u, v)
-        there = depth[v, u].astype(float)
-        good = valid & np.isfinite(there) & (there > 0.0)
-        return np.column_stack([x, y, there])[good]
+        depths = depth[v, u].astype(float)
+        good = valid & np.isfinite(depths) & (depths > 0.0)
+        return np.column_stack([x, y, depths])[good]
 
     def _assess_pose(
         self, samples: EdgePoints, weight: np.ndarray, pose: np.ndarray, residuals: np.ndarray,
         A: np.ndarray,
     ) -> TrackedPose:  # fmt: skip
-        asked = int((samples.room.min(axis=1) > MIN_ROOM).sum())
+        visible_count = int((samples.room.min(axis=1) > MIN_ROOM).sum())
         count, rms, excess, covariance, is_open = assess_pose(
             residuals, weight, A, len(self._free_motions), self._radius)
-        share = min(count / max(asked, 1), 1.0)
-        unshared = 1.0 if is_open else math.sqrt(1.0 - 1.0 / excess)
-        lost = ""
-        if count < MIN_INLIERS or share < MIN_INLIER_SHARE:
-            lost = (f"{self.solid.name} is lost: {count} of {asked} points of its edges are seen "
-                    "where it should be")  # fmt: skip
-        return TrackedPose(pose, covariance, unshared, share, count, rms, lost)
+        inlier_share = min(count / max(visible_count, 1), 1.0)
+        unrepeatable_part = 1.0 if is_open else math.sqrt(1.0 - 1.0 / excess)
+        loss_reason = ""
+        if count < MIN_INLIERS or inlier_share < MIN_INLIER_SHARE:
+            loss_reason = (
+                f"{self.solid.name} is lost: {count} of {visible_count} points of its edges "
+                "are found near the expected pose"
+            )
+        return TrackedPose(
+            pose, covariance, unrepeatable_part, inlier_share, count, rms, loss_reason
+        )
 
     def _update_levels(self) -> None:
-        """Remember the grey levels beside the edges that were found."""
+        """Update the stored grey levels next to the measured edges."""
         samples, values, residuals = self._best_samples
         update_levels(
             self._levels,

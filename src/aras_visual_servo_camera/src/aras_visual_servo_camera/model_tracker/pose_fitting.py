@@ -1,13 +1,13 @@
-"""Gauss-Newton on a pose, by how far edges and surfaces are from where it has them.
+"""Gauss-Newton estimation of a pose from the distances of edges and surfaces.
 
-    p = R P + t,  dp = v + w x (p - o) / u,   residual of an edge: d - g . (p_xy / p_z - seen),
-                                              residual of a surface: n . (X - p),
+    p = R P + t,  dp = v + w x (p - o) / u,   residual of an edge: d - g . (p_xy / p_z - q),
+                                              residual of a surface: n . (X - p).
 
-about a point o of the camera's frame; w is m too, radians times a length u. d is px along the
-edge's normal as measured from `image_points`, and g px for normalised coordinates; X is a point of
-the depth image, p and n the point and the normal of the face that it should lie in. Residuals
-are
-weighted by Tukey's function, so what lies far beyond the usual has no weight.
+o is a point in the camera's frame. w is an angle multiplied by the length u, so its unit is m. For
+an edge, d is the distance in px along its normal from the image point q (normalised) where it is
+expected, and g is the change of d in px per unit of normalised coordinates. For a surface, X is a
+point of the depth image, and p and n are a point and the normal of the face that X belongs to.
+The residuals are weighted by Tukey's function, which gives outliers no weight.
 
 References: T. Drummond and R. Cipolla, Real-time visual tracking of complex structures, IEEE PAMI
 24(7), 2002; A. I. Comport, E. Marchand, M. Pressigout and F. Chaumette, Real-time markerless
@@ -21,35 +21,41 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit, jit_inline
 
-MAX_ITERATIONS = 6  # Gauss-Newton steps, at most
-CONVERGED_CHANGE = 0.01  # px: a change of the pose by less is none
-SCALE_REDUCTION = 0.3  # part of the last step's least scale
-# Parts of the solid's radius: that a motion goes at once of which the edges tell nothing, and to
-# which the points of a depth image are exact at best; 5 and 0.3 mm of one of 5 cm.
+MAX_ITERATIONS = 6  # largest number of Gauss-Newton steps
+CONVERGED_CHANGE = 0.01  # px; the iteration stops after a smaller change of the pose
+SCALE_REDUCTION = 0.3  # factor on the minimum scale of the residuals from step to step
+# In units of the solid's radius: step size of a motion that the edges do not determine, and best
+# accuracy of the points of a depth image. For a radius of 5 cm these are 5 mm and 0.3 mm.
 MAX_FREE_STEP, FLATNESS = 0.1, 6e-3
-TUKEY_CONSTANT = 4.685  # times the standard deviation, beyond which a residual has no weight
-INLIER_DISTANCE = 1.0  # px from the solid within which an edge counts as its own
-UNOBSERVABLE_VARIANCE = 1e4  # m^2, variance of what the edges cannot tell
-MAD_FACTOR = 1.4826  # standard deviation over median of absolute values
+TUKEY_CONSTANT = 4.685  # residuals beyond this many standard deviations have no weight
+INLIER_DISTANCE = 1.0  # px from the solid's edge within which a measured edge is an inlier
+UNOBSERVABLE_VARIANCE = 1e4  # m^2, for motions that the edges do not determine
+MAD_FACTOR = 1.4826  # ratio of the standard deviation to the median absolute deviation
 
 
 @jit("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1], f8, f8")
 def build_edge_equations(
     solid_points, image_points, gain, edge_offsets, weight, T, origin, unit, min_scale
 ):
-    """Normal equations of edge points for a change (v, w) of the pose T, in the camera's axes.
+    """Build the normal equations of edge points for a change (v, w) of the pose T.
+
+    The change is in the camera's axes.
 
     Args:
-        at, seen, gain: as of EdgePoints. away: (n, c) px along the normal of each candidate, NaN
-            where there is none; the nearest counts. weight: (n,). about, unit: o (3,) and u.
-            least: px, of the scale.
+        solid_points, image_points, gain: as in EdgePoints.
+        edge_offsets: (n, c) px along the normal of each candidate edge, NaN for none. The candidate
+            nearest to the projected point is used.
+        weight: (n,).
+        T: (4, 4) camera_T_solid.
+        origin, unit: o (3,) and u.
+        min_scale: smallest scale of the residuals, px.
 
-    Answers:
-        A (6, 6) and b (6,); residuals (n,), NaN where there are none.
+    Returns:
+        A (6, 6) and b (6,); residuals (n,), NaN where there is no edge.
     """
     count = len(solid_points)
     rows, residuals = np.empty((count, 6)), np.full(count, np.nan)
-    sizes, used = np.empty(count), 0
+    sizes, count_used = np.empty(count), 0
     for n in range(count):
         x = (
             T[0, 0] * solid_points[n, 0]
@@ -71,26 +77,28 @@ def build_edge_equations(
         )
         if z <= 0.0:
             continue
-        now = gain[n, 0] * (x / z - image_points[n, 0]) + gain[n, 1] * (y / z - image_points[n, 1])
-        best = np.nan
+        projected_offset = gain[n, 0] * (x / z - image_points[n, 0]) + gain[n, 1] * (
+            y / z - image_points[n, 1]
+        )
+        smallest = np.nan
         for c in range(edge_offsets.shape[1]):
-            one = edge_offsets[n, c] - now
-            if one == one and not abs(one) >= abs(best):
-                best = one
-        if best != best:
+            residual = edge_offsets[n, c] - projected_offset
+            if residual == residual and not abs(residual) >= abs(smallest):
+                smallest = residual
+        if smallest != smallest:
             continue
-        residuals[n] = best
-        sizes[used] = abs(best)
-        used += 1
+        residuals[n] = smallest
+        sizes[count_used] = abs(smallest)
+        count_used += 1
         a, b = gain[n, 0] / z, gain[n, 1] / z
         c = -(a * x + b * y) / z
         rows[n, 0], rows[n, 1], rows[n, 2] = a, b, c
         x, y, z = (x - origin[0]) / unit, (y - origin[1]) / unit, (z - origin[2]) / unit
         rows[n, 3], rows[n, 4], rows[n, 5] = y * c - z * b, z * a - x * c, x * b - y * a
     A, right = np.zeros((6, 6)), np.zeros(6)
-    if used == 0:
+    if count_used == 0:
         return A, right, residuals
-    scale = max(MAD_FACTOR * np.median(sizes[:used]), min_scale)
+    scale = max(MAD_FACTOR * np.median(sizes[:count_used]), min_scale)
     for n in range(count):
         if residuals[n] != residuals[n]:
             continue
@@ -110,7 +118,7 @@ def build_edge_equations(
 
 @jit_inline
 def _is_inside_triangle(x, y, z, a, b, c, n):
-    """Whether a point of the triangle's plane is inside of it."""
+    """Check that a point of the triangle's plane is inside the triangle."""
     for p, q in ((a, b), (b, c), (c, a)):
         ex, ey, ez = q[0] - p[0], q[1] - p[1], q[2] - p[2]
         fx, fy, fz = x - p[0], y - p[1], z - p[2]
@@ -123,16 +131,20 @@ def _is_inside_triangle(x, y, z, a, b, c, n):
 
 @jit("f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8, f8")
 def build_surface_equations(vertices, faces, normals, measured_points, T, origin, unit, min_scale):
-    """Normal equations of a depth image, for a change as of `build_edge_equations`; weighted by
-    1/m^2.
+    """Build the normal equations of a depth image, with weights in 1/m^2.
+
+    The unknowns are those of `build_edge_equations`.
 
     Args:
-        vertices, faces, normals: of the solid. measured: (n, 3) normalised x, y of pixels, and
-            their depth, m. about, unit, least: as there, but least in m.
+        vertices, faces, normals: as in Solid.
+        measured_points: (n, 3) normalised x, y of pixels and their depth, m.
+        T, origin, unit: as in `build_edge_equations`.
+        min_scale: smallest scale of the residuals, m.
 
-    Answers A (6, 6), b (6,), and how many points lie on the solid.
+    Returns:
+        A (6, 6), b (6,), and the number of points on the solid.
     """
-    points, turned = np.empty((len(vertices), 3)), np.empty((len(faces), 3))
+    points, rotated_normals = np.empty((len(vertices), 3)), np.empty((len(faces), 3))
     for i in range(len(vertices)):
         for k in range(3):
             points[i, k] = T[k, 3]
@@ -140,26 +152,26 @@ def build_surface_equations(vertices, faces, normals, measured_points, T, origin
                 points[i, k] += T[k, m] * vertices[i, m]
     for f in range(len(faces)):
         for k in range(3):
-            turned[f, k] = 0.0
+            rotated_normals[f, k] = 0.0
             for m in range(3):
-                turned[f, k] += T[k, m] * normals[f, m]
+                rotated_normals[f, k] += T[k, m] * normals[f, m]
     residuals, sizes = np.empty(len(measured_points)), np.empty(len(measured_points))
-    on, used = np.full(len(measured_points), -1), 0
+    face_indices, used = np.full(len(measured_points), -1), 0
     for i in range(len(measured_points)):
         x, y, d = measured_points[i]
         nearest = np.inf
         for f in range(len(faces)):
             a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
-            n = turned[f]
+            n = rotated_normals[f]
             facing = n[0] * a[0] + n[1] * a[1] + n[2] * a[2]
             along = n[0] * x + n[1] * y + n[2]
             if facing >= 0.0 or along >= 0.0 or facing / along >= nearest:
                 continue
             z = facing / along
             if _is_inside_triangle(x * z, y * z, z, a, b, c, n):
-                nearest, on[i] = z, f
-        if on[i] >= 0:
-            n, a = turned[on[i]], points[faces[on[i], 0]]
+                nearest, face_indices[i] = z, f
+        if face_indices[i] >= 0:
+            n, a = rotated_normals[face_indices[i]], points[faces[face_indices[i], 0]]
             residuals[i] = n[0] * (x * d - a[0]) + n[1] * (y * d - a[1]) + n[2] * (d - a[2])
             sizes[used] = abs(residuals[i])
             used += 1
@@ -169,12 +181,12 @@ def build_surface_equations(vertices, faces, normals, measured_points, T, origin
     scale = max(MAD_FACTOR * np.median(sizes[:used]), min_scale)
     row, count = np.empty(6), 0
     for i in range(len(measured_points)):
-        if on[i] < 0 or abs(residuals[i]) >= TUKEY_CONSTANT * scale:
+        if face_indices[i] < 0 or abs(residuals[i]) >= TUKEY_CONSTANT * scale:
             continue
         part = residuals[i] / (TUKEY_CONSTANT * scale)
         w = ((1.0 - part * part) / scale) ** 2
         x, y, d = measured_points[i]
-        n = turned[on[i]]
+        n = rotated_normals[face_indices[i]]
         row[0], row[1], row[2] = n[0], n[1], n[2]
         x, y, z = (x * d - origin[0]) / unit, (y * d - origin[1]) / unit, (d - origin[2]) / unit
         row[3], row[4], row[5] = y * n[2] - z * n[1], z * n[0] - x * n[2], x * n[1] - y * n[0]
@@ -188,28 +200,32 @@ def build_surface_equations(vertices, faces, normals, measured_points, T, origin
 
 @jit("f8[:,::1], f8[::1], f8[::1]", allocates=False)
 def _remove_motion(A, b, free_motion):
-    """Takes a motion (6,) of length 1 out of normal equations."""
-    told = 0.0
+    """Project a motion (6,) of unit length out of the normal equations, in place."""
+    component = 0.0
     for i in range(6):
-        told += free_motion[i] * b[i]
+        component += free_motion[i] * b[i]
     for i in range(6):
-        b[i] -= free_motion[i] * told
-        along = 0.0
+        b[i] -= free_motion[i] * component
+        projection = 0.0
         for j in range(6):
-            along += A[i, j] * free_motion[j]
+            projection += A[i, j] * free_motion[j]
         for j in range(6):
-            A[i, j] -= along * free_motion[j]
+            A[i, j] -= projection * free_motion[j]
     for j in range(6):
-        along = 0.0
+        projection = 0.0
         for i in range(6):
-            along += free_motion[i] * A[i, j]
+            projection += free_motion[i] * A[i, j]
         for i in range(6):
-            A[i, j] -= free_motion[i] * along
+            A[i, j] -= free_motion[i] * projection
 
 
 @jit("f8[:,::1], f8[::1], f8[::1], f8[::1]")
 def _update_pose(T, rotation, translation, middle):
-    """The pose T (4, 4) turned by a rotation vector (3,), with the solid's middle (3,) at place."""
+    """Return the pose T (4, 4) rotated by a rotation vector (3,).
+
+    `middle` (3,) is the solid's middle in its own frame, `translation` (3,) its new position in the
+    camera's frame.
+    """
     angle = np.sqrt(rotation[0] ** 2 + rotation[1] ** 2 + rotation[2] ** 2)
     first, second = 1.0, 0.5
     if angle > 1e-8:
@@ -235,86 +251,96 @@ def _update_pose(T, rotation, translation, middle):
 def fit_pose(solid_points, image_points, gain, edge_offsets, weight, T, first_scale, last_scale,
     middle, radius, free_motions, vertices, faces,
            normals, surface):  # fmt: skip
-    """The pose that edges, and points of a depth image, are explained by.
+    """Fit a pose to edges and to the points of a depth image.
 
     Args:
-        at, seen, gain, away, weight: as of `build_edge_equations`. T: (4, 4) to begin with.
-        wide, exact: px, least scales of the residuals in the first and in the last steps.
-        middle, radius: (3,) m, in the solid's frame, and m: o and u.
-        slips: (k, 6) as of Solid.slips, the rows: left out.
-        vertices, faces, normals: of the solid. surface: (n, 3) `measured_points` of
-        `build_surface_equations`.
+        solid_points, image_points, gain, edge_offsets, weight: as in `build_edge_equations`.
+        T: (4, 4) initial pose.
+        first_scale, last_scale: smallest scale of the residuals in the first and in the last steps,
+            px.
+        middle, radius: middle (3,) of the solid in its frame, and its radius, m. They give o and u.
+        free_motions: (k, 6), the rows are the motions of Solid.compute_free_motions; they are
+            removed.
+        vertices, faces, normals: as in Solid.
+        surface: (n, 3) `measured_points` of `build_surface_equations`.
 
-    Answers:
-        the pose; how far it moved the solid in the picture, px, about; the residuals (n,) and the
-        information A (6, 6) about the middle, in the camera's axes.
+    Returns:
+        The pose; its approximate change in the image, px; the residuals (n,); and the information
+        matrix A (6, 6) about the middle, in the camera's axes.
     """
     focal = np.hypot(gain[0, 0], gain[0, 1]) if len(gain) else 0.0
-    about, first, slip = np.empty(3), np.empty(3), np.empty(6)
-    pose, least, turned = T.copy(), first_scale, np.zeros(3)
+    origin, first_origin, free_motion = np.empty(3), np.empty(3), np.empty(6)
+    pose, min_scale, total_rotation = T.copy(), first_scale, np.zeros(3)
     residuals, A = np.full(len(edge_offsets), np.nan), np.zeros((6, 6))
     for step in range(MAX_ITERATIONS + 1):
         for k in range(3):
-            about[k] = pose[k, 3]
+            origin[k] = pose[k, 3]
             for m in range(3):
-                about[k] += pose[k, m] * middle[m]
+                origin[k] += pose[k, m] * middle[m]
         if step == 0:
             for k in range(3):
-                first[k] = about[k]
+                first_origin[k] = origin[k]
         A, b, residuals = build_edge_equations(
-            solid_points, image_points, gain, edge_offsets, weight, pose, about, radius, least
+            solid_points, image_points, gain, edge_offsets, weight, pose, origin, radius, min_scale
         )
         if len(surface):
-            more, told, _ = build_surface_equations(
-                vertices, faces, normals, surface, pose, about, radius, FLATNESS * radius)
+            surface_A, surface_b, _ = build_surface_equations(
+                vertices, faces, normals, surface, pose, origin, radius, FLATNESS * radius)
             for i in range(6):
-                b[i] += told[i]
+                b[i] += surface_b[i]
                 for j in range(6):
-                    A[i, j] += more[i, j]
+                    A[i, j] += surface_A[i, j]
         for s in range(len(free_motions)):
             for k in range(3):
-                slip[k] = slip[3 + k] = 0.0
+                free_motion[k] = free_motion[3 + k] = 0.0
                 for m in range(3):
-                    slip[k] += pose[k, m] * free_motions[s, m]
-                    slip[3 + k] += pose[k, m] * free_motions[s, 3 + m]
-            _remove_motion(A, b, slip)
+                    free_motion[k] += pose[k, m] * free_motions[s, m]
+                    free_motion[3 + k] += pose[k, m] * free_motions[s, 3 + m]
+            _remove_motion(A, b, free_motion)
         if step == MAX_ITERATIONS:
             break
         damped = A.copy()
         for i in range(6):
             damped[i, i] += 1.0 / (MAX_FREE_STEP * radius) ** 2
         change = np.linalg.solve(damped, b)
-        turn, place, along, around = np.empty(3), np.empty(3), 0.0, 0.0
+        rotation, new_origin, squared_translation, squared_rotation = (
+            np.empty(3),
+            np.empty(3),
+            0.0,
+            0.0,
+        )
         for k in range(3):
-            turned[k] += change[3 + k]
-            turn[k], place[k] = change[3 + k] / radius, about[k] + change[k]
-            along += change[k] ** 2
-            around += change[3 + k] ** 2
-        pose = _update_pose(pose, turn, place, middle)
-        moved = np.sqrt(along) + np.sqrt(around)
-        if least == last_scale and focal * moved < CONVERGED_CHANGE * about[2]:
+            total_rotation[k] += change[3 + k]
+            rotation[k], new_origin[k] = change[3 + k] / radius, origin[k] + change[k]
+            squared_translation += change[k] ** 2
+            squared_rotation += change[3 + k] ** 2
+        pose = _update_pose(pose, rotation, new_origin, middle)
+        change_norm = np.sqrt(squared_translation) + np.sqrt(squared_rotation)
+        if min_scale == last_scale and focal * change_norm < CONVERGED_CHANGE * origin[2]:
             break
-        least = max(SCALE_REDUCTION * least, last_scale)
-    along = around = 0.0
+        min_scale = max(SCALE_REDUCTION * min_scale, last_scale)
+    squared_translation = squared_rotation = 0.0
     for k in range(3):
-        along += (about[k] - first[k]) ** 2
-        around += turned[k] ** 2
-    total = np.sqrt(along) + np.sqrt(around)
-    return pose, focal * total / about[2], residuals, A
+        squared_translation += (origin[k] - first_origin[k]) ** 2
+        squared_rotation += total_rotation[k] ** 2
+    total = np.sqrt(squared_translation) + np.sqrt(squared_rotation)
+    return pose, focal * total / origin[2], residuals, A
 
 
 @jit("f8[::1], f8[::1], f8[:,::1], i8, f8")
 def assess_pose(residuals, weight, A, free_motion_count, radius):
-    """How well a pose is known.
+    """Assess the accuracy of a fitted pose.
 
     Args:
-        residuals, A: as `fit_pose` answers them. weight: (n,) 1 / px^2. slips: number of motions
-            that no picture tells. radius: m.
+        residuals, A: results of `fit_pose`.
+        weight: (n,) 1 / px^2.
+        free_motion_count: number of motions that leave the solid's surface unchanged.
+        radius: radius of the solid, m.
 
-    Answers:
-        how many points are explained; their distances, px, rms; how many times as large, squared,
-        these are as the weights let expect, at least 1; the covariance (6, 6) of a change (m, rad)
-        about the middle; whether a motion is open that a picture can tell.
+    Returns:
+        The number of inliers; their rms distance, px; the ratio, at least 1, of their squared
+        distances to those expected from the weights; the covariance (6, 6) of a pose change (m,
+        rad) about the middle; and True if a motion that changes the image is undetermined.
     """
     count, squares, weighted = 0, 0.0, 0.0
     for n in range(len(residuals)):

@@ -1,4 +1,4 @@
-"""What trackers of straight lines have in common: profiles across a line, and its fit."""
+"""Base class of trackers that fit straight lines to profiles of grey levels."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from ..undistortion import CameraModel
 from .base import Tracker
 
-OUTLIER_DISTANCE = 1.0  # px from a line beyond which a point is none of it
+OUTLIER_DISTANCE = 1.0  # px; points farther from a line do not belong to it
 
 
 class EdgeTracker(Tracker):
-    """Base of trackers that fit straight lines, which a lens bends: give `places`."""
+    """Base class of trackers of straight lines; subclasses implement `find_normalised`."""
 
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
-        """See Tracker.find; of a picture without a lens, or with the lens taken off."""
+        """Find the points, as `Tracker.find` does, in an image without lens distortion."""
         rows, columns = grey.shape
         return self.find_normalised(grey, CameraModel(columns, rows, (1, 0, 0, 0, 1, 0, 0, 0, 1)))
 
@@ -25,38 +25,47 @@ class EdgeTracker(Tracker):
         grey: np.ndarray, camera: CameraModel, scale: float, stations: np.ndarray,
         normal: np.ndarray, across: np.ndarray,
     ) -> np.ndarray:  # fmt: skip
-        """Grey levels (n, m) at `across` (m,) along the normal (2,) from stations (n, 2); px of the
-        picture without the lens, `scale` of them to a normalised length of 1."""
+        """Return the grey levels (n, m) of profiles across a line.
+
+        A profile has samples at the distances `across` (m,) along the normal from a station, (n,
+        2).
+
+        Positions are in px of the undistorted image; `scale` px are a normalised length of 1.
+        """
         places = stations[:, None] + across[:, None] * normal
         u, v = camera.project(*(places.reshape(-1, 2).T / scale))
         return _interpolate(grey, u, v).reshape(places.shape[:2])
 
     @staticmethod
-    def _near(points: np.ndarray, x: float, y: float, dx: float, dy: float) -> np.ndarray:
-        """Which of points (n, 2), px, lie at the line through (x, y) along (dx, dy)."""
+    def _is_near(points: np.ndarray, x: float, y: float, dx: float, dy: float) -> np.ndarray:
+        """Return a mask of the points (n, 2), px, near the line through (x, y) along (dx, dy)."""
         return np.abs((points - (x, y)) @ (-dy, dx)) < OUTLIER_DISTANCE
 
     @staticmethod
     def _fit_robust_line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A point (2,) and the direction (2,) of the line through points (n, 2), px, but for those
-        that lie off it."""
+        """Fit a line to points (n, 2), px, without outliers; return a point and the direction (2,).
+        """
         middle = points.mean(axis=0)
         dx, dy, x, y = _fit_line(points - middle, cv2.DIST_HUBER)
-        near = EdgeTracker._near(points - middle, x, y, dx, dy)
-        if near.sum() > 1:  # Huber's fit ends some hundredths of a pixel early
+        near = EdgeTracker._is_near(points - middle, x, y, dx, dy)
+        if near.sum() > 1:  # Huber's fit stops some hundredths of a pixel too early
             dx, dy, x, y = _fit_line((points - middle)[near], cv2.DIST_L2)
         return middle + (x, y), np.array([dx, dy])
 
     @staticmethod
     def _intersect_lines(lines: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-        """Where each line (point, direction) meets the one before it (n, 2)."""
-        whole = np.array([(-dy, dx, x * dy - y * dx) for (x, y), (dx, dy) in lines])
-        crossings = np.cross(np.roll(whole, 1, axis=0), whole)
+        """Return the intersections (n, 2) of each line (point, direction) with the one before it.
+        """
+        homogeneous = np.array([(-dy, dx, x * dy - y * dx) for (x, y), (dx, dy) in lines])
+        crossings = np.cross(np.roll(homogeneous, 1, axis=0), homogeneous)
         return crossings[:, :2] / crossings[:, 2:]
 
 
 def _interpolate(grey: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Grey levels (n,) at pixels (u, v) (n,), bilinear; OpenCV knows only 32nds of a pixel."""
+    """Interpolate grey levels (n,) bilinearly at pixels (u, v) (n,).
+
+    OpenCV's interpolation has a resolution of 1/32 px only.
+    """
     rows, columns = grey.shape
     u, v = np.clip(u, 0.0, columns - 1.0), np.clip(v, 0.0, rows - 1.0)
     i, j = np.minimum(u.astype(int), columns - 2), np.minimum(v.astype(int), rows - 2)
@@ -67,5 +76,5 @@ def _interpolate(grey: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _fit_line(points: np.ndarray, kind: int) -> np.ndarray:
-    """dx, dy, x, y of OpenCV's line through points (n, 2)."""
+    """Fit a line to points (n, 2) with OpenCV; return dx, dy, x, y."""
     return cv2.fitLine(points.astype(np.float32), kind, 0.0, 1e-4, 1e-4).ravel().astype(float)

@@ -1,4 +1,4 @@
-"""A solid as a target: its pose, told as points of a plane for schemes of points and poses."""
+"""Tracker of a solid, whose pose is given as points of a plane."""
 
 from __future__ import annotations
 
@@ -21,48 +21,56 @@ from ..undistortion import CameraModel
 from .base import TRACKERS, TrackedPoints, Tracker
 from .start_pose import StartPose
 
-BEST_ACCURACY = 0.01  # px to which the points of a pose are known, whatever its covariance
+BEST_ACCURACY = 0.01  # px; smallest error of the points, for any covariance of the pose
 
 
 @TRACKERS.register("model")
 @dataclass(eq=False)
 class ModelTracker(Tracker):
-    """The corners of a solid's middle plane (see Solid.points), by its pose.
+    """The corners of a solid's middle section, computed from the pose of the solid.
+
+    The section is that of Solid.compute_section_corners.
+
+    Schemes for points and poses can thus be used with a solid.
 
     Attributes:
-        tracking: what finds the pose; its `found` has that of the last picture.
+        tracking: tracker of the pose; its `tracked_pose` is that of the last image.
     """
 
     model: str | Solid = parameter("", help="mesh file (STL, OBJ, DAE) of the target")
-    model_start: Mapping[str, Any] | StartPose = parameter({}, help="where the target is at first")
+    model_start: Mapping[str, Any] | StartPose = parameter({}, help="start pose of the target")
     model_scale: float = parameter(
-        1.0, above=0.0, help="factor on the file's lengths, 0.001 where they are in mm"
+        1.0, above=0.0, help="factor on the file's lengths, e.g. 0.001 for mm"
     )
 
     def __post_init__(self) -> None:
         start, solid = self.model_start, self.model
         self._start_pose = start if isinstance(start, StartPose) else StartPose(start)
         if not solid:
-            raise ModelError("tracker 'model' needs the mesh of what it follows: give model: FILE")
+            raise ModelError("tracker 'model' needs the mesh of the target: set model: FILE")
         if not isinstance(solid, Solid):
             solid = read_solid(solid, self.model_scale)
         self.tracking = ModelTracking(solid)
         self.reset()
 
     def reset(self) -> None:
-        """See Tracker.reset."""
+        """Forget earlier images, as `Tracker.reset` does."""
         self.tracking.start(None)
         self._world_T_solid: np.ndarray | None = None
 
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
-        """A pose needs the camera: see `look`."""
+        """Raise VisionError, because a pose needs the calibration; use `track`."""
         raise VisionError("tracker 'model' needs the camera's calibration")
 
     def track(
         self, grey: NDArray[np.uint8], camera: CameraModel,
         world_T_camera: np.ndarray | None = None, depth: NDArray[np.float32] | None = None,
     ) -> TrackedPoints:  # fmt: skip
-        """See Tracker.look; VisionError where the solid is lost."""
+        """Find the points in the next image, as `Tracker.track` does.
+
+        Raises:
+            VisionError: the solid is lost, or its start pose cannot be computed.
+        """
         tracking, expected = self.tracking, None
         if not tracking.is_started:
             tracking.start(self._start_pose.compute_camera_T_solid(grey, camera, world_T_camera))
@@ -71,7 +79,7 @@ class ModelTracker(Tracker):
         found = tracking.track(grey, camera, expected, depth)
         if found.loss_reason:
             if self._world_T_solid is None or self._start_pose.kind == "marker":
-                tracking.start(None)  # it is looked for anew
+                tracking.start(None)  # search from the start pose again
             raise VisionError(found.loss_reason)
         pose = found.camera_T_solid
         if world_T_camera is not None:
@@ -86,6 +94,6 @@ class ModelTracker(Tracker):
 
 
 def _compute_plane(pose: np.ndarray, points: np.ndarray) -> Plane | None:
-    """Of the points (4, 3); None where the camera lies in it."""
-    across = float(pose[:3, 2] @ points[0])
-    return Plane(*(pose[:3, 2] / across).tolist()) if across else None
+    """Return the plane of the points (4, 3), or None if the camera lies in it."""
+    distance = float(pose[:3, 2] @ points[0])
+    return Plane(*(pose[:3, 2] / distance).tolist()) if distance else None

@@ -1,4 +1,4 @@
-"""Where a solid is in the first picture: by a pose, by a marker, by places that were clicked."""
+"""Pose of a solid in the first image: from a pose, a marker, or clicked points."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ START_FORMS = (
 
 
 class StartPose:
-    """How a solid is found at first; made of what a parameter says.
+    """Start pose of a solid, as defined by a parameter with one of three keys.
 
-    pose: of the solid in the arm's base (the world), m and rad.
-    marker: an ArUco or AprilTag marker on the solid: size of its black square, m, and pose of its
-        middle in the solid's frame, its x to the right and y up as it is read; number: see
-        MarkerChoice, the largest in view where it is left out.
-    clicks: places x, y, z of the solid, m, and the pixels u, v where the first picture has them;
-        four at least.
+    pose: pose of the solid in the arm's base (the world), m and rad.
+    marker: an ArUco or AprilTag marker on the solid: `size` of its black square, m; `pose` of its
+    middle
+        in the solid's frame, with x to the right and y up as the marker is read; `number` as in
+        MarkerChoice, by default the largest marker in view.
+    clicks: at least four points x, y, z of the solid, m, with their pixels u, v in the first image.
     """
 
     def __init__(self, entry: Mapping[str, Any]) -> None:
-        """`entry`: one of these by its name.
+        """Parse the parameter, a mapping with one of the three keys.
 
         Raises:
-            ModelError: it is none of them.
+            ModelError: the parameter is invalid.
         """
         if len(entry) != 1 or next(iter(entry)) not in ("pose", "marker", "clicks"):
-            raise ModelError(f"model_start says where the model is at first: {START_FORMS}")
+            raise ModelError(f"model_start must define the start pose of the model: {START_FORMS}")
         ((self.kind, value),) = entry.items()
         try:
             if self.kind == "pose":
@@ -57,10 +57,10 @@ class StartPose:
     def compute_camera_T_solid(
         self, grey: NDArray[np.uint8], camera: CameraModel, world_T_camera: np.ndarray | None
     ) -> np.ndarray:
-        """(4, 4) in the first picture.
+        """Compute the pose camera_T_solid (4, 4) in the first image.
 
         Raises:
-            VisionError: the marker is not in view, or nobody knows where the camera is.
+            VisionError: the marker is not in view, or the pose of the camera is needed and unknown.
         """
         if self.kind == "pose":
             if world_T_camera is None:
@@ -76,20 +76,28 @@ class StartPose:
 
 
 def solve_pnp(object_points: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """camera_T_solid (4, 4) of places (n, 3), m, seen at points (n, 2), normalised.
+    """Compute camera_T_solid (4, 4) from points of the solid and their image points.
+
+    Args:
+        object_points: (n, 3) m, in the solid's frame.
+        points: (n, 2) normalised.
 
     Raises:
-        ModelError: they give no pose.
+        ModelError: the points do not determine a pose.
     """
-    good, turn, move = cv2.solvePnP(
+    is_solved, rotation_vector, translation = cv2.solvePnP(
         np.ascontiguousarray(object_points, float), np.ascontiguousarray(points, float), np.eye(3),
         None,
         flags=cv2.SOLVEPNP_SQPNP,
     )  # fmt: skip
-    if not good or not (np.isfinite(turn).all() and np.isfinite(move).all()) or move[2] <= 0.0:
+    if (
+        not is_solved
+        or not (np.isfinite(rotation_vector).all() and np.isfinite(translation).all())
+        or translation[2] <= 0.0
+    ):
         raise ModelError("the points of the model give no pose: are they on one line?")
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(turn)[0], move.ravel()
+    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(rotation_vector)[0], translation.ravel()
     return pose
 
 

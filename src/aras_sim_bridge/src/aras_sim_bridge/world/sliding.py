@@ -1,9 +1,11 @@
-"""Friction against the way that a loose body slides.
+"""Correction of Bullet's friction, so that it opposes the sliding direction of a free body.
 
-Bullet's cone of friction bounds its size, but weighs its two directions by what the body's inertia
-lets each corner move: a box of 0.6 x 0.1 m that slides aslant to its edges is slowed down by a
-fifth too little and bends by 20 degrees. So what friction of this size along the way would be, less
-what it was in the last step, is given to the body in the next one: within 1 % then.
+Bullet's friction cone bounds the magnitude, but scales the two directions by the inertia of the
+body at each corner. A box of 0.6 x 0.1 m that slides at an angle to its edges is decelerated by a
+fifth too little and turns by 20 degrees. Therefore the difference between the correct friction,
+with the same magnitude against the sliding direction, and that of the last step is applied in the
+next step.
+The remaining error is 1 %.
 """
 
 from __future__ import annotations
@@ -16,14 +18,18 @@ from aras_sim_bridge.world.impacts import Impacts
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.poses import Vector3, add, cross, scale, subtract
 
-_SLOWEST_SLIDING = 5e-3  # m/s; slower bodies are left to Bullet, which brings them to rest
+_SLOWEST_SLIDING = 5e-3  # m/s; Bullet brings slower bodies to rest
 _SLOWEST_TURNING = 5e-2  # rad/s
-_PAUSE = 5  # steps between two looks where nothing moved
-_STEPS = 4  # a point slides when friction needs so many steps at least to hold it up
+_PAUSE = 5  # steps between two checks while no body moves
+_STEPS = 4  # a point counts as sliding if friction needs at least so many steps to stop it
 
 
 class SlidingFriction:
-    """Keeps the friction of the loose bodies of a world: free models without joints."""
+    """Corrects the friction of the free bodies of a world: models without joints or fixed base.
+
+    Attributes:
+        loose: these models.
+    """
 
     def __init__(self, client: int) -> None:
         self._client = client
@@ -33,12 +39,12 @@ class SlidingFriction:
         self._pause = 0  # steps
 
     def check_all(self) -> None:
-        """A body was pushed or put elsewhere: look at all in the next step."""
+        """Check all bodies in the next step, after one was pushed or moved."""
         self._pause = 0
         self._impacts.check_all()
 
     def set_models(self, models: Iterable[Model]) -> None:
-        """Models came, went, were loaded anew or are held."""
+        """Find the free bodies, after models were spawned, deleted, reloaded or fixed."""
         models = list(models)
         self.loose = [model for model in models if not (model.fixed_base or model.joint_names)]
         self._pause = 0
@@ -46,8 +52,7 @@ class SlidingFriction:
         self._fixed = frozenset(model.body.body_id for model in models if model.fixed_base)
 
     def before_step(self, dt: float) -> None:
-        """Correct in the coming step of `dt` s what was wrong with friction in the last one, and
-        see what the bodies strike in it."""
+        """Correct the friction of the last step in the next one of `dt` s, and detect impacts."""
         self._impacts.restore_restitution()
         if self._pause:
             self._pause -= 1
@@ -63,7 +68,7 @@ class SlidingFriction:
 
     def _correct_friction(self, model: Model, linear: Vector3, angular: Vector3, dt: float,
               corrected_bodies: set[int]) -> None:
-        """Those contacts of a loose body that are not with one of those `corrected_bodies`."""
+        """Correct the contacts of a free body, except those with one of `corrected_bodies`."""
         body = model.body_id
         contacts = [
             one for one in find_contacts(body, self._client) if one[1] not in corrected_bodies
@@ -92,7 +97,7 @@ class SlidingFriction:
                                     physicsClientId=self._client)
 
     def _compute_point_velocity(self, body: int, link: int, point: Vector3) -> Vector3:
-        """Velocity of the point of a body's link that is there, m/s."""
+        """Return the velocity of the point of a link that is at `point`, m/s."""
         if link >= 0:
             state = pybullet.getLinkState(body, link, True, True, self._client)
             centre, linear, angular = state[0], state[6], state[7]

@@ -151,7 +151,7 @@ CHAIN, STORE, VISP = kalibr(RADTAN, "plumb_bob"), opencv(".xml")(RADTAN, ""), vi
 
 
 @pytest.mark.parametrize(("name", "text", "message"), [
-    ("a.yaml", ROS.replace("plumb_bob", "fov"), "distortion_model 'fov' is not served"),
+    ("a.yaml", ROS.replace("plumb_bob", "fov"), "distortion_model 'fov' is not supported"),
     ("a.yaml", ROS.replace("plumb_bob", "equidistant"), "5 numbers, and the distortion model eq"),
     ("a.yaml", ros(RATIONAL, "plumb_bob"), "8 numbers.*plumb_bob takes 4 or 5.*set the model rat"),
     ("a.yaml", ros(RATIONAL[:6], "plumb_bob"), "hold 6 numbers"),
@@ -165,14 +165,14 @@ CHAIN, STORE, VISP = kalibr(RADTAN, "plumb_bob"), opencv(".xml")(RADTAN, ""), vi
     ("a.yaml", ROS.replace("  - -0.02\n", ""), "1 rows and 5 cols, and its data hold 4"),
     ("a.yaml", ROS.replace("rows: 3", "rows: 4", 1), "camera_matrix has 4 rows"),
     ("a.yaml", CHAIN.replace("radtan", "fov"), "cam0: distortion_model 'fov'"),
-    ("a.yaml", CHAIN.replace("pinhole", "omni"), "camera_model 'omni' is not served"),
+    ("a.yaml", CHAIN.replace("pinhole", "omni"), "camera_model 'omni' is not supported"),
     ("a.yaml", CHAIN.replace("resolution", "size"), "cam0: resolution is missing"),
     ("a.yaml#cam7", CHAIN, "has the cameras cam0, cam1"),
     ("a.xml", STORE.replace("camera_matrix", "matrix"), "camera_matrix is missing"),
     ("a.xml", STORE.replace("distortion_coefficients", "other"), "distortion_coefficients are mis"),
     ("a.xml", re.sub("<image_.*>", "", STORE), "image_width and image_height are missing"),
     ("a.xml", VISP.replace("<kdu>0", "<kdu>-0"), "<kud> -0.21 and <kdu> -0.21 contradict"),
-    ("a.xml", VISP.replace("perspectiveProjWithDistortion", "fov"), "not served|<type> 'fov'"),
+    ("a.xml", VISP.replace("perspectiveProjWithDistortion", "fov"), "not supported|<type> 'fov'"),
     ("a.xml", VISP.replace("<py>610.0</py>", ""), "<py>"),
     ("a.xml", "<robot name='x'/>", "root <robot>, and no calibration"),
     ("a.yaml", "- 1\n", "neither a preset of a camera nor a calibration"),
@@ -233,5 +233,5 @@ def test_a_polynomial_that_folds_outside_of_the_image(model, D):
     )
     u, v = read.project(*far)
     assert ((u < 0) | (u > 639) | (v < 0) | (v > 479)).all()
-    with pytest.raises(CameraError, match="fold the picture over .*inside"):
+    with pytest.raises(CameraError, match="fold the projection over .*inside"):
         CameraConfig.from_mapping({**keys, "camera_matrix": (fx / 4, fy / 4, cx, cy)})

@@ -1,4 +1,4 @@
-"""When the rows of a picture are exposed: all at once, or one after the other."""
+"""Exposure times of the rows of an image, for global and rolling shutters."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .effects import Effects
 
 @dataclass(frozen=True)
 class RowBand:
-    """Rows first ... last - 1 of a picture, seen at one instant: offset_ns after the stamp."""
+    """Rows first ... last - 1 of an image, exposed together `offset_ns` after the stamp."""
 
     offset_ns: int
     first: int
@@ -17,11 +17,11 @@ class RowBand:
 
 
 def make_row_bands(effects: Effects, height: int) -> tuple[RowBand, ...]:
-    """What a picture of `height` rows is put together from, in the order of time.
+    """Return the partial exposures of an image of `height` rows, in temporal order.
 
-    Row r is exposed for exposure_time about stamp + (r - (height - 1) / 2) row_time: the stamp is
-    the middle of the exposure of the picture's middle. exposure_samples instants stand for an
-    exposure, and the middle of rows_together rows for each of them.
+    Row r is exposed for exposure_time around stamp + (r - (height - 1) / 2) row_time, so the stamp
+    is the middle of the exposure of the central row. An exposure is approximated by
+    exposure_samples instants, and a group of rows_together rows by its central row.
     """
     e = effects
     samples = e.exposure_samples if e.exposure_time > 0.0 else 1
@@ -36,5 +36,5 @@ def make_row_bands(effects: Effects, height: int) -> tuple[RowBand, ...]:
 
 
 def compute_duration(effects: Effects, height: int) -> float:
-    """From the first row's opening to the last row's closing, s, and one row_time."""
+    """Return the time from the first row's opening to the last row's closing plus row_time, s."""
     return effects.exposure_time + effects.row_time * height

@@ -33,7 +33,7 @@ class VisualMesh:
 
 @dataclass(frozen=True)
 class _ModelRows:
-    """Rows of a model's links with visuals in the pose table: root (if `has_root`), then `links`."""
+    """Rows of a model's links with visuals in the pose table: root if `has_root`, then `links`."""
 
     model: Model
     first: int

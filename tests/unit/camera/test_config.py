@@ -77,7 +77,7 @@ def test_sensor_tags_are_rendered(caplog):
     config = CameraConfig.from_description(tags)
     assert not caplog.records
     CameraConfig.from_description(replace(tags, distortion_center=(0.5, 0.4)))
-    assert "the distortion's center (0.5, 0.4) is not used" in caplog.text
+    assert "the distortion's center (0.5, 0.4) is ignored" in caplog.text
     assert config.distortion_coefficients == (-0.1, 0.02, 0.001, -0.002, 0.0)
     with pytest.raises(CameraError, match="'plumb_bob' does not go with lens 'equidistant'"):
         CameraConfig.from_description(replace(tags, kind="wideanglecamera"))
@@ -149,7 +149,7 @@ def test_every_shipped_preset_is_valid(preset):
     ({"cutoff_angle": 0.5}, "cutoff_angle is for wide-angle lenses"),
     ({"lens": "equidistant", "cutoff_angle": 0.0}, "cutoff_angle 0.0 rad"),
     ({"xyz": [0.0, float("nan"), 0.0]}, "xyz[1] is nan, must be a finite number"),
-    ({"camera_name": "my camera"}, "camera_name 'my camera' is no name"),
+    ({"camera_name": "my camera"}, "camera_name 'my camera' is not a valid ROS name"),
     ({"image_topic": ""}, "image_topic ''"),
     ({"image_topic": "camera_info"}, "two different names"),
     ({"effects": {"noise_stddev": True}}, "noise_stddev is True, must be a finite number"),

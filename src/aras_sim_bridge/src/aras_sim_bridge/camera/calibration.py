@@ -142,10 +142,10 @@ def check_finite(values: Any, where: str, counts: Sequence[int] = ()) -> tuple[f
     Raises:
         CameraError: a value is not a finite number, or the length is not one of `counts` (if any).
     """
-    wanted = f"{' or '.join(map(str, counts))} finite numbers" if counts else "finite numbers"
+    expected = f"{' or '.join(map(str, counts))} finite numbers" if counts else "finite numbers"
     fits = isinstance(values, list | tuple) and all(
         isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in values
     )
     if not fits or counts and len(values) not in counts:
-        raise CameraError(f"{where} is {format_value(values)}, must be {wanted}")
+        raise CameraError(f"{where} is {format_value(values)}, must be {expected}")
     return tuple(map(float, values))

@@ -14,7 +14,7 @@ from aras_visual_servo_base.lenses import kannala_brandt_fold
 from aras_visual_servo_base.names import resolve_name
 from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_base.settings import build, convert_fields, parameter
-from aras_visual_servo_base.settings import check as hold_to_bounds
+from aras_visual_servo_base.settings import check as check_bounds
 
 from ..description import CameraDescription, DepthTopics
 from ..errors import CameraError
@@ -131,7 +131,7 @@ class CameraConfig:
 
     def __post_init__(self) -> None:
         self._fill_in_lens()
-        hold_to_bounds(self, CameraError, f"camera '{self.name}': ")
+        check_bounds(self, CameraError, f"camera '{self.name}': ")
         check = self._check
         check(self.width * self.height <= LARGEST_AREA,
               f"an image of {self.width} x {self.height} pixels: at most {LARGEST_AREA} pixels are "
@@ -225,11 +225,11 @@ class CameraConfig:
         """Raise CameraError if the image period is too short for exposure and read-out, rate in Hz.
         """
         e, rows = self.effects, f"row_time {self.effects.row_time:g} s of {self.height} rows"
-        taken = {f"exposure_time {e.exposure_time:g} s": e.exposure_time,
+        durations = {f"exposure_time {e.exposure_time:g} s": e.exposure_time,
                  f"{rows}, {e.row_time * self.height:g} s in all": e.row_time * self.height,
                  f"exposure_time and {rows}, {compute_duration(e, self.height):g} s together":
                      compute_duration(e, self.height)}  # fmt: skip
-        for what, time in taken.items():
+        for what, time in durations.items():
             self._check(time < 1.0 / rate, f"{what}: has to be shorter than the period of "
                         f"{1.0 / rate:g} s; lower the rate or shorten it")
 

@@ -192,8 +192,8 @@ def configure_world_camera(
     Raises:
         CameraError: the message names the wrong key.
     """
-    placed = ("parent", "pose", HAND_EYE_KEY)
-    own = {key: value for key, value in settings.items() if key not in placed}
+    pose_keys = ("parent", "pose", HAND_EYE_KEY)
+    own = {key: value for key, value in settings.items() if key not in pose_keys}
     if settings.get("parent") != WORLD:
         raise CameraError(
             f"camera '{name}': parent {settings.get('parent')!r} is not known; only 'world' is "
@@ -286,6 +286,6 @@ def _read_pose(value: object, name: str) -> Pose:
     if isinstance(value, Mapping):
         pose = build(CameraPlacementEntry, value, where, CameraError)
         return Pose.from_rpy(pose.xyz, pose.rpy)
-    wanted = {"expected": "[x, y, z, roll, pitch, yaw] in m and rad"}
-    numbers = convert(value, tuple[(float,) * 6], where, CameraError, wanted)
+    options = {"expected": "[x, y, z, roll, pitch, yaw] in m and rad"}
+    numbers = convert(value, tuple[(float,) * 6], where, CameraError, options)
     return Pose.from_rpy(numbers[:3], numbers[3:])

@@ -174,9 +174,9 @@ class CameraSensor:
         self.check_time_step(step_ns, rate)
         self.config.check_rate(rate)
         self._rate = float(rate)
-        under_way = self._pending_frames
+        pending = self._pending_frames
         self._restart(time_ns, exposure=False)
-        self._pending_frames = under_way
+        self._pending_frames = pending
 
     def trigger(self, time_ns: int, step_ns: int) -> None:
         """Add an exposure in the step of `step_ns` from `time_ns` on, or after pending exposures.
@@ -187,8 +187,8 @@ class CameraSensor:
             return
         stamp = time_ns + step_ns - self._parts[0].offset_ns
         if self._trigger_times:
-            taken_ns = round(compute_duration(self.config.effects, self.config.height) * 1e9)
-            stamp = max(stamp, self._trigger_times[-1] + max(step_ns, taken_ns))
+            duration_ns = round(compute_duration(self.config.effects, self.config.height) * 1e9)
+            stamp = max(stamp, self._trigger_times[-1] + max(step_ns, duration_ns))
         self._trigger_times.append(stamp)
         self._schedule_next()
 
@@ -285,12 +285,16 @@ class CameraSensor:
 
     def _draw(self, pose: np.ndarray, time_ns: int) -> None:
         blend, pose = self._interpolate_pose(self._next_ns, pose, time_ns)
-        shaken = None if self.vibration is None else self.vibration.compute_pose(self._next_ns)
+        displacement = (
+            None if self.vibration is None else self.vibration.compute_pose(self._next_ns)
+        )
         part = self._parts[self._part]
-        image = self.renderer.render(self.make_view(pose, self._bands[part.first], shaken), blend)
+        image = self.renderer.render(
+            self.make_view(pose, self._bands[part.first], displacement), blend
+        )
         if self._part == self._pipeline.middle_part and (self.depth or self.segmentation):
             self._depth_and_labels = self.renderer.measure(
-                self.make_view(pose, mounting_T_shaken=shaken), blend
+                self.make_view(pose, mounting_T_shaken=displacement), blend
             )
         self._pipeline.exposure.add(self._part, image)
 

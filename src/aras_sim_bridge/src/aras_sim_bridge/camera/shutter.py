@@ -25,13 +25,13 @@ def make_row_bands(effects: Effects, height: int) -> tuple[RowBand, ...]:
     """
     e = effects
     samples = e.exposure_samples if e.exposure_time > 0.0 else 1
-    opened = [e.exposure_time * ((n + 0.5) / samples - 0.5) for n in range(samples)]
-    together = min(e.rows_together, height) if e.row_time > 0.0 else height
+    offsets = [e.exposure_time * ((n + 0.5) / samples - 0.5) for n in range(samples)]
+    band_rows = min(e.rows_together, height) if e.row_time > 0.0 else height
     found = []
-    for first in range(0, height, together):
-        last = min(first + together, height)
-        read = e.row_time * (0.5 * (first + last - 1) - 0.5 * (height - 1))
-        found += [RowBand(round(1e9 * (read + at)), first, last) for at in opened]
+    for first in range(0, height, band_rows):
+        last = min(first + band_rows, height)
+        row_offset = e.row_time * (0.5 * (first + last - 1) - 0.5 * (height - 1))
+        found += [RowBand(round(1e9 * (row_offset + at)), first, last) for at in offsets]
     return tuple(sorted(found, key=lambda part: part.offset_ns))
 
 

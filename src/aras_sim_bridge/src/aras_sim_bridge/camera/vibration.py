@@ -65,5 +65,9 @@ class Vibration:
     def compute_pose(self, time_ns: int) -> np.ndarray:
         """Return the pose (4, 4) of the optical frame relative to its pose at rest."""
         sines = np.sin(self._rates * (time_ns / 1e9) + self._phases)
-        moved = self._amplitudes * sines.sum(axis=1)
-        return inverse(LINK_T_OPTICAL) @ matrix_from_xyz_rpy(moved[:3], moved[3:]) @ LINK_T_OPTICAL
+        displacement = self._amplitudes * sines.sum(axis=1)
+        return (
+            inverse(LINK_T_OPTICAL)
+            @ matrix_from_xyz_rpy(displacement[:3], displacement[3:])
+            @ LINK_T_OPTICAL
+        )

@@ -137,7 +137,7 @@ def visible_area(shape, sizes, i, count, line, lines):
         now, last = first, end
         while now < last:
             # The piece is outside j if it is on the negative side of one of j's lines.
-            beside = False
+            outside = False
             for n in range(lines[j]):
                 above = False
                 for m in range(sizes[now]):
@@ -146,9 +146,9 @@ def visible_area(shape, sizes, i, count, line, lines):
                         above = True
                         break
                 if not above:
-                    beside = True
+                    outside = True
                     break
-            if beside:
+            if outside:
                 now += 1
                 continue
             size, source = sizes[now], now

@@ -67,12 +67,14 @@ def _split_clusters(low, high, keys, order, bounds):
             # By position along each axis, or by size.
             for k in range(len(keys)):
                 one = group[np.argsort(keys[k][group], kind="mergesort")]
-                both = (BOX_TEST_COST + half) * _compute_surface(low, high, one[:half])
-                both += (BOX_TEST_COST + count - half) * _compute_surface(low, high, one[half:])
-                if both < cost:
-                    cost, best = both, one
-        whole = (BOX_TEST_COST + count) * _compute_surface(low, high, group)
-        if count > CLUSTER_SIZE or cost < LARGEST_COST_RATIO * whole:
+                split_cost = (BOX_TEST_COST + half) * _compute_surface(low, high, one[:half])
+                split_cost += (BOX_TEST_COST + count - half) * _compute_surface(
+                    low, high, one[half:]
+                )
+                if split_cost < cost:
+                    cost, best = split_cost, one
+        whole_cost = (BOX_TEST_COST + count) * _compute_surface(low, high, group)
+        if count > CLUSTER_SIZE or cost < LARGEST_COST_RATIO * whole_cost:
             for i in range(count):
                 order[begin + i] = best[i]
             pending.append((begin, begin + half))

@@ -86,10 +86,10 @@ def find_touching(work, count, nodes, n):
     """
     x, y, z = nodes[n, 0], nodes[n, 1], nodes[n, 2]
     sine2 = nodes[n, 4] * nodes[n, 4] if nodes[n, 3] > 0.0 else np.inf
-    there = through = np.int64(0)
+    touching = crossing = np.int64(0)
     g = 0
     while g * VECTOR_WIDTH < count:
-        some = crossed = np.int64(0)
+        touches = crosses = np.int64(0)
         for k in range(VECTOR_WIDTH):
             at0 = work[0, g, k] * x + work[1, g, k] * y + work[2, g, k] * z
             at1 = work[3, g, k] * x + work[4, g, k] * y + work[5, g, k] * z
@@ -97,13 +97,13 @@ def find_touching(work, count, nodes, n):
             near0 = at0 * at0 <= sine2 * work[9, g, k]
             near1 = at1 * at1 <= sine2 * work[10, g, k]
             near2 = at2 * at2 <= sine2 * work[11, g, k]
-            beside = ((at0 >= 0.0) | near0) & ((at1 >= 0.0) | near1) & ((at2 >= 0.0) | near2)
-            some += np.int64(beside) << k
-            crossed += np.int64(near0 | near1 | near2) << k
-        there |= some << (g * VECTOR_WIDTH)
-        through |= crossed << (g * VECTOR_WIDTH)
+            is_touching = ((at0 >= 0.0) | near0) & ((at1 >= 0.0) | near1) & ((at2 >= 0.0) | near2)
+            touches += np.int64(is_touching) << k
+            crosses += np.int64(near0 | near1 | near2) << k
+        touching |= touches << (g * VECTOR_WIDTH)
+        crossing |= crosses << (g * VECTOR_WIDTH)
         g += 1
-    return there, through
+    return touching, crossing
 
 
 @jit_inline

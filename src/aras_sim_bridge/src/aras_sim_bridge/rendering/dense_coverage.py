@@ -50,38 +50,38 @@ def sample_pixel(triangles, line, lines, sliver, x0, y0, count, opaque_count, wo
             a2 = np.float32(line[k, 2, 0] + line[k, 2, 1] * x0 + line[k, 2, 2] * y0)
         a = np.float32(line[k, PLANE, 0] + line[k, PLANE, 1] * x0 + line[k, PLANE, 2] * y0)
         b, c = np.float32(line[k, PLANE, 1]), np.float32(line[k, PLANE, 2])
-        name, hits, shown = np.float32(n), np.int32(0), np.int32(0)
+        index, hits, visible = np.float32(n), np.int32(0), np.int32(0)
         if n < opaque_count and lines[k] <= 3:
             for i in range(FINE):
                 x, y = SAMPLE_X[i], SAMPLE_Y[i]
                 l0, l1, l2 = a0 + b0 * x + c0 * y, a1 + b1 * x + c1 * y, a2 + b2 * x + c2 * y
                 depth = a + b * x + c * y
-                there = (l0 >= zero) & (l1 >= zero) & (l2 >= zero)
-                ahead = there & (depth > work[0, i])
-                work[1, i] = one if there else zero
-                work[0, i] = depth if ahead else work[0, i]
-                work[2, i] = name if ahead else work[2, i]
+                inside = (l0 >= zero) & (l1 >= zero) & (l2 >= zero)
+                in_front = inside & (depth > work[0, i])
+                work[1, i] = one if inside else zero
+                work[0, i] = depth if in_front else work[0, i]
+                work[2, i] = index if in_front else work[2, i]
         else:
             for i in range(FINE):
                 x, y = SAMPLE_X[i], SAMPLE_Y[i]
-                there = min(a0 + b0 * x + c0 * y, a1 + b1 * x + c1 * y, a2 + b2 * x + c2 * y)
+                inside = min(a0 + b0 * x + c0 * y, a1 + b1 * x + c1 * y, a2 + b2 * x + c2 * y)
                 for j in range(3, lines[k]):
-                    there = min(there, np.float32(line[k, j, 0] + line[k, j, 1] * (x0 + x)
+                    inside = min(inside, np.float32(line[k, j, 0] + line[k, j, 1] * (x0 + x)
                                                   + line[k, j, 2] * (y0 + y)))
                 depth = a + b * x + c * y
-                work[1, i] = one if there >= zero else zero
-                if there >= zero and depth > work[0, i]:
-                    shown += np.int32(1)
+                work[1, i] = one if inside >= zero else zero
+                if inside >= zero and depth > work[0, i]:
+                    visible += np.int32(1)
                     if n < opaque_count:
-                        work[0, i], work[2, i] = depth, name
+                        work[0, i], work[2, i] = depth, index
         for i in range(FINE):
             hits += np.int32(work[1, i] == one)
-        counts[n, 0], counts[n, 1] = hits, shown
+        counts[n, 0], counts[n, 1] = hits, visible
     for n in range(opaque_count):
-        name, shown = np.float32(n), np.int32(0)
+        index, visible = np.float32(n), np.int32(0)
         for i in range(FINE):
-            shown += np.int32(work[2, i] == name)
-        counts[n, 1] = shown
+            visible += np.int32(work[2, i] == index)
+        counts[n, 1] = visible
     half = FINE // 2
     while half > 0:
         for i in range(half):

@@ -155,13 +155,13 @@ def _find_corner_edges(
         dim[m, 1] = max(light[m, 0], light[m, 1], light[m, 2])
     out = np.zeros((2, len(tile)), np.uint64)
     shown = np.empty(side_of * side_of, np.int64)
-    three = np.empty(3, np.int64)
+    neighbours = np.empty(3, np.int64)
     for n in range(len(tile)):
         if tile[n] != SEVERAL:
             continue
-        through = False
+        transparent = False
         for k in range(start[n], start[n + 1]):
-            through |= not opaque[member[k]]
+            transparent |= not opaque[member[k]]
         u0, v0 = TILE * (n % columns), TILE * (n // columns)
         for y in range(TILE):
             for x in range(TILE):
@@ -174,21 +174,29 @@ def _find_corner_edges(
             for x in range(TILE):
                 i = y * side_of + x
                 m = shown[i]
-                three[0], three[1], three[2] = shown[i + 1], shown[i + side_of], shown[
-                    i + side_of + 1]
-                if (m == three[0] and m == three[1] and m == three[2] and m != NOTHING
-                        and not through) or not valid[v0 + y, u0 + x]:
+                neighbours[0], neighbours[1], neighbours[2] = (
+                    shown[i + 1],
+                    shown[i + side_of],
+                    shown[i + side_of + 1],
+                )
+                if (
+                    m == neighbours[0]
+                    and m == neighbours[1]
+                    and m == neighbours[2]
+                    and m != NOTHING
+                    and not transparent
+                ) or not valid[v0 + y, u0 + x]:
                     continue
                 for k in range(3):
-                    other = three[k]
+                    other = neighbours[k]
                     if other != m and (other < 0 or m < 0 or part[other] != part[m]):
                         mixed |= np.uint64(1) << np.uint64(y * TILE + x)
-                edge = through or m == NOTHING
+                edge = transparent or m == NOTHING
                 lit, known = 0.0, False
                 rx = ry = rz = 0.0
                 for k in range(3):
-                    other = three[k]
-                    if edge or other == m or (k > 0 and other == three[k - 1]):
+                    other = neighbours[k]
+                    if edge or other == m or (k > 0 and other == neighbours[k - 1]):
                         continue
                     if other == NOTHING:
                         edge = True
@@ -270,9 +278,9 @@ def _find_thin_edges(
             continue
         u0, v0 = TILE * (n % columns), TILE * (n // columns)
         first = start[n]
-        behind = False
+        has_backing = False
         for k in range(first, start[n + 1]):
-            behind |= full[k]
+            has_backing |= full[k]
             place[member[k]] = k - first
         for cell in range(cells * cells):
             y0, x0 = cell // cells * size, cell % cells * size
@@ -293,7 +301,7 @@ def _find_thin_edges(
                     a, b, c = a + s * M[q, 2], b + s * M[q, 0], c + s * M[q, 1]
                 planes[k, 0], planes[k, 1], planes[k, 2] = a, b, c
                 planes[k, 3] = 0.5 * (abs(b) + abs(c))
-            nearest, some, alike, last = np.inf, np.uint64(0), True, -1.0
+            nearest, pixels, one_colour, last = np.inf, np.uint64(0), True, -1.0
             for y in range(size):
                 for x in range(size):
                     i, j = y0 + y, x0 + x
@@ -306,7 +314,7 @@ def _find_thin_edges(
                     if multi_part[n] & bit != 0:
                         # Gaps between parts of one colour show the sky if no triangle is behind.
                         if (
-                            not behind
+                            not has_backing
                             and m >= 0
                             and (name < 0.0 or _has_contrast(np.uint32(name), sky))
                         ):
@@ -318,19 +326,19 @@ def _find_thin_edges(
                                  - planes[k, 3])
                     work[0, y, x], work[1, y, x] = front, name
                     nearest = min(nearest, front)
-                    some |= bit
-                    alike &= last == -1.0 or last == name
+                    pixels |= bit
+                    one_colour &= last == -1.0 or last == name
                     last = name
-            if some == 0:
+            if pixels == 0:
                 continue
             for k in range(start[n + 1] - first):
-                bits = pixel_masks[first + k] & some & ~out[n]
+                bits = pixel_masks[first + k] & pixels & ~out[n]
                 if bits == 0:
                     continue
                 m = member[first + k]
                 name = colour[m]
                 a, b, c = planes[k, 0] + planes[k, 3], planes[k, 1], planes[k, 2]
-                if (alike and last == name
+                if (one_colour and last == name
                         or a + (size - 1) * (max(b, 0.0) + max(c, 0.0)) <= nearest):
                     continue
                 # Lines of the triangle, relative to the cell's first pixel, moved outwards by the

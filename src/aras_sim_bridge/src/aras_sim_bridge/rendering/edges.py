@@ -112,7 +112,7 @@ def resolve_fragments(
         if number == end:
             # Collect the pixels of the next cell, and the triangles in each of them.
             group = number
-            wanted = np.uint64(0)
+            pixel_bits = np.uint64(0)
             while end < len(edge_pixels):
                 v, u = edge_pixels[end] // width, edge_pixels[end] % width
                 tile, x0, y0 = (v // TILE) * columns + u // TILE, u % TILE, v % TILE
@@ -123,7 +123,7 @@ def resolve_fragments(
                 work[X, q], work[Y, q] = float(x0 % size), float(y0 % size)
                 work[TOP, q], work[TOP_X, q], work[TOP_Y, q], work[BEST, q] = 0.0, 0.0, 0.0, -1.0
                 bit_of[q] = np.uint64(y0 * TILE + x0)
-                wanted |= one << bit_of[q]
+                pixel_bits |= one << bit_of[q]
                 left_of[q] = 0
                 end += 1
             tile, pixels = cell // (cells * cells), end - group
@@ -131,7 +131,7 @@ def resolve_fragments(
             for j in range(3):
                 length += matrices[cell, j, 2]**2
             for k in range(start[tile + 1] - first):
-                if pixel_masks[first + k] & wanted == 0:
+                if pixel_masks[first + k] & pixel_bits == 0:
                     continue
                 m = member[first + k]
                 lines[k] = 0 if full[first + k] else 5 if cut[m] else 3
@@ -174,7 +174,7 @@ def resolve_fragments(
                     work[TOP_Y, q] = c if fills else work[TOP_Y, q]
                     work[BEST, q] = name if fills else work[BEST, q]
             for k in range(start[tile + 1] - first):
-                bits = pixel_masks[first + k] & wanted
+                bits = pixel_masks[first + k] & pixel_bits
                 if bits == 0:
                     continue
                 a, b, c = line[k, PLANE, 0], line[k, PLANE, 1], line[k, PLANE, 2]
@@ -183,9 +183,9 @@ def resolve_fragments(
                     # Is the triangle in front of the filling one anywhere in the pixel?
                     ahead = a + b * work[X, q] + c * work[Y, q] - work[TOP, q] + 0.5 * (
                         abs(b - work[TOP_X, q]) + abs(c - work[TOP_Y, q]))
-                    there = (inside[k, q] > -1.0) & ((ahead > COPLANAR_TOLERANCE * work[TOP, q])
+                    reaches = (inside[k, q] > -1.0) & ((ahead > COPLANAR_TOLERANCE * work[TOP, q])
                                                      | (work[BEST, q] == name))
-                    inside[k, q] = 1.0 if there else 0.0
+                    inside[k, q] = 1.0 if reaches else 0.0
                 for q in range(pixels):
                     here_of[q, left_of[q]] = k
                     left_of[q] += np.int64(inside[k, q]) & np.int64(bits >> bit_of[q] & one)
@@ -221,7 +221,7 @@ def resolve_fragments(
                     break
                 here[m], here[m - 1] = other, k
         # Do all triangles belong to one convex part in front of the filling triangle?
-        alone, convex, top = solid == left, np.int64(-2), work[TOP, q]
+        one_part, convex, top = solid == left, np.int64(-2), work[TOP, q]
         for n in range(left):
             k = here[n]
             middle[n, 0] = middle[n, 1] = 0.0
@@ -237,13 +237,13 @@ def resolve_fragments(
                     corner, side, m, member[first + best]
                 ):
                     last = -1
-            mine = hull[triangle[m]] if alone else -1
-            convex = mine if convex == -2 else convex
-            alone = alone and (mine == convex and mine >= 0 or left == 1)
-        alone = alone and (best < 0 or last >= 0)
+            own_hull = hull[triangle[m]] if one_part else -1
+            convex = own_hull if convex == -2 else convex
+            one_part = one_part and (own_hull == convex and own_hull >= 0 or left == 1)
+        one_part = one_part and (best < 0 or last >= 0)
         # Visible area of each triangle.
-        total, seen, rough, many = 0.0, 0.0, False, left > DENSE
-        if not many and not alone:
+        total, visible_count, is_sampled, many = 0.0, 0.0, False, left > DENSE
+        if not many and not one_part:
             for n in range(left):
                 own_lines[n] = find_crossing_lines(line, lines, here[n], xc, yc, own, n)
                 sizes[n] = clip_pixel(shape, n, own, n, own_lines[n], spare)
@@ -260,16 +260,16 @@ def resolve_fragments(
                     here, line, lines, sliver, xc, yc, left, solid, samples, counts
                 )
                 for n in range(solid):
-                    seen += counts[n, 1] if n != last else 0.0
+                    visible_count += counts[n, 1] if n != last else 0.0
             # If one part covers the whole pixel, the samples give the shares of its triangles.
-            within = alone and seen == FINE
+            is_filled = one_part and visible_count == FINE
             for n in range(left):
                 if n == last:
                     continue
                 hits, shown, shares[n], k = counts[n, 0], counts[n, 1], 0.0, here[n]
-                if within:
+                if is_filled:
                     if shown > 0.0:
-                        shares[n], rough = shown / FINE, True
+                        shares[n], is_sampled = shown / FINE, True
                         total += shares[n]
                         compute_sample_mean(samples, n, shown, middle)
                     continue
@@ -294,10 +294,10 @@ def resolve_fragments(
                     if sizes[0] > 0:
                         shares[n] = polygon_area(shape, 0, sizes[0])
                         polygon_mean(shape, 0, sizes[0], middle, n)
-                if many and not alone:
+                if many and not one_part:
                     if hits > 0.0:
                         shares[n] *= shown / hits
-                        rough |= shown < hits
+                        is_sampled |= shown < hits
                     elif shares[n] < SMALLEST_SHARE or is_hidden(
                         here, line, lines, counts, n, solid, xc + middle[n, 0], yc + middle[n, 1]
                     ):
@@ -306,7 +306,7 @@ def resolve_fragments(
         scale = 1.0
         if last >= 0:
             shares[last] = max(1.0 - total, 0.0)
-        if total > 1.0 or (last < 0 and (best >= 0 or (rough and seen == FINE))):
+        if total > 1.0 or (last < 0 and (best >= 0 or (is_sampled and visible_count == FINE))):
             scale = 1.0 / total
         for n in range(left):
             if shares[n] <= 1e-9:

@@ -103,21 +103,28 @@ class Renderer:
         """Return the image of the view, (height, width, 3) uint8 rgb, top row first."""
         one = self.sample(view, blend, UPPER_LEFT)
         canvas, triangles = one.canvas, self.triangles
-        plain = canvas.shader.compute_uniform_colours(triangles, one.visible)
+        uniform = canvas.shader.compute_uniform_colours(triangles, one.visible)
         if self.light.lights:
-            plain[:] = 0
-        edges, fragments, background = self.resolve(one, view, plain)
+            uniform[:] = 0
+        edges, fragments, background = self.resolve(one, view, uniform)
         light = self._compute_irradiance(one, view, edges, fragments)
         sky = NO_SKY
         if self.light.sky:
             sky = draw_sky(canvas.tiles, view.world_T_optical)
-        words = canvas.shader.draw_samples(
-            triangles, one.visible, one.samples, plain, pack_colour(*background), edges, light, sky
+        packed_image = canvas.shader.draw_samples(
+            triangles,
+            one.visible,
+            one.samples,
+            uniform,
+            pack_colour(*background),
+            edges,
+            light,
+            sky,
         )
         canvas.shader.blend_fragments(
-            triangles, one.visible, fragments, background, light, sky, words
+            triangles, one.visible, fragments, background, light, sky, packed_image
         )
-        rgba = words.view(np.uint8).reshape(*words.shape, 4)
+        rgba = packed_image.view(np.uint8).reshape(*packed_image.shape, 4)
         return cv2.cvtColor(rgba[:view.height, :view.width], cv2.COLOR_RGBA2RGB)
 
     def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
@@ -150,12 +157,12 @@ class Renderer:
         canvas = self._get_canvas(view)
         world_T_link = self.scene.interpolate_poses(blend)
         light, optical_T_link = self.light, view.optical_T_world @ world_T_link
-        seen = self._binning.find_visible(
+        visible = self._binning.find_visible(
             canvas.tiles, optical_T_link,
             light.to_sun @ world_T_link[:, :3, :3],
             light.scale * np.array([light.ambient, light.diffuse]), view.near, view.far)
-        samples = canvas.sampler.sample(seen, view.near, view.far, offset)
-        return SampledView(canvas, seen, samples, optical_T_link)
+        samples = canvas.sampler.sample(visible, view.near, view.far, offset)
+        return SampledView(canvas, visible, samples, optical_T_link)
 
     def resolve(self, sampled: SampledView, view: View, uniform: np.ndarray
                 ) -> tuple[np.ndarray, Fragments, np.ndarray]:

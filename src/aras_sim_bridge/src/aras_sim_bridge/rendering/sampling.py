@@ -122,13 +122,13 @@ def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes,
         elif start[n] == start[n + 1] and (whole[n] or cover[n] < 0):
             out[n] = cover[n]  # or BACKGROUND
         else:
-            end, also = left, cover[n]
+            end, pending_cover = left, cover[n]
             for k in range(start[n], start[n + 1] + 1):
                 last = k == start[n + 1]
-                if also >= 0 and (last or member[k] > also):
-                    new_member[end], new_full[end] = also, True
+                if pending_cover >= 0 and (last or member[k] > pending_cover):
+                    new_member[end], new_full[end] = pending_cover, True
                     end += 1
-                    also = -1
+                    pending_cover = -1
                 if not last:
                     new_member[end], new_full[end] = member[k], full[k]
                     end += 1
@@ -207,7 +207,7 @@ def _find_box(corner, m, inverse, n):
           "f8[:,:,::1], f8[:,:,::1], f8[::1], f8[:,::1], i8, b1, i8, f8, f8, f8, i4[:,::1], "
           "u8[::1]")
 def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inverse, spread, axis,
-            cells, alike, columns, near, far, at, pixel, pixel_masks):
+            cells, is_uniform, columns, near, far, at, pixel, pixel_masks):
     """Fill `pixel` and `pixel_masks` for tiles with SEVERAL; return the number of pairs left.
 
     From start, member and full, all pairs are removed whose triangle touches no pixel of the tile.
@@ -218,13 +218,13 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
     # processes eight pixels at once.
     work = np.empty((6, TILE, TILE))
     one = np.uint64(1)
-    box = np.empty((len(corner) if alike else 0, 4))
+    box = np.empty((len(corner) if is_uniform else 0, 4))
     for m in range(len(box)):
         box[m, 0], box[m, 1], box[m, 2], box[m, 3] = _find_box(corner, m, inverse, 0)
-    kept, end = 0, start[0]
+    stored, end = 0, start[0]
     for n in range(len(tile)):
         begin, end = end, start[n + 1]
-        start[n] = kept
+        start[n] = stored
         if tile[n] != SEVERAL:
             continue
         for cell in range(cells * cells):
@@ -245,7 +245,7 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
             v0, v1, pixels = 0, TILE - 1, ~np.uint64(0)
             sampled = opaque[m]
             if not all_over:
-                if alike:
+                if is_uniform:
                     left, right = box[m, 0] - u_tile, box[m, 1] - u_tile
                     top, bottom = box[m, 2] - v_tile, box[m, 3] - v_tile
                 else:
@@ -264,8 +264,8 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
                 # Rows with samples inside the box.
                 v0, v1 = max(int(np.ceil(top - at)), 0), min(int(np.floor(bottom - at)), TILE - 1)
                 sampled &= np.ceil(left - at) <= right - at
-            member[kept], full[kept], pixel_masks[kept] = m, all_over, pixels
-            kept += 1
+            member[stored], full[stored], pixel_masks[stored] = m, all_over, pixels
+            stored += 1
             if not sampled or v0 > v1:
                 continue
             x, y, z = side[m, 0, 0], side[m, 0, 1], side[m, 0, 2]
@@ -292,5 +292,5 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
         for y0 in range(TILE):
             for x0 in range(TILE):
                 pixel[v + y0, u + x0] = work[5, y0, x0]
-    start[len(tile)] = kept
-    return kept
+    start[len(tile)] = stored
+    return stored

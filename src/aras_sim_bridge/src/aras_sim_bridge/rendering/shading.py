@@ -188,7 +188,7 @@ def _draw_samples(
 ):
     size = TILE // cells
     rgb, planes = np.empty(3), np.empty((3, 3))
-    lamps, graded = len(irradiance) > 0, len(backdrop) > 0
+    lamps, has_backdrop = len(irradiance) > 0, len(backdrop) > 0
     last_c = last_m = np.int64(-1)
     for n in range(len(tile)):
         u, v = TILE * (n % columns), TILE * (n // columns)
@@ -196,7 +196,7 @@ def _draw_samples(
         if one in (NOTHING, BACKGROUND) or (one >= 0 and uniform[one] != 0):
             if one == NOTHING:
                 packed_image[v:v + TILE, u:u + TILE] = 0
-            elif one == BACKGROUND and graded:
+            elif one == BACKGROUND and has_backdrop:
                 for y in range(TILE):
                     for x in range(TILE):
                         packed_image[v + y, u + x] = backdrop[v + y, u + x]
@@ -211,7 +211,7 @@ def _draw_samples(
                 if not valid[v + y, u + x]:
                     packed_image[v + y, u + x] = 0
                 elif m < 0:
-                    packed_image[v + y, u + x] = backdrop[v + y, u + x] if graded else sky
+                    packed_image[v + y, u + x] = backdrop[v + y, u + x] if has_backdrop else sky
                 elif uniform[m] != 0:
                     packed_image[v + y, u + x] = uniform[m]
                 else:
@@ -284,8 +284,8 @@ def _blend_fragments(
                 apply_texture(planes, layer[t], texels, at[k, 0], at[k, 1], rgb)
             for j in range(3):
                 rgb[j] = min(rgb[j], 255.0)
-            through = albedo[t, 3] < 1.0
+            transparent = albedo[t, 3] < 1.0
             weight = share[k] * albedo[t, 3]
             for j in range(3):
-                total[j] += weight * (rgb[j] - total[j] if through else rgb[j])
+                total[j] += weight * (rgb[j] - total[j] if transparent else rgb[j])
         packed_image[v, u] = pack_colour(total[0], total[1], total[2])

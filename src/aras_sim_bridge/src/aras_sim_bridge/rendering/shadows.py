@@ -276,14 +276,14 @@ def _find_surface_point(matrices, c, side, m, x, y, p, g):
     gy = side[m, 0, 1] + side[m, 1, 1] + side[m, 2, 1]
     gz = side[m, 0, 2] + side[m, 1, 2] + side[m, 2, 2]
     w = gx * rx + gy * ry + gz * rz
-    there = w > 1e-9
+    is_hit = w > 1e-9
     size = 1.0 / np.sqrt(gx * gx + gy * gy + gz * gz)
     g[0], g[1], g[2] = -gx * size, -gy * size, -gz * size
-    w = 1.0 / w if there else 0.0
+    w = 1.0 / w if is_hit else 0.0
     p[0], p[1], p[2] = rx * w, ry * w, rz * w
     off = OFF + OFF_FAR * (abs(p[0]) + abs(p[1]) + abs(p[2]))
     p[0], p[1], p[2] = p[0] + off * g[0], p[1] + off * g[1], p[2] + off * g[2]
-    return there
+    return is_hit
 
 
 @jit_inline
@@ -296,8 +296,8 @@ def _aim_ray(lamps, n, p, d, far, e, a, b, ray):
     radius = lamps[n, RADIUS]
     directional = lamps[n, KIND] == 0.0
     for j in range(3):
-        beside = radius * (a * e[0, j] + b * e[1, j])
-        ray[j] = d[j] + beside if directional else far * d[j] + beside
+        offset = radius * (a * e[0, j] + b * e[1, j])
+        ray[j] = d[j] + offset if directional else far * d[j] + offset
     return np.inf if directional else 1.0
 
 
@@ -327,12 +327,16 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
         longest = max(longest, f_start[n + 1] - f_start[n])
     room = TILE * TILE * (1 + longest)
     # For the points: triangle, x, y in its cell, cell; positions, normals, light.
-    who, cell, place = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64)
+    members, cell, place = (
+        np.empty(room, np.int64),
+        np.empty(room, np.int64),
+        np.empty(room, np.int64),
+    )
     at = np.empty((room, 2))
     points, facing, flat = np.empty((room, 3)), np.empty((room, 3)), np.empty((room, 3))
     light = np.empty((room, 3))
     candidates = np.empty(len(order) + 1, np.int64)
-    corner_of, corner_says = np.empty((9, 9), np.int64), np.empty((9, 9), np.int64)
+    corner_of, corner_result = np.empty((9, 9), np.int64), np.empty((9, 9), np.int64)
     p, g, d, ray = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     e = np.zeros((2, 3))  # unused for hard shadows, but multiplied by 0
     middle, low, high = np.empty(3), np.empty(3), np.empty(3)
@@ -340,18 +344,18 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
         if tile[n] == -2 or tile[n] == -1:
             continue
         u0, v0 = TILE * (n % columns), TILE * (n // columns)
-        many = 0
+        point_count = 0
         for y in range(TILE):
             for x in range(TILE):
                 m = tile[n] if tile[n] >= 0 else np.int64(pixel[v0 + y, u0 + x])
                 if (m < 0 or not valid[v0 + y, u0 + x]
                         or edges[n] >> np.uint64(y * TILE + x) & one != 0):
                     continue
-                who[many], place[many] = m, y * TILE + x
-                cell[many] = n * cells * cells + (y // size) * cells + x // size
-                at[many, 0], at[many, 1] = float(x % size), float(y % size)
-                many += 1
-        whole = many
+                members[point_count], place[point_count] = m, y * TILE + x
+                cell[point_count] = n * cells * cells + (y // size) * cells + x // size
+                at[point_count, 0], at[point_count, 1] = float(x % size), float(y % size)
+                point_count += 1
+        pixel_count = point_count
         k = f_first[n]
         while k >= 0 and k < len(f_pixel):
             v, u = f_pixel[k] // width, f_pixel[k] % width
@@ -359,23 +363,23 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                 break
             x, y = u % TILE, v % TILE
             for i in range(f_start[k], f_start[k + 1]):
-                who[many], place[many] = f_member[i], i
-                cell[many] = n * cells * cells + (y // size) * cells + x // size
-                at[many, 0], at[many, 1] = f_at[i, 0], f_at[i, 1]
-                many += 1
+                members[point_count], place[point_count] = f_member[i], i
+                cell[point_count] = n * cells * cells + (y // size) * cells + x // size
+                at[point_count, 0], at[point_count, 1] = f_at[i, 0], f_at[i, 1]
+                point_count += 1
             k += 1
-        if many == 0:
+        if point_count == 0:
             continue
         # If all points belong to one convex part, it casts no shadow on them.
-        alone = hull[triangle[who[0]]]
-        for i in range(many):
-            if hull[triangle[who[i]]] != alone:
-                alone = np.int64(-1)
+        common_part = hull[triangle[members[0]]]
+        for i in range(point_count):
+            if hull[triangle[members[i]]] != common_part:
+                common_part = np.int64(-1)
         step = 0.0
         for j in range(3):
             low[j], high[j] = np.inf, -np.inf
-        for i in range(many):
-            m, c = who[i], cell[i]
+        for i in range(point_count):
+            m, c = members[i], cell[i]
             _find_surface_point(matrices, c, side, m, at[i, 0], at[i, 1], p, g)
             for j in range(3):
                 points[i, j], flat[i, j], light[i, j] = p[j], g[j], ambient[j]
@@ -405,7 +409,7 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
         # On an inclined surface, a pixel extends from its centre up to the next pixel's.
         radius = 0.65 * np.sqrt(radius) + 2.0 * step
         for lamp in range(len(lamps)):
-            near_by = 0
+            candidate_count = 0
             if lamps[lamp, CASTS_SHADOWS] > 0.0:
                 far, _ = direction_to_lamp(lamps, lamp, middle, d)
                 directional = lamps[lamp, KIND] == 0.0
@@ -416,30 +420,30 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                             T, r, row_centre, row_half, r, middle, wide, d, far, growth):
                         continue
                     for k in range(bounds[r], bounds[r + 1]):
-                        if cluster_part[order[k]] != alone and _is_beam_in_box(
+                        if cluster_part[order[k]] != common_part and _is_beam_in_box(
                                 T, r, centre, half, order[k], middle, wide, d, far, growth):
-                            candidates[near_by] = order[k]
-                            near_by += 1
+                            candidates[candidate_count] = order[k]
+                            candidate_count += 1
             for i in range(9):
                 for j in range(9):
                     corner_of[i, j] = -1
             soft = lamps[lamp, RADIUS] > 0.0
-            for i in range(many):
-                m = who[i]
+            for i in range(point_count):
+                m = members[i]
                 for j in range(3):
                     p[j] = points[i, j]
                 far, left = direction_to_lamp(lamps, lamp, p, d)
                 cosine = facing[i, 0] * d[0] + facing[i, 1] * d[1] + facing[i, 2] * d[2]
                 if cosine <= 0.0 or left <= 0.0:
                     continue
-                seen = 1.0
-                if near_by > 0:
+                lit_share = 1.0
+                if candidate_count > 0:
                     front = flat[i, 0] * d[0] + flat[i, 1] * d[1] + flat[i, 2] * d[2]
                     t = triangle[m]
                     skip = part[t] if hull[t] >= 0 or front <= 0.0 else np.int64(-1)
-                    beside = 3.0 * step
-                    says = 0
-                    if i < whole:
+                    own_distance = 3.0 * step
+                    result = 0
+                    if i < pixel_count:
                         x0, y0 = place[i] % TILE, place[i] // TILE
                         for k in range(4):
                             x, y = x0 + k % 2, y0 + k // 2
@@ -465,26 +469,44 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                                         break
                                     a = b = 0.0
                                     if soft:
-                                        spot = (x + 2 * y) % 4 + 4 * q
-                                        a, b = RIM[spot, 0], RIM[spot, 1]
+                                        rim_point = (x + 2 * y) % 4 + 4 * q
+                                        a, b = RIM[rim_point, 0], RIM[rim_point, 1]
                                     end = _aim_ray(lamps, lamp, p, d, far, e, a, b, ray)
-                                    own |= DARK if _is_blocked(
-                                        p, ray, end, skip, part[t], beside, candidates, near_by, T,
-                                        cluster_part, cluster_row, first, count, centre, half,
-                                        corners) else LIT
-                                corner_says[y, x] = own
-                            says |= corner_says[y, x]
-                            if says == MIXED:
+                                    own |= (
+                                        DARK
+                                        if _is_blocked(
+                                            p,
+                                            ray,
+                                            end,
+                                            skip,
+                                            part[t],
+                                            own_distance,
+                                            candidates,
+                                            candidate_count,
+                                            T,
+                                            cluster_part,
+                                            cluster_row,
+                                            first,
+                                            count,
+                                            centre,
+                                            half,
+                                            corners,
+                                        )
+                                        else LIT
+                                    )
+                                corner_result[y, x] = own
+                            result |= corner_result[y, x]
+                            if result == MIXED:
                                 break
                     else:
-                        says = MIXED
-                    if says == DARK:
-                        seen = 0.0
-                    elif says == MIXED:
+                        result = MIXED
+                    if result == DARK:
+                        lit_share = 0.0
+                    elif result == MIXED:
                         rays, hits, shrink = MANY_RAYS, 0, 1.0
-                        if i >= whole:  # a fragment's centre: the fragment may be small
+                        if i >= pixel_count:  # a fragment's centre: the fragment may be small
                             rays, shrink = FEW_RAYS if soft else 1, 0.0
-                        tried = 0
+                        ray_count = 0
                         for k in range(rays):
                             s = k
                             if not _find_surface_point(matrices, cell[i], side, m,
@@ -497,17 +519,35 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                             end = _aim_ray(
                                 lamps, lamp, p, d, far, e, SPREAD[s, 2], SPREAD[s, 3], ray
                             )
-                            tried += 1
-                            hits += 0 if _is_blocked(
-                                p, ray, end, skip, part[t], beside, candidates, near_by, T,
-                                cluster_part, cluster_row, first, count, centre, half,
-                                corners) else 1
-                        seen = hits / max(tried, 1)
+                            ray_count += 1
+                            hits += (
+                                0
+                                if _is_blocked(
+                                    p,
+                                    ray,
+                                    end,
+                                    skip,
+                                    part[t],
+                                    own_distance,
+                                    candidates,
+                                    candidate_count,
+                                    T,
+                                    cluster_part,
+                                    cluster_row,
+                                    first,
+                                    count,
+                                    centre,
+                                    half,
+                                    corners,
+                                )
+                                else 1
+                            )
+                        lit_share = hits / max(ray_count, 1)
                 for j in range(3):
-                    light[i, j] += seen * left * cosine * lamps[lamp, COLOUR + j]
-        for i in range(many):
+                    light[i, j] += lit_share * left * cosine * lamps[lamp, COLOUR + j]
+        for i in range(point_count):
             for j in range(3):
-                if i < whole:
+                if i < pixel_count:
                     out[v0 + place[i] // TILE, u0 + place[i] % TILE, j] = light[i, j]
                 else:
                     f_out[place[i], j] = light[i, j]

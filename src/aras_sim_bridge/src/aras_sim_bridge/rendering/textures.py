@@ -114,18 +114,18 @@ def _sum_texels(texels, at, size, x, y, one, shift):
     """
     half, mask = np.int64(1) << (shift - np.int64(1)), size - one
     column, row, right, down = x >> 15, y >> 15, x & 32767, y & 32767
-    corner = (right * down + half) >> shift
-    beside = ((right << 15) + half >> shift) - corner
-    below = ((down << 15) + half >> shift) - corner
-    first = (one << (np.int64(30) - shift)) - corner - beside - below
+    corner_weight = (right * down + half) >> shift
+    right_weight = ((right << 15) + half >> shift) - corner_weight
+    below_weight = ((down << 15) + half >> shift) - corner_weight
+    first_weight = (one << (np.int64(30) - shift)) - corner_weight - right_weight - below_weight
     # The size of a level is a power of two: the mask repeats it.
     upper, lower = at + (row & mask) * size, at + ((row + one) & mask) * size
     left, after = column & mask, (column + one) & mask
     # Unsigned indices spare Numba the test for negative ones.
-    return (np.uint64(first) * texels[np.uint64(upper + left)]
-            + np.uint64(beside) * texels[np.uint64(upper + after)]
-            + np.uint64(below) * texels[np.uint64(lower + left)]
-            + np.uint64(corner) * texels[np.uint64(lower + after)])
+    return (np.uint64(first_weight) * texels[np.uint64(upper + left)]
+            + np.uint64(right_weight) * texels[np.uint64(upper + after)]
+            + np.uint64(below_weight) * texels[np.uint64(lower + left)]
+            + np.uint64(corner_weight) * texels[np.uint64(lower + after)])
 
 
 @jit_inline
@@ -190,14 +190,14 @@ def apply_texture(planes, layer, texels, x, y, rgb):
     red = green = blue = 0.0
     for k in range(count):
         along, across = SAMPLE_POINTS[turn, kind, k, 0], SAMPLE_POINTS[turn, kind, k, 1]
-        there = _sum_texels(texels, at, size, np.int64(u + along * ux + across * uy),
+        texel_sum = _sum_texels(texels, at, size, np.int64(u + along * ux + across * uy),
                      np.int64(v + along * vx + across * vy), one, shift)
         if bright:  # clip each sample to white before averaging, as at edges
-            red += min(rgb[0] * part * float(there & mask), 255.0)
-            green += min(rgb[1] * part * float(there >> np.uint64(CHANNEL_BITS) & mask), 255.0)
-            blue += min(rgb[2] * part * float(there >> np.uint64(2 * CHANNEL_BITS)), 255.0)
+            red += min(rgb[0] * part * float(texel_sum & mask), 255.0)
+            green += min(rgb[1] * part * float(texel_sum >> np.uint64(CHANNEL_BITS) & mask), 255.0)
+            blue += min(rgb[2] * part * float(texel_sum >> np.uint64(2 * CHANNEL_BITS)), 255.0)
         else:
-            total += there
+            total += texel_sum
     if bright:
         rgb[0], rgb[1], rgb[2] = red / count, green / count, blue / count
     else:

@@ -66,7 +66,7 @@ class Tiles:
         self.rows, self.columns = valid.shape[0] // TILE, valid.shape[1] // TILE
         self.matrices, self.valid = matrices, valid
         blocks = valid.reshape(self.rows, TILE, self.columns, TILE)
-        seen = blocks.any(axis=(1, 3)).reshape(-1)
+        has_valid = blocks.any(axis=(1, 3)).reshape(-1)
         self.whole = blocks.all(axis=(1, 3)).reshape(-1)
         # Rays of the corners of each cell.
         end = TILE // cells - 0.5
@@ -76,15 +76,15 @@ class Tiles:
         outer = around[0, 0, 0], around[0, -1, 1], around[-1, 0, 2], around[-1, -1, 3]
         around = around.reshape(4 * cells * cells, -1, 3)
         middle = np.sum(outer, axis=0)
-        middle[~seen] = (0.0, 0.0, 1.0)
+        middle[~has_valid] = (0.0, 0.0, 1.0)
         middle /= np.linalg.norm(middle, axis=1, keepdims=True)
         cosine = np.clip((around * middle).sum(axis=2).min(axis=0), -1.0, 1.0)
-        self.forward = bool((around[:, seen, 2] > np.cos(SIDEWAYS_ANGLE)).all())
+        self.forward = bool((around[:, has_valid, 2] > np.cos(SIDEWAYS_ANGLE)).all())
         self.axis = np.tile([0.0, 0.0, 1.0], (len(middle), 1)) if self.forward else middle
-        self.widest = 1.0 / float((around * self.axis).sum(axis=2)[:, seen].min())
+        self.widest = 1.0 / float((around * self.axis).sum(axis=2)[:, has_valid].min())
         self.inverse, self.spread = self._fit_one_cell(np.stack(outer))
         self.nodes, self.levels, self.children = _build_tree(
-            middle, np.arccos(cosine), seen, self.rows, self.columns
+            middle, np.arccos(cosine), has_valid, self.rows, self.columns
         )
 
     @classmethod
@@ -149,12 +149,12 @@ class Tiles:
             # Cells at the rim of the lens have corners outside of it.
             inner = valid.reshape(rows * cells, size, columns * cells, size).all(axis=(1, 3))
             at = np.linalg.solve(matrices[inner], lens.centre_rays(inner, size)[..., None])[..., 0]
-            aside = at[:, :2] / at[:, 2:] - (size - 1) / 2
+            errors = at[:, :2] / at[:, 2:] - (size - 1) / 2
             # The mean error over a cell is two thirds of the error at its centre.
-            matrices[inner, :, 2] += (matrices[inner, :, :2] @ (aside[..., None] * 2 / 3))[..., 0]
+            matrices[inner, :, 2] += (matrices[inner, :, :2] @ (errors[..., None] * 2 / 3))[..., 0]
             if (
                 cells == 8
-                or 2 / 3 * np.linalg.norm(aside, axis=1).max(initial=0.0) <= LARGEST_MISFIT
+                or 2 / 3 * np.linalg.norm(errors, axis=1).max(initial=0.0) <= LARGEST_MISFIT
             ):
                 break
         matrices = matrices.reshape(rows, cells, columns, cells, 3, 3).swapaxes(1, 2)
@@ -200,12 +200,12 @@ class Tiles:
             at = np.arange(n) * size
             for x in (-0.5, (size - 1) / 2, size - 0.5):
                 for y in (-0.5, (size - 1) / 2, size - 0.5):
-                    there = np.einsum("tij,tvujk,k->tvui", inverse, cells, [x, y, 1.0])
+                    mapped = np.einsum("tij,tvujk,k->tvui", inverse, cells, [x, y, 1.0])
                     with np.errstate(all="ignore"):
-                        aside = np.hypot(there[..., 0] / there[..., 2] - at - x,
-                                         there[..., 1] / there[..., 2] - at[:, None] - y)
-                    aside[~((there[..., 2] > 0.0) & np.isfinite(aside))] = np.inf
-                    spread = np.maximum(spread, aside.max(axis=(1, 2)))
+                        errors = np.hypot(mapped[..., 0] / mapped[..., 2] - at - x,
+                                         mapped[..., 1] / mapped[..., 2] - at[:, None] - y)
+                    errors[~((mapped[..., 2] > 0.0) & np.isfinite(errors))] = np.inf
+                    spread = np.maximum(spread, errors.max(axis=(1, 2)))
         # The error may be larger between these points.
         return inverse, 1.5 * spread + 1e-6
 
@@ -230,11 +230,11 @@ class _ExtrapolatedLens:
 
         `visible` (rows, columns) selects the cells; other corners get a ray straight ahead.
         """
-        wanted = np.zeros((visible.shape[0] + 1, visible.shape[1] + 1), bool)
+        needed = np.zeros((visible.shape[0] + 1, visible.shape[1] + 1), bool)
         for down, across in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            wanted[down:down + visible.shape[0], across:across + visible.shape[1]] |= visible
-        out = np.tile([0.0, 0.0, 1.0], (*wanted.shape, 1))
-        out[wanted] = self.compute_rays(np.argwhere(wanted)[:, ::-1] * float(size) - 0.5)
+            needed[down:down + visible.shape[0], across:across + visible.shape[1]] |= visible
+        out = np.tile([0.0, 0.0, 1.0], (*needed.shape, 1))
+        out[needed] = self.compute_rays(np.argwhere(needed)[:, ::-1] * float(size) - 0.5)
         return out
 
     def centre_rays(self, visible: np.ndarray, size: int) -> np.ndarray:
@@ -247,21 +247,23 @@ class _ExtrapolatedLens:
         beyond = ~np.isfinite(rays[:, 0])
         if not beyond.any():
             return rays
-        way = points[beyond] - self._centre
-        near, far = np.zeros(len(way)), np.ones(len(way))
+        direction = points[beyond] - self._centre
+        near, far = np.zeros(len(direction)), np.ones(len(direction))
         for _ in range(30):
             share = (near + far) / 2
-            there = np.isfinite(self._unproject(self._centre + share[:, None] * way)[:, 0])
-            near, far = np.where(there, share, near), np.where(there, far, share)
-        length = np.linalg.norm(way, axis=1)
+            is_inside = np.isfinite(
+                self._unproject(self._centre + share[:, None] * direction)[:, 0]
+            )
+            near, far = np.where(is_inside, share, near), np.where(is_inside, far, share)
+        length = np.linalg.norm(direction, axis=1)
         back = np.maximum(near - 0.01 / np.maximum(length, 1e-9), 0.0)
-        rim, inner = (self._unproject(self._centre + share[:, None] * way)
+        rim, inner = (self._unproject(self._centre + share[:, None] * direction)
                       for share in (near, back))
         rate = (rim - inner) / np.maximum(near - back, 1e-12)[:, None]
         # Tiles whose corners are farther away have no pixel inside the lens.
         share = np.minimum(1.0 - near, 2 * TILE / np.maximum(length, 1e-9))
-        beside = rim + share[:, None] * rate
-        rays[beyond] = beside / np.linalg.norm(beside, axis=1, keepdims=True)
+        extrapolated = rim + share[:, None] * rate
+        rays[beyond] = extrapolated / np.linalg.norm(extrapolated, axis=1, keepdims=True)
         return rays
 
 

@@ -144,10 +144,10 @@ class Triangles:
         for n in np.flatnonzero(counts == 2):
             two = slice(first[n], first[n] + 2)
             flat = (normals[two] == normals[first[n], 0]).all() and layer[first[n]] < 0
-            turns = _find_quad(corners[two]) if flat else None
-            if turns is not None:
+            corners_apart = _find_quad(corners[two]) if flat else None
+            if corners_apart is not None:
                 quad[n] = True
-                for k, turn in enumerate(turns):
+                for k, turn in enumerate(corners_apart):
                     corners[first[n] + k] = np.roll(corners[first[n] + k], -turn, axis=0)
         hull = np.where(np.isin(number, convex), number, -1)
         smooth = np.where(layer < 0, number, -1)

@@ -78,24 +78,24 @@ class Articulation:
 
     def _set_frame(self, body: int, at: Pose, axis: Vector3) -> None:
         """Write the pose `at` of the joint frame in the parent frame, and the axis."""
-        turn, u = at.matrix()[:3, :3], np.array(axis)
+        rotation, u = at.matrix()[:3, :3], np.array(axis)
         along = np.outer(u, u)
         skew = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
         row = self.bodies[body]
         for k, part in enumerate((along, np.eye(3) - along, skew)):
-            row[9 * k : 9 * k + 9] = (turn @ part).ravel()
+            row[9 * k : 9 * k + 9] = (rotation @ part).ravel()
         row[27:30] = at.xyz
         row[30:33] = u
-        row[47:50] = turn @ u
+        row[47:50] = rotation @ u
 
 
 def _add_mass(row: np.ndarray, inertial: Inertial, pose: Pose, gravity: bool) -> None:
     """Add the inertia of a link to the row of its body; `pose` is the link's frame in the joint's.
     """
     frame = pose @ inertial.pose
-    turn = frame.matrix()[:3, :3]
+    rotation = frame.matrix()[:3, :3]
     centre = np.array(frame.xyz)
-    about_centre = turn @ inertia_tensor(inertial.inertia) @ turn.T
+    about_centre = rotation @ inertia_tensor(inertial.inertia) @ rotation.T
     second = about_centre + inertial.mass * (
         centre @ centre * np.eye(3) - np.outer(centre, centre)
     )

@@ -75,9 +75,9 @@ class Attachments:
     def detach(self, ends: AttachedLinks) -> None:
         """Remove the joint between two links; WorldError if they are not attached."""
         if ends not in self._frames:
-            held = ", ".join(f"{a}::{b} and {c}::{d}" for a, b, c, d in self._frames) or "none"
+            attached = ", ".join(f"{a}::{b} and {c}::{d}" for a, b, c, d in self._frames) or "none"
             raise WorldError(f"'{ends.model}::{ends.link}' and '{ends.other_model}::"
-                             f"{ends.other_link}' are not attached; attached are: {held}")
+                             f"{ends.other_link}' are not attached; attached are: {attached}")
         self._forget(ends)
         self._update_models()
         self._on_change()
@@ -135,18 +135,28 @@ class Attachments:
         return found, found.link_index(link)
 
     def _update_models(self) -> None:
-        held = {id(body) for one in self._frames for body in self._find_bodies(one)}
+        attached = {id(body) for one in self._frames for body in self._find_bodies(one)}
         for model in self._models.values():
-            model.is_attached = id(model) in held
+            model.is_attached = id(model) in attached
 
     def _make_constraint(self, ends: AttachedLinks) -> None:
         (first, index), (second, other) = (self._find_link(ends.model, ends.link),
                                            self._find_link(ends.other_model, ends.other_link))
-        own = first.body.inertial_poses[ends.link].inverse() @ self._frames[ends]
-        theirs = second.body.inertial_poses[ends.other_link].inverse()
+        first_frame = first.body.inertial_poses[ends.link].inverse() @ self._frames[ends]
+        second_frame = second.body.inertial_poses[ends.other_link].inverse()
         joint = pybullet.createConstraint(
-            first.body_id, index, second.body_id, other, pybullet.JOINT_FIXED, (0.0, 0.0, 0.0),
-            own.xyz, theirs.xyz, own.quat, theirs.quat, physicsClientId=self._client)
+            first.body_id,
+            index,
+            second.body_id,
+            other,
+            pybullet.JOINT_FIXED,
+            (0.0, 0.0, 0.0),
+            first_frame.xyz,
+            second_frame.xyz,
+            first_frame.quat,
+            second_frame.quat,
+            physicsClientId=self._client,
+        )
         pybullet.changeConstraint(joint, maxForce=_LARGEST_FORCE, physicsClientId=self._client)
         self._constraints[ends] = joint
         self._set_collision(ends, False)

@@ -138,12 +138,12 @@ def _find_gripping_links(description: RobotDescription) -> set[str]:
     millimetre in ten seconds, because the solver stops iterating early. Wheels have no stops and
     get no anchors: anchors would make them gain speed.
     """
-    above = {joint.child: joint for joint in description.joints.values()}
+    parent_joints = {joint.child: joint for joint in description.joints.values()}
     found = set()
-    for link in above:
-        joint = above[link]
-        while not joint.is_movable and joint.parent in above:
-            joint = above[joint.parent]
+    for link in parent_joints:
+        joint = parent_joints[link]
+        while not joint.is_movable and joint.parent in parent_joints:
+            joint = parent_joints[joint.parent]
         if joint.is_movable and math.isfinite(sum(joint.stops)):
             found.add(link)
     return found

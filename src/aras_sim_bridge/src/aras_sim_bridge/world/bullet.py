@@ -19,18 +19,18 @@ def silence_output() -> Iterator[None]:
         if stream is not None:
             stream.flush()
     flush(None)
-    kept = {fd: os.dup(fd) for fd in (1, 2)}
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    saved = {fd: os.dup(fd) for fd in (1, 2)}
+    null_device = os.open(os.devnull, os.O_WRONLY)
     try:
-        for fd in kept:
-            os.dup2(nowhere, fd)
+        for fd in saved:
+            os.dup2(null_device, fd)
         yield
     finally:
         flush(None)
-        for fd, copy in kept.items():
+        for fd, copy in saved.items():
             os.dup2(copy, fd)
             os.close(copy)
-        os.close(nowhere)
+        os.close(null_device)
 
 
 if "pybullet" not in sys.modules:
@@ -59,16 +59,16 @@ def check_window() -> None:
     """
     display = os.environ.get("DISPLAY", "")
     try:
-        done = subprocess.run(
+        result = subprocess.run(
             [sys.executable, "-c", _WINDOW_PROGRAM], capture_output=True, text=True, check=False,
             timeout=WINDOW_TIMEOUT, stdin=subprocess.DEVNULL,
         )
     except subprocess.TimeoutExpired:
         raise pybullet.error(f"display '{display}' does not answer") from None
-    if done.returncode:
-        said = [line.strip() for line in done.stderr.splitlines() if line.strip()]
-        why = next((line for line in reversed(said) if "build time" not in line), "it ends")
-        raise pybullet.error(f"display '{display}': {why}")
+    if result.returncode:
+        lines = [line.strip() for line in result.stderr.splitlines() if line.strip()]
+        reason = next((line for line in reversed(lines) if "build time" not in line), "it ends")
+        raise pybullet.error(f"display '{display}': {reason}")
 
 
 def connect(window: bool) -> int:

@@ -76,11 +76,11 @@ def give_root_mass(description: RobotDescription) -> RobotDescription:
     found = [(link, pose) for link, pose in found if link.inertial is not None]
     if not found:
         return description
-    lender, root_t_lender = max(found, key=lambda pair: pair[0].inertial.mass)
-    lent = lender.inertial.with_pose(root_t_lender @ lender.inertial.pose)
+    heaviest, root_t_heaviest = max(found, key=lambda pair: pair[0].inertial.mass)
+    lent = heaviest.inertial.with_pose(root_t_heaviest @ heaviest.inertial.pose)
     links = dict(description.links)
-    links[root.name] = replace(root, inertial=lent, gravity=root.gravity and lender.gravity)
-    links[lender.name] = replace(lender, inertial=None)
+    links[root.name] = replace(root, inertial=lent, gravity=root.gravity and heaviest.gravity)
+    links[heaviest.name] = replace(heaviest, inertial=None)
     return replace(description, links=links)
 
 
@@ -189,11 +189,11 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
     )
     if colour is not None:
         # Bullet stores one material per name for the whole model.
-        look = (
+        material = (
                 f"<material name={quoteattr(link.name)}><color rgba={_format_numbers(colour)}/>"
                 "</material>"
             )
-        body += "".join(f"<visual>{_format_shape(visual, files)}{look}</visual>"
+        body += "".join(f"<visual>{_format_shape(visual, files)}{material}</visual>"
                         for visual in link.visuals)
     elif link.collisions:
         body += _EMPTY_VISUAL
@@ -242,10 +242,10 @@ def _needs_empty_link(description: RobotDescription) -> bool:
     first = next((joint for joint in joints if joint.parent == description.root), None)
     if first is None or description.static or not first.is_movable:
         return False
-    carried = [first.child]
-    for link in carried:
-        carried += [one.child for one in joints if one.parent == link and not one.is_movable]
-    return any(description.links[link].collisions for link in carried[1:])
+    fixed_links = [first.child]
+    for link in fixed_links:
+        fixed_links += [one.child for one in joints if one.parent == link and not one.is_movable]
+    return any(description.links[link].collisions for link in fixed_links[1:])
 
 
 def _format_empty_link(description: RobotDescription) -> str:

@@ -33,10 +33,12 @@ def check_simulable(description: RobotDescription, name: str) -> None:
         if link.inertial is not None and not description.static:
             _check_inertial(link.inertial, f"model '{name}', link '{link.name}'")
     for joint in description.joints.values():
-        far = math.hypot(*joint.origin_xyz)
-        if not far <= LARGEST:
-            raise WorldError(f"model '{name}', joint '{joint.name}': an origin {far:.4g} m away is "
-                             f"beyond {LARGEST:.0e} m")
+        distance = math.hypot(*joint.origin_xyz)
+        if not distance <= LARGEST:
+            raise WorldError(
+                f"model '{name}', joint '{joint.name}': an origin {distance:.4g} m away is "
+                f"beyond {LARGEST:.0e} m"
+            )
     if not description.static:
         _check_joints(description, name)
 
@@ -70,10 +72,10 @@ def _check_inertial(inertial: Inertial, where: str) -> None:
     if moments[0] < -1e-9 * moments[2] or not moments[2] > 0.0:
         raise WorldError(f"{where}: the inertia tensor has the principal moments "
                          f"{', '.join(f'{m:.4g}' for m in moments)} kg m²; they must be positive")
-    arm = math.sqrt(moments[2] / inertial.mass)
-    if not SMALLEST <= arm <= LARGEST:
+    radius = math.sqrt(moments[2] / inertial.mass)
+    if not SMALLEST <= radius <= LARGEST:
         raise WorldError(f"{where}: an inertia of {moments[2]:.4g} kg m² does not fit a mass of "
-                         f"{inertial.mass:.4g} kg; the radius of gyration would be {arm:.4g} m")
+                         f"{inertial.mass:.4g} kg; the radius of gyration would be {radius:.4g} m")
 
 
 def _check_joints(description: RobotDescription, name: str) -> None:
@@ -81,14 +83,14 @@ def _check_joints(description: RobotDescription, name: str) -> None:
     parents: dict[str, str] = {}
     for joint in description.joints.values():
         parents[joint.child] = joint.parent
-    heavy: set[str] = set()  # links with mass at or below them
+    with_mass: set[str] = set()  # links with mass at or below them
     for link in description.links.values():
-        above = link.name if link.inertial is not None else None
-        while above is not None and above not in heavy:
-            heavy.add(above)
-            above = parents.get(above)
+        name_above = link.name if link.inertial is not None else None
+        while name_above is not None and name_above not in with_mass:
+            with_mass.add(name_above)
+            name_above = parents.get(name_above)
     for joint in description.joints.values():
-        if joint.is_movable and joint.child not in heavy:
+        if joint.is_movable and joint.child not in with_mass:
             raise WorldError(
                 f"model '{name}', link '{joint.child}': joint '{joint.name}' moves it, but it has "
                 "no mass; give it an <inertial>"

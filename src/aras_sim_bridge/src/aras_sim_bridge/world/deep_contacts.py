@@ -71,14 +71,14 @@ class DeepContacts:
         # After a jump, the depth is unknown until Bullet has made the step.
         depth = math.inf if self._has_unknown_depth else self._largest_depth
         self._has_bounded_speed = depth * _DEFAULT_ERP > _SEPARATION_SPEED * dt
-        wanted = (
+        parameters = (
             (_SEPARATION_SPEED * dt / depth, _COMPLIANCE * dt)
             if self._has_bounded_speed
             else (_DEFAULT_ERP, 0.0)
         )
-        if wanted != self._parameters:
-            self._parameters = wanted
-            pybullet.setPhysicsEngineParameter(contactERP=wanted[0], globalCFM=wanted[1],
+        if parameters != self._parameters:
+            self._parameters = parameters
+            pybullet.setPhysicsEngineParameter(contactERP=parameters[0], globalCFM=parameters[1],
                                                physicsClientId=self._client)
 
     def after_step(self, dt: float) -> None:

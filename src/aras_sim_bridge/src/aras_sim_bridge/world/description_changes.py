@@ -56,19 +56,19 @@ def change_joint(description: RobotDescription, joint: str, damping: float | Non
         WorldError: unknown or fixed joint, a number that is not finite, negative damping or
             friction, crossed stops.
     """
-    known = description.joints.get(joint)
-    if known is None or not known.is_movable:
+    present = description.joints.get(joint)
+    if present is None or not present.is_movable:
         raise WorldError(f"joint '{joint}' is not a moving joint; there are: "
                          f"{', '.join(description.list_moving_joints()) or 'none'}")
     where = f"joint '{joint}'"
-    given = {"damping": damping, "friction": friction, "lower": lower, "upper": upper}
-    for name, value in given.items():
+    values = {"damping": damping, "friction": friction, "lower": lower, "upper": upper}
+    for name, value in values.items():
         if value is not None and not math.isfinite(value):
             raise WorldError(f"{where}: {name} {value} is not finite")
         if value is not None and name in ("damping", "friction") and value < 0.0:
             raise WorldError(f"{where}: {name} {value} must not be negative")
-    changed = replace(known, damping=known.damping if damping is None else float(damping),
-                      friction=known.friction if friction is None else float(friction))
+    changed = replace(present, damping=present.damping if damping is None else float(damping),
+                      friction=present.friction if friction is None else float(friction))
     if lower is not None or upper is not None:
         changed = replace(changed, **_change_stops(changed, lower, upper, where))
     return replace(description, joints=MappingProxyType({**description.joints, joint: changed}))

@@ -73,11 +73,11 @@ class ContactFriction:
         parts = sorted({part for pair in rough for part in pair})
         column = {part: i for i, part in enumerate(parts)}
         matrix = np.zeros((len(rough), len(parts)))
-        wanted = np.zeros(len(rough))
+        log_limits = np.zeros(len(rough))
         for row, (a, b) in enumerate(rough):
             matrix[row, [column[a], column[b]]] = 1.0
-            wanted[row] = np.log(min(self._coefficients[a], self._coefficients[b]))
-        found = np.exp(np.linalg.lstsq(matrix, wanted, rcond=None)[0])
+            log_limits[row] = np.log(min(self._coefficients[a], self._coefficients[b]))
+        found = np.exp(np.linalg.lstsq(matrix, log_limits, rcond=None)[0])
         return dict.fromkeys(smooth, 0.0) | dict(zip(parts, found.tolist(), strict=True))
 
     def _apply(self, body: int, link: int, value: float) -> None:

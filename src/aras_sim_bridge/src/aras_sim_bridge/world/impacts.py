@@ -100,12 +100,12 @@ class Impacts:
                     first = found
         if first is None:
             return
-        time, link, part, elastic, normal, drift = first
+        time, link, part, restitution, normal, drift = first
         self._advance(body, time, drift)
         if part[0] in self._links:
             self._advance(part[0], time)
-        if elastic > 0.0:
-            self._set_restitution((body, link), elastic)
+        if restitution > 0.0:
+            self._set_restitution((body, link), restitution)
             self._set_restitution(part, 1.0)
         if part[0] in self._planes:
             self._find_corners(body, normal)
@@ -138,13 +138,13 @@ class Impacts:
             return None
         bounces = [self._bounce[part] for part in ((body, point[3]), (other, point[4]))
                    if part in self._bounce]
-        elastic = min((e for e, _ in bounces), default=0.0)
+        restitution = min((e for e, _ in bounces), default=0.0)
         if speed < min((least for _, least in bounces), default=0.0):
-            elastic = 0.0
+            restitution = 0.0
         time = (point[8] + _PENETRATION) / speed
         if time >= _STEP_MARGIN * dt:
             return None
-        return time, point[3], (other, point[4]), elastic, point[7], drift
+        return time, point[3], (other, point[4]), restitution, point[7], drift
 
     def _compute_closing_speed(self, body: int, linear: Vector3, angular: Vector3, point: Vector3,
                  normal: Vector3) -> float:
@@ -168,9 +168,11 @@ class Impacts:
         """Move a body ahead by `time` s, relative to a frame that moves at `drift`."""
         centre, quat = pybullet.getBasePositionAndOrientation(body, self._client)
         linear, angular = pybullet.getBaseVelocity(body, self._client)
-        turned = normalise(multiply((*scale(angular, 0.5 * time), 1.0), quat))
-        there = add(centre, scale(subtract(linear, drift), time))
-        pybullet.resetBasePositionAndOrientation(body, there, turned, physicsClientId=self._client)
+        orientation = normalise(multiply((*scale(angular, 0.5 * time), 1.0), quat))
+        position = add(centre, scale(subtract(linear, drift), time))
+        pybullet.resetBasePositionAndOrientation(
+            body, position, orientation, physicsClientId=self._client
+        )
         pybullet.resetBaseVelocity(body, linear, angular, physicsClientId=self._client)
 
     def _find_corners(self, body: int, normal: Vector3) -> None:
@@ -182,11 +184,11 @@ class Impacts:
         """
         centre, quat = pybullet.getBasePositionAndOrientation(body, self._client)
         twist = pybullet.getBaseVelocity(body, self._client)
-        one = cross(normal, (1.0, 0.0, 0.0) if abs(normal[0]) < 0.7 else (0.0, 1.0, 0.0))
-        two = cross(normal, one)
+        first_axis = cross(normal, (1.0, 0.0, 0.0) if abs(normal[0]) < 0.7 else (0.0, 1.0, 0.0))
+        second_axis = cross(normal, first_axis)
         for k in range(_SIDES):
             side = 2.0 * math.pi * k / _SIDES
-            axis = add(scale(one, math.cos(side)), scale(two, math.sin(side)))
+            axis = add(scale(first_axis, math.cos(side)), scale(second_axis, math.sin(side)))
             tilted = normalise(multiply((*scale(axis, 0.5 * _TILT), 1.0), quat))
             pybullet.resetBasePositionAndOrientation(body, centre, tilted,
                                                      physicsClientId=self._client)

@@ -71,9 +71,11 @@ class IsolatedModel:
         boxes, speed = self.compute_boxes_and_speed()
         near = [_compute_steps(boxes, solid, speed + fastest, dt) for solid in loose]
         for other in self.nearby_models:
-            both = speed + sum(map(abs, other.read_joints()[1])) * _ARM_LENGTH
+            joint_speed = speed + sum(map(abs, other.read_joints()[1])) * _ARM_LENGTH
             near.append(
-                _compute_steps(boxes, find_solids(other, other.link_indices.values()), both, dt)
+                _compute_steps(
+                    boxes, find_solids(other, other.link_indices.values()), joint_speed, dt
+                )
             )
         return min(_WITHIN, *near)
 
@@ -117,10 +119,12 @@ class IsolationMonitor:
         if model.joint_names:
             self.refresh()
             return
-        for island in self.isolated_models:
-            if island.model is not model:
-                others = tuple(one for one in island.nearby_models if one is not model)
-                island.nearby_models = (*others, model) if can_meet(island.reach, model) else others
+        for isolated in self.isolated_models:
+            if isolated.model is not model:
+                others = tuple(one for one in isolated.nearby_models if one is not model)
+                isolated.nearby_models = (
+                    (*others, model) if can_meet(isolated.reach, model) else others
+                )
         self.steps_until_update = 0
 
     def update(self, dt: float) -> None:
@@ -129,18 +133,20 @@ class IsolationMonitor:
         # m/s; doubled, because one free body may hit another
         fastest = 2.0 * max(map(_compute_speed, self._loose), default=0.0)
         wait, self.is_base_touchable = _NEVER, False
-        for island in self.isolated_models:
-            model = island.model
-            steps = 0.0 if model.is_attached else island.compute_isolated_steps(loose, fastest, dt)
-            own = steps >= (1 if model.joints.has_own_dynamics else _RETURN_STEPS)
-            if model.body.is_asleep and not own:  # it moves from the second step on
+        for isolated in self.isolated_models:
+            model = isolated.model
+            steps = (
+                0.0 if model.is_attached else isolated.compute_isolated_steps(loose, fastest, dt)
+            )
+            is_isolated = steps >= (1 if model.joints.has_own_dynamics else _RETURN_STEPS)
+            if model.body.is_asleep and not is_isolated:  # it moves from the second step on
                 model.body.set_asleep(False)
                 wait = 1
                 continue
-            if own and not model.body.is_asleep:
+            if is_isolated and not model.body.is_asleep:
                 model.body.set_asleep(True)
-            model.joints.set_own_dynamics(own)
-            wait = min(wait, steps if own else _OFTEN)
+            model.joints.set_own_dynamics(is_isolated)
+            wait = min(wait, steps if is_isolated else _OFTEN)
             if model.release is not None and loose:
                 base = find_solids(model, model.list_base_links())
                 steps = min(_compute_steps(solid, base, fastest, dt) for solid in loose)

@@ -333,11 +333,11 @@ def _correct_modes(tree, modes, matrices, rows):
     """Correct the modes that the speeds contradict; return whether any mode was wrong."""
     n = len(tree)
     a, v = matrices[1], rows[SPEED]
-    wrong = False
+    changed = False
     for c in range(n):
         if tree[c, 3] != c:
             continue
-        mode, hold, goal = modes[c], rows[_HOLD, c], rows[_GOAL, c]
+        mode, friction, target = modes[c], rows[_HOLD, c], rows[_GOAL, c]
         bottom, top = rows[_BOTTOM, c], rows[_TOP, c]
         new = mode
         if mode in (_ABOVE, _BELOW):
@@ -346,33 +346,35 @@ def _correct_modes(tree, modes, matrices, rows):
                 new = _HIGH
             elif v[c] < bottom - slack:
                 new = _LOW
-            elif mode == _ABOVE and v[c] < goal - slack or mode == _BELOW and v[c] > goal + slack:
+            elif (
+                mode == _ABOVE and v[c] < target - slack or mode == _BELOW and v[c] > target + slack
+            ):
                 new = _AT
         else:
-            taken = rows[_RIGHT, c]
-            size = abs(taken)
+            residual = rows[_RIGHT, c]
+            size = abs(residual)
             for k in range(n):
                 part = a[c, k] * v[k]
-                taken -= part
+                residual -= part
                 size += abs(part)
             slack = _ROUNDING * size
             if mode == _AT:
-                if goal > top:
+                if target > top:
                     new = _HIGH
-                elif goal < bottom:
+                elif target < bottom:
                     new = _LOW
-                elif taken > hold + slack:
+                elif residual > friction + slack:
                     new = _ABOVE
-                elif taken < -hold - slack:
+                elif residual < -friction - slack:
                     new = _BELOW
-            elif mode == _HIGH and taken < (hold if top > goal else -hold) - slack:
-                new = _ABOVE if top > goal else _BELOW
-            elif mode == _LOW and taken > (-hold if bottom < goal else hold) + slack:
-                new = _BELOW if bottom < goal else _ABOVE
+            elif mode == _HIGH and residual < (friction if top > target else -friction) - slack:
+                new = _ABOVE if top > target else _BELOW
+            elif mode == _LOW and residual > (-friction if bottom < target else friction) + slack:
+                new = _BELOW if bottom < target else _ABOVE
         if new != mode:
             modes[c] = new
-            wrong = True
-    return wrong
+            changed = True
+    return changed
 
 
 @jit(_SOLVER_TYPES, allocates=False)
@@ -391,12 +393,12 @@ def _sweep(tree, modes, matrices, rows):
             for k in range(n):
                 if k != c:
                     rest -= a[c, k] * v[k]
-            hold, goal = rows[_HOLD, c], rows[_GOAL, c]
-            new, modes[c] = goal, _AT
-            if (rest - hold) / a[c, c] > goal:
-                new, modes[c] = (rest - hold) / a[c, c], _ABOVE
-            elif (rest + hold) / a[c, c] < goal:
-                new, modes[c] = (rest + hold) / a[c, c], _BELOW
+            friction, target = rows[_HOLD, c], rows[_GOAL, c]
+            new, modes[c] = target, _AT
+            if (rest - friction) / a[c, c] > target:
+                new, modes[c] = (rest - friction) / a[c, c], _ABOVE
+            elif (rest + friction) / a[c, c] < target:
+                new, modes[c] = (rest + friction) / a[c, c], _BELOW
             if new > rows[_TOP, c]:
                 new, modes[c] = rows[_TOP, c], _HIGH
             elif new < rows[_BOTTOM, c]:
@@ -414,7 +416,7 @@ def _solve(tree, joints, state, dt, matrices, rows, modes):
     A mimicking joint has the speed of its leader times its ratio.
     """
     _reduce(tree, joints, state, dt, matrices, rows)
-    settled = False
+    converged = False
     for c in range(len(tree)):
         bound = rows[_BOTTOM if modes[c] == _LOW else _TOP, c]
         if modes[c] >= _LOW and not isfinite(bound):  # the joint has lost its stop since then
@@ -422,9 +424,9 @@ def _solve(tree, joints, state, dt, matrices, rows, modes):
     for _ in range(_GUESSES):
         _solve_speeds(tree, modes, matrices, rows)
         if not _correct_modes(tree, modes, matrices, rows):
-            settled = True
+            converged = True
             break
-    if not settled:
+    if not converged:
         _sweep(tree, modes, matrices, rows)
     for j in range(len(tree)):  # a leader has itself as leader, with ratio 1
         rows[SPEED, j] = joints[j, RATIO] * rows[SPEED, tree[j, 3]]
@@ -460,13 +462,13 @@ def advance(
     for j in range(n):
         leader = tree[j, 3]
         if leader != j:
-            follow = joints[j, RATIO] * state[0, leader] + joints[j, OFFSET]
-            state[0, j] += _BACK * (follow - state[0, j])
+            target = joints[j, RATIO] * state[0, leader] + joints[j, OFFSET]
+            state[0, j] += _BACK * (target - state[0, j])
         # Correct the position only: the joint gets no speed from the correction.
-        over = state[0, j] - min(max(state[0, j], joints[j, LOWER]), joints[j, UPPER])
-        if over != 0.0:
-            most = dt * joints[j, RETURN]
-            state[0, j] -= min(max(_BACK * over, -most), most)
+        excess = state[0, j] - min(max(state[0, j], joints[j, LOWER]), joints[j, UPPER])
+        if excess != 0.0:
+            largest = dt * joints[j, RETURN]
+            state[0, j] -= min(max(_BACK * excess, -largest), largest)
     for j in range(n):
         if not (abs(state[1, j]) < FASTEST_SPEED and isfinite(state[0, j])):
             return j
@@ -492,10 +494,16 @@ def compute_reactions(
             rows[PUSH, j] -= joints[j, STIFFNESS] * (state[0, j] + dt * v[j] - joints[j, REST])
         if tree[j, 3] != j or modes[j] < _LOW:
             continue
-        taken = rows[_RIGHT, j]
+        residual = rows[_RIGHT, j]
         for k in range(n):
             if tree[k, 3] == k:
-                taken -= a[j, k] * v[k]
-        hold, goal = rows[_HOLD, j], rows[_GOAL, j]
-        rubbed = hold if v[j] > goal else -hold if v[j] < goal else min(max(taken, -hold), hold)
-        rows[PUSH, j] -= (taken - rubbed) / dt
+                residual -= a[j, k] * v[k]
+        friction_limit, target = rows[_HOLD, j], rows[_GOAL, j]
+        friction = (
+            friction_limit
+            if v[j] > target
+            else -friction_limit
+            if v[j] < target
+            else min(max(residual, -friction_limit), friction_limit)
+        )
+        rows[PUSH, j] -= (residual - friction) / dt

@@ -75,15 +75,15 @@ class JointSpace:
 
     def link_pose(self, name: str) -> Pose:
         """Return world_T_link, the pose of a link's frame."""
-        places, turns = self._links.compute_poses(self.state[0])
+        origins, quaternions = self._links.compute_poses(self.state[0])
         row = self._links.row[name]
-        return Pose(tuple(places[row].tolist()), tuple(turns[row].tolist()))
+        return Pose(tuple(origins[row].tolist()), tuple(quaternions[row].tolist()))
 
     def link_frames(self, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
         """Return positions (m, 3) and quaternions (m, 4) of the links' frames in the world."""
-        places, turns = self._links.compute_poses(self.state[0])
+        origins, quaternions = self._links.compute_poses(self.state[0])
         rows = self._links.find_rows(names)
-        return places.take(rows, axis=0), turns.take(rows, axis=0)
+        return origins.take(rows, axis=0), quaternions.take(rows, axis=0)
 
     def set_motor(self, slot: int, velocity: float, force: float) -> None:
         """Drive a joint at `velocity` with at most `force`; a velocity of 0 is Coulomb friction."""
@@ -103,10 +103,13 @@ class JointSpace:
         body = self._link_joint[link]
         if body < 0:
             return  # the base is fixed
-        back = conjugate(self._root.quat)
-        pull = rotate(back, force)
-        arm = rotate(back, subtract(position, self._root.xyz))
-        self._wrenches[body] += (*add(cross(arm, pull), rotate(back, torque)), *pull)
+        root_q_world = conjugate(self._root.quat)
+        root_force = rotate(root_q_world, force)
+        lever = rotate(root_q_world, subtract(position, self._root.xyz))
+        self._wrenches[body] += (
+            *add(cross(lever, root_force), rotate(root_q_world, torque)),
+            *root_force,
+        )
 
     def advance(self, dt: float) -> int:
         """Make one step of `dt` s; return -1, or the index of a joint that diverged."""
@@ -133,16 +136,16 @@ class JointSpace:
         The first six coordinates are the twist of the root, angular part first, in its own frame.
         """
         mass, base = self.mass_matrix(), self._base
-        whole = np.zeros((6 + len(mass), 6 + len(mass)))
-        whole[:6, :6] = _spatial_inertia(base[33], base[34:37], base[37:43])
-        whole[6:, 6:] = mass
+        matrix = np.zeros((6 + len(mass), 6 + len(mass)))
+        matrix[:6, :6] = _spatial_inertia(base[33], base[34:37], base[37:43])
+        matrix[6:, 6:] = mass
         for j, frame in enumerate(self.frames, 6):
             # spatial inertia of all bodies beyond the joint
-            carried = _spatial_inertia(frame[30], frame[31:34], frame[34:40])
-            whole[:6, j] = whole[j, :6] = carried @ frame[12:18]
+            inertia = _spatial_inertia(frame[30], frame[31:34], frame[34:40])
+            matrix[:6, j] = matrix[j, :6] = inertia @ frame[12:18]
             if self.tree[j - 6, 1] < 0:
-                whole[:6, :6] += carried
-        return whole
+                matrix[:6, :6] += inertia
+        return matrix
 
 
 def _spatial_inertia(mass: float, first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -68,7 +68,7 @@ def _compute_poses(tree, offsets, axes, positions):
         axes (links, 3): joint axes in the joint frames.
         positions (n,): joint positions, rad or m.
     """
-    places, turns = np.empty((len(tree), 3)), np.empty((len(tree), 4))
+    origins, quaternions = np.empty((len(tree), 3)), np.empty((len(tree), 4))
     for n in range(len(tree)):
         parent, joint = tree[n, 0], tree[n, 1]
         x, y, z = offsets[n, 0], offsets[n, 1], offsets[n, 2]
@@ -91,12 +91,17 @@ def _compute_poses(tree, offsets, axes, positions):
                     d * e - a * u - b * v - c * w,
                 )
         if parent >= 0:
-            i, j, k, h = turns[parent, 0], turns[parent, 1], turns[parent, 2], turns[parent, 3]
+            i, j, k, h = (
+                quaternions[parent, 0],
+                quaternions[parent, 1],
+                quaternions[parent, 2],
+                quaternions[parent, 3],
+            )
             s, t, r = 2.0 * (j * z - k * y), 2.0 * (k * x - i * z), 2.0 * (i * y - j * x)
             x, y, z = (
-                places[parent, 0] + x + h * s + j * r - k * t,
-                places[parent, 1] + y + h * t + k * s - i * r,
-                places[parent, 2] + z + h * r + i * t - j * s,
+                origins[parent, 0] + x + h * s + j * r - k * t,
+                origins[parent, 1] + y + h * t + k * s - i * r,
+                origins[parent, 2] + z + h * r + i * t - j * s,
             )
             a, b, c, d = (
                 h * a + i * d + j * c - k * b,
@@ -105,6 +110,11 @@ def _compute_poses(tree, offsets, axes, positions):
                 h * d - i * a - j * b - k * c,
             )
         unit = 1.0 / np.sqrt(a * a + b * b + c * c + d * d)
-        places[n, 0], places[n, 1], places[n, 2] = x, y, z
-        turns[n, 0], turns[n, 1], turns[n, 2], turns[n, 3] = a * unit, b * unit, c * unit, d * unit
-    return places, turns
+        origins[n, 0], origins[n, 1], origins[n, 2] = x, y, z
+        quaternions[n, 0], quaternions[n, 1], quaternions[n, 2], quaternions[n, 3] = (
+            a * unit,
+            b * unit,
+            c * unit,
+            d * unit,
+        )
+    return origins, quaternions

@@ -149,10 +149,16 @@ class ModelJoints:
         states = pybullet.getJointStates(self.body.body_id, self._indices, self.body.client)
         positions, velocities, _, _ = zip(*states, strict=True)
         if not max(max(velocities), -min(velocities)) + abs(sum(positions)) < FASTEST_SPEED:
-            bad = next((slot for slot, (p, v) in enumerate(zip(positions, velocities, strict=True))
-                        if not (abs(v) < FASTEST_SPEED and math.isfinite(p))), None)
-            if bad is not None:
-                raise self._make_divergence_error(bad)
+            diverged = next(
+                (
+                    slot
+                    for slot, (p, v) in enumerate(zip(positions, velocities, strict=True))
+                    if not (abs(v) < FASTEST_SPEED and math.isfinite(p))
+                ),
+                None,
+            )
+            if diverged is not None:
+                raise self._make_divergence_error(diverged)
         self._cache = (positions, velocities)
         return self._cache
 
@@ -175,10 +181,10 @@ class ModelJoints:
     def check_efforts(self) -> None:
         """Raise WorldError if a pending effort is not finite; all pending ones are then dropped."""
         if not math.isfinite(sum(self.pending_efforts)):
-            bad = [n for n, e in zip(self.names, self.pending_efforts, strict=True)
+            invalid = [n for n, e in zip(self.names, self.pending_efforts, strict=True)
                    if not math.isfinite(e)]
             self.pending_efforts = [0.0] * len(self.names)
-            raise WorldError(f"model '{self.body.name}', joint {bad}: the effort is not finite")
+            raise WorldError(f"model '{self.body.name}', joint {invalid}: the effort is not finite")
 
     def before_step(self, dt: float) -> None:
         """Pass the pending efforts, which must be finite, to Bullet."""
@@ -304,8 +310,8 @@ class ModelJoints:
                 if mimic is not None and i not in slots:
                     leader = self._slot[mimic.joint]
                     if leader in result:
-                        follows = mimic.multiplier * result[leader] + mimic.offset
-                        result[i] = self._clamp_to_stops(i, follows)
+                        position = mimic.multiplier * result[leader] + mimic.offset
+                        result[i] = self._clamp_to_stops(i, position)
         return result
 
     def stop_joints(self) -> None:

@@ -38,13 +38,13 @@ def find_overlaps(world: World, model: Model, before_step: bool = False) -> list
         pybullet.performCollisionDetection(physicsClientId=world.client)
     names = {index: name for name, index in model.link_indices.items()}
     others = {other.body_id: other for other in world.models.values()}
-    still = model.list_base_links()
+    base_links = model.list_base_links()
     found = []
     for link, body, other_link, numbers in find_contacts(model.body_id, world.client):
         depth = numbers[15]
-        if link in still or depth <= 0.0:
+        if link in base_links or depth <= 0.0:
             continue
         other = others[body]
-        named = {index: name for name, index in other.link_indices.items()}
-        found.append(Overlap(names[link], other.name, named[other_link], depth))
+        other_names = {index: name for name, index in other.link_indices.items()}
+        found.append(Overlap(names[link], other.name, other_names[other_link], depth))
     return sorted(found, key=lambda one: -one.depth)

@@ -318,21 +318,29 @@ class RestingBases:
             return
         self._countdown = CHECK_EVERY
         free = self._list_free_models()
-        seen, self._last_poses = self._last_poses, {model.name: model.pose() for model in free}
-        calm = [model for model in free if not model.is_disturbed and model.name in seen and
-                _is_at_rest(seen[model.name], self._last_poses[model.name])]
+        last_poses, self._last_poses = (
+            self._last_poses,
+            {model.name: model.pose() for model in free},
+        )
+        resting = [
+            model
+            for model in free
+            if not model.is_disturbed
+            and model.name in last_poses
+            and _is_at_rest(last_poses[model.name], self._last_poses[model.name])
+        ]
         for model in free:
             model.is_disturbed = False
-        if calm and not self._fix_resting(free):
+        if resting and not self._fix_resting(free):
             self._countdown = 4 * CHECK_EVERY  # Bullet finds some corners late
 
     def _fix_resting(self, free: list[Model]) -> bool:
         """Fix the bases that are at rest; return False if there are none."""
         others = {model.body_id: model for model in self._models.values()}
         found = [one for one in (RestingBase.from_contacts(model, others) for model in free) if one]
-        standing = [one.model for one in found]
+        resting = [one.model for one in found]
         heaviest = max((model.mass for model in others.values()
-                        if not model.fixed_base and model not in standing), default=0.0)
+                        if not model.fixed_base and model not in resting), default=0.0)
         found = [one for one in found if one.mass >= _LEAST_MASS_RATIO * heaviest]
         if not found:
             return False
@@ -349,18 +357,18 @@ class RestingBases:
 
         `is_touchable`: see IsolationMonitor.is_base_touchable.
         """
-        for standing in self.fixed_bases:
-            if not standing.is_supported(dt, is_touchable):
+        for base in self.fixed_bases:
+            if not base.is_supported(dt, is_touchable):
                 self.release_overload()
                 return
 
     def release_overload(self) -> None:
         """Free all bases, after the ground could not support one, and apply the excess loads."""
-        held = self.fixed_bases
+        bases = self.fixed_bases
         self.release()
         self._countdown = RETRY_STEPS
-        for standing in held:
-            standing.apply_excess_load()
+        for base in bases:
+            base.apply_excess_load()
 
     def release_for(self, model: Model) -> None:
         """Free all bases if a base is too light compared with a new free model."""
@@ -376,11 +384,11 @@ class RestingBases:
 
     def release(self) -> None:
         """Free all bases."""
-        held, self.fixed_bases = self.fixed_bases, []
-        for standing in held:
-            standing.model.release = None
-            standing.model.set_fixed_base(False)
-        if held:
+        bases, self.fixed_bases = self.fixed_bases, []
+        for base in bases:
+            base.model.release = None
+            base.model.set_fixed_base(False)
+        if bases:
             self._on_change()
             self.is_new = False
 
@@ -400,9 +408,9 @@ def _compute_base_mass(model: Model, root: Pose) -> tuple[float, np.ndarray]:
     for name, index in model.link_indices.items():
         inertial = model.description.links[name].inertial
         if index in base and inertial is not None:
-            at = root.inverse() @ model.link_pose(name)
+            pose = root.inverse() @ model.link_pose(name)
             mass += inertial.mass
-            moment += inertial.mass * np.array(at.apply(inertial.origin_xyz))
+            moment += inertial.mass * np.array(pose.apply(inertial.origin_xyz))
     return mass, moment / mass if mass > 0.0 else moment
 
 
@@ -415,7 +423,7 @@ def _is_blocked(model: Model, contact: tuple) -> bool:
     point, normal = np.array(contact[5]), np.array(contact[7])
     names = {index: name for name, index in model.link_indices.items()}
     movers = {joint.child: joint for joint in model.description.joints.values()}
-    link, most = names[contact[3]], 0.0
+    link, largest = names[contact[3]], 0.0
     while link in movers:
         joint = movers[link]
         if joint.is_movable:
@@ -424,9 +432,9 @@ def _is_blocked(model: Model, contact: tuple) -> bool:
             if joint.kind != "prismatic":
                 lever = point - frame.xyz
                 along = np.cross(along, lever) / max(np.linalg.norm(lever), _CONTACT_DISTANCE)
-            most = max(most, abs(along @ normal))
+            largest = max(largest, abs(along @ normal))
         link = joint.parent
-    return most < _SMALLEST_LEVER
+    return largest < _SMALLEST_LEVER
 
 
 def _is_plane(model: Model) -> bool:
@@ -446,11 +454,11 @@ def _find_footprint(model: Model, point: np.ndarray, normal: np.ndarray) -> np.n
         for part in model.description.links[name].collisions if index in base else ():
             at = model.link_pose(name) @ part.pose
             matrix = at.matrix()
-            for own in _list_corners(part.geometry):
-                corners = own @ matrix[:3, :3].T + matrix[:3, 3]
+            for vertices in _list_corners(part.geometry):
+                corners = vertices @ matrix[:3, :3].T + matrix[:3, 3]
                 above = (corners - point) @ normal
-                down = np.abs(above) < near
-                found.append(corners[down] - above[down, None] * normal)
+                is_near = np.abs(above) < near
+                found.append(corners[is_near] - above[is_near, None] * normal)
     return np.concatenate(found)
 
 

@@ -57,14 +57,14 @@ class SlidingFriction:
         if self._pause:
             self._pause -= 1
             return
-        done: set[int] = set()
+        corrected: set[int] = set()
         for model in self.loose:
             linear, angular = pybullet.getBaseVelocity(model.body.body_id, self._client)
             if math.hypot(*linear) > _SLOWEST_SLIDING or math.hypot(*angular) > _SLOWEST_TURNING:
-                self._correct_friction(model, linear, angular, dt, done)
+                self._correct_friction(model, linear, angular, dt, corrected)
                 self._impacts.place_at_impact(model.body_id, linear, angular, dt)
-                done.add(model.body_id)
-        self._pause = 0 if done else _PAUSE
+                corrected.add(model.body_id)
+        self._pause = 0 if corrected else _PAUSE
 
     def _correct_friction(self, model: Model, linear: Vector3, angular: Vector3, dt: float,
               corrected_bodies: set[int]) -> None:
@@ -81,16 +81,16 @@ class SlidingFriction:
             point, normal = numbers[:3], numbers[4:7]
             slip = add(linear, cross(angular, subtract(point, centre)))
             slip = subtract(slip, self._compute_point_velocity(other, link, point))
-            away = sum(a * b for a, b in zip(slip, normal, strict=True))
-            slip = subtract(slip, scale(normal, away))
-            speed, size = math.hypot(*slip), math.hypot(numbers[7], numbers[11])
-            if speed <= least or size == 0.0:
+            normal_speed = sum(a * b for a, b in zip(slip, normal, strict=True))
+            slip = subtract(slip, scale(normal, normal_speed))
+            speed, magnitude = math.hypot(*slip), math.hypot(numbers[7], numbers[11])
+            if speed <= least or magnitude == 0.0:
                 continue
-            felt = add(scale(numbers[8:11], numbers[7]), scale(numbers[12:], numbers[11]))
-            lack = subtract(scale(slip, -size / speed), felt)
-            self._apply_force(body, -1, lack, point)
+            applied = add(scale(numbers[8:11], numbers[7]), scale(numbers[12:], numbers[11]))
+            missing = subtract(scale(slip, -magnitude / speed), applied)
+            self._apply_force(body, -1, missing, point)
             if link != -1 or other not in self._fixed:
-                self._apply_force(other, link, scale(lack, -1.0), point)
+                self._apply_force(other, link, scale(missing, -1.0), point)
 
     def _apply_force(self, body: int, link: int, force: Vector3, point: Vector3) -> None:
         pybullet.applyExternalForce(body, link, force, point, pybullet.WORLD_FRAME,

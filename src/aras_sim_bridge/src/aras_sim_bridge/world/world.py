@@ -165,14 +165,14 @@ class World:
             WorldError: a value is invalid; nothing is changed then.
         """
         step = self._time_step if time_step is None else _check_step(time_step)
-        down = self._gravity if gravity is None else _check_gravity(gravity)
+        new_gravity = self._gravity if gravity is None else _check_gravity(gravity)
         sweeps = (self._iterations if solver_iterations is None
                   else _check_iterations(solver_iterations))
         self.resting_bases.release()
-        self._time_step, self._gravity, self._iterations = step, down, sweeps
+        self._time_step, self._gravity, self._iterations = step, new_gravity, sweeps
         self._configure()
         for model in self.models.values():
-            model.update_physics(down)
+            model.update_physics(new_gravity)
 
     # ------------------------------------------------------------------ models
 
@@ -209,29 +209,43 @@ class World:
             raise WorldError(f"model '{name}': position {pose.xyz} is beyond {LARGEST:.0e} m")
         starts = _compute_start_positions(whole, name, joint_positions or {})
         bodies = pybullet.getNumBodies(physicsClientId=self.client)
-        made: list[Model] = []
+        spawned: list[Model] = []
         try:
             for one, start in zip(whole, starts, strict=True):
-                own, at = name, pose
-                if made:
-                    own, at = f"{name}::{one.root}", pose @ Pose.from_rpy(*one.initial_pose)
-                fixed = bullet_files.is_root_fixed(one, None if made else fixed_base)
-                made.append(Model(self.client, one, own, at, start, fixed, self._gravity,
-                                  self._on_model_move, made[0] if made else None))
+                own_name, own_pose = name, pose
+                if spawned:
+                    own_name, own_pose = (
+                        f"{name}::{one.root}",
+                        pose @ Pose.from_rpy(*one.initial_pose),
+                    )
+                fixed = bullet_files.is_root_fixed(one, None if spawned else fixed_base)
+                spawned.append(
+                    Model(
+                        self.client,
+                        one,
+                        own_name,
+                        own_pose,
+                        start,
+                        fixed,
+                        self._gravity,
+                        self._on_model_move,
+                        spawned[0] if spawned else None,
+                    )
+                )
         except WorldError:
             for i in range(pybullet.getNumBodies(physicsClientId=self.client) - 1, bodies - 1, -1):
                 pybullet.removeBody(pybullet.getBodyUniqueId(i, physicsClientId=self.client),
                                     physicsClientId=self.client)
             raise
-        for model in made:
+        for model in spawned:
             self.models[model.name] = model
             self.resting_bases.release_for(model)
         self._update_models()
         logger.debug("spawned '%s': %d links, %d joints, %s base", name,
-                     sum(len(model.link_names) for model in made),
-                     sum(len(model.joint_names) for model in made),
-                     "fixed" if made[0].fixed_base else "free")
-        return made[0]
+                     sum(len(model.link_names) for model in spawned),
+                     sum(len(model.joint_names) for model in spawned),
+                     "fixed" if spawned[0].fixed_base else "free")
+        return spawned[0]
 
     def spawn_ground_plane(self, name: str = "ground_plane") -> Model:
         """Add Gazebo's ground plane: z = 0, grey, drawn 100 m wide, infinite for contacts."""
@@ -395,9 +409,9 @@ class World:
         joints, held = model.joints, self.resting_bases.fixed_bases
         if not joints.is_calm:
             return None
-        stands = held[0].arrays[5:] if held else FIXED_BASE_ARRAYS
+        base_arrays = held[0].arrays[5:] if held else FIXED_BASE_ARRAYS
         space = joints.space
-        return *space.arrays, self._time_step, bool(held), space.previous_speeds, *stands
+        return *space.arrays, self._time_step, bool(held), space.previous_speeds, *base_arrays
 
     def finish_compiled_steps(
         self, model: Model, count: int, diverged_joint: int = -1, is_base_supported: bool = True

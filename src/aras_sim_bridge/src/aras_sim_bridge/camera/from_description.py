@@ -40,15 +40,15 @@ def read_settings(camera: CameraDescription) -> dict[str, object]:
     plugin = camera.plugin
     if plugin is not None:
         rates.append(plugin.update_rate)
-        told = plugin.distortion
+        plugin_D = plugin.distortion
         if plugin.auto_distortion:
-            told = camera.distortion or (0.0,) * 5
+            plugin_D = camera.distortion or (0.0,) * 5
         values |= {
             "camera_name": plugin.camera_name, "robot_namespace": plugin.robot_namespace,
             "image_topic": plugin.image_topic, "info_topic": plugin.info_topic,
             "frame_name": plugin.frame_name, "hack_baseline": plugin.hack_baseline,
             "trigger_topic": plugin.trigger_topic,
-            "declared": (plugin.focal_length, plugin.cx, plugin.cy, *_reorder_distortion(told)),
+            "declared": (plugin.focal_length, plugin.cx, plugin.cy, *_reorder_distortion(plugin_D)),
         }
         if plugin.depth is not None:
             values |= {"depth": True, "depth_topics": asdict(plugin.depth)}

@@ -167,7 +167,7 @@ class CameraSensor:
 
         Raises:
             CameraError: the rate is not positive, above the physics rate, or too high for the
-                exposure; nothing is changed then.
+                exposure; nothing has changed then.
         """
         if not (np.isfinite(rate) and rate > 0.0):
             raise CameraError(f"camera '{self.config.name}': rate {rate} Hz: give one above 0")

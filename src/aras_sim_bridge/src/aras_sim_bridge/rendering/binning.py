@@ -244,7 +244,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
             visible += 1
         if visible == first_visible:
             continue
-        # A tile inside the four outer sides of a quad is covered; one triangle stands for both.
+        # A tile inside the four outer sides of a quad is covered; one triangle represents both.
         whole = (quad[c] and visible == first_visible + 2 and not out_cut[visible - 1]
                  and not out_cut[visible - 2])
         stack[0, 0], stack[0, 1], stack[0, 2] = top, 0, 0

@@ -14,7 +14,8 @@ from aras_visual_servo_base.compiled import jit, jit_inline
 # is drawn a tenth faster than with 128.
 CLUSTER_SIZE = 32
 # A smaller cluster is also split if this reduces its cost (surface of its box times number of
-# triangles) below this ratio. Testing the box of a cluster costs as much as so many triangles.
+# triangles) below this ratio. Testing the box of a cluster costs as much as BOX_TEST_COST
+# triangles.
 LARGEST_COST_RATIO, BOX_TEST_COST = 0.6, 1
 
 

@@ -19,7 +19,7 @@ def is_cone_disjoint(x, y, z, cosine, sine, nodes, n):
     """Return whether a cone around the unit vector x, y, z is disjoint from the cone of node n."""
     if nodes[n, 3] > 1.5:
         return True
-    if nodes[n, 4] * cosine + nodes[n, 3] * sine < 0.0:  # together more than half a turn
+    if nodes[n, 4] * cosine + nodes[n, 3] * sine < 0.0:  # their sum exceeds half a turn
         return False
     between = x * nodes[n, 0] + y * nodes[n, 1] + z * nodes[n, 2]
     return between < cosine * nodes[n, 3] - sine * nodes[n, 4] - 1e-12

@@ -192,7 +192,7 @@ def _find_box(corner, m, inverse, n):
         u = inverse[n, 0, 0] * x + inverse[n, 0, 1] * y + inverse[n, 0, 2] * z
         v = inverse[n, 1, 0] * x + inverse[n, 1, 1] * y + inverse[n, 1, 2] * z
         w = inverse[n, 2, 0] * x + inverse[n, 2, 1] * y + inverse[n, 2, 2] * z
-        if w <= 1e-6 * (abs(u) + abs(v)):  # the corner is beside or behind the camera
+        if w <= 1e-6 * (abs(u) + abs(v)):  # the corner is not in front of the camera
             left = top = -np.inf
             right = bottom = np.inf
             break
@@ -271,7 +271,7 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
             x, y, z = side[m, 0, 0], side[m, 0, 1], side[m, 0, 2]
             x1, y1, z1 = side[m, 1, 0], side[m, 1, 1], side[m, 1, 2]
             x2, y2, z2 = side[m, 2, 0], side[m, 2, 1], side[m, 2, 2]
-            if all_over:  # one triangle of a quad may stand for both
+            if all_over:  # one triangle of a quad may represent both
                 x, y, z = x + x1 + x2, y + y1 + y2, z + z1 + z2
                 x1 = y1 = z1 = x2 = y2 = z2 = 0.0
             name = float(m)

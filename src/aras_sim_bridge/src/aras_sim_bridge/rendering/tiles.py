@@ -130,7 +130,7 @@ class Tiles:
         # The image circle is a disc: only if a corner of a tile is outside, pixels may be.
         if forward.min() == -2.0:
             best = -2.0
-            for row in range(height):  # large pictures have more pixels than memory
+            for row in range(height):  # row by row, to limit the memory for large images
                 pixels = np.stack([np.arange(width), np.full(width, row)], axis=1).astype(float)
                 forward = np.nan_to_num(unproject(pixels)[:, 2], nan=-2.0)
                 valid[row, :width] = forward > -2.0
@@ -172,7 +172,7 @@ class Tiles:
             return np.empty((0, self.width, 3), np.float32)
         out = np.empty((self.height, self.width, 3), np.float32)
         u = np.arange(self.width, dtype=float)
-        for v in range(self.height):  # large pictures have more pixels than memory
+        for v in range(self.height):  # row by row, to limit the memory for large images
             out[v] = self._unproject(np.column_stack([u, np.full(self.width, float(v))]))
         return out
 

@@ -8,7 +8,7 @@ from aras_sim_bridge.world import bullet_files
 from aras_sim_bridge.world.bullet import pybullet
 from aras_visual_servo_base.poses import IDENTITY, Pose
 
-DEFAULT_FRICTION = 1.0  # Gazebo's
+DEFAULT_FRICTION = 1.0  # Gazebo's default
 _UNBOUNDED_VELOCITY = 1e9  # Bullet limits joint velocities to 100 rad/s by default
 # m, Bullet's collision margins. Convex hulls of meshes grow by the margin, and resting bodies sink
 # in by the root's; it is small so that they rest at their true height. The margin of the other

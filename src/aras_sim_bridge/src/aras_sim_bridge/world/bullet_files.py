@@ -250,7 +250,7 @@ def _needs_empty_link(description: RobotDescription) -> bool:
 
 def _format_empty_link(description: RobotDescription) -> str:
     """Return a link without mass and shapes, which becomes Bullet's first link."""
-    name = "nobody"
+    name = "empty"
     while name in description.links or name in description.joints:
         name += "_"
     return _format_link(Link(name, None), False, None, None) + _format_joint(

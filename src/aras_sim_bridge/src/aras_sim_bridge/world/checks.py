@@ -24,7 +24,7 @@ def check_simulable(description: RobotDescription, name: str) -> None:
                          "other, or split the model")
     for link in description.links.values():
         for where, size in _list_sizes(link):
-            if not size <= LARGEST:  # NaN neither
+            if not size <= LARGEST:  # also refuses NaN
                 raise WorldError(f"model '{name}', link '{link.name}': {where} of {size:.4g} m is "
                                  f"beyond {LARGEST:.0e} m")
             if where.endswith("size") and size < SMALLEST:
@@ -83,7 +83,7 @@ def _check_joints(description: RobotDescription, name: str) -> None:
     parents: dict[str, str] = {}
     for joint in description.joints.values():
         parents[joint.child] = joint.parent
-    with_mass: set[str] = set()  # links with mass at or below them
+    with_mass: set[str] = set()  # links that have mass, or carry links with mass
     for link in description.links.values():
         name_above = link.name if link.inertial is not None else None
         while name_above is not None and name_above not in with_mass:

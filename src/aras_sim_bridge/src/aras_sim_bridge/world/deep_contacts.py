@@ -20,7 +20,7 @@ _log = logging.getLogger(__name__)
 
 _SEPARATION_SPEED = 0.01  # m/s, Gazebo's default of <max_vel>
 _DEFAULT_ERP = 0.08  # share of the depth that Bullet removes in a step by default
-_DRIVEN_STEPS = 10  # a body that jumps again within so many steps is driven by a program
+_DRIVEN_STEPS = 10  # a body that jumps again within this time is driven by a program
 _CHECK_EVERY = 10  # steps between two checks, in which depths change by 0.1 mm
 # 1/kg, compliance of the contacts while the speed is limited. A Kinova Jaco spawned at joint
 # positions of 0, 18 cm inside the ground, spins at 2000 rad/s with 0 and at 350 rad/s from 1e-4 on.

@@ -95,7 +95,7 @@ class JointSpace:
         return self._joints.item(slot, TARGET), self._joints.item(slot, FORCE)
 
     def bound_speed(self, slot: int, fastest: float) -> None:
-        """Limit the speed of a joint, whatever acts on it; inf removes the limit."""
+        """Limit the speed of a joint under any forces; inf removes the limit."""
         self._joints[slot, FASTEST] = fastest
 
     def apply_force(self, link: str, force: Vector3, position: Vector3, torque: Vector3) -> None:

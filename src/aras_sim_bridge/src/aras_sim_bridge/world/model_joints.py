@@ -267,7 +267,7 @@ class ModelJoints:
         Returns:
             The position, clamped to the stops.
         Raises:
-            WorldError: unknown joint or a number that is not finite; nothing is changed then.
+            WorldError: unknown joint or a number that is not finite; nothing has changed then.
         """
         self._set_positions({joint: position})
         return self._clamp_to_stops(self._slot[joint], position)
@@ -278,7 +278,7 @@ class ModelJoints:
         Mimicking joints follow their leaders unless they are listed themselves.
 
         Raises:
-            WorldError: unknown joint or a number that is not finite; nothing is changed then.
+            WorldError: unknown joint or a number that is not finite; nothing has changed then.
         """
         self._set_positions(positions)
         if self.damping is not None:
@@ -333,7 +333,7 @@ class ModelJoints:
         self._set_motor(slot, velocity, min(max_effort, NO_LIMIT_FORCE))
 
     def bound_speed(self, joint: str, fastest: float) -> None:
-        """Limit the speed of `joint` to `fastest` (rad/s or m/s), whatever acts on it.
+        """Limit the speed of `joint` to `fastest` (rad/s or m/s) under any forces.
 
         Raises:
             WorldError: unknown joint, a limit that is not positive, or a model without a fixed

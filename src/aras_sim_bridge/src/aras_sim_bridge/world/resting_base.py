@@ -1,6 +1,6 @@
 """Free bases at rest, simulated as fixed bases while the ground can support them.
 
-The original robot weighs 1.7 t and stands on the floor. Computing the contacts of twelve corners
+The original robot weighs 1.7 t and rests on the floor. Computing the contacts of twelve corners
 takes five times as long as the arm, only to find that the base does not move. Therefore a free
 model that rests on a static body is stepped as if its base were fixed, similar to ODE's sleeping
 bodies. After every step, the wrench on the ground is computed from the motion of the arm and from
@@ -332,7 +332,7 @@ class RestingBases:
         for model in free:
             model.is_disturbed = False
         if resting and not self._fix_resting(free):
-            self._countdown = 4 * CHECK_EVERY  # Bullet finds some corners late
+            self._countdown = 4 * CHECK_EVERY  # Bullet may find corners later
 
     def _fix_resting(self, free: list[Model]) -> bool:
         """Fix the bases that are at rest; return False if there are none."""

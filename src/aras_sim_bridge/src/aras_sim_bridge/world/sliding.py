@@ -21,7 +21,7 @@ from aras_visual_servo_base.poses import Vector3, add, cross, scale, subtract
 _SLOWEST_SLIDING = 5e-3  # m/s; Bullet brings slower bodies to rest
 _SLOWEST_TURNING = 5e-2  # rad/s
 _PAUSE = 5  # steps between two checks while no body moves
-_STEPS = 4  # a point counts as sliding if friction needs at least so many steps to stop it
+_STEPS = 4  # a point slides if friction needs more steps than this to stop it
 
 
 class SlidingFriction:

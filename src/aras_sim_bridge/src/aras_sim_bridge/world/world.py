@@ -162,7 +162,7 @@ class World:
         """Change physics parameters; None leaves one unchanged.
 
         Raises:
-            WorldError: a value is invalid; nothing is changed then.
+            WorldError: a value is invalid; nothing has changed then.
         """
         step = self._time_step if time_step is None else _check_step(time_step)
         new_gravity = self._gravity if gravity is None else _check_gravity(gravity)
@@ -283,7 +283,7 @@ class World:
 
         Raises:
             WorldError, DescriptionError: unknown model, a joint that moves no mass, or a mesh file
-                that was damaged meanwhile; nothing is changed then.
+                that was damaged meanwhile; nothing has changed then.
         """
         model = self.models.get(name) or self.model(name)
         check_simulable(description, name)
@@ -448,7 +448,7 @@ class World:
         Model objects stay valid; their body ids may change.
 
         Raises:
-            DescriptionError: a mesh file was damaged meanwhile; nothing is changed then.
+            DescriptionError: a mesh file was damaged meanwhile; nothing has changed then.
         """
         for model in self.models.values():
             shapes.read_mesh_files(model.description, model.name)

@@ -204,7 +204,7 @@ class EffectChain:
             curve = self._curve if factor == 1.0 else self._compute_curve(factor)
             image = image if curve is None else cv2.LUT(image, curve)
         if e.noise_stddev or e.noise_mean:
-            image = np.ascontiguousarray(image)  # it may be part of a larger array
+            image = np.ascontiguousarray(image)  # an effect may return part of an array
             out = np.empty_like(image)
             # Rounding to grey levels adds a variance of 1/12.
             stddev = math.sqrt(max(e.noise_stddev**2 - 1 / 12, (e.noise_stddev / 2)**2))

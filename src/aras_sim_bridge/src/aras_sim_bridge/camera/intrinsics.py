@@ -58,7 +58,7 @@ class CameraProjection:
 
     @property
     def is_pinhole(self) -> bool:
-        """Whether straight lines remain straight in the image."""
+        """True if straight lines remain straight in the image."""
         return isinstance(self.lens, BrownLens) and not any(self.lens.D)
 
 

@@ -74,7 +74,7 @@ class MountedCamera:
 
     @property
     def enabled(self) -> bool:
-        """Whether the camera takes images; can be set from any thread."""
+        """True if the camera takes images; any thread may set it."""
         return self._enabled
 
     @enabled.setter

@@ -55,7 +55,10 @@ def is_box_outside(T, r, centre, half, n, nodes, root):
 
 @jit_inline
 def is_outside(side, length2, m, nodes, n):
-    """Return whether the cone of node n is outside a side of triangle m; length2 of the sides."""
+    """Return whether the cone of node n is outside a side of triangle m.
+
+    `length2` (., 3) contains the squared lengths of the vectors in `side`.
+    """
     if nodes[n, 3] <= 0.0:
         return False
     x, y, z, sine = nodes[n, 0], nodes[n, 1], nodes[n, 2], nodes[n, 4]

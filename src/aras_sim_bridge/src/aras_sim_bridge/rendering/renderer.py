@@ -207,7 +207,7 @@ class Renderer:
     def _compute_irradiance(
         self, sampled: SampledView, view: View, edges: np.ndarray, fragments: Fragments
     ) -> Irradiance:
-        """Return the light of several lamps; empty arrays if there is only the sun."""
+        """Return the light of the lamps; empty arrays if the sun is the only light."""
         light = self.light
         if not light.lights:
             return NO_IRRADIANCE

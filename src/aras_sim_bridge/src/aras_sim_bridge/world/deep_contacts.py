@@ -51,7 +51,7 @@ class DeepContacts:
         self._steps_since_move = 0
 
     def continue_watching(self) -> None:
-        """Monitor on after a model or its joints jumped to another position.
+        """Extend the monitoring after a model or its joints jumped to another position.
 
         A model that jumps in every step is driven by a program and may push other bodies at full
         speed.

@@ -67,7 +67,7 @@ class ContactFriction:
                     self._apply(*part, value)
 
     def _solve_coefficients(self, pairs: Iterable[tuple[_LinkId, _LinkId]]) -> dict[_LinkId, float]:
-        """Return the value of each touching link whose products are the smaller coefficients."""
+        """Return one coefficient per touching link; products equal the smaller original ones."""
         smooth = {part for pair in pairs for part in pair if self._coefficients[part] == 0.0}
         rough = [pair for pair in sorted(pairs) if not smooth.intersection(pair)]
         parts = sorted({part for pair in rough for part in pair})

@@ -65,7 +65,8 @@ class GraspedLink:
 
 
 def has_opposed_forces(forces: Iterable[np.ndarray], angle: float) -> bool:
-    """Return whether two of the forces are comparable and more than `angle` (rad) apart."""
+    """Return whether two forces of similar magnitude differ in direction by more than `angle` (rad).
+    """
     for one, other in combinations(forces, 2):
         sizes = sorted((float(np.linalg.norm(one)), float(np.linalg.norm(other))))
         if sizes[0] < _LEAST_FORCE or sizes[0] < _LEAST_RATIO * sizes[1]:

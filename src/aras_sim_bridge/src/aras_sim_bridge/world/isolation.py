@@ -162,6 +162,6 @@ def _compute_speed(model: Model) -> float:
 
 def _compute_steps(boxes: Iterable[Box], solids: Iterable[Box | HalfSpace], speed: float,
            dt: float) -> float:
-    """Return the least number of steps of `dt` s in which these may meet at `speed` m/s."""
+    """Return the number of steps of `dt` s before boxes and solids may meet at `speed` m/s."""
     gap = min((other.gap(one) for one in boxes for other in solids), default=_FAR)
     return (gap - _CONTACT_DISTANCE) / ((speed + _SPEED_MARGIN) * dt)

@@ -51,14 +51,14 @@ class JointDamping:
         self.springs: dict[int, float] = {}
 
     def before_step(self, dt: float) -> None:
-        """Choose the method when a check is due; call it once before each step."""
+        """Choose the damping method every CHECK_EVERY steps; called before each step."""
         if self._countdown == 0:
             self._choose_method(dt)
             self._countdown = CHECK_EVERY
         self._countdown -= 1
 
     def invalidate(self) -> None:
-        """Choose the method at the next step, after configuration, inertia or time step jumped."""
+        """Choose the method again at the next step, after a jump of joints, inertia or time step."""
         self._countdown = 0
 
     def _choose_method(self, dt: float) -> None:

@@ -148,7 +148,7 @@ class Model:
 
     @property
     def needs_steps(self) -> bool:
-        """Whether `before_step` has any effect."""
+        """True if `before_step` has any effect."""
         return bool(self.joint_names or self.body.weightless_link_masses)
 
     def before_step(self, dt: float) -> None:

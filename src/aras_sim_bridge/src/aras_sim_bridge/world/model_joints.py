@@ -90,7 +90,7 @@ class ModelJoints:
                                  physicsClientId=self.body.client)
 
     def set_own_dynamics(self, own: bool) -> None:
-        """Choose the solver: joint dynamics in `space`, or Bullet, and transfer the state.
+        """Choose whether `space` or Bullet steps the joints, and transfer their state.
 
         Own dynamics require that no other body can touch the model.
         """
@@ -215,7 +215,7 @@ class ModelJoints:
         self.space.state[0], self.space.state[1], _ = self.read()
 
     def advance(self, dt: float) -> None:
-        """Make a step with the pending efforts, which must be finite, with own dynamics.
+        """Make a step of `dt` s in `space` with the pending efforts, which must be finite.
 
         Raises:
             WorldError: the simulation diverged.
@@ -242,7 +242,7 @@ class ModelJoints:
 
     @property
     def is_calm(self) -> bool:
-        """Whether the model uses its own dynamics and no effort is pending."""
+        """True if the model uses its own dynamics and no effort is pending."""
         return self.has_own_dynamics and not self._has_pending_efforts
 
     def after_step(self) -> None:
@@ -375,7 +375,7 @@ class ModelJoints:
         return self.space.bias_efforts()
 
     def inverse_inertia(self) -> np.ndarray:
-        """Return the matrix (n, n) from joint efforts to accelerations, 1/(kg m²) or 1/kg."""
+        """Return the matrix (n, n) that maps joint efforts to accelerations, 1/(kg m²) or 1/kg."""
         if self.space is None:
             self._free_space.state[0] = self.read()[0]
             return np.linalg.inv(self._free_space.free_mass_matrix())[6:, 6:]

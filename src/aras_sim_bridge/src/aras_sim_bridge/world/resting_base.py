@@ -175,7 +175,7 @@ class RestingBase:
 
     @classmethod
     def from_contacts(cls, model: Model, models: Mapping[int, Model]) -> RestingBase | None:
-        """Return the resting state of a free model; None if a movable body supports it.
+        """Return the resting state of a free model; None unless it rests on static bodies.
 
         Args:
             model: free model.
@@ -303,8 +303,7 @@ class RestingBases:
         ]
 
     def fix_at_start(self) -> None:
-        """Fix the bases of models that were spawned at rest on the ground; before the first step.
-        """
+        """Fix the bases of models that start at rest on the ground; called before the first step."""
         self.is_new = False
         free = [model for model in self._list_free_models() if model.twist() == Twist()]
         if free:
@@ -371,7 +370,7 @@ class RestingBases:
             base.apply_excess_load()
 
     def release_for(self, model: Model) -> None:
-        """Free all bases if a base is too light compared with a new free model."""
+        """Free all bases if one of them is too light compared with a new free model."""
         if not model.fixed_base and any(
             one.mass < _LEAST_MASS_RATIO * model.mass for one in self.fixed_bases
         ):

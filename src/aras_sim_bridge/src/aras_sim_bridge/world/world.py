@@ -312,7 +312,7 @@ class World:
         self.resting_bases.refresh()
 
     def _on_model_move(self, model: Model, is_moved: bool, has_new_positions: bool = False) -> None:
-        """Handle a model that jumped (`is_moved`), whose joints jumped, or that was pushed."""
+        """React to a model that jumped (`is_moved`), whose joints jumped, or that was pushed."""
         if is_moved or has_new_positions:
             self._deep.continue_watching()
         if is_moved and model.fixed_base:
@@ -324,7 +324,7 @@ class World:
             self._sliding.check_all()
 
     def _update_isolation(self) -> None:
-        """Choose the solver of each model (see isolation.py)."""
+        """Choose for each model whether Bullet steps it (see isolation.py)."""
         self.isolation.update(self._time_step)
         models = self.models.values()
         self._own_dynamics_models = [model for model in models if model.joints.has_own_dynamics]

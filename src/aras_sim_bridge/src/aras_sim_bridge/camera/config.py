@@ -306,7 +306,7 @@ class CameraConfig:
 
         described, own = read_settings(camera), apply_calibration(overrides or {})
         if own.get("lens", described.get("lens")) != described.get("lens"):
-            described.pop("cutoff_angle", None)  # it belongs to the other lens
+            described.pop("cutoff_angle", None)  # the described angle belongs to the other lens
         return cls.from_mapping(merge(described, own))
 
     @classmethod

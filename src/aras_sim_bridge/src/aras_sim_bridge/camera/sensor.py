@@ -336,7 +336,7 @@ class CameraSensor:
         The link of the camera may contain the lens: like Gazebo, the renderer draws no back faces.
         """
         first, self._first = self._first, False
-        # One pixel is mostly sufficient.
+        # Test one pixel first: mostly it is not black.
         black = not (self._has_warned_black or image[0, 0, 0] or image[::8, ::8].any())
         if not first and not black:
             return

@@ -23,7 +23,7 @@ def half_plane_area(a, b, c):
     """Return the area of the pixel where a + b x + c y > 0; b and c must not both be 0."""
     p, q = abs(b), abs(c)
     p, q = max(p, q), min(p, q)
-    q = max(q, 1e-7 * p)  # a nearly vertical or horizontal line: exact to 1e-7
+    q = max(q, 1e-7 * p)  # avoids a division by 0; the area is exact to 1e-7
     s = a + 0.5 * (p + q)
     s0, s1, s2, s3 = max(s, 0.0), max(s - p, 0.0), max(s - q, 0.0), max(s - p - q, 0.0)
     return (s0 * s0 - s1 * s1 - s2 * s2 + s3 * s3) / (2.0 * p * q)

@@ -127,7 +127,7 @@ def resolve_fragments(
                 left_of[q] = 0
                 end += 1
             tile, pixels = cell // (cells * cells), end - group
-            length = 0.0  # of a ray, squared
+            length = 0.0  # squared length of a ray
             for j in range(3):
                 length += matrices[cell, j, 2]**2
             for k in range(start[tile + 1] - first):
@@ -136,7 +136,7 @@ def resolve_fragments(
                 m = member[first + k]
                 lines[k] = 0 if full[first + k] else 5 if cut[m] else 3
                 for j in range(3):
-                    column = (j + 2) % 3  # the constant first
+                    column = (j + 2) % 3  # order: constant, x, y
                     x, y = matrices[cell, 0, column], matrices[cell, 1, column]
                     z = matrices[cell, 2, column]
                     for i in range(3):

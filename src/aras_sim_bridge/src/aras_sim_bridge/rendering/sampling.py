@@ -120,7 +120,7 @@ def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes,
         if nodes[n, 3] > 1.5:
             out[n] = NOTHING
         elif start[n] == start[n + 1] and (whole[n] or cover[n] < 0):
-            out[n] = cover[n]  # or BACKGROUND
+            out[n] = cover[n]  # a triangle or BACKGROUND
         else:
             end, pending_cover = left, cover[n]
             for k in range(start[n], start[n + 1] + 1):

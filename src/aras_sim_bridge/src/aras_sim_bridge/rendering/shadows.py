@@ -57,7 +57,7 @@ def _make_spread() -> np.ndarray:
 
     The points are Roberts's sequence in four dimensions.
     """
-    golden = 1.16730397826141868  # g**5 = g + 1
+    golden = 1.16730397826141868  # root of g**5 = g + 1, from Roberts
     share = (0.5 + (np.arange(MANY_RAYS)[:, None] + 1) / golden ** np.arange(1, 5)) % 1.0
     radius, angle = np.sqrt(share[:, 2:3]), 2 * np.pi * share[:, 3:]
     return np.hstack([share[:, :2] - 0.5, radius * np.cos(angle), radius * np.sin(angle)])

@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import RenderingError
 from .byte_limited_cache import ByteLimitedCache
 
-TILE = 8  # px a side
+TILE = 8  # px per side
 # Largest distance of a pixel from its true ray, px. The errors at the centre and at the corners of
 # a cell have opposite signs, so the mean error over a target is far smaller: see
 # tests/benchmarks/render.py.

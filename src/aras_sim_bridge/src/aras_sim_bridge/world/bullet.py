@@ -34,7 +34,7 @@ def silence_output() -> Iterator[None]:
 
 
 if "pybullet" not in sys.modules:
-    with silence_output():  # "pybullet build time: …"
+    with silence_output():  # it prints "pybullet build time: …"
         import pybullet
 else:
     import pybullet

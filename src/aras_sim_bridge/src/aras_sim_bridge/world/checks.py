@@ -8,7 +8,7 @@ from aras_sim_bridge.description.types import Geometry, Inertial, Link, RobotDes
 from aras_sim_bridge.errors import WorldError
 
 LARGEST = 1e9  # m, kg: beyond it doubles do not resolve a micrometre, and Bullet's boxes overflow
-SMALLEST = 1e-9  # m, kg
+SMALLEST = 1e-9  # m, kg: smallest size and mass
 MOST_LINKS = 128  # of one model; PyBullet returns no data for a larger one
 
 

@@ -16,7 +16,7 @@ from aras_sim_bridge.world.model import Model
 
 CHECK_EVERY = 5  # steps between checks of the contacts; new ones have the product until the next
 
-_LinkId = tuple[int, int]  # Bullet's numbers of body and link
+_LinkId = tuple[int, int]  # Bullet's body id and link index
 
 
 class ContactFriction:

@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 _LEAST_FORCE = 1e-4  # N; smaller forces are ignored, as upstream
 _LEAST_RATIO = 0.3  # of the smaller to the larger of two opposed forces, as upstream
 _NEVER = 1 << 62  # ns
-LinkId = tuple[str, str]  # model and link
+LinkId = tuple[str, str]  # names of model and link
 
 
 @dataclass
@@ -65,7 +65,9 @@ class GraspedLink:
 
 
 def has_opposed_forces(forces: Iterable[np.ndarray], angle: float) -> bool:
-    """Return whether two forces of similar magnitude differ in direction by more than `angle` (rad).
+    """Return whether two of the forces have similar magnitudes and opposed directions.
+
+    Directions are opposed if they differ by more than `angle` (rad).
     """
     for one, other in combinations(forces, 2):
         sizes = sorted((float(np.linalg.norm(one)), float(np.linalg.norm(other))))
@@ -106,7 +108,7 @@ class GraspFix:
     def idle_until_ns(self) -> int:
         """Time in ns until which `after_step` need not be called.
 
-        A model that makes its own steps touches nothing, so its fingers need no checks.
+        A model that Bullet does not step touches nothing, so its fingers need no checks.
         """
         if self.model.joints.has_own_dynamics and not self._counts and not self._finger_contacts:
             return _NEVER
@@ -157,7 +159,7 @@ class GraspFix:
                    if self._exists(thing)}
         self._finger_contacts = {}
         for name, grasped in list(self.grasped.items()):
-            if grasped.ends not in self._attachments:  # its model is gone
+            if grasped.ends not in self._attachments:  # the model of the object was deleted
                 del self.grasped[name]
         gripped = [thing for thing, fingers in pressed.items()
                    if has_opposed_forces((one.force / one.steps for one in fingers.values()),

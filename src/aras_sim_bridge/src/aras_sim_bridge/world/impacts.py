@@ -31,7 +31,7 @@ _CLEAR_STEPS = 6  # steps without a search after no body was found nearby
 _TILT = 5e-3  # rad, a third of the angle at which Bullet discards the contact points of corners
 _SIDES = 9  # number of directions in which a body is tilted
 
-_LinkId = tuple[int, int]  # Bullet's numbers of body and link
+_LinkId = tuple[int, int]  # Bullet's body id and link index
 
 
 def _dot(a: Vector3, b: Vector3) -> float:

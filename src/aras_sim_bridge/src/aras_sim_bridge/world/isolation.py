@@ -1,10 +1,10 @@
 """Choice of the solver for each fixed-base model: its own joint dynamics, or Bullet.
 
-Own steps (joint_dynamics.py) take a tenth of Bullet's time, are exact, and give the same result to
+The steps of joint_dynamics.py take a tenth of Bullet's time, are exact, and give the same result to
 the last bit as without other models. Bullet takes over while another body may touch the model. The
-bounding boxes are therefore checked from time to time, as rarely as the speeds allow. While a model
-makes its own steps, its copy in Bullet sleeps at the pose of the last check: no body can reach it
-before the next one.
+bounding boxes are therefore checked from time to time, as rarely as the speeds allow. While
+joint_dynamics.py steps a model, its copy in Bullet sleeps at the pose of the last check: no body
+can reach it before the next one.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from aras_sim_bridge.world.reach import MARGIN, Box, HalfSpace, can_meet, comput
 _CONTACT_DISTANCE = 0.02  # m between boxes; bodies that are closer may touch in the next step
 # m/s, added to all measured speeds: the speed that forces may add between two checks
 _SPEED_MARGIN = 5.0
-_RETURN_STEPS = 8  # steps of free travel before a model returns to its own dynamics
+_RETURN_STEPS = 8  # steps of free travel before joint_dynamics.py replaces Bullet
 _FAR = 1e9  # m
 _ARM_LENGTH = 2.0  # m, assumed lever of another robot, to turn joint speeds into m/s
 # steps between checks: while Bullet steps the model; with a body within reach; with none; never
@@ -84,7 +84,7 @@ class IsolationMonitor:
     """Monitors which bodies may touch the fixed-base models of a world.
 
     Attributes:
-        isolated_models: fixed-base models with joints, which may use their own dynamics.
+        isolated_models: fixed-base models with joints, which joint_dynamics.py may step.
         steps_until_update: steps until `update` is due.
         is_base_touchable: whether a free body may touch a resting base that is held fixed.
     """
@@ -139,7 +139,7 @@ class IsolationMonitor:
                 0.0 if model.is_attached else isolated.compute_isolated_steps(loose, fastest, dt)
             )
             is_isolated = steps >= (1 if model.joints.has_own_dynamics else _RETURN_STEPS)
-            if model.body.is_asleep and not is_isolated:  # it moves from the second step on
+            if model.body.is_asleep and not is_isolated:  # a woken body moves from the second step on
                 model.body.set_asleep(False)
                 wait = 1
                 continue

@@ -58,7 +58,7 @@ class JointDamping:
         self._countdown -= 1
 
     def invalidate(self) -> None:
-        """Choose the method again at the next step, after a jump of joints, inertia or time step."""
+        """Choose the method at the next step, after a jump of joints, inertia or time step."""
         self._countdown = 0
 
     def _choose_method(self, dt: float) -> None:

@@ -35,7 +35,7 @@ from math import cos, inf, isfinite, sin, sqrt
 
 from aras_visual_servo_base.compiled import jit
 
-# columns of `joints`
+# column indices of the array `joints`
 (DAMPING, FORCE, TARGET, LOWER, UPPER, RETURN, FASTEST, RATIO, OFFSET, STIFFNESS,
  REST) = range(11)
 # values of `modes`: at the target speed, above it, below it, at the lower or the upper bound
@@ -50,7 +50,7 @@ NO_LIMIT_FORCE = 1e18
 _GUESSES, _SWEEPS = 20, 4000  # largest numbers of mode corrections, and of sweeps after them
 _ROUNDING = 1e-12  # relative rounding error
 
-# rows of `rows`
+# row indices of the array `rows`
 BIAS, PUSH, SPEED, BEFORE, _RIGHT, _BOTTOM, _TOP, _HOLD, _GOAL = range(9)
 _TREE_TYPES = (
     "f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1]"
@@ -72,7 +72,7 @@ def _compute_inertia(b, f, gravity):
     gy = f[3] * b[34] + f[4] * b[35] + f[5] * b[36]
     gz = f[6] * b[34] + f[7] * b[35] + f[8] * b[36]
     hx, hy, hz = gx + m * px, gy + m * py, gz + m * pz
-    # R I Rt
+    # second moments in the root's axes: R I R^T
     for i in range(3):
         x, y, z = f[3 * i], f[3 * i + 1], f[3 * i + 2]
         u = x * b[37] + y * b[38] + z * b[39]
@@ -419,7 +419,7 @@ def _solve(tree, joints, state, dt, matrices, rows, modes):
     converged = False
     for c in range(len(tree)):
         bound = rows[_BOTTOM if modes[c] == _LOW else _TOP, c]
-        if modes[c] >= _LOW and not isfinite(bound):  # the joint has lost its stop since then
+        if modes[c] >= _LOW and not isfinite(bound):  # this joint has no stop any more
             modes[c] = _AT
     for _ in range(_GUESSES):
         _solve_speeds(tree, modes, matrices, rows)

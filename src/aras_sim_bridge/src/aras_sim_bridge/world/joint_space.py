@@ -102,7 +102,7 @@ class JointSpace:
         """Apply a force (N) at a point and a torque (N m) in the next step, all in world axes."""
         body = self._link_joint[link]
         if body < 0:
-            return  # the base is fixed
+            return  # a force on the fixed base has no effect
         root_q_world = conjugate(self._root.quat)
         root_force = rotate(root_q_world, force)
         lever = rotate(root_q_world, subtract(position, self._root.xyz))

@@ -22,12 +22,13 @@ class ModelJoints:
 
     All sequences of joint values are in the order of `names`. Efforts act for one step.
 
-    The state of a fixed-base model is in `space` while `has_own_dynamics` is true. Then `advance`
-    makes the steps, and `update_bullet` updates Bullet's copy before Bullet is queried. Otherwise
-    Bullet makes the steps and holds the state.
+    If a fixed-base model has its own dynamics, `space` holds the state, `advance` makes the steps,
+    and `update_bullet` updates Bullet's copy before Bullet is queried. Otherwise Bullet makes the
+    steps and holds the state.
 
     Attributes:
         names: names of the joints in file order.
+        has_own_dynamics: whether `space` steps the model instead of Bullet.
         applied_efforts: efforts of the last step, N m or N.
     """
 
@@ -242,7 +243,7 @@ class ModelJoints:
 
     @property
     def is_calm(self) -> bool:
-        """True if the model uses its own dynamics and no effort is pending."""
+        """True if `space` steps the model (not Bullet) and no effort is pending."""
         return self.has_own_dynamics and not self._has_pending_efforts
 
     def after_step(self) -> None:

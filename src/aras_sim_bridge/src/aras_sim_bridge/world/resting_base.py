@@ -234,7 +234,7 @@ class RestingBase:
     def is_supported(self, dt: float, is_touchable: bool) -> bool:
         """Return whether the ground supported the base in the last step of `dt` s.
 
-        `is_touchable`: whether a body may touch the base while the model uses its own dynamics.
+        `is_touchable`: whether a body may touch the base although Bullet does not step the model.
         """
         if not self.model.joints.has_own_dynamics:
             self.model.joints.read_bullet_state()
@@ -303,7 +303,7 @@ class RestingBases:
         ]
 
     def fix_at_start(self) -> None:
-        """Fix the bases of models that start at rest on the ground; called before the first step."""
+        """Fix the bases of models that start at rest on the ground, before the first step."""
         self.is_new = False
         free = [model for model in self._list_free_models() if model.twist() == Twist()]
         if free:

@@ -65,7 +65,7 @@ class World:
             follow it as <model>::<root link of the part>.
         revision: number of spawns, deletions and resets; a copy of the scene is out of date when it
             has changed.
-        isolation: decides which fixed-base models use their own dynamics.
+        isolation: decides which fixed-base models joint_dynamics.py steps instead of Bullet.
         resting_bases: free models at rest, whose bases are treated as fixed.
         attachments: fixed joints between models.
         friction: gives each contact the smaller of its two friction coefficients.
@@ -116,7 +116,7 @@ class World:
             enableFileCaching=False,
             # Split impulses leave a joint beyond its limit by more than 4 cm (bullet3#2944).
             useSplitImpulse=False,
-            restitutionVelocityThreshold=0.0,  # impacts.py decides
+            restitutionVelocityThreshold=0.0,  # impacts.py sets the restitution of each impact
             # Both links must accept a pair; by default Bullet tests a pair that one accepts.
             collisionFilterMode=0,
             physicsClientId=self.client)
@@ -137,7 +137,7 @@ class World:
             self._has_direct_solver = direct
             solver = (pybullet.CONSTRAINT_SOLVER_LCP_DANTZIG if direct
                       else pybullet.CONSTRAINT_SOLVER_LCP_SI)
-            with silence_output():  # "switched solver"
+            with silence_output():  # Bullet prints "switched solver"
                 pybullet.setPhysicsEngineParameter(constraintSolverType=solver,
                                                    physicsClientId=self.client)
 
@@ -368,7 +368,7 @@ class World:
             self.resting_bases.detect_rest()
 
     def _step_bullet(self, dt: float) -> None:
-        """Make one step of Bullet, for all models without own dynamics."""
+        """Make one step of Bullet, for all models that it steps."""
         for model in self._bullet_models:
             model.before_step(dt)
         if self.friction.is_active:

@@ -139,7 +139,7 @@ class IsolationMonitor:
                 0.0 if model.is_attached else isolated.compute_isolated_steps(loose, fastest, dt)
             )
             is_isolated = steps >= (1 if model.joints.has_own_dynamics else _RETURN_STEPS)
-            if model.body.is_asleep and not is_isolated:  # a woken body moves from the second step on
+            if model.body.is_asleep and not is_isolated:  # it moves from the second step on
                 model.body.set_asleep(False)
                 wait = 1
                 continue

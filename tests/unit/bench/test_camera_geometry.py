@@ -243,7 +243,7 @@ def test_a_camera_is_read_with_its_rate(tmp_path):
     with pytest.raises(ExperimentError, match="camera.preset is 3, must be the name of a preset"):
         read_preset({"preset": 3}, packages, ROBOT)
     for name, words in (("orignal", "no preset: did you mean 'original'"),
-                        (str(tmp_path / "list.yml"), "holds no keys with values")):
+                        (str(tmp_path / "list.yml"), "contains no keys with values")):
         (tmp_path / "list.yml").write_text("[1, 2]")
         with pytest.raises(ExperimentError, match=words):
             read_preset(name, packages, ROBOT)

@@ -151,8 +151,8 @@ CHAIN, STORE, VISP = kalibr(RADTAN, "plumb_bob"), opencv(".xml")(RADTAN, ""), vi
 
 
 @pytest.mark.parametrize(("name", "text", "message"), [
-    ("a.yaml", ROS.replace("plumb_bob", "fov"), "distortion_model 'fov' is not served"),
-    ("a.yaml", ROS.replace("plumb_bob", "equidistant"), "5 numbers, and the distortion model eq"),
+    ("a.yaml", ROS.replace("plumb_bob", "fov"), "distortion_model 'fov' is not supported"),
+    ("a.yaml", ROS.replace("plumb_bob", "equidistant"), "5 numbers, but the distortion model eq"),
     ("a.yaml", ros(RATIONAL, "plumb_bob"), "8 numbers.*plumb_bob takes 4 or 5.*set the model rat"),
     ("a.yaml", ros(RATIONAL[:6], "plumb_bob"), "hold 6 numbers"),
     ("a.yaml", ROS.replace("width: 640", "width: 1280"), "cx = 331.25 px and image_width is 1280"),
@@ -165,17 +165,17 @@ CHAIN, STORE, VISP = kalibr(RADTAN, "plumb_bob"), opencv(".xml")(RADTAN, ""), vi
     ("a.yaml", ROS.replace("  - -0.02\n", ""), "1 rows and 5 cols, and its data hold 4"),
     ("a.yaml", ROS.replace("rows: 3", "rows: 4", 1), "camera_matrix has 4 rows"),
     ("a.yaml", CHAIN.replace("radtan", "fov"), "cam0: distortion_model 'fov'"),
-    ("a.yaml", CHAIN.replace("pinhole", "omni"), "camera_model 'omni' is not served"),
+    ("a.yaml", CHAIN.replace("pinhole", "omni"), "camera_model 'omni' is not supported"),
     ("a.yaml", CHAIN.replace("resolution", "size"), "cam0: resolution is missing"),
     ("a.yaml#cam7", CHAIN, "has the cameras cam0, cam1"),
     ("a.xml", STORE.replace("camera_matrix", "matrix"), "camera_matrix is missing"),
     ("a.xml", STORE.replace("distortion_coefficients", "other"), "distortion_coefficients are mis"),
     ("a.xml", re.sub("<image_.*>", "", STORE), "image_width and image_height are missing"),
     ("a.xml", VISP.replace("<kdu>0", "<kdu>-0"), "<kud> -0.21 and <kdu> -0.21 contradict"),
-    ("a.xml", VISP.replace("perspectiveProjWithDistortion", "fov"), "not served|<type> 'fov'"),
+    ("a.xml", VISP.replace("perspectiveProjWithDistortion", "fov"), "not supported|<type> 'fov'"),
     ("a.xml", VISP.replace("<py>610.0</py>", ""), "<py>"),
-    ("a.xml", "<robot name='x'/>", "root <robot>, and no calibration"),
-    ("a.yaml", "- 1\n", "neither a preset of a camera nor a calibration"),
+    ("a.xml", "<robot name='x'/>", "root <robot>, not a camera calibration"),
+    ("a.yaml", "- 1\n", "neither a camera preset nor a calibration"),
 ])  # fmt: skip
 def test_what_contradicts_itself_or_is_not_served_is_named(tmp_path, name, text, message):
     (tmp_path / name.partition("#")[0]).write_text(text)
@@ -206,7 +206,7 @@ def test_a_preset_names_its_calibration(tmp_path):
     assert CameraConfig.from_mapping(read_camera(preset)).camera_matrix[0] == 500.0
     for line, word in (("width: 320", "width"), ("horizontal_fov: 1.0", "horizontal_fov")):
         preset.write_text(f"calibration: head.yaml\n{line}\n")
-        with pytest.raises(CameraError, match=f"{word} is .* leave {word} out"):
+        with pytest.raises(CameraError, match=f"{word} is .* remove {word}"):
             read_camera(preset)
     with pytest.raises(CameraError, match="relative path"):
         CameraConfig.from_mapping({"calibration": "head.yaml"})
@@ -233,5 +233,5 @@ def test_a_polynomial_that_folds_outside_of_the_image(model, D):
     )
     u, v = read.project(*far)
     assert ((u < 0) | (u > 639) | (v < 0) | (v > 479)).all()
-    with pytest.raises(CameraError, match="fold the picture over .*inside"):
+    with pytest.raises(CameraError, match="fold the projection over .*inside"):
         CameraConfig.from_mapping({**keys, "camera_matrix": (fx / 4, fy / 4, cx, cy)})

@@ -77,7 +77,7 @@ def test_sensor_tags_are_rendered(caplog):
     config = CameraConfig.from_description(tags)
     assert not caplog.records
     CameraConfig.from_description(replace(tags, distortion_center=(0.5, 0.4)))
-    assert "the distortion's center (0.5, 0.4) is not used" in caplog.text
+    assert "the distortion's center (0.5, 0.4) is ignored" in caplog.text
     assert config.distortion_coefficients == (-0.1, 0.02, 0.001, -0.002, 0.0)
     with pytest.raises(CameraError, match="'plumb_bob' does not go with lens 'equidistant'"):
         CameraConfig.from_description(replace(tags, kind="wideanglecamera"))
@@ -119,16 +119,16 @@ def test_every_shipped_preset_is_valid(preset):
 @pytest.mark.parametrize("bad, says", [
     ({"horizontal_fov": 0.0}, "horizontal_fov 0.0"),
     ({"horizontal_fov": 3.2}, "take a fisheye lens"),
-    ({"lens": "equidistant", "horizontal_fov": 4.0}, "reaches above 0 and below 3.84"),
+    ({"lens": "equidistant", "horizontal_fov": 4.0}, "needs a value above 0 and below 3.84"),
     ({"width": 0}, "width is 0, must be >= 1 px"),
     ({"height": 2.5}, "height is 2.5, must be a whole number"),
     ({"format": "RGB888"}, "format 'RGB888' is not known; the nearest is 'R8G8B8'"),
     ({"lens": "fishy"}, "lens is 'fishy': known are pinhole"),
     ({"distortion_model": "brown"}, "distortion_model is 'brown': known are"),
     ({"distortion_coefficients": [1.0, 2.0]}, "takes 4 or 5"),
-    ({"distortion_coefficients": [-0.8, 0.0, 0.0, 0.0, 0.0]}, "fold the picture over"),
+    ({"distortion_coefficients": [-0.8, 0.0, 0.0, 0.0, 0.0]}, "fold the projection over"),
     ({"distortion_model": "equidistant", "distortion_coefficients": [-0.5, 0, 0, 0],
-      "horizontal_fov": 3.0}, "fold the picture over at"),
+      "horizontal_fov": 3.0}, "fold the projection over at"),
     ({"update_rate": 0.0}, "update_rate is 0.0, must be > 0 Hz"),
     ({"near": 1.0, "far": 0.5}, "0 < near < far"),
     ({"camera_matrix": {"fx": 0, "fy": 1, "cx": 0, "cy": 0}}, "focal lengths above 0"),
@@ -149,7 +149,7 @@ def test_every_shipped_preset_is_valid(preset):
     ({"cutoff_angle": 0.5}, "cutoff_angle is for wide-angle lenses"),
     ({"lens": "equidistant", "cutoff_angle": 0.0}, "cutoff_angle 0.0 rad"),
     ({"xyz": [0.0, float("nan"), 0.0]}, "xyz[1] is nan, must be a finite number"),
-    ({"camera_name": "my camera"}, "camera_name 'my camera' is no name"),
+    ({"camera_name": "my camera"}, "camera_name 'my camera' is not a valid ROS name"),
     ({"image_topic": ""}, "image_topic ''"),
     ({"image_topic": "camera_info"}, "two different names"),
     ({"effects": {"noise_stddev": True}}, "noise_stddev is True, must be a finite number"),
@@ -223,7 +223,7 @@ def test_a_picture_may_reach_up_to_the_fold_and_no_further(fits, beyond):
     lens = {"camera_matrix": {"fx": 100.0, "fy": 100.0, "cx": 0.0, "cy": 0.0},
             "distortion_coefficients": [-0.8, 0.0, 0.0, 0.0, 0.0]}  # fmt: skip
     CameraConfig.from_mapping({**lens, **dict(zip(("width", "height"), fits, strict=True))})
-    with pytest.raises(CameraError, match="fold the picture over inside the image"):
+    with pytest.raises(CameraError, match="fold the projection over inside the image"):
         CameraConfig.from_mapping({**lens, **dict(zip(("width", "height"), beyond, strict=True))})
 
 
@@ -235,11 +235,11 @@ def test_a_picture_may_reach_up_to_what_its_lens_sees(lens, reach):
     """Degrees from the axis."""
     widest = 2.0 * np.radians(reach) - (1e-9 if lens == "pinhole" else 0.0)
     CameraConfig.from_mapping({"lens": lens, "horizontal_fov": widest})
-    with pytest.raises(CameraError, match=f"lens {lens} reaches above 0 and below"):
+    with pytest.raises(CameraError, match=f"lens {lens} needs a value above 0 and below"):
         CameraConfig.from_mapping({"lens": lens, "horizontal_fov": widest + 1e-6})
     if lens != "pinhole":
         CameraConfig.from_mapping({"lens": lens, "cutoff_angle": widest / 2.0})
-        with pytest.raises(CameraError, match=f"lens {lens} reaches above 0 and up to"):
+        with pytest.raises(CameraError, match=f"lens {lens} needs a value above 0 and up to"):
             CameraConfig.from_mapping({"lens": lens, "cutoff_angle": widest / 2.0 + 1e-6})
 
 

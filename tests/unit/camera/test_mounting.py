@@ -92,7 +92,7 @@ def test_settings_are_found_by_name_and_the_rest_is_told():
         ("pose", {"xyz": 5}, "3 finite numbers"),
         ("pose", {"xyz": [1, 2, 3, 4], "rpy": [5, 6]}, "3 finite"),
         ("pose", {"xyz": [0, 0, float("nan")]}, "must be a finite number"),
-        ("link", "arm", "leave the key out"),
+        ("link", "arm", "remove the key"),
         ("parent", "moon", "world"), ("seed", 1.5, "whole number"),
     ],
 )  # fmt: skip
@@ -115,10 +115,10 @@ def test_a_wrong_setting_of_a_robots_camera_says_where_it_was_read():
         return str(error.value)
 
     assert refusal({"horizontal_fov": 0.0}) == (
-        "camera 'eye': horizontal_fov 0.0 rad: lens pinhole reaches above 0 and below 3.142 rad "
-        "(its settings are those of 'lab/eye')"
+        "camera 'eye': horizontal_fov 0.0 rad: lens pinhole needs a value above 0 and below "
+        "3.142 rad (its settings are those of 'lab/eye')"
     )
-    assert "'parent' is for cameras with 'parent: world'" in refusal({"parent": "world"})
+    assert "'parent' is only for cameras with 'parent: world'" in refusal({"parent": "world"})
 
 
 @pytest.mark.parametrize("pose", [
@@ -158,8 +158,8 @@ def test_what_cannot_be_drawn_costs_its_frames_only(caplog):
         assert run() == [3, 6]
     simulation.close()
     assert [r.getMessage() for r in caplog.records if "mounting" in r.name] == [
-        "camera 'broken' gives no pictures: mesh 'a.stl' is damaged",
-        "camera 'broken' gives pictures again",
+        "camera 'broken' delivers no images: mesh 'a.stl' is damaged",
+        "camera 'broken' delivers images again",
     ]
 
 

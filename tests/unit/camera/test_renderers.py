@@ -132,7 +132,7 @@ def test_tiny_pictures_have_any_size(bench):
 
 
 def test_unknown_renderer_lists_what_there_is(bench):
-    with pytest.raises(RenderingError, match="'vulkan'; there are auto, exact, tiny, opengl"):
+    with pytest.raises(RenderingError, match="'vulkan'; use one of auto, exact, tiny, opengl"):
         rendering.create_renderer("vulkan", bench.world)
 
 

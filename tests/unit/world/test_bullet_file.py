@@ -239,11 +239,11 @@ def test_a_link_comes_before_those_that_would_pass_through_what_never_moves(make
         (parts("continuous", more=turning), True, False),
         (parse_urdf(make.robot(make.link("a", shapes=box))), True, False),
     ):
-        assert ('<link name="nobody">' in written(described, bolted)) is expected
-    for taken in (make.link("nobody") + make.joint("x", "a", "nobody", "fixed"),
-                  make.link("y") + make.joint("nobody", "a", "y", "fixed")):
+        assert ('<link name="empty">' in written(described, bolted)) is expected
+    for taken in (make.link("empty") + make.joint("x", "a", "empty", "fixed"),
+                  make.link("y") + make.joint("empty", "a", "y", "fixed")):
         text = written(parts("continuous", box, more=taken), True)
-        assert text.count('name="nobody_"') == 2 and text.count('<link name="nobody') < 3
+        assert text.count('name="empty_"') == 2 and text.count('<link name="empty') < 3
 
 
 def test_hollows_are_kept_of_the_root_s_meshes_alone_where_it_never_moves(make, tmp_path):

@@ -100,8 +100,8 @@ def test_a_model_with_mimic_joints_can_be_changed_and_deleted(make):
     (lambda d: change_joint(d, "swing", damping=-1.0), "damping -1.0 must not be negative"),
     (lambda d: change_joint(d, "swing", friction=math.nan), "not finite"),
     (lambda d: change_joint(d, "swing", lower=1.0, upper=-1.0), "above the upper"),
-    (lambda d: change_joint(d, "swing", lower=1.0), "no stops so far; give both"),
-    (lambda d: change_joint(d, "swing", upper=1.0), "no stops so far; give both"),
+    (lambda d: change_joint(d, "swing", lower=1.0), "no stops yet; give both"),
+    (lambda d: change_joint(d, "swing", upper=1.0), "no stops yet; give both"),
 ])
 def test_impossible_changes_are_refused(make, change, reason):
     with pytest.raises(SimError, match=reason):

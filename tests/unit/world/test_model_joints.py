@@ -73,7 +73,7 @@ def test_what_is_no_number_or_no_joint_changes_nothing(model, bad):
         with pytest.raises(WorldError):
             model.set_position(*list(positions.items())[1])
     for velocity, effort in ((bad, 1.0), (1.0, -1e-9), (1.0, math.nan)):
-        with pytest.raises(WorldError, match="'turn': velocity .* finite and a non-negative"):
+        with pytest.raises(WorldError, match="'turn': velocity .* must be finite and non-negative"):
             model.set_velocity_motor("turn", velocity, effort)
     assert values(model) == before
     model.apply_effort("turn", bad)
@@ -145,7 +145,7 @@ def test_a_bound_on_speed_needs_a_bolted_root_and_a_positive_number(model, bound
         with pytest.raises(WorldError, match="joint 'turn': a hard velocity limit of .* lock it"):
             model.bound_speed("turn", bound)
     else:
-        with pytest.raises(WorldError, match="joint 'turn': .* bolted down"):
+        with pytest.raises(WorldError, match="joint 'turn': .* fixed base"):
             model.bound_speed("turn", 1.0)
     with pytest.raises(WorldError, match="'nose'"):
         model.bound_speed("nose", 1.0)

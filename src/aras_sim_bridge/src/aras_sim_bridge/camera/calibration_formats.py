@@ -1,7 +1,7 @@
-"""Formats of calibration files: each finds the cameras in a text, by name, and reads one of them.
+"""Formats of calibration files: finding the cameras of a file by name, and reading one of them.
 
-A reader answers None for a text that is of another format after all. Numbers are taken over as they
-are: all these programs count pixel centres as whole numbers, and order coefficients as OpenCV does.
+A reader returns None for text in another format. Numbers are used unchanged, because all these
+programs use integer coordinates for pixel centres and OpenCV's order of the coefficients.
 """
 
 from __future__ import annotations
@@ -24,15 +24,16 @@ from ..errors import CameraError, DescriptionError
 from .calibration import Calibration, check_finite, find_distortion_model
 
 CameraReaders = dict[str, Callable[[], Calibration]]
-NAME = "camera"  # of the camera of a file that holds one
-# Names of OpenCV's entries, without case and underscores; the number is that of a stereo pair.
+NAME = "camera"  # name of the camera in a file that contains one
+# Names of OpenCV's entries, in lower case without underscores; the number is the camera of a stereo
+# pair.
 MATRICES = {"cameramatrix": "", "intrinsicmatrix": "", "intrinsics": "", "cameraintrinsic": "",
             "mtx": "", "k": "", "m1": "1", "m2": "2", "cameramatrix1": "1", "cameramatrix2": "2",
             "k1": "1", "k2": "2"}  # fmt: skip
 DISTORTIONS = {"distortioncoefficients": "", "distcoeffs": "", "distcoeff": "", "dist": "",
                "distortion": "", "distortioncoeffs": "", "d": "", "d1": "1", "d2": "2",
                "distcoeffs1": "1", "distcoeffs2": "2"}  # fmt: skip
-# ViSP's camera models: whether each has a distortion.
+# Names of ViSP's camera models.
 VISP = "perspectiveProjWithoutDistortion"
 VISP_DISTORTED = "perspectiveProjWithDistortion"
 VISP_FISHEYE = "ProjWithKannalaBrandtDistortion"
@@ -42,7 +43,7 @@ VISP_FISHEYE = "ProjWithKannalaBrandtDistortion"
 
 
 def read_ros(text: str, path: str) -> CameraReaders | None:
-    """camera_info as camera_calibration_parsers writes it, or as rostopic prints the message."""
+    """Read a camera_info file of camera_calibration_parsers, or a message printed by rostopic."""
     data = _parse_mapping(text, path)
     if data is None:
         return None
@@ -59,7 +60,7 @@ def read_ros(text: str, path: str) -> CameraReaders | None:
 def _read_ros_file(data: Mapping[str, Any], path: str, whole: bool) -> Calibration:
     size = [_read_size(data, key, path) for key in ("image_width", "image_height")]
     K = _read_ros_matrix(data, "camera_matrix", path, (3, 3))
-    model = data.get("distortion_model")  # older files have none
+    model = data.get("distortion_model")  # older files do not contain it
     model = None if model is None else find_distortion_model(model, path)
     D = _read_ros_matrix(data, "distortion_coefficients", path, None)
     more = [key for key in ("rectification_matrix", "projection_matrix") if key in data]
@@ -99,7 +100,7 @@ def _read_ros_matrix(
 
 
 def read_ros_ini(text: str, path: str) -> CameraReaders:
-    """The .ini of camera_calibration_parsers: sections [image] and [NAME], values below names."""
+    """Read an .ini file of camera_calibration_parsers, with sections [image] and [NAME]."""
     sections = re.split(r"^\[(.*)\]\s*$", text, flags=re.MULTILINE)[1:]
     known = {name: body for name, body in zip(sections[::2], sections[1::2], strict=True)
              if name not in ("image", "externals")}  # fmt: skip
@@ -136,7 +137,7 @@ def _read_ini_camera(size: str, body: str, path: str, name: str) -> Calibration:
 
 
 def read_opencv(text: str, path: str) -> CameraReaders | None:
-    """FileStorage, whatever its syntax."""
+    """Read an OpenCV FileStorage in any of its syntaxes."""
     if text.lstrip().startswith("<") and _parse_xml(text, path).tag != "opencv_storage":
         return None
     found = read_storage(text, path, CameraError)
@@ -157,8 +158,8 @@ def _read_opencv_camera(plain: Mapping[str, Any], key: str, of: str, path: str) 
         raise CameraError(f"{path}: camera_matrix has the shape {K.shape}, must have (3, 3)")
     distortion = [name for name, number in DISTORTIONS.items() if number == of and name in plain]
     if not distortion:
-        raise CameraError(f"{path}: distortion_coefficients are missing: add them, zeros for a "
-                          "camera without distortion")  # fmt: skip
+        raise CameraError(f"{path}: distortion_coefficients are missing: add them (zeros for a "
+                          "camera without distortion)")  # fmt: skip
     D = plain[distortion[0]]
     D = [] if D is None else np.ravel(D).tolist()
     size = plain.get("imagesize") or plain.get("imgsize") or plain.get("size")
@@ -182,7 +183,7 @@ def _read_opencv_camera(plain: Mapping[str, Any], key: str, of: str, path: str) 
 
 
 def read_kalibr(text: str, path: str) -> CameraReaders | None:
-    """A camchain: cam0, cam1 ... with intrinsics fu fv pu pv."""
+    """Read a camchain: cam0, cam1 ... with intrinsics fu fv pu pv."""
     data = _parse_mapping(text, path)
     if data is None:
         return None
@@ -197,7 +198,7 @@ def read_kalibr(text: str, path: str) -> CameraReaders | None:
 def _read_kalibr_camera(entry: Mapping[str, Any], where: str) -> Calibration:
     projection = _read_entry(entry, "camera_model", where)
     if projection != "pinhole":
-        raise CameraError(f"{where}: camera_model {format_value(projection)} is not served: "
+        raise CameraError(f"{where}: camera_model {format_value(projection)} is not supported: "
                           "calibrate with "
                           "pinhole-radtan or pinhole-equi")  # fmt: skip
     fx, fy, cx, cy = check_finite(
@@ -225,10 +226,10 @@ def _read_kalibr_camera(entry: Mapping[str, Any], where: str) -> Calibration:
 
 
 def read_visp(text: str, path: str) -> CameraReaders | None:
-    """vpXmlParserCamera: cameras by name; of each the model with distortion, where it has one.
+    """Read a file of vpXmlParserCamera; for each camera, prefer the model with distortion.
 
-    ViSP's distortion is u = u0 + px x (1 + kud r^2), r^2 = x^2 + y^2: Brown's k1 is kud. kdu is a
-    fit of the inverse, which is computed exactly here.
+    ViSP's distortion is u = u0 + px x (1 + kud r^2), r^2 = x^2 + y^2, so kud is Brown's k1. kdu
+    approximates the inverse and is not used, because the inverse is computed exactly here.
     """
     root = _parse_xml(text, path)
     if root.tag != "root" or root.find("camera") is None:
@@ -259,7 +260,7 @@ def _read_visp_camera(camera: Element, kind: str, model: Element, where: str) ->
 
     kinds = {VISP: (), VISP_DISTORTED: ("kud",), VISP_FISHEYE: ("k1", "k2", "k3", "k4")}
     if kind not in kinds:
-        raise CameraError(f"{where}: <type> '{kind}' is not served: {suggest(kind, kinds)}")
+        raise CameraError(f"{where}: <type> '{kind}' is not supported: {suggest(kind, kinds)}")
     sides = []
     for tag in ("image_width", "image_height"):
         side = None if camera.find(tag) is None else read_number(camera, tag)
@@ -271,13 +272,13 @@ def _read_visp_camera(camera: Element, kind: str, model: Element, where: str) ->
     if kind == VISP_DISTORTED:
         kud, kdu = D[0], read_number(model, "kdu")
         if kud * kdu > 0.0:
-            raise CameraError(f"{where}: <kud> {kud:g} and <kdu> {kdu:g} contradict each other, "
-                              "for one undoes the other: correct the signs")  # fmt: skip
+            raise CameraError(f"{where}: <kud> {kud:g} and <kdu> {kdu:g} contradict each other: "
+                              "they must have opposite signs; correct one")  # fmt: skip
         D = (kud, 0.0, 0.0, 0.0)
     elif kind == VISP_FISHEYE and model.find("k5") is not None and read_number(model, "k5"):
-        raise CameraError(f"{where}: <k5> is {read_number(model, 'k5'):g} and four coefficients "
-                          "are "
-                          "served: calibrate with k1 to k4")  # fmt: skip
+        raise CameraError(f"{where}: <k5> is {read_number(model, 'k5'):g}, but only four "
+                          "coefficients are "
+                          "supported: calibrate with k1 to k4")  # fmt: skip
     name = "equidistant" if kind == VISP_FISHEYE else "plumb_bob"
     return Calibration(where, *sides, (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0), name, D)
 
@@ -286,17 +287,17 @@ def _read_visp_camera(camera: Element, kind: str, model: Element, where: str) ->
 
 
 def refuse_xml(text: str, path: str) -> CameraReaders:
-    """CameraError: no XML that is known."""
+    """Raise CameraError for an XML file of an unknown format."""
     root = _parse_xml(text, path)
-    raise CameraError(f"{path} is XML with the root <{root.tag}>, and no calibration of a camera: "
-                      "those of OpenCV (<opencv_storage>) and ViSP (<root> with <camera>) are")
+    raise CameraError(f"{path} is XML with the root <{root.tag}>, not a camera calibration of "
+                      "OpenCV (<opencv_storage>) or ViSP (<root> with <camera>)")
 
 
 def _parse_xml(text: str, path: str) -> Element:
     try:
         return safe_xml.parse(text, path)
     except DescriptionError as error:
-        raise CameraError(f"{error}: is the file whole?") from None
+        raise CameraError(f"{error}: check that the file is complete") from None
 
 
 def _parse_mapping(text: str, path: str) -> Mapping[str, Any] | None:

@@ -1,4 +1,4 @@
-"""Camera settings: from the URDF's sensor, overridden by a preset, checked before anything runs."""
+"""Camera settings, from the URDF's sensor and a preset, with all checks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from aras_visual_servo_base.lenses import kannala_brandt_fold
 from aras_visual_servo_base.names import resolve_name
 from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_base.settings import build, convert_fields, parameter
-from aras_visual_servo_base.settings import check as hold_to_bounds
+from aras_visual_servo_base.settings import check as check_bounds
 
 from ..description import CameraDescription, DepthTopics
 from ..errors import CameraError
@@ -35,8 +35,8 @@ from .shutter import compute_duration
 from .vibration import Shake
 
 LARGEST_SIDE = 16384  # px
-LARGEST_AREA = 1 << 25  # px; drawing a frame of this size takes 0.5 GB
-_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)  # a part of a name in the ROS graph
+LARGEST_AREA = 1 << 25  # px; rendering an image of this size takes 0.5 GB
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)  # one part of a name in the ROS graph
 
 
 FloatTriple = tuple[float, float, float]
@@ -44,7 +44,7 @@ FloatTriple = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class MatrixEntry:
-    """A camera matrix as it may be written: focal lengths and principal point, px."""
+    """Camera matrix in a settings file: focal lengths and principal point, px."""
 
     fx: float
     fy: float
@@ -54,26 +54,41 @@ class MatrixEntry:
 
 @dataclass(frozen=True)
 class CameraConfig:
-    """One camera; every field can be a key of a preset file.
+    """Settings of one camera; every field can be a key of a preset file.
 
-    width, height: px. horizontal_fov: rad; gives fx = fy where camera_matrix is None.
-    update_rate: Hz of simulated time. format: a Gazebo (R8G8B8) or ROS (rgb8) pixel format.
-    near, far: clip distances, m. xyz, rpy: the sensor in its link (x forward, z up), m and rad.
-    lens: pinhole, equidistant, stereographic, equisolid or orthographic.
-    camera_matrix: (fx, fy, cx, cy), px; None: from horizontal_fov, centred.
-    distortion_model, distortion_coefficients: as in CameraInfo (plumb_bob,
-        rational_polynomial, equidistant); empty coefficients mean none.
-    cutoff_angle: the picture is black beyond it, rad from the axis; None: the lens's reach.
-    rectification_matrix, projection_matrix: R (3, 3) and P (3, 4) that CameraInfo publishes, row by
-        row; None: the identity, and K with hack_baseline. They change no image.
-    hack_baseline: m, only for CameraInfo's P. legacy_camera_info: publish Gazebo's formulas,
-        and with them `declared`, the plugin's focalLength, Cx, Cy, distortionK1, K2, T1, T2, K3,
-        of which the first three are computed where they are 0.
-    effects: see effects.Effects. shake: see shaking.Shake; None: it sits still.
-    latency: s between stamp and publication.
-    depth, segmentation: deliver these pictures beside the colour one; depth_topics: how depth.
-    trigger_topic: the camera exposes once for each message there; '' for one that streams.
-    shutter: cameras of one model with the same one expose together; '' for a camera by itself.
+    Attributes:
+        name: name, for messages.
+        link: link that the camera is mounted on.
+        width, height: image size, px.
+        horizontal_fov: rad; determines fx = fy if camera_matrix is None.
+        update_rate: Hz of simulated time.
+        format: pixel format of Gazebo (R8G8B8) or ROS (rgb8).
+        near, far: clip distances, m.
+        xyz, rpy: pose of the sensor in its link (x forward, z up), m and rad.
+        lens: pinhole, equidistant, stereographic, equisolid or orthographic.
+        camera_matrix: (fx, fy, cx, cy), px; None derives it from horizontal_fov, with the principal
+            point at the centre.
+        distortion_model, distortion_coefficients: as in CameraInfo (plumb_bob,
+            rational_polynomial, equidistant); empty coefficients mean no distortion.
+        cutoff_angle: angle from the axis beyond which the image is black, rad; None for the limit
+            of the lens.
+        rectification_matrix, projection_matrix: R (3, 3) and P (3, 4) for CameraInfo, row by row;
+            None for the identity, and for K with hack_baseline. They do not change the image.
+        hack_baseline: baseline in CameraInfo's P, m.
+        legacy_camera_info: whether CameraInfo follows Gazebo's formulas with the values of
+            `declared`.
+        declared: the plug-in's focalLength, Cx, Cy, distortionK1, K2, T1, T2, K3. The first three
+            are computed if they are 0.
+        depth, segmentation: whether to deliver these images, too.
+        depth_topics: topics and format of the depth images.
+        effects: see effects.Effects.
+        shake: vibration, see vibration.Shake; None for a rigid mounting.
+        latency: time from the stamp to the publication, s.
+        seed: seed of all random effects.
+        trigger_topic: the camera exposes once for each message on this topic; '' for a camera that
+            streams.
+        shutter: cameras of one model with the same name of a shutter expose together; '' for an
+            independent camera.
     """
 
     name: str = "camera"
@@ -104,7 +119,7 @@ class CameraConfig:
     shake: Shake | None = None
     latency: float = parameter(0.0, "s", least=0.0)
     seed: int = parameter(0, least=0)
-    # Names for the ROS side, not used here.
+    # Names for the ROS layer, which uses them.
     camera_name: str = ""
     robot_namespace: str = ""
     image_topic: str = "image_raw"
@@ -116,10 +131,10 @@ class CameraConfig:
 
     def __post_init__(self) -> None:
         self._fill_in_lens()
-        hold_to_bounds(self, CameraError, f"camera '{self.name}': ")
+        check_bounds(self, CameraError, f"camera '{self.name}': ")
         check = self._check
         check(self.width * self.height <= LARGEST_AREA,
-              f"an image of {self.width} x {self.height} pixels: {LARGEST_AREA} in all are "
+              f"an image of {self.width} x {self.height} pixels: at most {LARGEST_AREA} pixels are "
               "possible; make width and height smaller")
         self._check_names()
         check(self.near < self.far,
@@ -136,7 +151,7 @@ class CameraConfig:
         self._check_lens_fold()
 
     def _fill_in_lens(self) -> None:
-        """A fisheye distortion model implies the lens, and the lens the model."""
+        """Derive the lens from the distortion model, or the distortion model from the lens."""
         lens, model = self.lens, self.distortion_model
         if model == "equidistant" and lens == "pinhole":
             lens = "equidistant"
@@ -151,28 +166,28 @@ class CameraConfig:
         check = self._check
         check((self.lens == "pinhole") != (self.distortion_model == "equidistant"),
               f"distortion_model '{self.distortion_model}' does not go with lens '{self.lens}'; "
-              "take equidistant for wide-angle lenses, plumb_bob or rational_polynomial else")
+              "use equidistant for wide-angle lenses, otherwise plumb_bob or rational_polynomial")
         D = self.distortion_coefficients
         counts = COEFFICIENTS[self.distortion_model]
         check(len(D) in (0, *counts),
               f"distortion_coefficients {list(D)}: {self.distortion_model} takes "
               f"{' or '.join(map(str, counts))} finite numbers")
         check(not any(D) or self.lens in ("pinhole", "equidistant"),
-              f"lens '{self.lens}' is an ideal projection; for one with distortion_coefficients "
-              "take lens equidistant")
+              f"lens '{self.lens}' is an ideal projection; use lens equidistant with "
+              "distortion_coefficients")
         reach = LARGEST_ANGLE[self.lens]
         fov = self.horizontal_fov
         if self.camera_matrix is None or self.lens == "pinhole":
             limit = 2 * reach + (0.0 if self.lens == "pinhole" else 1e-9)
             check(0.0 < fov < limit,
-                  f"horizontal_fov {fov} rad: lens {self.lens} reaches above 0 and below "
+                  f"horizontal_fov {fov} rad: lens {self.lens} needs a value above 0 and below "
                   f"{limit:.4g} rad" + ("; take a fisheye lens for more"
                                         if self.lens == "pinhole" and fov >= limit else ""))
         if self.cutoff_angle is not None:
-            check(self.lens != "pinhole", "cutoff_angle is for wide-angle lenses; leave it out")
+            check(self.lens != "pinhole", "cutoff_angle is for wide-angle lenses; remove it")
             check(0.0 < self.cutoff_angle <= reach + 1e-9,
-                  f"cutoff_angle {self.cutoff_angle} rad: lens {self.lens} reaches above 0 and up "
-                  f"to {reach:.4g} rad")
+                  f"cutoff_angle {self.cutoff_angle} rad: lens {self.lens} needs a value above 0 "
+                  f"and up to {reach:.4g} rad")
 
     def _check_names(self) -> None:
         keys = ("camera_name", "robot_namespace", "image_topic", "info_topic", "trigger_topic")
@@ -182,15 +197,15 @@ class CameraConfig:
         for key, name in names.items():
             parts = [part for part in name.split("/") if part]
             self._check(all(map(_NAME.fullmatch, parts)),
-                        f"{key} '{name}' is no name in a ROS graph; begin with a "
-                        "letter and go on with letters, digits and underscores")
+                        f"{key} '{name}' is not a valid ROS name; each part needs a letter, "
+                        "followed by letters, digits and underscores")
         topics = {self.topic_root, *map(self.resolve_topic, (self.image_topic, self.info_topic))}
         self._check(len(topics) == 3,
-                    f"image_topic '{self.image_topic}' and info_topic '{self.info_topic}': give "
+                    f"image_topic '{self.image_topic}' and info_topic '{self.info_topic}': use "
                     "two different names")
 
     def _check_lens_fold(self) -> None:
-        """Every pixel needs a ray; beyond a fold there is none. Past a cutoff_angle it is black."""
+        """Check that every pixel has a ray; with a cutoff_angle, pixels beyond it are black."""
         if not any(self.distortion_coefficients) or self.cutoff_angle is not None:
             return
         lens = self.projection.lens
@@ -203,17 +218,18 @@ class CameraConfig:
                  if isinstance(lens, FisheyeLens) else "")
         self._check(bool(np.isfinite(self.projection.unproject(border)).all()),
                     f"distortion_coefficients {list(self.distortion_coefficients)} fold the "
-                    f"picture over {angle}inside the image; make them smaller or the focal length "
-                    "longer")
+                    f"projection over {angle}inside the image; make them smaller or the focal "
+                    "length longer")
 
     def check_rate(self, rate: float) -> None:
-        """Raise CameraError where pictures at this rate, Hz, leave no time to expose and read."""
+        """Raise CameraError if the image period is too short for exposure and read-out, rate in Hz.
+        """
         e, rows = self.effects, f"row_time {self.effects.row_time:g} s of {self.height} rows"
-        taken = {f"exposure_time {e.exposure_time:g} s": e.exposure_time,
+        durations = {f"exposure_time {e.exposure_time:g} s": e.exposure_time,
                  f"{rows}, {e.row_time * self.height:g} s in all": e.row_time * self.height,
                  f"exposure_time and {rows}, {compute_duration(e, self.height):g} s together":
                      compute_duration(e, self.height)}  # fmt: skip
-        for what, time in taken.items():
+        for what, time in durations.items():
             self._check(time < 1.0 / rate, f"{what}: has to be shorter than the period of "
                         f"{1.0 / rate:g} s; lower the rate or shorten it")
 
@@ -228,7 +244,7 @@ class CameraConfig:
 
     @property
     def K(self) -> np.ndarray:
-        """(3, 3) camera matrix of the rendered picture."""
+        """(3, 3) camera matrix of the rendered image."""
         if self.camera_matrix is not None:
             return camera_matrix(*self.camera_matrix)
         f = self.width / (2.0 * float(RADIUS_FUNCTION[self.lens](self.horizontal_fov / 2.0)))
@@ -236,7 +252,7 @@ class CameraConfig:
 
     @property
     def projection(self) -> CameraProjection:
-        """The projection that the pixels follow."""
+        """Projection of the rendered image."""
         D = self.distortion_coefficients
         if self.lens == "pinhole":
             return CameraProjection(self.K, BrownLens((*D, *(0.0,) * (5 - len(D)))))
@@ -248,7 +264,8 @@ class CameraConfig:
         return CameraProjection(self.K, FisheyeLens(D, reach))
 
     def make_intrinsics(self) -> CameraIntrinsics:
-        """What CameraInfo publishes: the rendered camera, or upstream's formulas on request."""
+        """Return the content of CameraInfo: the rendered camera, or Gazebo's formulas on request.
+        """
         K, D, name = self.K, tuple(self.projection.lens.D), self.distortion_model
         if self.legacy_camera_info:
             f, cx, cy, *D = self.declared
@@ -263,7 +280,7 @@ class CameraConfig:
         return CameraIntrinsics(self.width, self.height, K, D, name, R, P)
 
     def sensor_settings(self) -> dict[str, object]:
-        """What CameraInfo has no place for, as keys of a preset: shutter, exposure and noise."""
+        """Return the settings that CameraInfo does not contain: shutter, exposure and noise."""
         keys = ("row_time", "rows_together", "exposure_time", "exposure_samples", "exposure",
                 "gain", "noise_mean", "noise_stddev", "shot_noise", "vignetting")  # fmt: skip
         effects = {key: getattr(self.effects, key) for key in keys}
@@ -277,34 +294,40 @@ class CameraConfig:
     @classmethod
     def from_description(cls, camera: CameraDescription,
                          overrides: Mapping[str, object] | None = None) -> CameraConfig:
-        """Settings of a description's camera with the keys of a preset laid over it, at every
-        depth: effects that the preset does not name stay the description's.
+        """Return the settings of a camera in a description, merged with those of a preset.
 
-        Raises CameraError naming the key that is wrong.
+        Nested settings are merged, too: effects that the preset does not set keep the description's
+        values.
+
+        Raises:
+            CameraError: the message names the wrong key.
         """
         from .from_description import read_settings
 
         described, own = read_settings(camera), apply_calibration(overrides or {})
         if own.get("lens", described.get("lens")) != described.get("lens"):
-            described.pop("cutoff_angle", None)  # it is that of the described lens
+            described.pop("cutoff_angle", None)  # the described angle belongs to the other lens
         return cls.from_mapping(merge(described, own))
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object]) -> CameraConfig:
-        """Settings from a preset file's keys.
+        """Return the settings from the keys of a preset file.
 
-        camera_matrix is a mapping fx, fy, cx, cy or four numbers; effects a mapping of
-        effects.Effects' fields; calibration the path of a file, see calibration_file. Raises
-        CameraError naming the key that is wrong.
+        camera_matrix is a mapping with fx, fy, cx, cy or four numbers; effects is a mapping with
+        the fields of effects.Effects; calibration is the path of a file (see calibration_file.py).
+
+        Raises:
+            CameraError: the message names the wrong key.
         """
         where = f"camera '{values.get('name', 'camera')}': "
         return build(cls, cls.check_keys(apply_calibration(values), where), where, CameraError)
 
     @classmethod
     def check_keys(cls, values: Mapping[str, object], where: str) -> dict[str, object]:
-        """Some of a camera's settings, each by itself of the kind that its field wants.
+        """Convert some settings of a camera to the types of their fields, one by one.
 
-        Raises CameraError naming the key that is wrong, after `where`.
+        Raises:
+            CameraError: the message starts with `where` and names the wrong key.
         """
         matrix = values.get("camera_matrix")
         if isinstance(matrix, Mapping):
@@ -314,20 +337,20 @@ class CameraConfig:
 
     @property
     def topic_root(self) -> str:
-        """Absolute name below which ROS finds this camera: /robotNamespace/cameraName."""
+        """Absolute ROS name of the camera: /robotNamespace/cameraName."""
         return resolve_name(f"{self.robot_namespace}/{self.camera_name}")
 
     def resolve_topic(self, name: str) -> str:
-        """Absolute name of one of its topics, which the plug-in may have given as a global one."""
+        """Return the absolute name of a topic of the camera; a global name is not changed."""
         return resolve_name(self.topic_root, name)
 
     @property
     def names(self) -> frozenset[str]:
-        """Absolute names that no other camera may have: its root, its image and its info topic."""
+        """Absolute names that must be unique among cameras: root, image topic and info topic."""
         topics = (self.resolve_topic(name) for name in (self.image_topic, self.info_topic))
         return frozenset((self.topic_root, *topics))
 
 
 def derive_seed(seed: int, name: str) -> int:
-    """A seed for one camera: two cameras of one run must not share their noise."""
+    """Return a seed for one camera, so that the cameras of a run have independent noise."""
     return (int(seed) & 0xFFFFFFFF) ^ zlib.crc32(name.encode())

@@ -1,4 +1,4 @@
-"""How a camera shakes on its mounting: a vibration that nobody is told of."""
+"""Vibration of a camera on its mounting, which the controller does not know."""
 
 from __future__ import annotations
 
@@ -11,16 +11,20 @@ from aras_visual_servo_base.settings import check, parameter
 
 from ..errors import CameraError
 
-SINE_COUNT = 16  # that noise within a band is the sum of
-SEED_SEQUENCE = 3  # of random numbers, beside those of the effects
+SINE_COUNT = 16  # number of sines that approximate noise within a band
+SEED_SEQUENCE = 3  # sequence of random numbers, different from those of the effects
 LINK_T_OPTICAL = optical_pose(np.eye(4))
 
 
 @dataclass(frozen=True)
 class Shake:
-    """xyz, rpy: amplitudes, m along and rad about the sensor's axes (x forward, y left, z up), of
-    sines of `frequency`, Hz, each with a phase of its own, drawn with the camera's seed.
-    bandwidth: Hz; each is noise within such a band about `frequency` instead, of a sine's power.
+    """Vibration along and about the sensor's axes (x forward, y left, z up).
+
+    Attributes:
+        frequency: frequency of the sines, Hz; their phases are random, from the camera's seed.
+        xyz, rpy: amplitudes, m and rad.
+        bandwidth: Hz; if it is not 0, each sine is replaced by noise of the same power in a band of
+            this width around `frequency`.
     """
 
     frequency: float = parameter(unit="Hz", above=0.0)
@@ -33,7 +37,7 @@ class Shake:
         if self.bandwidth > 2.0 * self.frequency:
             raise CameraError(
                 f"shake: a bandwidth of {self.bandwidth:g} Hz about {self.frequency:g} Hz would "
-                "begin below 0 Hz; make it smaller"
+                "extend below 0 Hz; make it smaller"
             )
 
     def __str__(self) -> str:
@@ -42,24 +46,28 @@ class Shake:
 
 
 class Vibration:
-    """The motion that a Shake gives with a seed, at any time.
+    """Motion of a camera with a given vibration and seed, at any time.
 
     Attributes:
-        shake: of which it is.
+        shake: settings of the vibration.
     """
 
     def __init__(self, shake: Shake, seed: int) -> None:
         self.shake = shake
         random = np.random.default_rng((seed, SEED_SEQUENCE))
         count = SINE_COUNT if shake.bandwidth else 1
-        # One frequency in each part of the band: no draw leaves a part of it empty.
+        # One frequency in each part of the band: no random draw leaves a part empty.
         share = (np.arange(count) + random.random((6, count))) / count - 0.5
         self._rates = 2.0 * np.pi * (shake.frequency + shake.bandwidth * share)
         self._phases = random.uniform(0.0, 2.0 * np.pi, (6, count))
         self._amplitudes = np.array([*shake.xyz, *shake.rpy]) / np.sqrt(count)
 
     def compute_pose(self, time_ns: int) -> np.ndarray:
-        """(4, 4) of the camera's optical frame in that which it has at rest."""
+        """Return the pose (4, 4) of the optical frame relative to its pose at rest."""
         sines = np.sin(self._rates * (time_ns / 1e9) + self._phases)
-        moved = self._amplitudes * sines.sum(axis=1)
-        return inverse(LINK_T_OPTICAL) @ matrix_from_xyz_rpy(moved[:3], moved[3:]) @ LINK_T_OPTICAL
+        displacement = self._amplitudes * sines.sum(axis=1)
+        return (
+            inverse(LINK_T_OPTICAL)
+            @ matrix_from_xyz_rpy(displacement[:3], displacement[3:])
+            @ LINK_T_OPTICAL
+        )

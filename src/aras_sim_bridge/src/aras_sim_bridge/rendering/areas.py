@@ -1,4 +1,4 @@
-"""Areas that convex polygons cover of a pixel, a square of side 1 around 0."""
+"""Areas of a pixel that convex polygons cover; the pixel is a unit square around 0."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit, jit_inline
 
-# Pixels with more triangles than this have what hides what from samples: the effort to cut each
-# by each grows with the square of their number.
+# Largest number of triangles in a pixel for which hidden areas are cut off exactly, because the
+# cost grows with the square of their number. Visibility in denser pixels is sampled.
 DENSE = 4
-# Relative difference in distance below which two triangles lie in one plane.
+# Relative difference in distance below which two triangles count as coplanar.
 COPLANAR_TOLERANCE = 1e-8
-# Room for the corners of a piece, and for pieces.
+# Capacity: corners of a polygon, and number of polygons.
 CORNERS, PIECES = 24, 64
-# A triangle's lines, seen from a pixel's centre, are a + b x + c y: those that cross the pixel, up
-# to so many, and in row PLANE one over its distance.
+# Lines of a triangle, a + b x + c y relative to the pixel centre: up to LINES edges that cross the
+# pixel, and the inverse distance of the plane in row PLANE.
 LINES, PLANE = 5, 5
 
 
 @jit_inline
 def half_plane_area(a, b, c):
-    """The area in which a + b x + c y is positive; b and c are not both 0."""
+    """Return the area of the pixel where a + b x + c y > 0; b and c must not both be 0."""
     p, q = abs(b), abs(c)
     p, q = max(p, q), min(p, q)
-    q = max(q, 1e-7 * p)  # from there on upright: exact to 1e-7
+    q = max(q, 1e-7 * p)  # avoids a division by 0; the area is exact to 1e-7
     s = a + 0.5 * (p + q)
     s0, s1, s2, s3 = max(s, 0.0), max(s - p, 0.0), max(s - q, 0.0), max(s - p - q, 0.0)
     return (s0 * s0 - s1 * s1 - s2 * s2 + s3 * s3) / (2.0 * p * q)
@@ -31,8 +31,11 @@ def half_plane_area(a, b, c):
 
 @jit_inline
 def _cut(shape, p, count, a, b, c, above, below):
-    """Cut the convex polygon shape[p] (count corners) by the line a + b x + c y = 0: what is above
-    becomes shape[kept], what is below shape[rest]; the numbers of their corners."""
+    """Split the convex polygon shape[p] (count corners) along the line a + b x + c y = 0.
+
+    The part where the value is not negative is written to shape[above], the other to shape[below].
+    Returns the numbers of their corners.
+    """
     n_kept = n_rest = 0
     x, y = shape[p, count - 1, 0], shape[p, count - 1, 1]
     at = a + b * x + c * y
@@ -58,7 +61,7 @@ def _cut(shape, p, count, a, b, c, above, below):
 
 @jit_inline
 def polygon_area(polygon, p, count):
-    """Area of the convex polygon p, either way round."""
+    """Return the area of the convex polygon p, for either orientation."""
     total = 0.0
     x, y = polygon[p, 0, 0], polygon[p, 0, 1]
     for n in range(2, count):
@@ -69,8 +72,11 @@ def polygon_area(polygon, p, count):
 
 @jit("f8[:,:,::1], i8, f8[:,:,::1], i8, i8, i8")
 def clip_pixel(shape, goal, line, n, lines, spare):
-    """Put the part of the pixel above the lines line[n, :lines] into shape[goal]; the number of its
-    corners, 0 where there is none. spare: the first of two rows to work with."""
+    """Clip the pixel to the positive side of the lines line[n, :lines] and store it in shape[goal].
+
+    `spare` is the first of two rows of work space. Returns the number of corners, 0 if the result
+    is empty.
+    """
     for i in range(4):
         shape[goal, i, 0] = 0.5 if i == 1 or i == 2 else -0.5
         shape[goal, i, 1] = 0.5 if i > 1 else -0.5
@@ -105,9 +111,9 @@ def clip_pixel(shape, goal, line, n, lines, spare):
 
 @jit("f8[:,:,::1], i8[::1], i8, i8, f8[:,:,::1], i8[::1]")
 def visible_area(shape, sizes, i, count, line, lines):
-    """The area of polygon i that none of the first `count` polygons hides.
+    """Return the area of polygon i that none of the first `count` polygons hides.
 
-    line, lines: of each.
+    `line` and `lines` are the lines of all polygons and their numbers.
     """
     first, spare = DENSE, DENSE + PIECES
     end = first + 1
@@ -117,7 +123,7 @@ def visible_area(shape, sizes, i, count, line, lines):
     for j in range(count):
         if j == i or sizes[j] == 0:
             continue
-        # Where is j nearer than i?
+        # Value of a + b x + c y: positive where j is nearer than i.
         a = line[j, PLANE, 0] - line[i, PLANE, 0]
         b, c = line[j, PLANE, 1] - line[i, PLANE, 1], line[j, PLANE, 2] - line[i, PLANE, 2]
         low, high = np.inf, -np.inf
@@ -130,8 +136,8 @@ def visible_area(shape, sizes, i, count, line, lines):
         crossing = low < -touching
         now, last = first, end
         while now < last:
-            # Beside j if one of its lines has all of the piece below.
-            beside = False
+            # The piece is outside j if it is on the negative side of one of j's lines.
+            outside = False
             for n in range(lines[j]):
                 above = False
                 for m in range(sizes[now]):
@@ -140,9 +146,9 @@ def visible_area(shape, sizes, i, count, line, lines):
                         above = True
                         break
                 if not above:
-                    beside = True
+                    outside = True
                     break
-            if beside:
+            if outside:
                 now += 1
                 continue
             size, source = sizes[now], now
@@ -154,14 +160,14 @@ def visible_area(shape, sizes, i, count, line, lines):
                 goal = spare + n % 2
                 size, below = _cut(shape, source, size, an, bn, cn, goal, end)
                 source = goal
-                # What finds no room is lost; there is room for far more than any pixel needed.
+                # Pieces beyond the capacity are dropped; no pixel has come near it.
                 if below > 2 and end < first + PIECES - 1:
                     sizes[end] = below
                     end += 1
                 if size < 3:
                     break
-            # The piece is gone: the last of those not looked at yet takes its place, and the last
-            # of all takes that one's.
+            # Remove the hidden piece: the last unchecked piece replaces it, and the last of all
+            # pieces replaces that one.
             last -= 1
             end -= 1
             for move in range(2):
@@ -179,7 +185,7 @@ def visible_area(shape, sizes, i, count, line, lines):
 
 @jit_inline
 def polygon_mean(shape, p, count, middle, n):
-    """Put the mean of polygon p's corners into middle[n]."""
+    """Write the mean of polygon p's corners to middle[n]."""
     x = y = 0.0
     for k in range(count):
         x += shape[p, k, 0]
@@ -190,8 +196,10 @@ def polygon_mean(shape, p, count, middle, n):
 
 @jit_inline
 def find_crossing_lines(line, lines, k, x, y, own, n):
-    """Put what of triangle k's lines crosses the pixel at x, y into own[n], from the pixel's
-    centre; how many lines those are."""
+    """Write the lines of triangle k that cross the pixel at x, y to own[n]; return their number.
+
+    The lines are relative to the pixel centre.
+    """
     crossing = 0
     for i in range(lines[k]):
         b, c = line[k, i, 1], line[k, i, 2]

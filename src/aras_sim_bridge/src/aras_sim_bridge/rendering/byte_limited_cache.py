@@ -1,4 +1,4 @@
-"""Values made once for each key, of which those used last are kept."""
+"""Cache of recently used values with limited memory."""
 
 from __future__ import annotations
 
@@ -12,21 +12,25 @@ V = TypeVar("V")
 
 
 class ByteLimitedCache(Generic[K, V]):
-    """The values that were asked for last, as many as fit into `capacity` bytes, at least one; any
-    thread may ask."""
+    """Recently used values up to `capacity` bytes in total, at least one value; thread-safe."""
 
     def __init__(
         self, capacity: int, size: Callable[[V], int] = lambda value: value.nbytes,
         drop: Callable[[V], None] = lambda value: None,
     ) -> None:
-        """`size`: of a value, in the unit of `capacity`; `drop`: is called with what is not kept
-        any more."""
+        """Create an empty cache.
+
+        Args:
+            capacity: largest total size, bytes.
+            size: size of a value, in the unit of `capacity`.
+            drop: called with each value that is removed.
+        """
         self._capacity, self._size, self._drop = capacity, size, drop
         self._values: OrderedDict[K, V] = OrderedDict()
         self._lock = threading.Lock()
 
     def get(self, key: K, make: Callable[[], V]) -> V:
-        """The value of a key, made if it is not there."""
+        """Return the value of a key; make it if it is not in the cache."""
         with self._lock:
             if key in self._values:
                 self._values.move_to_end(key)
@@ -43,5 +47,5 @@ class ByteLimitedCache(Generic[K, V]):
         return value
 
     def clear(self) -> None:
-        """Keep nothing."""
+        """Remove all values."""
         self._values.clear()

@@ -1,7 +1,7 @@
-"""Which triangles are looked at together: neighbours that face the same side.
+"""Grouping of neighbouring triangles that face the same direction into clusters.
 
-Compiled, because a robot as its maker ships it has a hundred thousand of them, and the simulation
-stands still until they are in groups.
+It is compiled, because the model of a robot may have a hundred thousand triangles, and the
+simulation waits until they are grouped.
 """
 
 from __future__ import annotations
@@ -10,19 +10,23 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit, jit_inline
 
-# Groups of 32 draw 40 000 triangles as fast as those of 16 or 64, and the robot a tenth faster
-# than those of 128.
+# With 32 triangles per cluster, 40 000 triangles are drawn as fast as with 16 or 64, and the robot
+# is drawn a tenth faster than with 128.
 CLUSTER_SIZE = 32
-# Smaller ones are cut as well where that makes the boxes as much smaller, times what there is to be
-# done in each: a look at a group costs what so many triangles do.
+# A smaller cluster is also split if this reduces its cost (surface of its box times number of
+# triangles) below this ratio. Testing the box of a cluster costs as much as BOX_TEST_COST
+# triangles.
 LARGEST_COST_RATIO, BOX_TEST_COST = 0.6, 1
 
 
 def cluster_triangles(
     corners: np.ndarray, normal: np.ndarray, part: np.ndarray
 ) -> list[np.ndarray]:
-    """Triangles (T, 3, 3) of one part whose normals follow the same axis, cut in two until they are
-    few, and then as long as the boxes around the halves are much smaller."""
+    """Return clusters of triangles (T, 3, 3) of one part whose normals have the same main axis.
+
+    Clusters are split in two until they are small, and further if the boxes around the halves are
+    much smaller.
+    """
     if not len(corners):
         return []
     along = np.abs(normal).argmax(axis=1)
@@ -38,7 +42,7 @@ def cluster_triangles(
 
 @jit_inline
 def _compute_surface(low, high, members):
-    """Of the box around the boxes of some triangles."""
+    """Return half the surface of the box around the boxes of some triangles."""
     a0, a1, a2 = low[members[0]]
     b0, b1, b2 = high[members[0]]
     for m in members[1:]:
@@ -50,7 +54,7 @@ def _compute_surface(low, high, members):
 
 @jit("f8[:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1]")
 def _split_clusters(low, high, keys, order, bounds):
-    """Cut the pieces order[bounds[k]:bounds[k + 1]]: members (T,), and where each group begins."""
+    """Split the pieces order[bounds[k]:bounds[k + 1]]; return members (T,) and cluster starts."""
     members, first = np.empty_like(order), np.empty_like(order)
     done, found = 0, 0
     pending = [(bounds[k], bounds[k + 1]) for k in range(len(bounds) - 1)]
@@ -61,15 +65,17 @@ def _split_clusters(low, high, keys, order, bounds):
         half = count // 2
         cost, best = np.inf, group
         if count > 1:
-            # By place, or the large from the small.
+            # By position along each axis, or by size.
             for k in range(len(keys)):
                 one = group[np.argsort(keys[k][group], kind="mergesort")]
-                both = (BOX_TEST_COST + half) * _compute_surface(low, high, one[:half])
-                both += (BOX_TEST_COST + count - half) * _compute_surface(low, high, one[half:])
-                if both < cost:
-                    cost, best = both, one
-        whole = (BOX_TEST_COST + count) * _compute_surface(low, high, group)
-        if count > CLUSTER_SIZE or cost < LARGEST_COST_RATIO * whole:
+                split_cost = (BOX_TEST_COST + half) * _compute_surface(low, high, one[:half])
+                split_cost += (BOX_TEST_COST + count - half) * _compute_surface(
+                    low, high, one[half:]
+                )
+                if split_cost < cost:
+                    cost, best = split_cost, one
+        whole_cost = (BOX_TEST_COST + count) * _compute_surface(low, high, group)
+        if count > CLUSTER_SIZE or cost < LARGEST_COST_RATIO * whole_cost:
             for i in range(count):
                 order[begin + i] = best[i]
             pending.append((begin, begin + half))

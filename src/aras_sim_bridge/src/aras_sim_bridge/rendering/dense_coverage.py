@@ -1,4 +1,4 @@
-"""Pixels with many triangles: samples say which hide which, exact widths how large each is."""
+"""Visible areas in pixels with many triangles: sampled visibility times exact widths."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from aras_visual_servo_base.compiled import jit_inline, jit_inline_numba
 
 from .areas import COPLANAR_TOLERANCE, PLANE
 
-FINE = 32  # samples in pixels with more than CROWD triangles
-UNIT = 1 << 20  # of widths, so that sums of them are whole numbers and need no order
-# The samples from the pixel's centre, px: each in a column and a row of its own, the rows by the
-# bits of the column turned round (Hammersley's points).
+FINE = 32  # samples in pixels with more than DENSE triangles
+UNIT = 1 << 20  # unit of widths: sums are integers, so they do not depend on the order
+# Samples relative to the pixel centre, px: one in each column and each row. The row is the column
+# with reversed bits (Hammersley points).
 SAMPLE_X = ((np.arange(FINE) + 0.5) / FINE - 0.5).astype(np.float32)
 SAMPLE_ROW = np.array([int(f"{n:05b}"[::-1], 2) for n in range(FINE)], np.int32)
 SAMPLE_Y = SAMPLE_X[SAMPLE_ROW]
@@ -19,16 +19,24 @@ SAMPLE_Y = SAMPLE_X[SAMPLE_ROW]
 
 @jit_inline_numba
 def sample_pixel(triangles, line, lines, sliver, x0, y0, count, opaque_count, work, counts):
-    """counts (., 2): of each of the `count` triangles in the pixel at x0, y0 the samples in it, and
-    those that it shows, -1 for slivers; one over the distance of the farthest of those that samples
-    show. work: (3, FINE) float32."""
+    """Count the samples of a pixel that are inside each triangle, and those that show it.
+
+    Args:
+        x0, y0: position of the pixel.
+        count, opaque_count: numbers of triangles and of opaque ones, which come first.
+        work: (3, FINE) float32, work space.
+        counts: (., 2) receives both counts of each triangle; the first is -1 for slivers.
+
+    Returns:
+        Smallest inverse distance of the visible triangles at the samples.
+    """
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(FINE):
-        work[0, i], work[2, i] = zero, -one  # nearest, and which that is
+        work[0, i], work[2, i] = zero, -one  # inverse distance and index of the nearest triangle
     for n in range(count):
         k = triangles[n]
         counts[n, 0] = counts[n, 1] = 0.0
-        a0 = a1 = a2 = one  # lines that are not there are above everywhere
+        a0 = a1 = a2 = one  # missing lines are positive everywhere
         b0 = b1 = b2 = c0 = c1 = c2 = zero
         if sliver[k]:
             counts[n, 0] = -1.0
@@ -42,38 +50,38 @@ def sample_pixel(triangles, line, lines, sliver, x0, y0, count, opaque_count, wo
             a2 = np.float32(line[k, 2, 0] + line[k, 2, 1] * x0 + line[k, 2, 2] * y0)
         a = np.float32(line[k, PLANE, 0] + line[k, PLANE, 1] * x0 + line[k, PLANE, 2] * y0)
         b, c = np.float32(line[k, PLANE, 1]), np.float32(line[k, PLANE, 2])
-        name, hits, shown = np.float32(n), np.int32(0), np.int32(0)
+        index, hits, visible = np.float32(n), np.int32(0), np.int32(0)
         if n < opaque_count and lines[k] <= 3:
             for i in range(FINE):
                 x, y = SAMPLE_X[i], SAMPLE_Y[i]
                 l0, l1, l2 = a0 + b0 * x + c0 * y, a1 + b1 * x + c1 * y, a2 + b2 * x + c2 * y
                 depth = a + b * x + c * y
-                there = (l0 >= zero) & (l1 >= zero) & (l2 >= zero)
-                ahead = there & (depth > work[0, i])
-                work[1, i] = one if there else zero
-                work[0, i] = depth if ahead else work[0, i]
-                work[2, i] = name if ahead else work[2, i]
+                inside = (l0 >= zero) & (l1 >= zero) & (l2 >= zero)
+                in_front = inside & (depth > work[0, i])
+                work[1, i] = one if inside else zero
+                work[0, i] = depth if in_front else work[0, i]
+                work[2, i] = index if in_front else work[2, i]
         else:
             for i in range(FINE):
                 x, y = SAMPLE_X[i], SAMPLE_Y[i]
-                there = min(a0 + b0 * x + c0 * y, a1 + b1 * x + c1 * y, a2 + b2 * x + c2 * y)
+                inside = min(a0 + b0 * x + c0 * y, a1 + b1 * x + c1 * y, a2 + b2 * x + c2 * y)
                 for j in range(3, lines[k]):
-                    there = min(there, np.float32(line[k, j, 0] + line[k, j, 1] * (x0 + x)
+                    inside = min(inside, np.float32(line[k, j, 0] + line[k, j, 1] * (x0 + x)
                                                   + line[k, j, 2] * (y0 + y)))
                 depth = a + b * x + c * y
-                work[1, i] = one if there >= zero else zero
-                if there >= zero and depth > work[0, i]:
-                    shown += np.int32(1)
+                work[1, i] = one if inside >= zero else zero
+                if inside >= zero and depth > work[0, i]:
+                    visible += np.int32(1)
                     if n < opaque_count:
-                        work[0, i], work[2, i] = depth, name
+                        work[0, i], work[2, i] = depth, index
         for i in range(FINE):
             hits += np.int32(work[1, i] == one)
-        counts[n, 0], counts[n, 1] = hits, shown
+        counts[n, 0], counts[n, 1] = hits, visible
     for n in range(opaque_count):
-        name, shown = np.float32(n), np.int32(0)
+        index, visible = np.float32(n), np.int32(0)
         for i in range(FINE):
-            shown += np.int32(work[2, i] == name)
-        counts[n, 1] = shown
+            visible += np.int32(work[2, i] == index)
+        counts[n, 1] = visible
     half = FINE // 2
     while half > 0:
         for i in range(half):
@@ -85,7 +93,7 @@ def sample_pixel(triangles, line, lines, sliver, x0, y0, count, opaque_count, wo
 
 @jit_inline
 def compute_sample_mean(work, n, visible_count, middle):
-    """Put the mean of the samples that show triangle n into middle[n]."""
+    """Write the mean position of the samples that show triangle n to middle[n]."""
     name, x, y = np.float32(n), np.int32(0), np.int32(0)
     for i in range(FINE):
         x += np.int32(work[2, i] == name) * np.int32(i)
@@ -96,9 +104,11 @@ def compute_sample_mean(work, n, visible_count, middle):
 
 @jit_inline_numba
 def integrate_rows(own, lines, work, middle, n):
-    """The area of a pixel above the lines own[0, :lines], as the mean of its exact width along FINE
-    rows, or columns where it is thinner along those; its middle into middle[n]. work: (3, FINE)
-    float32."""
+    """Return the area of a pixel on the positive side of the lines own[0, :lines].
+
+    The area is the mean of the exact width along FINE rows, or along columns if the area is thinner
+    in that direction. Its centre is written to middle[n]; `work` is (3, FINE) float32.
+    """
     across = down = 0.0
     for k in range(lines):
         across += abs(own[0, k, 1])
@@ -134,8 +144,9 @@ def integrate_rows(own, lines, work, middle, n):
 
 @jit_inline
 def is_hidden(triangles, line, lines, counts, n, opaque_count, x, y):
-    """Whether one of the first `opaque_count` triangles, no sliver, lies before triangle n at a
-    point.
+    """Return whether one of the first `opaque_count` triangles hides triangle n at a point.
+
+    Slivers are ignored.
     """
     k = triangles[n]
     depth = line[k, PLANE, 0] + line[k, PLANE, 1] * x + line[k, PLANE, 2] * y

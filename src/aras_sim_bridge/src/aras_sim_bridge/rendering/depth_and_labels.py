@@ -1,4 +1,4 @@
-"""Depth and segmentation: where the ray of each pixel's centre meets what it shows."""
+"""Depth and segmentation at the pixel centres."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from .tiles import TILE, Tiles
 
 def measure(tiles: Tiles, visible: VisibleTriangles, samples: PixelSamples, labels: np.ndarray
              ) -> tuple[np.ndarray, np.ndarray]:
-    """Depth (height, width) float32, m, and segmentation (height, width) int32, as
-    Renderer.measure has them. samples: of the pixels' centres. labels: (N,) int32 of the
-    triangles seen."""
+    """Return depth (height, width) float32, m, and segmentation (height, width) int32.
+
+    See Renderer.measure. `samples` are those of the pixel centres; `labels` (N,) int32 are the
+    labels of the visible triangles.
+    """
     depth = np.empty((tiles.height, tiles.width), np.float32)
     label = np.empty((tiles.height, tiles.width), np.int32)
     _measure(samples.tile, samples.pixel, tiles.valid, visible.side, labels, tiles.matrices,

@@ -1,10 +1,9 @@
-"""Which pixels have edges in them: those at whose corners different things are seen, and those that
-something reaches into without reaching a corner.
+"""Detection of the pixels that contain edges.
 
-A straight edge through a pixel has corners of it on both sides, but a wire, a slit between two
-parts, a triangle's tip may lie between the corners. So each triangle of a tile that differs in
-colour from what a pixel's corners show is asked whether it touches the pixel before that. Not found
-is a slit within one part that is narrower than a pixel.
+A pixel contains an edge if its corners show different surfaces. A wire, a gap between two parts or
+the tip of a triangle may lie between the corners. Therefore each triangle of a tile whose colour
+differs from the colour at the pixel's corners is tested: does it reach into the pixel in front of
+what the corners show? A gap inside one part that is narrower than a pixel is not found.
 """
 
 from __future__ import annotations
@@ -18,8 +17,8 @@ from .binning import VisibleTriangles
 from .sampling import BACKGROUND, NOTHING, SEVERAL, PixelSamples
 from .tiles import TILE, Tiles
 
-# Grey levels. What differs by less is as smooth as shading, and an edge of so little contrast that
-# one of its sides stands for both moves a target of 100 levels by a thirtieth of a pixel at most.
+# Grey levels. Smaller differences count as smooth shading. If the corners of a pixel hide an edge
+# of this contrast, the contour of a target of 100 levels moves by at most a thirtieth of a pixel.
 THRESHOLD = 6
 
 
@@ -34,12 +33,20 @@ def find_edges(
     near: float,
     far: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels with edges: (tiles,) uint64, bit row * TILE + column of each, and (P,) row * width +
-    column, of the padded picture, cell by cell.
+    """Return the pixels with edges as bit masks and as a list.
 
-    samples: of the pixels' upper left corners. plain: (N,) words of the triangles seen that have
-    one colour, 0 for the others; smooth, part: (N,) of the triangles seen, as in Triangles; sky:
-    the background's word; near, far: clip distances, m.
+    Args:
+        tiles: tiles of the image.
+        visible: visible triangles.
+        samples: samples at the upper left corners of the pixels.
+        uniform: (N,) packed colours of the visible triangles with one colour, 0 for the others.
+        smooth, part: (N,) of the visible triangles, as in Triangles.
+        sky: packed colour of the background.
+        near, far: clip distances, m.
+
+    Returns:
+        (tiles,) uint64, with bit row * TILE + column for each pixel of a tile; and (P,) row * width
+        + column in the padded image, cell by cell.
     """
     t = tiles
     edges, mixed = _find_corner_edges(
@@ -86,7 +93,7 @@ def find_edges(
 
 @jit_inline
 def _has_contrast(a, b):
-    """Whether two colours differ by more than THRESHOLD."""
+    """Return whether two packed colours differ by more than THRESHOLD."""
     apart = False
     for k in range(3):
         shift = np.uint32(8 * k)
@@ -98,7 +105,7 @@ def _has_contrast(a, b):
 
 @jit_inline
 def _compute_brightness(side, light, m, rx, ry, rz):
-    """Light on triangle m, or where it would go on, along a ray."""
+    """Return the light on the plane of triangle m along a ray."""
     lit = w = 0.0
     for k in range(3):
         share = side[m, k, 0] * rx + side[m, k, 1] * ry + side[m, k, 2] * rz
@@ -109,7 +116,7 @@ def _compute_brightness(side, light, m, rx, ry, rz):
 
 @jit_inline
 def _find_triangle_at(tile, pixel, columns, v, u):
-    """What the sample v, u shows; NOTHING where there is none."""
+    """Return the triangle at the sample v, u; NOTHING outside the image."""
     if v < 0 or u < 0 or v >= pixel.shape[0] or u >= pixel.shape[1]:
         return np.int64(NOTHING)
     whole = tile[(v // TILE) * columns + u // TILE]
@@ -135,23 +142,26 @@ def _find_corner_edges(
     cells,
     columns,
 ):
-    """(2, tiles) uint64: pixels whose corners differ in what they show, and those of tiles with
-    triangles that one sees through; and pixels whose corners show several parts."""
+    """Find edges from the samples at the pixel corners; return (2, tiles) uint64.
+
+    Row 0: pixels whose corners show different surfaces, and all pixels of tiles with transparent
+    triangles. Row 1: pixels whose corners show several parts.
+    """
     size, side_of = TILE // cells, TILE + 1
-    # The least and the most light on each triangle.
+    # Smallest and largest light on each triangle.
     dim = np.empty((len(light), 2))
     for m in range(len(light)):
         dim[m, 0] = min(light[m, 0], light[m, 1], light[m, 2])
         dim[m, 1] = max(light[m, 0], light[m, 1], light[m, 2])
     out = np.zeros((2, len(tile)), np.uint64)
     shown = np.empty(side_of * side_of, np.int64)
-    three = np.empty(3, np.int64)
+    neighbours = np.empty(3, np.int64)
     for n in range(len(tile)):
         if tile[n] != SEVERAL:
             continue
-        through = False
+        transparent = False
         for k in range(start[n], start[n + 1]):
-            through |= not opaque[member[k]]
+            transparent |= not opaque[member[k]]
         u0, v0 = TILE * (n % columns), TILE * (n // columns)
         for y in range(TILE):
             for x in range(TILE):
@@ -164,26 +174,34 @@ def _find_corner_edges(
             for x in range(TILE):
                 i = y * side_of + x
                 m = shown[i]
-                three[0], three[1], three[2] = shown[i + 1], shown[i + side_of], shown[
-                    i + side_of + 1]
-                if (m == three[0] and m == three[1] and m == three[2] and m != NOTHING
-                        and not through) or not valid[v0 + y, u0 + x]:
+                neighbours[0], neighbours[1], neighbours[2] = (
+                    shown[i + 1],
+                    shown[i + side_of],
+                    shown[i + side_of + 1],
+                )
+                if (
+                    m == neighbours[0]
+                    and m == neighbours[1]
+                    and m == neighbours[2]
+                    and m != NOTHING
+                    and not transparent
+                ) or not valid[v0 + y, u0 + x]:
                     continue
                 for k in range(3):
-                    other = three[k]
+                    other = neighbours[k]
                     if other != m and (other < 0 or m < 0 or part[other] != part[m]):
                         mixed |= np.uint64(1) << np.uint64(y * TILE + x)
-                edge = through or m == NOTHING
+                edge = transparent or m == NOTHING
                 lit, known = 0.0, False
                 rx = ry = rz = 0.0
                 for k in range(3):
-                    other = three[k]
-                    if edge or other == m or (k > 0 and other == three[k - 1]):
+                    other = neighbours[k]
+                    if edge or other == m or (k > 0 and other == neighbours[k - 1]):
                         continue
                     if other == NOTHING:
                         edge = True
                     elif m >= 0 and other >= 0 and smooth[m] == smooth[other] and smooth[m] >= 0:
-                        # On one smooth part the colour differs by what the slope makes of it.
+                        # Within a smooth part, colours differ only by the light.
                         if (max(dim[m, 1], dim[other, 1]) - min(dim[m, 0], dim[other, 0])
                                 <= THRESHOLD / 255.0):
                             continue
@@ -233,11 +251,15 @@ def _find_thin_edges(
     near,
     far,
 ):
-    """(tiles,) uint64, pixels without an edge into which something of another colour reaches before
-    what their corners show; the sky does where they show several parts and nothing is behind."""
+    """Find edges between the pixel corners; return (tiles,) uint64.
+
+    These are pixels without an edge at their corners into which a surface of another colour reaches
+    in front of what the corners show. The sky counts as such a surface if the corners show several
+    parts and no triangle is behind them.
+    """
     size, one = TILE // cells, np.uint64(1)
     out = np.zeros(len(tile), np.uint64)
-    # Of one colour, and of one smooth part, are triangles with the same number.
+    # Triangles of one colour, or of one smooth part, get the same number.
     colour = np.empty(len(uniform))
     for m in range(len(uniform)):
         own = smooth[m] if smooth[m] >= 0 else len(uniform) + m
@@ -245,10 +267,10 @@ def _find_thin_edges(
     longest = 1
     for n in range(len(tile)):
         longest = max(longest, start[n + 1] - start[n])
-    # Of a tile's triangles: one over the distance, a + b x + c y, and by how much that changes from
-    # a pixel's centre. And the place of each among them.
+    # For the triangles of a tile: inverse distance a + b x + c y, its change from a pixel's centre
+    # to a corner, and the index of each triangle among them.
     planes, place = np.empty((longest, 4)), np.empty(len(colour), np.int64)
-    # Of a cell's pixels: what is nearer than the first is not hidden; number of its colour.
+    # For the pixels of a cell: inverse distance at the front, and number of the colour.
     work = np.empty((2, TILE, TILE))
     line = np.empty((3, 3))
     for n in range(len(tile)):
@@ -256,14 +278,14 @@ def _find_thin_edges(
             continue
         u0, v0 = TILE * (n % columns), TILE * (n // columns)
         first = start[n]
-        behind = False
+        has_backing = False
         for k in range(first, start[n + 1]):
-            behind |= full[k]
+            has_backing |= full[k]
             place[member[k]] = k - first
         for cell in range(cells * cells):
             y0, x0 = cell // cells * size, cell % cells * size
             M = matrices[n * cells * cells + cell]
-            # The cell's pixels: a row in each byte.
+            # The pixels of the cell; a byte of the mask is a row.
             square = ((one << np.uint64(size)) - one) * (
                 np.uint64(0x0101010101010101) >> np.uint64(8 * (TILE - size)))
             square <<= np.uint64(y0 * TILE + x0)
@@ -279,7 +301,7 @@ def _find_thin_edges(
                     a, b, c = a + s * M[q, 2], b + s * M[q, 0], c + s * M[q, 1]
                 planes[k, 0], planes[k, 1], planes[k, 2] = a, b, c
                 planes[k, 3] = 0.5 * (abs(b) + abs(c))
-            nearest, some, alike, last = np.inf, np.uint64(0), True, -1.0
+            nearest, pixels, one_colour, last = np.inf, np.uint64(0), True, -1.0
             for y in range(size):
                 for x in range(size):
                     i, j = y0 + y, x0 + x
@@ -290,9 +312,9 @@ def _find_thin_edges(
                     m = np.int64(pixel[v0 + i, u0 + j])
                     front, name = 0.0, float(sky) if m < 0 else colour[m]
                     if multi_part[n] & bit != 0:
-                        # Slits between parts of one colour show the sky, if nothing else is there.
+                        # Gaps between parts of one colour show the sky if no triangle is behind.
                         if (
-                            not behind
+                            not has_backing
                             and m >= 0
                             and (name < 0.0 or _has_contrast(np.uint32(name), sky))
                         ):
@@ -304,22 +326,23 @@ def _find_thin_edges(
                                  - planes[k, 3])
                     work[0, y, x], work[1, y, x] = front, name
                     nearest = min(nearest, front)
-                    some |= bit
-                    alike &= last == -1.0 or last == name
+                    pixels |= bit
+                    one_colour &= last == -1.0 or last == name
                     last = name
-            if some == 0:
+            if pixels == 0:
                 continue
             for k in range(start[n + 1] - first):
-                bits = pixel_masks[first + k] & some & ~out[n]
+                bits = pixel_masks[first + k] & pixels & ~out[n]
                 if bits == 0:
                     continue
                 m = member[first + k]
                 name = colour[m]
                 a, b, c = planes[k, 0] + planes[k, 3], planes[k, 1], planes[k, 2]
-                if (alike and last == name
+                if (one_colour and last == name
                         or a + (size - 1) * (max(b, 0.0) + max(c, 0.0)) <= nearest):
                     continue
-                # Its lines, from the cell's first pixel, raised by what they change over half one.
+                # Lines of the triangle, relative to the cell's first pixel, moved outwards by the
+                # change over half a pixel.
                 for i in range(3):
                     for j in range(3):
                         line[i, j] = (side[m, i, 0] * M[0, j] + side[m, i, 1] * M[1, j]
@@ -354,7 +377,7 @@ def _find_thin_edges(
                         if name >= 0.0 and work[1, y, x] >= 0.0 and not _has_contrast(
                                 np.uint32(name), np.uint32(work[1, y, x])):
                             continue
-                        if cut[m]:  # all of the pixel nearer than near or beyond far?
+                        if cut[m]:  # is all of it in this pixel beyond near or far?
                             along = by = 0.0
                             for q in range(3):
                                 along += axis[n, q] * (M[q, 0] * x + M[q, 1] * y + M[q, 2])
@@ -363,7 +386,7 @@ def _find_thin_edges(
                                     or near * (w - 2.0 * planes[k, 3]) >= along + by):
                                 continue
                         if work[0, y, x] > 0.0:
-                            # Before it anywhere in the pixel?
+                            # Is it in front anywhere in the pixel?
                             q = place[np.int64(pixel[v0 + y0 + y, u0 + x0 + x])]
                             d, e = planes[k, 1] - planes[q, 1], planes[k, 2] - planes[q, 2]
                             if (
@@ -381,7 +404,7 @@ def _find_thin_edges(
 
 @jit("u8[::1], i8, i8")
 def _list_pixels(edges, cells, columns):
-    """(P,) row * width + column, cell by cell."""
+    """Return (P,) row * width + column of the pixels with edges, cell by cell."""
     size, width = TILE // cells, TILE * columns
     one = np.uint64(1)
     found = 0

@@ -1,4 +1,4 @@
-"""What pixels with edges consist of: what their triangles show of each."""
+"""Fragments: visible shares of the triangles in pixels with edges."""
 
 from __future__ import annotations
 
@@ -15,12 +15,15 @@ from .triangles import Triangles
 
 @dataclass(frozen=True)
 class Fragments:
-    """What pixels with edges consist of.
+    """Fragments of the pixels with edges.
 
-    pixel: (P,) row * width + column, of the padded picture. start: (P + 1,), the stretch of each
-        in the lists that follow.
-    member: (F,) number in Seen. share: (F,) of the pixel's area. at: (F, 2) the middle of the
-        fragment, x, y in its cell, px. Opaque ones first, then the others from far to near.
+    Attributes:
+        pixel: (P,) row * width + column in the padded image.
+        start: (P + 1,) start of each pixel's fragments in the following arrays.
+        member: (F,) index in VisibleTriangles; opaque triangles first, then transparent ones from
+            far to near.
+        share: (F,) share of the pixel's area.
+        at: (F, 2) centre of the fragment, x and y in its cell, px.
     """
 
     pixel: np.ndarray
@@ -31,7 +34,7 @@ class Fragments:
 
 
 class EdgeResolver:
-    """Resolves the edges of pictures through the same tiles."""
+    """Computes the fragments of images that have the same tiles."""
 
     def __init__(self, tiles: Tiles) -> None:
         self._tiles = tiles
@@ -47,8 +50,10 @@ class EdgeResolver:
         near: float,
         far: float,
     ) -> Fragments:
-        """What the pixels found consist of; plain: (N,) words of the triangles that have one
-        colour."""
+        """Return the fragments of the edge pixels.
+
+        `uniform` (N,) are the packed colours of the triangles with one colour, 0 for the others.
+        """
         t = self._tiles
         while True:
             room = self._capacity

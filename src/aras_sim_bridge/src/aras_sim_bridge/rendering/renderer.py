@@ -1,4 +1,4 @@
-"""The renderer: from a view to its picture, depth and segmentation."""
+"""Renderer: image, depth and segmentation of a view."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from .view import Lighting, View
 if TYPE_CHECKING:
     from ..world import World
 
-# Where pixels are sampled, px.
+# Offsets of the samples from the pixel centre in columns and rows, px.
 CENTRE, UPPER_LEFT = 0.0, -0.5
 
 
 class _Canvas:
-    """What pictures through the same tiles need."""
+    """Data and work space that images with the same tiles share."""
 
     def __init__(self, tiles: Tiles) -> None:
         self.tiles = tiles
@@ -47,11 +47,12 @@ class _Canvas:
 
 @dataclass(frozen=True)
 class SampledView:
-    """What the samples of a view's pixels see.
+    """Samples of the pixels of one view.
 
     Attributes:
-        canvas: what all views through the same pixels share.
-        seen, samples: the triangles of the pixels, and of their samples.
+        canvas: data that all views with the same rays share.
+        visible: visible triangles.
+        samples: triangle at the sample of each pixel.
         optical_T_link: (links, 4, 4) poses of the links in the optical frame.
     """
 
@@ -62,15 +63,16 @@ class SampledView:
 
 
 class Renderer:
-    """Draws views of one World on the processor, the same picture on every machine.
+    """Renders views of one World on the CPU, with the same result on every machine.
 
     Attributes:
-        light: of the pictures that follow.
-        triangles: of the scene as it was last drawn; None before.
+        scene: visuals of the world and their poses.
+        light: lighting of the next images.
+        triangles: triangles of the scene in the last image; None before the first.
     """
 
     def __init__(self, world: World, light: Lighting, cache_bytes: int) -> None:
-        """`cache_bytes`: memory for what is prepared for views that come again, bytes."""
+        """Create a renderer; `cache_bytes` limits the memory for cached data of views, in bytes."""
         self.scene = Scene(world)
         self.light = light
         self._canvases: ByteLimitedCache[Hashable, _Canvas] = ByteLimitedCache(cache_bytes)
@@ -81,62 +83,72 @@ class Renderer:
         self._closed = False
 
     def snapshot(self) -> None:
-        """Remember where everything is; `blend` < 1 draws between there and the present."""
+        """Store the present poses; `blend` < 1 interpolates between them and later ones."""
         self.scene.snapshot()
 
     def close(self) -> None:
-        """Give the memory back."""
+        """Release the memory; the renderer cannot be used afterwards."""
         self._closed = True
         self._canvases.clear()
 
     def prepare(self, view: View) -> None:
-        """Make ready what pictures through the same pixels need.
+        """Prepare the data that images with the same rays share.
 
-        Raises RenderingError or MemoryError where they cannot be drawn.
+        Raises:
+            RenderingError, MemoryError: such images cannot be rendered.
         """
         self._get_canvas(view)
 
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
-        """Picture of the view, (height, width, 3) uint8 rgb, top row first."""
+        """Return the image of the view, (height, width, 3) uint8 rgb, top row first."""
         one = self.sample(view, blend, UPPER_LEFT)
         canvas, triangles = one.canvas, self.triangles
-        plain = canvas.shader.compute_uniform_colours(triangles, one.visible)
+        uniform = canvas.shader.compute_uniform_colours(triangles, one.visible)
         if self.light.lights:
-            plain[:] = 0
-        edges, fragments, background = self.resolve(one, view, plain)
+            uniform[:] = 0
+        edges, fragments, background = self.resolve(one, view, uniform)
         light = self._compute_irradiance(one, view, edges, fragments)
         sky = NO_SKY
         if self.light.sky:
             sky = draw_sky(canvas.tiles, view.world_T_optical)
-        words = canvas.shader.draw_samples(
-            triangles, one.visible, one.samples, plain, pack_colour(*background), edges, light, sky
+        packed_image = canvas.shader.draw_samples(
+            triangles,
+            one.visible,
+            one.samples,
+            uniform,
+            pack_colour(*background),
+            edges,
+            light,
+            sky,
         )
         canvas.shader.blend_fragments(
-            triangles, one.visible, fragments, background, light, sky, words
+            triangles, one.visible, fragments, background, light, sky, packed_image
         )
-        rgba = words.view(np.uint8).reshape(*words.shape, 4)
+        rgba = packed_image.view(np.uint8).reshape(*packed_image.shape, 4)
         return cv2.cvtColor(rgba[:view.height, :view.width], cv2.COLOR_RGBA2RGB)
 
     def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-        """Depth and segmentation of the view, at the centre of each pixel.
+        """Return depth and segmentation of the view at the pixel centres.
 
-        Depth (height, width) float32, m, inf where nothing is: along the optical axis, or
-        along the ray through lenses with pixels that look sideways or back. Segmentation
-        (height, width) int32: body id + (link index + 1) << 24 as in Bullet, -1 where nothing is.
+        Depth (height, width) float32, m; inf for pixels without a surface. It is measured along the
+        optical axis, or along the ray if the lens has pixels that look sideways or backwards.
+        Segmentation (height, width) int32: body id + (link index + 1) << 24 as in Bullet; -1 for
+        pixels without a surface.
         """
         one = self.sample(view, blend, CENTRE)
         labels = self.scene.compute_labels()[self.triangles.row[one.visible.triangle]]
         return measure(one.canvas.tiles, one.visible, one.samples, labels)
 
     def sample(self, view: View, blend: float, offset: float) -> SampledView:
-        """What the samples of each pixel see, `offset` px from its centre in columns and rows.
+        """Sample each pixel at `offset` px from its centre in columns and rows.
 
-        Raises RenderingError once the renderer is closed.
+        Raises:
+            RenderingError: the renderer is closed.
         """
         if self._closed:
             raise RenderingError("the renderer is closed")
         self.scene.refresh()
-        # By number, not by what refresh says: a snapshot may have been the one to see the change.
+        # Compare version numbers: a snapshot may have refreshed the scene already.
         if self.scene.version != self._scene_version:
             self._scene_version = self.scene.version
             self.triangles = Triangles.from_visuals(self.scene.visuals)
@@ -145,17 +157,26 @@ class Renderer:
         canvas = self._get_canvas(view)
         world_T_link = self.scene.interpolate_poses(blend)
         light, optical_T_link = self.light, view.optical_T_world @ world_T_link
-        seen = self._binning.find_visible(
+        visible = self._binning.find_visible(
             canvas.tiles, optical_T_link,
             light.to_sun @ world_T_link[:, :3, :3],
             light.scale * np.array([light.ambient, light.diffuse]), view.near, view.far)
-        samples = canvas.sampler.sample(seen, view.near, view.far, offset)
-        return SampledView(canvas, seen, samples, optical_T_link)
+        samples = canvas.sampler.sample(visible, view.near, view.far, offset)
+        return SampledView(canvas, visible, samples, optical_T_link)
 
     def resolve(self, sampled: SampledView, view: View, uniform: np.ndarray
                 ) -> tuple[np.ndarray, Fragments, np.ndarray]:
-        """Pixels with edges as in finding.found_edges, what they consist of, and the background's
-        rgb (3,) 0..255. plain: the words of the triangles seen."""
+        """Find the pixels with edges, and compute their fragments.
+
+        Args:
+            sampled: samples of the view.
+            view: the view.
+            uniform: packed colours of the visible triangles with one colour, 0 for the others.
+
+        Returns:
+            Bit masks of the pixels with edges (see edge_detection.find_edges), their fragments, and
+            the background's rgb (3,), 0..255.
+        """
         background = 255.0 * np.array(MIDDLE if self.light.sky else self.light.background[:3])
         t = self.triangles
         smooth = t.facets if self.light.lights else t.smooth
@@ -177,7 +198,7 @@ class Renderer:
         return edges, fragments, background
 
     def find_bodies_around(self, point: np.ndarray) -> list[str]:
-        """Names 'model::link' of the visuals that the point (3,), world frame, is inside of."""
+        """Return the names 'model::link' of visuals that contain the point (3,), world frame."""
         return self.scene.find_bodies_around(point)
 
     def _get_canvas(self, view: View) -> _Canvas:
@@ -186,7 +207,7 @@ class Renderer:
     def _compute_irradiance(
         self, sampled: SampledView, view: View, edges: np.ndarray, fragments: Fragments
     ) -> Irradiance:
-        """What several lights give; empty where one sun does."""
+        """Return the light of the lamps; empty arrays if the sun is the only light."""
         light = self.light
         if not light.lights:
             return NO_IRRADIANCE

@@ -1,4 +1,4 @@
-"""What a World shows: the shapes of its models' descriptions at the poses of their links."""
+"""Scene: visual meshes of all models in a World, and the poses of their links."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class VisualMesh:
-    """One visual: a mesh in its link's frame, the row of that link in `Scene.poses`, a colour."""
+    """One visual: a mesh in its link's frame, the row of that link in the poses, a colour."""
 
     row: int
     mesh: Mesh
@@ -33,8 +33,7 @@ class VisualMesh:
 
 @dataclass(frozen=True)
 class _ModelRows:
-    """Where the links of a model that have visuals stand in the pose table: the root, if it has
-    any, and behind it `links`."""
+    """Rows of a model's links with visuals in the pose table: root if `has_root`, then `links`."""
 
     model: Model
     first: int
@@ -43,9 +42,11 @@ class _ModelRows:
 
 
 class Scene:
-    """Follows one World: `refresh` finds models that came, changed and went, `poses` reads links.
+    """Visuals and link poses of one World; `refresh` follows spawned, changed and deleted models.
 
-    parts: what there is to see. version: counts the changes of it.
+    Attributes:
+        visuals: meshes to draw.
+        version: number of changes of the visuals.
     """
 
     def __init__(self, world: World) -> None:
@@ -62,9 +63,9 @@ class Scene:
         self._quaternions = np.zeros((0, 4))
 
     def refresh(self) -> bool:
-        """Read the shapes again if models came, changed or went; True if they did.
+        """Read the visuals again if models were spawned, changed or deleted; return whether so.
 
-        A mesh file that was damaged since its model was spawned is left out, with a log line.
+        A mesh file that was damaged since the spawn is skipped with a warning.
         """
         if self._world.revision == self._revision:
             return False
@@ -74,11 +75,11 @@ class Scene:
         return True
 
     def read_poses(self) -> np.ndarray:
-        """Poses of all links that carry a visual, (rows, 4, 4), link to world."""
+        """Return the poses of all links with visuals, world_T_link, (rows, 4, 4)."""
         return self.interpolate_poses(1.0)
 
     def interpolate_poses(self, blend: float) -> np.ndarray:
-        """Poses `blend` of the way from the last snapshot (0) to now (1), (rows, 4, 4)."""
+        """Return poses (rows, 4, 4) between those of the last snapshot (0) and the present (1)."""
         now = self._read_all()
         before = self._previous
         if before is None or len(before[0]) != len(now[0]):
@@ -86,18 +87,18 @@ class Scene:
         return blend_poses(*before, *now, min(blend, 1.0))
 
     def snapshot(self) -> None:
-        """Remember the present poses, for `interpolate_poses`."""
+        """Store the present poses, for `interpolate_poses`."""
         self.refresh()
         p, q = self._read_all()
         self._previous = p.copy(), q.copy()
 
     def compute_labels(self) -> np.ndarray:
-        """(rows,) int32 segmentation values: body id + (link index + 1) << 24, as in Bullet."""
+        """Return the (rows,) int32 labels: body id + (link index + 1) << 24, as in Bullet."""
         return self._labels
 
     def find_bodies_around(self, point: np.ndarray) -> list[str]:
-        """Names 'model::link' of the links whose closed visuals contain the point (3,), world
-        frame."""
+        """Return names 'model::link' of links with a closed visual around a point (3,), world.
+        """
         self.refresh()
         poses = self.read_poses()
         names = []
@@ -108,7 +109,7 @@ class Scene:
         return list(dict.fromkeys(names))
 
     def _read_all(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (rows, 3) and quaternions (rows, 4) now, in arrays that are used again."""
+        """Return the present positions (rows, 3) and quaternions (rows, 4), in reused arrays."""
         p, q = self._positions, self._quaternions
         for rows in self._models:
             row = rows.first
@@ -147,12 +148,12 @@ class Scene:
         self._quaternions = np.empty((len(names), 4))
 
     def _make_visuals(self, row: int, link: Link, colour: Rgba | None) -> list[VisualMesh]:
-        """As in Gazebo, a link's colour goes before those of its mesh files, white comes last."""
+        """Make the meshes of a link; colour as in Gazebo: the link's, the mesh file's, or white."""
         parts = []
         for visual in link.visuals:
             try:
                 meshes = shapes.make_meshes(visual.geometry)
-            except DescriptionError as error:  # the rest of the world is still worth seeing
+            except DescriptionError as error:  # draw the rest of the world
                 if str(error) not in self._reported_errors:
                     _log.warning("%s is not drawn: %s", self._names[row], error)
                 self._reported_errors.add(str(error))

@@ -1,8 +1,10 @@
-"""The colours of samples and fragments: albedo or texture, times light: of one sun, smooth between
-corners, or what shadows.Irradiance says.
+"""Shading of samples and fragments: albedo or texture times light.
 
-A pixel is a word: red, green, blue from the lowest byte up, and 255, or 0 where the lens shows
-nothing.
+The light is that of the sun, interpolated between the corners of a triangle, or the irradiance of
+several lamps (shadows.Irradiance).
+
+Pixels are packed colours, uint32: red, green, blue from the lowest byte, then 255; or 0 outside the
+image circle of a lens.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from .triangles import Triangles
 
 
 class Shader:
-    """Colours one picture after another through the same tiles."""
+    """Shades images that have the same tiles."""
 
     def __init__(self, tiles: Tiles) -> None:
         self._tiles = tiles
@@ -30,7 +32,7 @@ class Shader:
     def compute_uniform_colours(
         self, triangles: Triangles, visible: VisibleTriangles
     ) -> np.ndarray:
-        """(N,) words of the triangles seen that have one colour, 0 for the others."""
+        """Return packed colours (N,) of the visible triangles with one colour, 0 for the others."""
         return _compute_uniform_colours(
             visible.triangle, visible.light, triangles.albedo, triangles.layer
         )
@@ -46,10 +48,15 @@ class Shader:
         light: Irradiance,
         backdrop: np.ndarray,
     ) -> np.ndarray:
-        """The picture but for the pixels with edges, in an array that the next one overwrites.
+        """Shade all pixels without edges; the array is overwritten by the next image.
 
-        plain, sky, edges: as in finding.found_edges; plain is all 0 where `light` says something.
-        backdrop: words of the padded picture that are seen where nothing is, or of no size: sky.
+        Args:
+            triangles, visible, samples: what the pixels show.
+            uniform, sky, edges: as in edge_detection.find_edges. `uniform` is 0 if `light` is not
+                empty.
+            light: irradiance of several lamps, or empty.
+            backdrop: packed colours of the background of the padded image; if it is empty, the
+                background is `sky`.
         """
         t, g = self._tiles, triangles
         if samples.most == BACKGROUND:
@@ -91,8 +98,10 @@ class Shader:
         backdrop: np.ndarray,
         packed_image: np.ndarray,
     ) -> None:
-        """Put the pixels that consist of fragments into words. background: (3,) rgb 0..255, in
-        the place of a backdrop of no size."""
+        """Write the pixels with fragments to `packed_image`.
+
+        `background` (3,) rgb 0..255 is used if the backdrop is empty.
+        """
         g, t, f = triangles, self._tiles, fragments
         _blend_fragments(
             f.pixel,
@@ -119,7 +128,7 @@ class Shader:
 
 @jit("f8, f8, f8")
 def pack_colour(red, green, blue):
-    """A colour 0..255 as a pixel."""
+    """Pack a colour 0..255 into a uint32."""
     r = np.uint32(np.rint(min(max(red, 0.0), 255.0)))
     g = np.uint32(np.rint(min(max(green, 0.0), 255.0)))
     b = np.uint32(np.rint(min(max(blue, 0.0), 255.0)))
@@ -140,7 +149,7 @@ def _compute_uniform_colours(triangle, light, albedo, layer):
 
 @jit_inline
 def _interpolate_light(matrices, c, side, light, m, x, y):
-    """Light on triangle m at x, y of cell c."""
+    """Return the light on triangle m at x, y of cell c."""
     rx = matrices[c, 0, 0] * x + matrices[c, 0, 1] * y + matrices[c, 0, 2]
     ry = matrices[c, 1, 0] * x + matrices[c, 1, 1] * y + matrices[c, 1, 2]
     rz = matrices[c, 2, 0] * x + matrices[c, 2, 1] * y + matrices[c, 2, 2]
@@ -179,7 +188,7 @@ def _draw_samples(
 ):
     size = TILE // cells
     rgb, planes = np.empty(3), np.empty((3, 3))
-    lamps, graded = len(irradiance) > 0, len(backdrop) > 0
+    lamps, has_backdrop = len(irradiance) > 0, len(backdrop) > 0
     last_c = last_m = np.int64(-1)
     for n in range(len(tile)):
         u, v = TILE * (n % columns), TILE * (n // columns)
@@ -187,7 +196,7 @@ def _draw_samples(
         if one in (NOTHING, BACKGROUND) or (one >= 0 and uniform[one] != 0):
             if one == NOTHING:
                 packed_image[v:v + TILE, u:u + TILE] = 0
-            elif one == BACKGROUND and graded:
+            elif one == BACKGROUND and has_backdrop:
                 for y in range(TILE):
                     for x in range(TILE):
                         packed_image[v + y, u + x] = backdrop[v + y, u + x]
@@ -202,7 +211,7 @@ def _draw_samples(
                 if not valid[v + y, u + x]:
                     packed_image[v + y, u + x] = 0
                 elif m < 0:
-                    packed_image[v + y, u + x] = backdrop[v + y, u + x] if graded else sky
+                    packed_image[v + y, u + x] = backdrop[v + y, u + x] if has_backdrop else sky
                 elif uniform[m] != 0:
                     packed_image[v + y, u + x] = uniform[m]
                 else:
@@ -275,8 +284,8 @@ def _blend_fragments(
                 apply_texture(planes, layer[t], texels, at[k, 0], at[k, 1], rgb)
             for j in range(3):
                 rgb[j] = min(rgb[j], 255.0)
-            through = albedo[t, 3] < 1.0
+            transparent = albedo[t, 3] < 1.0
             weight = share[k] * albedo[t, 3]
             for j in range(3):
-                total[j] += weight * (rgb[j] - total[j] if through else rgb[j])
+                total[j] += weight * (rgb[j] - total[j] if transparent else rgb[j])
         packed_image[v, u] = pack_colour(total[0], total[1], total[2])

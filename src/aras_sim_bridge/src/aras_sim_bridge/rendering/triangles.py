@@ -1,4 +1,4 @@
-"""All triangles of a scene in the frames of their links, in clusters looked at together."""
+"""Triangles of a scene in the frames of their links, grouped into clusters."""
 
 from __future__ import annotations
 
@@ -14,24 +14,29 @@ from .byte_limited_cache import ByteLimitedCache
 from .scene import VisualMesh
 from .textures import Textures
 
-# Memory for scenes that come again, bytes: a study shows the same one ten thousand times.
+# Bytes for cached scenes: a study renders the same scene ten thousand times.
 CACHE_BYTES = 1 << 24
-# Corners times triangles of a part, up to which it is asked whether it is convex; and how far a
-# corner may be before a triangle, of the part's size: meshes have single precision.
+# Largest number of corners times triangles for which a part is tested for convexity; and tolerance
+# of this test, relative to the part's size, because meshes have single precision.
 MOST_CONVEX_TESTS, FLAT = 1 << 22, 1e-6
 
 
 @dataclass(frozen=True)
 class Clusters:
-    """Neighbouring triangles that face the same side, so that most are left out by one look.
+    """Clusters of neighbouring triangles with similar normals; most are culled as a whole.
 
-    first, count: (C,) their triangles. row: (C,) of the link in `Scene.poses`.
-    centre, half (C, 3), radius (C,): a box and a sphere around them, link frame, m.
-    axis (C, 3), cosine (C,): a cone around their normals. height (C,): how far the lowest of their
-        planes lies above the centre, along its normal, m. opaque: (C,) bool.
-    quad: (C,) bool, whether it is a flat convex quad of one colour; its two triangles then share
-        the side opposite their first corners.
-    The largest triangles come first, as they hide others.
+    Large triangles come first, because they hide others. There are C clusters.
+
+    Attributes:
+        first, count: (C,) triangles of the cluster.
+        row: (C,) row of the link in the poses of the scene.
+        centre, half, radius: (C, 3), (C, 3), (C,) bounding box and sphere, link frame, m.
+        axis, cosine: (C, 3), (C,) cone around the normals.
+        height: (C,) height of the lowest of the triangles' planes above the centre, along its
+            normal, m.
+        opaque: (C,) bool.
+        quad: (C,) bool, whether the cluster is a flat convex quad of one colour. The common side of
+            its two triangles is then opposite their first corners.
     """
 
     first: np.ndarray
@@ -49,17 +54,24 @@ class Clusters:
 
 @dataclass(frozen=True)
 class Triangles:
-    """Triangles of all parts, cluster by cluster.
+    """Triangles of all visuals, cluster by cluster. There are T triangles.
 
-    corners (T, 3, 3), m, and normals (T, 3, 3) at them, link frame; plane (T, 4) n, d with
-        n . x = d; row (T,) of the link; smooth (T,), the same for those of a part, whose colours
-        differ as their light does, -1 with a texture; hull (T,) the same for those of a convex
-        part, which hide nothing of each other, -1 for the others; part (T,) the same for all.
-    albedo (T, 4) rgb 0..255 and opacity 0..1.
-    uv (T, 3, 2) texture coordinates, layer (T,) where the texture begins in Textures.texels, -1
-        for none.
-    row_centre, row_half: (rows, 3) a box around all of a link's, m; of no size, half -1, where it
-        has none.
+    Attributes:
+        clusters: clusters of the triangles.
+        row_centre, row_half: (rows, 3) bounding box of each link, m; half is -1 without triangles.
+        corners: (T, 3, 3) corners, link frame, m.
+        normals: (T, 3, 3) normals at the corners, link frame.
+        plane: (T, 4) n, d with n . x = d.
+        row: (T,) row of the link in the poses of the scene.
+        part: (T,) number of the visual.
+        smooth: (T,) number of the visual without texture, whose colours differ only by the light;
+            -1 with a texture.
+        hull: (T,) number of the convex visual, whose triangles do not hide each other; -1 for
+            others.
+        albedo: (T, 4) rgb 0..255 and opacity 0..1.
+        uv: (T, 3, 2) texture coordinates.
+        layer: (T,) start of the texture in Textures.texels; -1 without texture.
+        textures: textures of the visuals.
     """
 
     clusters: Clusters
@@ -79,7 +91,7 @@ class Triangles:
 
     @cached_property
     def facets(self) -> np.ndarray:
-        """(T,) as smooth, but different for flat triangles of a part that face different sides."""
+        """Numbers (T,) as in `smooth`, but different for flat triangles with different normals."""
         flat = (self.normals == self.normals[:, :1]).all(axis=(1, 2))
         turned = np.where(flat[:, None], np.rint(1e4 * self.normals[:, 0]), 2e4).astype(np.int64)
         key = ((self.part * 40001 + turned[:, 0]) * 40001 + turned[:, 1]) * 40001 + turned[:, 2]
@@ -88,7 +100,7 @@ class Triangles:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it takes."""
+        """Memory of the arrays, bytes."""
         arrays = [getattr(self, f.name) for f in fields(self)]
         arrays += [getattr(self.clusters, f.name) for f in fields(self.clusters)]
         return sum(a.nbytes for a in arrays if isinstance(a, np.ndarray)) + (
@@ -96,7 +108,7 @@ class Triangles:
 
     @classmethod
     def from_visuals(cls, visuals: list[VisualMesh]) -> Triangles:
-        """Of these parts, made anew only if they were not shown lately by any renderer."""
+        """Return the triangles of these visuals, from a cache that all renderers share."""
         return _cache.get(_make_key(visuals), lambda: cls._build(visuals))
 
     @classmethod
@@ -132,10 +144,10 @@ class Triangles:
         for n in np.flatnonzero(counts == 2):
             two = slice(first[n], first[n] + 2)
             flat = (normals[two] == normals[first[n], 0]).all() and layer[first[n]] < 0
-            turns = _find_quad(corners[two]) if flat else None
-            if turns is not None:
+            corners_apart = _find_quad(corners[two]) if flat else None
+            if corners_apart is not None:
                 quad[n] = True
-                for k, turn in enumerate(turns):
+                for k, turn in enumerate(corners_apart):
                     corners[first[n] + k] = np.roll(corners[first[n] + k], -turn, axis=0)
         hull = np.where(np.isin(number, convex), number, -1)
         smooth = np.where(layer < 0, number, -1)
@@ -159,8 +171,7 @@ class Triangles:
 
 
 def _is_convex(part: VisualMesh) -> bool:
-    """Whether none of a part's corners lies before a triangle of it; False where that is much to
-    ask."""
+    """Return whether a visual is convex; False if it is too large to test."""
     mesh = part.mesh
     points = np.unique(mesh.positions.astype(float), axis=0)
     if not 0 < len(points) * len(mesh.triangles) <= MOST_CONVEX_TESTS:
@@ -173,7 +184,7 @@ def _is_convex(part: VisualMesh) -> bool:
 
 
 def _compute_boxes(corners: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """row_centre and row_half of Triangles."""
+    """Return row_centre and row_half of Triangles."""
     rows = row.max(initial=-1) + 1
     low, high = np.full((rows, 3), np.inf), np.full((rows, 3), -np.inf)
     np.minimum.at(low, row, corners.min(axis=1))
@@ -187,7 +198,7 @@ _cache: ByteLimitedCache[bytes, Triangles] = ByteLimitedCache(CACHE_BYTES)
 
 
 def _make_key(parts: list[VisualMesh]) -> bytes:
-    """The same for the same parts, a texture's file as it is now included."""
+    """Return a key of the visuals' content, including the file times of their textures."""
     key = hashlib.blake2b(digest_size=16)
     for part in parts:
         mesh = part.mesh
@@ -207,8 +218,10 @@ def _list_arrays(part: VisualMesh) -> tuple[np.ndarray | None, ...]:
 
 
 def _find_quad(corners: np.ndarray) -> tuple[int, int] | None:
-    """Which corner of each of two triangles (2, 3, 3) the other lacks, if they are a convex quad in
-    one plane."""
+    """Return the unshared corner of each of two triangles (2, 3, 3) that form a flat convex quad.
+
+    None if they do not.
+    """
     a, b = corners
     same = (a[:, None] == b[None]).all(axis=2)
     if same.sum() != 2:
@@ -218,7 +231,7 @@ def _find_quad(corners: np.ndarray) -> tuple[int, int] | None:
     side = np.roll(outline, -1, axis=0) - outline
     turn = np.cross(side, np.roll(side, -1, axis=0))
     normal = turn.sum(axis=0)
-    # The normal is square to both diagonals; a mesh's numbers have seven digits.
+    # The normal is perpendicular to both diagonals; mesh coordinates have seven digits.
     near = 1e-6 * np.abs(side).max() + 2e-7 * np.abs(outline).max()
     flat = abs(side[0] @ normal) <= near * np.linalg.norm(normal)
     return (i, j) if flat and (turn @ normal > 0.0).all() else None

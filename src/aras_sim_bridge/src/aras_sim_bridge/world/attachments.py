@@ -1,6 +1,6 @@
-"""Fixed joints between links of any two models, made and taken away while time passes.
+"""Fixed joints that are added and removed between links of two models during the simulation.
 
-The plug-ins gazebo_ros_link_attacher and gazebo_grasp_fix hold things in this way.
+The counterparts of the plug-ins gazebo_ros_link_attacher and gazebo_grasp_fix use them.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.poses import Pose
 
-# N and N m that a joint gives at most: more than any motor here, and little enough that a
-# thing that is caught in a wall does not make the solver diverge.
+# N and N m, the largest force and torque of such a joint: above that of any motor here, and small
+# enough that the solver does not diverge when an attached object is caught in a wall.
 _LARGEST_FORCE = 1e6
 
 
 class AttachedLinks(NamedTuple):
-    """The two links that a fixed joint connects, by their models' names."""
+    """Two links that a fixed joint connects, and the names of their models."""
 
     model: str
     link: str
@@ -28,15 +28,15 @@ class AttachedLinks(NamedTuple):
 
 
 class Attachments:
-    """The fixed joints of a world.
+    """Fixed joints between the models of a world.
 
-    Two links that are attached do not collide, as ODE has it of bodies that a joint connects. A
-    model that is attached makes its steps in Bullet, together with what it holds.
+    Two attached links do not collide with each other, as in ODE. While a model is attached, Bullet
+    steps it together with the model at the other end of the joint.
     """
 
     def __init__(self, client: int, models: Mapping[str, Model],
                  on_change: Callable[[], None]) -> None:
-        """`on_change` is called when a joint came or went."""
+        """Create an empty set of joints; `on_change` is called after one is added or removed."""
         self._client, self._models, self._on_change = client, models, on_change
         self._frames: dict[AttachedLinks, Pose] = {}
         self._constraints: dict[AttachedLinks, int] = {}
@@ -49,13 +49,14 @@ class Attachments:
         return ends in self._frames
 
     def attach(self, ends: AttachedLinks, collides: bool = True) -> None:
-        """Hold the second link where it is now in the first one's frame.
+        """Fix the second link at its present pose in the frame of the first link.
 
         Args:
-            collides: whether the second link touches anything meanwhile.
+            ends: links to connect.
+            collides: whether the second link still collides with other bodies.
 
         Raises:
-            WorldError: a model or link that does not exist, or twice the same link.
+            WorldError: a model or link does not exist, or both links are the same.
         """
         first, second = self._find_link(ends.model, ends.link), self._find_link(ends.other_model,
                                                                     ends.other_link)
@@ -72,41 +73,41 @@ class Attachments:
         self._on_change()
 
     def detach(self, ends: AttachedLinks) -> None:
-        """Let the second link go; WorldError where it is not held."""
+        """Remove the joint between two links; WorldError if they are not attached."""
         if ends not in self._frames:
-            held = ", ".join(f"{a}::{b} and {c}::{d}" for a, b, c, d in self._frames) or "none"
+            attached = ", ".join(f"{a}::{b} and {c}::{d}" for a, b, c, d in self._frames) or "none"
             raise WorldError(f"'{ends.model}::{ends.link}' and '{ends.other_model}::"
-                             f"{ends.other_link}' are not attached; attached are: {held}")
+                             f"{ends.other_link}' are not attached; attached are: {attached}")
         self._forget(ends)
         self._update_models()
         self._on_change()
 
     def detach_model(self, model: Model) -> None:
-        """A model goes: whatever is attached to it is free."""
+        """Remove all joints of a model that is about to be deleted."""
         for ends in self._find_attachments(model):
             self._forget(ends)
         self._update_models()
 
     def clear(self) -> None:
-        """Forget all of them: Bullet has none any more."""
+        """Forget all joints, after Bullet was reset."""
         self._without_contacts.clear()
         self._frames.clear()
         self._constraints.clear()
         self._update_models()
 
     def suspend(self, model: Model) -> None:
-        """A model is about to be loaded again: take its joints out of Bullet until `renew`."""
+        """Remove the joints of a model from Bullet before it is reloaded; `renew` restores them."""
         for ends in self._find_attachments(model):
             self._remove_constraint(ends)
 
     def renew(self) -> None:
-        """Give Bullet the joints that it does not have."""
+        """Create the joints in Bullet that it does not have yet."""
         for ends in self._frames:
             if ends not in self._constraints:
                 self._make_constraint(ends)
 
     def disable_contacts(self) -> None:
-        """Keep Bullet from looking at links that touch nothing while they are held."""
+        """Disable all contacts of the links that were attached with `collides=False`."""
         for ends in self._without_contacts:
             second, index = self._find_link(ends.other_model, ends.other_link)
             pybullet.setCollisionFilterGroupMask(second.body_id, index, 0, 0,
@@ -134,18 +135,28 @@ class Attachments:
         return found, found.link_index(link)
 
     def _update_models(self) -> None:
-        held = {id(body) for one in self._frames for body in self._find_bodies(one)}
+        attached = {id(body) for one in self._frames for body in self._find_bodies(one)}
         for model in self._models.values():
-            model.is_attached = id(model) in held
+            model.is_attached = id(model) in attached
 
     def _make_constraint(self, ends: AttachedLinks) -> None:
         (first, index), (second, other) = (self._find_link(ends.model, ends.link),
                                            self._find_link(ends.other_model, ends.other_link))
-        own = first.body.inertial_poses[ends.link].inverse() @ self._frames[ends]
-        theirs = second.body.inertial_poses[ends.other_link].inverse()
+        first_frame = first.body.inertial_poses[ends.link].inverse() @ self._frames[ends]
+        second_frame = second.body.inertial_poses[ends.other_link].inverse()
         joint = pybullet.createConstraint(
-            first.body_id, index, second.body_id, other, pybullet.JOINT_FIXED, (0.0, 0.0, 0.0),
-            own.xyz, theirs.xyz, own.quat, theirs.quat, physicsClientId=self._client)
+            first.body_id,
+            index,
+            second.body_id,
+            other,
+            pybullet.JOINT_FIXED,
+            (0.0, 0.0, 0.0),
+            first_frame.xyz,
+            second_frame.xyz,
+            first_frame.quat,
+            second_frame.quat,
+            physicsClientId=self._client,
+        )
         pybullet.changeConstraint(joint, maxForce=_LARGEST_FORCE, physicsClientId=self._client)
         self._constraints[ends] = joint
         self._set_collision(ends, False)

@@ -1,8 +1,8 @@
-"""RobotDescription -> the files that Bullet is given.
+"""Temporary URDF and mesh files through which a RobotDescription is loaded into Bullet.
 
-Bullet never sees the user's files: only what was read and checked reaches it, written anew, with
-principal inertias, and without what the World does itself (damping, friction, limits in effort).
-Cameras draw the description, so only Bullet's own window needs visuals.
+Bullet never reads the user's files. It reads new files with the checked data and principal
+inertias, without the damping, friction and effort limits that World applies itself. The camera
+images are rendered from the description; only Bullet's own window needs visuals.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ from aras_visual_servo_base.meshes.files import write_obj, write_stl
 from aras_visual_servo_base.poses import Pose, quaternion_from_matrix
 from aras_visual_servo_base.urdf import ZERO, Joint
 
-# Of a link without a visual Bullet makes pictures of the collisions: 4 ms for a plane.
+# For a link without a visual, Bullet builds graphics from the collisions: 4 ms for a plane.
 _EMPTY_VISUAL = '<visual><geometry><box size="0 0 0"/></geometry></visual>'
-# m: width of the rims of what rolls; what is between them is thinner
+# m: width of the rims of rolling shapes; between the rims the radius is smaller by the margin
 _RIM, _RADIUS_MARGIN = 1e-3, 1e-4
 
 
 def is_root_fixed(description: RobotDescription, requested: bool | None = None) -> bool:
-    """Whether the model's root link stays where it is put: as `requested`, if it has mass.
+    """Return whether the root link of a model is fixed in the world.
 
-    True for a root named 'world' (ROS's way to bolt a robot down), a root without mass, of its own
-    or of links fixed to it (no free body is without), a root that the file calls kinematic
-    (`<gazebo reference="root"><kinematic>`: never moved by forces, in Gazebo too) and a static
-    model.
+    A root without mass is always fixed. Otherwise `requested` decides; if it is None, the root is
+    fixed if it is named 'world' (the ROS convention), if it is marked as kinematic
+    (`<gazebo reference="root"><kinematic>`, never moved by forces, as in Gazebo) or if the model is
+    static. The mass of the root includes that of the links that are fixed to it.
     """
     root = give_root_mass(description).links[description.root]
     if requested is None:
@@ -54,11 +54,12 @@ def is_root_fixed(description: RobotDescription, requested: bool | None = None) 
 
 
 def give_root_mass(description: RobotDescription) -> RobotDescription:
-    """The same bodies, with mass in the root where that hangs on a fixed joint in the file.
+    """Return the description with mass in the root link, if a link that is fixed to it has mass.
 
-    Many mobile robots have a massless base_link with the chassis fixed to it; Gazebo lumps the two
-    together. Bullet would nail such a root to the world, so the heaviest link that is fixed to it
-    lends it its inertial; as one rigid body the two move as before.
+    Many mobile robots have a massless base_link to which the chassis is fixed. Gazebo merges the
+    two, but Bullet would fix a massless root in the world. Therefore the inertial moves from the
+    heaviest link that is fixed to the root to the root itself; the motion is the same, because
+    both belong to one rigid body.
     """
     root = description.links[description.root]
     if root.inertial is not None or description.static or root.name == "world":
@@ -75,17 +76,17 @@ def give_root_mass(description: RobotDescription) -> RobotDescription:
     found = [(link, pose) for link, pose in found if link.inertial is not None]
     if not found:
         return description
-    lender, root_t_lender = max(found, key=lambda pair: pair[0].inertial.mass)
-    lent = lender.inertial.with_pose(root_t_lender @ lender.inertial.pose)
+    heaviest, root_t_heaviest = max(found, key=lambda pair: pair[0].inertial.mass)
+    lent = heaviest.inertial.with_pose(root_t_heaviest @ heaviest.inertial.pose)
     links = dict(description.links)
-    links[root.name] = replace(root, inertial=lent, gravity=root.gravity and lender.gravity)
-    links[lender.name] = replace(lender, inertial=None)
+    links[root.name] = replace(root, inertial=lent, gravity=root.gravity and heaviest.gravity)
+    links[heaviest.name] = replace(heaviest, inertial=None)
     return replace(description, links=links)
 
 
-@lru_cache(maxsize=1024)  # asked three times of each link
+@lru_cache(maxsize=1024)  # called three times for each link
 def find_principal_frame(inertial: Inertial) -> tuple[Pose, tuple[float, float, float]]:
-    """link_T_principal: the frame of Bullet's diagonal inertia in the link, and the moments."""
+    """Return link_T_principal, the frame of principal inertia, and the moments (kg m²)."""
     moments, axes = principal_axes(inertial.inertia)
     pose = inertial.pose @ Pose((0.0, 0.0, 0.0), quaternion_from_matrix(axes))
     return pose, tuple(float(m) for m in moments)
@@ -95,16 +96,16 @@ MEMORY_FOLDER = "/dev/shm"  # noqa: S108
 
 
 class BulletFiles:
-    """A model's URDF and meshes as Bullet reads them, for as long as it does; a context manager.
+    """Temporary URDF and mesh files of one model; a context manager that removes them.
 
-    They lie beside each other among the temporary files: a folder made and removed for each model
-    takes half of its loading. The URDF, which is small, lies in memory where the system has files
-    there: removed from a disk it takes 3 ms. Names never come again, for Bullet keeps meshes by
-    them.
+    The files are placed directly in the temporary folder: creating and removing a folder for each
+    model takes half of the loading time. The URDF, which is small, is written to a file system in
+    memory if there is one, because removing it from a disk takes 3 ms. File names are unique,
+    because Bullet caches meshes by name.
     """
 
     def __init__(self, description: RobotDescription, fixed_base: bool, visible: bool) -> None:
-        """`visible`: with visuals, for Bullet's window."""
+        """Write the files; `visible` adds visuals for Bullet's window."""
         self._paths: list[str] = []
         self._meshes: dict[str, str] = {}
         parts = ['<?xml version="1.0"?>', f"<robot name={quoteattr(description.name)}>"]
@@ -139,11 +140,11 @@ class BulletFiles:
                 os.remove(self._paths.pop())
 
     def write_mesh(self, filename: str) -> str:
-        """Where the mesh file `filename` stands for Bullet, in its own unit."""
+        """Return the path of a copy of a mesh file that Bullet can read, in the same unit."""
         if filename not in self._meshes:
             meshes = mesh_files.read(filename)
             pieces = {mesh.piece for mesh in meshes}
-            # Bullet makes a convex hull of a whole STL file, and of each object of an OBJ file.
+            # Bullet builds one convex hull per STL file, and one per object of an OBJ file.
             write_file, kind = (write_obj, "obj") if len(pieces) > 1 else (write_stl, "stl")
             path = self._make_file(kind)
             write_file(meshes, path)
@@ -151,7 +152,7 @@ class BulletFiles:
         return self._meshes[filename]
 
     def write_plane(self, geometry: Geometry) -> str:
-        """A file with a plane's picture, of which Bullet has none."""
+        """Return the path of a mesh that shows a plane, for which Bullet has no graphics."""
         path = self._make_file("stl")
         write_stl(shapes.make_meshes(geometry), path)
         return path
@@ -178,8 +179,8 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
     else:
         pose, moments = find_principal_frame(link.inertial)
         mass = link.inertial.mass
-    # Bullet complains of moments that break the triangle inequality, and takes zeros; body.py tells
-    # it the true ones.
+    # Bullet rejects moments that violate the triangle inequality and uses zeros; body.py sets the
+    # true moments after loading.
     largest = max(moments)
     ixx, iyy, izz = moments if 2.0 * largest <= sum(moments) else (largest,) * 3
     body = (
@@ -187,18 +188,18 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
         f'<inertia ixx="{ixx!r}" ixy="0" ixz="0" iyy="{iyy!r}" iyz="0" izz="{izz!r}"/></inertial>'
     )
     if colour is not None:
-        # Bullet keeps one material of each name for the whole model.
-        look = (
+        # Bullet stores one material per name for the whole model.
+        material = (
                 f"<material name={quoteattr(link.name)}><color rgba={_format_numbers(colour)}/>"
                 "</material>"
             )
-        body += "".join(f"<visual>{_format_shape(visual, files)}{look}</visual>"
+        body += "".join(f"<visual>{_format_shape(visual, files)}{material}</visual>"
                         for visual in link.visuals)
     elif link.collisions:
         body += _EMPTY_VISUAL
     for collision in link.collisions:
-        # A mesh that never moves keeps its hollows (a table inside a frame); Bullet wants moving
-        # meshes convex.
+        # A mesh that never moves stays concave (a table with a frame below it); Bullet requires
+        # moving meshes to be convex.
         hollow = ' concave="yes"' if concave and collision.geometry.kind == "mesh" else ""
         for part in (collision,) if concave else _split_round_shape(collision):
             body += f"<collision{hollow}>{_format_shape(part, files)}</collision>"
@@ -206,12 +207,12 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
 
 
 def _split_round_shape(collision: Collision) -> Iterator[Collision]:
-    """A moving cylinder or capsule in three parts, so that it rolls as one line does.
+    """Split a moving cylinder or capsule into a middle part and two rims, so that it rolls freely.
 
-    Bullet finds one point a step where two shapes touch, and keeps those that it found before where
-    they were: of a cylinder that rolls, the end that it found a step earlier lags behind, and the
-    weight on it drives it on by some percent. Rims at both ends touch in one point each; between
-    them the shape is a little thinner.
+    Bullet finds one contact point per step between two shapes and keeps the points of earlier steps
+    at their old positions. For a rolling cylinder, the end that was found a step earlier lags
+    behind, and the weight on it accelerates the cylinder by some per cent. The rims at both ends
+    touch in one point each; the middle part is slightly thinner and does not touch.
     """
     shape, half = collision.geometry, 0.5 * collision.geometry.length
     if shape.kind not in ("cylinder", "capsule"):
@@ -231,24 +232,25 @@ def _split_round_shape(collision: Collision) -> Iterator[Collision]:
 
 
 def _needs_empty_link(description: RobotDescription) -> bool:
-    """Whether shapes of a bolted model that moves would pass through all that never moves.
+    """Return whether collisions of a moving link would miss all static bodies.
 
-    Of the joints above a link Bullet leaves out its first link's when it asks whether all are
-    fixed: shapes that are fixed to that link never move, by its account.
+    To decide whether a link is static, Bullet checks that all joints above it are fixed, but skips
+    the joint of the first link. Links that are fixed to a moving first link therefore count as
+    static, and Bullet tests no pairs of static bodies. An empty first link prevents this.
     """
     joints = list(description.joints.values())
     first = next((joint for joint in joints if joint.parent == description.root), None)
     if first is None or description.static or not first.is_movable:
         return False
-    carried = [first.child]
-    for link in carried:
-        carried += [one.child for one in joints if one.parent == link and not one.is_movable]
-    return any(description.links[link].collisions for link in carried[1:])
+    fixed_links = [first.child]
+    for link in fixed_links:
+        fixed_links += [one.child for one in joints if one.parent == link and not one.is_movable]
+    return any(description.links[link].collisions for link in fixed_links[1:])
 
 
 def _format_empty_link(description: RobotDescription) -> str:
-    """A link without mass or shape that becomes Bullet's first one."""
-    name = "nobody"
+    """Return a link without mass and shapes, which becomes Bullet's first link."""
+    name = "empty"
     while name in description.links or name in description.joints:
         name += "_"
     return _format_link(Link(name, None), False, None, None) + _format_joint(

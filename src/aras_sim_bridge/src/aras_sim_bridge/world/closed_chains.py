@@ -1,4 +1,4 @@
-"""Closed chains: a joint that is in no tree, held by Bullet's constraints between two links."""
+"""Closed kinematic chains: joints outside the tree, held by Bullet's constraints."""
 
 import math
 from collections.abc import Iterator
@@ -8,15 +8,15 @@ from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
 from aras_visual_servo_base.poses import Pose, Vector3, scale
 
-_LARGEST_FORCE = 1e12  # N: a constraint never gives way
-_SMALLEST_LENGTH = 1e-3  # m, half of the distance of the two points that hold an axis
+_LARGEST_FORCE = 1e12  # N: large enough that the constraint does not give way
+_SMALLEST_LENGTH = 1e-3  # m, half the distance between the two points that define an axis
 
 
 def close_loop(body: Body, loop: LoopJoint) -> list[int]:
-    """Hold the two links of a loop's joint together; Bullet's numbers of the constraints.
+    """Constrain the two links of a loop-closing joint; return Bullet's constraint ids.
 
-    A revolute joint is two points of its axis that stay together, as far from each other as the
-    joint is from the links' frames.
+    A revolute joint becomes two point constraints on its axis. Their distance from the joint
+    equals the distance of the joint from the farther link frame, which conditions them well.
     """
     joint = loop.joint
     parent, child = (body.inertial_poses[name].inverse() @ pose for name, pose in (
@@ -33,7 +33,7 @@ def close_loop(body: Body, loop: LoopJoint) -> list[int]:
 
 
 def _list_constraints(loop: LoopJoint) -> Iterator[tuple[int, Vector3, Vector3]]:
-    """Kinds of constraints, their axes and their points in the joint's frame."""
+    """Yield the type, axis and point of each constraint, in the joint's frame."""
     joint = loop.joint
     if joint.kind in ("revolute", "continuous"):
         half = max(
@@ -48,7 +48,7 @@ def _list_constraints(loop: LoopJoint) -> Iterator[tuple[int, Vector3, Vector3]]
 
 
 def compute_position(loop: LoopJoint, parent: Pose, child: Pose) -> float:
-    """Position of a loop's joint, rad or m, from the frames of its links in the world."""
+    """Return the position of a loop-closing joint (rad or m) from the poses of its links."""
     joint = loop.joint
     moved = (parent @ loop.in_parent).inverse() @ child @ loop.in_child
     if joint.kind == "prismatic":

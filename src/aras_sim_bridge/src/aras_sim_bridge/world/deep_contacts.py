@@ -1,9 +1,9 @@
-"""Bodies that were put into one another leave slowly, as in Gazebo.
+"""Slow separation of bodies that overlap after a spawn or a jump, as in Gazebo.
 
-Bullet removes 8 % of the depth in each step: a robot that is spawned 5 cm within the ground is shot
-out of it at 4 m/s, and one whose stretched arm the ground pushes along its links, which no
-joint gives way to, gets impulses without bound and diverges. Gazebo bounds the speed at which
-contacts part what overlaps (`<max_vel>`), and its contacts give way a little.
+Bullet removes 8 % of the penetration depth per step. A robot that is spawned 5 cm inside the
+ground leaves it at 4 m/s. If the ground pushes a stretched arm along its links, no joint can yield,
+and the impulses grow without bound. Gazebo limits the separation speed (`<max_vel>`), and its
+contacts are slightly compliant.
 """
 
 from __future__ import annotations
@@ -19,41 +19,42 @@ from aras_sim_bridge.world.model import Model
 _log = logging.getLogger(__name__)
 
 _SEPARATION_SPEED = 0.01  # m/s, Gazebo's default of <max_vel>
-_DEFAULT_ERP = 0.08  # of the depth that Bullet removes in a step by default
-_DRIVEN_STEPS = 10  # steps: what is put elsewhere again within them is driven
-_CHECK_EVERY = 10  # steps between two looks, in which depths change by 0.1 mm
-# 1/kg, by which contacts give way meanwhile: with 0 the Kinova Jaco that is spawned at joint
-# positions of 0, 18 cm within the ground, spins at 2000 rad/s, from 1e-4 on at 350 rad/s.
+_DEFAULT_ERP = 0.08  # share of the depth that Bullet removes in a step by default
+_DRIVEN_STEPS = 10  # a body that jumps again within this time is driven by a program
+_CHECK_EVERY = 10  # steps between two checks, in which depths change by 0.1 mm
+# 1/kg, compliance of the contacts while the speed is limited. A Kinova Jaco spawned at joint
+# positions of 0, 18 cm inside the ground, spins at 2000 rad/s with 0 and at 350 rad/s from 1e-4 on.
 _COMPLIANCE = 1e-3
-_REPORTED_DEPTH = 5e-3  # m: shallower overlaps are not worth a line
+_REPORTED_DEPTH = 5e-3  # m: shallower overlaps are not reported
 
 
 class DeepContacts:
-    """Watches the contacts of a world from when something was put elsewhere until all are shallow.
+    """Limits the separation speed of contacts from a spawn or jump until all are shallow.
 
     Attributes:
-        watched: whether `before_step` and `after_step` have to be called.
+        is_active: whether `before_step` and `after_step` have to be called.
     """
 
     def __init__(self, client: int, models: Mapping[str, Model]) -> None:
         self._client, self._models = client, models
         self.is_active = False
-        self._has_unknown_depth = False  # whether how deep bodies are in each other is not known
-        self._steps_since_move = 0  # steps since something was put elsewhere, of those watched
+        self._has_unknown_depth = False  # the depths after a jump are known after the next step
+        self._steps_since_move = 0  # steps since the last jump, counted while active
         self._largest_depth = 0.0  # m
-        self._has_bounded_speed = False  # whether the parameters are not Bullet's usual ones
-        self._parameters = (_DEFAULT_ERP, 0.0)  # what Bullet has: its ERP and CFM of contacts
+        self._has_bounded_speed = False  # whether the parameters differ from Bullet's defaults
+        self._parameters = (_DEFAULT_ERP, 0.0)  # Bullet's present ERP and CFM of contacts
         self._reported_links: set[tuple[str, str]] = set()
 
     def start_watching(self) -> None:
-        """Models came, or all were put back."""
+        """Start monitoring after models were spawned, loaded or reset."""
         self._has_unknown_depth = self.is_active = True
         self._steps_since_move = 0
 
     def continue_watching(self) -> None:
-        """A model was put elsewhere as a whole, or its joints were.
+        """Extend the monitoring after a model or its joints jumped to another position.
 
-        What is put elsewhere in step after step is driven, and pushes what is in its way.
+        A model that jumps in every step is driven by a program and may push other bodies at full
+        speed.
         """
         self._has_unknown_depth = (
             self._has_unknown_depth or not self.is_active or self._steps_since_move >= _DRIVEN_STEPS
@@ -61,27 +62,27 @@ class DeepContacts:
         self.is_active, self._steps_since_move = True, 0
 
     def clear(self) -> None:
-        """Bullet was emptied."""
+        """Forget all depths and reports, after Bullet was reset."""
         self._reported_links.clear()
         self._largest_depth, self._parameters = 0.0, (_DEFAULT_ERP, 0.0)
 
     def before_step(self, dt: float) -> None:
-        """Bound the speed at which the coming step of `dt` s parts what overlaps."""
-        # How deep what was put elsewhere is in others, only the step finds.
+        """Limit the separation speed of overlapping bodies in the next step of `dt` s."""
+        # After a jump, the depth is unknown until Bullet has made the step.
         depth = math.inf if self._has_unknown_depth else self._largest_depth
         self._has_bounded_speed = depth * _DEFAULT_ERP > _SEPARATION_SPEED * dt
-        wanted = (
+        parameters = (
             (_SEPARATION_SPEED * dt / depth, _COMPLIANCE * dt)
             if self._has_bounded_speed
             else (_DEFAULT_ERP, 0.0)
         )
-        if wanted != self._parameters:
-            self._parameters = wanted
-            pybullet.setPhysicsEngineParameter(contactERP=wanted[0], globalCFM=wanted[1],
+        if parameters != self._parameters:
+            self._parameters = parameters
+            pybullet.setPhysicsEngineParameter(contactERP=parameters[0], globalCFM=parameters[1],
                                                physicsClientId=self._client)
 
     def after_step(self, dt: float) -> None:
-        """Look how deep bodies are in each other, now and then."""
+        """Update the largest penetration depth every few steps."""
         self._steps_since_move += 1
         if not self._has_unknown_depth and self._steps_since_move % _CHECK_EVERY:
             return
@@ -92,7 +93,7 @@ class DeepContacts:
         if self._has_unknown_depth:
             self._warn_overlaps(contacts)
         self._has_unknown_depth = False
-        # A step that has Bullet's usual parameters is the last one that is watched.
+        # One step with Bullet's default parameters is still checked.
         self.is_active = (
             self._has_bounded_speed
             or self._largest_depth * _DEFAULT_ERP > _SEPARATION_SPEED * dt
@@ -102,7 +103,7 @@ class DeepContacts:
     def _warn_overlaps(
         self, contacts: list[tuple[float, tuple[int, int], tuple[int, int]]]
     ) -> None:
-        """Warn of each two models of which links are within each other, once."""
+        """Log one warning for each pair of models with overlapping links."""
         found: dict[tuple[int, int], list[tuple[float, int, int]]] = {}
         for depth, one, other in contacts:
             if depth >= _REPORTED_DEPTH:

@@ -1,9 +1,9 @@
-"""libgazebo_grasp_fix.so: what fingers press from opposite sides is attached to the palm.
+"""Counterpart of libgazebo_grasp_fix.so: a grasped object is attached to the palm of the gripper.
 
-Friction alone does not hold things for long in a simulated gripper. The plug-in counts, some times
-a second, whether two fingers push an object with opposed forces; beyond a threshold the object is
-attached to the palm, and it is let go once the count has fallen and a finger has moved away from
-the place where it touched (JenniferBuehler/gazebo-pkgs, GazeboGraspFix).
+Friction alone does not hold an object for long in a simulated gripper. Several times a second, the
+plug-in checks whether two fingers press an object with opposed forces, and counts up or down. Above
+a threshold the object is attached to the palm. It is released when the count has fallen and a
+finger has moved away from its contact point (JenniferBuehler/gazebo-pkgs, GazeboGraspFix).
 """
 
 from __future__ import annotations
@@ -25,18 +25,21 @@ from aras_visual_servo_base.poses import Pose
 
 log = logging.getLogger(__name__)
 
-_LEAST_FORCE = 1e-4  # N; upstream passes over smaller ones
-_LEAST_RATIO = 0.3  # of the smaller of two opposed forces to the greater, as upstream
+_LEAST_FORCE = 1e-4  # N; smaller forces are ignored, as upstream
+_LEAST_RATIO = 0.3  # of the smaller to the larger of two opposed forces, as upstream
 _NEVER = 1 << 62  # ns
-LinkId = tuple[str, str]  # model and link
+LinkId = tuple[str, str]  # names of model and link
 
 
 @dataclass
 class FingerContact:
-    """Sums over the steps in which a finger pressed a thing.
+    """Sums over the steps in which a finger pressed an object.
 
-    force: on the thing, in the world, N. point, origin: of the contact and of the thing, in the
-    finger's frame, m.
+    Attributes:
+        steps: number of these steps.
+        force: force on the object in world axes, N.
+        point: contact point in the finger's frame, m.
+        origin: origin of the object in the finger's frame, m.
     """
 
     steps: int = 0
@@ -45,7 +48,7 @@ class FingerContact:
     origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def add(self, force: np.ndarray, point: np.ndarray, origin: np.ndarray) -> None:
-        """One step more."""
+        """Add the values of one step."""
         self.steps += 1
         self.force += force
         self.point += point
@@ -54,7 +57,7 @@ class FingerContact:
 
 @dataclass
 class GraspedLink:
-    """What an arm holds, by which joint, and where its fingers touched when it was attached."""
+    """Object that an arm holds, its joint, and the finger contacts when it was attached."""
 
     link: LinkId
     ends: AttachedLinks
@@ -62,7 +65,10 @@ class GraspedLink:
 
 
 def has_opposed_forces(forces: Iterable[np.ndarray], angle: float) -> bool:
-    """Whether two of these forces are at more than `angle` (rad) and of comparable size."""
+    """Return whether two of the forces have similar magnitudes and opposed directions.
+
+    Directions are opposed if they differ by more than `angle` (rad).
+    """
     for one, other in combinations(forces, 2):
         sizes = sorted((float(np.linalg.norm(one)), float(np.linalg.norm(other))))
         if sizes[0] < _LEAST_FORCE or sizes[0] < _LEAST_RATIO * sizes[1]:
@@ -74,10 +80,11 @@ def has_opposed_forces(forces: Iterable[np.ndarray], angle: float) -> bool:
 
 
 class GraspFix:
-    """The plug-in of one model, in simulated time (upstream's counts by the wall clock).
+    """Grasp plug-in of one model, in simulated time (upstream's uses the wall clock).
 
     Attributes:
-        model: whose grippers grasp. held: what an arm holds, by the arm's name.
+        model: model with the grippers.
+        grasped: grasped object by name of the arm.
     """
 
     def __init__(self, description: GraspDescription, model: Model, world: World) -> None:
@@ -99,18 +106,20 @@ class GraspFix:
 
     @property
     def idle_until_ns(self) -> int:
-        """Up to when, ns, steps may end without `after_step`: nothing touches what makes its own
-        steps."""
+        """Time in ns until which `after_step` need not be called.
+
+        A model that Bullet does not step touches nothing, so its fingers need no checks.
+        """
         if self.model.joints.has_own_dynamics and not self._counts and not self._finger_contacts:
             return _NEVER
         return self._due_ns - 1
 
     def reset(self) -> None:
-        """Begin anew: the clock jumped, and nothing is attached any more."""
+        """Reset all counts after the clock jumped and all objects were detached."""
         self._clear()
 
     def after_step(self, time_ns: int) -> None:
-        """Note what the fingers press in the step that ended at `time_ns`, and count."""
+        """Record the finger contacts of the step that ended at `time_ns`, and update the counts."""
         if not self.model.joints.has_own_dynamics:
             self._collect_contacts()
         if time_ns >= self._due_ns:
@@ -150,7 +159,7 @@ class GraspFix:
                    if self._exists(thing)}
         self._finger_contacts = {}
         for name, grasped in list(self.grasped.items()):
-            if grasped.ends not in self._attachments:  # its model is gone
+            if grasped.ends not in self._attachments:  # the model of the object was deleted
                 del self.grasped[name]
         gripped = [thing for thing, fingers in pressed.items()
                    if has_opposed_forces((one.force / one.steps for one in fingers.values()),
@@ -182,7 +191,7 @@ class GraspFix:
         return {grasped.link: name for name, grasped in self.grasped.items()}
 
     def _attach(self, link: LinkId, fingers: dict[str, FingerContact]) -> None:
-        """Attach a thing to the arm most of whose fingers press it."""
+        """Attach an object to the arm that presses it with the most fingers."""
         if link in self._arms_by_link():
             return
         arms = [self._arm_of[finger] for finger in fingers]
@@ -196,7 +205,7 @@ class GraspFix:
         log.info("model '%s': arm '%s' holds '%s::%s'", self.model.name, arm.name, *link)
 
     def _release(self, link: LinkId) -> None:
-        """Let a thing go where a finger has moved away from the place where it touched."""
+        """Release an object if a finger has moved away from its contact point."""
         name = self._arms_by_link().get(link)
         if name is None:
             return
@@ -208,5 +217,5 @@ class GraspFix:
             if abs(now - before) > self.description.release_tolerance:
                 self._attachments.detach(self.grasped.pop(name).ends)
                 self._counts[link] = 0
-                log.info("model '%s': arm '%s' lets '%s::%s' go", self.model.name, name, *link)
+                log.info("model '%s': arm '%s' releases '%s::%s'", self.model.name, name, *link)
                 return

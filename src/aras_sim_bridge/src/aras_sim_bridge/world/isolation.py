@@ -1,9 +1,10 @@
-"""Who makes the steps of a bolted model: its own dynamics, or Bullet while something may touch it.
+"""Choice of the solver for each fixed-base model: its own joint dynamics, or Bullet.
 
-Own steps (joint_dynamics.py) take a tenth of Bullet's time and are exact; and a model that makes
-them moves to the last bit as if it were alone. So from time to time the boxes of all that may come
-near are looked at, as seldom as speeds allow. Bullet keeps what it holds of such a model asleep,
-where it stood at the last look: nothing gets there before the next one.
+The steps of joint_dynamics.py take a tenth of Bullet's time, are exact, and give the same result to
+the last bit as without other models. Bullet takes over while another body may touch the model. The
+bounding boxes are therefore checked from time to time, as rarely as the speeds allow. While
+joint_dynamics.py steps a model, its copy in Bullet sleeps at the pose of the last check: no body
+can reach it before the next one.
 """
 
 from __future__ import annotations
@@ -15,22 +16,25 @@ from dataclasses import dataclass
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.reach import MARGIN, Box, HalfSpace, can_meet, compute_reach, find_solids
 
-_CONTACT_DISTANCE = 0.02  # m between boxes: whoever is nearer may touch in the next step
-# m/s, on top of all speeds seen: what pushes and accelerates between two looks may add.
+_CONTACT_DISTANCE = 0.02  # m between boxes; bodies that are closer may touch in the next step
+# m/s, added to all measured speeds: the speed that forces may add between two checks
 _SPEED_MARGIN = 5.0
-_RETURN_STEPS = 8  # steps' travel that has to be free before a model makes its own steps again
+_RETURN_STEPS = 8  # steps of free travel before joint_dynamics.py replaces Bullet
 _FAR = 1e9  # m
-_ARM_LENGTH = 2.0  # m, of another robot, whose joints' speeds are known
-# steps between looks: once Bullet has the model, with something within its reach, outside it
+_ARM_LENGTH = 2.0  # m, assumed lever of another robot, to turn joint speeds into m/s
+# steps between checks: while Bullet steps the model; with a body within reach; with none; never
 _OFTEN, _WITHIN, _SELDOM, _NEVER = 10, 20, 100, 1 << 60
 
 
 @dataclass(eq=False)
 class IsolatedModel:
-    """A bolted model with joints.
+    """Fixed-base model with joints.
 
-    reach: what its moved links never leave. links: their indices in Bullet. grounds: bolted
-    models that they may touch.
+    Attributes:
+        model: the model.
+        reach: boxes that its moving links never leave.
+        links: Bullet's indices of the moving links.
+        nearby_models: other fixed-base models that the moving links may touch.
     """
 
     model: Model
@@ -39,8 +43,7 @@ class IsolatedModel:
     nearby_models: tuple[Model, ...]
 
     def compute_boxes_and_speed(self) -> tuple[list[Box], float]:
-        """Boxes of the moved links as they stand; more than the speed of any of their points, m/s.
-        """
+        """Return the boxes of the moving links, and an upper bound of their speed, m/s."""
         boxes = find_solids(self.model, self.links)
         root = self.model.pose().xyz
         corners = [(*low, *high) for low, high in (*boxes, Box(root, root))]
@@ -51,46 +54,51 @@ class IsolatedModel:
     def compute_isolated_steps(
         self, loose: list[list[Box | HalfSpace]], fastest: float, dt: float
     ) -> float:
-        """Steps of `dt` s in which nothing can touch the moved links.
+        """Return the number of steps of `dt` s in which no body can touch the moving links.
 
         Args:
-            loose: solids of the loose models. fastest: the greatest speed among them, m/s.
+            loose: boxes and half-spaces of each free model.
+            fastest: highest speed among the free models, m/s.
+            dt: time step, s.
         """
         if not (loose or self.nearby_models):
             return _NEVER
         far = min(
             (_compute_steps(self.reach, solid, fastest, dt) for solid in loose), default=_SELDOM
         )
-        if far >= _SELDOM and not self.nearby_models:  # of all that the model can ever reach
+        if far >= _SELDOM and not self.nearby_models:  # far from all poses of the model
             return _SELDOM
         boxes, speed = self.compute_boxes_and_speed()
         near = [_compute_steps(boxes, solid, speed + fastest, dt) for solid in loose]
         for other in self.nearby_models:
-            both = speed + sum(map(abs, other.read_joints()[1])) * _ARM_LENGTH
+            joint_speed = speed + sum(map(abs, other.read_joints()[1])) * _ARM_LENGTH
             near.append(
-                _compute_steps(boxes, find_solids(other, other.link_indices.values()), both, dt)
+                _compute_steps(
+                    boxes, find_solids(other, other.link_indices.values()), joint_speed, dt
+                )
             )
         return min(_WITHIN, *near)
 
 
 class IsolationMonitor:
-    """Looks at what may touch the bolted models of a world.
+    """Monitors which bodies may touch the fixed-base models of a world.
 
     Attributes:
-        bolted: the models with joints that may make steps of their own.
-        wait: steps until `update` is due.
-        touchable: whether something loose may touch the base of a model that is held.
+        isolated_models: fixed-base models with joints, which joint_dynamics.py may step.
+        steps_until_update: steps until `update` is due.
+        is_base_touchable: whether a free body may touch a resting base that is held fixed.
     """
 
     def __init__(self, models: Mapping[str, Model], window: bool) -> None:
-        """`window`: Bullet makes all steps, for what its window shows is Bullet's."""
+        """Create a monitor; with `window`, Bullet makes all steps, because its window shows them.
+        """
         self._models, self._window = models, window
         self.isolated_models: list[IsolatedModel] = []
         self._loose: list[Model] = []
         self.steps_until_update, self.is_base_touchable = 0, False
 
     def refresh(self) -> None:
-        """Models came, went, were bolted or let go."""
+        """Collect the models again, after some were spawned, deleted, fixed or released."""
         models = self._models.values()
         fixed = [model for model in models if model.fixed_base]
         self._loose = [model for model in models if not model.fixed_base]
@@ -107,33 +115,38 @@ class IsolationMonitor:
         self.steps_until_update = 0
 
     def replace_model(self, model: Model) -> None:
-        """A bolted model was put elsewhere."""
+        """Update the neighbours after a fixed-base model was moved."""
         if model.joint_names:
             self.refresh()
             return
-        for island in self.isolated_models:
-            if island.model is not model:
-                others = tuple(one for one in island.nearby_models if one is not model)
-                island.nearby_models = (*others, model) if can_meet(island.reach, model) else others
+        for isolated in self.isolated_models:
+            if isolated.model is not model:
+                others = tuple(one for one in isolated.nearby_models if one is not model)
+                isolated.nearby_models = (
+                    (*others, model) if can_meet(isolated.reach, model) else others
+                )
         self.steps_until_update = 0
 
     def update(self, dt: float) -> None:
-        """Choose for each model, for steps of `dt` s."""
+        """Choose the solver of each model, for steps of `dt` s."""
         loose = [find_solids(model, model.link_indices.values()) for model in self._loose]
-        fastest = 2.0 * max(map(_compute_speed, self._loose), default=0.0)  # one may strike another
+        # m/s; doubled, because one free body may hit another
+        fastest = 2.0 * max(map(_compute_speed, self._loose), default=0.0)
         wait, self.is_base_touchable = _NEVER, False
-        for island in self.isolated_models:
-            model = island.model
-            steps = 0.0 if model.is_attached else island.compute_isolated_steps(loose, fastest, dt)
-            own = steps >= (1 if model.joints.has_own_dynamics else _RETURN_STEPS)
-            if model.body.is_asleep and not own:  # it wakes in the next step
+        for isolated in self.isolated_models:
+            model = isolated.model
+            steps = (
+                0.0 if model.is_attached else isolated.compute_isolated_steps(loose, fastest, dt)
+            )
+            is_isolated = steps >= (1 if model.joints.has_own_dynamics else _RETURN_STEPS)
+            if model.body.is_asleep and not is_isolated:  # it moves from the second step on
                 model.body.set_asleep(False)
                 wait = 1
                 continue
-            if own and not model.body.is_asleep:
+            if is_isolated and not model.body.is_asleep:
                 model.body.set_asleep(True)
-            model.joints.set_own_dynamics(own)
-            wait = min(wait, steps if own else _OFTEN)
+            model.joints.set_own_dynamics(is_isolated)
+            wait = min(wait, steps if is_isolated else _OFTEN)
             if model.release is not None and loose:
                 base = find_solids(model, model.list_base_links())
                 steps = min(_compute_steps(solid, base, fastest, dt) for solid in loose)
@@ -149,6 +162,6 @@ def _compute_speed(model: Model) -> float:
 
 def _compute_steps(boxes: Iterable[Box], solids: Iterable[Box | HalfSpace], speed: float,
            dt: float) -> float:
-    """Steps of `dt` s that these need at least to come near each other at `speed` m/s."""
+    """Return the number of steps of `dt` s before boxes and solids may meet at `speed` m/s."""
     gap = min((other.gap(one) for one in boxes for other in solids), default=_FAR)
     return (gap - _CONTACT_DISTANCE) / ((speed + _SPEED_MARGIN) * dt)

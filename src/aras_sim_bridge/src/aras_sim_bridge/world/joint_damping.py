@@ -1,15 +1,15 @@
-"""Viscous joint damping of models that are not bolted down, right for any d dt / I.
+"""Viscous joint damping of free-base models, stable for any d dt / I.
 
-Bullet applies URDF damping explicitly, tau = -d v, which rings past d dt / I = 1 and diverges past
-2. Two regimes, chosen by the largest eigenvalue r of dt D^1/2 M^-1 D^1/2:
+Bullet applies URDF damping explicitly, tau = -d v. This oscillates if d dt / I > 1 and diverges if
+d dt / I > 2. The method depends on r, the largest eigenvalue of dt D^1/2 M^-1 D^1/2:
 
-- r <= EXPLICIT_BOUND: Bullet's own, in its step, at no cost. Terminal velocities are exact, a decay
-  rate is off by r/2.
-- above: each stiff joint gets a velocity motor that removes the share r_i / (1 + r_i) of its
-  velocity, r_i = d_i dt (M^-1)_ii: implicit Euler joint by joint. Such a joint has no Coulomb
-  friction of its own.
+- r <= EXPLICIT_BOUND: Bullet's explicit damping, at no cost. Terminal velocities are exact; the
+  decay rate has a relative error of r/2.
+- r > EXPLICIT_BOUND: each stiff joint gets a velocity motor that removes the share r_i / (1 + r_i)
+  of its velocity, with r_i = d_i dt (M^-1)_ii. This is implicit Euler for each joint. The motor
+  replaces the joint's Coulomb friction.
 
-The joints of a model that is bolted down have theirs from joint_dynamics.py.
+Fixed-base models have their damping from joint_dynamics.py.
 """
 
 from typing import Protocol
@@ -17,12 +17,15 @@ from typing import Protocol
 import numpy as np
 
 EXPLICIT_BOUND = 0.5
-CHECK_EVERY = 200  # steps; inertia changes with the configuration, slowly at 1 ms
+CHECK_EVERY = 200  # steps; the inertia changes slowly with the configuration at 1 ms
 
 
 class DampedJoints(Protocol):
-    """What is needed of a model's joints: ModelJoints, which holds the damping. Joints are named
-    by their index in `damping_coefficients`, Nms/rad or Ns/m, and `stiffness`, Nm/rad or N/m."""
+    """Interface of a model's joints, implemented by ModelJoints.
+
+    A joint is identified by its index `slot` in `damping_coefficients` (N m s/rad or N s/m) and
+    `stiffness` (N m/rad or N/m).
+    """
 
     damping_coefficients: list[float]
     stiffness: list[float]
@@ -34,10 +37,11 @@ class DampedJoints(Protocol):
 
 
 class JointDamping:
-    """Applies the damping of one model's joints; made anew whenever the model is loaded.
+    """Damping of the joints of one model; a new one is made when the model is loaded.
 
-    springs: stiffness with which a spring acts in an explicit step as in an implicit one of its
-    joint by itself, by joint.
+    Attributes:
+        springs: stiffness by joint, reduced such that the explicit step of a spring equals the
+            implicit step of a single joint.
     """
 
     def __init__(self, joints: DampedJoints) -> None:
@@ -47,14 +51,14 @@ class JointDamping:
         self.springs: dict[int, float] = {}
 
     def before_step(self, dt: float) -> None:
-        """To be called once before each step."""
+        """Choose the damping method every CHECK_EVERY steps; called before each step."""
         if self._countdown == 0:
             self._choose_method(dt)
             self._countdown = CHECK_EVERY
         self._countdown -= 1
 
     def invalidate(self) -> None:
-        """Configuration, inertia or time step jumped: choose again at the next step."""
+        """Choose the method at the next step, after a jump of joints, inertia or time step."""
         self._countdown = 0
 
     def _choose_method(self, dt: float) -> None:

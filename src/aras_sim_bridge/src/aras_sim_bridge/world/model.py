@@ -1,4 +1,4 @@
-"""Model: one robot or object in the World: a body in Bullet, its joints, its link frames."""
+"""A robot or object in the World: its body in Bullet, its joints and its link frames."""
 
 from __future__ import annotations
 
@@ -24,26 +24,36 @@ from aras_visual_servo_base.poses import (
 
 
 class Model:
-    """A spawned description. Made by `World.spawn`; stays the same object over resets.
+    """Spawned model. `World.spawn` creates it; the object stays the same over resets.
 
     Attributes:
-        body: what Bullet holds of it. joints: its moving joints; what hardware and programs use
-            most of them is at hand here too (read_joints, apply_effort, …).
-        let_go: called before the root is moved or pushed, where it is held (see standing.py).
-        attached: whether one of its links is held by a joint of attachments.py.
-        pushed: whether the root was pushed; for whoever looks, to be set back.
-        pushes: what `apply_force` was last given, the newest last; for whoever looks, to be
-            cleared.
-        whole: the model of which this is a part that no joint holds; the model itself if it is one.
-        bodies: of a whole model, itself and its parts.
+        client: Bullet's client id.
+        name: name in the world.
+        description: description from which the model was loaded.
+        main_model: model of which this one is a separate part, without a joint to it; otherwise
+            the model itself.
+        bodies: the model and its separate parts; of a part, only itself.
+        spawn_pose: world_T_root at the spawn.
+        fixed_base: whether the root is fixed in the world.
+        release: called before the root of a base that rests on the ground is moved or pushed, see
+            resting_base.py; None for other models.
+        is_attached: whether a joint of attachments.py holds one of the links.
+        is_disturbed: whether the model was pushed; the code that reads it resets it.
+        applied_forces: recent arguments of `apply_force`, newest last; the code that reads them
+            clears them.
+        body: body in Bullet.
+        joints: moving joints. Their most used methods are also methods of the model.
     """
 
     def __init__(self, client: int, description: RobotDescription, name: str, pose: Pose,
                  joint_positions: Mapping[str, float], fixed_base: bool,
                  gravity: Vector3, on_move: Callable[..., None],
                  main_model: Model | None = None) -> None:
-        """`on_move` is called with the model and whether it was put elsewhere as a whole, and then
-        whether its joints were: whenever it was, they were, it gets a twist or, loose, a push."""
+        """Load the model.
+
+        `on_move(model, is_moved, has_new_positions)` is called when the whole model or its joints
+        were set to another position, when it got a twist, and when a free model was pushed.
+        """
         self.client = client
         self.name = name
         self.description = description
@@ -74,47 +84,48 @@ class Model:
 
     @property
     def body_id(self) -> int:
-        """Bullet's, of a body that is where the model is; another one after a reset or a change."""
+        """Bullet's body id, after the joints were updated in Bullet; it changes with each load."""
         self.joints.update_bullet()
         return self.body.body_id
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Moving joints, in the order of every sequence of joint values."""
+        """Names of the moving joints, in the order of all sequences of joint values."""
         return self.joints.names
 
     @property
     def link_names(self) -> tuple[str, ...]:
-        """All links in file order, root first or not."""
+        """Names of all links in file order; the root need not be first."""
         return tuple(self.description.links)
 
     def get_scoped_name(self, part: str) -> str:
-        """The name of a link or joint with that of the whole model before it."""
+        """Return the name of a link or joint, prefixed with the name of the main model."""
         return f"{self.main_model.name}::{part}"
 
     @property
     def mass(self) -> float:
-        """Of all links, kg."""
+        """Mass of all links, kg."""
         return sum(one.inertial.mass for one in self.description.links.values() if one.inertial)
 
     # ------------------------------------------------------------------ loading and stepping
 
     def reload(self) -> None:
-        """Load it into a Bullet that has none of it, as it was spawned."""
+        """Load the model into Bullet in its state at the spawn, after Bullet was emptied."""
         self.body.load(self.description, self.spawn_pose)
         self._root_pose = self.spawn_pose
         self.joints.load(self.description, self._spawn_positions)
         self.joints.set_root(self.spawn_pose)
 
     def remove(self) -> None:
-        """Take it out of Bullet."""
+        """Remove the model from Bullet."""
         self.joints.remove_constraints()
         self.body.remove()
 
     def rebuild(self, description: RobotDescription) -> None:
-        """Go on from the present state as `description`: the same links and joints, other numbers.
+        """Reload the model with a changed description, and continue from the present state.
 
-        Bullet cannot move a centre of mass; so the body is loaded anew, with a new body id.
+        Links and joints must be the same; masses, limits and other parameters may differ. Bullet
+        cannot move a centre of mass, so the body is loaded again and gets a new body id.
         """
         states = self.joints.read_states()
         pose, twist = self.link_state(self.description.root)
@@ -127,7 +138,7 @@ class Model:
         self.joints.restore(states)
 
     def set_fixed_base(self, fixed: bool) -> None:
-        """Go on from the present state with the root bolted down, or free."""
+        """Fix the root in the world or free it, and continue from the present state."""
         applied, pending = self.joints.applied_efforts, self.joints.pending_efforts
         self.fixed_base = self.body.fixed_base = fixed
         self.rebuild(self.description)
@@ -137,11 +148,11 @@ class Model:
 
     @property
     def needs_steps(self) -> bool:
-        """Whether `before_step` has anything to do, ever."""
+        """True if `before_step` has any effect."""
         return bool(self.joint_names or self.body.weightless_link_masses)
 
     def before_step(self, dt: float) -> None:
-        """Hand efforts and what stands in for gravity to Bullet; called by `World.step`."""
+        """Pass efforts and gravity compensation to Bullet; called by `World.step`."""
         if self.joints.names:
             self.joints.before_step(dt)
         for link, mass in self.body.weightless_link_masses.items():
@@ -149,7 +160,7 @@ class Model:
             self._apply_force(link, tuple(-mass * g for g in self.joints.gravity), centre)
 
     def update_physics(self, gravity: Vector3) -> None:
-        """Time step or gravity was changed; called by `World.set_physics`."""
+        """Apply a changed time step or gravity; called by `World.set_physics`."""
         self.joints.gravity = gravity
         if self.fixed_base:
             self.joints.set_root(self.pose())
@@ -159,16 +170,16 @@ class Model:
     # ------------------------------------------------------------------ frames
 
     def pose(self) -> Pose:
-        """world_T_root: the frame of the root link."""
-        # What is bolted down stands where it was put.
+        """Return world_T_root, the pose of the root link's frame."""
+        # A fixed base is at the pose that was set; Bullet need not be read.
         return self._root_pose if self.fixed_base else self.link_pose(self.description.root)
 
     def twist(self) -> Twist:
-        """Twist of the root link's frame, in world axes."""
+        """Return the twist of the root link's frame, in world axes."""
         return self.link_twist(self.description.root)
 
     def link_pose(self, name: str) -> Pose:
-        """world_T_link of the link's own (URDF) frame, unpacks as (xyz, quat xyzw).
+        """Return world_T_link of the link's URDF frame; it unpacks as (xyz, quat xyzw).
 
         Raises:
             WorldError: unknown link.
@@ -179,11 +190,11 @@ class Model:
         return self._read_com_pose(index) @ self.body.inertial_poses[name].inverse()
 
     def link_twist(self, name: str) -> Twist:
-        """Twist of the link's frame: velocity of its origin, in world axes (m/s, rad/s)."""
+        """Return the velocity of the link frame's origin in world axes (m/s, rad/s)."""
         return self.link_state(name)[1]
 
     def link_state(self, name: str) -> tuple[Pose, Twist]:
-        """(world_T_link, twist of the link's origin in world axes)."""
+        """Return (world_T_link, twist of the link's origin in world axes)."""
         index = self.link_index(name)
         inertial = self.body.inertial_poses[name]
         if index == -1:
@@ -195,7 +206,7 @@ class Model:
         return _compute_frame_state(com, linear, angular, inertial)
 
     def link_states(self) -> dict[str, tuple[Pose, Twist]]:
-        """`link_state` of every link in file order, in one call to Bullet."""
+        """Return `link_state` of every link in file order, with one call to Bullet."""
         names = [n for n in self.link_names if self.body.links[n] >= 0]
         indices = [self.body.links[n] for n in names]
         states = (pybullet.getLinkStates(self.body_id, indices, True, True, self.client) if names
@@ -210,8 +221,10 @@ class Model:
     def read_link_frames(
         self, names: tuple[str, ...]
     ) -> tuple[Sequence[Vector3], Sequence[Quaternion]]:
-        """Positions and orientations of the frames of links other than the root, in one go; `pose`
-        is the root's."""
+        """Return positions and quaternions of several link frames at once.
+
+        The root must not be among the links; `pose` returns its pose.
+        """
         if self.joints.has_own_dynamics:
             return self.joints.space.link_frames(names)
         indices = [self.body.links[name] for name in names]
@@ -224,14 +237,14 @@ class Model:
         return MappingProxyType(self.body.links)
 
     def link_index(self, name: str) -> int:
-        """Bullet's index of a link, -1 for the root; WorldError when there is none."""
+        """Return Bullet's index of a link, -1 for the root; WorldError if it does not exist."""
         index = self.body.links.get(name)
         if index is None:
             raise UnknownLinkError(self.name, name, self.link_names)
         return index
 
     def list_base_links(self) -> frozenset[int]:
-        """Bullet's indices of the root and of all that is fixed to it."""
+        """Return Bullet's indices of the root and of all links that are fixed to it."""
         found, pending = {-1}, [self.description.root]
         while pending:
             link = pending.pop()
@@ -248,7 +261,7 @@ class Model:
         return Pose(state[0], state[1])
 
     def set_pose(self, pose: Pose) -> None:
-        """Move the whole model rigidly so that its root frame is at `pose`; joints keep angles."""
+        """Move the whole model so that its root frame is at `pose`; joint positions stay."""
         if len(self.bodies) > 1:
             moved = pose @ self.pose().inverse()
             for part in self.bodies[1:]:
@@ -263,9 +276,9 @@ class Model:
         self._on_move(self, True)
 
     def set_twist(self, twist: Twist) -> None:
-        """Give the model `twist` (of its root frame, world axes) as one rigid body.
+        """Give the model the twist of one rigid body (of its root frame, in world axes).
 
-        Joint velocities become zero. A model with a fixed base keeps still.
+        Joint velocities become zero. A model with a fixed base does not move.
         """
         for part in self.bodies[1:]:
             lever = subtract(part.pose().xyz, self.pose().xyz)
@@ -282,7 +295,7 @@ class Model:
         self._on_move(self, False)
 
     def set_joint_positions(self, positions: dict[str, float]) -> None:
-        """See ModelJoints."""
+        """Set joint positions, see ModelJoints.set_joint_positions."""
         self.joints.set_joint_positions(positions)
         self._on_move(self, False, True)
 
@@ -292,7 +305,7 @@ class Model:
 
     def apply_force(self, link: str, force: Vector3, position: Vector3,
                     torque: Vector3 = (0.0, 0.0, 0.0)) -> None:
-        """Force (N) at a world position and torque (N m), world axes, for the next step only."""
+        """Apply a force (N) at a world position and a torque (N m), world axes, for one step."""
         self._apply_force(link, force, position, torque)
         self.applied_forces.append((link, force, position, torque))
         if not self.fixed_base:
@@ -319,7 +332,7 @@ class Model:
 def _compute_frame_state(
     com: Pose, linear: tuple, angular: tuple, inertial: Pose
 ) -> tuple[Pose, Twist]:
-    """Pose and twist of a link frame from those of its centre of mass."""
+    """Return pose and twist of a link frame from those of its centre of mass."""
     pose = com @ inertial.inverse()
     lever = subtract(pose.xyz, com.xyz)
     return pose, Twist(add(linear, cross(angular, lever)), angular)

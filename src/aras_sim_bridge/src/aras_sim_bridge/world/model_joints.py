@@ -1,4 +1,4 @@
-"""The joints of a model: reading, efforts, placing them, motors, mimic gears."""
+"""Joints of a model: reading, efforts, setting positions, motors and mimic constraints."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -18,14 +18,18 @@ from aras_visual_servo_base.poses import Pose, Vector3
 
 
 class ModelJoints:
-    """The moving joints of a model, mimicking ones too.
+    """Moving joints of a model, mimicking ones included.
 
-    names: in file order; every sequence of joint values is in this order. Efforts are set for one
-    step and gone after it, as a simulator's are; applied: those of the last step.
+    All sequences of joint values are in the order of `names`. Efforts act for one step.
 
-    The state of a model that is bolted down stands here in `space` while `own` is true: then
-    `advance` makes its steps, and Bullet's copy is brought up to date by `update_bullet` before
-    somebody asks Bullet. Otherwise the state is Bullet's, which makes the steps.
+    If a fixed-base model has its own dynamics, `space` holds the state, `advance` makes the steps,
+    and `update_bullet` updates Bullet's copy before Bullet is queried. Otherwise Bullet makes the
+    steps and holds the state.
+
+    Attributes:
+        names: names of the joints in file order.
+        has_own_dynamics: whether `space` steps the model instead of Bullet.
+        applied_efforts: efforts of the last step, N m or N.
     """
 
     def __init__(self, body: Body, gravity: Vector3) -> None:
@@ -38,7 +42,7 @@ class ModelJoints:
         self._speed_bounds: dict[str, float] = {}
 
     def load(self, description: RobotDescription, positions: Mapping[str, float]) -> None:
-        """Take up the joints of a body that was loaded, at `positions`, at rest; 0 where absent."""
+        """Read the joints of a body that was just loaded, at rest at `positions` (default 0)."""
         body = self.body
         self.has_own_dynamics, self._is_bullet_current = False, True
         self.names: tuple[str, ...] = () if description.static else description.list_moving_joints()
@@ -60,7 +64,7 @@ class ModelJoints:
             pybullet.changeDynamics(body.body_id, index, jointLimitForce=NO_LIMIT_FORCE,
                                     physicsClientId=body.client)
             self.restore_friction(slot)
-        if self.space is not None:  # a base that was let go is bounded again when it is held
+        if self.space is not None:  # a base may have been free, and without limits, in between
             for name, fastest in self._speed_bounds.items():
                 self.space.bound_speed(self._slot[name], fastest)
         for name, position in positions.items():
@@ -74,7 +78,7 @@ class ModelJoints:
         self.damping = JointDamping(self) if jointed and not body.fixed_base else None
 
     def remove_constraints(self) -> None:
-        """Take the constraints of mimicking joints and of closed chains out of Bullet."""
+        """Remove the constraints of mimicking joints and of closed chains from Bullet."""
         for constraint in (*self._gears, *self._loops):
             pybullet.removeConstraint(constraint, physicsClientId=self.body.client)
 
@@ -87,8 +91,10 @@ class ModelJoints:
                                  physicsClientId=self.body.client)
 
     def set_own_dynamics(self, own: bool) -> None:
-        """Take the state over from Bullet, which nothing needs as long as nothing can touch the
-        model, or give it back."""
+        """Choose whether `space` or Bullet steps the joints, and transfer their state.
+
+        Own dynamics require that no other body can touch the model.
+        """
         if self.space is None or own == self.has_own_dynamics:
             return
         positions, velocities, _ = self.read()
@@ -102,7 +108,7 @@ class ModelJoints:
             self._set_bullet_motor(slot, *self.space.read_motor(slot))
 
     def update_bullet(self) -> None:
-        """Bring Bullet's copy of the joints up to date."""
+        """Write the joint states to Bullet if its copy is out of date."""
         if self._is_bullet_current:
             return
         self._is_bullet_current = True
@@ -112,22 +118,21 @@ class ModelJoints:
 
     @property
     def moving_links(self) -> tuple[str, ...]:
-        """The links that a joint moves, of a model that is bolted down."""
+        """Links of a fixed-base model that a joint moves."""
         return () if self.space is None else self.space.moving_links
 
     def set_root(self, root: Pose) -> None:
-        """Take note of where the root stands now, or of another gravity."""
+        """Set the pose of the root in the world, and apply the present gravity."""
         if self.space is not None:
             self.space.set_root(root, self.gravity)
 
     def read(self) -> tuple[Sequence[float], Sequence[float], Sequence[float]]:
-        """(positions, velocities, efforts) in `names` order: rad or m, per s, N m or N.
+        """Return (positions, velocities, efforts) in `names` order: rad or m, per s, N m or N.
 
-        Efforts are those applied in the last step. The sequences belong to the model: read, don't
-        write.
+        Efforts are those applied in the last step. Callers must not modify the sequences.
 
         Raises:
-            WorldError: the simulation diverged (a position is not finite).
+            WorldError: the simulation diverged (a position is not finite, or a speed too high).
         """
         cache = self._cache
         if cache is None:
@@ -145,10 +150,16 @@ class ModelJoints:
         states = pybullet.getJointStates(self.body.body_id, self._indices, self.body.client)
         positions, velocities, _, _ = zip(*states, strict=True)
         if not max(max(velocities), -min(velocities)) + abs(sum(positions)) < FASTEST_SPEED:
-            bad = next((slot for slot, (p, v) in enumerate(zip(positions, velocities, strict=True))
-                        if not (abs(v) < FASTEST_SPEED and math.isfinite(p))), None)
-            if bad is not None:
-                raise self._make_divergence_error(bad)
+            diverged = next(
+                (
+                    slot
+                    for slot, (p, v) in enumerate(zip(positions, velocities, strict=True))
+                    if not (abs(v) < FASTEST_SPEED and math.isfinite(p))
+                ),
+                None,
+            )
+            if diverged is not None:
+                raise self._make_divergence_error(diverged)
         self._cache = (positions, velocities)
         return self._cache
 
@@ -159,7 +170,7 @@ class ModelJoints:
         )
 
     def apply_effort(self, joint: str, effort: float) -> None:
-        """Add `effort` (N m or N) to what acts on `joint` in the next step.
+        """Add `effort` (N m or N) to the effort on `joint` in the next step.
 
         Raises:
             WorldError: unknown joint.
@@ -169,15 +180,15 @@ class ModelJoints:
         self._has_pending_efforts = True
 
     def check_efforts(self) -> None:
-        """WorldError when a pending effort is not finite; all of this model's are dropped then."""
+        """Raise WorldError if a pending effort is not finite; all pending ones are then dropped."""
         if not math.isfinite(sum(self.pending_efforts)):
-            bad = [n for n, e in zip(self.names, self.pending_efforts, strict=True)
+            invalid = [n for n, e in zip(self.names, self.pending_efforts, strict=True)
                    if not math.isfinite(e)]
             self.pending_efforts = [0.0] * len(self.names)
-            raise WorldError(f"model '{self.body.name}', joint {bad}: the effort is not finite")
+            raise WorldError(f"model '{self.body.name}', joint {invalid}: the effort is not finite")
 
     def before_step(self, dt: float) -> None:
-        """Hand the pending efforts, which are finite, to Bullet."""
+        """Pass the pending efforts, which must be finite, to Bullet."""
         self._bullet_stops.before_step(self.read()[0], dt)
         efforts = total = self.pending_efforts
         if self.space is not None:
@@ -201,11 +212,11 @@ class ModelJoints:
         self._has_pending_efforts = False
 
     def read_bullet_state(self) -> None:
-        """Take Bullet's state of the joints over into `space`, whose steps Bullet makes."""
+        """Copy Bullet's joint states to `space`, for a model that Bullet steps."""
         self.space.state[0], self.space.state[1], _ = self.read()
 
     def advance(self, dt: float) -> None:
-        """Make a step with the pending efforts, which are finite; `own` is true.
+        """Make a step of `dt` s in `space` with the pending efforts, which must be finite.
 
         Raises:
             WorldError: the simulation diverged.
@@ -216,10 +227,10 @@ class ModelJoints:
         self.finish_steps(self.space.advance(dt))
 
     def finish_steps(self, diverged_joint: int) -> None:
-        """Be as after steps of `space` with the efforts in space.state[2].
+        """Update efforts and caches after steps of `space` with the efforts in space.state[2].
 
         Args:
-            bad: what the last of them said (see joint_dynamics.advance).
+            diverged_joint: result of the last `joint_dynamics.advance`; -1 if none diverged.
 
         Raises:
             WorldError: the simulation diverged.
@@ -232,43 +243,43 @@ class ModelJoints:
 
     @property
     def is_calm(self) -> bool:
-        """Whether `own` is true and no effort waits."""
+        """True if `space` steps the model (not Bullet) and no effort is pending."""
         return self.has_own_dynamics and not self._has_pending_efforts
 
     def after_step(self) -> None:
-        """Forget what was read before the step."""
+        """Discard the joint states that were read before the step."""
         self._cache = None
 
     def read_states(self) -> list[tuple[float, float]]:
-        """(position, velocity) of each joint, for `restore`."""
+        """Return (position, velocity) of each joint, for `restore`."""
         return list(zip(*self.read()[:2], strict=True))
 
     def restore(self, states: Sequence[tuple[float, float]]) -> None:
-        """Put all joints back into `states`."""
+        """Set the states of all joints."""
         for slot, (position, velocity) in enumerate(states):
             self._set_state(slot, position, velocity)
         self._cache = None
 
     def set_position(self, joint: str, position: float) -> float:
-        """Put `joint` there at rest, kinematically, as Gazebo's Joint::SetPosition does: at its
-        stop where `position` is beyond. Returns where it was put.
+        """Set the position of a joint, at rest, as Gazebo's Joint::SetPosition does.
 
-        For drives that do so every step.
+        Drives that set positions call it in every step.
 
+        Returns:
+            The position, clamped to the stops.
         Raises:
-            WorldError: unknown joint or a number that is not finite; nothing is changed then.
+            WorldError: unknown joint or a number that is not finite; nothing has changed then.
         """
         self._set_positions({joint: position})
         return self._clamp_to_stops(self._slot[joint], position)
 
     def set_joint_positions(self, positions: dict[str, float]) -> None:
-        """Put joints at `positions` (rad or m), at rest, at their stops where those are beyond;
-        the others stay.
+        """Set joint positions (rad or m), at rest, clamped to the stops; other joints stay.
 
-        Mimicking joints follow unless they are listed themselves.
+        Mimicking joints follow their leaders unless they are listed themselves.
 
         Raises:
-            WorldError: unknown joint or a number that is not finite; nothing is changed then.
+            WorldError: unknown joint or a number that is not finite; nothing has changed then.
         """
         self._set_positions(positions)
         if self.damping is not None:
@@ -300,39 +311,39 @@ class ModelJoints:
                 if mimic is not None and i not in slots:
                     leader = self._slot[mimic.joint]
                     if leader in result:
-                        follows = mimic.multiplier * result[leader] + mimic.offset
-                        result[i] = self._clamp_to_stops(i, follows)
+                        position = mimic.multiplier * result[leader] + mimic.offset
+                        result[i] = self._clamp_to_stops(i, position)
         return result
 
     def stop_joints(self) -> None:
-        """Joint velocities to zero; positions stay."""
+        """Set all joint velocities to zero; positions stay."""
         positions, _, _ = self.read()
         for slot, position in enumerate(positions):
             self._set_state(slot, position)
         self._cache = None
 
     def set_velocity_motor(self, joint: str, velocity: float, max_effort: float) -> None:
-        """Drive `joint` at `velocity` with at most `max_effort`, from now on.
+        """Drive `joint` at `velocity` with at most `max_effort`, until it is set again.
 
-        It takes the place of the joint's Coulomb friction, as ODE's joint motor does in Gazebo.
+        The motor replaces the joint's Coulomb friction, as ODE's joint motor does in Gazebo.
         """
         slot = self._find_slot(joint)
         if not (math.isfinite(velocity) and max_effort >= 0.0):
             raise WorldError(f"model '{self.body.name}', joint '{joint}': velocity {velocity} and "
-                             f"effort {max_effort} need a finite and a non-negative number")
+                             f"max_effort {max_effort} must be finite and non-negative")
         self._set_motor(slot, velocity, min(max_effort, NO_LIMIT_FORCE))
 
     def bound_speed(self, joint: str, fastest: float) -> None:
-        """Let nothing at all make `joint` faster than this, rad/s or m/s, from now on.
+        """Limit the speed of `joint` to `fastest` (rad/s or m/s) under any forces.
 
         Raises:
-            WorldError: unknown joint, a bound that is not positive, or a model that is not bolted
-                down.
+            WorldError: unknown joint, a limit that is not positive, or a model without a fixed
+                base.
         """
         slot = self._find_slot(joint)
         if self.space is None:
-            raise WorldError(f"model '{self.body.name}', joint '{joint}': hard velocity limits are "
-                             "for models whose root is bolted down; bolt it, or leave them off")
+            raise WorldError(f"model '{self.body.name}', joint '{joint}': hard velocity limits "
+                             "need a model with a fixed base; fix it or disable the limits")
         if not fastest > 0.0:
             raise WorldError(f"model '{self.body.name}', joint '{joint}': a hard velocity limit of "
                              f"{fastest} would lock it; give it a positive <limit velocity>")
@@ -340,11 +351,11 @@ class ModelJoints:
         self.space.bound_speed(slot, fastest)
 
     def set_damping_motor(self, slot: int, share: float) -> None:
-        """A motor that takes `share` of the velocity a step (see free_damping.py)."""
+        """Set a motor that removes `share` of the velocity per step (see joint_damping.py)."""
         self._set_bullet_motor(slot, 0.0, NO_LIMIT_FORCE, share)
 
     def set_bullet_damping(self, slot: int, value: float) -> None:
-        """Bullet's explicit damping of a joint (see free_damping.py)."""
+        """Set Bullet's explicit damping of a joint (see joint_damping.py)."""
         pybullet.changeDynamics(self.body.body_id, self._indices[slot], jointDamping=value,
                                 physicsClientId=self.body.client)
 
@@ -355,17 +366,17 @@ class ModelJoints:
         return slot
 
     def bias_efforts(self) -> list[float]:
-        """Efforts that gravity, Coriolis and centrifugal forces ask of each joint, N m or N.
+        """Return the efforts of gravity, Coriolis and centrifugal forces, N m or N.
 
-        In `names` order: what would keep the joint velocities as they are without friction
-        and damping. For models with a fixed base.
+        Without friction and damping, these efforts would keep the joint velocities constant. Only
+        for models with a fixed base.
         """
         if not self.has_own_dynamics:
             self.read_bullet_state()
         return self.space.bias_efforts()
 
     def inverse_inertia(self) -> np.ndarray:
-        """(n, n): accelerations of the joints by their efforts, 1/(kg m²) or 1/kg."""
+        """Return the matrix (n, n) that maps joint efforts to accelerations, 1/(kg m²) or 1/kg."""
         if self.space is None:
             self._free_space.state[0] = self.read()[0]
             return np.linalg.inv(self._free_space.free_mass_matrix())[6:, 6:]
@@ -389,7 +400,7 @@ class ModelJoints:
         return gears
 
     def restore_friction(self, slot: int) -> None:
-        """Coulomb friction of a joint: a motor towards standstill of at most that effort."""
+        """Set the Coulomb friction of a joint: a motor at zero velocity with that effort limit."""
         self._set_motor(slot, 0.0, self.friction[slot])
 
     def _set_motor(self, slot: int, velocity: float, force: float) -> None:

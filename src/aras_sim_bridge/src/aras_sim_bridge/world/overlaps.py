@@ -1,4 +1,4 @@
-"""What the moving links of a model run into, as it stands now."""
+"""Overlaps of the moving links of a model with other models, in the present state."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from aras_sim_bridge.world.world import World
 
 @dataclass(frozen=True)
 class Overlap:
-    """A link of a model within a link of another one; depth: m, to which they are in each other."""
+    """Overlap of a link of a model with a link of another model; `depth` is in m."""
 
     link: str
     model: str
@@ -21,28 +21,30 @@ class Overlap:
 
 
 def find_overlaps(world: World, model: Model, before_step: bool = False) -> list[Overlap]:
-    """The links of a model that joints move and that touch something, the deepest first.
+    """Return the overlaps of the moving links of a model with other models, deepest first.
 
-    Links of one model pass through each other here, as in Gazebo.
+    Links of one model may overlap, as in Gazebo; such overlaps are not reported.
 
     Args:
-        world: in which the model is. posed: it was put there and no step was made since; without,
-            contacts are those of the last step.
+        world: world that contains the model.
+        model: model to check.
+        before_step: whether no step was made since the model was moved. Contacts are then computed
+            here; otherwise those of the last step are used.
     """
     if before_step:
         model.joints.update_bullet()
-        # Contacts of an earlier posture would stay while boxes overlap; this makes all pairs anew.
+        # Bullet keeps contacts of earlier poses while boxes overlap; this makes new pairs.
         disable_distant_pairs(list(world.models.values()))
         pybullet.performCollisionDetection(physicsClientId=world.client)
     names = {index: name for name, index in model.link_indices.items()}
     others = {other.body_id: other for other in world.models.values()}
-    still = model.list_base_links()
+    base_links = model.list_base_links()
     found = []
     for link, body, other_link, numbers in find_contacts(model.body_id, world.client):
         depth = numbers[15]
-        if link in still or depth <= 0.0:
+        if link in base_links or depth <= 0.0:
             continue
         other = others[body]
-        named = {index: name for name, index in other.link_indices.items()}
-        found.append(Overlap(names[link], other.name, named[other_link], depth))
+        other_names = {index: name for name, index in other.link_indices.items()}
+        found.append(Overlap(names[link], other.name, other_names[other_link], depth))
     return sorted(found, key=lambda one: -one.depth)

@@ -1,11 +1,11 @@
-"""Bases that are not bolted down but stand still all the same.
+"""Free bases at rest, simulated as fixed bases while the ground can support them.
 
-The original's robot weighs 1.7 t and stands on the floor. Contacts of twelve corners in each step
-cost five times what the arm does, and all they say is that the base does not move. So a free model
-that rests on what never moves is stepped as if it were bolted down, as ODE puts resting bodies to
-sleep; but after every step the floor is asked whether it can bear what the arm, and whatever lies
-on the model or strikes it, asks of the base: by pressure within its corners, and by friction. When
-it cannot, or somebody pushes, moves or changes anything, the base is free again.
+The original robot weighs 1.7 t and rests on the floor. Computing the contacts of twelve corners
+takes five times as long as the arm, only to find that the base does not move. Therefore a free
+model that rests on a static body is stepped as if its base were fixed, similar to ODE's sleeping
+bodies. After every step, the wrench on the ground is computed from the motion of the arm and from
+other contacts. The ground can bear it if the centre of pressure is inside the support polygon and
+friction suffices. Otherwise, and when the model is pushed, moved or changed, the base is freed.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.poses import Pose, Twist, rotate
 
 CHECK_EVERY = 50  # steps
-RETRY_STEPS = 1000  # steps after which a base that the floor could not hold is looked at again
-_REST_TOLERANCE = 1e-6  # m and rad between two looks
-_CONTACT_DISTANCE = 1e-4  # m; Bullet lets what rests sink in by a tenth of it
-_LOAD_LIMIT = 0.9  # of what friction and corners can bear
-_SMALLEST_LEVER = 0.05  # of the distance to an axle, at which a joint still gives way to a contact
-# What strikes a base finds it bolted for a step, and rebounds as from a wall: off by the share that
-# its mass has of the base's. So a base is held only where that is so much heavier.
+RETRY_STEPS = 1000  # steps until a base that the ground could not support is checked again
+_REST_TOLERANCE = 1e-6  # m and rad of motion between two checks
+_CONTACT_DISTANCE = 1e-4  # m; resting bodies sink in by a tenth of it in Bullet
+_LOAD_LIMIT = 0.9  # usable share of the friction and of the support polygon
+_SMALLEST_LEVER = 0.05  # relative motion of a contact below which its joints count as blocked
+# A body that hits a base finds it fixed for one step, and rebounds as from a wall. The relative
+# error is the mass of the body over that of the base, so a base must be much heavier to be fixed.
 _LEAST_MASS_RATIO = 100.0
 
 
 BASE_TYPES = "f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1]"
-# Of a base that is bolted down.
+# Arguments of `is_supported` for a base that is really fixed.
 FIXED_BASE_ARRAYS = (np.zeros(11), np.zeros((1, 6)), np.zeros(6), np.zeros(6))
 
 
@@ -53,14 +53,22 @@ def is_supported(
     ground_wrench,
     dt,
 ):
-    """Whether the ground can bear a bolted tree's base over the step that was just made.
+    """Return whether the ground supports the base of a fixed-base tree in the last step.
 
-    tree, frames, state: of joint_dynamics.py, after the step. before (n,): speeds before it.
-    gravity (3,): m/s². ground (11,): mass and centre of mass of the base, the ground's normal, a
-    point of the ground, friction coefficient. corners (m, 6): of a polygon on the ground, each
-    with the outward normal of the edge that begins there. touch (6,): torque and force of what
-    touches the model. All in the root's axes, about its origin. load (6,): gets torque and force
-    that the ground and the base's weight must give.
+    All vectors are in the root's axes, about its origin.
+
+    Args:
+        tree, frames, state: see joint_dynamics.py, after the step.
+        previous_speeds (n,): joint velocities before the step.
+        gravity (3,): m/s².
+        ground (11,): mass and centre of mass of the base, normal of the ground, a point of the
+            ground, friction coefficient.
+        corners (m, 6): corners of the support polygon, relative to that point, each with the
+            outward normal of the edge that starts there.
+        contact_wrench (6,): torque and force of other contacts on the model.
+        ground_wrench (6,): receives the torque and force that ground and weight of the base must
+            provide.
+        dt: time step, s.
     """
     for k in range(6):
         ground_wrench[k] = -contact_wrench[k]
@@ -80,7 +88,7 @@ def is_supported(
                 ground_wrench[k] += f[40 + k]
     mass, friction = ground[0], ground[10]
     wx, wy, wz = mass * gravity[0], mass * gravity[1], mass * gravity[2]
-    # What the ground has to give: force, and torque about its point.
+    # Required ground reaction: force, and torque about the ground's point.
     fx, fy, fz = ground_wrench[3] - wx, ground_wrench[4] - wy, ground_wrench[5] - wz
     cx, cy, cz = ground[1] - ground[7], ground[2] - ground[8], ground[3] - ground[9]
     px, py, pz = ground[7], ground[8], ground[9]
@@ -91,7 +99,7 @@ def is_supported(
     pressure = fx * nx + fy * ny + fz * nz
     if pressure <= 0.0:
         return False
-    # Centre of pressure, from the ground's point.
+    # Centre of pressure, relative to the ground's point.
     rx = (ny * mz - nz * my) / pressure
     ry = (nz * mx - nx * mz) / pressure
     rz = (nx * my - ny * mx) / pressure
@@ -115,18 +123,20 @@ def is_supported(
         + (my - (rz * sx - rx * sz)) * ny
         + (mz - (rx * sy - ry * sx)) * nz
     )
-    # Pressure can be shared out so that friction turns with at least the nearest corner's square
-    # over the farthest's distance.
+    # The pressure can be distributed such that friction resists rotation with a lever of at least
+    # nearest² / farthest distance of a corner.
     return slide + twist * np.sqrt(farthest) / nearest <= _LOAD_LIMIT * friction * pressure
 
 
 @jit("f8[:,::1], f8[:,::1], f8[::1]", allocates=False)
 def _add_contact_wrenches(contacts, root, contact_wrench):
-    """Torque and force (6,) of contacts, in the root's axes about its origin, added to `touch`.
+    """Add torque and force (6,) of contacts to `contact_wrench`, in the root's axes.
 
-    pushes (m, 15 or more): point, then three forces, each with its size and its direction, in the
-    world.
-    root (3, 4): world_T_root.
+    Args:
+        contacts (m, 15 or more): point, then three forces, each as magnitude and direction, in the
+            world.
+        root (3, 4): world_T_root.
+        contact_wrench (6,): about the root's origin.
     """
     for push in contacts:
         fx = fy = fz = 0.0
@@ -142,13 +152,14 @@ def _add_contact_wrenches(contacts, root, contact_wrench):
 
 
 class RestingBase:
-    """A free model that stands, held as if bolted down.
+    """Free model at rest, stepped as if its base were fixed.
 
     Attributes:
-        mass: of its base, kg. grounds: Bullet's numbers of the bodies that it stands on.
-        ground, corners, touch: numbers of the ground, its polygon and what touches, as
-            `is_supported` takes them. arrays: all that it takes before dt, once the model is
-            held.
+        model: the model.
+        mass: mass of its base, kg.
+        grounds: Bullet's ids of the bodies that it rests on.
+        ground, corners, contact_wrench: arguments of `is_supported`.
+        arrays: all arguments of `is_supported` before dt, once the base is fixed.
     """
 
     def __init__(self, model: Model, ground: np.ndarray, corners: np.ndarray,
@@ -164,10 +175,11 @@ class RestingBase:
 
     @classmethod
     def from_contacts(cls, model: Model, models: Mapping[int, Model]) -> RestingBase | None:
-        """How a free model stands; None where something that may move carries it.
+        """Return the resting state of a free model; None unless it rests on static bodies.
 
         Args:
-            others: all models by Bullet's number.
+            model: free model.
+            models: all models by Bullet's body id.
         """
         base = model.list_base_links()
         points, normals, friction, grounds = [], [], math.inf, set()
@@ -181,7 +193,7 @@ class RestingBase:
                     and _is_blocked(model, contact)
                 ):
                     return None
-                continue  # what it carries, or leans on: weighed when it is held
+                continue  # bodies on the model or next to it: `is_supported` considers their forces
             if not other.fixed_base:
                 continue
             if contact[4] != -1 or contact[8] < -_CONTACT_DISTANCE or other.release is not None:
@@ -199,7 +211,7 @@ class RestingBase:
             points = _find_footprint(model, np.array(points[0]), np.array(normals[0]))
         inverse = root.inverse()
         on_ground = np.array([inverse.apply(point) for point in points])
-        if len(on_ground) < 3:  # of what is round there may be none
+        if len(on_ground) < 3:  # round shapes have no corners
             return None
         mass, centre = _compute_base_mass(model, root)
         middle = on_ground.mean(axis=0)
@@ -213,16 +225,17 @@ class RestingBase:
                    frozenset(grounds))
 
     def fix(self) -> None:
-        """Step the model as if bolted down from now on."""
+        """Treat the base as fixed from the next step on."""
         self.model.set_fixed_base(True)
         space = self.model.joints.space
         self.arrays = (space.tree, space.frames, space.state, space.previous_speeds, space.gravity,
                         self.ground, self.corners, self.contact_wrench, self._ground_wrench)
 
     def is_supported(self, dt: float, is_touchable: bool) -> bool:
-        """Whether the ground could bear the step of `dt` s that was just made.
+        """Return whether the ground supported the base in the last step of `dt` s.
 
-        touchable: whether something may touch the base though the model makes its own steps."""
+        `is_touchable`: whether a body may touch the base although Bullet does not step the model.
+        """
         if not self.model.joints.has_own_dynamics:
             self.model.joints.read_bullet_state()
         if is_touchable or not self.model.joints.has_own_dynamics:
@@ -230,8 +243,11 @@ class RestingBase:
         return is_supported(*self.arrays, dt)
 
     def _measure_contacts(self) -> None:
-        """Note what touched the model in Bullet's step; the ground does not touch what is bolted,
-        but Bullet looks at links fixed to the root all the same."""
+        """Sum up the contact forces of Bullet's last step on the model.
+
+        Contacts with the ground are skipped. Bullet computes none for a fixed root, but it does for
+        links that are fixed to the root.
+        """
         contacts = find_contacts(self.model.body_id, self.model.client)
         pushes = [numbers for link, other, _, numbers in contacts
                   if link not in self._base or other not in self.grounds]
@@ -240,7 +256,7 @@ class RestingBase:
             _add_contact_wrenches(np.array(pushes), self._root, self.contact_wrench)
 
     def apply_excess_load(self) -> None:
-        """Give the model, free again, what the ground could not bear."""
+        """Apply the wrench that the ground could not provide to the model, which is free again."""
         root = self.model.pose()
         torque, force = (
             rotate(root.quat, tuple(-part)) for part in np.split(self._ground_wrench, 2)
@@ -249,16 +265,16 @@ class RestingBase:
 
 
 class RestingBases:
-    """The jointed models of a world that are not bolted down, held while they stand.
+    """Free models with joints, treated as fixed while they are at rest.
 
     Attributes:
-        fresh: whether `fix_at_start` is to be called before the next step.
-        watched: whether `detect_rest` is to be called after each step of Bullet's.
-        held: those that stand now; each step asks them.
+        is_new: whether `fix_at_start` must be called before the next step.
+        is_active: whether `detect_rest` must be called after each step of Bullet.
+        fixed_bases: bases that are treated as fixed; each step checks their support.
     """
 
     def __init__(self, models: Mapping[str, Model], on_change: Callable[[], None]) -> None:
-        """`on_change` tells the world that models were loaded anew."""
+        """Create an empty list; `on_change` is called after models were reloaded."""
         self._models, self._on_change = models, on_change
         self.fixed_bases: list[RestingBase] = []
         self.is_active = self.is_new = False
@@ -266,12 +282,15 @@ class RestingBases:
         self._countdown = CHECK_EVERY
 
     def refresh(self) -> None:
-        """Models came, went or were loaded anew."""
+        """Look for free models again, after some were spawned, deleted or reloaded."""
         self.is_new = self.is_active = bool(self._list_free_models())
         self._last_poses = {}
 
     def _list_free_models(self) -> list[Model]:
-        """A base that is held feels no ground, of which a contact sensor would have to tell."""
+        """Return the free models with joints whose base may be treated as fixed.
+
+        Models with a contact sensor are excluded: a fixed base has no contact with the ground.
+        """
         return [
             model
             for model in self._models.values()
@@ -284,7 +303,7 @@ class RestingBases:
         ]
 
     def fix_at_start(self) -> None:
-        """Before the first step: hold the models that were put on the ground and stand there."""
+        """Fix the bases of models that start at rest on the ground, before the first step."""
         self.is_new = False
         free = [model for model in self._list_free_models() if model.twist() == Twist()]
         if free:
@@ -292,27 +311,35 @@ class RestingBases:
             self._fix_resting(free)
 
     def detect_rest(self) -> None:
-        """After a step of Bullet's: hold the free models that have come to rest."""
+        """Fix the bases of free models that have come to rest; called after each Bullet step."""
         self._countdown -= 1
         if self._countdown > 0:
             return
         self._countdown = CHECK_EVERY
         free = self._list_free_models()
-        seen, self._last_poses = self._last_poses, {model.name: model.pose() for model in free}
-        calm = [model for model in free if not model.is_disturbed and model.name in seen and
-                _is_at_rest(seen[model.name], self._last_poses[model.name])]
+        last_poses, self._last_poses = (
+            self._last_poses,
+            {model.name: model.pose() for model in free},
+        )
+        resting = [
+            model
+            for model in free
+            if not model.is_disturbed
+            and model.name in last_poses
+            and _is_at_rest(last_poses[model.name], self._last_poses[model.name])
+        ]
         for model in free:
             model.is_disturbed = False
-        if calm and not self._fix_resting(free):
-            self._countdown = 4 * CHECK_EVERY  # Bullet finds some corners late
+        if resting and not self._fix_resting(free):
+            self._countdown = 4 * CHECK_EVERY  # Bullet may find corners later
 
     def _fix_resting(self, free: list[Model]) -> bool:
-        """Hold those of these models that stand; False, and nothing changed, where none does."""
+        """Fix the bases that are at rest; return False if there are none."""
         others = {model.body_id: model for model in self._models.values()}
         found = [one for one in (RestingBase.from_contacts(model, others) for model in free) if one]
-        standing = [one.model for one in found]
+        resting = [one.model for one in found]
         heaviest = max((model.mass for model in others.values()
-                        if not model.fixed_base and model not in standing), default=0.0)
+                        if not model.fixed_base and model not in resting), default=0.0)
         found = [one for one in found if one.mass >= _LEAST_MASS_RATIO * heaviest]
         if not found:
             return False
@@ -325,41 +352,42 @@ class RestingBases:
         return True
 
     def check_support(self, dt: float, is_touchable: bool) -> None:
-        """After a step of `dt` s: set all free where the ground cannot bear one; `is_touchable` as
-        Islands has it."""
-        for standing in self.fixed_bases:
-            if not standing.is_supported(dt, is_touchable):
+        """Free all bases if the ground could not support one in the last step of `dt` s.
+
+        `is_touchable`: see IsolationMonitor.is_base_touchable.
+        """
+        for base in self.fixed_bases:
+            if not base.is_supported(dt, is_touchable):
                 self.release_overload()
                 return
 
     def release_overload(self) -> None:
-        """Set all free: the ground could not bear one in the step that was just made."""
-        held = self.fixed_bases
+        """Free all bases, after the ground could not support one, and apply the excess loads."""
+        bases = self.fixed_bases
         self.release()
         self._countdown = RETRY_STEPS
-        for standing in held:
-            standing.apply_excess_load()
+        for base in bases:
+            base.apply_excess_load()
 
     def release_for(self, model: Model) -> None:
-        """Set all free where one is too light to be held beside a new model."""
+        """Free all bases if one of them is too light compared with a new free model."""
         if not model.fixed_base and any(
             one.mass < _LEAST_MASS_RATIO * model.mass for one in self.fixed_bases
         ):
             self.release()
 
     def release_from(self, model: Model) -> None:
-        """A model goes, or is put elsewhere: set all free where one is held that stood on it, or
-        is the model itself."""
+        """Free all bases if the model, which is to be moved or deleted, is one or supports one."""
         if any(model is one.model or model.body.body_id in one.grounds for one in self.fixed_bases):
             self.release()
 
     def release(self) -> None:
-        """Set all free again."""
-        held, self.fixed_bases = self.fixed_bases, []
-        for standing in held:
-            standing.model.release = None
-            standing.model.set_fixed_base(False)
-        if held:
+        """Free all bases."""
+        bases, self.fixed_bases = self.fixed_bases, []
+        for base in bases:
+            base.model.release = None
+            base.model.set_fixed_base(False)
+        if bases:
             self._on_change()
             self.is_new = False
 
@@ -373,25 +401,28 @@ def _is_at_rest(before: Pose, now: Pose) -> bool:
 
 
 def _compute_base_mass(model: Model, root: Pose) -> tuple[float, np.ndarray]:
-    """Mass (kg) and centre of mass (m, in the root's frame) of the root and what is fixed to it."""
+    """Return mass (kg) and centre of mass (m, root frame) of the root and links fixed to it."""
     mass, moment = 0.0, np.zeros(3)
     base = model.list_base_links()
     for name, index in model.link_indices.items():
         inertial = model.description.links[name].inertial
         if index in base and inertial is not None:
-            at = root.inverse() @ model.link_pose(name)
+            pose = root.inverse() @ model.link_pose(name)
             mass += inertial.mass
-            moment += inertial.mass * np.array(at.apply(inertial.origin_xyz))
+            moment += inertial.mass * np.array(pose.apply(inertial.origin_xyz))
     return mass, moment / mass if mass > 0.0 else moment
 
 
 def _is_blocked(model: Model, contact: tuple) -> bool:
-    """Whether no joint can move a contact's point along its normal, as no axle moves the point
-    where its wheel stands. Were the root bolted down, no force would be too large to end there."""
+    """Return whether no joint can move the contact point along the contact normal.
+
+    An example is a wheel: its axle cannot move the contact point below it vertically. With a fixed
+    root, the contact force would be unbounded.
+    """
     point, normal = np.array(contact[5]), np.array(contact[7])
     names = {index: name for name, index in model.link_indices.items()}
     movers = {joint.child: joint for joint in model.description.joints.values()}
-    link, most = names[contact[3]], 0.0
+    link, largest = names[contact[3]], 0.0
     while link in movers:
         joint = movers[link]
         if joint.is_movable:
@@ -400,9 +431,9 @@ def _is_blocked(model: Model, contact: tuple) -> bool:
             if joint.kind != "prismatic":
                 lever = point - frame.xyz
                 along = np.cross(along, lever) / max(np.linalg.norm(lever), _CONTACT_DISTANCE)
-            most = max(most, abs(along @ normal))
+            largest = max(largest, abs(along @ normal))
         link = joint.parent
-    return most < _SMALLEST_LEVER
+    return largest < _SMALLEST_LEVER
 
 
 def _is_plane(model: Model) -> bool:
@@ -411,7 +442,10 @@ def _is_plane(model: Model) -> bool:
 
 
 def _find_footprint(model: Model, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Where the base touches a plane, (m, 3), in the world: contacts tell of few corners only."""
+    """Return the points (m, 3; world) where the base touches a plane.
+
+    Bullet's contacts contain only few of the corners.
+    """
     found = []
     base = model.list_base_links()
     for name, index in model.link_indices.items():
@@ -419,17 +453,17 @@ def _find_footprint(model: Model, point: np.ndarray, normal: np.ndarray) -> np.n
         for part in model.description.links[name].collisions if index in base else ():
             at = model.link_pose(name) @ part.pose
             matrix = at.matrix()
-            for own in _list_corners(part.geometry):
-                corners = own @ matrix[:3, :3].T + matrix[:3, 3]
+            for vertices in _list_corners(part.geometry):
+                corners = vertices @ matrix[:3, :3].T + matrix[:3, 3]
                 above = (corners - point) @ normal
-                down = np.abs(above) < near
-                found.append(corners[down] - above[down, None] * normal)
+                is_near = np.abs(above) < near
+                found.append(corners[is_near] - above[is_near, None] * normal)
     return np.concatenate(found)
 
 
 def _list_corners(geometry: Geometry) -> Iterator[np.ndarray]:
-    """Points (m, 3) of which a shape is the hull, m."""
-    if geometry.kind == "box":  # most are, and triangles take a millisecond
+    """Yield points (m, 3) whose convex hull is the shape, m."""
+    if geometry.kind == "box":  # frequent, and triangulating it takes a millisecond
         signs = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
         yield np.array(signs) * geometry.size
     else:
@@ -438,7 +472,10 @@ def _list_corners(geometry: Geometry) -> Iterator[np.ndarray]:
 
 
 def _make_polygon(points: np.ndarray, normal: np.ndarray) -> np.ndarray | None:
-    """Corners and outward edge normals (m, 6) of the hull of points on a plane; None for a line."""
+    """Return corners and outward edge normals (m, 6) of the hull of planar points.
+
+    None if the points are on a line.
+    """
     aside = np.cross(normal, (1.0, 0.0, 0.0) if abs(normal[0]) < 0.7 else (0.0, 1.0, 0.0))
     aside /= np.linalg.norm(aside)
     axes = np.stack([aside, np.cross(normal, aside)])

@@ -1,8 +1,8 @@
-"""Stops of joints in Bullet, for those that are put far beyond one.
+"""Joint stops in Bullet, relaxed for joints that start far beyond a stop.
 
-Bullet takes a fifth of the distance back in one step: a joint that is spawned 0.8 rad beyond its
-stop gets 160 rad/s, and an arm with light fingers flies apart. So the stop is brought near, and
-moves back as fast as own steps bring such a joint back (joint_dynamics.py).
+Bullet corrects a fifth of the distance in one step: a joint that is spawned 0.8 rad beyond its stop
+gets 160 rad/s, and an arm with light fingers breaks apart. Therefore the stop is first moved close
+to the joint. It then moves back at the speed at which joint_dynamics.py returns such a joint.
 """
 
 from __future__ import annotations
@@ -14,15 +14,17 @@ import numpy as np
 from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
 
-_RETURN_SHARE = 0.2  # of the distance beyond a stop that Bullet takes back in a step
+_RETURN_SHARE = 0.2  # of the distance beyond a stop that Bullet corrects per step
 
 
 class JointStops:
-    """The stops of the joints of a body.
+    """Stops of the joints of a body.
 
     Args:
-        indices: Bullet's of the joints. stops: (lower, upper) of each, rad or m, infinite where
-            there is none. speeds: with which each returns from beyond them, rad/s or m/s.
+        body: the body.
+        indices: Bullet's indices of the joints.
+        stops: (lower, upper) of each joint, rad or m; infinite if there is none.
+        speeds: return speed of each joint from beyond its stops, rad/s or m/s.
     """
 
     def __init__(self, body: Body, indices: Sequence[int],
@@ -33,7 +35,7 @@ class JointStops:
         self._shifted_slots: set[int] = set()
 
     def before_step(self, positions: Sequence[float], dt: float) -> None:
-        """Set the stops for a step of `dt` s from these positions."""
+        """Set the stops in Bullet for a step of `dt` s from these positions."""
         at, most = np.array(positions), self._speeds * dt / _RETURN_SHARE
         low, high = np.minimum(self._low, at + most), np.maximum(self._high, at - most)
         far = {*np.flatnonzero((low < self._low) | (high > self._high)).tolist()}

@@ -193,7 +193,8 @@ class ArrivalMargin:
             unseen_motion: (6,) motion that the view shows but no feature measures, scaled.
             poses: ambiguous poses at which the camera may be.
         """
-        held_offset, scatter_part = self._compute_held_offset(observation), self._compute_scatter_part(offsets)
+        held_offset = self._compute_held_offset(observation)
+        scatter_part = self._compute_scatter_part(offsets)
         distance, angle = _compute_bounds(
             offsets.mean,
             offsets.scatter,

@@ -265,7 +265,10 @@ class StepCheck:
         length = float(np.linalg.norm(sums))
         is_steady = length**2 > self.MIN_DRIFT_PART * images * square
         self.has_drift = (
-            self.has_drift or is_steady and images >= self.MIN_REST_IMAGES and length > self.MIN_DRIFT
+            self.has_drift
+            or is_steady
+            and images >= self.MIN_REST_IMAGES
+            and length > self.MIN_DRIFT
         )
 
     def add_area(self, observation: Observation, goal: Goal) -> None:
@@ -323,12 +326,12 @@ def predict_area(observation: Observation, goal: Goal) -> float:
     / Z^3 times its own. The plane gives 1 / Z and n / d. Without a plane, the area is inversely
     proportional to the squared distance.
     """
-    moments, desired, plane = observation.moments, goal.moments, observation.plane
+    measured, desired, plane = observation.moments, goal.moments, observation.plane
     if plane is None or goal.plane is None:
         return predict_distance(observation.world_T_camera, goal) ** -2
     here, there = (
-        max(one.inverse_depth(part.xg, part.yg), 1e-9) ** 3 / hypot(one.A, one.B, one.C)
-        for one, part in ((plane, moments), (goal.plane, desired))
+        max(one.inverse_depth(view_moments.xg, view_moments.yg), 1e-9) ** 3 / hypot(one.A, one.B, one.C)
+        for one, view_moments in ((plane, measured), (goal.plane, desired))
     )
     return max(here / there, 1e-9)
 

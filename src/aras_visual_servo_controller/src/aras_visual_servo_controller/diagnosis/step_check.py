@@ -330,8 +330,8 @@ def predict_area(observation: Observation, goal: Goal) -> float:
     if plane is None or goal.plane is None:
         return predict_distance(observation.world_T_camera, goal) ** -2
     here, there = (
-        max(one.inverse_depth(view_moments.xg, view_moments.yg), 1e-9) ** 3 / hypot(one.A, one.B, one.C)
-        for one, view_moments in ((plane, measured), (goal.plane, desired))
+        max(one.inverse_depth(m.xg, m.yg), 1e-9) ** 3 / hypot(one.A, one.B, one.C)
+        for one, m in ((plane, measured), (goal.plane, desired))
     )
     return max(here / there, 1e-9)
 

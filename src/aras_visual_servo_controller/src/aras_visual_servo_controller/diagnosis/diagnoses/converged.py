@@ -43,7 +43,7 @@ class Converged(RunDiagnosis):
         if not fault or found.kind == "ambiguous":
             return evidence.explain_occlusion(found)
         return replace(
-            found, reason=f"the image equals that of the goal, taught with this camera; but {fault}",
+            found, reason=f"the image equals the goal's, taught with this camera; but {fault}",
             remedy=CALIBRATE_CAMERA,
             open_distance=self.INTERACTION_ERROR_FACTOR * found.open_distance,
             open_angle=min(self.INTERACTION_ERROR_FACTOR * found.open_angle, np.pi),

@@ -372,4 +372,4 @@ def test_how_long_the_target_may_be(longer, strange, way):
     words = said_of(ShapeCheck(), of_length(0.5 + way * longer), of_length(0.5))[-1]
     assert bool(words) is strange
     if strange:
-        assert f"its length differs by {longer:.2f}" in words
+        assert f"its elongation differs by {longer:.2f}" in words

@@ -263,7 +263,7 @@ def test_a_joint_that_stands_at_its_limit_is_the_cause_also_where_the_camera_loo
     assert rig.servo.outcome.kind == "wrong_camera_model"
     rig.run(6.0)
     assert rig.servo.outcome.kind == "joint_limit"
-    assert rig.servo.outcome.reason.endswith("; besides, the features move otherwise")
+    assert rig.servo.outcome.reason.endswith("; in addition, the features move otherwise")
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -513,7 +513,7 @@ def test_a_camera_far_behind_start_and_goal_has_retreated(first, then, kind):
         diagnosis.add(seen_at(distance))
     found = diagnosis.outcome
     assert found.kind == kind
-    assert (f"{then:.1f} times its goal's distance" in found.reason) == (kind != "running")
+    assert (f"{then:.1f} times the goal's distance" in found.reason) == (kind != "running")
     assert diagnosis.add(seen_at(1.6 * max(first, 1.0))).kind == kind
     assert diagnosis.add(seen_at(1.4 * max(first, 1.0))).kind == "running"  # it came back
 
@@ -762,9 +762,9 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
     plain, other = arrived(""), arrived("the features move otherwise")
     assert (plain.open_distance, plain.open_angle) == (1e-4, 2e-3) and not plain.remedy
     assert (other.open_distance, other.open_angle) == (2e-4, 4e-3) and "calibrate" in other.remedy
-    assert other.reason.endswith("has shown it; yet the features move otherwise")
+    assert other.reason.endswith("taught with this camera; but the features move otherwise")
     # not where one of the cameras has no goal that it has shown
     assert arrived("it moves otherwise", other_cameras=["right"]).kind == "wrong_camera_model"
     # and what was seen while the target moved is not held against the camera
     assert arrived("it moves otherwise", "servoing").kind == "wrong_camera_model"
-    assert arrived("it moves otherwise", "servoing", "it turns").kind == "running"
+    assert arrived("it moves otherwise", "servoing", "it rotates").kind == "running"

@@ -154,8 +154,8 @@ WRONG = {
     "plane 0": ({"plane": [0.0, 0.0, 0.0]}, "plane ends with 0, which must be 1/Z"),
     "plane behind": ({"plane": [0.0, 0.0, -5.0]}, "plane ends with -5"),
     "plane in mm": ({"plane": [0.0, 0.0, 0.0052]}, "plane ends with 0.0052"),
-    "plane aslant": ({"plane": [0.0, 101.0, 5.0]}, "the camera looks along it"),
-    "plane huge": ({"plane": [1e300, 0.0, 5.0]}, "the camera looks along it"),
+    "plane aslant": ({"plane": [0.0, 101.0, 5.0]}, "the camera looks parallel to it"),
+    "plane huge": ({"plane": [1e300, 0.0, 5.0]}, "the camera looks parallel to it"),
     "depth nan": ({"depth": float("nan")}, "depth is nan, must be"),
     "joint": ({"joints": {"J1": True}}, "joints.J1 is True, must be"),
     "joints list": ({"joints": [1, 2]}, "joints is .* must be keys with values"),
@@ -314,9 +314,9 @@ def test_goals_that_do_not_fit_the_arm():
     level = matrix_from_xyz_rpy((0, 0, 1.0), (np.pi / 2, 0, 0))
     with pytest.raises(ConfigurationError, match="along the table"):
         Goal(world_T_camera=level, depth=0.2).make_level_plane()
-    with pytest.raises(ConfigurationError, match="does not say what the target's geometry"):
+    with pytest.raises(ConfigurationError, match="does not contain the target's geometry"):
         Goal().predict_from_pose(np.eye(4))
-    with pytest.raises(ConfigurationError, match="not visible from there"):
+    with pytest.raises(ConfigurationError, match="not visible from this pose"):
         goal.predict_from_pose(matrix_from_xyz_rpy((0, 0, 1.0), (0, 0, 0)))  # looks up
     with pytest.raises(ConfigurationError, match="not visible .*there is no target.*mounted"):
         goal.predict_from_pose(matrix_from_xyz_rpy((3.0, 0, 0), (0, 0, 0)) @ goal.world_T_camera)
@@ -396,8 +396,8 @@ BOX = np.array([[[-0.1, -0.05, 0.0], [0.1, 0.05, 0.01]]])
 @pytest.mark.parametrize(("corner", "ground", "surface", "words"), [
     ([np.inf, 0.1, 0.1], 0.0, 0.0, "not finite"), ([0.1, 0.1, 0.1], np.nan, 0.0, "not finite"),
     ([0.1, 0.1, 0.1], 0.0, np.nan, "not finite"), ([0.1, 0.1, 0.1], 0.0, np.inf, "not finite"),
-    ([0.1, -0.05, 0.1], 0.0, 0.0, "first corner of a box is its lowest"),
-    ([0.1, 0.1, -0.1], 0.0, 0.0, "first corner of a box is its lowest"),
+    ([0.1, -0.05, 0.1], 0.0, 0.0, "first corner of a box must be its lowest"),
+    ([0.1, 0.1, -0.1], 0.0, 0.0, "first corner of a box must be its lowest"),
 ])  # fmt: skip
 def test_a_box_has_a_size_and_finite_numbers(corner, ground, surface, words):
     boxes = BOX.copy()
@@ -423,7 +423,7 @@ def test_a_camera_along_or_in_the_target_s_plane_has_no_depth():
     for pose in (along, inside):
         with pytest.raises(ServoError, match="does not look at the target's plane"):
             box.compute_depth(pose)
-    with pytest.raises(ServoError, match="stands in the target's plane"):
+    with pytest.raises(ServoError, match="lies in the target's plane"):
         box.compute_plane(inside)
 
 

@@ -174,8 +174,8 @@ def test_a_camera_without_a_link_of_its_own_has_that_of_all():
     ("control", "frame", "link", "words"),
     [
         (PALM, "wall_optical_frame", "b", "is moved by slide, turn and the control camera by"),
-        (PALM, "elbow_optical_frame", "plate", "the arm moves elbow_optical_frame, and plate too"),
-        (WALL, "wall_optical_frame", "hand", "hand carries and the control camera at what plate"),
+        (PALM, "elbow_optical_frame", "plate", "the arm moves both the camera elbow_optical_frame and its target plate"),
+        (WALL, "wall_optical_frame", "hand", "is on hand and that of the control camera on plate"),
     ],
 )
 def test_what_cannot_be_is_said(control, frame, link, words):

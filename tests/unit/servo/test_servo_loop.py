@@ -519,7 +519,7 @@ def test_what_a_controller_of_joints_asks_is_slowed_as_a_whole_and_says_why():
     motion.start_at(np.zeros(6))
     asked = np.array([2.0, 1.0, 0.1, 0.1, 0.1, 0.1])
     velocities, words = motion.limit_velocities(asked, 0.0)
-    assert words == "slowed to 50 % for the speed limit of gantry"
+    assert words == "velocity scaled to 50 % (speed limit of gantry)"
     assert velocities == pytest.approx(0.5 * asked)
     velocities, words = motion.limit_velocities(asked, 0.1)
     assert words.endswith("; at the acceleration limit of J1")
@@ -888,7 +888,7 @@ def test_velocity_and_effort_outputs():
 
 
 def test_efforts_that_could_push_nothing_are_refused():
-    with pytest.raises(ConfigurationError, match="stiffness is 0: give it, N/m or N m/rad"):
+    with pytest.raises(ConfigurationError, match="stiffness is 0: set stiffness"):
         the_servo("2016", output="effort", damping=2.0)
     one = [0.0, 0.0, 5.0, 0.0, 0.0, 0.0]
     assert the_servo("2016", output="effort", stiffness=one).settings.output == "effort"
@@ -1069,7 +1069,7 @@ def test_where_images_come_from_in_words():
         and plain.describe_silence(0.256) == "no image for 0.26 s"
     )
     assert whole.describe_silence() == "no features on /eye (is the camera node running?)"
-    same = "(is use_sim_time the same for both?)"
+    same = "(check that both use the same use_sim_time)"
     assert plain.describe_stamp_lead(1.5) == f"image are stamped 1.50 s ahead of the clock {same}"
     assert (
         whole.describe_stamp_lead(1.5)

@@ -52,7 +52,9 @@ class StartApproach:
             # Smoothstep has a peak speed of 1.5 times the mean, and an acceleration of 6 distance /
             # time^2 at both ends.
             distance = np.abs(self.start - origin)
-            min_duration = np.maximum(1.5 * distance / self._speed, np.sqrt(6.0 * distance / self._acceleration))
+            min_duration = np.maximum(
+                1.5 * distance / self._speed, np.sqrt(6.0 * distance / self._acceleration)
+            )
             self._path = origin, t, max(float(np.max(min_duration)), 1e-3)
         origin, start_time, duration = self._path
         part = (t - start_time) / duration

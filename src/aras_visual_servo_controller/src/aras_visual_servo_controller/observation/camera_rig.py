@@ -170,12 +170,12 @@ class CameraRig:
         waiting = self._waiting_images[self.control.name]
         self.missing_camera = ""
         for i in reversed(range(len(waiting))):
-            control_image = waiting[i]
-            matches = {n: self._find_matching_image(n, control_image.stamp) for n in self._other_observers}
+            image = waiting[i]
+            matches = {n: self._find_matching_image(n, image.stamp) for n in self._other_observers}
             if all(matches.values()):
                 for _ in range(i + 1):
                     waiting.popleft()
-                return control_image.stamp, partial(self._observe_together, control_image, matches)
+                return image.stamp, partial(self._observe_together, image, matches)
             self.missing_camera = next(n for n, one in matches.items() if one is None)
         return None
 
@@ -185,7 +185,8 @@ class CameraRig:
         The result is None if the image is still expected, according to the camera's period so far.
         """
         period = self._estimate_period(name)
-        tolerance = SAME_EXPOSURE_PART * min(period, self._estimate_period(self.control.name)) + ROUNDING
+        shorter = min(period, self._estimate_period(self.control.name))
+        tolerance = SAME_EXPOSURE_PART * shorter + ROUNDING
         images = self._waiting_images[name]
         candidates = [p for p in images if p.stamp <= stamp + tolerance]
         if not candidates:
@@ -233,9 +234,9 @@ class CameraRig:
             motion = None
             if abs(view.stamp - control.stamp) > SAME_STAMP and view.world_T_camera is not None:
                 motion = logarithm(relative_pose(view.world_T_camera, here))
-            of_control = self._compute_twist_from_control(name, control, here)
+            from_control = self._compute_twist_from_control(name, control, here)
             merged[name] = replace(
-                view, twist_from_control=of_control, motion_since_exposure=motion,
+                view, twist_from_control=from_control, motion_since_exposure=motion,
                 has_other_target=isinstance(self.observers[name].arm, InverseCameraKinematics),
             )  # fmt: skip
         return replace(control, other_cameras=merged)

@@ -98,7 +98,8 @@ class ImageReader:
             if plane is None and valid:
                 from .depth_image import fit_plane
 
-                plane = fit_plane(fields["depth"], camera, fields.get("corners", fields.get("contour")))
+                outline = fields.get("corners", fields.get("contour"))
+                plane = fit_plane(fields["depth"], camera, outline)
         return valid, reason, plane, fields
 
     def _measure_target(

@@ -55,7 +55,10 @@ class JointHistory:
             return sample
         displacement = sample.positions - newest.positions
         return JointSample.from_values(
-            sample.stamp, sample.names, sample.positions, displacement / (sample.stamp - newest.stamp)
+            sample.stamp,
+            sample.names,
+            sample.positions,
+            displacement / (sample.stamp - newest.stamp),
         )
 
     def clear(self) -> None:

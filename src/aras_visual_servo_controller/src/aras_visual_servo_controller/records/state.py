@@ -166,7 +166,7 @@ class ServoState:
         scheme: name of the scheme; empty if it is unknown.
         scheme_output: measurement and task of the scheme; None if it has none.
         ik_solution: joint velocities for the task, singular values of L J, and so on. A state that
-            was read from messages has no SchemeOutput.task: see IKSolution.read_back.
+            was read from messages has no SchemeOutput.task: see IKSolution.from_record.
         joints: measured, at the exposure.
         command: (n,) integrated positions; None before the first command.
         computation_time: s that the scheme took, if a clock was given.

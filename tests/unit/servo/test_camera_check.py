@@ -281,7 +281,7 @@ def test_two_translations_are_compared_however_little_one_of_them_is(factor):
     for k in range(30):
         shown(evidence, k * way[:3] * [1.0, 1.0, factor], np.eye(6)[:3], way, np.full(3, 1e-3))
     assert evidence.find_fault().startswith(f"along vz the features move {factor:.2f} times")
-    assert evidence.find_fault().endswith("along vx 1.00 times")
+    assert evidence.find_fault().endswith("along vx 1.00 times as far")
 
 
 @pytest.mark.parametrize(("off", "told"), [(0.048, True), (0.036, False)])

@@ -347,7 +347,7 @@ def test_how_spread_out_the_target_may_be(factor, strange):
         words = said_of(ShapeCheck(), spread, wanted)[-1]
         assert bool(words) is strange
         if strange:
-            assert f"{by:.2f} times as spread out" in words and "differs by 0.00" in words
+            assert f"its spread is {by:.2f} times" in words and "differs by 0.00" in words
 
 
 def test_a_target_that_is_as_spread_out_as_no_tilt_makes_it_is_another():

@@ -557,7 +557,7 @@ def test_what_is_off_by_just_what_counts_as_arrived_is_there():
     before = approach.compute_command(64.5, 1.0, np.array([0.5, -0.1875]))
     assert approach.is_done and before[1] < command[1]  # what is half as far off is pushed too
     approach.compute_command(65.0, 0.0, np.array([0.625, -0.3751]))
-    assert approach.reason == "waiting at the start pose for b (-0.3751, to be -0.2500)"
+    assert approach.reason == "waiting at the start pose for b (at -0.3751, desired -0.2500)"
     approach.reset()  # nor is it pushed any more
     approach.compute_command(70.0, 0.0, np.zeros(2))
     assert approach.compute_command(134.0, 0.0, np.array([0.625, -0.375])).tolist() == [0.5, -0.25]
@@ -938,8 +938,8 @@ def test_the_joint_that_does_not_arrive_at_the_start_is_named():
     for t in np.arange(0.0, 4.0, 0.01):
         command = servo.update(t, JointSample.from_values(t, servo.arm.names, start + off))
     assert command.reason == (
-        "waiting at the start pose for gantry (0.0000, to be -0.1000), J1 (-0.3000, to be 0.0000), "
-        "J2 (0.3551, to be 0.3491)")
+        "waiting at the start pose for gantry (at 0.0000, desired -0.1000), "
+        "J1 (at -0.3000, desired 0.0000), J2 (at 0.3551, desired 0.3491)")
     # Pushed by what it may be ahead at most, unless it is within half of what counts as there.
     pushed = command.positions - start
     assert pushed == pytest.approx([-0.05, 0.05, *pushed[2:4], 0.0, 0.0], abs=1e-12)

@@ -78,7 +78,7 @@ def test_a_swing_is_told_with_its_frequency_once_it_was_seen_for_two_and_a_half_
     said = watched(160, swing)
     told = float(said[-1].removeprefix("it oscillates at ").removesuffix(" Hz"))
     assert told == pytest.approx(0.6, abs=0.05)
-    assert not any("swings" in words for words in said[:77])
+    assert not any("oscillates" in words for words in said[:77])
 
 
 def test_a_target_that_the_camera_follows_moves():
@@ -359,7 +359,7 @@ def test_how_fast_a_swing_is_looked_for(frequency, told):
     def swing(t):
         return np.cos(2.0 * np.pi * frequency * t) * np.array([0.09, -0.05, 0.04, 0.0, 0.0, 0.0])
 
-    assert ("swings" in watched(160, swing, dt=0.125)[-1]) is told
+    assert ("oscillates" in watched(160, swing, dt=0.125)[-1]) is told
 
 
 @pytest.mark.parametrize(("loud", "told"), [(0.048, False), (0.052, True)])

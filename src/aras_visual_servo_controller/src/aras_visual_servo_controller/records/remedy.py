@@ -22,7 +22,7 @@ class Change:
 
     key: dotted key of the experiment, or a parameter of the controller: 'gain', 'target.motion'.
     operation: 'set' the key to the value, 'multiply' its value by the value, or 'remove' the key,
-    so that its default is used.
+        so that its default is used.
     """
 
     key: str

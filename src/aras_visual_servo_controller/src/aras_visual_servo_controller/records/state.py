@@ -40,23 +40,28 @@ class ServoSettings:
     experiments. The command may be ahead of a joint by `lead` + `lag` times its speed; then all
     joints wait for that joint.
 
-    start: joints (n,) to go to before servoing; None: servo from the present joints. duration: s,
-    servoing time after which the run times out; inf: never. hold: s, time over which the mean error
-    has to be within the tolerances. approach_speed: part of max_velocity on the path to the start.
-    arrived: m, rad, largest distance from the start that counts as reached. push: 1/s, rate at
-    which the command is increased for a joint that stops short of the start. settle: s, time at
-    rest at the start before servoing. longest_step: s, longest time between ticks that is
-    integrated in full. lead: m, rad, distance by which a command may be ahead of its joint. lag: s,
-    further lead per speed of the joint. delay: s, simulated time from an exposure until its command
-    acts. In lockstep, where commands are sent only with images, a command acts from the first image
-    after its delay. watchdog: s, time without a new task (or three image periods) after which the
-    arm is stopped. watchdog_images: image periods without a new task after which the arm is
-    stopped, if longer. stop_time: s, time in which a stop brings the arm to rest. scheme_timeout:
-    s, wall time that a call of the scheme's code may take before the loop holds as after a fault of
-    the scheme. resolve_period: s, time for which joint velocities are used before they are computed
-    again. output: commanded quantity: position, velocity or effort. stiffness: N/m, N m/rad, joint
-    stiffness of the effort output. damping: N s/m, N m s/rad, joint damping of the effort output;
-    for singularities see `damping` of IKSettings.
+    start: joints (n,) to go to before servoing; None: servo from the present joints.
+    duration: s, servoing time after which the run times out; inf: never.
+    hold: s, time over which the mean error has to be within the tolerances.
+    approach_speed: part of max_velocity on the path to the start.
+    arrived: m, rad, largest distance from the start that counts as reached.
+    push: 1/s, rate at which the command is increased for a joint that stops short of the start.
+    settle: s, time at rest at the start before servoing.
+    longest_step: s, longest time between ticks that is integrated in full.
+    lead: m, rad, distance by which a command may be ahead of its joint.
+    lag: s, further lead per speed of the joint.
+    delay: s, simulated time from an exposure until its command acts. In lockstep, where commands
+        are sent only with images, a command acts from the first image after its delay.
+    watchdog: s, time without a new task (or three image periods) after which the arm is stopped.
+    watchdog_images: image periods without a new task after which the arm is stopped, if longer.
+    stop_time: s, time in which a stop brings the arm to rest.
+    scheme_timeout: s, wall time that a call of the scheme's code may take before the loop holds as
+        after a fault of the scheme.
+    resolve_period: s, time for which joint velocities are used before they are computed again.
+    output: commanded quantity: position, velocity or effort.
+    stiffness: N/m, N m/rad, joint stiffness of the effort output.
+    damping: N s/m, N m s/rad, joint damping of the effort output; for singularities see `damping`
+        of IKSettings.
     """
 
     start: Sequence[float] | None = None

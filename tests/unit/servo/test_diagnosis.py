@@ -398,7 +398,7 @@ def test_the_image_that_comes_when_the_time_is_over_is_the_last():
         joints = JointSample.from_values(stamp, rig.servo.arm.names, rig.q)
         rig.servo.update(stamp, joints)
         rig.servo.process_image(rig.exact(rig.observer, stamp, joints))
-    assert (rig.servo.phase, rig.servo.reason) == ("stopped", "the time for it is over")
+    assert (rig.servo.phase, rig.servo.reason) == ("stopped", "the duration of the run is over")
 
 
 def test_words_are_among_the_known():

@@ -318,7 +318,7 @@ def test_goals_that_do_not_fit_the_arm():
         Goal().predict_from_pose(np.eye(4))
     with pytest.raises(ConfigurationError, match="not visible from this pose"):
         goal.predict_from_pose(matrix_from_xyz_rpy((0, 0, 1.0), (0, 0, 0)))  # looks up
-    with pytest.raises(ConfigurationError, match="not visible .*there is no target.*mounted"):
+    with pytest.raises(ConfigurationError, match="not visible .*there is no target.*mounting"):
         goal.predict_from_pose(matrix_from_xyz_rpy((3.0, 0, 0), (0, 0, 0)) @ goal.world_T_camera)
 
 

@@ -230,7 +230,7 @@ def test_bad_views_and_bad_joints_are_not_kept():
     )
     two.add_joint_state(arm.names, np.zeros(6), [], 0.0)
     two.add_image(0.0, lambda *_: pytest.fail("alone"), "left")
-    assert two.reason == "no image of camera right of the same time arrives"
+    assert two.reason == "no image of camera right with the same stamp arrives"
 
 
 def test_the_command_line_that_is_written_works(tmp_path, capsys):

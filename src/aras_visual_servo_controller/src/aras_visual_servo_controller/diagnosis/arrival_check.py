@@ -67,8 +67,7 @@ ROUNDING = 1e-9  # numerical tolerance: s; rad, and m at DEFAULT_DEPTH
 
 
 class ArrivalCheck:
-    """Decides from the mean error over `hold` seconds, with hysteresis, whether the camera has
-    arrived."""
+    """Arrival test on the mean error over `hold` seconds, with hysteresis."""
 
     def __init__(self, hold: float) -> None:
         """Create the check; `hold`: averaging time, s; 0 evaluates each image separately."""
@@ -217,7 +216,7 @@ class ArrivalCheck:
         self, scheme_output: SchemeOutput, observation: Observation, tolerances: np.ndarray,
         free: np.ndarray | None, depth: float,
     ) -> None:
-        """Store the camera's offset from the goal by this image if it is near and L determines it.
+        """Store the camera's offset from the goal by this image if L determines it near the goal.
         """
         if _is_far(scheme_output.error, tolerances):
             self._offsets.clear()
@@ -232,8 +231,7 @@ class ArrivalCheck:
         self._offsets.drop_oldest(max(len(self._offsets) - MAX_WINDOW, 0))
 
     def _has_settled(self, stamp: float, tolerances: np.ndarray) -> bool:
-        """Return whether the mean error of the last `hold` seconds is within the tolerances (k,).
-        """
+        """Return whether the mean error of the last `hold` seconds is within tolerances (k,)."""
         recent = self._errors
         # One image at or before the start of the window stays, to show that the window is full.
         old_count = int(np.searchsorted(recent.stamps, stamp - self.hold + ROUNDING, "right"))

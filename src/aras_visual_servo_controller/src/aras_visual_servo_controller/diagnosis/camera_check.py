@@ -15,13 +15,14 @@ from ..schemes.base import SchemeOutput
 
 
 class CameraCheck:
-    """Compares the motion of the features with the prediction by L and the executed motion.
+    """Comparison of the motion of the features with the prediction by L and the camera's motion.
 
     A wrong depth scales the effect of all translations by the same factor and does no harm. A wrong
     focal length, mounting or distortion has no such common factor. Therefore one scale per
     direction of the camera is fitted over the whole run. With a correct camera model the scales of
     the translations are equal and those of the rotations are 1. Translations are compared with each
-    other in pairs. Slow motion is added up over several images.
+    other in pairs. The rows of the fit are sums over a few images, so that slow motion counts as
+    well.
 
     Measured on the simulated arm: correct runs leave 0.06 % of the motion unexplained with moments
     and 1.6 % with points, and no two of their scales differ by more than 0.04 and 2.4 deviations at
@@ -35,8 +36,9 @@ class CameraCheck:
     correlated. Their correlation is 0.8 for a wrong mounting, -0.5 for noise and 0 for a target
     that was pushed once.
 
-    The mean L predicts a step only if L changes little in it. Other steps are skipped, for example
-    those of a scheme that turns the camera by 20 degrees from image to image.
+    The mean L of two images predicts the step between them only if L changes little. Other steps
+    are skipped, for example those of a scheme that turns the camera by 20 degrees from image to
+    image.
 
     The arm's motion is known as exactly as its joint positions at the exposures. If these are
     extrapolated, because joint states arrive late, nothing is compared. If the joint speeds at both
@@ -44,9 +46,10 @@ class CameraCheck:
     the arm between two joint states), the image gets a smaller weight.
     """
 
-    # Predicted motion of one row, tolerances. With less, noise and joint friction would dominate.
+    # Predicted motion in one row of the fit, tolerances. With less, noise and joint friction would
+    # dominate.
     MIN_ROW = 3.0
-    # Largest number of images in a row. Slower motion may be the target's own.
+    # Largest number of images per row of the fit. Slower motion may be the target's own.
     MAX_IMAGES_PER_ROW = 4
     MIN_PATH = 40.0  # predicted motion before the first decision, tolerances
     # Residual of a fit of the depth alone, above which the camera model is wrong: as a part of the
@@ -80,7 +83,7 @@ class CameraCheck:
         self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._normal, self._right = np.zeros((6, 6)), np.zeros(6)
         self._square = self._path_length = 0.0
-        # Products of each row with the previous one, summed as above.
+        # Sums of the products of each row of the fit with the previous row.
         self._last_row: tuple[np.ndarray, np.ndarray] | None = None
         self._next_normal, self._next_right = np.zeros((6, 6)), np.zeros(6)
         self._next_square = 0.0
@@ -138,16 +141,16 @@ class CameraCheck:
             self._start_row(error)
 
     def _start_row(self, error: np.ndarray) -> None:
-        """Start a new row at this image, whose error is (k,)."""
+        """Start a new row of the fit at this image, whose error is (k,)."""
         self._start_error, self._parts = error, np.zeros((len(error), 6))
         self._images, self._shaking, self._target_motion = 0, 0.0, np.zeros(len(error))
 
     def _add_row(self, predicted: float, measured: np.ndarray) -> None:
-        """Add the motion of the features in one row.
+        """Add a row to the normal equations of the fit.
 
         Args:
             predicted: largest predicted motion of a feature, in tolerances.
-            measured: (k,) measured motion, in tolerances.
+            measured: (k,) measured motion of the features, in tolerances.
         """
         weight = 1.0 / (1.0 + self.SHAKING_FACTOR * self._shaking)
         parts, measured = weight * self._parts, weight * measured
@@ -171,8 +174,7 @@ class CameraCheck:
         L: np.ndarray,
         tolerances: np.ndarray,
     ) -> float:
-        """Return an upper bound of the features' motion that the joints do not explain, in
-        tolerances."""
+        """Return a bound of the feature motion, in tolerances, that the joints do not explain."""
         if self._jacobian is None or before is None or now is None:
             return 0.0
         return _compute_unexplained(
@@ -214,7 +216,7 @@ class CameraCheck:
         )
 
     def _is_smooth(self, depth: float, misfit: float) -> bool:
-        """Return whether the residuals of a fit of the depth are correlated from row to row."""
+        """Return whether the residuals of successive rows of a fit of the depth are correlated."""
         scale = np.array([depth] * 3 + [1.0] * 3)
         product = self._next_square - scale @ self._next_right + scale @ self._next_normal @ scale
         return bool(product > self.MIN_CORRELATION * misfit * self._square)
@@ -222,8 +224,10 @@ class CameraCheck:
 
 @jit("f8[:,:]")
 def _invert(matrix):
-    """Invert a symmetric positive definite matrix (n, n) by Gauss-Jordan elimination without
-    pivots."""
+    """Invert a symmetric positive definite matrix (n, n) by Gauss-Jordan elimination.
+
+    Such a matrix needs no pivoting.
+    """
     left, right, count = matrix.copy(), np.eye(len(matrix)), len(matrix)
     for i in range(count):
         pivot = left[i, i]

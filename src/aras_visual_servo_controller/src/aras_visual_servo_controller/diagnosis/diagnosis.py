@@ -51,8 +51,12 @@ class Diagnosis:
     """Diagnosis of one run, updated record by record; `outcome` is available at any time."""
 
     def __init__(self, run_context: RunContext, order: Sequence[str] = ORDER) -> None:
-        """Create the diagnosis; `order`: names of its diagnoses, the last of which always has an
-        outcome."""
+        """Create the diagnosis.
+
+        Args:
+            run_context: arm, goal, scheme and settings.
+            order: names of the diagnoses, the last of which always reports an outcome.
+        """
         self.run_context, self._order = run_context, tuple(order)
         self._start()
 
@@ -192,8 +196,7 @@ class Diagnosis:
         )
 
     def _debounce(self, stamp: float, candidate: Outcome) -> Outcome:
-        """Return the outcome to report, which changes only if the new one persists for STEADY_TIME.
-        """
+        """Return the outcome to report, which changes only after STEADY_TIME of a new one."""
         current = self.evidence.current_outcome
         if candidate.kind == current.kind:
             self._candidate = None

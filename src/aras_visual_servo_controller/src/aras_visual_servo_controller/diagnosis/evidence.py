@@ -141,8 +141,7 @@ class Evidence:
         ).with_remedy(UNCOVER_TARGET)
 
     def add_advice(self, candidate: Outcome) -> Outcome:
-        """Add further findings and a specific remedy to the outcome of a run that misses its goal.
-        """
+        """Add further findings and a specific remedy to the outcome of an unsuccessful run."""
         if candidate.kind in ("camera_retreat", "local_minimum", "singular"):
             candidate = replace(
                 candidate, remedy=suggest_scheme(candidate, self.run_context.scheme)

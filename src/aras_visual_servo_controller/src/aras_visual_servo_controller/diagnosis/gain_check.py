@@ -22,7 +22,7 @@ OSCILLATION_RATIO = 0.25  # frequency of the oscillation, as a part of the recip
 
 
 class GainCheck:
-    """Detects oscillation of the error, and a gain that is too high for the age of the images.
+    """Test for an oscillating error, and for a gain that is too high for the age of the images.
 
     The age of an image is the time from its exposure until its command acts.
     """
@@ -69,8 +69,7 @@ class GainCheck:
         return last[1] if last is not None and stamp - last[0] < OSCILLATION_MEMORY else None
 
     def is_oscillating_fast(self, stamp: float) -> bool:
-        """Return whether a recent oscillation is faster than the target motions that are searched
-        for."""
+        """Return whether a recent oscillation is faster than any target motion that is fitted."""
         return self._is_fast and self.find_recent_oscillation(stamp) is not None
 
     @property

@@ -12,7 +12,7 @@ from ..observation.recent_errors import RecentErrors
 
 
 class JointCheck:
-    """Detects joints that lag behind their commands or oscillate, over the last SPAN.
+    """Test for joints that lag behind their commands or oscillate, over the last SPAN seconds.
 
     A joint lags if the loop waits for it in most images (see `lead` and `lag` of the settings), or
     if the loop waits in some images and the joint has hardly moved as commanded.

@@ -21,15 +21,15 @@ from .target_check import TargetCheck, compute_centre
 # follows it. Below MIN_MOTION_RATIO L is wrong.
 MIN_CORRELATION, OPPOSING_CORRELATION, MAX_MOTION_RATIO, MIN_MOTION_RATIO = 0.5, -0.7, 2.0, 0.2
 SCATTER_FACTOR = 50.0  # ratio of unexplained feature steps to those of the target's centre
-# Tolerances of a row of the target's centre: a camera that moves in a wrong direction loses its
-# target within 0.2 s.
+# Predicted motion of the target's centre, in tolerances, that is compared at once: a camera that
+# moves in a wrong direction loses its target within 0.2 s.
 CENTRE_MIN_ROW = 3.0
 # Correlation between motions of target centre and camera above which L of the scheme is at fault.
 SURE_CORRELATION = 0.8
 
 
 class MotionCheck:
-    """Checks the steps of the features and, for user schemes, those of the target's centre.
+    """Check of the steps of the features and, for user schemes, of the target's centre.
 
     The interaction matrix of the centre is known. If the centre moves as the camera's motion
     predicts, a contradiction is the fault of the user's scheme.
@@ -90,8 +90,7 @@ class MotionCheck:
         ).target_motion_part
 
     def find_scheme_fault(self, stamp: float, is_converged: bool) -> str:
-        """Describe an effect of the scheme that no image can cause; the text is empty if there is
-        none."""
+        """Describe a behaviour of the features that no image can cause; empty if there is none."""
         centre, steps = self._centre_check, self.step_check
         if steps.unchanged_since is not None and not is_converged:
             return (
@@ -129,8 +128,7 @@ class MotionCheck:
 
     @property
     def is_interaction_wrong(self) -> bool:
-        """Return whether the L of a user's features is wrong if they contradict the camera's
-        motion.
+        """Return whether a contradiction between features and camera motion shows a wrong L.
 
         This is so if the target's centre moves as the camera's motion predicts.
         """

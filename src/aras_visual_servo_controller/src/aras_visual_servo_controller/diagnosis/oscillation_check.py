@@ -13,8 +13,7 @@ MAX_CHANCE = 1e-8
 
 
 class OscillationCheck:
-    """Detects oscillation of the error: large reversals that do not decay, with a dominant
-    frequency.
+    """Test for large reversals of the error that do not decay and have a dominant frequency.
 
     Noise reverses as often, but has no dominant frequency. As the period is unknown, each of SPANS
     is searched; the longer ones less often.
@@ -60,8 +59,7 @@ class OscillationCheck:
 
     @property
     def has_overshot(self) -> bool:
-        """Return whether a component of the error has been clearly positive and clearly negative.
-        """
+        """Return whether a component of the error has been both clearly positive and negative."""
         errors = self._errors.errors
         return bool(((errors > self.MIN_HEIGHT).any(0) & (errors < -self.MIN_HEIGHT).any(0)).any())
 

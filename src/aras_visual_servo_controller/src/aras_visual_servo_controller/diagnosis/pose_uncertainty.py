@@ -66,7 +66,7 @@ MAX_SCATTER = 0.08
 # Ratio of translation to scaled rotation of an unmeasured direction, above which it is no rotation
 # about an axis.
 MIN_TRANSLATION_RATIO = 20.0
-# largest number of rows whose residual is evaluated; the accuracy of more rows is known
+# largest number of rows of L whose residual is evaluated; the accuracy of more rows is known
 MAX_RESIDUAL_ROWS = 64
 # Part of L's largest singular value below which a nearby pose may have the same features; and part
 # of the largest change of the plane below which a motion does not turn it.
@@ -84,10 +84,13 @@ ADD_POINTS = Remedy("use a target with more points, farther apart, or not in one
 
 
 class PoseOffsets(NamedTuple):
-    """Offset of the camera from its goal, averaged over `count` noisy images: mean (6,) and
-    covariance of one image (6, 6), in m and rad.
+    """Mean offset of the camera from its goal over several noisy images.
 
-    speed: of the camera relative to its goal before the last image, m/s and rad/s.
+    Attributes:
+        mean: (6,) offset, m and rad.
+        scatter: (6, 6) covariance of the offset by a single image.
+        count: number of images.
+        speed: of the camera relative to its goal before the last image, m/s and rad/s.
     """
 
     mean: np.ndarray
@@ -444,8 +447,7 @@ def _get_plane(goal: Goal) -> Plane:
 
 
 def _get_centre(goal: Goal) -> np.ndarray:
-    """Return the target's centre (2,) at the goal, normalised; the optical axis if it is unknown.
-    """
+    """Return the target's centre (2,) at the goal, normalised; (0, 0) if it is unknown."""
     if goal.moments is not None:
         return np.array([goal.moments.xg, goal.moments.yg])
     for feature in goal.features.values():

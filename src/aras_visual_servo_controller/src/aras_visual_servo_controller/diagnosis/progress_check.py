@@ -77,8 +77,7 @@ class _ServoedImage:
 
     @cached_property
     def explained_part(self) -> float:
-        """Return the part of the error that a camera twist can reduce, by L (k, 6) in tolerances.
-        """
+        """Return the part of the error that a camera twist can reduce according to L."""
         L, norm = self.state.scheme_output.L, float(np.linalg.norm(self.error))
         if L is None or len(L) != len(self.error) or norm == 0.0:
             return 1.0
@@ -178,8 +177,10 @@ class ProgressCheck:
 
     @property
     def noise(self) -> float:
-        """Return the scatter of the largest error from image to image, in tolerances; 0 if not
-        noise."""
+        """Return the scatter of the largest error from image to image, in tolerances.
+
+        The scatter is 0 if it is small or not noise.
+        """
         return _estimate_noise(self._window)
 
     @property
@@ -365,7 +366,6 @@ def _find_saturation(images: Sequence[_ServoedImage]) -> Outcome | None:
 
 
 def _is_within_tolerances(images: Sequence[_ServoedImage]) -> bool:
-    """Return whether the mean errors are within their tolerances, so that no cause is to be named.
-    """
+    """Return whether the mean errors are within their tolerances, so that only noise remains."""
     errors = [s.error for s in images]
     return len({len(e) for e in errors}) == 1 and bool((np.abs(np.mean(errors, axis=0)) < 1).all())

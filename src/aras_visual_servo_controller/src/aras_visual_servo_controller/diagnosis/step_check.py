@@ -39,7 +39,7 @@ class Jump:
 
 
 class StepCheck:
-    """Compares the steps of features and visible area from image to image with the camera's motion.
+    """Comparison of the steps of features and visible area with the camera's motion.
 
     Attributes:
         jumps: of the error, the latest within JUMP_WINDOW s.
@@ -63,8 +63,8 @@ class StepCheck:
     STEP_MEMORY = 0.9  # weight of the old value in the typical step
     # For `unchanged_since`: predicted motion, tolerances, and number of images without a change.
     MIN_PREDICTED_MOTION, UNCHANGED_IMAGES = 5.0, 8
-    # Predicted motion of a row, tolerances, that makes noise a small part; number of such rows that
-    # determine a correlation.
+    # Predicted motion that is compared at once (a row), in tolerances: large enough to make noise a
+    # small part. MIN_ROWS such rows determine a correlation.
     MIN_ROW, MIN_ROWS = 8.0, 5
     RECENT_IMAGES = 5
     # For features that drift while the camera is at rest: largest predicted motion of a camera at
@@ -122,10 +122,9 @@ class StepCheck:
 
     @property
     def target_motion_part(self) -> float:
-        """Return the part of the features' motion in the last RECENT_IMAGES that is the target's
-        own.
+        """Return the part of the features' latest motion that is the target's own, 0 to 1.
 
-        The part is between 0 and 1.
+        It is evaluated over the last RECENT_IMAGES images.
         """
         if not self._steps:
             return 0.0
@@ -337,8 +336,10 @@ def predict_area(observation: Observation, goal: Goal) -> float:
 
 
 def predict_distance(world_T_camera: np.ndarray | None, goal: Goal) -> float:
-    """Return the target's depth by the joints alone, relative to the goal; 1 if the goal has no
-    pose."""
+    """Return the target's depth by the joints alone, relative to the goal's depth.
+
+    The ratio is 1 if the goal has no pose.
+    """
     if world_T_camera is None or goal.world_T_camera is None:
         return 1.0
     goal_pose = goal.world_T_camera

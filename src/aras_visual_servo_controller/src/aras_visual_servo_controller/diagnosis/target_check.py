@@ -23,7 +23,7 @@ from ..schemes.base import SchemeOutput
 
 @dataclass(frozen=True, eq=False)
 class _Row:
-    """Motion of k features within ROW_PERIOD, in tolerances.
+    """Motion of k features within ROW_PERIOD, in tolerances: one row of the fit.
 
     Attributes:
         stamp: middle of the period, s.
@@ -78,8 +78,8 @@ class _RowSums:
 
     @property
     def mixed_effects(self) -> np.ndarray:
-        """Return the effects (n, 18) of each camera translation and rotation along and about each
-        axis."""
+        """Return the effects (n, 18) of the camera's motion if each direction acted along any axis.
+        """
         return self._sum_rows(np.array([_compute_mixed_effects(row) for row in self._rows]))
 
     @property
@@ -122,7 +122,7 @@ class _RowSums:
 
 
 class TargetCheck:
-    """Fits the motion of the features over the last SPAN by the motions of camera and target.
+    """Fit of the motion of the features over the last SPAN by the motions of camera and target.
 
     Three explanations are compared by the squared motion that they leave unexplained:
 
@@ -235,7 +235,7 @@ class TargetCheck:
         return self._motion_text
 
     def _start_row(self) -> None:
-        """Start a new row at this image."""
+        """Start a new row of the fit at this image."""
         self._time, self._image_count = 0.0, 0
         self._motion = np.zeros(6)
 
@@ -314,8 +314,7 @@ class TargetCheck:
     def _find_oscillation(
         self, time: np.ndarray, columns: np.ndarray, feature_motion: np.ndarray, bound: float
     ) -> str:
-        """Describe the oscillation whose residual is below the bound; the text is empty if there is
-        none.
+        """Describe the oscillation whose residual is below the bound; empty if there is none.
 
         Args:
             time: (n,) s.
@@ -398,8 +397,7 @@ def _add_step(
 
 
 def _compute_mixed_effects(row: _Row) -> np.ndarray:
-    """Return the effects (k, 18) of each translation and rotation if it acted along or about each
-    axis."""
+    """Return the effects (k, 18) of the camera's motion if each direction acted along any axis."""
     return np.hstack([
         (row.L[:, first : first + 3, None] * row.motion[first : first + 3]).reshape(-1, 9)
         for first in (0, 3)

@@ -1,9 +1,9 @@
-"""Check whether the cameras show the goal's view at an arrival: position, size and shape of the
-target.
+"""Check whether the images at an arrival show the target as at the goal.
 
-The scheme's own features show that it is at its goal. Images and goals are compared in addition,
-for every scheme. A motion that L does not measure is not controlled. If the view differs only by
-such a motion, the motion adds to the uncertainty of the arrival and is no fault.
+The target's position, size and shape are compared. The scheme's own features show that it is at its
+goal; images and goals are compared in addition, for every scheme. A motion that L does not measure
+is not controlled. If the view differs only by such a motion, the motion adds to the uncertainty of
+the arrival and is no fault.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ SHAPE_NUMBERS, PLACE_FEATURES = 7, ("xg", "yg", "area")
 
 
 class ViewCheck:
-    """Compares the mean view of an arrival's images with the goal."""
+    """Comparison of the mean view of an arrival's images with the goal."""
 
     def __init__(self) -> None:
         self._views = RecentErrors()

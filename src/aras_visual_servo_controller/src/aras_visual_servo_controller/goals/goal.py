@@ -64,8 +64,7 @@ SAME_PLACE, SAME_ANGLE = 1e-4, 1e-3
 
 
 class GoalTeacher(Protocol):
-    """Interface of objects that store data of an observation in the goal: schemes and controllers.
-    """
+    """Interface of schemes and controllers that store data of an observation in the goal."""
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
         """Return the data that each feature stores in the goal, by feature name."""
@@ -120,8 +119,7 @@ class Goal:
 
     @property
     def scale(self) -> float:
-        """Ratio of the target's depth to DEFAULT_DEPTH, for which lengths in settings were chosen.
-        """
+        """Ratio of the target's depth to DEFAULT_DEPTH, by which lengths in settings are scaled."""
         return self.distance / DEFAULT_DEPTH
 
     @cached_property
@@ -247,8 +245,7 @@ class Goal:
         return replace(goal, other_cameras=others) if others else goal
 
     def find_posture(self, arm: Arm) -> np.ndarray | None:
-        """Return joints (n,) at the goal: those of the goal, or a solution for its pose; None if
-        none exists."""
+        """Return joints (n,) at the goal: stored ones, or a solution for its pose, or None."""
         if self.joints or self.world_T_camera is None:
             return self.get_joints(arm.names)
         try:

@@ -22,7 +22,7 @@ JUMP, JUMP_SPEEDS = 0.5, 4.0
 
 
 class CommandIntegrator:
-    """Integrates joint velocities into a continuous joint command.
+    """Integrator of joint velocities to a continuous joint command.
 
     Attributes:
         command: (n,) rad or m; None before `start_at`.
@@ -49,8 +49,7 @@ class CommandIntegrator:
         self.command = np.array(positions, float)
 
     def adopt_joints(self, positions: np.ndarray) -> None:
-        """Set the command to the joint positions (n,) if the joints were moved while it was at
-        rest."""
+        """Set the command to the joints (n,) if they were moved while it was at rest."""
         arrived = np.asarray(self.settings.arrived, float)
         if self.command is not None and (np.abs(positions - self.command) > arrived).any():
             self.start_at(positions)
@@ -110,8 +109,10 @@ class CommandIntegrator:
         )
 
     def brake(self, dt: float) -> None:
-        """Decelerate linearly to rest within the stop time, or longer if the acceleration limits
-        require it."""
+        """Decelerate linearly to rest within the stop time.
+
+        The deceleration takes longer if the acceleration limits require it.
+        """
         if self.command is None or self.is_at_rest:
             self._braking = None
             return
@@ -128,7 +129,9 @@ class CommandIntegrator:
         self.command, self.velocity = bounded, np.where(bounded == after, velocity, 0.0)
 
     def _compute_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bounds (n,), (n,) of the command; a joint beyond its limit may only move back.
+        """Return the bounds (n,), (n,) of the command.
+
+        A joint beyond its limit may only move back.
         """
         low = np.minimum(self.limits.lower, self.command)
         return low, np.maximum(self.limits.upper, self.command)

@@ -282,8 +282,7 @@ class Servo(ServoControl):
 
     @property
     def answer_timing(self) -> tuple[float, float]:
-        """Return the time of the last processed image and the time for which its task may act, s.
-        """
+        """Return the time of the last processed image, and for how long its task may act, s."""
         settings = self.settings
         return self._answer_time, max(settings.watchdog, settings.watchdog_images * self._period)
 
@@ -340,6 +339,6 @@ class Servo(ServoControl):
                 self.settings.duration <= observation.stamp - self._start_stamp
             ):
                 self.time_out(self.settings.duration)
-                self.stop("the time for it is over")
+                self.stop("the duration of the run is over")
             self.state = state
         return state

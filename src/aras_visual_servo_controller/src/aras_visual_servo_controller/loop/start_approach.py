@@ -45,8 +45,13 @@ class StartApproach:
         self._arrival_time: float | None = None
 
     def compute_command(self, t: float, dt: float, positions: np.ndarray) -> np.ndarray:
-        """Return the positions (n,) to command at t (s), dt after the last, for measured positions
-        (n,)."""
+        """Return the positions (n,) to command.
+
+        Args:
+            t: time, s.
+            dt: time since the last command, s.
+            positions: (n,) measured.
+        """
         if self._path is None:
             origin = np.array(positions, float)
             # Smoothstep has a peak speed of 1.5 times the mean, and an acceleration of 6 distance /

@@ -25,7 +25,7 @@ ROUNDING = 1e-12  # s
 
 
 class TaskExecutor:
-    """Computes joint velocities for the latest task.
+    """Source of the joint velocities between images.
 
     Attributes:
         task: that is executed now; None if there is none, or if the scheme commands joints itself.
@@ -90,8 +90,7 @@ class TaskExecutor:
     def compute_velocities(
         self, t: float, dt: float, measured: JointSample, start_stamp: float
     ) -> tuple[np.ndarray, str] | None:
-        """Compute the joint velocities (n,) and what limits them, as text; None if there is no
-        task.
+        """Compute joint velocities (n,) and what limits them, as text; None without a task.
 
         Args:
             t: time of this tick, s.

@@ -28,7 +28,7 @@ OUTLINE_POINTS = 400  # points of a computed outline, about as many as an outlin
 
 
 class Teacher:
-    """Collects valid views of one pose from joint states and images.
+    """Collector of valid views of one pose from joint states and images.
 
     Attributes:
         camera_rig: makes the observations.
@@ -91,8 +91,7 @@ class Teacher:
             self.reason = NO_IMAGES
 
     def _restart_if_moved(self) -> bool:
-        """Restart the motion to the pose if the arm was moved, and remove the views of the other
-        pose."""
+        """Return to the pose if the arm was moved, and remove the views of the other pose."""
         offset = np.abs(self._sample.positions - self._start_approach.start)
         is_moved = bool((offset > 2.0 * np.asarray(self._start_approach.settings.arrived)).any())
         if is_moved:
@@ -112,7 +111,7 @@ class Teacher:
         )
         if merged is None:
             self.reason = (
-                f"no image of camera {self.camera_rig.missing_camera} of the same time arrives"
+                f"no image of camera {self.camera_rig.missing_camera} with the same stamp arrives"
             )
             return
         try:
@@ -161,8 +160,7 @@ def make_mean_goal(
 
 
 def _average_goals(goals: Sequence[Goal]) -> Goal:
-    """Return the first of several goals of one pose with their mean moments, kernel and features.
-    """
+    """Return the first of several goals of one pose, with their mean moments and features."""
     first = goals[0]
     moments = first.moments
     if moments is not None:

@@ -34,7 +34,7 @@ ObserveFrame = Callable[[JointSample | None, tuple[JointSample, ...]], Observati
 
 
 class FixedCameraKinematics:
-    """Kinematics of a fixed camera with a fixed target, which it has in place of an arm."""
+    """Kinematics of a fixed camera with a fixed target, used instead of an arm."""
 
     def __init__(self, world_T_camera: np.ndarray) -> None:
         """Create the kinematics from `world_T_camera` (4, 4)."""
@@ -61,8 +61,7 @@ class InverseCameraKinematics:
         self._arm, self.fixed_pose = arm, np.array(fixed_pose, float)
 
     def pose(self, q: np.ndarray) -> np.ndarray:
-        """Return target_T_camera (4, 4) for joints (n,), in the frame in which its own target is at
-        rest."""
+        """Return the camera's pose (4, 4) relative to its own target for joints (n,)."""
         return self._arm.pose(q)
 
 
@@ -117,7 +116,12 @@ def make_camera_kinematics(
 
 @dataclass(eq=False)
 class _WaitingImage:
-    """An image that waits for those of other cameras: stamp (s), observing function and its result.
+    """An image that waits for those of other cameras.
+
+    Attributes:
+        stamp: of the exposure, s.
+        observe_frame: function that makes its observation.
+        observation: result of that function; None before the call.
     """
 
     stamp: float

@@ -75,7 +75,7 @@ def observe(
 
 
 class FeatureObserver:
-    """Makes the observations of one camera: from an image, from moments, or from exact geometry.
+    """Maker of the observations of one camera: from images, from moments, or from exact geometry.
 
     The stamp and pose of the last observation are stored for `dt` and motion of the next one.
 
@@ -98,8 +98,11 @@ class FeatureObserver:
         compute_plane: Callable[[np.ndarray], Plane | None] | None = None,
         name: str = CAMERA,
     ) -> None:
-        """Create the observer; `tracker`: of the points used as corners; None: corners of the
-        outline."""
+        """Create the observer.
+
+        Args:
+            tracker: of the points used as corners; None: corners of the outline.
+        """
         self.arm, self.compute_plane, self.name = arm, compute_plane, name
         self.tracker = tracker
         self.segmentation = Segmentation() if segmentation is None else segmentation
@@ -164,8 +167,7 @@ class FeatureObserver:
         pixel_count: int = 0,
         touched_borders: Sequence[str] = (),
     ) -> Observation:
-        """Make an observation from the measurement of the camera node (ImageMoments), without an
-        image."""
+        """Make an observation from the moments that the camera node measured (ImageMoments)."""
         if valid and moments is not None and (fault := explain_implausible(moments)):
             valid, reason, moments = False, fault, None
         if valid and moments is None and Need.MOMENTS in self.needs:

@@ -28,7 +28,7 @@ MeasuredFields = dict[str, object]  # measured values by field of Observation
 
 
 class ImageReader:
-    """Measures the images of one camera with the camera package's pipeline and a tracker."""
+    """Measurement of the images of one camera, with the camera package's pipeline and a tracker."""
 
     def __init__(
         self, needs: frozenset[Need], segmentation: Segmentation, tracker: Tracker | None

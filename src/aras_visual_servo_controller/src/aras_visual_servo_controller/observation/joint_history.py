@@ -117,8 +117,10 @@ class JointHistory:
         )
 
     def _is_far(self, distance: float) -> bool:
-        """Return whether a time difference (s) to a sample is large; False if the period is
-        unknown."""
+        """Return whether a time difference (s) to a sample is too large to extrapolate.
+
+        The result is False for a single sample, whose period is unknown.
+        """
         return (
             len(self._samples) > 1 and distance > MAX_PERIODS * self._estimate_period() + ROUNDING
         )

@@ -24,8 +24,7 @@ CAMERA = "camera"  # default name of the only camera of an experiment or a node
 
 
 class Need(Enum):
-    """Quantity that a feature or a scheme needs from an image; other quantities are not measured.
-    """
+    """Quantity that a scheme needs from an image; other quantities are not measured."""
 
     MOMENTS = "moments"
     CONTOUR = "contour"
@@ -129,8 +128,7 @@ class Observation:
 
     @property
     def cameras(self) -> dict[str, Observation]:
-        """Return the observation of each camera by name; this one, of the control camera, is the
-        first.
+        """Return the observation of each camera by name; the first is this one.
 
         Their stamps are equal if the images were exposed together.
         """
@@ -149,8 +147,7 @@ class Observation:
         return replace(self, image=None, depth=None, other_cameras=others)
 
     def with_noise(self) -> Observation:
-        """Return the observation with the declared noise included in the accuracy of the corners.
-        """
+        """Return the observation with the declared noise included in the corners' accuracy."""
         if not self.corner_noise:
             return self
         return replace(
@@ -164,10 +161,9 @@ class Observation:
         return L if self.twist_from_control is None else L @ self.twist_from_control
 
     def compute_change_since_exposure(self, L: np.ndarray) -> np.ndarray | float:
-        """Return the change of features with L (k, 6) from this camera's exposure to the control
-        camera's.
+        """Return the change of features between this exposure and the control camera's.
 
-        It is a first-order approximation, and 0 if both images were exposed together.
+        It is a first-order approximation by L (k, 6), and 0 if both images were exposed together.
         """
         return 0.0 if self.motion_since_exposure is None else L @ self.motion_since_exposure
 

@@ -170,8 +170,10 @@ def _find_crossings(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def unite_star_shapes(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the outline of two overlapping convex polygons, which is star-shaped about a common
-    point."""
+    """Return the outline of two overlapping convex polygons.
+
+    The outline is star-shaped about a common point.
+    """
     crossings = _find_crossings(one, other)
     if len(crossings) < 2:
         raise ServoError("the two boxes of the target do not overlap in the image")

@@ -49,10 +49,10 @@ class ServoSettings:
     settle: s, time at rest at the start before servoing.
     longest_step: s, longest time between ticks that is integrated in full.
     lead: m, rad, distance by which a command may be ahead of its joint.
-    lag: s, further lead per speed of the joint.
+    lag: s, additional lead per unit of joint speed.
     delay: s, simulated time from an exposure until its command acts. In lockstep, where commands
         are sent only with images, a command acts from the first image after its delay.
-    watchdog: s, time without a new task (or three image periods) after which the arm is stopped.
+    watchdog: s, time without a new task after which the arm is stopped.
     watchdog_images: image periods without a new task after which the arm is stopped, if longer.
     stop_time: s, time in which a stop brings the arm to rest.
     scheme_timeout: s, wall time that a call of the scheme's code may take before the loop holds as
@@ -196,8 +196,7 @@ class ServoState:
     arrival_status: ArrivalStatus = NOT_ARRIVED
 
     def with_outcome(self, run_outcome: Outcome) -> ServoState:
-        """Return the state with an outcome: its reason, followed by the loop's own, and its remedy.
-        """
+        """Return the state with an outcome: its reason, followed by the loop's, and its remedy."""
         reason = self.reason
         if run_outcome.reason and not run_outcome.is_open:
             is_other = reason and reason not in run_outcome.reason

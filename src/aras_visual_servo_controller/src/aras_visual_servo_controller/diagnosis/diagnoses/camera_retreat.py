@@ -18,7 +18,8 @@ from ..step_check import predict_distance
 
 @DIAGNOSES.register("camera_retreat")
 class CameraRetreat(RunDiagnosis):
-    """Compares the distance by the size of the target in the image with the start and the goal."""
+    """Comparison of the target's distance, by its size in the image, with the start and the goal.
+    """
 
     help = "the target appears far smaller than at the start and at the goal"
     reads = "area of the target in the image, its distance by the joints"

@@ -23,8 +23,7 @@ CHECK_FEATURE_ORDER = Remedy(
 
 @DIAGNOSES.register("converged")
 class Converged(RunDiagnosis):
-    """Reports the arrival when every feature is at its goal, with a bound of the remaining
-    distance."""
+    """Arrival of every feature at its goal, with a bound of the remaining distance."""
 
     help = "the mean error is within the tolerances; decides whether the camera is at its goal"
     reads = "mean error, its noise, L, view and pose at the goal (`arrival_check.py`)"

@@ -13,7 +13,7 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("features_contradict")
 class FeaturesContradict(RunDiagnosis):
-    """Checks the motion of the features; thresholds are in MotionCheck and StepCheck."""
+    """Check of the motion of the features; its thresholds are in MotionCheck and StepCheck."""
 
     help = "the features are constant, jump or move against their L although the target does not"
     reads = "steps of the features and of the target's centre, L (`motion_check.py`)"

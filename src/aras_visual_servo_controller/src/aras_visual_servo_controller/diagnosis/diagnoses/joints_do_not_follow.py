@@ -16,9 +16,9 @@ from ..joint_check import describe_foreign_nodes, join_names
 
 @DIAGNOSES.register("joints_do_not_follow")
 class JointsDoNotFollow(RunDiagnosis):
-    """Names the joints, and other nodes that command them; thresholds are in JointCheck."""
+    """Check of the joints' motion and of other nodes that command them; see JointCheck."""
 
-    help = "joints do not do what is commanded, or another node commands them"
+    help = "joints do not follow their commands, or another node commands them"
     reads = "commanded and measured joints (`joint_check.py`), commands of other nodes"
     kinds = (JOINTS_DO_NOT_FOLLOW,)
 

@@ -11,7 +11,7 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("not_converging")
 class NotConverging(RunDiagnosis):
-    """Explains why the error does not decrease; causes and thresholds are in ProgressCheck.
+    """Causes of an error that does not decrease; their thresholds are in ProgressCheck.
 
     This diagnosis is the last of the order and always reports an outcome.
     """

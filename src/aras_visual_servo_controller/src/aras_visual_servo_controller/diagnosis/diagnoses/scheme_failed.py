@@ -10,7 +10,7 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("scheme_failed")
 class SchemeFailed(RunDiagnosis):
-    """Reports an image for which the scheme failed."""
+    """Failure of the scheme at an image."""
 
     help = "the scheme raised an error or returned an impossible output"
     reads = "output of the scheme for the image"

@@ -11,7 +11,7 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("stopped")
 class Stopped(RunDiagnosis):
-    """Reports that the loop is stopped and waits for start."""
+    """State of a loop that was stopped and waits for start."""
 
     help = "the loop was stopped and waits for start"
     reads = "phase of the loop"

@@ -16,8 +16,7 @@ from ..progress_check import WINDOW
 
 @DIAGNOSES.register("target_lost")
 class TargetLost(RunDiagnosis):
-    """Explains why an image gave no measurement: by an earlier fault, or by the loss of the target.
-    """
+    """Causes of an image without a measurement: an earlier fault, or the loss of the target."""
 
     help = "the target is not found in the image, or its features cannot be measured"
     reads = "reason without measurement, image borders that the target touches, its last steps"
@@ -98,7 +97,7 @@ def _explain_loss(state: ServoState, observation: Observation, evidence: Evidenc
         return replace(found, reason=f"{found.reason}; the camera's motion does not explain that "
                        "of the features: the target moved", remedy=KEEP_TARGET_AT_REST)  # fmt: skip
     if evidence.measured_stamp is not None and _was_inside(observation, evidence):
-        found = replace(found, reason=f"{found.reason}; before, it was inside the image",
+        found = replace(found, reason=f"{found.reason}; it was inside the image before",
                         remedy=UNCOVER_TARGET)  # fmt: skip
     return evidence.add_advice(found)
 

@@ -19,8 +19,10 @@ from ..evidence import Evidence, combine_outcomes
 
 @DIAGNOSES.register("target_moves")
 class TargetMoves(RunDiagnosis):
-    """Reports a target motion that explains the features together with the camera's; see
-    TargetCheck."""
+    """Motion of the target that, with the camera's, explains that of the features.
+
+    See TargetCheck for the fit.
+    """
 
     help = "the target moves during servoing"
     reads = "motion of the features, L, motion of the camera (`target_check.py`)"

@@ -15,7 +15,7 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("wrong_camera_model")
 class WrongCameraModel(RunDiagnosis):
-    """Reports features that do not move as L and the arm's motion predict; see CameraCheck."""
+    """Features that do not move as L and the arm's motion predict; see CameraCheck."""
 
     help = "the camera's calibration or mounting differs from the one that the controller uses"
     reads = "motion of the features, L, motion of the joints (`camera_check.py`)"

@@ -18,8 +18,7 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("wrong_object")
 class WrongObject(RunDiagnosis):
-    """Compares shape measures that do not depend on rotation, scale and moderate tilt; see
-    ShapeCheck."""
+    """Comparison of the visible shape with the goal's target; see ShapeCheck."""
 
     help = "another object is detected as the target"
     reads = "moments (`wrong_object.py`) and visible area of the target (`step_check.py`)"
@@ -44,8 +43,7 @@ class WrongObject(RunDiagnosis):
         return evidence.explain_occlusion(make_outcome("wrong_object", fault))
 
     def _explain_mismatch(self, observation: Observation, goal: Goal) -> str:
-        """Describe why a visible object cannot be its goal's target; the text is empty if it can.
-        """
+        """Describe why a visible object cannot be the target of its goal; empty if it can."""
         found, goals = "", goal.cameras
         for name, view in observation.cameras.items():
             check = self._shapes.get(name)
@@ -59,7 +57,7 @@ class WrongObject(RunDiagnosis):
 
 
 class ShapeCheck:
-    """Checks whether a visible object can be the goal's target, by its spread and elongation.
+    """Test of whether a visible object can be the goal's target, by its spread and elongation.
 
     Both measures are independent of distance, position and rotation in the image.
     """

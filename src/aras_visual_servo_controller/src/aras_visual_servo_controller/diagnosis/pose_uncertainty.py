@@ -149,31 +149,31 @@ class ArrivalMargin:
         free = split_directions(observation, goal, self._modelled, ik_solution)[1]
         u, s, vt = np.linalg.svd(L @ free.T)
         s = np.append(s, np.zeros(len(vt) - len(s)))
-        seen = s > RANK_TOLERANCE * s[0]
+        is_measured = s > RANK_TOLERANCE * s[0]
         spread = np.zeros((len(vt), 0))
         if accuracy is not None:
             spread = (u.T @ accuracy)[: len(s)]
             spread = np.vstack([spread, np.zeros((len(s) - len(spread), spread.shape[1]))])
-            seen &= np.linalg.norm(spread, axis=1) <= MAX_LINEAR_OFFSET / Z_997 * depth * s
+            is_measured &= np.linalg.norm(spread, axis=1) <= MAX_LINEAR_OFFSET / Z_997 * depth * s
         along = vt @ free
         if scatter is not None:
             variance = ((along * scale) @ scatter * (along * scale)).sum(axis=1)
-            seen &= np.sqrt(np.maximum(variance, 0.0)) <= MAX_SCATTER * depth
-        inverse = np.divide(1.0, s, out=np.zeros_like(s), where=seen)
+            is_measured &= np.sqrt(np.maximum(variance, 0.0)) <= MAX_SCATTER * depth
+        inverse = np.divide(1.0, s, out=np.zeros_like(s), where=is_measured)
         out = free.T @ vt.T * inverse  # (6, f): from rotated rows to offsets
         spread = out @ spread
         # The factor 2 accounts for the measurement of the goal.
         self._measurement_covariance = 2.0 * TAIL_FACTOR**2 * spread @ spread.T
         rows = min(len(L), len(s))
         self._coupling = np.eye(6) - out[:, :rows] @ u.T[:rows] @ L
-        self._unseen_directions = along[~seen]
+        self._unseen_directions = along[~is_measured]
         # A computed goal has an exact pose. The target of a goal that this camera has taught may
         # have been moved since. Then only the direction of the plane by kinematics is used, along
         # directions that the features measure poorly.
         self._is_goal_camera = goal.camera is not None and goal.camera == observation.camera
         self._plane_offset: tuple[float, float] | None = None
         self._doubtful_directions = (
-            along[seen & (s < WEAK_DIRECTION * s[0])] if self._is_goal_camera else IDENTITY
+            along[is_measured & (s < WEAK_DIRECTION * s[0])] if self._is_goal_camera else IDENTITY
         )
 
     @property

@@ -261,13 +261,14 @@ class ArrivalMargin:
     def _compute_plane_offset(
         self, observation: Observation, offset: np.ndarray
     ) -> tuple[float, float]:
-        """Return how much farther off the camera is by the target's plane than by the features.
+        """Return the additional offset of the camera that the target's plane by kinematics shows.
 
-        The plane is the one by kinematics; only poorly measured directions count. A camera motion
-        v, w changes the plane p by (p . v) p + p x w and its normal n by n x w.
+        Only directions that the features measure poorly count. A camera motion v, w changes the
+        plane p by (p . v) p + p x w and its normal n by n x w.
 
         Args:
-            offset: (6,) by features, scaled.
+            observation: with the camera's pose.
+            offset: (6,) of the camera from the goal by features, scaled.
 
         Returns:
             Distance, m, and angle, rad.

@@ -149,7 +149,8 @@ class TargetCheck:
     MIN_OSCILLATION_SPAN = 2.5  # s of rows before an oscillation is fitted
     # largest residual with the target's motion, as a part of that of a target at rest
     MAX_RESIDUAL_PART = 0.1
-    MAX_CAMERA_PART = 0.5  # the same, as a part of the residual of a wrong camera model
+    # largest residual with the target's motion, as a part of that of a wrong camera model
+    MAX_CAMERA_PART = 0.5
     # Smallest factor on the camera's translation that a wrong depth can explain. If the features
     # move even less, the camera follows the target.
     MIN_DEPTH_FACTOR = 0.3

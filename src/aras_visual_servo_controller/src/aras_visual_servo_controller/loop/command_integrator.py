@@ -22,7 +22,7 @@ JUMP, JUMP_SPEEDS = 0.5, 4.0
 
 
 class CommandIntegrator:
-    """Integrator of joint velocities to a continuous joint command.
+    """Integrator that turns joint velocities into a continuous joint command.
 
     Attributes:
         command: (n,) rad or m; None before `start_at`.

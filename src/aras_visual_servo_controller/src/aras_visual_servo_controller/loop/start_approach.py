@@ -10,7 +10,7 @@ from ..records.state import ServoSettings
 
 
 class StartApproach:
-    """Path to the start pose with a smoothstep profile; then friction is overcome by pushing."""
+    """Smoothstep path to the start pose, with an integral correction for friction at its end."""
 
     def __init__(
         self,

@@ -75,7 +75,7 @@ def observe(
 
 
 class FeatureObserver:
-    """Maker of the observations of one camera: from images, from moments, or from exact geometry.
+    """Source of the observations of one camera: images, moments, or exact geometry.
 
     The stamp and pose of the last observation are stored for `dt` and motion of the next one.
 

@@ -33,6 +33,6 @@ def test_nothing_untrue_is_said_of_camera_and_target(scheme, interaction, turn, 
     }))  # fmt: skip
     said = " ".join([result.outcome, result.reason, *(state.reason for state in result.states)])
     assert "wrong_camera_model" not in said and "wrong_object" not in said
-    for untrue in ("covers the target", "is not the goal's target", "otherwise than L",
+    for untrue in ("covered the target", "is not the goal's target", "do not move as L",
                    "the target moved"):  # fmt: skip
         assert untrue not in said, said

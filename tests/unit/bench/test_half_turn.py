@@ -47,7 +47,7 @@ def test_what_is_said_of_a_half_turn_is_true(scheme):
 @pytest.mark.parametrize("corners", [CORNERS, [[-0.1, -0.1], [-0.1, 0.1], [0.1, 0.1], [0.1, -0.1]]])
 def test_l_mean_says_so_where_it_loses_the_turn(corners):
     result = turned("numbered_points", np.pi, corners=corners, interaction="mean")
-    lost = result.outcome == "target_lost" and "L mean" not in result.remedy
+    lost = result.outcome == "target_lost" and "interaction to mean" not in result.remedy
     assert result.verdict.is_reached or lost or "two_and_half_d" in result.remedy, result.outcome
 
 

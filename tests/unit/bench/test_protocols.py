@@ -249,7 +249,7 @@ def test_a_goal_is_shown_through_the_camera_as_believed():
     result = run(FLIGHT.with_changes(calibration_offset={"focal": 1.1, "depth": 1.2}))
     assert result.verdict.is_reached and result.outcome == "converged"
     assert "wrong_camera_model" in result.outcomes  # on the way, which is not the one asked for
-    assert result.reason.startswith("at the goal as this camera has shown it; yet ")
+    assert result.reason.startswith("the image equals the goal's, taught with this camera; but ")
     assert "calibrate" in result.remedy
 
 

@@ -265,9 +265,9 @@ def test_the_camera_that_is_not_as_believed_is_named(name, wrong):
     result = run(flying(start=posed(FAR), cameras=cameras, time_after_convergence=0.5))
     assert "wrong_camera_model" in result.outcomes
     assert result.verdict.is_reached  # a goal that was shown is
-    assert "yet camera " in result.reason
+    assert "but camera " in result.reason
     if "focal" in wrong or name == "right":
-        assert f"yet camera {name}: " in result.reason
+        assert f"but camera {name}: " in result.reason
 
 
 def test_the_judge_finds_nothing_in_cameras_as_believed():

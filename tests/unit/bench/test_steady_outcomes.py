@@ -35,4 +35,4 @@ def test_a_target_just_beyond_reach_is_named_at_once_and_steadily(scheme, away):
     for state in after:
         failed = state.outcome == "out_of_reach"
         assert state.reason.startswith("the arm is stretched") or not failed
-        assert ("choose a goal nearer to the arm" in state.remedy) is failed
+        assert ("choose a goal within the arm's reach" in state.remedy) is failed

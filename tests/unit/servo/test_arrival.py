@@ -134,7 +134,7 @@ WEAK = np.diag([1e4, 200.0, 1e4, 573.0, 573.0, 573.0])
 @pytest.mark.parametrize("error", [(0, 0.5, 0, 0, 0, 0), (0, -0.5, 0, 0, 0, 0)])
 def test_arrival_asks_how_far_the_camera_is(error):
     short = of_camera([error] * 6, WEAK)
-    assert not short.reached and "2.50 mm and 0.00 degrees off" in short.short
+    assert not short.reached and "2.50 mm and 0.00 degrees from its goal" in short.short
     assert not of_camera([0.07 * np.array(error)] * 6, WEAK).reached  # 0.175 mm
     near = of_camera([0.06 * np.array(error)] * 6, WEAK)
     assert near.reached and not near.short
@@ -150,7 +150,8 @@ def test_arrival_asks_how_far_the_camera_is(error):
 
 def test_arrival_asks_how_far_the_camera_is_turned():
     L = np.diag([1e4, 1e4, 1e4, 573.0, 10.0, 573.0])
-    assert "0.00 mm and 2.86 degrees off" in of_camera([(0, 0, 0, 0, 0.5, 0)] * 6, L).short
+    short = of_camera([(0, 0, 0, 0, 0.5, 0)] * 6, L).short
+    assert "0.00 mm and 2.86 degrees from its goal" in short
     assert of_camera([(0, 0, 0, 0, 0.03, 0)] * 6, L).reached
     assert not of_camera([(0, 0, 0, 0, 0.04, 0)] * 6, L).reached  # 0.23 degrees
 
@@ -162,7 +163,7 @@ def noisy(count, mean=(0.0,) * 6, seed=0):
 def test_noise_that_hides_where_the_camera_is_is_averaged_for_a_while():
     """0.3 of WEAK's second are 1.5 mm: 0.2 mm would take 225 images, and 120 have to do."""
     early = of_camera(noisy(40), WEAK)
-    assert not early.reached and "scatter: where the camera is, is known to" in early.short
+    assert not early.reached and "scatter: the pose of the camera is known only to" in early.short
     assert not of_camera(noisy(119, seed=2), WEAK).reached
     assert of_camera(noisy(120, seed=2), WEAK).reached
     assert not of_camera(noisy(200, [0, 0.1, 0, 0, 0, 0]), WEAK).reached  # 0.5 mm off
@@ -230,7 +231,7 @@ def test_many_rows_say_of_the_camera_what_few_of_them_say(seed):
     errors = (moves + 0.1) @ L.T
     few, many = (of_camera(np.tile(errors, count), np.tile(L, (count, 1)), poses=poses).short
                  for count in (1, 12))
-    assert few == many and "but scatter" in few
+    assert few == many and "but they scatter" in few
     # nor is a direction that changes them by a thousandth of another's overlooked in many
     weak, error = np.diag([1e4, 10.0, 1e4, 573.0, 573.0, 573.0]), (0, 0.5, 0, 0, 0, 0)
     assert "50.00 mm" in of_camera(np.tile(error, (6, 12)), np.tile(weak, (12, 1))).short
@@ -379,10 +380,11 @@ def test_how_far_the_camera_is_is_told_by_the_mean_or_the_latest_image(
         limit = 1.5 * bounds + doubt if reached else np.maximum(bounds, doubt)
         words = ""
         if not (enough or reached or count == 120):
-            words = (f"scatter: where the camera is, is known to {1e3 * doubt[0]:.2f} mm and "
-                     f"{np.degrees(doubt[1]):.2f} degrees")
+            words = ("scatter: the pose of the camera is known only to "
+                     f"{1e3 * doubt[0]:.2f} mm and {np.degrees(doubt[1]):.2f} degrees")
         elif (away > limit).any():
-            words = f"by L the camera is {1e3 * away[0]:.2f} mm and {np.degrees(away[1]):.2f} deg"
+            words = (f"according to L the camera is {1e3 * away[0]:.2f} mm and "
+                     f"{np.degrees(away[1]):.2f} deg")
         assert bool(short) == bool(words) and words in short
         if not short and count > averaged:  # by all images, where that is known better
             all_mean, all_scatter, _, _ = _average_offsets(
@@ -709,7 +711,7 @@ def test_what_is_known_to_a_twentieth_of_the_depth_only_is_known_not_at_all():
         left = left_by([np.zeros(6)] * 6, STRONG, accuracy=deviation * np.eye(6)[:, [1]])
         assert (left.description == "1 direction") is not known
         assert np.isfinite(left.distance) is np.bool_(known)
-    assert "sees, or too little" in left.reason
+    assert "no feature measures" in left.reason
 
 
 def test_a_slow_motion_is_no_noise_that_hides_a_wrong_kinematic_chain():

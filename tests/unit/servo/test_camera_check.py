@@ -63,14 +63,14 @@ class Rows:
         if along @ along > 3.0**2:
             depth = along @ (b - turning) / (along @ along)
         if depth <= 0.0:
-            return ("the features move otherwise than L and the arm's motion say: against the "
-                    "camera's translation")
+            return ("the features do not move as L and the arm's motion predict: "
+                    "translations of the camera move them in the opposite direction")
         expected = np.array([depth] * 3 + [1.0] * 3)
         off = b - A @ expected
         misfit = off @ off / (b @ b)
         loud = np.sqrt(off @ off / len(b)) > 1.5
         if misfit > 0.04 and loud and self.smooth(off):
-            return ("the features move otherwise than L and the arm's motion say: "
+            return ("the features do not move as L and the arm's motion predict: "
                     f"{100.0 * misfit:.0f} % of the motion is not explained")
         # One row more a direction, of little weight: where nothing was seen, it is as expected.
         weak = np.sqrt(0.1) * np.eye(6)
@@ -99,9 +99,9 @@ class Rows:
             one, other = other, one
         beside = f"along {DIRECTIONS[other]} {scale[other]:.2f}"
         if one == other:
-            beside = "elsewhere 1.00"
+            beside = "in other directions 1.00"
         return (f"along {DIRECTIONS[one]} the features move {scale[one]:.2f} times as far as L "
-                f"and the arm's motion say, {beside} times")
+                f"and the arm's motion predict, {beside} times as far")
 
 
 def judged(seed, jacobian=None):
@@ -281,7 +281,7 @@ def test_two_translations_are_compared_however_little_one_of_them_is(factor):
     for k in range(30):
         shown(evidence, k * way[:3] * [1.0, 1.0, factor], np.eye(6)[:3], way, np.full(3, 1e-3))
     assert evidence.find_fault().startswith(f"along vz the features move {factor:.2f} times")
-    assert evidence.find_fault().endswith("along vx 1.00 times")
+    assert evidence.find_fault().endswith("along vx 1.00 times as far")
 
 
 @pytest.mark.parametrize(("off", "told"), [(0.048, True), (0.036, False)])
@@ -315,9 +315,8 @@ def test_a_little_off_is_within_what_can_be_measured():
 
 
 def test_motion_the_other_way_and_motion_of_its_own_are_faults():
-    assert (
-        "against the camera's translation" in seen_by(np.array([-1.0] * 3 + [1.0] * 3)).find_fault()
-    )
+    against = seen_by(np.array([-1.0] * 3 + [1.0] * 3)).find_fault()
+    assert "translations of the camera move them in the opposite direction" in against
     evidence = seen_by(ONE, 40, drift=20.0)
     assert "of the motion is not explained" in evidence.find_fault()
     assert "4 % of the motion is not explained" in seen_by(ONE, 40, drift=8.0).find_fault()

@@ -347,7 +347,7 @@ def test_how_spread_out_the_target_may_be(factor, strange):
         words = said_of(ShapeCheck(), spread, wanted)[-1]
         assert bool(words) is strange
         if strange:
-            assert f"{by:.2f} times as spread out" in words and "differs by 0.00" in words
+            assert f"its spread is {by:.2f} times" in words and "differs by 0.00" in words
 
 
 def test_a_target_that_is_as_spread_out_as_no_tilt_makes_it_is_another():
@@ -372,4 +372,4 @@ def test_how_long_the_target_may_be(longer, strange, way):
     words = said_of(ShapeCheck(), of_length(0.5 + way * longer), of_length(0.5))[-1]
     assert bool(words) is strange
     if strange:
-        assert f"its length differs by {longer:.2f}" in words
+        assert f"its elongation differs by {longer:.2f}" in words

@@ -288,7 +288,7 @@ def test_images_of_another_clock_are_named():
     assert bench.servo.phase == "waiting" and len(bench.sent) == 1  # where the arm stands
     assert {state.reason for state in bench.states} == {
         "", "features on /aras_visual_servo/camera/moments are stamped 1.00 s ahead of the clock "
-        "(is use_sim_time the same for both?)"
+        "(check that both use the same use_sim_time)"
     }  # fmt: skip
     bench.step(30)
     assert bench.servo.phase == "servoing" and "ahead" not in bench.states[-1].reason

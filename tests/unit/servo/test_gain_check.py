@@ -57,4 +57,4 @@ def test_a_target_that_a_growing_swing_has_lost_before_its_frequency_is_known(gr
         error = 20.0 * growth ** (k / 6.0) * np.cos(np.pi * k / 6.0)
         check.add(k * PERIOD, np.array([error, 1.0]), SCHEME, 0.0)
     lost = check.explain_loss("the target was lost")
-    assert (lost is not None) == found and (not found or "farther each time" in lost.reason)
+    assert (lost is not None) == found and (not found or "growing amplitude" in lost.reason)

@@ -136,7 +136,7 @@ def test_a_plane_of_its_own_that_nothing_tells_is_asked_for():
         for observer in made.observers.values()
     )
     observation = made.merge_observations(first, {"second": second})
-    with pytest.raises(ConfigurationError, match="camera second looks at a target of its own"):
+    with pytest.raises(ConfigurationError, match="camera second has its own target"):
         Goal.teach(None, observation, depth=0.5)
 
 
@@ -174,8 +174,8 @@ def test_a_camera_without_a_link_of_its_own_has_that_of_all():
     ("control", "frame", "link", "words"),
     [
         (PALM, "wall_optical_frame", "b", "is moved by slide, turn and the control camera by"),
-        (PALM, "elbow_optical_frame", "plate", "the arm moves elbow_optical_frame, and plate too"),
-        (WALL, "wall_optical_frame", "hand", "hand carries and the control camera at what plate"),
+        (PALM, "elbow_optical_frame", "plate", "elbow_optical_frame and its target plate"),
+        (WALL, "wall_optical_frame", "hand", "is on hand and that of the control camera on plate"),
     ],
 )
 def test_what_cannot_be_is_said(control, frame, link, words):

@@ -180,8 +180,8 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"start": "2017"}, "~start is '2017': did you mean '201"),
         ({"start": [0.0] * 5}, "a finite number for each of gantry, J1"),
         ({"start": "0 0 0 0 0 far"}, r"~start.5. is 'far', must be a finite number"),
-        ({"start": {"J4": 0.0}}, "says where J4 is"),
-        ({"start": {"J1": 0.0}}, "says nothing of gantry, J2"),
+        ({"start": {"J4": 0.0}}, "has a value for J4"),
+        ({"start": {"J1": 0.0}}, "has no value for gantry, J2"),
         ({"start": [0, 0, 0, 2.5, 0, 0]}, "outside its limits"),
         ({"start": {"xyz": [0, 0, 5], "rpy": [3.1, 0, 0]}}, "out of the arm's reach"),
         ({"start": {"xyz": [0, 0], "rpy": [3.1, 0, 0]}},
@@ -256,11 +256,11 @@ class Two:
     ("0.5 1 2", r"is \(0.5, 1.0, 2.0\), must be a name, none, {xyz, rpy} of the camera, or a f"),
     ([0.5], r"is \[0.5\], must be a name, none, {xyz, rpy} of the camera, or a finite number f"),
     (0.5, "is 0.5, must be a name, none"), ([0.5, np.nan], "is nan, must be a finite number"),
-    ({"j": 0.5}, "is '{'j': 0.5}', which says nothing of k$"),
-    ({"j": 0.5, "k": 0.1, "l": 2.0}, "is .*, which says where l is: this arm's joints are j, k; g"),
+    ({"j": 0.5}, "is '{'j': 0.5}', which has no value for k$"),
+    ({"j": 0.5, "k": 0.1, "l": 2.0}, "is .*, which has a value for l: the joints of this"),
     ({"j": "far", "k": 0.1}, "j is 'far', must be a finite number"),
     ({"xyz": [0, 0, 1], "rpy": [0, 0]}, "rpy is .0, 0., must be a list of 3"),
-    ("2016", "says where gantry is: this arm's joints are j, k; give theirs, or none"),
+    ("2016", "has a value for gantry: .* are j, k; give values for these, or none"),
 ])  # fmt: skip
 def test_a_start_that_is_none_of_this_arm_is_told(start, words):
     with pytest.raises(ConfigurationError, match=f"parameter ~start.*{words}"):

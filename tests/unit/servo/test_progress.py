@@ -155,7 +155,7 @@ def test_an_error_that_no_motion_takes_away_is_a_local_minimum(reached, since, k
     found = progress.explain_stall(state)
     assert found.kind == kind
     if kind == "local_minimum":
-        assert "10 times its tolerance: L v gives 9 %" in found.reason
+        assert "10 times its tolerance: a camera motion can reduce 9 %" in found.reason
         words = found.reason.split("null direction ")[1]
         assert abs(np.array(json.loads(words)) @ direction) == pytest.approx(1.0)
 
@@ -196,7 +196,7 @@ def test_noise_asks_for_so_much_less_of_it_and_says_how_exact_a_place_is(size, k
     if size > 2.0:
         factor = found.remedy.changes[0].value
         assert 0.2 < factor * size < 1.0  # then within its tolerance
-    place = float(found.reason.split("place to ")[1].split(" mm")[0])
+    place = float(found.reason.split("pose to ")[1].split(" mm")[0])
     assert place == pytest.approx(1e3 * size * np.hypot(*TOLERANCES), rel=0.3)  # m, at L = 1
 
 

@@ -218,7 +218,7 @@ def test_cameras_without_kinematics_are_no_rig():
     made = CameraRig([FeatureObserver(None, frozenset(), name=n) for n in ("left", "right")])
     views = [o.observe_exact_features(1.0, CAMERA, contour=corners(LEFT.pose(np.zeros(6))))
              for o in made.observers.values()]  # fmt: skip
-    with pytest.raises(MeasurementError, match="nothing tells where camera right is beside left"):
+    with pytest.raises(MeasurementError, match="camera right relative to left is unknown"):
         made.merge_observations(views[0], {"right": views[1]})
 
 
@@ -230,7 +230,7 @@ def test_where_one_camera_is_tells_nothing_of_another(known):
     joints = JointSample.from_values(1.0, NAMES, np.zeros(6))
     views = [o.observe_exact_features(1.0, CAMERA, joints, contour=corners(LEFT.pose(np.zeros(6))))
              for o in made.observers.values()]  # fmt: skip
-    with pytest.raises(MeasurementError, match="nothing tells where camera right is beside left"):
+    with pytest.raises(MeasurementError, match="camera right relative to left is unknown"):
         made.merge_observations(views[0], {"right": views[1]})
 
 

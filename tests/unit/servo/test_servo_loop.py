@@ -519,7 +519,7 @@ def test_what_a_controller_of_joints_asks_is_slowed_as_a_whole_and_says_why():
     motion.start_at(np.zeros(6))
     asked = np.array([2.0, 1.0, 0.1, 0.1, 0.1, 0.1])
     velocities, words = motion.limit_velocities(asked, 0.0)
-    assert words == "slowed to 50 % for the speed limit of gantry"
+    assert words == "velocity scaled to 50 % (speed limit of gantry)"
     assert velocities == pytest.approx(0.5 * asked)
     velocities, words = motion.limit_velocities(asked, 0.1)
     assert words.endswith("; at the acceleration limit of J1")
@@ -557,7 +557,7 @@ def test_what_is_off_by_just_what_counts_as_arrived_is_there():
     before = approach.compute_command(64.5, 1.0, np.array([0.5, -0.1875]))
     assert approach.is_done and before[1] < command[1]  # what is half as far off is pushed too
     approach.compute_command(65.0, 0.0, np.array([0.625, -0.3751]))
-    assert approach.reason == "waiting at the start pose for b (-0.3751, to be -0.2500)"
+    assert approach.reason == "waiting at the start pose for b (at -0.3751, desired -0.2500)"
     approach.reset()  # nor is it pushed any more
     approach.compute_command(70.0, 0.0, np.zeros(2))
     assert approach.compute_command(134.0, 0.0, np.array([0.625, -0.375])).tolist() == [0.5, -0.25]
@@ -888,7 +888,7 @@ def test_velocity_and_effort_outputs():
 
 
 def test_efforts_that_could_push_nothing_are_refused():
-    with pytest.raises(ConfigurationError, match="stiffness is 0: give it, N/m or N m/rad"):
+    with pytest.raises(ConfigurationError, match="stiffness is 0: set stiffness"):
         the_servo("2016", output="effort", damping=2.0)
     one = [0.0, 0.0, 5.0, 0.0, 0.0, 0.0]
     assert the_servo("2016", output="effort", stiffness=one).settings.output == "effort"
@@ -938,8 +938,8 @@ def test_the_joint_that_does_not_arrive_at_the_start_is_named():
     for t in np.arange(0.0, 4.0, 0.01):
         command = servo.update(t, JointSample.from_values(t, servo.arm.names, start + off))
     assert command.reason == (
-        "waiting at the start pose for gantry (0.0000, to be -0.1000), J1 (-0.3000, to be 0.0000), "
-        "J2 (0.3551, to be 0.3491)")
+        "waiting at the start pose for gantry (at 0.0000, desired -0.1000), "
+        "J1 (at -0.3000, desired 0.0000), J2 (at 0.3551, desired 0.3491)")
     # Pushed by what it may be ahead at most, unless it is within half of what counts as there.
     pushed = command.positions - start
     assert pushed == pytest.approx([-0.05, 0.05, *pushed[2:4], 0.0, 0.0], abs=1e-12)
@@ -1069,7 +1069,7 @@ def test_where_images_come_from_in_words():
         and plain.describe_silence(0.256) == "no image for 0.26 s"
     )
     assert whole.describe_silence() == "no features on /eye (is the camera node running?)"
-    same = "(is use_sim_time the same for both?)"
+    same = "(check that both use the same use_sim_time)"
     assert plain.describe_stamp_lead(1.5) == f"image are stamped 1.50 s ahead of the clock {same}"
     assert (
         whole.describe_stamp_lead(1.5)

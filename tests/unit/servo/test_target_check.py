@@ -65,10 +65,10 @@ def test_a_steady_target_s_speed_is_told():
 
 def test_a_turn_is_told_by_more_than_two_numbers_an_image():
     turn = twist(0.0, 0.0, 0.0, 0.1, -0.15, 0.2)
-    assert watched(60, turn)[-1] == "it turns"
+    assert watched(60, turn)[-1] == "it rotates"
     for axis in np.eye(3):  # of five numbers neither
-        assert "it turns" not in watched(200, twist(0.0, 0.0, 0.0, *(0.2 * axis)), count=5)
-    assert "it turns" not in watched(200, turn, count=2)
+        assert "it rotates" not in watched(200, twist(0.0, 0.0, 0.0, *(0.2 * axis)), count=5)
+    assert "it rotates" not in watched(200, turn, count=2)
 
 
 def test_a_swing_is_told_with_its_frequency_once_it_was_seen_for_two_and_a_half_seconds():
@@ -76,9 +76,9 @@ def test_a_swing_is_told_with_its_frequency_once_it_was_seen_for_two_and_a_half_
         return np.cos(2.0 * np.pi * 0.6 * t) * np.array([0.05, -0.03, 0.02, 0.0, 0.0, 0.0])
 
     said = watched(160, swing)
-    told = float(said[-1].removeprefix("it swings at ").removesuffix(" Hz"))
+    told = float(said[-1].removeprefix("it oscillates at ").removesuffix(" Hz"))
     assert told == pytest.approx(0.6, abs=0.05)
-    assert not any("swings" in words for words in said[:77])
+    assert not any("oscillates" in words for words in said[:77])
 
 
 def test_a_target_that_the_camera_follows_moves():
@@ -239,7 +239,7 @@ class Looked:
         many = len(b) >= 6 * len(stamps)
         known = np.column_stack([along, drift if many else drift[:, :3]])
         if self.rest(known, b)[0] < bound:
-            return "it turns"
+            return "it rotates"
         time = np.concatenate([np.full(len(m), t) for t, m in zip(stamps, moved, strict=True)])
         time = time - stamps[0]
         if time[-1] < 2.5:
@@ -250,7 +250,7 @@ class Looked:
                      for wave in (np.sin, np.cos)]  # fmt: skip
             found.append((self.rest(np.column_stack([known, *waves]), b)[0], frequency))
         least, frequency = min(found)
-        return f"it swings at {frequency:.2f} Hz" if least < bound else ""
+        return f"it oscillates at {frequency:.2f} Hz" if least < bound else ""
 
     def by_another_camera(self):
         _, moved, Ls, motions, _ = zip(*self.rows, strict=True)
@@ -276,15 +276,15 @@ class Looked:
 
 @pytest.mark.parametrize(("kind", "count", "seed"), [
     (kind, count, seed) for seed, count in enumerate((3, 6, 7))
-    for kind in ("", "it moves", "it turns", "it swings", "another camera")
+    for kind in ("", "it moves", "it rotates", "it oscillates", "another camera")
 ])  # fmt: skip
 def test_the_target_is_judged_as_least_squares_over_all_rows_say(kind, count, seed):
     """Images come irregularly, views, poses and tolerances change, the scheme knows a part."""
     draw = np.random.default_rng(seed)
     check, rows, stamp = TargetCheck(), Looked(), 40.0
-    size = {"it moves": 1.0, "it swings": 3.0}.get(kind, 0.0)
+    size = {"it moves": 1.0, "it oscillates": 3.0}.get(kind, 0.0)
     velocity = 0.02 * size * draw.normal(size=3)
-    turning = 0.2 * (kind == "it turns") * draw.normal(size=3)
+    turning = 0.2 * (kind == "it rotates") * draw.normal(size=3)
     sits = matrix_from_xyz_rpy(
         (0, 0, 0), (0.2, 0.6, -0.9) if kind == "another camera" else (0, 0, 0)
     )
@@ -298,7 +298,7 @@ def test_the_target_is_judged_as_least_squares_over_all_rows_say(kind, count, se
         motion = 3e-3 * np.sin(np.array([3.1, 2.3, 4.4, 5.0, 1.9, 2.8]) * stamp)
         pose = pose @ matrix_from_xyz_rpy(motion[:3], motion[3:])
         world = np.kron(np.eye(2), pose[:3, :3].T)
-        wave = np.cos(2.0 * np.pi * 0.55 * stamp) if kind == "it swings" else 1.0
+        wave = np.cos(2.0 * np.pi * 0.55 * stamp) if kind == "it oscillates" else 1.0
         own = -L @ world @ np.concatenate([velocity * wave, turning])
         rate = 0.3 * own if seed % 2 else np.array([0.02])
         known = own + (0.0 if seed % 2 else 0.02)
@@ -317,7 +317,7 @@ def test_the_target_is_judged_as_least_squares_over_all_rows_say(kind, count, se
         wanted = rows.add(stamp, noisy, L, np.resize(rate, count), tolerances, motion, pose)
         assert told == wanted, k
         said.add(told)
-    if count > 5 or kind != "it turns":  # of so few numbers a turn may look like anything
+    if count > 5 or kind != "it rotates":  # of so few numbers a turn may look like anything
         assert said == {""} if "camera" in kind else any(word.startswith(kind) for word in said)
 
 
@@ -359,7 +359,7 @@ def test_how_fast_a_swing_is_looked_for(frequency, told):
     def swing(t):
         return np.cos(2.0 * np.pi * frequency * t) * np.array([0.09, -0.05, 0.04, 0.0, 0.0, 0.0])
 
-    assert ("swings" in watched(160, swing, dt=0.125)[-1]) is told
+    assert ("oscillates" in watched(160, swing, dt=0.125)[-1]) is told
 
 
 @pytest.mark.parametrize(("loud", "told"), [(0.048, False), (0.052, True)])

@@ -135,8 +135,8 @@ def test_an_unknown_kind_is_named(capsys):
     ("name", "number", "said", "besides"),
     [
         ("moving_target_and_high_gain", 0, "gain_too_high", "features moved steadily"),
-        ("slow_joints_and_a_limit", 0, "joint_limit", "limit of speed"),
-        ("goal_read_wrongly", 0, "ambiguous", "the image is not the goal's"),
+        ("slow_joints_and_a_limit", 0, "joint_limit", "speed or acceleration limit"),
+        ("goal_read_wrongly", 0, "ambiguous", "the image differs from the goal's"),
     ],
 )
 def test_of_two_causes_both_are_named_and_the_remedy_is_for_both(name, number, said, besides):

@@ -1,1 +1,1 @@
-"""Has the camera arrived, and if not, why: outcomes and the advice that goes with them."""
+"""Diagnosis of a run: whether the camera has arrived, and if not, why and what to change."""

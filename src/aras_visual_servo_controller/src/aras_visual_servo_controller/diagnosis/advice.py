@@ -1,4 +1,4 @@
-"""Remedies that are computed from a run: how much to change, and what fits its scheme."""
+"""Remedies computed from a run, such as the gain or the duration that the run needs."""
 
 from __future__ import annotations
 
@@ -10,28 +10,31 @@ from ..records.outcomes import START_CLOSER, Outcome
 from ..records.remedy import Change, Remedy, multiply, remove, set_value
 from ..schemes.base import JointController, Scheme, SchemeBase
 
-# Of a loop with a dead time T that swings at its limit, at f = 1 / (4 T), the gain that brings the
-# error down fastest without a swing is 1 / (e T) = 1.5 f; somewhat less allows for its tolerance.
-GAIN_PER_HERTZ = 1.2  # of the gain, 1/s per Hz
-MIN_GAIN_PART = 0.3  # part of the gain that a swing takes, with an L that is too small by so much
+# A loop with dead time T oscillates at its stability limit with f = 1 / (4 T). Its error decays
+# fastest without oscillation at the gain 1 / (e T) = 1.5 f; the smaller factor leaves a reserve.
+GAIN_PER_HERTZ = 1.2  # suggested gain per frequency of the oscillation, 1/s per Hz
+# Smallest part of 2 pi f that the gain of a loop oscillating at f may have: an L that is too small
+# raises the effective gain.
+MIN_GAIN_PART = 0.3
+# Bounds of the suggested factor on the gain.
 MAX_GAIN_FACTOR, MIN_GAIN_FACTOR = 0.6, 0.02
-# Times as long as the measured rate says that a run may take, and longest of its present duration.
+# Factor on the remaining time predicted from the measured rate, and upper bound of the suggested
+# factor on the duration.
 TIME_RESERVE, MAX_TIME_FACTOR = 1.5, 50.0
-# times the reserve where joints are at their limits, of which the slowest changes
+# Additional factor for joints at their speed limits: which joint is the slowest can change.
 LINEAR_RESERVE = 2.0
-TIME_CONSTANTS = 8.0  # time constants in which a run comes to its goal
-# Tolerances by which errors may scatter for a target twice as large to be enough, and by which they
-# do where it is so much that they are not servoed; and by which a camera that is there may see them
-# scatter.
+TIME_CONSTANTS = 8.0  # time constants that a run needs to reach its goal
+# Noise of the error in tolerances: the largest for which a larger target is suggested; the value
+# that is assumed where the noise is unknown; and the value that reduced noise should reach.
 NOISE_OF_SMALL_TARGET, NOISE_WHEN_UNKNOWN, TOLERATED_NOISE = 2.0, 50.0, 0.5
-SETTLING_TIME = 3.0  # s that the error has to be small for, and some more
-# Schemes that see a half turn as it is, and go straight back from most starts.
+SETTLING_TIME = 3.0  # s that the error has to stay small, with a reserve
+# Schemes that measure rotations near 180 degrees and take a straight path from most starts.
 HALF_TURN_SCHEMES = "pose, two_and_half_d or polar_points"
 PACKAGE = __name__.partition(".")[0]
 
 
 def is_user_scheme(scheme: Scheme | JointController) -> bool:
-    """Whether a scheme, or its feature, is a user's own."""
+    """Return whether a scheme or one of its features is user code."""
     parts = getattr(scheme, "features", ()) or (scheme,)
     return any(
         isinstance(part, SchemeBase | Feature)
@@ -40,15 +43,18 @@ def is_user_scheme(scheme: Scheme | JointController) -> bool:
 
 
 def find_gain(scheme: Scheme | JointController | None) -> float | None:
-    """The greatest gain of a scheme's law, 1/s; None: it has none of that kind."""
+    """Return the greatest gain of a scheme's control law, 1/s, or None if the law has no gain."""
     law = getattr(scheme, "law", None)
     known = (getattr(law, name, None) for name in ("gain", "zero", "infinity"))
     return max((value for value in known if value is not None), default=None)
 
 
 def can_oscillate(scheme: Scheme | JointController | None, frequency: float) -> bool:
-    """Whether a loop of this gain can swing by itself at a frequency, Hz: its joints integrate,
-    and follow no command by more than that, so that its gain is 2 pi f at least."""
+    """Return whether a loop with the gain of this scheme can oscillate at a frequency, Hz.
+
+    The joints integrate their commanded velocities, so a loop that oscillates at f has a gain of at
+    least 2 pi f.
+    """
     gain = find_gain(scheme)
     return gain is None or gain > MIN_GAIN_PART * 2.0 * pi * frequency
 
@@ -56,12 +62,15 @@ def can_oscillate(scheme: Scheme | JointController | None, frequency: float) -> 
 def suggest_gain(
     scheme: Scheme | JointController | None, frequency: float | None, duration: float
 ) -> Remedy:
-    """The gain at which a loop that swings at `frequency` Hz comes to rest; None: not known.
+    """Suggest the gain at which a loop that oscillates at `frequency` Hz comes to rest.
 
-    duration: of the run, s, in which it has to come to its goal.
+    Args:
+        frequency: in Hz, or None if it is unknown.
+        duration: time limit of the run, s, within which it has to reach its goal.
     """
     advice = (
-        "lower the gain, or the delay between image and command; mount a camera firmly that shakes"
+        "lower the gain or the delay between image and command; if the camera shakes, mount it "
+        "more firmly"
     )
     law = getattr(scheme, "law", None)
     if (gain := getattr(law, "gain", None)) is not None:
@@ -76,17 +85,19 @@ def suggest_gain(
 
 
 def _compute_duration(gain: float, duration: float) -> tuple[Change, ...]:
-    """The duration, s, in which a loop of a gain, 1/s, comes to its goal, where it needs more."""
+    """Return the change to a longer duration (s) if a loop of this gain (1/s) needs one."""
     needed = (TIME_CONSTANTS / gain + SETTLING_TIME) / duration
     return (multiply("duration", needed),) if isfinite(duration) and needed > 1.0 else ()
 
 
 def suggest_more_time(duration: float, size: float, rate: float, linear: bool = False) -> Remedy:
-    """The time that the error needs at its present rate.
+    """Suggest the duration that the run needs to reach its goal at the present rate.
 
     Args:
-        duration: of the run, s. size: of the error, in tolerances. rate: 1/s, or tolerances a
-            second where it shrinks linearly.
+        duration: time limit of the run, s.
+        size: of the error, in tolerances.
+        rate: at which the error shrinks: 1/s if exponentially, tolerances per second if linearly.
+        linear: whether the error shrinks linearly, because joints are at their speed limits.
     """
     advice = "allow more time, or a higher gain"
     if linear:
@@ -99,25 +110,30 @@ def suggest_more_time(duration: float, size: float, rate: float, linear: bool = 
 
 
 def suggest_scheme(candidate: Outcome, scheme: Scheme | JointController) -> Remedy:
-    """What helps a scheme that retreats, ends in a minimum, or does not see a direction."""
-    own = is_user_scheme(scheme)
+    """Suggest another scheme for a camera retreat, a local minimum or a singularity."""
+    is_user = is_user_scheme(scheme)
     if candidate.kind == "singular":
         advice = (
-            "use features that do without the direction that is lost, or more of them; near half a "
-            f"turn {HALF_TURN_SCHEMES}; or another posture"
+            "use other features, more features or another posture; for rotations near 180 degrees "
+            f"use {HALF_TURN_SCHEMES}"
         )
         return Remedy(advice, set_value("scheme", "moments"))
-    if own:
-        return Remedy("see whether a shipped scheme gets there", set_value("scheme", "points"))
+    if is_user:
+        return Remedy(
+            "check whether a built-in scheme reaches the goal", set_value("scheme", "points")
+        )
     if candidate.kind == "camera_retreat":
-        advice = f"use features that turn without retreat: {HALF_TURN_SCHEMES}"
+        advice = f"use features that do not make the camera retreat ({HALF_TURN_SCHEMES})"
         return Remedy(advice, *_suggest_replacement(scheme, "polar_points"))
-    advice = f"use L desired or mean, near half a turn {HALF_TURN_SCHEMES}"
+    advice = (
+        "set interaction to desired or mean; for rotations near 180 degrees use "
+        f"{HALF_TURN_SCHEMES}"
+    )
     return Remedy(advice, *_suggest_replacement(scheme, "pose"))
 
 
 def _suggest_replacement(scheme: Scheme | JointController, name: str) -> tuple[Change, ...]:
-    """The changes to another scheme; a nearer start where it is that one already."""
+    """Return the changes to another scheme, or to a closer start if it is in use already."""
     features = getattr(scheme, "features", ())
     if any(feature.name == name for feature in features):
         return (START_CLOSER,)
@@ -128,11 +144,13 @@ def _suggest_replacement(scheme: Scheme | JointController, name: str) -> tuple[C
 
 
 def suggest_larger_target(noise: float, *others: Change) -> Remedy:
-    """What an error needs that scatters by more than its tolerance: a larger target where that is
-    enough, else less noise.
+    """Suggest less noise for an error that scatters by more than its tolerance.
+
+    A larger target is suggested where it is sufficient, otherwise less jitter and image noise.
 
     Args:
-        noise: in tolerances; 0: not known. others: what has to change besides.
+        noise: scatter of the error, in tolerances; 0 if it is unknown.
+        others: further changes that the run needs.
     """
     noise = noise or NOISE_WHEN_UNKNOWN
     changes = (multiply("target.size", max(noise, 1.3)),)
@@ -142,29 +160,32 @@ def suggest_larger_target(noise: float, *others: Change) -> Remedy:
             multiply("noise", TOLERATED_NOISE / noise),
         )
     return Remedy(
-        "measure more exactly: more light, a shorter distance, other features, or a larger target",
+        "reduce the measurement noise by more light, a shorter distance, other features or a "
+        "larger target",
         *changes, *others,
     )
 
 
 def suggest_faster_joints(advice: Remedy) -> Remedy:
-    """What joints need that move to their commands, but too slowly."""
+    """Add a shorter lag to the advice, for joints that follow their commands too slowly."""
     return Remedy(str(advice), multiply("lag", 0.02))
 
 
 def suggest_wider_limits(keys: Sequence[str]) -> Remedy:
-    """Limits of the robot itself, where parameters narrow them; keys: those parameters."""
+    """Suggest the robot's own joint limits instead of the parameters `keys` that narrow them."""
     return Remedy(
-        "allow the joint its robot's own limit, or choose another posture to start from",
+        "use the robot's own joint limits, or start from another posture",
         *map(remove, keys),
     )
 
 
 def suggest_longer_watchdog(longest: float, gain: float | None, duration: float) -> Remedy:
-    """What a loop needs whose images come seldom: `longest` s apart, or more.
+    """Suggest a longer watchdog and a lower gain for a loop whose images are rare.
 
     Args:
-        gain: of its law, 1/s; None: not known. duration: of the run, s.
+        longest: longest time between two images, s.
+        gain: of the control law, 1/s, or None if it is unknown.
+        duration: time limit of the run, s.
     """
     changes = [set_value("watchdog", round(2.0 * longest, 2))]
     if gain is not None:
@@ -172,6 +193,6 @@ def suggest_longer_watchdog(longest: float, gain: float | None, duration: float)
         changes.append(multiply("gain", factor))
         changes += _compute_duration(gain * factor, duration)
     return Remedy(
-        "raise the camera's rate, or find what delays its images; with images as seldom as these "
-        "wait longer for each", *changes,
+        "raise the camera's frame rate, or find out what delays its images; at this frame rate, "
+        "raise the watchdog's time", *changes,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What every diagnosis is, their registry, and the order in which they are asked."""
+"""Base class of the diagnoses, their registry and their order."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from .evidence import Evidence
 
 
 class RunDiagnosis(ABC):
-    """One thing that may be wrong with a run, or right.
+    """Detector of one possible fault of a run, or of its success.
 
     Attributes:
-        name: under which it is registered. help: what it finds.
-        reads: from what, and in which file, for the table in the README.
-        kinds: of the outcomes that it finds by itself.
+        name: under which the diagnosis is registered.
+        help: what the diagnosis detects.
+        reads: data that it uses, with the file, for the table in the README.
+        kinds: of the outcomes that it reports.
     """
 
     name: ClassVar[str] = ""
@@ -29,16 +30,16 @@ class RunDiagnosis(ABC):
 
     @abstractmethod
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """Add one image to the evidence; its outcome, or None where the next diagnosis decides.
+        """Add one image to the evidence and return its outcome, or None if there is no finding.
 
-        It is not called where an earlier diagnosis of the order has found an outcome.
+        The next diagnosis in the order is called only if this one returns None.
         """
 
 
 DIAGNOSES = Registry(
     "diagnosis", f"{__package__}.diagnoses", (RunDiagnosis,), ConfigurationError
 )
-# An image is diagnosed in this order; the first outcome counts.
+# Each image is diagnosed in this order; the first outcome counts.
 ORDER = (
     "scheme_failed",
     "stopped",

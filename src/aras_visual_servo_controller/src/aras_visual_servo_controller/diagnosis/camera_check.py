@@ -1,4 +1,4 @@
-"""Whether the camera's motion explains how the features moved, with the camera as believed."""
+"""Check whether the camera's motion explains the motion of the features."""
 
 from __future__ import annotations
 
@@ -15,63 +15,75 @@ from ..schemes.base import SchemeOutput
 
 
 class CameraCheck:
-    """Compares how the features moved with how L and the executed motion say they had to.
+    """Comparison of the motion of the features with the prediction by L and the camera's motion.
 
-    A wrong depth makes all translations count too much or too little by one factor, and does no
-    harm; a wrong focal length, mounting or distortion is no such factor. So each direction of the
-    camera gets a scale, fitted over the whole run: with a camera as believed, those of the
-    translations are alike and those of the rotations are 1. Translations are compared with each
-    other, two and two. What moves slowly is added up over some images.
+    A wrong depth scales the effect of all translations by the same factor and does no harm. A wrong
+    focal length, mounting or distortion has no such common factor. Therefore one scale per
+    direction of the camera is fitted over the whole run. With a correct camera model the scales of
+    the translations are equal and those of the rotations are 1. Translations are compared with each
+    other in pairs. The rows of the fit are sums over a few images, so that slow motion counts as
+    well.
 
-    Measured on the simulated arm: healthy runs leave 0.06 % of the motion unexplained with moments
+    Measured on the simulated arm: correct runs leave 0.06 % of the motion unexplained with moments
     and 1.6 % with points, and no two of their scales differ by more than 0.04 and 2.4 deviations at
-    once; a loaded machine's leave 2.7 %, 0.4 tolerances an image. A focal length of 0.9 times the
-    true one has scales 0.10 apart at 11 deviations where the camera comes down by a centimetre and
-    moves aside; where it does one of the two alone, that cannot be told from another depth.
+    once. On a loaded machine 2.7 % are unexplained, 0.4 tolerances per image. A focal length of 0.9
+    times the true one gives scales that differ by 0.10, which is 11 deviations, if the camera
+    descends by a centimetre and moves sideways. If it does only one of the two, the error cannot be
+    distinguished from a wrong depth.
 
-    What a scheme says of the target's own motion (`SchemeOutput.error_drift`) is taken off first.
-    Noise of the picture is no wrong camera: what is not explained has to go on from row to row.
-    Of a wrong
-    mounting it does by 0.8 (of 1), of noise by -0.5, of a target that was pushed once by 0.
+    The target's own motion that a scheme reports (`SchemeOutput.error_drift`) is subtracted first.
+    Image noise does not count as a wrong camera: the residuals of successive rows have to be
+    correlated. Their correlation is 0.8 for a wrong mounting, -0.5 for noise and 0 for a target
+    that was pushed once.
 
-    The mean L tells a step only as far as L hardly changes in it. Of one in which it does (a scheme
-    that leads the camera astray turns it by 20 degrees from image to image) nothing is said.
+    The mean L of two images predicts the step between them only if L changes little. Other steps
+    are skipped, for example those of a scheme that turns the camera by 20 degrees from image to
+    image.
 
-    How the arm moved is known as well as its joints are at the exposures. Where those are guessed,
-    as when joint states come late, nothing is compared. Where the joints' speeds at both ends do
-    not explain their way (a loaded machine's late commands shake the arm between two joint states),
-    the image weighs less, by how far the features may be off for it.
+    The arm's motion is known as exactly as its joint positions at the exposures. If these are
+    extrapolated, because joint states arrive late, nothing is compared. If the joint speeds at both
+    ends do not explain the distance that the joints moved (late commands of a loaded machine shake
+    the arm between two joint states), the image gets a smaller weight.
     """
 
-    # Tolerances from one row to the next: of less, noise and the joints' friction would be judged.
+    # Predicted motion in one row of the fit, tolerances. With less, noise and joint friction would
+    # dominate.
     MIN_ROW = 3.0
-    # images that are one row at most: what is slower may be the target's own motion
+    # Largest number of images per row of the fit. Slower motion may be the target's own.
     MAX_IMAGES_PER_ROW = 4
-    MIN_PATH = 40.0  # tolerances of predicted way before anything is judged
-    # Part of the motion's square that one depth does not explain, and in tolerances of an image.
+    MIN_PATH = 40.0  # predicted motion before the first decision, tolerances
+    # Residual of a fit of the depth alone, above which the camera model is wrong: as a part of the
+    # squared motion, and in tolerances per image.
     MAX_MISFIT_PART, MIN_MISFIT = 0.04, 1.5
-    MIN_CORRELATION = 0.2  # correlation of what is not explained with that of the next row
-    # A scale counts as wrong when it is off by so much, and so many standard deviations more.
+    MIN_CORRELATION = 0.2  # correlation of the residuals of successive rows
+    # A scale is wrong if its error exceeds MIN_DIFFERENCE plus MIN_DEVIATIONS standard deviations.
     MIN_DIFFERENCE, MIN_DEVIATIONS = 0.04, 4.0
-    # Tolerances that a direction alone moved the features, for its scale to be judged: of a
-    # translation beside another, of a rotation (joints that shake tilt the camera unseen).
+    # Motion of the features by one direction alone, in tolerances, that its scale needs: of
+    # translations, and of rotations (shaking joints tilt the camera without being measured).
     MIN_TRANSLATION, MIN_ROTATION = 3.0, 8.0
-    MIN_NOISE = 0.05  # tolerances of noise that there are at least
-    SHAKING_FACTOR = 0.3  # part of the most that shaken features are off, in a recorded run, in rms
-    LATE_PART = 0.25  # part of an image period for which joints went on at a speed that had changed
-    # Part of the predicted way by which L changes it from one image to the next, and in tolerances,
-    # up to which the mean of both tells it: of half turns by six moments, where it changes by 0.5
-    # to 2, a third of that way is not explained.
-    BENT = 0.3
+    MIN_NOISE = 0.05  # smallest noise that is assumed, tolerances
+    # rms effect of shaking on the features, as a part of its upper bound, in a recorded run
+    SHAKING_FACTOR = 0.3
+    # part of an image period in which a joint may still move at its previous speed
+    LATE_PART = 0.25
+    # Largest change of the predicted step by the change of L between two images, as a part of the
+    # step; with more, the mean L is not used. For rotations near 180 degrees with six moments this
+    # part is 0.5 to 2, and a third of the motion is unexplained.
+    MAX_L_CHANGE = 0.3
 
     def __init__(self, jacobian: Callable[[np.ndarray], np.ndarray] | None = None) -> None:
-        """`jacobian`: (6, n) of the arm at joints (n,); None: its motion is taken as it is."""
+        """Create the check.
+
+        Args:
+            jacobian: function from joints (n,) to the arm's Jacobian (6, n); None if the camera's
+                motion is exact.
+        """
         self._jacobian = jacobian
         self._joints: JointSample | None = None
         self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._normal, self._right = np.zeros((6, 6)), np.zeros(6)
         self._square = self._path_length = 0.0
-        # Of each row with the one before it: sums as those above.
+        # Sums of the products of each row of the fit with the previous row.
         self._last_row: tuple[np.ndarray, np.ndarray] | None = None
         self._next_normal, self._next_right = np.zeros((6, 6)), np.zeros(6)
         self._next_square = 0.0
@@ -79,18 +91,20 @@ class CameraCheck:
         self._fault: str | None = ""
 
     def interrupt(self) -> None:
-        """An image without measurement: the next one has no predecessor."""
+        """Reset the comparison with the previous image, because an image had no measurement."""
         self._last_measurement = self._joints = self._last_row = None
 
     def add(
         self, scheme_output: SchemeOutput, observation: Observation, tolerances: np.ndarray,
         is_angle: np.ndarray | None = None,
     ) -> None:
-        """Take in one image.
+        """Add one image.
 
         Args:
+            scheme_output: measurement of the image.
+            observation: of the image.
             tolerances: (k,) of the error.
-            angles: (k,) bool, of components that may wrap; None: all.
+            is_angle: (k,) bool, components that may wrap; None: all.
         """
         is_angle = np.ones(len(tolerances), bool) if is_angle is None else is_angle
         L, error = scheme_output.L, scheme_output.error
@@ -106,12 +120,12 @@ class CameraCheck:
         if before is None or observation.motion is None or len(before[0]) != len(error):
             self._start_row(error)
             return
-        predicted, wrapped, bent = _predict_motion(
+        predicted, wrapped, L_change = _predict_motion(
             *before, *self._last_measurement, observation.motion, observation.dt, tolerances,
             self._parts,
             self._target_motion, is_angle,
         )  # fmt: skip
-        if wrapped or bent > max(self.BENT * predicted, self.MIN_ROW):
+        if wrapped or L_change > max(self.MAX_L_CHANGE * predicted, self.MIN_ROW):
             self._start_row(error)
             return
         self._images += 1
@@ -127,12 +141,17 @@ class CameraCheck:
             self._start_row(error)
 
     def _start_row(self, error: np.ndarray) -> None:
-        """A row from this image on, where the error is (k,)."""
+        """Start a new row of the fit at this image, whose error is (k,)."""
         self._start_error, self._parts = error, np.zeros((len(error), 6))
         self._images, self._shaking, self._target_motion = 0, 0.0, np.zeros(len(error))
 
     def _add_row(self, predicted: float, measured: np.ndarray) -> None:
-        """Take in how far the features moved (k,), and had to at most, in tolerances."""
+        """Add a row to the normal equations of the fit.
+
+        Args:
+            predicted: largest predicted motion of a feature, in tolerances.
+            measured: (k,) measured motion of the features, in tolerances.
+        """
         weight = 1.0 / (1.0 + self.SHAKING_FACTOR * self._shaking)
         parts, measured = weight * self._parts, weight * measured
         self._normal += parts.T @ parts
@@ -155,7 +174,7 @@ class CameraCheck:
         L: np.ndarray,
         tolerances: np.ndarray,
     ) -> float:
-        """How far at most the features moved otherwise than the joints tell, in tolerances."""
+        """Return a bound of the feature motion, in tolerances, that the joints do not explain."""
         if self._jacobian is None or before is None or now is None:
             return 0.0
         return _compute_unexplained(
@@ -164,37 +183,40 @@ class CameraCheck:
         )  # fmt: skip
 
     def find_fault(self) -> str:
-        """What cannot be with the camera as believed, in words; empty where all can."""
+        """Describe what contradicts the camera model; the text is empty if nothing does."""
         if self._fault is None:
             self._fault = self._evaluate() if self._path_length > self.MIN_PATH else ""
         return self._fault
 
     def _evaluate(self) -> str:
-        depth, misfit, rest, one, other, scale, beside = _fit_scales(
+        depth, misfit, rest, direction, other_direction, scale, other_scale = _fit_scales(
             self._normal, self._right, self._square, self._rows,
             self.MIN_TRANSLATION, self.MIN_ROTATION, self.MIN_DIFFERENCE, self.MIN_DEVIATIONS,
             self.MIN_NOISE,
         )  # fmt: skip
-        words = "the features move otherwise than L and the arm's motion say"
+        text = "the features do not move as L and the arm's motion predict"
         if depth <= 0.0:
-            return f"{words}: against the camera's translation"
+            return f"{text}: translations of the camera move them in the opposite direction"
         if (
             misfit > self.MAX_MISFIT_PART
             and rest > self.MIN_MISFIT
             and self._is_smooth(depth, misfit)
         ):
-            return f"{words}: {100.0 * misfit:.0f} % of the motion is not explained"
-        if one < 0:
+            return f"{text}: {100.0 * misfit:.0f} % of the motion is not explained"
+        if direction < 0:
             return ""
-        elsewhere = "elsewhere" if one == other else f"along {DIRECTIONS[other]}"
+        where = (
+            "in other directions"
+            if direction == other_direction
+            else f"along {DIRECTIONS[other_direction]}"
+        )
         return (
-            f"along {DIRECTIONS[one]} the features move {scale:.2f} times as far as L and "
-            f"the arm's motion say, {elsewhere} {beside:.2f} times"
+            f"along {DIRECTIONS[direction]} the features move {scale:.2f} times as far as L and "
+            f"the arm's motion predict, {where} {other_scale:.2f} times as far"
         )
 
     def _is_smooth(self, depth: float, misfit: float) -> bool:
-        """Whether what one depth leaves unexplained, a part of the motion's square, goes on from
-        row to row."""
+        """Return whether the residuals of successive rows of a fit of the depth are correlated."""
         scale = np.array([depth] * 3 + [1.0] * 3)
         product = self._next_square - scale @ self._next_right + scale @ self._next_normal @ scale
         return bool(product > self.MIN_CORRELATION * misfit * self._square)
@@ -202,7 +224,10 @@ class CameraCheck:
 
 @jit("f8[:,:]")
 def _invert(matrix):
-    """Of a symmetric positive definite one (n, n), which needs no pivots; by Gauss and Jordan."""
+    """Invert a symmetric positive definite matrix (n, n) by Gauss-Jordan elimination.
+
+    Such a matrix needs no pivoting.
+    """
     left, right, count = matrix.copy(), np.eye(len(matrix)), len(matrix)
     for i in range(count):
         pivot = left[i, i]
@@ -230,32 +255,35 @@ def _fit_scales(
     deviations,
     min_noise,
 ):
-    """How far the features moved in each direction of the camera, beside what was expected.
+    """Fit the scale of the features' motion for each direction of the camera.
 
     Two translations are compared with each other, a rotation with 1.
 
     Args:
-        normal, right, square: (6, 6), (6,) of the normal equations, and the motion's square.
-        rows: how many numbers went into them.
-        known, turned, off, deviations, quiet: as CameraCheck has them.
+        normal, right, square: (6, 6), (6,) of the normal equations, and the squared motion.
+        rows: number of values in the normal equations.
+        min_translation, min_rotation, min_difference, deviations, min_noise: see the constants of
+            CameraCheck.
 
     Returns:
-        The factor of the translations, with rotations as they are expected; what it leaves
-        unexplained, as a part of the motion's square and in tolerances, rms; the direction whose
-        scale is wrong, and the one beside it, itself for a rotation, -1 where none is; its scale;
-        the other's, 1 for a rotation.
+        The factor of the translations for rotations as predicted; its residual as a part of the
+        squared motion, and in tolerances (rms); the direction with a wrong scale (-1: none) and the
+        direction that it is compared with (the same for a rotation); the scales of both (1 for the
+        second of a rotation).
     """
-    moved = straight = turning = 0.0
+    translation_square = translation_right = coupling = 0.0
     for i in range(3):
-        straight += right[i]
+        translation_right += right[i]
         for j in range(3):
-            moved += normal[i, j]
-            turning += normal[i, 3 + j]
-    depth = (straight - turning) / moved if moved > min_translation**2 else 1.0
+            translation_square += normal[i, j]
+            coupling += normal[i, 3 + j]
+    depth = 1.0
+    if translation_square > min_translation**2:
+        depth = (translation_right - coupling) / translation_square
     expected, damped = np.ones(6), normal.copy()
     for i in range(6):
         expected[i] = depth if i < 3 else 1.0
-        damped[i, i] += 0.1  # where nothing was seen, it is as expected
+        damped[i, i] += 0.1  # directions without motion keep the expected scale
     spread = _invert(damped)
     scale, left, misfit = np.zeros(6), square, square
     for i in range(6):
@@ -268,25 +296,27 @@ def _fit_scales(
             left += scale[i] * normal[i, j] * scale[j]
             misfit += expected[i] * normal[i, j] * expected[j]
     noise = max(np.sqrt(max(left, 0.0) / max(rows - 6.0, 1.0)), min_noise)
-    one, other, most = -1, -1, 0.0
+    first, second, greatest = -1, -1, 0.0
     for i in range(6):
         for j in range(i if i < 3 else 1):
-            turns = i > 2
-            away = scale[i] - (1.0 if turns else scale[j])
+            is_rotation = i > 2
+            difference = scale[i] - (1.0 if is_rotation else scale[j])
             variance = spread[i, i]
-            if not turns:
+            if not is_rotation:
                 variance += spread[j, j] - 2.0 * spread[i, j]
-            unknown, unit = np.sqrt(variance), 1.0 if turns else abs(depth)
-            # What is not explained may be the motion's own uncertainty, which makes scales small.
-            lowered = max(left, 0.0) * variance
-            over = (abs(away) - deviations * noise * unknown) / unit - lowered - min_difference
-            if unknown <= 1.0 / (min_rotation if turns else min_translation) and over > most:
-                one, other, most = i, i if turns else j, over
-    if one != other and abs(scale[one] - 1.0) < abs(scale[other] - 1.0):
-        one, other = other, one
-    beside = 1.0 if one == other else scale[other]
+            deviation, unit = np.sqrt(variance), 1.0 if is_rotation else abs(depth)
+            # A residual from uncertain motion data makes scales too small.
+            bias = max(left, 0.0) * variance
+            excess = (abs(difference) - deviations * noise * deviation) / unit - bias
+            excess -= min_difference
+            min_motion = min_rotation if is_rotation else min_translation
+            if deviation <= 1.0 / min_motion and excess > greatest:
+                first, second, greatest = i, i if is_rotation else j, excess
+    if first != second and abs(scale[first] - 1.0) < abs(scale[second] - 1.0):
+        first, second = second, first
+    second_scale = 1.0 if first == second else scale[second]
     rest = np.sqrt(max(misfit, 0.0) / rows)
-    return depth, misfit / square, rest, one, other, scale[max(one, 0)], beside
+    return depth, misfit / square, rest, first, second, scale[max(first, 0)], second_scale
 
 
 @jit("f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[:], f8[:,::1], f8[::1], "
@@ -305,22 +335,24 @@ def _predict_motion(
     target_motion,
     is_angle,
 ):
-    """Add what each direction of the camera should have done to the features up to this image, and
-    what was no doing of the camera's.
+    """Add the predicted effects of the camera's and the target's motion up to this image.
 
     Args:
-        error_before, error: (k,); L_before, L: (k, 6); rate_before, rate: (k,) or (1,), at the two
-            last images.
-        motion: (6,) of the camera between them; dt: s.
-        tolerances: (k,), the unit of `parts`.
-        parts, own: (k, 6), (k,) up to the image before; they are added to.
-        angles: (k,) whether it may wrap.
+        error_before, error: (k,) errors of the previous and the present image.
+        L_before, L: (k, 6) their interaction matrices.
+        error_drift_before, error_drift: (k,) or (1,) their drifts by the target's motion.
+        motion: (6,) camera motion between the two images.
+        dt: time between the two images, s.
+        tolerances: (k,) unit of `parts`.
+        parts: (k, 6) effect of each direction of the camera on each feature, added to in place.
+        target_motion: (k,) effect of the target's motion, added to in place.
+        is_angle: (k,) components that may wrap.
 
     Returns:
-        The greatest of the sums of `parts`; whether an error moved so far that an angle wrapped;
-        the most that both L differ in what they say of this step, in tolerances.
+        The largest sum of `parts` over the directions; whether an angle wrapped; the largest
+        difference between the two L in the prediction of this step, in tolerances.
     """
-    widest, greatest, wrapped, bent = 0.0, 0.0, False, 0.0
+    widest, greatest, wrapped, interaction_change = 0.0, 0.0, False, 0.0
     for i in range(len(error)):
         if is_angle[i]:
             widest = max(widest, tolerances[i])
@@ -330,36 +362,37 @@ def _predict_motion(
             parts[i, j] += 0.5 * (L_before[i, j] + L[i, j]) * motion[j] / tolerances[i]
             predicted += parts[i, j]
             changed += (L[i, j] - L_before[i, j]) * motion[j] / tolerances[i]
-        bent = max(bent, abs(changed))
+        interaction_change = max(interaction_change, abs(changed))
         greatest = max(greatest, abs(predicted))
         if is_angle[i]:
             wrapped |= abs(error[i] - error_before[i]) / tolerances[i] > 1.0 / widest
-        both = (
+        drift_sum = (
             error_drift_before[min(i, len(error_drift_before) - 1)]
             + error_drift[min(i, len(error_drift) - 1)]
         )
-        target_motion[i] += 0.5 * both * dt
-    return greatest, wrapped, bent
+        target_motion[i] += 0.5 * drift_sum * dt
+    return greatest, wrapped, interaction_change
 
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:,:], f8[:,:], f8[:]", allocates=False)
 def _compute_unexplained(q_before, v_before, q, v, dt, late, jacobian, L, tolerances):
-    """Most that a joint's motion moves a feature which its speeds (n,) do not explain, in
-    tolerances (k,).
+    """Return the largest motion of a feature by joint motion that the joint speeds do not explain.
+
+    The result is in tolerances (k,).
 
     Args:
         q_before, v_before, q, v: (n,) positions and speeds, dt (s) apart.
-        late: part of dt for which a speed that changed may have gone on.
+        late: part of dt in which a joint may still move at its previous speed.
         jacobian, L: (6, n), (k, 6).
     """
-    most = 0.0
+    greatest = 0.0
     for j in range(len(q)):
         change = v[j] - v_before[j]
-        told = (v_before[j] + 0.5 * change) * dt
-        unexplained = abs(q[j] - q_before[j] - told) + late * dt * abs(change)
+        expected = (v_before[j] + 0.5 * change) * dt
+        unexplained = abs(q[j] - q_before[j] - expected) + late * dt * abs(change)
         for i in range(len(L)):
             moved = 0.0
             for k in range(6):
                 moved += L[i, k] * (jacobian[k, j] * unexplained)
-            most = max(most, abs(moved / tolerances[i]))
-    return most
+            greatest = max(greatest, abs(moved / tolerances[i]))
+    return greatest

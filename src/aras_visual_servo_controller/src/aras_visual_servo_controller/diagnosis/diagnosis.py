@@ -1,8 +1,8 @@
-"""What a run came to, why, and its remedy: while it goes on, or afterwards from its record.
+"""Diagnosis of a run, online or from its record: outcome, reason and remedy.
 
-The diagnoses of `ORDER` are asked one after the other about each image, and the first answer
-counts. The loop knows no truth but its own: `outcome` is its word, a `verdict` only physics can
-give.
+Each image is passed to the diagnoses of `ORDER` one after the other; the first outcome counts. An
+`outcome` is what the loop concludes from its own data. A `verdict` is based on the true poses,
+which only a simulation knows.
 """
 
 from __future__ import annotations
@@ -18,27 +18,28 @@ from .advice import suggest_longer_watchdog
 from .base import DIAGNOSES, ORDER
 from .evidence import Evidence
 
-# s for which an outcome is reported at least once it has been for as long, and those to which that
-# applies: of one situation, an arm that servoes.
+# Outcomes in WHILE_SERVOING are reported for at least STEADY_TIME (s) before another one replaces
+# them.
 STEADY_TIME = 1.0
 WHILE_SERVOING = (
     "running", "target_moves", "wrong_camera_model", "gain_too_high", "joint_limit", "singular",
     "local_minimum", "camera_retreat", "out_of_reach", "saturation", "too_noisy", "no_progress",
     "wrong_object",
 )  # fmt: skip
-# s after which an interruption of the images is forgotten: they come well since.
+# s without interruption after which earlier interruptions of the images are forgotten
 RECOVERY_TIME = 10.0
 
 
 def diagnose(
     run_context: RunContext, records: Iterable[Record], order: Sequence[str] = ORDER
 ) -> Outcome:
-    """What a recorded run came to: the same as `Diagnosis` says while it goes on.
+    """Diagnose a recorded run; the result is the same as that of `Diagnosis` during the run.
 
     Args:
-        run: arm, goal, scheme and settings; a law whose gain was changed counts as it is now.
-        records: images and events in their order, from the start of the loop on.
-        order: names of the diagnoses that are asked.
+        run_context: arm, goal, scheme and settings; a law whose gain was changed counts with its
+            present gain.
+        records: images and events in their order, from the start of the loop.
+        order: names of the diagnoses that are used.
     """
     diagnosis = Diagnosis(run_context, order)
     for record in records:
@@ -47,22 +48,29 @@ def diagnose(
 
 
 class Diagnosis:
-    """Follows one run record by record. Ask `outcome` at any time."""
+    """Diagnosis of one run, updated record by record; `outcome` is available at any time."""
 
     def __init__(self, run_context: RunContext, order: Sequence[str] = ORDER) -> None:
-        """`order`: names of the diagnoses that are asked, of which the last always answers."""
+        """Create the diagnosis.
+
+        Args:
+            run_context: arm, goal, scheme and settings.
+            order: names of the diagnoses, the last of which always reports an outcome.
+        """
         self.run_context, self._order = run_context, tuple(order)
         self._start()
 
     def _start(self) -> None:
         self.evidence = Evidence(self.run_context)
         self._diagnoses = [DIAGNOSES[name]() for name in self._order]
-        self._faults: list[tuple[float, str]] = []  # of images, with the scheme's fault
+        # stamp and fault of each image for which the scheme failed
+        self._faults: list[tuple[float, str]] = []
         self._image_count = 0
         self._last_stamp: float | None = None  # stamp of the last image, s
         self._longest_gap = 0.0  # longest time without an image, s
-        self._outcome_stamp = -np.inf  # when the present outcome was found first, s
-        self._candidate: tuple[str, float] | None = None  # kind found instead of it, and since when
+        self._outcome_stamp = -np.inf  # time at which the present outcome was found first, s
+        # kind of the outcome that may replace the present one, and since when
+        self._candidate: tuple[str, float] | None = None
         self._is_ended = False
         self._starvation_count, self._starvation_outcome, self._starvation_stamp = (
             0,
@@ -72,7 +80,7 @@ class Diagnosis:
 
     @property
     def outcome(self) -> Outcome:
-        """What the loop knows of the run so far."""
+        """Return what is known about the run so far."""
         found = self.evidence.current_outcome
         if not self._faults or found.kind in ("running", "scheme_fault"):
             return found
@@ -80,7 +88,7 @@ class Diagnosis:
         return replace(found, reason=reason)
 
     def add(self, record: Record) -> Outcome:
-        """Take in an image or an event; the outcome as of now."""
+        """Add an image or an event and return the present outcome."""
         if isinstance(record, ImageRecord):
             self._add_image(record)
         else:
@@ -108,7 +116,12 @@ class Diagnosis:
             raise ValueError(f"a run has no event '{event.kind}'")
 
     def _add_starvation(self, t: float, period: float) -> None:
-        """The watchdog stopped the arm at t (s); period of the images before, s."""
+        """Record that the watchdog stopped the arm.
+
+        Args:
+            t: time of the stop, s.
+            period: of the images before the stop, s.
+        """
         self._starvation_count = (
             1 if t - self._starvation_stamp > RECOVERY_TIME else self._starvation_count + 1
         )
@@ -117,8 +130,8 @@ class Diagnosis:
         self._longest_gap = max(self._longest_gap, gap, period)
         found = make_outcome(
             "too_few_images",
-            f"no image came for longer than the watchdog's time, at {t:.2f} s"
-            + (f" (before that one every {period:.3f} s)" if period > 0.0 else ""),
+            f"at {t:.2f} s no image had arrived for longer than the watchdog's time"
+            + (f" (before that, one every {period:.3f} s)" if period > 0.0 else ""),
         )
         if self._starvation_count > 1:
             gain = getattr(getattr(self.run_context.scheme, "law", None), "gain", None)
@@ -129,14 +142,15 @@ class Diagnosis:
         self.evidence.current_outcome = self._starvation_outcome = found
 
     def _time_out(self, duration: float) -> None:
-        """The time for the run is over; what was found before stays the outcome."""
+        """End the run because its time is over; an outcome that was found before remains."""
         if self.outcome.kind == "running":
             last = f": {self.outcome.reason}" if self.outcome.reason else ""
             evidence = self.evidence
             found = evidence.add_advice(
                 self._explain_timeout(f"not at the goal after {duration:.1f} s{last}")
             )
-            # An image without an answer interrupts the loop: the camera has to settle again.
+            # An image for which the scheme failed interrupts the loop: the camera has to settle
+            # again.
             recent = self._faults and self._faults[-1][0] > (evidence.measured_stamp or 0.0) - (
                 self.run_context.settings.hold
             )
@@ -174,22 +188,22 @@ class Diagnosis:
             found = diagnosis.judge(record, evidence)
             if found is not None:
                 break
-        # Stopped by the watchdog again and again: the images between do not cure it.
-        lately = stamp - self._starvation_stamp < RECOVERY_TIME
-        starved = found.kind == "running" and lately and self._starvation_count > 1
+        # The watchdog stops the arm repeatedly; images in between do not change that outcome.
+        is_recent = stamp - self._starvation_stamp < RECOVERY_TIME
+        is_starved = found.kind == "running" and is_recent and self._starvation_count > 1
         evidence.current_outcome = (
-            self._starvation_outcome if starved else self._debounce(stamp, found)
+            self._starvation_outcome if is_starved else self._debounce(stamp, found)
         )
 
     def _debounce(self, stamp: float, candidate: Outcome) -> Outcome:
-        """What is reported: an outcome that has been for STEADY s gives way to another one of the
-        same situation only once that has been found for as long."""
+        """Return the outcome to report, which changes only after STEADY_TIME of a new one."""
         current = self.evidence.current_outcome
         if candidate.kind == current.kind:
             self._candidate = None
             return candidate
-        family = candidate.kind in WHILE_SERVOING and current.kind in WHILE_SERVOING
-        if not family or current.kind == "running" or stamp - self._outcome_stamp < STEADY_TIME:
+        same_phase = candidate.kind in WHILE_SERVOING and current.kind in WHILE_SERVOING
+        is_new = stamp - self._outcome_stamp < STEADY_TIME
+        if not same_phase or current.kind == "running" or is_new:
             self._outcome_stamp, self._candidate = stamp, None
             return candidate
         if self._candidate is None or self._candidate[0] != candidate.kind:
@@ -201,11 +215,11 @@ class Diagnosis:
 
     @property
     def _fault_summary(self) -> str:
-        """How many images the scheme gave no answer to, when and why, as text."""
+        """Return for how many images the scheme failed, when and why, as text."""
         first, last, reason = self._faults[0], self._faults[-1], self._faults[-1][1]
         when = f"at {first[0]:.2f} s" if first is last else (
             f"from {first[0]:.2f} s to {last[0]:.2f} s"
         )  # fmt: skip
         count = len(self._faults)
         images = f"{count} image{'s' if count > 1 else ''} of {self._image_count}"
-        return f"{images} got no answer from the scheme ({when}): {reason}"
+        return f"the scheme failed for {images} ({when}): {reason}"

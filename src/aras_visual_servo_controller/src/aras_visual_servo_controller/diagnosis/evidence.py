@@ -1,4 +1,4 @@
-"""What the images of a run have shown so far, and what that says of a finding."""
+"""Evidence collected from the images of a run, shared by all diagnoses."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from .motion_check import MotionCheck
 from .progress_check import ProgressCheck
 from .target_check import TargetCheck
 
-# Bend of an elbow, rad, within which the arm counts as stretched.
+# Bend of an elbow, rad, below which the arm counts as stretched.
 STRETCHED_BEND = 0.1
-# What a scheme or the target, and not the camera, explains: outcomes that follow from it.
+# Outcomes that can be a consequence of an occluded target or of a wrong L.
 CONSEQUENCES = ("camera_retreat", "gain_too_high", "local_minimum", "no_progress", "too_noisy",
           "ambiguous", "target_lost", "singular", "timed_out", "target_moves", "wrong_object",
           "wrong_camera_model")  # fmt: skip
@@ -31,20 +31,27 @@ DRIFT_OUTCOME = make_outcome(
 
 
 class Evidence:
-    """Shared by the diagnoses of a run, which add each image to it in their order.
+    """Findings about a run so far, to which the diagnoses add each image in their order.
 
     Attributes:
-        run: what does not change. present: the outcome that was reported last.
-        joints, progress, gain, target, motion: checks, each with the images that it has seen.
-        cameras: the check of each camera, by name.
-        touched: borders that the target touched last, as text.
-        measured: when the scheme could last answer, s; None: never yet.
-        is_running_away: whether the target has just moved faster than any camera could.
-        error: (k,) of this image, in tolerances. tolerances: (k,).
-        angles: (k,) bool, of components that may wrap.
-        moves: how the target moves, as text. swings: that the error swings, or None.
-        is_fast: whether it swings faster than any target that is looked for.
-        camera_fault: what contradicts the cameras as believed, as text.
+        run_context: arm, goal, scheme and settings, which do not change during the run.
+        current_outcome: outcome that was reported last.
+        joint_check, progress_check, gain_check, target_check, motion_check: checks with the images
+            that each of them has processed.
+        camera_checks: check of each camera, by camera name.
+        last_touched_borders: image borders that the target touched last, as text.
+        measured_stamp: stamp of the last image for which the scheme computed a task, s; None before
+            the first.
+        is_running_away: whether the target has just moved faster than the camera's motion can
+            explain.
+        error: (k,) error of this image, in tolerances.
+        tolerances: (k,) tolerances of the scheme.
+        is_angle: (k,) bool, components that may wrap.
+        target_motion: motion of the target, as text; empty if it is at rest.
+        oscillation: outcome for an oscillating error, or None.
+        is_oscillation_fast: whether the error oscillates faster than the target motions that
+            `TargetCheck` searches for.
+        camera_fault: contradiction to the camera model, as text; empty if there is none.
     """
 
     error: np.ndarray
@@ -70,7 +77,7 @@ class Evidence:
         self.is_oscillation_fast = False
 
     def interrupt(self) -> None:
-        """An image without an answer: the next one has no predecessor."""
+        """Reset the comparison with the previous image, because an image had no measurement."""
         self.progress_check.clear()
         self.target_check.interrupt()
         self.motion_check.interrupt()
@@ -79,12 +86,14 @@ class Evidence:
 
     @property
     def is_occluded(self) -> bool:
-        """Whether something covers a part of the target."""
+        """Return whether something covers a part of the target."""
         return self.motion_check.step_check.occluded_since is not None
 
     def find_contradiction(self) -> str:
-        """How the features moved otherwise than L says all along, as text; empty: they did not, or
-        noise hides it."""
+        """Describe how the features contradict L over the run.
+
+        The text is empty if they agree with L, or if noise is too large to decide.
+        """
         return (
             ""
             if self.progress_check.noise
@@ -92,8 +101,11 @@ class Evidence:
         )
 
     def find_camera_fault(self, observation: Observation) -> str:
-        """What cannot be with the cameras as believed, as text; empty where all can, or where the
-        target has just run away faster than any camera of this motion shows."""
+        """Describe what contradicts the camera model.
+
+        The text is empty if nothing does, or if the target has just moved faster than the camera's
+        motion can explain.
+        """
         if self.is_running_away:
             return ""
         for name, check in self.camera_checks.items():
@@ -102,16 +114,19 @@ class Evidence:
         return ""
 
     def explain_contradiction(self, fault: str) -> Outcome:
-        """The outcome of features that do not move as L and the camera say."""
+        """Return the outcome for features that do not move as L and the camera's motion predict."""
         if self.motion_check.is_interaction_wrong:
             return make_outcome(
-                "scheme_fault", f"{fault}, and the target's centre moves as they say: L is not "
-                "that of the scheme's features",
+                "scheme_fault", f"{fault}, although the target's centre moves as predicted: L is "
+                "not that of the scheme's features",
             )  # fmt: skip
         return self.explain_occlusion(make_outcome("wrong_camera_model", fault))
 
     def explain_occlusion(self, candidate: Outcome) -> Outcome:
-        """The outcome where something covers the target: of that, if it can follow from it."""
+        """Return the occlusion of the target as the outcome if it can have caused `candidate`.
+
+        Otherwise `candidate` is returned.
+        """
         steps = self.motion_check.step_check
         if (
             steps.occluded_since is None
@@ -121,12 +136,12 @@ class Evidence:
             return candidate
         return make_outcome(
             "wrong_object",
-            f"since {steps.occluded_since:.2f} s something covers the target, of which "
-            f"{100.0 * steps.visible_part:.0f} % is visible; {candidate.reason}",
+            f"something has covered the target since {steps.occluded_since:.2f} s; "
+            f"{100.0 * steps.visible_part:.0f} % of it is visible; {candidate.reason}",
         ).with_remedy(UNCOVER_TARGET)
 
     def add_advice(self, candidate: Outcome) -> Outcome:
-        """The outcome of a run that does not come to its goal, with what else is known."""
+        """Add further findings and a specific remedy to the outcome of an unsuccessful run."""
         if candidate.kind in ("camera_retreat", "local_minimum", "singular"):
             candidate = replace(
                 candidate, remedy=suggest_scheme(candidate, self.run_context.scheme)
@@ -156,29 +171,29 @@ class Evidence:
         return self.explain_occlusion(candidate)
 
     def is_stretched(self, joints: JointSample | None) -> bool:
-        """Whether an elbow is all but straight."""
+        """Return whether an elbow of the arm is almost straight."""
         return joints is not None and any(
             abs(joints.positions[fold.joint] - fold.straight_position) < STRETCHED_BEND
             for fold in self.run_context.elbows
         )
 
     def _find_narrowing_parameters(self, reason: str) -> list[str]:
-        """The parameters that narrow the limits of the joints which a reason names."""
+        """Return the parameters that narrow the limits of the joints named in a reason."""
         return sorted({key for key, names in self.run_context.narrowed_limits.items()
                        if any(name in reason for name in names)})  # fmt: skip
 
     def _report_goal_limits(self) -> Outcome:
-        """That the goal was shown with joints beyond their limits."""
+        """Return the outcome for a goal that was taught with joints beyond their limits."""
         outside = join_names(list(self.run_context.joints_beyond_limits))
-        found = make_outcome("joint_limit", f"the goal was shown with {outside} beyond its limit")
+        found = make_outcome("joint_limit", f"the goal was taught with {outside} beyond its limit")
         keys = self._find_narrowing_parameters(found.reason)
         return replace(found, remedy=suggest_wider_limits(keys)) if keys else found
 
 
 def combine_outcomes(first: Outcome, second: Outcome) -> Outcome:
-    """The first outcome with the reason and the remedy of a second one that fits as well."""
+    """Return the first outcome with the reasons and the changes of both."""
     changes = dict.fromkeys((*first.remedy.changes, *second.remedy.changes))
     return replace(
-        first, reason=f"{first.reason}; besides, {second.reason}",
+        first, reason=f"{first.reason}; in addition, {second.reason}",
         remedy=Remedy(str(first.remedy).partition(":")[0], *changes),
     )  # fmt: skip

@@ -1,4 +1,5 @@
-"""What the steps of the features from image to image say of the scheme and of the camera."""
+"""Check of the features' steps from image to image against the scheme's L and the camera's motion.
+"""
 
 from __future__ import annotations
 
@@ -13,25 +14,32 @@ from .joint_check import join_names
 from .step_check import StepCheck
 from .target_check import TargetCheck, compute_centre
 
-# Correlation of the features' motion with L and the camera's from which on they go together, and
-# below which a feature moves against its L. Times as far as L says that features move whose motion
-# is compared so: a target moves them farther, or not at all where it is followed. Times as far as
-# they move where L is wrong.
+# The features agree with L if the correlation of their motion with the prediction exceeds
+# MIN_CORRELATION; a single feature below OPPOSING_CORRELATION moves against L. The correlation is
+# evaluated only for ratios of measured to predicted motion between 1 / MAX_MOTION_RATIO and
+# MAX_MOTION_RATIO: a moving target moves the features farther, or hardly at all if the camera
+# follows it. Below MIN_MOTION_RATIO L is wrong.
 MIN_CORRELATION, OPPOSING_CORRELATION, MAX_MOTION_RATIO, MIN_MOTION_RATIO = 0.5, -0.7, 2.0, 0.2
-SCATTER_FACTOR = 50.0  # times as much as the target's centre that features change without a cause
-# tolerances of its rows: a camera that goes astray loses its target within 0.2 s
+SCATTER_FACTOR = 50.0  # ratio of unexplained feature steps to those of the target's centre
+# Predicted motion of the target's centre, in tolerances, that is compared at once: a camera that
+# moves in a wrong direction loses its target within 0.2 s.
 CENTRE_MIN_ROW = 3.0
-SURE_CORRELATION = 0.8  # the correlation of the target's centre with the camera of which it is sure
+# Correlation between motions of target centre and camera above which L of the scheme is at fault.
+SURE_CORRELATION = 0.8
 
 
 class MotionCheck:
-    """Follows the features' steps, and for a user's own scheme those of the target's centre, whose
-    L is known: where that moves as the camera says, a contradiction is the scheme's fault.
+    """Check of the steps of the features and, for user schemes, of the target's centre.
+
+    The interaction matrix of the centre is known. If the centre moves as the camera's motion
+    predicts, a contradiction is the fault of the user's scheme.
 
     Attributes:
-        steps: of the features. is_own: whether the scheme is a user's own.
-        is_viewed: whether the scheme's L is that of the present view, from which the camera's
-            motion can be predicted; L at the goal, a mean or an estimate is not.
+        step_check: steps of the features.
+        is_user_scheme: whether the scheme or a feature is user code.
+        is_current_interaction: whether the scheme's L belongs to the present view, so that it
+            predicts the effect of the camera's motion; L at the goal, a mean or an estimate does
+            not.
     """
 
     def __init__(self, is_user_scheme: bool = False) -> None:
@@ -43,7 +51,7 @@ class MotionCheck:
         self._centre_check = StepCheck(CENTRE_MIN_ROW) if is_user_scheme else None
 
     def interrupt(self) -> None:
-        """An image without measurement: the next one has no predecessor."""
+        """Reset the comparison with the previous image, because an image had no measurement."""
         self.step_check.interrupt()
         if self._centre_check is not None:
             self._centre_check.interrupt()
@@ -56,15 +64,25 @@ class MotionCheck:
         tolerances: np.ndarray,
         is_angle: np.ndarray,
     ) -> None:
-        """Take in one image; angles: (k,) bool, of components that may wrap."""
+        """Add one image.
+
+        Args:
+            scheme_output: measurement of the image.
+            observation: of the image.
+            goal: of the run.
+            tolerances: (k,) of the error.
+            is_angle: (k,) bool, components that may wrap.
+        """
         self.step_check.add(scheme_output, observation, tolerances, is_angle)
         if self._centre_check is not None:
             self._add_centre(scheme_output, observation, goal)
 
     @property
     def target_motion_part(self) -> float:
-        """Part of the latest motion in the image that is the target's own: see StepCheck.own. None
-        is known where L, as that at the goal, is not that of this view."""
+        """Return the part of the latest image motion that is the target's own, 0 to 1.
+
+        It is 0 if L does not belong to the present view. See `StepCheck.target_motion_part`.
+        """
         if not self.is_current_interaction:
             return 0.0
         return (
@@ -72,32 +90,31 @@ class MotionCheck:
         ).target_motion_part
 
     def find_scheme_fault(self, stamp: float, is_converged: bool) -> str:
-        """What the scheme does that no image can, as text; empty: nothing."""
+        """Describe a behaviour of the features that no image can cause; empty if there is none."""
         centre, steps = self._centre_check, self.step_check
         if steps.unchanged_since is not None and not is_converged:
             return (
-                f"the scheme's features have been the same since {steps.unchanged_since:.2f} s, "
-                "though the camera moves and the target in the image with it"
+                f"the scheme's features have not changed since {steps.unchanged_since:.2f} s, "
+                "although the camera moves and with it the image of the target"
             )
         if self.is_interaction_wrong and (names := self._list_opposing_features()):
-            return f"{names} moves against what the scheme's L says; is the sign of L right?"
+            return f"{names} moves opposite to the prediction by the scheme's L; check its sign"
         if not is_converged and centre is not None:
             if steps.is_jumping(stamp):
-                return f"the features jump again and again, the target does not: {self.jump_reason}"
+                return f"the features jump repeatedly, the target does not: {self.jump_reason}"
             if centre.has_enough_motion and steps.typical_step > max(
                 steps.MIN_JUMP, SCATTER_FACTOR * centre.typical_step
             ):
                 return (
                     f"the features change by {steps.typical_step:.0f} tolerances from image to "
-                    "image that "
-                    "the camera's motion does not explain, and the target's centre does not"
+                    "image without a motion of the camera or of the target's centre"
                 )
         return ""
 
     def _add_centre(
         self, scheme_output: SchemeOutput, observation: Observation, goal: Goal
     ) -> None:
-        """Follow the target's own centre, whose L is known, next to a user's own features."""
+        """Add the target's centre, whose L is known, to its own step check."""
         centre, L, _ = compute_centre(observation, goal)
         count = len(centre)
         own = replace(
@@ -111,8 +128,10 @@ class MotionCheck:
 
     @property
     def is_interaction_wrong(self) -> bool:
-        """Whether the target's centre moves as the camera says, so that a contradiction of a
-        user's own features is their L's fault."""
+        """Return whether a contradiction between features and camera motion shows a wrong L.
+
+        This is so if the target's centre moves as the camera's motion predicts.
+        """
         centre = self._centre_check
         return (
             centre is not None
@@ -122,18 +141,19 @@ class MotionCheck:
 
     @property
     def jump_reason(self) -> str:
-        """The first jump of the error, as text; empty: there was none."""
+        """Return the first jump of the error as text; it is empty if there was none."""
         jump = self.step_check.first_jump
         return "" if jump is None else str(jump)
 
     def find_contradiction(self, is_target_moving: bool) -> str:
-        """How the features moved otherwise than L says all along, as text; empty: they did not.
+        """Describe how the features contradict L over the run; the text is empty if they do not.
 
-        moves: whether the target does, so that a single feature may go against L.
+        Args:
+            is_target_moving: whether the target moves, so that a single feature may move against L.
         """
-        steps, words = (
+        steps, text = (
             self.step_check,
-            "the features move otherwise than L and the arm's motion say",
+            "the features do not move as L and the arm's motion predict",
         )
         if not (steps.has_enough_motion and self.is_current_interaction):
             return ""
@@ -141,16 +161,16 @@ class MotionCheck:
             1.0 / MAX_MOTION_RATIO < steps.motion_ratio < MAX_MOTION_RATIO
             and steps.correlation < MIN_CORRELATION
         ):
-            return f"{words}: their correlation is {steps.correlation:.2f}"
+            return f"{text}: their correlation is {steps.correlation:.2f}"
         against = steps.correlation < MIN_CORRELATION and steps.motion_ratio < MAX_MOTION_RATIO
         if not is_target_moving and against and (names := self._list_opposing_features()):
-            return f"{words}: {names} against it"
+            return f"{text}: {names} moves in the opposite direction"
         if self.is_interaction_wrong and steps.motion_ratio < MIN_MOTION_RATIO:
-            return f"{words}: {steps.motion_ratio:.2g} times as far"
+            return f"{text}: they move {steps.motion_ratio:.2g} times as far"
         return ""
 
     def _list_opposing_features(self) -> str:
-        """Names of the features that move against L, as text."""
+        """Return the names of the features that move against L, as text."""
         parts = self.step_check.feature_correlations
         if parts is None or not (parts < OPPOSING_CORRELATION).any():
             return ""

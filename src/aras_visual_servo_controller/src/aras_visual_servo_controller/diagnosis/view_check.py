@@ -1,9 +1,9 @@
-"""Whether the cameras show at an arrival what the goal shows: where the target is, its size and its
-shape.
+"""Check whether the images at an arrival show the target as at the goal.
 
-A scheme's own numbers say that it is at its goal; image and goal are known besides, and are
-compared for every scheme. A motion that L does not see is not controlled: a view that differs by
-one is no fault, and the motion is what the arrival leaves open.
+The target's position, size and shape are compared. The scheme's own features show that it is at its
+goal; images and goals are compared in addition, for every scheme. A motion that L does not measure
+is not controlled. If the view differs only by such a motion, the motion adds to the uncertainty of
+the arrival and is no fault.
 """
 
 from __future__ import annotations
@@ -25,62 +25,61 @@ if TYPE_CHECKING:
     from ..goals.goal import Goal
     from ..observation.observation import Observation
 
-MIN_VIEWS = 3  # images that show another view in their mean, from which on it counts as one
-NOISE_DEVIATIONS = 3.0  # standard deviations of that mean by which it has to be another, besides
-MAX_WINDOW = 120  # images that are averaged at most
-# Central moments of second and third order, free of scale, by which two views count as different;
-# the first a part of the goal's greatest. Of converged runs with five cameras, noise among them,
-# they differ by 0.2 % and 6e-5; of the nearest pose that was found wrong, 18 degrees off, by 0.6 %
-# and 5e-4.
+MIN_VIEWS = 3  # smallest number of images for a comparison
+NOISE_DEVIATIONS = 3.0  # standard deviations of the mean that count as noise
+MAX_WINDOW = 120  # largest number of averaged images
+# Tolerances of the scale-free central moments of second and third order; the first is a part of the
+# goal's largest moment. Converged runs with five cameras, with and without noise, differ by 0.2 %
+# and 6e-5; the closest wrong pose that was found, 18 degrees off, by 0.6 % and 5e-4.
 SECOND_ORDER_TOLERANCE, THIRD_ORDER_TOLERANCE = 0.02, 2.5e-4
-# Normalised distance of the target's middle, and part of its size, by which two views count as
-# different, beyond what noise and the features' accuracy explain.
+# Tolerance of the target's centre (normalised) and size (relative), in addition to noise and the
+# accuracy of the features.
 MAX_PLACE_DIFFERENCE = 4e-3
-# Part of the depth (and rad) by which the camera may move within the features' tolerances for them
-# not to see it; and part of that motion which the view has to show, to tell how far it went.
+# Largest motion (part of the depth, rad) within the features' tolerances, above which a direction
+# counts as not measured; smallest part of such a motion that the view has to show to measure it.
 UNSEEN_MOTION, MIN_SHOWN_PART = 0.05, 0.05
-# numbers of the shape; of the target's place
+# number of shape moments; features of the target's position and size
 SHAPE_NUMBERS, PLACE_FEATURES = 7, ("xg", "yg", "area")
 
 
 class ViewCheck:
-    """Compares the mean view of the images of an arrival with the goal's."""
+    """Comparison of the mean view of an arrival's images with the goal."""
 
     def __init__(self) -> None:
         self._views = RecentErrors()
-        # Stamps and moments by camera, that are still to be compared.
+        # Stamp and moments per camera of each image that has not been compared yet.
         self._pending_views: deque[tuple[float, list[Moments | None]]] = deque(maxlen=MAX_WINDOW)
         self._goal: Goal | None = None
         self._expected_place: _ExpectedPlace | None = None
-        self._names: list[str] = []  # of several cameras
+        self._names: list[str] = []  # camera names; empty for a single camera
 
     def __len__(self) -> int:
-        """How many images are averaged."""
+        """Return the number of averaged images."""
         return min(len(self._views) + len(self._pending_views), MAX_WINDOW)
 
     def clear(self) -> None:
-        """Forget all images."""
+        """Remove all images."""
         self._views.clear()
         self._pending_views.clear()
         self._goal = self._expected_place = None
         self._names = []
 
     def add(self, observation: Observation, goal: Goal) -> None:
-        """Take in one image."""
+        """Add one image."""
         self._goal = goal
-        seen = [view.moments for view in (observation, *observation.other_cameras.values())]
+        moments = [view.moments for view in (observation, *observation.other_cameras.values())]
         self._names = list(observation.other_cameras) and list(observation.cameras)
-        self._pending_views.append((observation.stamp, seen))
+        self._pending_views.append((observation.stamp, moments))
 
     def retain(self, count: int) -> None:
-        """Forget all images but the latest, and compare those with the goal."""
+        """Keep only the latest `count` images and compare them with the goal."""
         while len(self._pending_views) > count:
             self._pending_views.popleft()
-        for stamp, seen in self._pending_views:
+        for stamp, views in self._pending_views:
             goals = _list_goals(self._goal, self._names)
             self._views.add(stamp, np.concatenate([
                 _compute_difference(moments, own.moments) for moments,
-                own in zip(seen, goals, strict=True)
+                own in zip(views, goals, strict=True)
             ]))  # fmt: skip
         self._pending_views.clear()
         self._views.drop_oldest(max(len(self._views) - count, 0))
@@ -88,17 +87,18 @@ class ViewCheck:
     def set_expected_place(
         self, observation: Observation, L: np.ndarray, covariance: np.ndarray, depth: float
     ) -> None:
-        """How a view may differ as of this image.
+        """Set how much the target's position and size may differ from the goal's.
 
         Args:
-            L: (k, 6) of the features, in their tolerances; rotations times the target's depth.
-            covariance: (6, 6) of the camera's offset from the goal, scaled likewise.
+            observation: of the present image.
+            L: (k, 6) of the features, in tolerances; rotations times the target's depth.
+            covariance: (6, 6) of the camera's offset from the goal, with scaled rotations.
             depth: of the target at the goal, m.
         """
         rows = [
-            _compute_place_interaction(own) if view.twist_from_control is None else
-            _compute_place_interaction(own) @ view.twist_from_control
-            for view, own in zip((observation, *observation.other_cameras.values()),
+            _compute_place_interaction(goal) if view.twist_from_control is None else
+            _compute_place_interaction(goal) @ view.twist_from_control
+            for view, goal in zip((observation, *observation.other_cameras.values()),
                                  _list_goals(self._goal, self._names), strict=True)
         ]  # fmt: skip
         self._expected_place = _ExpectedPlace(np.vstack(rows) / ([1.0] * 3 + [depth] * 3), L,
@@ -106,9 +106,11 @@ class ViewCheck:
                                    depth)  # fmt: skip
 
     def has_other_shape(self, is_turned: bool = False) -> bool:
-        """Whether the outline is another than the goal's, beyond what noise makes of it.
+        """Return whether the outline of the target differs from the goal's by more than noise.
 
-        is_turned: the camera may be half a turn off, which changes the sign of third moments.
+        Args:
+            is_turned: whether the camera may be 180 degrees off, which changes the sign of third
+                moments.
         """
         self.retain(MAX_WINDOW)
         if len(self._views) < MIN_VIEWS:
@@ -124,15 +126,15 @@ class ViewCheck:
         return bool(differs.any())
 
     def compare_place(self, offset: np.ndarray) -> tuple[str, np.ndarray]:
-        """How the target's middle and size differ from the goal's.
+        """Compare the target's position and size with the goal's.
 
         Args:
-            known: (6,) the camera's offset from the goal by features and kinematics, m (rotations
-                times the target's depth).
+            offset: (6,) of the camera from the goal by features and kinematics, m (rotations times
+                the target's depth).
 
         Returns:
-            What no motion explains that the features do not see, as text, empty where that is
-            nothing; the motion (6,) of the camera that they do not see and the view shows.
+            A description of the difference that no unmeasured motion explains, empty if there is
+            none; the camera motion (6,) that the features do not measure but the view shows.
         """
         self.retain(MAX_WINDOW)
         if len(self._views) < MIN_VIEWS or self._expected_place is None:
@@ -141,15 +143,18 @@ class ViewCheck:
         return self._expected_place.compare(mean, unknown, offset)
 
     def _average_views(self) -> tuple[np.ndarray, np.ndarray]:
-        """The mean difference (c, 10) of c cameras' views, and CERTAIN deviations of it."""
-        seen = self._views.errors
-        mean, deviation = seen.mean(axis=0), seen.std(axis=0) / np.sqrt(len(seen))
+        """Return the mean difference (c, 10) of c cameras' views, and its noise (c, 10)."""
+        rows = self._views.errors
+        mean, deviation = rows.mean(axis=0), rows.std(axis=0) / np.sqrt(len(rows))
         numbers = SHAPE_NUMBERS + len(PLACE_FEATURES)
         return mean.reshape(-1, numbers), NOISE_DEVIATIONS * deviation.reshape(-1, numbers)
 
 
 class _ExpectedPlace:
-    """How the target's place in the views may differ: rows (3 c, 6) of its L; see expect."""
+    """Expected differences of the target's position and size; rows (3 c, 6) are their L.
+
+    See `ViewCheck.set_expected_place`.
+    """
 
     def __init__(
         self, rows: np.ndarray, L: np.ndarray, covariance: np.ndarray, depth: float
@@ -160,45 +165,45 @@ class _ExpectedPlace:
         _, s, vt = np.linalg.svd(L)
         s = np.append(s, np.zeros(len(vt) - len(s)))
         unseen = vt[s * UNSEEN_MOTION * depth < 1.0]
-        # Motions that the features do not see, by how far they move the target in the view.
+        # Directions that the features do not measure, with their effects on position and size.
         u, s, vt = np.linalg.svd(rows @ unseen.T, full_matrices=False)
-        shown = s * depth > MIN_SHOWN_PART
+        is_visible = s * depth > MIN_SHOWN_PART
         self._visible_directions, self._motions = (
-            u[:, shown].T,
-            (vt[shown] / s[shown, None]) @ unseen,
+            u[:, is_visible].T,
+            (vt[is_visible] / s[is_visible, None]) @ unseen,
         )
 
     def compare(
         self, mean: np.ndarray, deviation: np.ndarray, offset: np.ndarray
     ) -> tuple[str, np.ndarray]:
-        """See ViewCheck.place_differs."""
+        """Compare the target's position and size with the goal's; see `ViewCheck.compare_place`."""
         rest, limit = mean - self._rows @ offset, self._limit + deviation
         parts = self._visible_directions @ rest
         explained = parts @ self._visible_directions
-        moved = parts @ self._motions
+        motion = parts @ self._motions
         if not (np.abs(explained) > limit).any():
-            moved = np.zeros(6)
+            motion = np.zeros(6)
         rest = rest - explained
         if not (np.abs(rest) > limit).any():
-            return "", moved
+            return "", motion
         x, y, size = rest[:3]
         return (
-            f"the target's middle is {1e3 * self._depth * np.hypot(x, y):.1f} mm from where the "
-            f"goal shows it, and the target {np.exp(size):.3f} times as large"
-        ), moved
+            f"the target's centre is {1e3 * self._depth * np.hypot(x, y):.1f} mm from its position "
+            f"in the goal's image, and the target is {np.exp(size):.3f} times as large"
+        ), motion
 
 
 def _list_goals(goal: Goal, cameras: list[str]) -> list[Goal]:
-    """What each camera is to see; the first one's where it has no goal. No names: one camera."""
+    """Return the goal of each camera, or the first camera's if a camera has none."""
     return [goal.cameras.get(name, goal) for name in cameras] or [goal]
 
 
 def _compute_difference(measured: Moments | None, desired: Moments | None) -> np.ndarray:
-    """How the target looks other than at the goal (10,); zeros where that cannot be told.
+    """Return the difference (10,) between a view and the goal; zeros if they cannot be compared.
 
-    Of the outline central moments of second and third order, in the bounds of what is the same
-    view: as many numbers as a camera has directions can be the same from several poses. Then its
-    middle, normalised, and the logarithm of its size.
+    It consists of the second- and third-order central moments of the outline, in tolerances, the
+    target's centre (normalised) and the logarithm of its size. Several poses can give the same
+    values of only six features.
     """
     if measured is None or desired is None or measured.kind != desired.kind or desired.m00 <= 0.0:
         return np.zeros(SHAPE_NUMBERS + len(PLACE_FEATURES))
@@ -210,7 +215,7 @@ def _compute_difference(measured: Moments | None, desired: Moments | None) -> np
         measured.yg - desired.yg,
         0.5 * np.log(measured.area / desired.area),
     )
-    # Of squares: a mixed moment is smaller.
+    # The scale is a moment of squares; mixed moments can be smaller.
     return np.concatenate(
         [
             second / (SECOND_ORDER_TOLERANCE * _normalise_moments(desired, 2).max()),
@@ -221,13 +226,13 @@ def _compute_difference(measured: Moments | None, desired: Moments | None) -> np
 
 
 def _normalise_moments(moments: Moments, order: int) -> np.ndarray:
-    """Central moments (order + 1,), free of scale."""
+    """Return the scale-free central moments (order + 1,) of one order."""
     scale = moments.m00 ** (1.0 + 0.5 * order)
     return np.array([moments.mu(order - j, j) for j in range(order + 1)]) / scale
 
 
 def _compute_place_interaction(goal: Goal) -> np.ndarray:
-    """L (3, 6) of the target's middle and the logarithm of its size at the goal."""
+    """Return L (3, 6) of the target's centre and the logarithm of its size at the goal."""
     moments = goal.moments
     if moments is None:
         return np.zeros((len(PLACE_FEATURES), 6))

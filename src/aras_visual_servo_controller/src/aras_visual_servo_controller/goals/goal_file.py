@@ -1,4 +1,4 @@
-"""Goal files: every key is checked when one is read, one line for what is wrong."""
+"""Reading and writing of goal files; every key is checked, with a one-line message for an error."""
 
 from __future__ import annotations
 
@@ -23,15 +23,16 @@ from ..observation.observation import CAMERA
 from ..observation.target_geometry import TargetGeometry
 from .starts import PoseEntry, ThreeNumbers
 
-# Sine of the angle between line of sight and target's plane below which nothing is seen of it.
+# Sine of the angle between the line of sight and the target's plane below which the target is not
+# visible.
 EDGE_ON_COSINE = 0.05
-MIN_DEPTH, MAX_DEPTH = 1e-3, 100.0  # m that a target may be from the camera
+MIN_DEPTH, MAX_DEPTH = 1e-3, 100.0  # allowed distance between target and camera, m
 Matrix = tuple[float, float, float, float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class GoalKernel:
-    """Kernel features (4,) at the goal, seen by the camera with these intrinsics K (3, 3)."""
+    """Kernel features (4,) at the goal, measured by a camera with the intrinsic matrix K (3, 3)."""
 
     width: int
     height: int
@@ -41,7 +42,7 @@ class GoalKernel:
 
 @dataclass(frozen=True)
 class MomentsEntry:
-    """Moments of a file, normalised coordinates."""
+    """Moments in a goal file, in normalised coordinates."""
 
     order: int = parameter(least=1, most=MAX_ORDER)
     m: tuple[float, ...] = parameter()
@@ -50,7 +51,7 @@ class MomentsEntry:
 
 @dataclass(frozen=True)
 class KernelEntry:
-    """Kernel features of a file. K: intrinsics by rows, px."""
+    """Kernel features in a goal file; K is the intrinsic matrix by rows, px."""
 
     width: int
     height: int
@@ -60,7 +61,7 @@ class KernelEntry:
 
 @dataclass(frozen=True)
 class GoalEntries:
-    """What a goal file may hold; see goal.py."""
+    """Entries of a goal file; see goal.py."""
 
     joints: Mapping[str, float] | None = None
     camera_pose: PoseEntry | None = None
@@ -78,27 +79,27 @@ class GoalEntries:
 
 
 def read_goal_fields(data: Any, name: str) -> dict[str, Any]:
-    """The fields of a Goal but its name, of a mapping as YAML gives it; see Goal.from_mapping."""
+    """Read the fields of a Goal, except its name, from a mapping as read from YAML."""
     try:
-        given = build(GoalEntries, data, f"{name}: ", ConfigurationError)
-    except VisionError as error:  # of the camera
+        entries = build(GoalEntries, data, f"{name}: ", ConfigurationError)
+    except VisionError as error:  # raised by the camera model
         raise ConfigurationError(f"{name}: {error}") from error
-    target = given.target
+    target = entries.target
     return {
-        "joints": dict(given.joints or {}),
-        "world_T_camera": _read_pose(given.camera_pose),
-        "depth": given.depth,
-        "plane": _read_plane(given.plane, name),
-        "moments": _read_moments(given.moments, name),
-        "kernel": _read_kernel(given.kernel),
-        "camera": given.camera,
-        "features": {key: dict(taught) for key, taught in (given.features or {}).items()},
+        "joints": dict(entries.joints or {}),
+        "world_T_camera": _read_pose(entries.camera_pose),
+        "depth": entries.depth,
+        "plane": _read_plane(entries.plane, name),
+        "moments": _read_moments(entries.moments, name),
+        "kernel": _read_kernel(entries.kernel),
+        "camera": entries.camera,
+        "features": {key: dict(taught) for key, taught in (entries.features or {}).items()},
         "target": None if target is None else TargetGeometry.from_mapping(
             target, f"{name}: target"
         ),
-        "mounting": _read_pose(given.mounting),
-        "marker": _read_marker(given.marker, name),
-        "camera_name": given.camera_name,
+        "mounting": _read_pose(entries.mounting),
+        "marker": _read_marker(entries.marker, name),
+        "camera_name": entries.camera_name,
     }
 
 
@@ -121,11 +122,11 @@ def _read_plane(entry: ThreeNumbers | None, name: str) -> Plane | None:
     if not 1.0 / MAX_DEPTH <= plane.C <= 1.0 / MIN_DEPTH:
         raise ConfigurationError(
             f"{name}: plane ends with {plane.C:g}, which must be 1/Z of a target {MIN_DEPTH:g} "
-            f"to {MAX_DEPTH:g} m before the camera"
+            f"to {MAX_DEPTH:g} m in front of the camera"
         )
     if plane.C / math.hypot(*plane) < EDGE_ON_COSINE:
         raise ConfigurationError(
-            f"{name}: plane is {list(plane)}: the camera looks along it, not on it"
+            f"{name}: plane is {list(plane)}: the camera looks parallel to it, not at it"
         )
     return plane
 
@@ -160,7 +161,7 @@ def _read_kernel(entry: KernelEntry | None) -> GoalKernel | None:
 
 
 def write_goal_text(entries: Mapping[str, Any], heading: str) -> str:
-    """The text of a file; entries that hold nothing are left out, heading becomes a comment."""
+    """Return the text of a goal file; empty entries are left out, `heading` becomes a comment."""
     data = {
         name: value for name, value in _to_plain_values(entries).items() if value not in (None, {})
     }
@@ -169,7 +170,7 @@ def write_goal_text(entries: Mapping[str, Any], heading: str) -> str:
 
 
 def _to_plain_values(value: Any) -> Any:
-    """Numbers, lists and mappings for YAML, of whatever holds them."""
+    """Convert arrays, tuples and mappings to numbers, lists and dicts for YAML."""
     if isinstance(value, Mapping):
         return {name: _to_plain_values(inner) for name, inner in value.items()}
     if isinstance(value, np.ndarray | np.generic):
@@ -180,7 +181,7 @@ def _to_plain_values(value: Any) -> Any:
 
 
 def make_pose_entry(a_T_b: np.ndarray | None) -> dict[str, list[float]] | None:
-    """A pose (4, 4) as a file has it."""
+    """Return a pose (4, 4) as an entry of a goal file."""
     return (
         None
         if a_T_b is None

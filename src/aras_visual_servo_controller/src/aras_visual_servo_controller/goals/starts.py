@@ -1,4 +1,4 @@
-"""Initial poses: by name, as joints, or as poses of the camera."""
+"""Start poses of a run: by name, as joints, or as poses of the camera."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ThreeNumbers = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class PoseEntry:
-    """A pose as it is written: xyz, m, and fixed-axis rpy, rad, as in a URDF."""
+    """A pose in a file: xyz, m, and fixed-axis rpy, rad, as in a URDF."""
 
     xyz: ThreeNumbers
     rpy: ThreeNumbers
@@ -32,25 +32,25 @@ class PoseEntry:
 def find_start_joints(
     start: Any, arm: Arm, package: Path, near: np.ndarray | None = None
 ) -> np.ndarray | None:
-    """Joints (n,) of a start, or None for 'none': servo from wherever the arm stands.
+    """Return the joints (n,) of a start, or None for 'none': servo from the present joints.
 
     Args:
-        start: 'none', a name of config/starts.yaml, n numbers (a list, or words in a string),
-            numbers by joint name, or {xyz, rpy} of the camera in the arm's base.
-        arm: whose joints they are.
+        start: 'none', a name of config/starts.yaml, n numbers (a list or a string), numbers by
+            joint name, or {xyz, rpy} of the camera in the arm's base.
+        arm: whose joints are returned.
         package: directory of this package.
-        near: joints (n,) from which those of a pose are looked for: with the posture at the goal
-            the arm comes to it in that, which an experiment has chosen such that it does not hide
-            the target and runs into nothing. None: zero, or what is nearest to it.
+        near: joints (n,) from which the solution for a pose is searched. With the goal's posture
+            the arm reaches the goal without changing its configuration, for which an experiment has
+            checked collisions and occlusion. None: zero, or the nearest joints within the limits.
 
     Raises:
-        ConfigurationError: an unknown name, a wrong count, a joint that the arm has not, a pose
-            out of its reach.
+        ConfigurationError: an unknown name, a wrong count, a joint that the arm does not have, or a
+            pose out of its reach.
     """
     if isinstance(start, str):
-        words = start.replace(",", " ").strip("[] ")
-        if len(words.split()) > 1:
-            start = _read_numbers(words, "parameter ~start")
+        text = start.replace(",", " ").strip("[] ")
+        if len(text.split()) > 1:
+            start = _read_numbers(text, "parameter ~start")
         elif start == NONE:
             return None
         else:
@@ -69,8 +69,8 @@ def find_start_joints(
 
 def _load_start(name: str, arm: Arm, package: Path) -> np.ndarray:
     path = package / "config" / "starts.yaml"
-    found = read_yaml(path, ConfigurationError)
-    known = convert(found, Mapping[str, Mapping[str, float]], f"{path}: ", ConfigurationError)
+    data = read_yaml(path, ConfigurationError)
+    known = convert(data, Mapping[str, Mapping[str, float]], f"{path}: ", ConfigurationError)
     if name not in known:
         raise ConfigurationError(
             f"parameter ~start is '{name}': {suggest(name, [*known, NONE])} (or a number for "
@@ -84,13 +84,13 @@ def _read_joints(values: Mapping[str, Any], arm: Arm, name: str) -> np.ndarray:
     for joint in values:
         if joint not in arm.names:
             raise ConfigurationError(
-                f"parameter ~start is '{name}', which says where {joint} is: this arm's joints are "
-                f"{', '.join(arm.names)}; give theirs, or none"
+                f"parameter ~start is '{name}', which has a value for {joint}: the joints of this "
+                f"arm are {', '.join(arm.names)}; give values for these, or none"
             )
     missing = [joint for joint in arm.names if joint not in values]
     if missing:
         raise ConfigurationError(
-            f"parameter ~start is '{name}', which says nothing of {', '.join(missing)}"
+            f"parameter ~start is '{name}', which has no value for {', '.join(missing)}"
         )
     return np.array([values[joint] for joint in arm.names])
 

@@ -1,4 +1,4 @@
-"""Joint commands between images: integrated from velocities, bounded, brought to rest smoothly."""
+"""Joint commands between images: integrated from velocities, limited, and stopped smoothly."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ if TYPE_CHECKING:
     from ..kinematics.limits import Limits
 
 
-# Two joint states are no motion where they differ by more than this part of `lead`, and by more
-# than so many times the way at their greater speed.
+# A joint has jumped between two samples if it moved farther than JUMP times `lead` and JUMP_SPEEDS
+# times the distance at the greater of its two speeds.
 JUMP, JUMP_SPEEDS = 0.5, 4.0
 
 
 class CommandIntegrator:
-    """The command, which only moves on from where it is, whatever is asked.
+    """Integrator that turns joint velocities into a continuous joint command.
 
     Attributes:
         command: (n,) rad or m; None before `start_at`.
-        velocity: (n,) at which it moved last.
-        late: (n,) bool, of joints that the last `integrate` waited for.
+        velocity: (n,) latest velocity of the command, rad/s or m/s.
+        is_late: (n,) bool, joints that the last `integrate` waited for.
         lead: (n,) see ServoSettings.
     """
 
@@ -37,46 +37,46 @@ class CommandIntegrator:
         self.reset()
 
     def reset(self) -> None:
-        """Nothing is commanded."""
+        """Remove the command."""
         self.command: np.ndarray | None = None
         self.velocity = np.zeros(len(self.names))
         self.clear_late()
         self._braking: tuple[np.ndarray, float, float] | None = None
 
     def start_at(self, positions: np.ndarray) -> None:
-        """Command where the joints (n,) are."""
+        """Set the command to the joint positions (n,)."""
         self.reset()
         self.command = np.array(positions, float)
 
     def adopt_joints(self, positions: np.ndarray) -> None:
-        """Begin at the joints (n,) if somebody else has moved them since they stood still."""
+        """Set the command to the joints (n,) if they were moved while it was at rest."""
         arrived = np.asarray(self.settings.arrived, float)
         if self.command is not None and (np.abs(positions - self.command) > arrived).any():
             self.start_at(positions)
 
     def clear_late(self) -> None:
-        """Nothing is asked of the joints: none of them is late."""
+        """Mark all joints as not late, because no motion is commanded."""
         self.is_late = np.zeros(len(self.names), bool)
 
     def yield_to(self, is_late: Sequence[bool], dt: float) -> None:
-        """Come to rest while another node commands joints (n,), which are late meanwhile."""
+        """Stop while another node commands joints (n,), which count as late meanwhile."""
         self.is_late = np.array(is_late)
         self.brake(dt)
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether the command stands still."""
+        """Return whether the command is at rest."""
         return not self.velocity.any()
 
     def integrate(self, velocities: np.ndarray, measured: np.ndarray, dt: float) -> str:
-        """Move on with velocities (n,) for dt (s); measured joints (n,).
+        """Integrate velocities (n,) over dt (s), given the measured joints (n,).
 
-        Where a joint does not follow, held by friction or an obstacle, all of them wait for it:
-        the others alone would take the camera elsewhere. Joints that are sent velocities never
-        hear of the command: once at rest they go on from where they are.
+        If a joint does not follow because of friction or an obstacle, all joints wait for it: a
+        motion of the others alone would take the camera off its path. Joints with velocity commands
+        never receive the integrated command; after a stop it is set to the measured positions.
 
         Returns:
-            What did not move as asked, in words; empty when all did.
+            What did not move as commanded, as text; empty if everything did.
         """
         if dt <= 0.0:
             return ""
@@ -98,19 +98,21 @@ class CommandIntegrator:
         )
 
     def set_command(self, command: np.ndarray, velocity: np.ndarray) -> None:
-        """The command (n,) has moved on, at a velocity (n,), and waits for no joint."""
+        """Set the command (n,) and its velocity (n,), with no late joints."""
         self.is_late = np.zeros(len(self.names), bool)
         self._braking, self.velocity, self.command = None, velocity, command
 
     def describe_stops(self, stopped: Sequence[int]) -> str:
-        """That these joints' limits stopped the command, in words."""
+        """Describe which joints stopped at their limits."""
         return "; ".join(
             f"{self.names[i]} stopped at its limit of {self.command[i]:.4f}" for i in stopped
         )
 
     def brake(self, dt: float) -> None:
-        """Come to rest: the speed falls in a straight line within the stop time, or as slowly as
-        the acceleration limits ask."""
+        """Decelerate linearly to rest within the stop time.
+
+        The deceleration takes longer if the acceleration limits require it.
+        """
         if self.command is None or self.is_at_rest:
             self._braking = None
             return
@@ -118,24 +120,36 @@ class CommandIntegrator:
             needed = np.abs(self.velocity) / np.asarray(self.limits.acceleration)
             duration = max(self.settings.stop_time, float(needed.max()))
             self._braking = (self.velocity.copy(), duration, 0.0)
-        first, duration, gone = self._braking
-        gone += dt
-        self._braking = (first, duration, gone)
-        velocity = first * max(0.0, 1.0 - gone / duration)
+        first, duration, elapsed = self._braking
+        elapsed += dt
+        self._braking = (first, duration, elapsed)
+        velocity = first * max(0.0, 1.0 - elapsed / duration)
         after = self.command + velocity * dt
         bounded = np.clip(after, *self._compute_bounds())
         self.command, self.velocity = bounded, np.where(bounded == after, velocity, 0.0)
 
     def _compute_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where the command may go (n,), (n,): from beyond a limit back, not on."""
+        """Return the bounds (n,), (n,) of the command.
+
+        A joint beyond its limit may only move back.
+        """
         low = np.minimum(self.limits.lower, self.command)
         return low, np.maximum(self.limits.upper, self.command)
 
     def make_command(
         self, t: float, measured: JointSample | None, effort: np.ndarray, reason: str, phase: str
     ) -> Command:
-        """What goes to the joints' controllers at t (s), in the chosen output; nothing before
-        joints were measured. `effort`: (n,) greatest, N m or N."""
+        """Create the command for the joint controllers at t (s), in the chosen output.
+
+        The command has no values before joints were measured.
+
+        Args:
+            t: s.
+            measured: latest joints, or None.
+            effort: (n,) largest efforts, N m or N.
+            reason: what limits or stops the motion.
+            phase: of the loop.
+        """
         if self.command is None or measured is None:
             return Command(t, self.names, reason=reason, phase=phase)
         settings = self.settings
@@ -148,10 +162,10 @@ class CommandIntegrator:
         return Command(t, self.names, values, settings.output, reason, phase)
 
     def limit_velocities(self, velocities: np.ndarray, dt: float) -> tuple[np.ndarray, str]:
-        """Velocities (n,) of a controller of its own, slowed as a whole to the joints' limits.
+        """Scale the velocities (n,) of a joint controller to the limits of the joints.
 
         Returns:
-            The velocities, and what slowed them in words.
+            The velocities, and which limits scaled them, as text.
         """
         limits, reasons = self.limits, []
         ratio = np.abs(velocities) / np.asarray(limits.velocity)
@@ -159,8 +173,8 @@ class CommandIntegrator:
         if ratio[fastest] > 1.0:
             velocities = velocities / ratio[fastest]
             reasons.append(
-                f"slowed to {100.0 / ratio[fastest]:.0f} % for the speed limit of "
-                f"{self.names[fastest]}"
+                f"velocity scaled to {100.0 / ratio[fastest]:.0f} % (speed limit of "
+                f"{self.names[fastest]})"
             )
         if dt > 0.0:
             change = velocities - self.velocity
@@ -174,32 +188,32 @@ class CommandIntegrator:
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8")
 def integrate_command(command, velocity, velocities, measured, lower, upper, lead, lag, dt):
-    """One step of the command from its place (n,) and velocity (n,).
+    """Integrate the command (n,) by one step.
 
     Returns:
-        Where it goes (n,), from beyond a limit back and not on; at which velocities (n,); (n,)
-        which joints a limit stops; (n,) which do not follow.
+        The new command (n,), which moves back but not on if it is beyond a limit; its velocity
+        (n,); which joints (n,) a limit stops; which joints (n,) do not follow.
     """
     after = np.empty(len(command))
     stopped, late = np.empty(len(command), np.bool_), np.empty(len(command), np.bool_)
     for i in range(len(command)):
-        wanted = command[i] + velocities[i] * dt
-        after[i] = min(max(wanted, min(lower[i], command[i])), max(upper[i], command[i]))
-        stopped[i] = after[i] != wanted
+        target = command[i] + velocities[i] * dt
+        after[i] = min(max(target, min(lower[i], command[i])), max(upper[i], command[i]))
+        stopped[i] = after[i] != target
         before, ahead = abs(command[i] - measured[i]), abs(after[i] - measured[i])
-        # One that stands where it was told to is not late, however long the first step is: a
-        # flying camera asked for more than 5 rad/s from rest never set out.
-        known = before > 0.5 * lead[i]
-        late[i] = known and ahead > lead[i] + lag * abs(velocity[i]) and ahead > before
+        # A joint at its commanded position is not late, however long the first step is. Otherwise a
+        # flying camera with a desired speed above 5 rad/s would never start to move.
+        is_lagging = before > 0.5 * lead[i]
+        late[i] = is_lagging and ahead > lead[i] + lag * abs(velocity[i]) and ahead > before
     return after, (after - command) / dt, stopped, late
 
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8[:], f8")
 def has_jumped(positions, before, velocities, velocities_before, lead, dt):
-    """Whether a joint went further in `dt` s than any motion; lead: one or (n,)."""
+    """Return whether a joint moved farther in dt (s) than its speeds explain; lead: one or (n,)."""
     for i in range(len(positions)):
-        way = abs(positions[i] - before[i])
+        distance = abs(positions[i] - before[i])
         speed = max(abs(velocities[i]), abs(velocities_before[i]))
-        if way > JUMP * lead[min(i, len(lead) - 1)] and way > JUMP_SPEEDS * speed * dt:
+        if distance > JUMP * lead[min(i, len(lead) - 1)] and distance > JUMP_SPEEDS * speed * dt:
             return True
     return False

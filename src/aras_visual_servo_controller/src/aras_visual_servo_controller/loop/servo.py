@@ -1,16 +1,16 @@
-"""The servo loop without ROS: images in, joint commands out, at two rates.
+"""Servo loop without ROS: from images to joint commands, at two rates.
 
-    see(observation): compute -> solve_ik, once an image; nothing changes unless all of it succeeds
-    tick(t, joints):  solve_ik -> commands, between the images as well
+    process_image(observation): compute -> solve_ik, once per image; has no effect if it fails
+    update(t, joints):          solve_ik -> commands, also between images
 
-Phases: `waiting` (for joint states or images), `is_approaching` (the start pose, without images),
-`servoing`, `converged` (the mean of the measured error over `hold` seconds is within the
-tolerances; the loop stays closed), `holding` (no safe answer: the arm comes smoothly to rest, and
-continues with the next good image), `stopped` (until `start`).
+Phases: `waiting` (for joint states or images), `approaching` (moving to the start pose, without
+images), `servoing`, `converged` (the mean error over `hold` seconds is within the tolerances; the
+loop stays closed), `holding` (no safe task: the arm stops smoothly and continues with the next
+valid image), `stopped` (until `start`).
 
-The commands are integrated from the last command, not from the measured positions: a joint held
-back by friction is pushed until it moves; how far they may run ahead is bounded. Time is what
-the stamps and `update` say, simulated or not; the loop reads no clock of its own.
+Commands are integrated from the last command, not from the measured positions: a joint that
+friction holds is pushed until it moves. The distance between command and joint is limited. Time is
+given by the stamps and by `update`, simulated or not; the loop does not read a clock.
 """
 
 from __future__ import annotations
@@ -47,36 +47,37 @@ from .servo_control import ServoControl
 if TYPE_CHECKING:
     from ..kinematics.ik_solution import IKSolution
 
-# An image from so far in the future is left over from before the clock went back, s.
+# An image this far in the future was exposed before the clock was reset, s.
 MAX_STAMP_LEAD = 1.0
 
 
 class Servo(ServoControl):
-    """The loop. Construct, `update` with each joint state, `process_image` each image.
+    """Servo loop: call `update` for each joint state and `process_image` for each image.
 
-    Closes v = L^+ e_dot around one scheme and one arm: `process_image` computes the joint
-    velocities of an image, `update` integrates them into commands (n,) of positions, velocities
-    or efforts. Node and
-    runner both use this class. If an image cannot be used or the scheme fails, the arm holds still
-    and `reason` says why.
+    The loop closes v = L^+ e_dot around one scheme and one arm. `process_image` computes the joint
+    velocities for an image; `update` integrates them into commands (n,) of positions, velocities or
+    efforts. The ROS node and the runner of experiments both use this class. If an image cannot be
+    used or the scheme fails, the arm stops and `reason` says why.
 
     Attributes:
-        scheme, arm, resolver, settings: as given.
-        goal: as this arm sees it.
-        beyond: why the arm cannot be where the goal was taught, as text; empty where it can.
+        scheme, arm, differential_ik, settings: as given.
+        goal: for this arm, see `Goal.for_arm`.
+        unreachable_reason: why the arm cannot reach the goal's pose, as text; empty if it can.
         phase, reason: of the loop now.
         source: of the images, for messages.
-        motion, pursuit: integrates the commands; computes the velocities between images.
+        integrator: integrates the commands.
+        executor: computes the joint velocities between images.
         state: the latest ServoState, None before the first.
-        keep: function that gets each record that the diagnosis reads; None: they are not stored.
+        on_record: function that is called with each record of the diagnosis, or None.
     """
 
     # -- images ----------------------------------------------------------------------------
 
     def process_image(self, observation: Observation) -> ServoState:
-        """Answer one image. If it cannot be used or the scheme fails, the arm holds still.
+        """Compute the joint velocities for one image.
 
-        An image that is not newer than the last one changes nothing.
+        If the image cannot be used or the scheme fails, the arm stops. An image that is not newer
+        than the last one has no effect.
         """
         stamp = float(observation.stamp)
         late = self._stamp is not None and stamp <= self._stamp
@@ -91,28 +92,28 @@ class Servo(ServoControl):
         if self.is_approaching:
             if self._start_approach is self._to_start or not observation.valid:
                 return self._record(observation)
-            # the target is visible on the way back
+            # the target is visible on the path back
             self._start_approach, self._have_joints_jumped = None, True
         joints = observation.joints if observation.joints is not None else self._joints
         if joints is None:
             self._halt(WAITING, "no joint states yet")
             return self._record(observation)
-        began = None if self.clock is None else self.clock()
+        start_time = None if self.clock is None else self.clock()
         solution = None
-        try:  # everything that can go wrong, before anything counts
+        try:  # nothing changes unless all of these calls succeed
             self.arm.check(joints.positions, joints.velocities)
             if self._is_paused and self.integrator.is_at_rest:
-                # The arm stands: integrals and the start's profile begin anew.
+                # The arm is at rest: reset integrals and the initial transient of the law.
                 self._start_stamp = stamp
                 self._reset_scheme()
                 self._arrival_check.clear()
-            decision = compute(
+            output = compute(
                 self.scheme, observation, self.goal, stamp - self._start_stamp, self.name,
                 self.settings.scheme_timeout,
             )  # fmt: skip
-            if decision.task is not None:
+            if output.task is not None:
                 solution = solve_ik(
-                    decision.task, joints.positions, self.differential_ik,
+                    output.task, joints.positions, self.differential_ik,
                     self.settings.resolve_period,
                     self.integrator.velocity,
                 )  # fmt: skip
@@ -131,8 +132,8 @@ class Servo(ServoControl):
         except (ServoError, ValueError, ArithmeticError) as error:
             self._halt(HOLDING, str(error))
             return self._record(observation, scheme_output=None)
-        seconds = 0.0 if began is None else self.clock() - began
-        return self._commit(observation, joints, decision, solution, seconds)
+        seconds = 0.0 if start_time is None else self.clock() - start_time
+        return self._commit(observation, joints, output, solution, seconds)
 
     def _commit(
         self,
@@ -174,10 +175,14 @@ class Servo(ServoControl):
     def update(
         self, t: float, joints: JointSample | None = None, missing_reason: str = ""
     ) -> Command:
-        """Move on to the time t (s, of the clock); measured joints where there are new ones, or
-        why they could not be measured, which stops the arm.
+        """Advance the loop to the time t (s) and return the joint command.
 
-        A t before the last one is a clock that went back: the loop begins anew.
+        If t is before the last time, the clock was reset, and the loop is reset.
+
+        Args:
+            t: s.
+            joints: new measurement, or None.
+            missing_reason: why the joints could not be measured; stops the arm.
         """
         t = float(t)
         if not np.isfinite(t):
@@ -212,7 +217,7 @@ class Servo(ServoControl):
         return self._make_command(t, measured, self._execute_task(t, dt, measured) or self.reason)
 
     def _execute_task(self, t: float, dt: float, measured: JointSample) -> str:
-        """Integrate what was asked last; what held it back, in words."""
+        """Integrate the velocities of the present task; return what limited them, as text."""
         self.executor.activate_pending(t)
         if self._foreign_nodes:
             self.integrator.yield_to(
@@ -220,9 +225,9 @@ class Servo(ServoControl):
             )
             return ""
         if self.executor.task is not None and dt <= 0.0:
-            return ""  # an image's own instant: the joints will be newer when time goes on
+            return ""  # at the stamp of an image; newer joints follow as time advances
         try:
-            asked = self.executor.compute_velocities(t, dt, measured, self._start_stamp)
+            result = self.executor.compute_velocities(t, dt, measured, self._start_stamp)
         except SchemeTimeoutError as error:
             self._hold_after_timeout(error, f"joints of {t:.2f} s")
         except SchemeError as error:
@@ -232,10 +237,10 @@ class Servo(ServoControl):
         except (ServoError, ValueError, ArithmeticError) as error:
             self._halt(HOLDING, str(error))
         else:
-            if asked is None:
+            if result is None:
                 self.integrator.brake(dt)
                 return ""
-            velocities, reason = asked
+            velocities, reason = result
             if self._have_joints_jumped:
                 self._adopt_jumped_joints(measured)
             self._lag_reason = self.integrator.integrate(velocities, measured.positions, dt)
@@ -244,7 +249,7 @@ class Servo(ServoControl):
         return self.reason
 
     def _check_watchdog(self, t: float) -> None:
-        """Stop the arm when no fresh answer comes."""
+        """Stop the arm if no new task arrives in time."""
         if self._has_new_answer:
             self._has_new_answer, self._answer_time = False, t
         if self.phase not in (SERVOING, CONVERGED):
@@ -270,19 +275,24 @@ class Servo(ServoControl):
 
     @property
     def is_only_executing(self) -> bool:
-        """Whether the coming ticks do nothing but go after the task."""
+        """Return whether the next ticks only execute the present task."""
         return self.phase in (SERVOING, CONVERGED) and not (
             self._has_new_answer or self._have_joints_jumped
         )
 
     @property
     def answer_timing(self) -> tuple[float, float]:
-        """When the last image was answered, and for how long that is enough, s."""
+        """Return the time of the last processed image, and for how long its task may act, s."""
         settings = self.settings
         return self._answer_time, max(settings.watchdog, settings.watchdog_images * self._period)
 
     def apply_updates(self, joints: JointSample, lag_reason: str) -> None:
-        """Ticks were made up to these joints; what was late in the last one, in words."""
+        """Take over the result of ticks that were computed elsewhere, up to these joints.
+
+        Args:
+            joints: after the last tick.
+            lag_reason: which joints were late in the last tick, as text.
+        """
         self._now, self._joints, self._lag_reason = joints.stamp, joints, lag_reason
 
     # -- shared ----------------------------------------------------------------------------
@@ -304,11 +314,11 @@ class Servo(ServoControl):
         is_faulty: bool = False,
         arrival_status: ArrivalStatus = NOT_ARRIVED,
     ) -> ServoState:
-        """The state of this image, with what the diagnosis makes of it."""
-        own = self.reason if reason is None else reason
+        """Create the state of this image and add the outcome of the diagnosis."""
+        text = self.reason if reason is None else reason
         state = ServoState(
             float(observation.stamp), self.phase,
-            reason=self._add_foreign_nodes(own) if self._foreign_nodes else own,
+            reason=self._add_foreign_nodes(text) if self._foreign_nodes else text,
             scheme_output=scheme_output, ik_solution=solution,
             joints=joints or observation.joints or self._joints, command=self.command,
             computation_time=seconds, fault=fault, has_processed_image=reason is None,
@@ -329,6 +339,6 @@ class Servo(ServoControl):
                 self.settings.duration <= observation.stamp - self._start_stamp
             ):
                 self.time_out(self.settings.duration)
-                self.stop("the time for it is over")
+                self.stop("the duration of the run is over")
             self.state = state
         return state

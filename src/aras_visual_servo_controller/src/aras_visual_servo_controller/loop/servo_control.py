@@ -1,4 +1,4 @@
-"""What a loop can be told between its images and ticks: start, stop, hold, who else commands."""
+"""Control of the servo loop: construction, start, stop, hold, and commands of other nodes."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ if TYPE_CHECKING:
     from .start_approach import StartApproach
 
 TIMEOUT_ADVICE = (
-    "correct the scheme, or raise scheme_timeout if it needs that long; its traceback is logged; "
-    "to see the rest run, use a shipped one"
+    "correct the scheme (its traceback is logged), raise scheme_timeout if it needs that long, or "
+    "use a built-in scheme"
 )
 CONTROLLER_OUTPUTS = ("position", "velocity", "acceleration")
 
 
 class ServoControl:
-    """Parts and state of a loop, and what starts and stops it; see Servo."""
+    """Parts and state of a servo loop, and the methods that start and stop it; see Servo."""
 
     def __init__(
         self,
@@ -64,8 +64,12 @@ class ServoControl:
         clock: Callable[[], float] | None = None,
         name: str = "",
     ) -> None:
-        """`clock`: s of processor time, to tell a scheme that takes too long; `name`: of the
-        scheme, for messages.
+        """Create the loop.
+
+        Args:
+            clock: function that returns processor time, s, to measure the computation time of the
+                scheme.
+            name: of the scheme, for messages.
 
         Raises:
             ConfigurationError: goal, start or settings do not fit the arm or the scheme.
@@ -106,10 +110,10 @@ class ServoControl:
         self.on_record: Callable[[Record], None] | None = None
         self.reset()
 
-    # -- what the loop is told -------------------------------------------------------------
+    # -- control -----------------------------------------------------------------------------
 
     def reset(self) -> None:
-        """Begin anew, as if just constructed: for a clock that went back."""
+        """Restore the initial state, for example after a reset of the clock."""
         self.phase, self.reason = WAITING, ""
         self.state: ServoState | None = None
         self.integrator.reset()
@@ -133,7 +137,7 @@ class ServoControl:
             self._halt(HOLDING, str(error))  # the next image tries again
 
     def start(self) -> None:
-        """Go on after `stop` or `hold`; the goal is taken up anew."""
+        """Continue after `stop` or `hold` and reset the scheme at the next image."""
         self._hold_reason = ""
         if self.phase in (STOPPED, HOLDING):
             if self._joints is not None:
@@ -143,13 +147,15 @@ class ServoControl:
         self._pause()
 
     def stop(self, reason: str = "stopped") -> None:
-        """Come smoothly to rest and stay there until `start`."""
+        """Stop the arm smoothly until `start`."""
         self._halt(STOPPED, reason)
 
     def hold(self, reason: str, held_outcome: Outcome | None = None) -> None:
-        """Come smoothly to rest and hold still until `start`, whatever is seen.
+        """Stop the arm smoothly until `start`, regardless of images.
 
-        `held_outcome`: the outcome, where no client has asked for it; None: held.
+        Args:
+            reason: of the halt.
+            held_outcome: outcome to report; None: 'held', as requested by a client.
         """
         self._hold_reason = reason or "held"
         self._halt(HOLDING, self._hold_reason)
@@ -158,28 +164,28 @@ class ServoControl:
         )
 
     def time_out(self, duration: float) -> None:
-        """The time for the run, s, is over: an outcome that is still open is judged."""
+        """End the run after its duration (s); an open outcome is then diagnosed."""
         self._add_record(RunEvent("timed_out", time=duration))
 
     def mark_joint_jump(self) -> None:
-        """The joints may be elsewhere: command them from where they are, once the arm moves on."""
+        """Note that the joints may have moved: commands then start at their measured positions."""
         self._have_joints_jumped = True
 
     def set_foreign_nodes(self, nodes: Mapping[str, str]) -> None:
-        """Name the other nodes that command joints now, by joint; empty: none does any more."""
+        """Set the other nodes that command joints now, by joint; empty: none."""
         ended, self._foreign_nodes = bool(self._foreign_nodes) and not nodes, dict(nodes)
         if ended:
             self.resume_own_commands()
 
     @property
     def is_yielding(self) -> bool:
-        """Whether another node commands joints, and the loop waits for its end."""
+        """Return whether another node commands joints, so that the loop waits."""
         return bool(self._foreign_nodes)
 
     def resume_own_commands(self) -> None:
-        """Command the joints again after another node did, from where they are.
+        """Command the joints again after another node did, from their present positions.
 
-        Where the images show no target since, the arm first returns to where it was to be.
+        If no target has been visible since, the arm first returns to its last commanded pose.
         """
         if self.phase == HOLDING and not self._hold_reason and self.integrator.command is not None:
             self._start_approach = self._make_approach(
@@ -188,8 +194,8 @@ class ServoControl:
         self._have_joints_jumped = True
 
     def _make_approach(self, joints: Sequence[float], destination: str) -> StartApproach:
-        """The path to joints (n,)."""
-        from .start_approach import StartApproach  # many runs servo from where they are
+        """Create the path to joints (n,)."""
+        from .start_approach import StartApproach  # many runs need no approach
 
         limits, settings = self.differential_ik.limits, replace(self.settings, start=tuple(joints))
         return StartApproach(
@@ -198,8 +204,10 @@ class ServoControl:
 
     @property
     def is_waiting_for_joints(self) -> bool:
-        """Whether the command rests until joints have followed it: of itself never while the loop
-        is stopped or held."""
+        """Return whether the command waits for joints to follow.
+
+        It does not while the loop is stopped or held on request.
+        """
         if self.phase == APPROACHING:
             return bool(self._start_approach.reason)
         if self.phase == HOLDING and not (
@@ -211,30 +219,30 @@ class ServoControl:
 
     @property
     def is_approaching(self) -> bool:
-        """Whether the start pose has still to be reached: images are not looked at."""
+        """Return whether the start pose is not reached yet; images are not processed until then."""
         return self._start_approach is not None and not self._start_approach.is_done
 
     @property
     def outcome(self) -> Outcome:
-        """What the loop knows of the run so far."""
+        """Return what is known about the run so far."""
         return self.diagnosis.outcome
 
     @property
     def command(self) -> np.ndarray | None:
-        """(n,) positions that the commands stand at; None before the first tick."""
+        """Return the integrated positions (n,), or None before the first tick."""
         return None if self.integrator.command is None else self.integrator.command.copy()
 
     # -- shared ----------------------------------------------------------------------------
 
     def _adopt_jumped_joints(self, measured: JointSample) -> bool:
-        """Command the joints from where they are, if they have jumped; whether they had."""
+        """Set the command to the measured joints if they may have jumped; return whether so."""
         jumped, self._have_joints_jumped = self._have_joints_jumped, False
         if jumped:
             self.integrator.start_at(measured.positions)
         return jumped
 
     def _hold_after_timeout(self, error: SchemeTimeoutError, what: str) -> None:
-        """Hold until `start`: a scheme that hung would do so at every image."""
+        """Hold until `start`, because a scheme that hangs would do so at every image."""
         reason = f"{error}, at the {what}"
         found = make_outcome("scheme_fault", reason)
         self.hold(reason, found.with_remedy(TIMEOUT_ADVICE, *found.remedy.changes))
@@ -245,7 +253,7 @@ class ServoControl:
                        scheme=self.name)  # fmt: skip
 
     def _pause(self) -> None:
-        """Nothing is asked of the arm any more; the next image begins the scheme anew."""
+        """Clear the task; the scheme is reset at the next image."""
         self.executor.clear()
         self._is_paused = True
         self._has_new_answer, self._answer_time = False, None
@@ -258,13 +266,13 @@ class ServoControl:
         self._arrival_check.clear()
 
     def _add_record(self, record: Record) -> Outcome:
-        """Diagnose a record, and have it kept; the outcome as of now."""
+        """Pass a record to `on_record` and to the diagnosis; return the present outcome."""
         if self.on_record is not None:
             self.on_record(record)
         return self.diagnosis.add(record)
 
     def _add_foreign_nodes(self, reason: str) -> str:
-        """A reason, with the other nodes that command joints."""
+        """Append the other nodes that command joints to a reason."""
         return "; ".join(
             text for text in (reason, describe_foreign_nodes(self._foreign_nodes)) if text
         )

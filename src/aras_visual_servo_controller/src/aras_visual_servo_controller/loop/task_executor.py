@@ -1,4 +1,4 @@
-"""What the arm pursues between images: the last decision's task, or a controller of its own."""
+"""Execution of the present task between images, or of a joint controller."""
 
 from __future__ import annotations
 
@@ -25,14 +25,15 @@ ROUNDING = 1e-12  # s
 
 
 class TaskExecutor:
-    """Joint velocities for what was asked last.
+    """Source of the joint velocities between images.
 
     Attributes:
-        task: that is resolved now; None: none is, or the scheme answers joints itself.
-        controlled: whether it does, and may.
-        pending: tasks that wait for the delay to be over, with the time when it is, s.
-        kept: when velocities (n,) were worked out, those, how long they last, s, and what holds
-            them back, in words; None: they have to be.
+        task: that is executed now; None if there is none, or if the scheme commands joints itself.
+        is_joint_controlled: whether the scheme commands joints itself.
+        pending_tasks: tasks that wait until the delay is over, with the time at which they start,
+            s.
+        cached_velocities: time of computation, s, velocities (n,), time for which they are valid,
+            s, and what limits them, as text; None if they have to be computed.
     """
 
     def __init__(
@@ -43,13 +44,18 @@ class TaskExecutor:
         integrator: CommandIntegrator,
         settings: ServoSettings,
     ) -> None:
-        """`name`: of the scheme, for messages; `motion`: where the commands stand."""
+        """Create the executor.
+
+        Args:
+            name: of the scheme, for messages.
+            integrator: contains the present command.
+        """
         self.name, self.scheme, self.differential_ik = name, scheme, differential_ik
         self.integrator, self.settings = integrator, settings
         self.clear()
 
     def clear(self) -> None:
-        """Nothing is asked of the arm any more."""
+        """Remove all tasks."""
         self.task: Task | None = None
         self.is_joint_controlled = False
         self.pending_tasks: deque[tuple[float, Task]] = deque()
@@ -58,12 +64,13 @@ class TaskExecutor:
     def set_task(
         self, task: Task | None, solution: IKSolution | None, stamp: float, now: float | None
     ) -> None:
-        """Take up what an image's decision asks for, at once or after the delay.
+        """Set the task of an image, at once or after the delay.
 
         Args:
-            task: None: the scheme answers joints itself.
-            resolution: of the task; kept as long as it lasts.
-            stamp: of the image, s. now: of the last tick, s; None before the first.
+            task: None: the scheme commands joints itself.
+            solution: joint velocities for the task, used as long as they are valid.
+            stamp: of the image, s.
+            now: of the last tick, s; None before the first.
         """
         if task is None:
             self.is_joint_controlled = True
@@ -76,29 +83,32 @@ class TaskExecutor:
                 self.cached_velocities = now, solution.velocities, solution.reuse_time, reasons
 
     def activate_pending(self, t: float) -> None:
-        """Have the tasks whose delay is over at t (s) count."""
+        """Activate the tasks whose delay is over at t (s)."""
         while self.pending_tasks and self.pending_tasks[0][0] <= t + ROUNDING:
             self.task, self.cached_velocities = self.pending_tasks.popleft()[1], None
 
     def compute_velocities(
         self, t: float, dt: float, measured: JointSample, start_stamp: float
     ) -> tuple[np.ndarray, str] | None:
-        """Joint velocities (n,) and what holds them back, in words; None: nothing is asked.
+        """Compute joint velocities (n,) and what limits them, as text; None without a task.
 
         Args:
-            t, dt: of this tick, and since the last one, s.
-            measured: joints. began: when servoing did, s.
+            t: time of this tick, s.
+            dt: time since the last tick, s.
+            measured: joints.
+            start_stamp: start of servoing, s.
 
         Raises:
-            SchemeError: a controller's own fault. ServoError: no velocities come of it.
+            SchemeError: the scheme's joint controller failed.
+            ServoError: no velocities can be computed.
         """
         if self.is_joint_controlled:
             return self._update_controller(t - start_stamp, dt, measured)
         if self.task is None:
             return None
         period = self.settings.resolve_period
-        kept = self.cached_velocities
-        if kept is None or t - kept[0] >= max(kept[2], period) - 1e-9:
+        cached = self.cached_velocities
+        if cached is None or t - cached[0] >= max(cached[2], period) - 1e-9:
             found = solve_ik(
                 self.task,
                 measured.positions,
@@ -106,29 +116,29 @@ class TaskExecutor:
                 max(dt, period),
                 self.integrator.velocity,
             )
-            kept = self.cached_velocities = (
+            cached = self.cached_velocities = (
                 t,
                 found.velocities,
                 found.reuse_time,
                 "; ".join(found.reasons),
             )
-        return kept[1], kept[3]
+        return cached[1], cached[3]
 
     def _update_controller(
         self, t: float, dt: float, measured: JointSample
     ) -> tuple[np.ndarray, str]:
-        """Velocities (n,) of a controller that answers joints, within the limits."""
-        answer = call_user_code(
+        """Return the velocities (n,) of a scheme that commands joints, within the limits."""
+        output = call_user_code(
             self.scheme.update, t, dt, measured, limit=self.settings.scheme_timeout,
             scheme=self.name,
         )  # fmt: skip
-        answer = check_joint_output(self.name, answer, len(self.integrator.names))
+        output = check_joint_output(self.name, output, len(self.integrator.names))
         if self.scheme.output == "position":
-            velocities = np.zeros_like(answer)
+            velocities = np.zeros_like(output)
             if dt > 0.0:
-                velocities = (answer - self.integrator.command) / dt
+                velocities = (output - self.integrator.command) / dt
         elif self.scheme.output == "acceleration":
-            velocities = self.integrator.velocity + answer * dt
+            velocities = self.integrator.velocity + output * dt
         else:
-            velocities = answer
+            velocities = output
         return self.integrator.limit_velocities(velocities, dt)

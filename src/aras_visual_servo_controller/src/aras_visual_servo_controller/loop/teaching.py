@@ -1,4 +1,4 @@
-"""From views at the goal to a goal: drives there, collects, averages. No ROS."""
+"""Teaching of goals: move to a pose, collect views there and average them. Without ROS."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from ..schemes import JointController, Scheme
 from .start_approach import StartApproach
 
 NO_IMAGES = "no images arrive"
-OUTLINE_POINTS = 400  # points of an outline that is worked out, about as many as a picture's has
+OUTLINE_POINTS = 400  # points of a computed outline, about as many as an outline from an image has
 
 
 class Teacher:
-    """Takes in joint states and images like a driver; keeps the good views of one pose.
+    """Collector of valid views of one pose from joint states and images.
 
     Attributes:
-        rig: makes the observations.
-        views: the valid ones so far.
-        refused: images since the last valid one.
-        reason: why the last one was not.
+        camera_rig: makes the observations.
+        views: valid observations so far.
+        refused_count: images since the last valid one.
+        reason: why the last image was not valid.
     """
 
     def __init__(
@@ -44,8 +44,11 @@ class Teacher:
         start_joints: np.ndarray | None = None,
         send: Callable[[np.ndarray], None] | None = None,
     ) -> None:
-        """`start_joints`: joints (n,) to drive to first; `send`: takes the commands (n,) on the
-        way.
+        """Create the teacher.
+
+        Args:
+            start_joints: joints (n,) to move to first.
+            send: function that receives the commands (n,) on the path.
         """
         self.arm, self.camera_rig = arm, camera_rig
         self._send = send
@@ -59,7 +62,7 @@ class Teacher:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the pose is reached (at once where none was asked for) and joints are known."""
+        """Return whether joints are known and the pose is reached, if one was given."""
         return self._sample is not None and (
             self._start_approach is None or self._start_approach.is_done
         )
@@ -68,7 +71,7 @@ class Teacher:
         self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float],
         stamp: float,
     ) -> None:  # fmt: skip
-        """Take in a joint state; drive on towards the pose."""
+        """Add a joint state, and continue the motion to the pose."""
         before = self._sample
         try:
             self._sample = self.arm.read_joints(names, positions, velocities, stamp)
@@ -83,46 +86,45 @@ class Teacher:
             return
         dt = 0.0 if before is None else min(max(stamp - before.stamp, 0.0), 0.1)
         self._send(self._start_approach.compute_command(stamp, dt, self._sample.positions))
-        self.reason = self._start_approach.reason or "on the way to the pose"
+        self.reason = self._start_approach.reason or "moving to the pose"
         if self._start_approach.is_done:
             self.reason = NO_IMAGES
 
     def _restart_if_moved(self) -> bool:
-        """Drive to the pose again where something else has moved the arm: its views are of another
-        pose."""
-        away = np.abs(self._sample.positions - self._start_approach.start)
-        moved = bool((away > 2.0 * np.asarray(self._start_approach.settings.arrived)).any())
-        if moved:
+        """Return to the pose if the arm was moved, and remove the views of the other pose."""
+        offset = np.abs(self._sample.positions - self._start_approach.start)
+        is_moved = bool((offset > 2.0 * np.asarray(self._start_approach.settings.arrived)).any())
+        if is_moved:
             self._start_approach.reset()
             self.views.clear()
-        return moved
+        return is_moved
 
     def set_source(self, camera: str, source: Source) -> None:
-        """Where a camera's images come from; the one who teaches says so."""
+        """Do nothing: the caller reports the source of a camera's images itself."""
 
     def add_image(self, stamp: float, observe_frame: ObserveFrame, camera: str = "") -> None:
-        """Take in an image, once there; camera: its name, '': the control camera."""
+        """Add an image if the pose is reached; an empty camera name means the control camera."""
         if not self.is_ready:
             return
-        together = self.camera_rig.add_image(
+        merged = self.camera_rig.add_image(
             camera or self.camera_rig.control.name, stamp, observe_frame
         )
-        if together is None:
+        if merged is None:
             self.reason = (
-                f"no image of camera {self.camera_rig.missing_camera} of the same time arrives"
+                f"no image of camera {self.camera_rig.missing_camera} with the same stamp arrives"
             )
             return
         try:
-            view = together[1](self._sample, ())
+            view = merged[1](self._sample, ())
         except VisionError as error:
             self.refused_count, self.reason = self.refused_count + 1, str(error)
             return
-        blind = next((one for one in view.cameras.values() if not one.valid), None)
-        if blind is None:
+        invalid = next((one for one in view.cameras.values() if not one.valid), None)
+        if invalid is None:
             self.views.append(view)
             self.refused_count = 0
         else:
-            self.refused_count, self.reason = self.refused_count + 1, blind.reason
+            self.refused_count, self.reason = self.refused_count + 1, invalid.reason
 
 
 def make_mean_goal(
@@ -133,21 +135,21 @@ def make_mean_goal(
     depth: float | None = None,
     target_goal: Goal | None = None,
 ) -> Goal:
-    """The mean of several views of one pose.
+    """Average several views of one pose to a goal.
 
     Args:
-        views: valid ones.
-        scheme: what its features want to keep is kept.
+        views: valid observations.
+        scheme: whose features store their data in the goal.
         arm: for the pose of the mean joints.
         name: of the goal.
-        depth: of the target, m; None: by the geometry that `target_goal` says.
-        like: a goal whose target it is.
+        depth: of the target, m; None: by the geometry in `target_goal`.
+        target_goal: goal with the same target, or None.
 
     Raises:
-        ConfigurationError: no view, or a depth that nothing tells.
+        ConfigurationError: there is no view, or the depth is unknown.
     """
     if not views:
-        raise ConfigurationError(f"{name}: nothing was seen to teach")
+        raise ConfigurationError(f"{name}: no valid view to teach a goal from")
     target = None if target_goal is None else target_goal.target
     goals = [Goal.teach(scheme, view, name, depth, target) for view in views]
     joints = {key: float(np.mean([g.joints[key] for g in goals])) for key in goals[0].joints}
@@ -158,12 +160,12 @@ def make_mean_goal(
 
 
 def _average_goals(goals: Sequence[Goal]) -> Goal:
-    """The first of several goals of one pose, with the mean of what is seen there."""
+    """Return the first of several goals of one pose, with their mean moments and features."""
     first = goals[0]
     moments = first.moments
     if moments is not None:
-        seen = [g.moments for g in goals]
-        m, mu = ([getattr(one, key) for one in seen] for key in ("m_array", "mu_array"))
+        all_moments = [g.moments for g in goals]
+        m, mu = ([getattr(one, key) for one in all_moments] for key in ("m_array", "mu_array"))
         moments = Moments.from_arrays(
             np.mean(m, axis=0), np.mean(mu, axis=0), moments.order, moments.kind
         )
@@ -179,13 +181,14 @@ def _average_goals(goals: Sequence[Goal]) -> Goal:
 
 
 def complete_by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
-    """A goal with what the scheme keeps of it, as an exact camera there sees the target's outline.
+    """Add the data that the scheme needs to a goal, as an exact camera at the goal measures it.
 
-    As it is where it holds that already, where nobody knows the target's geometry, and where an
-    outline tells the features nothing: what is missing then, the check of the goal says.
+    The goal is returned unchanged if it is complete, if the target's geometry is unknown, or if the
+    outline is not sufficient for the features; the check of the goal then reports what is missing.
 
     Args:
-        goal: as an arm sees it.
+        goal: for an arm, see `Goal.for_arm`.
+        scheme: whose features need the data.
     """
     try:
         scheme.check(goal)
@@ -196,7 +199,7 @@ def complete_by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
             outline = _sample_sides(goal.target.compute_outline(goal.world_T_camera))
             view = FeatureObserver(None, scheme.needs).observe_exact_features(
                 0.0, goal.camera, world_T_camera=goal.world_T_camera, plane=goal.plane,
-                contour=outline, points=find_corners(outline),  # as they are found in pictures
+                contour=outline, points=find_corners(outline),  # detected as in images
             )  # fmt: skip
             taught = {key: dict(entry) for key, entry in scheme.teach(view).items()}
         except (ServoError, VisionError):
@@ -206,7 +209,7 @@ def complete_by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
 
 
 def _sample_sides(corners: np.ndarray) -> np.ndarray:
-    """Points (m, 2) along a polygon's sides, as many to a side as it is long."""
+    """Return points (m, 2) along a polygon's sides, in proportion to the length of each side."""
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(sides, axis=1)
     counts = np.maximum(1, np.round(OUTLINE_POINTS * lengths / lengths.sum())).astype(int)
@@ -215,9 +218,9 @@ def _sample_sides(corners: np.ndarray) -> np.ndarray:
 
 
 def average_entries(entries: Sequence[Any]) -> Any:
-    """The mean of what features taught: numbers and lists of them; of anything else the last.
+    """Average the data taught by features: numbers and lists of numbers; otherwise return the last.
 
-    Lists of different lengths are not of one kind: the last one counts.
+    Lists of different lengths cannot be averaged; the last one is returned.
     """
     last = entries[-1]
     if isinstance(last, dict):

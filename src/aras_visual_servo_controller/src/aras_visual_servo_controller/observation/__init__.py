@@ -1,1 +1,1 @@
-"""Image and joint states in, observations out: pairing by stamps, and the target's geometry."""
+"""Observations from images and joint states: pairing by stamps, and the target's geometry."""

@@ -1,4 +1,4 @@
-"""From a frame to an observation: what the scheme needs, and what changed since the last frame."""
+"""Observer: measures in each frame what the scheme needs, and the motion since the last frame."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .frame import Frame
     from .image_reader import ImageReader
 
-# Normalised coordinates beyond this are no pixel of any lens: 88 degrees off the axis is 29.
+# Largest plausible normalised coordinate; 29 is 88 degrees off the optical axis.
 MAX_COORDINATE = 30.0
 
 
@@ -40,19 +40,19 @@ def observe(
     plane: Plane | None = None,
     world_T_camera: np.ndarray | None = None,
 ) -> Observation:
-    """Work out of a frame what the scheme needs: moments, contour, corners, plane.
+    """Measure in a frame what the scheme needs: moments, contour, corners, plane.
 
     Args:
         frame: image, exact features in px, or moments.
-        joints: at the exposure; None: not known.
-        observer: knows the arm, the scheme's needs, the goal's plane and the frame before.
-        camera: intrinsics by which pixels are read; None: those of the frame.
-        commands: given since the exposure.
-        plane: of the target, where it is known better than by goal and kinematics.
-        world_T_camera: (4, 4) where it is known better than by the joints.
+        joints: at the exposure; None: unknown.
+        observer: contains the arm, the scheme's needs, the goal's plane and the last frame.
+        camera: intrinsics used to read the pixels; None: those of the frame.
+        commands: sent since the exposure.
+        plane: of the target, if it is known better than by goal and kinematics.
+        world_T_camera: (4, 4), if it is known better than by the joints.
 
     Returns:
-        The observation; not `valid`, with a reason, where the target is not found.
+        The observation; it is not `valid` and has a reason if the target is not found.
     """
     camera = frame.camera if camera is None else camera
     if frame.image is not None:
@@ -75,17 +75,17 @@ def observe(
 
 
 class FeatureObserver:
-    """Makes the observations of one camera: from an image, from moments, or from exact geometry.
+    """Source of the observations of one camera: images, moments, or exact geometry.
 
-    It keeps the last observation's stamp and pose, from which the next one gets dt and motion.
+    The stamp and pose of the last observation are stored for `dt` and motion of the next one.
 
     Attributes:
         arm: for the camera's pose; None: no poses, unless they are given.
-        needs: what the scheme needs; nothing else is measured.
-        plane_from: function from world_T_camera (4, 4) to the target's plane there or None, such as
-            `Goal.plane_from`; None: no planes, unless they are given.
-        images: reads images, for `observe_image`; made when the first one comes.
-        segmentation: how the target's pixels are told.
+        needs: quantities that the scheme needs; no others are measured.
+        compute_plane: function from world_T_camera (4, 4) to the target's plane in the camera's
+            frame or None, such as `Goal.compute_plane`; None: no planes, unless they are given.
+        images: reader of images for `observe_image`, created for the first image.
+        segmentation: selects the target's pixels.
         name: of the camera.
     """
 
@@ -98,7 +98,11 @@ class FeatureObserver:
         compute_plane: Callable[[np.ndarray], Plane | None] | None = None,
         name: str = CAMERA,
     ) -> None:
-        """`tracker`: of the points that count as corners; None: those of the outline."""
+        """Create the observer.
+
+        Args:
+            tracker: of the points used as corners; None: corners of the outline.
+        """
         self.arm, self.compute_plane, self.name = arm, compute_plane, name
         self.tracker = tracker
         self.segmentation = Segmentation() if segmentation is None else segmentation
@@ -106,7 +110,7 @@ class FeatureObserver:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last observation, as after the clock went back."""
+        """Forget the last observation, for example after a reset of the clock."""
         self._last_stamp: float | None = None
         self._last_pose: np.ndarray | None = None
         self.__dict__.pop("images", None)
@@ -115,7 +119,7 @@ class FeatureObserver:
 
     @cached_property
     def images(self) -> ImageReader:
-        """What reads images; exact features do without."""
+        """Reader of images; not needed for exact features."""
         from .image_reader import ImageReader
 
         return ImageReader(self.needs, self.segmentation, self.tracker)
@@ -131,24 +135,24 @@ class FeatureObserver:
         plane: Plane | None = None,
         world_T_camera: np.ndarray | None = None,
     ) -> Observation:
-        """Run the camera package's own pipeline on a picture.
+        """Measure an image with the pipeline of the camera package.
 
         Args:
             stamp: of the exposure, s.
             image: `Image`, or (rows, columns) grey or (rows, columns, 3) RGB, uint8.
             camera: its intrinsics.
             joints: at the exposure.
-            commands: given since the exposure.
+            commands: sent since the exposure.
             depth: (rows, columns), m.
-            plane: of the target, where it is known better than by goal and kinematics.
-            world_T_camera: (4, 4) where it is known better than by the joints.
+            plane: of the target, if it is known better than by goal and kinematics.
+            world_T_camera: (4, 4), if it is known better than by the joints.
         """
-        valid, reason, plane, seen = self.images.read(
+        valid, reason, plane, fields = self.images.read(
             image, camera, self._find_pose(joints, world_T_camera), depth, plane
         )
         return self._make_observation(stamp, valid, reason, camera, joints, world_T_camera,
             commands,
-                          plane=plane, **seen)  # fmt: skip
+                          plane=plane, **fields)  # fmt: skip
 
     def observe_moments(
         self,
@@ -163,7 +167,7 @@ class FeatureObserver:
         pixel_count: int = 0,
         touched_borders: Sequence[str] = (),
     ) -> Observation:
-        """From what the camera node measured (ImageMoments), without the picture itself."""
+        """Make an observation from the moments that the camera node measured (ImageMoments)."""
         if valid and moments is not None and (fault := explain_implausible(moments)):
             valid, reason, moments = False, fault, None
         if valid and moments is None and Need.MOMENTS in self.needs:
@@ -188,14 +192,15 @@ class FeatureObserver:
         plane: Plane | None = None,
         noise: float = 0.0,
     ) -> Observation:
-        """Exact features of a target, without pictures.
+        """Make an observation from exact features of the target, without an image.
 
         Args:
-            stamp, camera, joints, commands, plane: as in `observe_image`.
-            world_T_camera: (4, 4); from the joints where it is left out.
-            contour: (n, 2) outline, normalised: its moments are exact, its vertices the corners.
-            points: (n, 2) corners where the contour has others, or where there is none.
-            noise: standard deviation that was added to their coordinates, normalised.
+            stamp, camera, joints, commands, plane: see `observe_image`.
+            world_T_camera: (4, 4); default: from the joints.
+            contour: (n, 2) outline, normalised: its moments are exact, its vertices are the
+                corners.
+            points: (n, 2) corners, if they are not the vertices of the contour.
+            noise: standard deviation of the noise added to the coordinates, normalised.
         """
         valid, reason, moments, corners = True, "", None, None
         if contour is not None:
@@ -218,7 +223,7 @@ class FeatureObserver:
     def _find_pose(
         self, joints: JointSample | None, world_T_camera: np.ndarray | None
     ) -> np.ndarray | None:
-        """world_T_camera (4, 4): as given, else by the joints; None where neither tells it."""
+        """Return world_T_camera (4, 4) as given, else by the joints; None if both are unknown."""
         if world_T_camera is None and joints is not None and self.arm is not None:
             return self.arm.pose(joints.positions)
         return world_T_camera
@@ -234,34 +239,34 @@ class FeatureObserver:
         commands: Sequence[JointSample],
         plane: Plane | None = None,
         depth: np.ndarray | None = None,
-        **seen: object,
+        **fields: object,
     ) -> Observation:
         stamp = float(stamp)
         pose = self._find_pose(joints, world_T_camera)
         if pose is not None:
             pose = make_read_only_copy(pose)
-        measured = plane is not None
+        is_measured = plane is not None
         if plane is None and depth is None and pose is not None and self.compute_plane is not None:
             plane = self.compute_plane(pose)
-        guessed = world_T_camera is None and joints is not None and joints.is_uncertain
-        known = None if guessed else pose
-        dt, moved = 0.0, None
+        is_guessed = world_T_camera is None and joints is not None and joints.is_uncertain
+        exact_pose = None if is_guessed else pose
+        dt, motion = 0.0, None
         if self._last_stamp is not None and stamp > self._last_stamp:
             dt = stamp - self._last_stamp
-            if known is not None and self._last_pose is not None:
-                moved = relative_pose(self._last_pose, known)
-                moved.setflags(write=False)
+            if exact_pose is not None and self._last_pose is not None:
+                motion = relative_pose(self._last_pose, exact_pose)
+                motion.setflags(write=False)
         if self._last_stamp is None or stamp > self._last_stamp:
-            self._last_stamp, self._last_pose = stamp, known
+            self._last_stamp, self._last_pose = stamp, exact_pose
         return Observation(
             stamp, dt, valid, reason, camera, joints, pose,
-            previous_T_camera=moved, commands=tuple(commands), plane=plane, depth=depth,
-            is_plane_measured=measured, name=self.name, **seen,
+            previous_T_camera=motion, commands=tuple(commands), plane=plane, depth=depth,
+            is_plane_measured=is_measured, name=self.name, **fields,
         )  # fmt: skip
 
 
 def explain_implausible(moments: Moments) -> str:
-    """Why no camera can have seen these moments, in words; empty when one can."""
+    """Describe why no camera can measure these moments; the text is empty if they are plausible."""
     if not (abs(moments.xg) < MAX_COORDINATE and abs(moments.yg) < MAX_COORDINATE):
         return f"implausible moments: the target's centre at {moments.xg:.3g}, {moments.yg:.3g}"
     if not 0.0 < moments.m00 < (2.0 * MAX_COORDINATE) ** 2:

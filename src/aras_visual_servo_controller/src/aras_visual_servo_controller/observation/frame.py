@@ -1,4 +1,5 @@
-"""What a camera delivers of one exposure: an image, exact features, or a camera node's moments."""
+"""Frame: the data of one exposure, which are an image, exact features, or a camera node's moments.
+"""
 
 from __future__ import annotations
 
@@ -15,20 +16,20 @@ NANOSECONDS = 1_000_000_000
 
 
 def to_seconds(stamp_ns: int) -> float:
-    """A stamp in s, rounded as ROS rounds it, so that it is the same number on a graph."""
+    """Convert a stamp to s, rounded as in ROS, so that both give the same number."""
     return float(stamp_ns // NANOSECONDS) + (stamp_ns % NANOSECONDS) / 1e9
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredTarget:
-    """Target in an image that another process segmented.
+    """Target measured by another process, such as the camera node.
 
     Attributes:
-        moments: normalised coordinates; None: not measured.
+        moments: in normalised coordinates; None: not measured.
         valid, reason: whether the target was found, and why not.
-        kernel: (20,) the original's camera/data; None: not measured.
-        pixel_count: pixels of the target.
-        touches: borders of the image that it touches.
+        kernel: (20,) camera/data of the original package; None: not measured.
+        pixel_count: number of pixels of the target.
+        touched_borders: borders of the image that the target touches.
     """
 
     moments: Moments | None
@@ -41,21 +42,22 @@ class MeasuredTarget:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One exposure of a camera; with neither an image nor features the target is not in view.
+    """One exposure of a camera; without an image and features, the target is not in view.
 
-    Comes from a renderer, a bag or a topic; `observe` makes an `Observation` of it. Pixels are
-    (row, column) in arrays and (u, v), right and down, in outlines and points.
+    A frame comes from a renderer, a bag or a topic; `observe` turns it into an `Observation`.
+    Pixels are (row, column) in arrays and (u, v), right and down, in outlines and points.
 
     Attributes:
-        stamp_ns: of the exposure, ns of simulated time.
+        stamp_ns: time of the exposure, ns of simulated time.
         image: (rows, columns[, channels]) uint8, in the encoding `encoding`; None: no image.
         depth: (rows, columns), m along the optical axis; None: no depth image.
         outline, points: (n, 2) and (m, 2) exact outline and corners of the target, px.
         name: of the camera.
-        labelled: (rows, columns), 255 where a label image has the target; None: no label image.
+        target_mask: (rows, columns), 255 for the target's pixels of a label image; None: no label
+            image.
         jitter: standard deviation of the noise in outline and points, px.
-        camera: intrinsics of the camera that made it; None: the reader knows them.
-        target: moments in place of an image; None: there are none.
+        camera: intrinsics of the camera; None: the reader knows them.
+        target: moments instead of an image, or None.
     """
 
     stamp_ns: int
@@ -72,10 +74,10 @@ class Frame:
 
     @property
     def stamp(self) -> float:
-        """`stamp_ns` in s."""
+        """Return `stamp_ns` in s."""
         return to_seconds(self.stamp_ns)
 
     @property
     def has_image(self) -> bool:
-        """Whether it has an image."""
+        """Return whether the frame has an image."""
         return self.image is not None

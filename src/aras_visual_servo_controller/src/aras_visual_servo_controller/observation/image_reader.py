@@ -1,4 +1,4 @@
-"""From an image to what a scheme needs of it: moments, contour, corners, kernel, pixels, plane."""
+"""Reader of images: measures moments, contour, corners, kernel features, pixels and plane."""
 
 from __future__ import annotations
 
@@ -24,23 +24,28 @@ if TYPE_CHECKING:
 
     from .frame import Frame
 
-MeasuredFields = dict[str, object]  # by field of Observation
+MeasuredFields = dict[str, object]  # measured values by field of Observation
 
 
 class ImageReader:
-    """Reads the images of one camera with the camera package's own pipeline and a tracker."""
+    """Measurement of the images of one camera, with the camera package's pipeline and a tracker."""
 
     def __init__(
         self, needs: frozenset[Need], segmentation: Segmentation, tracker: Tracker | None
     ) -> None:
-        """`needs`: nothing else is measured. `tracker`: of the points that count as corners; None:
-        those of the outline."""
+        """Create the reader.
+
+        Args:
+            needs: quantities to measure.
+            segmentation: selects the target's pixels.
+            tracker: of the points used as corners; None: corners of the outline.
+        """
         self.needs, self.tracker = needs, tracker
         self.pipeline = Pipeline(PipelineSettings(segmentation))
 
     @staticmethod
     def decode_image(frame: Frame) -> Image:
-        """The image of a frame with its encoding, as the camera package reads it."""
+        """Return the image of a frame with its encoding, in the camera package's format."""
         return Image(frame.image, frame.encoding, frame.target_mask)
 
     def read(
@@ -51,96 +56,97 @@ class ImageReader:
         depth: np.ndarray | None,
         plane: Plane | None,
     ) -> tuple[bool, str, Plane | None, MeasuredFields]:
-        """Measure what is needed.
+        """Measure the needed quantities.
 
         Args:
             image: `Image`, or (rows, columns) grey or (rows, columns, 3) RGB, uint8.
             camera: its intrinsics.
-            pose: world_T_camera (4, 4), where it is known.
+            pose: world_T_camera (4, 4), if it is known.
             depth: (rows, columns), m.
-            plane: of the target, where it is known better than by the image.
+            plane: of the target, if it is known better than by the image.
 
         Returns:
-            Whether the target was found, why not, its plane where that is known, and the rest.
+            Whether the target was found, why not, its plane if it is known, and the other fields.
         """
         if not isinstance(image, Image):
             image = Image(np.asarray(image), "mono8" if np.ndim(image) == 2 else "rgb8")
-        seen: MeasuredFields = {}
+        fields: MeasuredFields = {}
         valid, reason = True, ""
-        tracked = self.tracker is not None and Need.CORNERS in self.needs
-        needs = self.needs - {Need.CORNERS} if tracked else self.needs
+        is_tracked = self.tracker is not None and Need.CORNERS in self.needs
+        needs = self.needs - {Need.CORNERS} if is_tracked else self.needs
         if needs & SEGMENTED:
-            valid, reason, seen = self._measure_target(image, camera, needs)
-        if valid and tracked:
+            valid, reason, fields = self._measure_target(image, camera, needs)
+        if valid and is_tracked:
             try:
                 found = self.tracker.track(image.grey, camera, pose, depth)
-                seen["corners"] = make_read_only_copy(found.points)
-                seen["corner_accuracy"] = found.accuracy
-                seen["corner_repeatability"] = found.repeatability
-                seen["corner_spread"] = (
+                fields["corners"] = make_read_only_copy(found.points)
+                fields["corner_accuracy"] = found.accuracy
+                fields["corner_repeatability"] = found.repeatability
+                fields["corner_spread"] = (
                     None if found.spread is None else make_read_only_copy(found.spread)
                 )
-                seen["is_numbered"] = self.tracker.is_numbered
-                seen["marker"] = found.marker
+                fields["is_numbered"] = self.tracker.is_numbered
+                fields["marker"] = found.marker
                 plane = found.plane if plane is None else plane
             except VisionError as error:
                 valid, reason = False, str(error)
         if Need.IMAGE in self.needs:
             pixels = image.rgb if image.has_colour else image.grey
-            seen["image"] = _make_read_only(pixels)
+            fields["image"] = _make_read_only(pixels)
         if Need.DEPTH in self.needs and depth is not None:
-            seen["depth"] = _make_read_only(np.asarray(depth, np.float32))
+            fields["depth"] = _make_read_only(np.asarray(depth, np.float32))
             if plane is None and valid:
                 from .depth_image import fit_plane
 
-                plane = fit_plane(seen["depth"], camera, seen.get("corners", seen.get("contour")))
-        return valid, reason, plane, seen
+                outline = fields.get("corners", fields.get("contour"))
+                plane = fit_plane(fields["depth"], camera, outline)
+        return valid, reason, plane, fields
 
     def _measure_target(
         self, image: Image, camera: CameraModel, needs: frozenset[Need]
     ) -> tuple[bool, str, MeasuredFields]:
-        """What the pipeline finds of the target."""
+        """Measure the target with the pipeline."""
         self.pipeline.set_camera(camera)
         try:
             measured = self.pipeline.measure(image)
         except VisionError as error:
             return False, str(error), {}
         target = measured.target
-        seen: MeasuredFields = {
+        fields: MeasuredFields = {
             "pixel_count": target.pixel_count,
             "touched_borders": target.touched_borders,
         }
         if not measured.valid:
-            return False, measured.reason, seen
-        seen["moments"] = measured.moments
+            return False, measured.reason, fields
+        fields["moments"] = measured.moments
         try:
             if needs & {Need.CONTOUR, Need.CORNERS, Need.DEPTH}:
                 contour = extract_outline(image.grey, target, camera)
-                seen["contour"] = make_read_only_copy(contour)
+                fields["contour"] = make_read_only_copy(contour)
                 if Need.CORNERS in needs:
                     corners, spread = fit_corners(contour)
-                    seen["corners"], seen["corner_spread"] = (
+                    fields["corners"], fields["corner_spread"] = (
                         make_read_only_copy(corners),
                         make_read_only_copy(spread),
                     )
-                    seen["corner_accuracy"] = hypot(
+                    fields["corner_accuracy"] = hypot(
                         CORNER_ACCURACY / camera.K[0], compute_rms_deviation(spread)
                     )
-                    seen["is_numbered"] = False
+                    fields["is_numbered"] = False
             if Need.KERNEL in needs:
                 from aras_visual_servo_camera.kernel import compute_kernel_features
 
                 mask = self.pipeline.make_original_mask(image)
-                seen["kernel"] = make_read_only_copy(
+                fields["kernel"] = make_read_only_copy(
                     compute_kernel_features(mask).to_message_data()
                 )
         except VisionError as error:
-            return False, str(error), seen
-        return True, "", seen
+            return False, str(error), fields
+        return True, "", fields
 
 
 def _make_read_only(array: np.ndarray) -> np.ndarray:
-    """A read-only view: pictures are not copied."""
+    """Return a read-only view of an image without copying it."""
     view = array.view()
     view.setflags(write=False)
     return view

@@ -1,9 +1,9 @@
-"""Joints by stamp, so that an image meets the joints of its own instant.
+"""History of joint states by stamp, which gives the joints at the exposure of an image.
 
-Images and joint states come over different connections. Between two samples the joints are
-interpolated; after the last one they go on at its velocity. Where runs have to repeat bit by bit
-(lockstep) only samples up to the exposure count, and the image waits until none of those can still
-be on its way: then what arrived first does not matter.
+Images and joint states arrive over different connections. Between two samples the joints are
+interpolated; after the last sample they are extrapolated with its velocity. In lockstep, where runs
+have to be bit-identical, only samples up to the exposure are used, and the image waits until all of
+them have arrived. Then the order of arrival does not matter.
 """
 
 from __future__ import annotations
@@ -16,29 +16,29 @@ import numpy as np
 
 from ..kinematics.joint_sample import JointSample
 
-# Further than this from the nearest sample nothing is known of the joints, s.
+# Largest time to the nearest sample for which joints are known, s.
 MAX_AGE = 0.1
-# Periods from the nearest sample up to which the speeds tell where the joints are: one sample may
-# still be on its way.
+# Time to the nearest sample, in sample periods, up to which extrapolation is reliable: one sample
+# may still be in transit.
 MAX_PERIODS = 1.5
-MEDIAN_PERIODS = 8  # periods whose median counts: samples that were lost do not change it
-ROUNDING = 1e-6  # s, more than what stamps in s are rounded to, less than any period of samples
+MEDIAN_PERIODS = 8  # number of periods whose median is used, so that lost samples do not change it
+ROUNDING = 1e-6  # s, more than the rounding of stamps, less than any period of samples
 
 
 class JointHistory:
-    """The last few samples, stamps rising.
+    """The latest joint samples in the order of their stamps.
 
     Attributes:
-        newest: the last sample; None where there is none.
+        newest: latest sample; None if there is none.
     """
 
     def __init__(self, length: int = 64) -> None:
-        """`length`: samples to keep."""
+        """Create the history; `length`: number of samples to store."""
         self._samples: deque[JointSample] = deque(maxlen=length)
         self.newest: JointSample | None = None
 
     def add(self, sample: JointSample) -> bool:
-        """Note a sample; False for one that is not newer than the last, which is left out."""
+        """Add a sample; return False and skip it if it is not newer than the last one."""
         if self._samples and sample.stamp <= self._samples[-1].stamp:
             return False
         self._samples.append(sample)
@@ -46,25 +46,30 @@ class JointHistory:
         return True
 
     def estimate_velocities(self, sample: JointSample) -> JointSample:
-        """A sample of which positions alone are known, with the velocities at which the joints
-        came from the newest one here; at rest where that is too old, or none."""
+        """Return a sample of positions with velocities estimated from the newest stored sample.
+
+        The velocities stay zero if the newest sample is too old or missing.
+        """
         newest = self.newest
         if newest is None or not 0.0 < sample.stamp - newest.stamp <= MAX_AGE + ROUNDING:
             return sample
-        way = sample.positions - newest.positions
+        displacement = sample.positions - newest.positions
         return JointSample.from_values(
-            sample.stamp, sample.names, sample.positions, way / (sample.stamp - newest.stamp)
+            sample.stamp,
+            sample.names,
+            sample.positions,
+            displacement / (sample.stamp - newest.stamp),
         )
 
     def clear(self) -> None:
-        """Forget all, as after a reset of the clock."""
+        """Remove all samples, for example after a reset of the clock."""
         self._samples.clear()
         self.newest = None
 
     def is_complete_to(self, stamp: float) -> bool:
-        """Whether no sample up to `stamp` can still be on its way, going by the samples' period.
+        """Return whether all samples up to `stamp` have arrived, according to the sample period.
 
-        False with fewer than two samples, which tell no period.
+        The result is False with fewer than two samples, whose period is unknown.
         """
         if len(self._samples) < 2:
             return False
@@ -72,11 +77,12 @@ class JointHistory:
         return newest == stamp or newest + self._estimate_period() > stamp + ROUNDING
 
     def interpolate(self, stamp: float, earlier_only: bool = False) -> JointSample | None:
-        """The joints at an instant; None where no sample is near enough.
+        """Return the joints at an instant, or None if no sample is close enough.
 
         Args:
             stamp: s.
-            earlier_only: go on from the last sample at or before it, whatever came later.
+            earlier_only: extrapolate from the last sample at or before the stamp, and ignore later
+                ones.
         """
         before = after = None
         for sample in reversed(self._samples):
@@ -87,8 +93,8 @@ class JointHistory:
         if earlier_only:
             after = None
         if before is None:
-            near = after is not None and after.stamp - stamp <= MAX_AGE
-            return self._extrapolate(after, stamp) if near else None
+            is_near = after is not None and after.stamp - stamp <= MAX_AGE
+            return self._extrapolate(after, stamp) if is_near else None
         if before.stamp == stamp:
             return before
         if after is None:
@@ -103,20 +109,23 @@ class JointHistory:
         )
 
     def _extrapolate(self, sample: JointSample, stamp: float) -> JointSample:
-        """The sample, gone on at its velocities."""
-        away = stamp - sample.stamp
-        positions = sample.positions + away * np.asarray(sample.velocities)
+        """Extrapolate a sample with its velocities."""
+        dt = stamp - sample.stamp
+        positions = sample.positions + dt * np.asarray(sample.velocities)
         return JointSample.from_values(
-            stamp, sample.names, positions, sample.velocities, self._is_far(abs(away))
+            stamp, sample.names, positions, sample.velocities, self._is_far(abs(dt))
         )
 
     def _is_far(self, distance: float) -> bool:
-        """Whether that is far from a sample, s; of one alone, which tells no period, it is not."""
+        """Return whether a time difference (s) to a sample is too large to extrapolate.
+
+        The result is False for a single sample, whose period is unknown.
+        """
         return (
             len(self._samples) > 1 and distance > MAX_PERIODS * self._estimate_period() + ROUNDING
         )
 
     def _estimate_period(self) -> float:
-        """Of the latest samples, of which there are two at least, s."""
+        """Return the median period of the latest samples, s; needs at least two samples."""
         latest = [sample.stamp for sample in islice(reversed(self._samples), MEDIAN_PERIODS + 1)]
         return median(later - earlier for later, earlier in pairwise(latest))

@@ -1,7 +1,7 @@
-"""What is known of one image: one immutable record, made by `observe`.
+"""Observation: one immutable record of all that is known of one image, made by `observe`.
 
-A feature reads it and stores nothing itself. Frames: the camera's optical frame has z forward,
-x right, y down; `a_T_b` (4, 4) maps b to a.
+Features read observations and store nothing themselves. The camera's optical frame has z forward, x
+right, y down; `a_T_b` (4, 4) maps b to a.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..kinematics.joint_sample import JointSample
 
-CAMERA = "camera"  # name of the one camera of an experiment or a node that names none
+CAMERA = "camera"  # default name of the only camera of an experiment or a node
 
 
 class Need(Enum):
-    """What a feature or a scheme needs of an image; nothing else is measured for it."""
+    """Quantity that a scheme needs from an image; other quantities are not measured."""
 
     MOMENTS = "moments"
     CONTOUR = "contour"
@@ -34,16 +34,16 @@ class Need(Enum):
     KERNEL = "kernel"
 
 
-# Needs that the segmented target answers: without it such an observation is not valid.
+# Quantities measured on the segmented target; without a target the observation is not valid.
 SEGMENTED = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS, Need.KERNEL))
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Everything that is known of one image; what no scheme needs is None, arrays are read-only.
+    """Everything that is known of one image; quantities that no scheme needs are None.
 
-    Made by `observe` from a frame. It has what the scheme declares in `needs`; features and schemes
-    read nothing else.
+    An observation is made by `observe` from a frame. It contains what the scheme declares in
+    `needs`; features and schemes read nothing else. Arrays are read-only.
 
     Lengths are in m, angles in rad, times in s; image coordinates are normalised, x = X/Z to the
     right and y = Y/Z downwards. `a_T_b` (4, 4) maps b to a.
@@ -51,46 +51,48 @@ class Observation:
     Attributes:
         stamp: time of the exposure, s of simulated time.
         dt: time since the previous observation, s; 0.0 for the first.
-        valid, reason: whether the segmentation found the target, and why not. A scheme with its
-            own image processing decides for itself.
+        valid, reason: whether the segmentation found the target, and why not. A scheme with its own
+            image processing decides for itself.
         camera: K, D and lens; `normalise` and `project` convert between pixels and rays.
         joints: at the exposure, interpolated by stamp.
         world_T_camera: (4, 4) at the exposure, by kinematics ("world" is the arm's base).
         moments: image moments of the segmented target, in normalised coordinates.
-        contour: (n, 2) outline of the target, normalised, to a part of a pixel.
-        corners: (n, 2) corners of that outline, in its order, normalised.
-        corner_accuracy: error of the corners without noise, rms, normalised; 0: exact.
+        contour: (n, 2) outline of the target, normalised, with subpixel accuracy.
+        corners: (n, 2) corners of the outline, in its order, normalised.
+        corner_accuracy: rms error of the corners without noise, normalised; 0: exact.
         corner_spread: (2n, m) effects on x_0, y_0, x_1, ... of independent errors, one standard
-            deviation each, by how edges scatter about the lines that meet in the corners. They
-            shrink with the distance from a goal shown by the same camera. None: not known.
-        corner_unshared: the part of it that a goal shown by the same camera does not share.
-        corner_noise: standard deviation of noise in corners and contour, normalised, where their
+            deviation each, estimated from the scatter of edge points about their fitted lines. The
+            errors decrease towards a goal taught with the same camera. None: unknown.
+        corner_repeatability: the part of this error that differs between a goal and an image of the
+            same camera, normalised.
+        corner_noise: standard deviation of noise in corners and contour, normalised, if their
             source declares it.
-        numbered: whether each corner is identified by itself, as a marker's is; None: the corners
-            are exact, and a scheme uses them as it needs.
-        marker: `DICTIONARY:number` of the marker whose corners they are; empty if there is none.
-        pixel_count: number of pixels of the target; 0 where not known.
-        touches: borders of the image that the target touches: left, right, top, bottom.
+        is_numbered: whether each corner is identified individually, as those of a marker are; None:
+            the corners are exact, and a scheme uses them as it needs.
+        marker: `DICTIONARY:number` of the marker that has these corners; empty if there is none.
+        pixel_count: number of pixels of the target; 0 if unknown.
+        touched_borders: borders of the image that the target touches: left, right, top, bottom.
         image: (rows, columns) or (rows, columns, 3) RGB, uint8.
         depth: (rows, columns) float32, m along the optical axis.
         plane: of the target, from the depth image if it is needed, otherwise from goal and
-            kinematics; None where neither is known.
-        plane_measured: whether the plane comes from the depth image. That from goal and kinematics
-            is wrong if the camera is not as assumed, or the target is elsewhere.
-        kernel: (20,) numbers of the original's camera/data of this image.
-        previous_T_camera: (4, 4) motion since the previous observation, from the joints; None at
-            the first, and where the joints at one of the two are guessed.
+            kinematics; None if both are unknown.
+        is_plane_measured: whether the plane comes from the depth image. A plane from goal and
+            kinematics is wrong if the camera model is wrong or the target was moved.
+        kernel: (20,) camera/data of the original package for this image.
+        previous_T_camera: (4, 4) motion since the previous observation, from the joints; None for
+            the first, and if the joints at one of the two are extrapolated too far.
         commands: joint commands sent since the exposure.
         name: of the camera.
-        others: observations of the other cameras of a scheme of several, by name.
-        of_control: (6, 6) of a camera other than the control camera, which is the first of the
-            scheme: its twist, relative to its target, is of_control @ that of the control camera,
-            each in its own frame. Zero where the arm moves neither; None: it is the control camera.
-        moved: (6,) motion of such a camera from its own exposure to that of the control camera, in
-            its own frame, as the twist that makes it in one second; None where that is not known,
-            or for the control camera.
-        apart: whether the arm carries the target of such a camera but not that of the control
-            camera, or the reverse: world_T_camera and plane are then those of another target.
+        other_cameras: observations of the other cameras of a scheme of several, by name.
+        twist_from_control: (6, 6) matrix of a camera other than the control camera, which is the
+            first of the scheme. The camera's twist relative to its target is this matrix times the
+            twist of the control camera, each in its own frame. It is zero if the arm moves neither
+            the camera nor its target; None: this is the control camera.
+        motion_since_exposure: (6,) motion of such a camera from its own exposure to that of the
+            control camera, in its own frame, as the twist that causes it in one second; None if it
+            is unknown, or for the control camera.
+        has_other_target: whether the arm carries only one of the targets of this camera and of the
+            control camera; world_T_camera and plane then refer to the target of this camera.
     """
 
     stamp: float
@@ -126,26 +128,26 @@ class Observation:
 
     @property
     def cameras(self) -> dict[str, Observation]:
-        """What each camera of the scheme saw, by name; the first, this one, is the control camera.
+        """Return the observation of each camera by name; the first is this one.
 
-        Their stamps are the same where they were exposed together.
+        Their stamps are equal if the images were exposed together.
         """
         return {self.name: self, **self.other_cameras}
 
     @property
     def is_from_image(self) -> bool:
-        """Whether what is seen comes from a picture, and not from exact geometry."""
+        """Return whether the observation comes from an image and not from exact geometry."""
         return self.image is not None or self.depth is not None or self.pixel_count > 0
 
     def without_pixels(self) -> Observation:
-        """The same without images and depth images, as a record of a run keeps it."""
+        """Return the observation without images and depth images, as a run record stores it."""
         others = {name: view.without_pixels() for name, view in self.other_cameras.items()}
         if self.image is None and self.depth is None and not others:
             return self
         return replace(self, image=None, depth=None, other_cameras=others)
 
     def with_noise(self) -> Observation:
-        """The same with noise as a part of the accuracy that the corners have in each image."""
+        """Return the observation with the declared noise included in the corners' accuracy."""
         if not self.corner_noise:
             return self
         return replace(
@@ -155,15 +157,17 @@ class Observation:
         )  # fmt: skip
 
     def transform_to_control(self, L: np.ndarray) -> np.ndarray:
-        """L (k, 6) of features of this camera, for the twist of the control camera."""
+        """Transform L (k, 6) of features of this camera to the twist of the control camera."""
         return L if self.twist_from_control is None else L @ self.twist_from_control
 
     def compute_change_since_exposure(self, L: np.ndarray) -> np.ndarray | float:
-        """What features of this camera with L (k, 6) have changed by since its exposure up to the
-        control camera's, to first order; 0 where the two were exposed together."""
+        """Return the change of features between this exposure and the control camera's.
+
+        It is a first-order approximation by L (k, 6), and 0 if both images were exposed together.
+        """
         return 0.0 if self.motion_since_exposure is None else L @ self.motion_since_exposure
 
     @cached_property
     def motion(self) -> np.ndarray | None:
-        """(6,) previous_T_camera as the twist that makes it in one second."""
+        """The motion previous_T_camera as the twist (6,) that causes it in one second."""
         return None if self.previous_T_camera is None else logarithm(self.previous_T_camera)

@@ -1,1 +1,1 @@
-"""The diagnoses of a run, one class a file; `..order` says in which order they are asked."""
+"""Diagnoses of a run, one class per file; `base.ORDER` defines their order."""

@@ -1,4 +1,4 @@
-"""The camera goes far back from the target, as points do near half a turn."""
+"""Diagnosis of a camera retreat, which image points cause for rotations near 180 degrees."""
 
 from __future__ import annotations
 
@@ -18,25 +18,27 @@ from ..step_check import predict_distance
 
 @DIAGNOSES.register("camera_retreat")
 class CameraRetreat(RunDiagnosis):
-    """Compares the distance, by the size of the target in the image, with start and goal."""
+    """Comparison of the target's distance, by its size in the image, with the start and the goal.
+    """
 
     help = "the target appears far smaller than at the start and at the goal"
     reads = "area of the target in the image, its distance by the joints"
     kinds = ("camera_retreat", "gain_too_high")
 
-    # Times as far as start and goal both from which on the camera has retreated, and images in a
-    # row that have to show it: one may show a part of the target, or something else. Nearer than
-    # RETURNED times it has come back.
+    # The camera has retreated if its distance exceeds RETREAT_FACTOR times that of both start and
+    # goal in MIN_IMAGES successive images; a single image may show only a part of the target or
+    # another object. Below RETURN_FACTOR times that distance it has returned.
     RETREAT_FACTOR, MIN_IMAGES, RETURN_FACTOR = 3.0, 3, 1.5
-    # Part of the distance by the size in the image that the joints have to confirm.
+    # Smallest distance by the joints, as a part of the distance by the size in the image, that
+    # confirms the retreat.
     CONFIRMED_PART = 0.6
 
     def __init__(self) -> None:
-        self._first_distance = 0.0  # distance of the target at the first image, goal's distances
+        self._first_distance = 0.0  # distance at the first image, relative to the goal
         self._far_count, self._outcome = 0, Outcome()
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """See RunDiagnosis.judge; notes also what is visible of the target."""
+        """Diagnose one image, see `RunDiagnosis.judge`; update the target's visible area."""
         state, observation, goal = record.state, record.observation, evidence.run_context.goal
         for view in (observation, *observation.other_cameras.values()):
             if view.touched_borders:
@@ -52,21 +54,23 @@ class CameraRetreat(RunDiagnosis):
     def _check_distance(
         self, stamp: float, observation: Observation, goal: Goal, evidence: Evidence
     ) -> None:
-        """Whether the camera has gone far back, by how small it sees the target."""
-        seen, wanted = observation.moments, goal.moments
-        if not observation.valid or seen is None or wanted is None or seen.m00 <= 0.0:
+        """Update whether the camera has retreated, from the size of the target in the image."""
+        measured, desired = observation.moments, goal.moments
+        if not observation.valid or measured is None or desired is None or measured.m00 <= 0.0:
             return
-        distance = float(np.sqrt(wanted.m00 / seen.m00))
+        distance = float(np.sqrt(desired.m00 / measured.m00))
         self._first_distance = self._first_distance or distance
-        far = distance > self.RETREAT_FACTOR * max(self._first_distance, 1.0)
-        if far and goal.world_T_camera is not None and observation.world_T_camera is not None:
+        is_far = distance > self.RETREAT_FACTOR * max(self._first_distance, 1.0)
+        if is_far and goal.world_T_camera is not None and observation.world_T_camera is not None:
             by_joints = predict_distance(observation.world_T_camera, goal)
-            far = by_joints > self.CONFIRMED_PART * distance
-        self._far_count = self._far_count + 1 if far else 0
+            is_far = by_joints > self.CONFIRMED_PART * distance
+        self._far_count = self._far_count + 1 if is_far else 0
         if distance < self.RETURN_FACTOR * max(self._first_distance, 1.0):
             self._outcome = Outcome()
         if self._outcome.kind == "running" and self._far_count == self.MIN_IMAGES:
-            words = f"the camera went back to {distance:.1f} times its goal's distance"
-            self._outcome = make_outcome("camera_retreat", f"{words} from the target")
+            text = (
+                f"the camera retreated to {distance:.1f} times the goal's distance from the target"
+            )
+            self._outcome = make_outcome("camera_retreat", text)
             if found := evidence.gain_check.find_recent_oscillation(stamp):
-                self._outcome = replace(found, reason=f"{found.reason}; {words}")
+                self._outcome = replace(found, reason=f"{found.reason}; {text}")

@@ -1,4 +1,4 @@
-"""The camera is at its goal, and what that leaves open."""
+"""Diagnosis of an arrival at the goal, with its remaining uncertainty."""
 
 from __future__ import annotations
 
@@ -14,25 +14,26 @@ from ..base import DIAGNOSES, RunDiagnosis
 from ..evidence import Evidence
 
 CHECK_FEATURE_ORDER = Remedy(
-    "see that the scheme compares each feature with its own number of the goal, and has more "
-    "features than directions; a shipped one shows whether the goal can be reached",
+    "check that the scheme compares each feature with its own value at the goal, and that it has "
+    "more features than degrees of freedom; a built-in scheme shows whether the goal can be "
+    "reached",
     set_value("scheme", "points"),
 )
 
 
 @DIAGNOSES.register("converged")
 class Converged(RunDiagnosis):
-    """Every feature is at its goal; the arrival says how far the camera may be from it."""
+    """Arrival of every feature at its goal, with a bound of the remaining distance."""
 
     help = "the mean error is within the tolerances; decides whether the camera is at its goal"
-    reads = "mean error, its noise, L, view and pose at the goal (`arrival.py`)"
+    reads = "mean error, its noise, L, view and pose at the goal (`arrival_check.py`)"
     kinds = ("converged", "ambiguous")
 
-    # times as far as L says that a camera may be whose motion L does not explain
+    # factor on the uncertainty by L if L does not explain the camera's motion
     INTERACTION_ERROR_FACTOR = 2.0
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """See RunDiagnosis.judge."""
+        """Diagnose one image, see `RunDiagnosis.judge`."""
         if record.state.phase != CONVERGED:
             return None
         found, fault = _make_arrival_outcome(record.state.arrival_status), evidence.camera_fault
@@ -41,7 +42,7 @@ class Converged(RunDiagnosis):
         if not fault or found.kind == "ambiguous":
             return evidence.explain_occlusion(found)
         return replace(
-            found, reason=f"at the goal as this camera has shown it; yet {fault}",
+            found, reason=f"the image equals the goal's, taught with this camera; but {fault}",
             remedy=CALIBRATE_CAMERA,
             open_distance=self.INTERACTION_ERROR_FACTOR * found.open_distance,
             open_angle=min(self.INTERACTION_ERROR_FACTOR * found.open_angle, np.pi),
@@ -49,9 +50,11 @@ class Converged(RunDiagnosis):
 
 
 def _make_arrival_outcome(arrival_status: ArrivalStatus) -> Outcome:
-    """What an arrival is worth."""
+    """Return the outcome of an arrival, with its uncertainty."""
     if arrival_status.wrong_pose_reason:
         return make_outcome("ambiguous", arrival_status.wrong_pose_reason)
-    left = arrival_status.pose_uncertainty
-    kind = f"converged up to {left.description}" if left.description else "converged"
-    return Outcome(kind, left.reason, left.remedy, left.distance, left.angle)
+    uncertainty = arrival_status.pose_uncertainty
+    kind = f"converged up to {uncertainty.description}" if uncertainty.description else "converged"
+    return Outcome(
+        kind, uncertainty.reason, uncertainty.remedy, uncertainty.distance, uncertainty.angle
+    )

@@ -1,4 +1,4 @@
-"""A user's features do what no image can."""
+"""Diagnosis of user features that change in a way that no image can cause."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("features_contradict")
 class FeaturesContradict(RunDiagnosis):
-    """Takes the error and its motion into the evidence; thresholds: see MotionCheck, StepCheck."""
+    """Check of the motion of the features; its thresholds are in MotionCheck and StepCheck."""
 
-    help = "the features stay the same, jump or move against their L, and the target does not"
+    help = "the features are constant, jump or move against their L although the target does not"
     reads = "steps of the features and of the target's centre, L (`motion_check.py`)"
     kinds = ("scheme_fault",)
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """See RunDiagnosis.judge."""
+        """Diagnose one image, see `RunDiagnosis.judge`."""
         state, observation, goal = record.state, record.observation, evidence.run_context.goal
         scheme, motion = evidence.run_context.scheme, evidence.motion_check
         evidence.tolerances = tolerances = np.asarray(scheme.tolerances, float)
@@ -28,14 +28,14 @@ class FeaturesContradict(RunDiagnosis):
             state, tolerances, goal.distance,
             bool(evidence.run_context.elbows) and evidence.is_stretched(state.joints),
         )
-        # What can wrap: an angle, or what may be one; a length cannot.
+        # Angles, and features without a unit, may wrap; lengths cannot.
         evidence.is_angle = angles = np.array(
             [unit != "m" for unit in scheme.units] or [True] * len(tolerances)
         )
-        # Features whose L may be wrong say nothing of the target.
-        judges = getattr(scheme, "can_check_camera", True) and not motion.is_user_scheme
+        # Features with a possibly wrong L do not show whether the target moves.
+        can_judge = getattr(scheme, "can_check_camera", True) and not motion.is_user_scheme
         evidence.target_motion = evidence.target_check.add(
-            state.scheme_output, observation, goal, tolerances, judges, angles
+            state.scheme_output, observation, goal, tolerances, can_judge, angles
         )
         motion.is_current_interaction = (
             getattr(scheme, "can_check_camera", True) or motion.is_user_scheme

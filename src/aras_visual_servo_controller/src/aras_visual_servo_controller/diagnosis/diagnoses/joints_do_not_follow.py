@@ -1,4 +1,4 @@
-"""Joints stay behind their commands, or swing by themselves."""
+"""Diagnosis of joints that do not follow their commands or oscillate without one."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from ..joint_check import describe_foreign_nodes, join_names
 
 @DIAGNOSES.register("joints_do_not_follow")
 class JointsDoNotFollow(RunDiagnosis):
-    """Names the joints, and the nodes that command them instead; thresholds: see JointCheck."""
+    """Check of the joints' motion and of other nodes that command them; see JointCheck."""
 
-    help = "joints do not do what is commanded, or another node commands them"
+    help = "joints do not follow their commands, or another node commands them"
     reads = "commanded and measured joints (`joint_check.py`), commands of other nodes"
     kinds = (JOINTS_DO_NOT_FOLLOW,)
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """See RunDiagnosis.judge."""
+        """Diagnose one image, see `RunDiagnosis.judge`."""
         joints = evidence.joint_check
         if not joints.reason or record.state.phase == CONVERGED:
             return None
@@ -34,5 +34,5 @@ class JointsDoNotFollow(RunDiagnosis):
         nodes = join_names(list(dict.fromkeys(record.foreign_nodes.values())))
         return replace(
             found, reason=f"{found.reason}: {describe_foreign_nodes(record.foreign_nodes)}",
-            remedy=Remedy(f"end the commands of {nodes}; the loop then continues by itself"),
+            remedy=Remedy(f"stop the commands of {nodes}; the loop then continues automatically"),
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The scheme gave no answer: it raised, or answered what no arm can do."""
+"""Diagnosis of a scheme that raised an error or returned an impossible output."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("scheme_failed")
 class SchemeFailed(RunDiagnosis):
-    """The scheme failed at this image."""
+    """Failure of the scheme at an image."""
 
-    help = "the scheme raised an error or answered something impossible"
-    reads = "what the scheme answered to the image"
+    help = "the scheme raised an error or returned an impossible output"
+    reads = "output of the scheme for the image"
     kinds = ("scheme_fault",)
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """See RunDiagnosis.judge."""
+        """Diagnose one image, see `RunDiagnosis.judge`."""
         return make_outcome("scheme_fault", record.state.reason) if record.is_faulty else None

@@ -1,4 +1,4 @@
-"""The loop was stopped."""
+"""Diagnosis of a stopped loop."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("stopped")
 class Stopped(RunDiagnosis):
-    """The loop waits for start."""
+    """State of a loop that was stopped and waits for start."""
 
     help = "the loop was stopped and waits for start"
     reads = "phase of the loop"
     kinds = ("stopped",)
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """See RunDiagnosis.judge."""
+        """Diagnose one image, see `RunDiagnosis.judge`."""
         state = record.state
         return make_outcome("stopped", state.reason) if state.phase == STOPPED else None

@@ -1,4 +1,4 @@
-"""The target moves by itself."""
+"""Diagnosis of a target that moves."""
 
 from __future__ import annotations
 
@@ -19,27 +19,31 @@ from ..evidence import Evidence, combine_outcomes
 
 @DIAGNOSES.register("target_moves")
 class TargetMoves(RunDiagnosis):
-    """The features move as the camera's motion and one of the target's say; see TargetCheck."""
+    """Motion of the target that, with the camera's, explains that of the features.
 
-    help = "the target moves while it is servoed on"
+    See TargetCheck for the fit.
+    """
+
+    help = "the target moves during servoing"
     reads = "motion of the features, L, motion of the camera (`target_check.py`)"
     kinds = ("target_moves", "wrong_camera_model")
 
-    # Part of the features' last motion from which on it is the target's, and s for which the camera
-    # is not judged by what comes after it.
+    # Part of the latest feature motion above which the target has moved, and s for which the camera
+    # is not checked after that.
     MIN_TARGET_PART, RUNAWAY_MEMORY = 0.5, 1.0
 
     def __init__(self) -> None:
-        self._runaway_stamp = -np.inf  # when the target moved faster than any camera could, s
+        # last time at which the target moved faster than the camera's motion can explain, s
+        self._runaway_stamp = -np.inf
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """See RunDiagnosis.judge; takes the image into the checks of cameras and gain."""
+        """Diagnose one image, see `RunDiagnosis.judge`; update the checks of cameras and gain."""
         state, observation, run = record.state, record.observation, evidence.run_context
         if evidence.motion_check.target_motion_part > self.MIN_TARGET_PART:
             self._runaway_stamp = state.stamp
         evidence.is_running_away = state.stamp - self._runaway_stamp < self.RUNAWAY_MEMORY
         if evidence.target_motion:
-            evidence.camera_checks.clear()  # what they saw was the target's doing
+            evidence.camera_checks.clear()  # their data were affected by the target's motion
         elif getattr(run.scheme, "can_check_camera", True):
             for name, part, tolerated, wrap in split_by_camera(
                 state.scheme_output, observation, evidence.tolerances, evidence.is_angle
@@ -59,12 +63,12 @@ class TargetMoves(RunDiagnosis):
         ):
             return evidence.explain_contradiction(fault)
         found = make_outcome(
-            "target_moves", "the features move as the camera's motion and a motion of the "
-            f"target's own say: {evidence.target_motion}",
+            "target_moves", "the motion of the features is explained by the camera's motion and a "
+            f"motion of the target: {evidence.target_motion}",
         )  # fmt: skip
-        swings = evidence.oscillation or evidence.gain_check.delay_outcome
+        oscillation = evidence.oscillation or evidence.gain_check.delay_outcome
         return evidence.explain_occlusion(
-            found if swings is None else combine_outcomes(found, swings)
+            found if oscillation is None else combine_outcomes(found, oscillation)
         )
 
 
@@ -72,11 +76,14 @@ def split_by_camera(
     scheme_output: SchemeOutput, observation: Observation, tolerances: np.ndarray,
     is_angle: np.ndarray | None = None,
 ) -> Iterator[tuple[str, SchemeOutput, np.ndarray, np.ndarray]]:
-    """Name of each camera, its part of the decision, the tolerances of that, and what may wrap
-    (None: every component).
+    """Split a scheme's output by camera.
 
-    Of a scheme of several cameras, features of one are called 'camera.feature'; the others have no
-    camera's name: they may be of all.
+    Features of one of several cameras are named 'camera.feature'. All other features may use every
+    camera and are returned with an empty camera name.
+
+    Yields:
+        The camera's name, its part of the scheme's output, its tolerances, and the components that
+        may wrap (None: all).
     """
     if not observation.other_cameras:
         yield observation.name, scheme_output, tolerances, is_angle

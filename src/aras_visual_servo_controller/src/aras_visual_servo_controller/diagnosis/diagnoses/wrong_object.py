@@ -1,4 +1,4 @@
-"""What is visible has another shape than the goal's target."""
+"""Diagnosis of a visible object whose shape differs from the goal's target."""
 
 from __future__ import annotations
 
@@ -18,17 +18,21 @@ from ..evidence import Evidence
 
 @DIAGNOSES.register("wrong_object")
 class WrongObject(RunDiagnosis):
-    """Compares what rotation, scale and tilt leave alone of the shape; see ShapeCheck."""
+    """Comparison of the visible shape with the goal's target; see ShapeCheck."""
 
-    help = "what the camera takes for the target is something else"
-    reads = "moments (`shape_check.py`) and visible area of the target (`step_check.py`)"
+    help = "another object is detected as the target"
+    reads = "moments (`wrong_object.py`) and visible area of the target (`step_check.py`)"
     kinds = ("wrong_object", "wrong_camera_model", "scheme_fault")
 
     def __init__(self) -> None:
         self._shapes: dict[str, ShapeCheck] = {}
 
     def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
-        """See RunDiagnosis.judge; a camera that was driven astray sees another shape too."""
+        """Diagnose one image, see `RunDiagnosis.judge`.
+
+        A wrong scheme or camera model takes precedence, because a camera that moves in a wrong
+        direction also changes the visible shape.
+        """
         state, observation = record.state, record.observation
         if not (fault := self._explain_mismatch(observation, evidence.run_context.goal)):
             return None
@@ -39,7 +43,7 @@ class WrongObject(RunDiagnosis):
         return evidence.explain_occlusion(make_outcome("wrong_object", fault))
 
     def _explain_mismatch(self, observation: Observation, goal: Goal) -> str:
-        """Why what a camera sees cannot be its goal's target, as text; empty where it can."""
+        """Describe why a visible object cannot be the target of its goal; empty if it can."""
         found, goals = "", goal.cameras
         for name, view in observation.cameras.items():
             check = self._shapes.get(name)
@@ -53,12 +57,15 @@ class WrongObject(RunDiagnosis):
 
 
 class ShapeCheck:
-    """Whether what is seen can be the goal's target, by two numbers that distance, place and turn
-    leave alone: how spread out it is, and how long."""
+    """Test of whether a visible object can be the goal's target, by its spread and elongation.
 
-    MAX_COMPACTNESS_RATIO = 1.25  # ratio beyond which a tilt of 40 degrees is no excuse
-    # rad, between target's normal and optical axis, beyond which the shape says nothing, and by
-    # which that angle must differ from the goal's; by the canonical tasks' runs that go astray.
+    Both measures are independent of distance, position and rotation in the image.
+    """
+
+    MAX_COMPACTNESS_RATIO = 1.25  # ratio of the spreads that a tilt of 40 degrees cannot explain
+    # Largest angle between the target's normal and the optical axis for which the shape is
+    # evaluated, if it differs from the goal's by more than MIN_TILT_DIFFERENCE, rad. Tuned on runs
+    # of the canonical tasks that diverge.
     MAX_TILT, MIN_TILT_DIFFERENCE = 0.7, 0.2
     MAX_ANISOTROPY_DIFFERENCE = 0.3
     MIN_IMAGES = 3
@@ -67,27 +74,28 @@ class ShapeCheck:
         self._mismatch_count = 0
 
     def add(self, observation: Observation, goal: Goal) -> str:
-        """Why it cannot be the target, in words; empty where it can."""
-        seen, wanted = observation.moments, goal.moments
-        if seen is None or wanted is None or seen.kind != wanted.kind:
+        """Add one image and describe why the object cannot be the target; empty if it can."""
+        measured, desired = observation.moments, goal.moments
+        if measured is None or desired is None or measured.kind != desired.kind:
             return ""
         if self._is_tilted(observation, goal):
             self._mismatch_count = 0
             return ""
-        ratio = (gyration_radius(seen) / gyration_radius(wanted)) ** 2 * wanted.m00 / seen.m00
-        longer = abs(anisotropy(seen) - anisotropy(wanted))
-        strange = not 1.0 / self.MAX_COMPACTNESS_RATIO < ratio < self.MAX_COMPACTNESS_RATIO
-        strange |= longer > self.MAX_ANISOTROPY_DIFFERENCE
-        self._mismatch_count = self._mismatch_count + 1 if strange else 0
+        ratio = (gyration_radius(measured) / gyration_radius(desired)) ** 2
+        ratio = ratio * desired.m00 / measured.m00
+        elongation_difference = abs(anisotropy(measured) - anisotropy(desired))
+        is_different = not 1.0 / self.MAX_COMPACTNESS_RATIO < ratio < self.MAX_COMPACTNESS_RATIO
+        is_different |= elongation_difference > self.MAX_ANISOTROPY_DIFFERENCE
+        self._mismatch_count = self._mismatch_count + 1 if is_different else 0
         if self._mismatch_count < self.MIN_IMAGES:
             return ""
         return (
-            f"what is seen is not the goal's target: {ratio:.2f} times as spread out, its "
-            f"length differs by {longer:.2f}"
+            f"the visible object is not the goal's target: its spread is {ratio:.2f} times that of "
+            f"the target, and its elongation differs by {elongation_difference:.2f}"
         )
 
     def _is_tilted(self, observation: Observation, goal: Goal) -> bool:
-        """Whether the camera looks at the target from far more aside than at the goal."""
+        """Return whether the camera views the target far more obliquely than at the goal."""
         if observation.plane is None:
             return False
         here = tilt(observation.plane)

@@ -130,7 +130,7 @@ def test_a_file_that_is_cut_off_is_refused_or_says_the_same(tmp_path, name):
     (launch((*T, *Q)).replace("tool0", ""), "", "and two frames"),
     (VISP_XML.replace("theta_uy", "other"), "", "<theta_uy> is None"),
     (yaml.safe_dump({"R": R.tolist()}), "", "R has no t"), ("a: 1\n", "", "has a, must have a 4x4"),
-    (yaml.safe_dump({"rows": 6, "cols": 1, "data": VECTOR[:5]}), "", "data hold 5 numbers"),
+    (yaml.safe_dump({"rows": 6, "cols": 1, "data": VECTOR[:5]}), "", "data has 5 numbers"),
 ])  # fmt: skip
 def test_what_is_wrong_is_named(tmp_path, text, units, says):
     path = tmp_path / "file"
@@ -183,7 +183,7 @@ def test_a_link_that_the_file_places_is_put_there(tmp_path):
 @pytest.mark.parametrize(("text", "link", "says"), [
     (rows(POSE), "", "does not name the link"), (rows(POSE), "tool", "no link 'tool'.*'tool0'"),
     (rows(POSE), "camera_link", "is the camera itself"),
-    (launch((*T, *Q)).replace("head_optical_frame", "head"), "", "places the frame 'head'"),
+    (launch((*T, *Q)).replace("head_optical_frame", "head"), "", "the pose of the frame 'head'"),
 ])  # fmt: skip
 def test_a_link_that_cannot_carry_the_camera_is_named(tmp_path, text, link, says):
     path = tmp_path / "hand_eye"

@@ -53,9 +53,9 @@ def copy_cache(package: str, folder: Path) -> None:
         source, copy = folder / path, parent / path
         if source == copy or not source.exists() or source.read_bytes() != copy.read_bytes():
             continue
-        for kept in sorted((source.parent / "__pycache__").glob(f"{source.stem}.*.nb[ic]")):
+        for cache_file in sorted((source.parent / "__pycache__").glob(f"{source.stem}.*.nb[ic]")):
             (copy.parent / "__pycache__").mkdir(exist_ok=True)
-            shutil.copy2(kept, copy.parent / "__pycache__")
+            shutil.copy2(cache_file, copy.parent / "__pycache__")
 
 
 def find_missing(packages: Sequence[str]) -> list[str]:

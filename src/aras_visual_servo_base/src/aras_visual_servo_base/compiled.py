@@ -1,9 +1,9 @@
-"""Compilation with Numba, for short loops and small matrices, where NumPy's call overhead dominates.
+"""Compilation with Numba, for short loops and small matrices, where NumPy's calls take too long.
 
 Type signatures are explicit, so set-up can compile everything. Compiled functions are cached in
-__pycache__ next to the source, or in NUMBA_CACHE_DIR. They are compiled again if the source changes,
-or a compiled function or constant that the function uses from another module; Numba alone checks
-only the function's own file. A function is loaded from the cache, or compiled, at its first call,
+__pycache__ next to the source, or in NUMBA_CACHE_DIR. A function is compiled again if its source
+file changes, or a compiled function or constant that it uses from another module; Numba alone
+checks only the source file. A function is loaded from the cache, or compiled, at its first call,
 because no program calls more than half of them. Nodes call `compile_all` before their first image.
 """
 

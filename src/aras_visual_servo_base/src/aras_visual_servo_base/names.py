@@ -36,8 +36,8 @@ def resolve_name(*names: str) -> str:
     """
     parts: list[str] = []
     for name in names:
-        own = [part for part in name.split("/") if part]
-        parts = own if name.startswith("/") else parts + own
+        name_parts = [part for part in name.split("/") if part]
+        parts = name_parts if name.startswith("/") else parts + name_parts
     return "/" + "/".join(parts)
 
 

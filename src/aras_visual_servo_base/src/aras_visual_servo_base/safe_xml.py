@@ -99,11 +99,11 @@ def _remove_comments(xml: str) -> str:
     Gazebo's parser accepts comments that XML forbids: before the XML declaration, or with "--"
     inside.
     """
-    kept, at = [], 0
+    parts, at = [], 0
     while (begin := xml.find("<!--", at)) >= 0 and (end := xml.find("-->", begin + 4)) >= 0:
-        kept += [xml[at:begin], "\n" * xml.count("\n", begin, end)]
+        parts += [xml[at:begin], "\n" * xml.count("\n", begin, end)]
         at = end + 3
-    return "".join((*kept, xml[at:]))
+    return "".join((*parts, xml[at:]))
 
 
 def check_names(names: list[str], what: str) -> None:
@@ -112,11 +112,11 @@ def check_names(names: list[str], what: str) -> None:
     Raises:
         DescriptionError: two are equal.
     """
-    seen: set[str] = set()
+    known_names: set[str] = set()
     for name in names:
-        if name in seen:
+        if name in known_names:
             raise DescriptionError(f"two {what} are named '{shorten(name)}'; rename one")
-        seen.add(name)
+        known_names.add(name)
 
 
 def shorten(text: str, length: int = 60) -> str:

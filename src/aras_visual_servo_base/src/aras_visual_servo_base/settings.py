@@ -263,12 +263,13 @@ def _convert(
     else:  # bool, str and None are not converted
         found = value if isinstance(value, hint) else None
     if found is None and hint is not type(None) or hint is type(None) and value is not None:
-        words = (
+        expected = (
             "a number, or .inf" if hint is float and rules.get("infinite") else describe_hint(hint)
         )
         if hint is str and rules.get("choices"):
-            words = "one of " + ", ".join(rules["choices"])
-        raise fault(f"{where} is {format_value(value)}, must be {rules.get('expected') or words}")
+            expected = "one of " + ", ".join(rules["choices"])
+        expected = rules.get("expected") or expected
+        raise fault(f"{where} is {format_value(value)}, must be {expected}")
     return found
 
 
@@ -283,8 +284,8 @@ def _convert_union(
             return build(
                 max(classes, key=lambda cls: _count_known_keys(value, cls)), value, where, fault
             )
-    wanted = Mapping if isinstance(value, Mapping) else tuple
-    alike = [kind for kind in kinds if _is_kind(kind, wanted)]
+    expected_kind = Mapping if isinstance(value, Mapping) else tuple
+    alike = [kind for kind in kinds if _is_kind(kind, expected_kind)]
     if isinstance(value, Mapping | list | tuple) and len(alike) == 1:  # only one type can be meant
         return _convert(value, alike[0], where, fault, rules)
     for kind in kinds:

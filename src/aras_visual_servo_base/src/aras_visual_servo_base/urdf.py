@@ -1,7 +1,7 @@
 """Kinematic tree of a URDF: its links by name, its joints, and the path between two links.
 
-The reader follows http://wiki.ros.org/urdf/XML. It reports errors where urdfdom would fail or guess.
-The simulator's description package reads inertias, visuals and collisions.
+The reader follows http://wiki.ros.org/urdf/XML. It reports errors where urdfdom fails or guesses.
+Inertias, visuals and collisions are read by the description package of the simulator.
 """
 
 import math
@@ -32,7 +32,7 @@ JOINT_KINDS = (*MOVING_KINDS, "fixed", "floating", "planar")
 
 
 class FramedElement:
-    """Base of elements with a frame: `origin_xyz` (m) and `origin_rpy` (rad) in the parent frame."""
+    """Base of elements with a frame: `origin_xyz` (m), `origin_rpy` (rad) in the parent frame."""
 
     @property
     def pose(self) -> Pose:
@@ -228,10 +228,10 @@ def read_camera_pose(sensor: Element, node: Element, where: str) -> tuple[Vector
         DescriptionError: a pose does not have six numbers.
     """
     at = parse_numbers(find_text(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
-    own = safe_xml.parse_pose(find_text(node, "pose"), f"{where}: camera pose")
-    if own == Pose():
+    camera_pose = safe_xml.parse_pose(find_text(node, "pose"), f"{where}: camera pose")
+    if camera_pose == Pose():
         return at[:3], at[3:]
-    both = Pose.from_rpy(at[:3], at[3:]) @ own
+    both = Pose.from_rpy(at[:3], at[3:]) @ camera_pose
     return both.xyz, both.rpy
 
 

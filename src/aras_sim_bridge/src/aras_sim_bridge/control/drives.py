@@ -97,7 +97,7 @@ class JointModel(Protocol):
         """Drive the joint at a velocity, with at most this effort."""
 
     def bound_speed(self, joint: str, fastest: float) -> None:
-        """Limit the joint's speed to `fastest`, whatever drives it."""
+        """Limit the joint's speed to `fastest`, rad/s or m/s, for any effort on it."""
 
 
 class Drive:
@@ -199,23 +199,23 @@ def _limit_command(row, handle, time_ns, dt, stopped):
             row[_STOP_POSITION] = handle[Q]
         if stopped:
             handle[column] = row[_STOP_POSITION]
-    wanted = handle[column]
-    if not isfinite(wanted):
+    desired = handle[column]
+    if not isfinite(desired):
         if record_event(row[_INVALID_EVENT:], time_ns, 0.0, row[_QUIET_NS]):
-            row[_WARNINGS], row[_INVALID_COMMAND] = row[_WARNINGS] + 1.0, wanted
-        wanted = handle[column] = row[_LAST_VALID]
+            row[_WARNINGS], row[_INVALID_COMMAND] = row[_WARNINGS] + 1.0, desired
+        desired = handle[column] = row[_LAST_VALID]
     rule = row[_RULE : _RULE + RULE_COLUMNS]
     if rule[0] != NO_RULE:
         beyond, given = enforce_limits(rule, handle, dt), handle[column]
         if column == Q_COMMAND:
             # Slowing by the velocity limit is normal; a command outside of the range is an error.
-            beyond = not row[_LOWER] <= wanted <= row[_UPPER]
-            given = row[_LOWER] if wanted < row[_LOWER] else row[_UPPER]
-        beyond = beyond and abs(wanted - given) > COMMAND_ROUNDING
+            beyond = not row[_LOWER] <= desired <= row[_UPPER]
+            given = row[_LOWER] if desired < row[_LOWER] else row[_UPPER]
+        beyond = beyond and abs(desired - given) > COMMAND_ROUNDING
         if beyond and record_event(
             row[_LIMIT_EVENT:_INVALID_EVENT], time_ns, row[_PATIENCE_NS], row[_QUIET_NS]
         ):
-            row[_WARNINGS], row[_DESIRED], row[_APPLIED] = row[_WARNINGS] + 2.0, wanted, given
+            row[_WARNINGS], row[_DESIRED], row[_APPLIED] = row[_WARNINGS] + 2.0, desired, given
     row[_LAST_VALID] = handle[column]
     return row[_LAST_VALID]
 

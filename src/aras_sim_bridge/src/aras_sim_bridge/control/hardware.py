@@ -89,10 +89,10 @@ class RobotHardware:
                 f"'{_PREFIX}' is deprecated"
             )
         where = f"{self._namespace}/gazebo_ros_control"
-        own = read(
+        plugin_parameters = read(
             self._parameters, "gazebo_ros_control", Mapping, self._namespace, HardwareError, {}
         )
-        if read(own, _HARD_VELOCITY_LIMITS, bool, where, HardwareError, False):
+        if read(plugin_parameters, _HARD_VELOCITY_LIMITS, bool, where, HardwareError, False):
             for name, limits in self.limits.items():
                 if limits is not None and limits.max_velocity is not None:
                     model.bound_speed(name, limits.max_velocity)

@@ -144,15 +144,15 @@ def _override(
     warn: Callable[[str], None],
 ) -> None:
     switch = f"has_{quantity}_limits"
-    wanted = read(overrides, switch, bool, where, HardwareError, None)
+    enabled = read(overrides, switch, bool, where, HardwareError, None)
     given = [key for key in keys if key in overrides]
-    if wanted is False:
+    if enabled is False:
         for key in keys:
             values.pop(key, None)
-    elif wanted and len(given) == len(keys):
+    elif enabled and len(given) == len(keys):
         for key in keys:
             values[key] = read(overrides, key, float, where, HardwareError)
-    elif wanted:
+    elif enabled:
         warn(f"{where}/{switch} is true but {' and '.join(keys)} not all set: limit unchanged")
     elif given:
         warn(f"{where}/{given[0]} is ignored: set {where}/{switch} to true to use it")

@@ -171,6 +171,6 @@ def enforce_limits(row, handle, dt):
         if not isnan(row[_ACCELERATION]):
             step = row[_ACCELERATION] * dt
             low, high = max(base - step, low), min(base + step, high)
-    wanted = handle[target]
-    handle[target] = row[_PREVIOUS] = _saturate(wanted, low, high)
-    return handle[target] != wanted
+    desired = handle[target]
+    handle[target] = row[_PREVIOUS] = _saturate(desired, low, high)
+    return handle[target] != desired

@@ -93,14 +93,14 @@ class ControllerManager:
         """
         if name in self._entries:
             raise ControllerError(f"controller '{name}' is already loaded")
-        own = find_value(self.parameters, name) if name else None
+        given = find_value(self.parameters, name) if name else None
         where = f"{self.namespace}/{name}"
-        if not isinstance(own, Mapping) or not isinstance(own.get("type"), str) or not own["type"]:
+        type_name = given.get("type") if isinstance(given, Mapping) else None
+        if not isinstance(type_name, str) or not type_name:
             raise ControllerError(
                 f"cannot load controller '{name}': parameter {where}/type is missing; load its "
                 f"YAML file into {self.namespace or '/'} first"
             )
-        type_name = own["type"]
         try:
             controller = self.registry.find(type_name, self._list_classes())()
             # A user's init may not call the base class.
@@ -108,7 +108,7 @@ class ControllerManager:
                 name, self.namespace, self.hardware.description, self.parameters, self._warn,
                 self._error,
             )
-            controller.init(self.hardware, own, context)
+            controller.init(self.hardware, given, context)
         except ControllerError as error:
             raise ControllerError(f"cannot load controller '{name}': {error}") from error
         except USER_FAULTS as error:

@@ -182,12 +182,12 @@ def _make_tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: M
             parent, child, axis = child, parent, tuple(-part for part in axis)
         if joint.is_movable and one.pose != poses[child]:
             # The joint moves a massless link at the joint's frame, and the child is fixed to it.
-            own = f"{joint.name}_frame"
-            links[own] = Link(own, None)
-            found[own] = Joint(own, "fixed", own, child).with_pose(
+            frame_link = f"{joint.name}_frame"
+            links[frame_link] = Link(frame_link, None)
+            found[frame_link] = Joint(frame_link, "fixed", frame_link, child).with_pose(
                 one.pose.inverse() @ poses[child]
             )
-            child = own
+            child = frame_link
         at = one.pose if joint.is_movable else poses[child]
         found[joint.name] = replace(
             joint, parent=parent, child=child, axis=axis).with_pose(frames[parent].inverse() @ at)

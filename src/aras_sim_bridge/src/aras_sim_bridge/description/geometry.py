@@ -135,9 +135,9 @@ def _read_geometry(shape: Element, where: str, resolve: Resolve, value: Callable
         uri = value(file)
         if not uri:
             raise UnsupportedPartError(f"{where}: <mesh> has no {file}")
-        words = (value("scale") or "1 1 1").split()
+        factors = (value("scale") or "1 1 1").split()
         scale = parse_numbers(
-            " ".join(words * 3 if len(words) == 1 else words), 3, f"{where}: scale"
+            " ".join(factors * 3 if len(factors) == 1 else factors), 3, f"{where}: scale"
         )
         if 0.0 in scale:
             raise UnsupportedPartError(f"{where}: mesh scale {scale} contains a zero")

@@ -38,8 +38,8 @@ def _read_version(root: Element) -> tuple[int, ...]:
 def _unify(element: Element, old: bool, where: str, warnings: list[str]) -> None:
     """Unify an element; `old`: joint axes are in the model's frame by default."""
     if element.tag in _NAMED_TAGS and element.get("name"):
-        own = f"{element.tag} '{shorten(element.get('name'))}'"
-        where = f"{where}, {own}" if where and not where.startswith("world") else own
+        label = f"{element.tag} '{shorten(element.get('name'))}'"
+        where = f"{where}, {label}" if where and not where.startswith("world") else label
     for child in list(element):
         if child.tag == "pose":
             _unify_pose(child, f"{where or 'SDF'}: pose", warnings)

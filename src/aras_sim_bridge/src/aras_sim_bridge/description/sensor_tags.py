@@ -119,9 +119,9 @@ def check_model_sensors(
             warnings.append(f"plug-in of a {made.kind} sensor: {problem}; ignored")
             continue
         if made.kind == "wrench":
-            child, own = joints[made.joint].child, f"{made.joint}_frame"
-            if child == own and own in joints:  # massless link of assembly.py
-                child = joints[own].child
+            child, frame_link = joints[made.joint].child, f"{made.joint}_frame"
+            if child == frame_link and frame_link in joints:  # massless link of assembly.py
+                child = joints[frame_link].child
             made = replace(made, link=child)
             if made.joint in force_torque_tags:
                 made = _apply_force_torque_tag(made, force_torque_tags[made.joint], warnings)
@@ -203,8 +203,8 @@ def is_same_collision(name: str, collision: str) -> bool:
     When Gazebo lumps a fixed link into its parent, it adds the parent's name before the collision's
     name. It also appends "_collision" to the names of URDF collisions.
     """
-    own = name.rpartition("_fixed_joint_lump__")[2]
-    return own in (collision, f"{collision}_collision")
+    collision_name = name.rpartition("_fixed_joint_lump__")[2]
+    return collision_name in (collision, f"{collision}_collision")
 
 
 def _apply_force_torque_tag(

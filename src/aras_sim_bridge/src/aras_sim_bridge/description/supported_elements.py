@@ -370,8 +370,8 @@ def _collect(element: Element, entry: Mapping[str, Entry], where: str,
         if inside is None or isinstance(inside, tuple) and not _has_value(child, inside, element):
             elements.append((where, f"<{shorten(child.tag)}>{name}"))
         elif isinstance(inside, Mapping):
-            own = f"{child.tag}{name}" if name or _is_in_world(inside) else ""
-            _collect(child, inside, ", ".join(filter(None, (where, own))), elements)
+            label = f"{child.tag}{name}" if name or _is_in_world(inside) else ""
+            _collect(child, inside, ", ".join(filter(None, (where, label))), elements)
 
 
 def _is_in_world(block: Mapping[str, Entry]) -> bool:

@@ -138,8 +138,8 @@ def _place_model(model: RobotDescription, state: Element, moving: list[str],
     for part in bodies[1:]:
         at = links.get(part.root) or pose @ Pose.from_rpy(*part.initial_pose)
         joints |= _compute_joint_positions(part, {**links, part.root: at})
-        own = pose.inverse() @ at
-        parts.append(replace(part, initial_pose=(own.xyz, own.rpy)))
+        part_pose = pose.inverse() @ at
+        parts.append(replace(part, initial_pose=(part_pose.xyz, part_pose.rpy)))
     return replace(bodies[0], initial_pose=(pose.xyz, pose.rpy), initial_joints=joints,
                    parts=tuple(parts))
 

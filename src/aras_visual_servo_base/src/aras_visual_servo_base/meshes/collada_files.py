@@ -57,9 +57,9 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
     meshes: list[Mesh] = []
     count = 0
     for node, placed in _find_geometries(document.scene):
-        looks = {
-            look.symbol: _read_material(look.target, folder, find_texture, default_colour)
-            for look in node.materials
+        appearances = {
+            material.symbol: _read_material(material.target, folder, find_texture, default_colour)
+            for material in node.materials
         }
         for primitive in node.geometry.primitives:
             if isinstance(primitive, collada.polylist.Polylist):
@@ -67,8 +67,8 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
             if isinstance(primitive, collada.triangleset.TriangleSet) and len(primitive):
                 count += len(primitive)
                 check_size(count, len(meshes) + 1)
-                look = looks.get(primitive.material, (None, None))
-                meshes.append(_make_mesh(primitive, *look).apply_affine(metres @ placed))
+                appearance = appearances.get(primitive.material, (None, None))
+                meshes.append(_make_mesh(primitive, *appearance).apply_affine(metres @ placed))
     if not meshes:
         raise DescriptionError("its scene contains no triangles")
     return meshes

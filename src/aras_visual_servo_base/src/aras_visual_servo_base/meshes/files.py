@@ -74,7 +74,7 @@ def read(path: str) -> tuple[Mesh, ...]:
                                error.remedy or "export it again", path) from None
     with _cache_lock:
         _cache[path] = states, meshes
-        while sum(m.nbytes for _, kept in _cache.values() for m in kept) > _LARGEST_CACHE:
+        while sum(m.nbytes for _, cached in _cache.values() for m in cached) > _LARGEST_CACHE:
             _cache.popitem(last=False)
     return meshes
 
@@ -208,13 +208,13 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
         raise DescriptionError("it has no faces")
     v, vt, vn = (np.array(values, dtype=float).reshape(-1, width)
                  for values, width in zip(elements.values(), (3, 2, 3), strict=True))
-    looks = {name: materials.get(name, (None, None)) for _, name in faces}
-    for name in looks.keys() - materials.keys() - {""}:
+    appearances = {name: materials.get(name, (None, None)) for _, name in faces}
+    for name in appearances.keys() - materials.keys() - {""}:
         where = f"there is no {min(lacking)}" if lacking else "none of its libraries defines it"
         _log.warning("mesh file %s: material '%s' is drawn grey: %s", next(iter(states)),
                      shorten(name), where)
-        looks[name] = GREY, None
-    return [from_indices(np.array(corners), v, vt, vn, *looks[name], group)
+        appearances[name] = GREY, None
+    return [from_indices(np.array(corners), v, vt, vn, *appearances[name], group)
             for (group, name), corners in faces.items() if corners]
 
 

@@ -133,7 +133,7 @@ class CommandedController(Controller):
 
     def update(self, time_ns: int, period: float) -> None:
         """Compute the output of each loop and write it to the joint handles."""
-        told = self.loops[0].updates % STATE_EVERY == 0
+        is_state_due = self.loops[0].updates % STATE_EVERY == 0
         if self.slot:
             self.apply_pending_command(time_ns)
         for pid in self.pids.values():
@@ -142,7 +142,7 @@ class CommandedController(Controller):
         for pid in self.pids.values():
             pid.notify_listener(period)
         listener = self.on_state
-        if listener is not None and told:
+        if listener is not None and is_state_due:
             listener(self.make_state(time_ns, period))
 
     def make_state(self, time_ns: int, period: float) -> JointControllerState:

@@ -193,8 +193,8 @@ class EffortGripperController(GripperActionController):
     def _init_output(self, parameters: Mapping) -> None:
         joint, where = self._handle.name, self.context.where
         gains = read(parameters, "gains", Mapping, where, ControllerError, {})
-        own = read(gains, joint, Mapping, f"{where}/gains", ControllerError, {})
-        self._pid = Pid.from_parameters(own, f"{where}/gains/{joint}")
+        joint_gains = read(gains, joint, Mapping, f"{where}/gains", ControllerError, {})
+        self._pid = Pid.from_parameters(joint_gains, f"{where}/gains/{joint}")
         self.pids = {f"gains/{joint}": self._pid}
 
     def get_loop_gains(self) -> dict[str, tuple[float, float]]:

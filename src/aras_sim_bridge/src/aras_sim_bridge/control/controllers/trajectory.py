@@ -39,8 +39,9 @@ class ClosedLoopTrajectoryController(JointTrajectoryController):
         self.pids, self._loops = {}, []
         for handle in self._handles:
             joint = handle.name
-            own = read(gains, joint, Mapping, f"{where}/gains", ControllerError, {})
-            pid = self.pids[f"gains/{joint}"] = Pid.from_parameters(own, f"{where}/gains/{joint}")
+            joint_gains = read(gains, joint, Mapping, f"{where}/gains", ControllerError, {})
+            pid = Pid.from_parameters(joint_gains, f"{where}/gains/{joint}")
+            self.pids[f"gains/{joint}"] = pid
             factor = read(forward, joint, float, f"{where}/velocity_ff", ControllerError, 0.0)
             self._loops.append((handle, pid, factor))
 

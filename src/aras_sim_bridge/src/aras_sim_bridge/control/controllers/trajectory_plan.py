@@ -42,10 +42,11 @@ class Tolerances:
         stopped = given("stopped_velocity_tolerance", float, default=0.01)
         path, goal = [], []
         for joint in joints:
-            own = given(joint, Mapping, default={})
+            limits = given(joint, Mapping, default={})
             place = f"{where}/{joint}"
-            path.append(Tolerance(read(own, "trajectory", float, place, ControllerError, 0.0)))
-            goal.append(Tolerance(read(own, "goal", float, place, ControllerError, 0.0), stopped))
+            path.append(Tolerance(read(limits, "trajectory", float, place, ControllerError, 0.0)))
+            at_goal = read(limits, "goal", float, place, ControllerError, 0.0)
+            goal.append(Tolerance(at_goal, stopped))
         time = given("goal_time", float, default=0.0)
         return cls(tuple(path), tuple(goal), round(time * _NS_PER_S))
 
@@ -84,13 +85,13 @@ class Tolerances:
 def _override_tolerance(default: Tolerance, override: JointTolerance) -> Tolerance:
     values = []
     for field in Tolerance._fields:
-        wanted = getattr(override, field)
-        if not isfinite(wanted):
+        tolerance = getattr(override, field)
+        if not isfinite(tolerance):
             raise TrajectoryError(
                 ErrorCode.INVALID_GOAL,
                 f"{field} tolerance of joint '{override.name}' is not finite",
             )
-        values.append(getattr(default, field) if wanted == 0.0 else max(wanted, 0.0))
+        values.append(getattr(default, field) if tolerance == 0.0 else max(tolerance, 0.0))
     return Tolerance(*values)
 
 
@@ -138,8 +139,8 @@ def check_points(trajectory: Trajectory) -> None:
     for k, point in enumerate(trajectory.points):
         for field in ("positions", "velocities", "accelerations"):
             values = getattr(point, field)
-            wanted = max(size, len(point.positions))
-            if len(values) != wanted and (len(values) or field == "positions"):
+            expected_count = max(size, len(point.positions))
+            if len(values) != expected_count and (len(values) or field == "positions"):
                 raise TrajectoryError(
                     ErrorCode.INVALID_GOAL,
                     f"trajectory point {k} has {len(values)} {field} for {size} joints",
@@ -202,7 +203,7 @@ def plan_segments(
             result.append(present)
             continue
         last = find_segment(present, bridge_ns)
-        kept = present[max(first, 0) : last + 1] if start_ns > next_ns else []
+        remaining = present[max(first, 0) : last + 1] if start_ns > next_ns else []
         new = _plan_joint(
             points, column, Waypoint(*present[max(last, 0)].sample(bridge_ns)), wraps[joint],
             start_ns, bridge_ns,
@@ -210,7 +211,7 @@ def plan_segments(
         if goal is not None and tolerances is not None:
             for segment in new:
                 tolerances.apply_to(segment, goal, joint)
-        result.append([*kept, *new])
+        result.append([*remaining, *new])
     return result, dropped
 
 

@@ -390,10 +390,10 @@ class TestGoals:
     @pytest.mark.parametrize(
         ("trajectory", "code", "text"),
         [
-            (Trajectory(["a", "a"], [point(1, [1, 1])]), ErrorCode.INVALID_JOINTS, "twice"),
-            (Trajectory([], [point(1, [])]), ErrorCode.INVALID_JOINTS, "none"),
+            (Trajectory(["a", "a"], [point(1, [1, 1])]), ErrorCode.INVALID_JOINTS, "repeated"),
+            (Trajectory([], [point(1, [])]), ErrorCode.INVALID_JOINTS, "empty"),
             (Trajectory(["a", "b"], []), ErrorCode.INVALID_JOINTS, "unknown are 'b'"),
-            (Trajectory([], []), ErrorCode.INVALID_JOINTS, "none"),
+            (Trajectory([], []), ErrorCode.INVALID_JOINTS, "empty"),
             (Trajectory(["a"], [point(1, [])]), ErrorCode.INVALID_GOAL, "0 positions for 1"),
             (Trajectory(["a"], [point(1, [1, 2], [1])]), ErrorCode.INVALID_GOAL, "1 velocities"),
             (Trajectory(["a"], [point(1, [1], [1, 2])]), ErrorCode.INVALID_GOAL, "2 velocities"),

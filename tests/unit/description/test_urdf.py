@@ -189,7 +189,7 @@ JOINT = "<joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint
 @pytest.mark.parametrize("inside, reason", [
     ("", "robot 'r' has no link"),
     ("<link/>", "a link has no name"),
-    (f"<link name='{'a' * 256}'/><link name='{'b' * 257}'/>", "a link name of 257 characters"),
+    (f"<link name='{'a' * 256}'/><link name='{'b' * 257}'/>", "a link name has 257 characters"),
     (A + A, "two links are named 'a'"),
     (AB, "needs exactly one root link, found 'a', 'b'"),
     (AB + JOINT + JOINT, "two joints are named 'j'"),

@@ -482,7 +482,7 @@ def test_defaults_are_upstream_s():
     (bumper_on("tool"), "it names no <collision>"),
     (plugin("bumper", {}), "it names no <collision>"),
     (imu_on("base").replace("frameName", "frame"), "its plug-in has no <frameName>"),
-    (imu_on("base").replace("imu_sensor.so", "p3d.so"), "this plug-in belongs into"),
+    (imu_on("base").replace("imu_sensor.so", "p3d.so"), "this plug-in must be in"),
 ])
 def test_a_sensor_that_measures_nothing_costs_one_line(tags, reason):
     read = parse_urdf(arm(tags=tags + wrench_of("swing")))

@@ -59,9 +59,9 @@ def copy_cache(package: str, folder: Path) -> None:
 
 
 def find_missing(packages: Sequence[str]) -> list[str]:
-    """Return the packages whose functions must still be compiled, and can be cached by Numba.
+    """Return the packages with functions that are not cached yet, although the cache is writable.
 
-    Without this, the next start of a program compiles them.
+    The next start of a program would compile these functions.
     """
     if os.environ.get("NUMBA_CACHE_DIR"):
         return []

@@ -174,8 +174,8 @@ def _make_pose(R: np.ndarray, t: Sequence[float], where: str) -> np.ndarray:
                            "numbers")  # fmt: skip
     off = float(np.abs(R @ R.T - np.eye(3)).max())
     if off > ROTATION_TOLERANCE or np.linalg.det(R) < 0.0:
-        raise HandEyeError(f"{where}: R {np.round(R, 4).tolist()} is no rotation (R R' is off by "
-                           f"{off:.2g}, det {np.linalg.det(R):.3g}): correct it")  # fmt: skip
+        raise HandEyeError(f"{where}: R {np.round(R, 4).tolist()} is not a rotation (R R' is off "
+                           f"by {off:.2g}, det {np.linalg.det(R):.3g}): correct it")  # fmt: skip
     U, _, V = np.linalg.svd(R)
     pose = np.eye(4)
     pose[:3, :3] = R if off < 1e-12 else U @ V
@@ -360,7 +360,7 @@ def _flatten(value: Any, where: str) -> list[float]:
     number = as_number(value)
     if number is None:
         raise HandEyeError(
-            f"{where}: {format_value(value)} is no finite number: is the file complete?"
+            f"{where}: {format_value(value)} is not a finite number: is the file complete?"
         )
     return [number]
 

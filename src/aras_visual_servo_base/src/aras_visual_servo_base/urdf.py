@@ -191,7 +191,7 @@ def parse_tree(xml: str | Element) -> UrdfTree:
         if not link:
             raise DescriptionError("URDF: a link has no name")
         if len(link) > 256:
-            raise DescriptionError(f"URDF: a link name of {len(link)} characters; 256 are enough")
+            raise DescriptionError(f"URDF: a link name has {len(link)} characters, not 1 to 256")
         if link in links:
             raise DescriptionError(f"URDF: two links are named '{link}'; rename one")
         links[link] = element

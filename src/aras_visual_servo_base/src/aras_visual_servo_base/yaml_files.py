@@ -31,7 +31,7 @@ def read_text(path: str | Path, fault: type[Exception], what: str = "") -> str:
     cannot = " ".join(filter(None, ("cannot read", what, str(path))))
     try:
         if not stat.S_ISREG(path.stat().st_mode):  # reading a pipe would block
-            raise fault(f"{cannot}: it is no ordinary file")
+            raise fault(f"{cannot}: it is not a regular file")
         with open(path, "rb") as file:
             data = file.read(LARGEST_FILE + 1)
     except (OSError, ValueError) as error:  # a null byte in the name is a ValueError
@@ -41,7 +41,7 @@ def read_text(path: str | Path, fault: type[Exception], what: str = "") -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise fault(f"{path} is no text in UTF-8: {error}") from None
+        raise fault(f"{path} is not UTF-8 text: {error}") from None
 
 
 def parse_yaml(text: str, where: str, fault: type[Exception]) -> Any:

@@ -89,7 +89,7 @@ class ControllerManager:
 
         Raises:
             ControllerError: the controller is already loaded, its type is missing or unknown, or
-                its init fails; nothing is changed.
+                its init fails; no controller is loaded.
         """
         if name in self._entries:
             raise ControllerError(f"controller '{name}' is already loaded")

@@ -15,7 +15,7 @@ from aras_visual_servo_base.safe_xml import (
 
 SHAPES = ("box", "cylinder", "sphere", "capsule", "plane", "mesh")
 Resolve = Callable[[str, str], str]  # (mesh URI, element that names it) -> path of the file
-_SMALLEST_SIZE = 1e-4  # m; used in place of a size of zero, as in Gazebo
+_SMALLEST_SIZE = 1e-4  # m; used instead of a size of zero, as in Gazebo
 
 
 def read_urdf_geometry(element: Element, where: str, resolve: Resolve, warnings: list[str]

@@ -165,7 +165,7 @@ def _include(include: Element, uri: str, warnings: list[str], base: str | None,
 
 def _flatten(model: Element, warnings: list[str], base: str | None,
           chain: tuple[str, ...]) -> Element:
-    """Return the model with the links and joints of its nested models, renamed to inner::link."""
+    """Return a model that includes the elements of its nested models, with names inner::link."""
     if model.find("model") is None and model.find("include") is None:
         sdf_frames.resolve_poses(model, warnings)
         return model

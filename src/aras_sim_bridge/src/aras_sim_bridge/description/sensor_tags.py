@@ -64,7 +64,7 @@ def _read_imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDe
     found = []
     for made in plugins.read(sensor, where, (SensorDescription,), warnings):
         if made.kind != "imu":
-            warnings.append(f"{where}: this plug-in belongs into <gazebo> or <model>; ignored")
+            warnings.append(f"{where}: this plug-in must be in <gazebo> or <model>; ignored")
         elif not made.frame:
             warnings.append(f"{where}: its plug-in has no <frameName>; ignored")
         else:

@@ -220,8 +220,8 @@ def read_joint_names(parameters: Mapping, key: str, where: str) -> tuple[str, ..
     found = read(parameters, key, tuple[str, ...], where, ControllerError)
     if not all(found) or not found or len(set(found)) < len(found):
         raise ControllerError(
-            f"parameter {where}/{key} is {list(found)}, must be a non-empty list of names, none "
-            "twice"
+            f"parameter {where}/{key} is {list(found)}, must be a non-empty list of "
+            "different names"
         )
     return found
 
@@ -231,9 +231,10 @@ def check_number(value: object, controller: str, what: str = "command") -> float
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise ControllerError(f"controller '{controller}': {what} {value!r} is no number") from None
+        raise ControllerError(
+            f"controller '{controller}': {what} {value!r} is not a number") from None
     if not isfinite(number):
         raise ControllerError(
-            f"controller '{controller}': {what} {number} is not finite; the last one is kept"
+            f"controller '{controller}': {what} {number} is not finite; the last one stays in use"
         )
     return number

@@ -103,7 +103,7 @@ class CommandedController(Controller):
         try:
             given = list(value)
         except TypeError:
-            raise ControllerError(f"controller '{name}': command {value!r} is no list") from None
+            raise ControllerError(f"controller '{name}': command {value!r} is not a list") from None
         if len(given) != len(joints):
             raise ControllerError(
                 f"controller '{name}': command has {len(given)} values for {len(joints)} "

@@ -150,7 +150,7 @@ def _read_extra_joints(
     for k, entry in enumerate(entries):
         place = f"{where}/extra_joints[{k}]"
         if not isinstance(entry, Mapping):
-            raise ControllerError(f"parameter {place} must hold a name, found {entry!r}")
+            raise ControllerError(f"parameter {place} must have a name, found {entry!r}")
         name = read(entry, "name", str, place, ControllerError)
         values = []
         for key in ("position", "velocity", "effort"):

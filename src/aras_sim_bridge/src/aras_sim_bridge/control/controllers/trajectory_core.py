@@ -271,7 +271,7 @@ class JointTrajectoryController(Controller):
         """Follow `trajectory` from now on.
 
         Raises:
-            TrajectoryError: the trajectory cannot be followed; nothing is changed.
+            TrajectoryError: the trajectory cannot be followed; the current one continues.
         """
         name = self.context.name
         if not self._running:

@@ -110,10 +110,10 @@ def find_joint_columns(
     """
     unknown = [name for name in names if name not in joints]
     if unknown or len(set(names)) != len(names) or not names:
-        what = f"unknown are {', '.join(map(repr, unknown))}" if unknown else "none, or one twice"
+        what = f"unknown are {', '.join(map(repr, unknown))}" if unknown else "empty or repeated"
         raise TrajectoryError(
             ErrorCode.INVALID_JOINTS,
-            f"trajectory's joints do not fit ({what}); the controller has {', '.join(joints)}",
+            f"joints of the trajectory are wrong ({what}); the controller has {', '.join(joints)}",
         )
     if len(names) != len(joints) and not partial:
         raise TrajectoryError(

@@ -101,7 +101,7 @@ class JointModel(Protocol):
 
 
 class Drive:
-    """Drive of one joint, which limits its command; the state is in its row."""
+    """Drive of one joint, which limits its command; the state is stored in `row`."""
 
     def __init__(
         self,
@@ -112,7 +112,7 @@ class Drive:
         warn: Callable[[str], None],
         pid: Pid | None = None,
     ) -> None:
-        """Create a drive in a row of its robot; `joint` is the joint's index in the model.
+        """Create a drive whose state is stored in `row`; `joint` is the joint's index in the model.
 
         Raises:
             HardwareError: a limit that the limit rule needs is missing.

@@ -33,7 +33,7 @@ COMMAND_ROUNDING = 1e-6
 
 
 class JointHandle:
-    """State and commands of one joint; the values are in its row.
+    """State and commands of one joint; the values are stored in `row`.
 
     Attributes:
         interface: command interface of the joint's transmission.
@@ -56,7 +56,7 @@ class JointHandle:
         interface: str = STATE,
         row: np.ndarray | None = None,
     ) -> None:
-        """Use `row` (6,), which belongs to the robot; None creates one."""
+        """Store the values in `row` (6,), a row of the robot's array; None creates a new row."""
         self.name = name
         self.kind = kind
         self.interface = interface
@@ -185,7 +185,7 @@ class RateLimitedEvent:
 
     def __init__(self, patience: float = 0.0, quiet: float = 1.0,
                  row: np.ndarray | None = None) -> None:
-        """Use `row` (3,) of an array; None creates one."""
+        """Store the state in `row` (3,), a part of an array; None creates a new row."""
         self.patience_ns = int(patience * _NS_PER_S)
         self.quiet_ns = int(quiet * _NS_PER_S)
         self.row = np.zeros(OCCURRENCE_COLUMNS) if row is None else row

@@ -47,7 +47,7 @@ _NEEDS = {
 
 
 class LimitRule:
-    """One limit rule; its state is in its row.
+    """One limit rule; its state is stored in `row`.
 
     effort saturation: effort within ±max_effort, and none that increases a violation of the
     position or velocity limit.
@@ -67,7 +67,7 @@ class LimitRule:
 
     def __init__(self, kind: int, limits: JointBounds, handle: JointHandle,
                  row: np.ndarray | None = None) -> None:
-        """Use `row` (11,) of a drive; None creates one.
+        """Store the state in `row` (11,), a part of a drive's row; None creates a new row.
 
         Raises:
             HardwareError: a limit that the rule needs is missing.

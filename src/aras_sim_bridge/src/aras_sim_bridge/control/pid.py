@@ -63,8 +63,9 @@ class Pid:
     - With a dt of 0, or an error that is not finite, the result is 0 and the integral is unchanged.
     - The output is not limited here; the hardware does this.
 
-    The state is in the row. `gains` is replaced as a whole, so that another thread may set it
-    during a computation; `apply_gains` copies it into the row. `on_state`, if set, is called with a
+    The state is stored in `row`, a row of an array that compiled code updates. `gains` is replaced
+    as a whole, so that another thread may set it during a computation; `apply_gains` copies it into
+    the row. `on_state`, if set, is called with a
     PidState after each computation.
     """
 
@@ -146,7 +147,7 @@ class Pid:
             self.row[:_LAST_ERROR] = gains
 
     def bind(self, row: np.ndarray) -> None:
-        """Move the state into this row (13,), which is used from now on."""
+        """Copy the state into this array row (13,), and store it there from now on."""
         row[:] = self.row
         self.row = row
 

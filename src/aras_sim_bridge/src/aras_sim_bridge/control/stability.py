@@ -1,4 +1,4 @@
-"""Longest physics step at which the loaded PIDs are stable.
+"""Longest physics step at which the loops of the loaded PIDs are stable.
 
 Consider a PD loop on joints with inertia M, effort = -P q - D q̇, with the derivative computed from
 positions, and steps of h s that first update velocities and then positions:

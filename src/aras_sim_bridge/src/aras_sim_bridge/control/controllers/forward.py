@@ -47,7 +47,7 @@ class CommandedController(Controller):
 
     Attributes:
         loops: one loop for each joint.
-        rows: (m, 39), the rows of the loops.
+        rows: (m, 39), the state of the loops.
     """
 
     command_kind = "float64"
@@ -84,7 +84,7 @@ class CommandedController(Controller):
         return {}
 
     def bind(self, rows: np.ndarray) -> None:
-        """Move the state of the loops into these rows (m, 39), which are used from now on."""
+        """Copy the state of the loops into these array rows (m, 39), and store it there from now on."""
         self.rows = rows
         for loop, row in zip(self.loops, rows, strict=True):
             loop.bind(row)

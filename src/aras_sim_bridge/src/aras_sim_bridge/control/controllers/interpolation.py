@@ -71,7 +71,7 @@ class CommandInterpolator:
     is_moving, value = column(IS_MOVING), column(_VALUE)
 
     def __init__(self, handle: JointHandle, row: np.ndarray | None = None) -> None:
-        """Use `row` (14,), which belongs to a loop; None creates one."""
+        """Store the state in `row` (14,), a part of a loop's row; None creates a new row."""
         self.row = np.zeros(INTERPOLATION_COLUMNS) if row is None else row
         limit = handle.limits.velocity if handle.limits is not None else None
         self.row[_FASTEST:] = (

@@ -40,7 +40,7 @@ LOOP_COLUMNS = _INTERPOLATION + INTERPOLATION_COLUMNS
 
 
 class JointLoop:
-    """Control loop of one joint, whose state is in its row.
+    """Control loop of one joint; its state is stored in `row`, which compiled code updates.
 
     The output is an effort, velocity or position, depending on the controller. The set point of a
     position PID is the last command, limited to the URDF's position limits; with `interpolate` it
@@ -74,7 +74,7 @@ class JointLoop:
         pid: Pid | None = None,
         interpolate: bool = False,
     ) -> None:
-        """Create a loop of this kind in a row (39,) of its controller.
+        """Create a loop of this kind whose state is stored in `row` (39,).
 
         Args:
             index: index of the handle among the robot's handles.
@@ -100,7 +100,7 @@ class JointLoop:
         return (0.0, gains.p) if self._kind == SPEED_PID else (gains.p, gains.d)
 
     def bind(self, row: np.ndarray) -> None:
-        """Move the state of the loop into this row (39,), which is used from now on."""
+        """Copy the state of the loop into this array row (39,), and store it there from now on."""
         row[:] = self.row
         self.row = row
         self._interpolation.row = row[_INTERPOLATION:]

@@ -245,7 +245,7 @@ def _make_waypoint(point: TrajectoryPoint, column: int, shift: float) -> Waypoin
 
 
 def _count_turns(present: float, desired: float) -> float:
-    """Return the angle of full turns that brings `desired` within half a turn of `present`."""
+    """Return the multiple of 2π that, added to `desired`, brings it within π of `present`."""
     distance = angles.shortest_angular_distance(present, desired)
     # At exactly half a turn the sign of the plain difference decides.
     if isclose(fabs(distance), pi, rel_tol=0.0, abs_tol=1e-9):

@@ -84,7 +84,7 @@ class CommandedController(Controller):
         return {}
 
     def bind(self, rows: np.ndarray) -> None:
-        """Copy the state of the loops into these array rows (m, 39), and store it there from now on."""
+        """Copy the state of the loops into `rows` (m, 39), and store it there from now on."""
         self.rows = rows
         for loop, row in zip(self.loops, rows, strict=True):
             loop.bind(row)
